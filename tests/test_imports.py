@@ -84,7 +84,7 @@ loading = {'AmpmFootsteps', 'AmpmPeriodic', 'TablePlanner', 'WalkRequest'}
 run = ampm.load_run('momentum', gait={'c_y': 0.6, 'steps': 10})
 assert ampm.plan(run).sample([0.1, 0.2]).zmp.shape == (2, 2)
 """
-TRIAL = "validation.run.validate, validation.run.walk, validation.trial.plan, validation.study.sweep.task"
+TRIAL = "validation.run.validate, validation.run.walk, validation.trial.plan, validation.study.sweep.run"
 
 
 @pytest.mark.parametrize(

@@ -3,14 +3,20 @@
 import json
 import os
 import time
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from ampm.exceptions import InputError
-from validation.study.many import Task, study_folder, walk_many
+from ampm.parameters import RunParameters
+from validation.study.many import Search, Task, study_folder, walk_many
 from validation.study.row_file import ROWS, RowFile, read_rows
+
+EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 
 
 def square(number: int) -> dict[str, object]:
@@ -30,16 +36,16 @@ def tasks(count: int) -> list[Task]:
     return [Task(str(n), square, {"number": n}) for n in range(count)]
 
 
-def doubling(least: int) -> object:
+def doubling(least: int) -> Search:
     """A search: doubles a number until its square is beyond 1000."""
-    row = {"square": 0}
+    row: dict[str, Any] = {"square": 0}
     number = least
     while row["square"] < 1000:
         row = yield Task(f"search {number}", square, {"number": number})
         number *= 2
 
 
-def squares(folder: Path | None, items: object) -> dict[str, int]:
+def squares(folder: Path | None, items: Iterable[Task | Search]) -> dict[str, int]:
     return {row["key"]: row["square"] for row in walk_many(items, folder, workers=0)}
 
 
@@ -119,3 +125,27 @@ def test_a_long_array_decides_on_the_digest():
     other[2500] = 1.0
     digests = [Task("a", square, {"table": {"com_x": values}}).digest for values in (one, one.copy(), other)]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_digest_is_of_all_that_decides_on_a_row(tmp_path):
+    def digest(**options: object) -> str:
+        return Task("a", square, options).digest
+
+    body, model, policy = (tmp_path / name for name in ("biped.toml", "biped.urdf", "policy.onnx"))
+    body.write_text((EXAMPLES / "biped.toml").read_text())
+    model.write_text((EXAMPLES / "biped.urdf").read_text())
+    policy.write_text("1")
+    run = RunParameters().replace({"body.source": str(body)})
+
+    def make(factor: int) -> Callable[[], int]:
+        return lambda: factor
+
+    before = digest(run=run, path=policy)
+    for file in (model, body, policy):
+        file.write_text(file.read_text() + "\n")
+        after = digest(run=run, path=policy)
+        assert before != after
+        before = after
+    assert digest(thing=make(1)) != digest(thing=make(2))
+    assert digest(thing=make(1)) == digest(thing=make(1))
+    assert digest(thing=partial(pow, 2)) != digest(thing=partial(pow, 3))

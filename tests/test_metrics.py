@@ -11,7 +11,6 @@ import sys
 from dataclasses import replace
 
 import cloudpickle
-import pyarrow.parquet as pq
 import pytest
 
 from ampm.exceptions import InputError
@@ -75,25 +74,6 @@ def test_report_also_of_a_process_that_does_not_know_the_metric(drop, tmp_path):
         assert drop.label in render(load_saved_run(folder))
     finally:
         register(drop)
-
-
-def test_sweep_its_report_and_diff(drop, tmp_path, capsys):
-    """Workers are processes of their own, which have never seen the entry's file."""
-    (tmp_path / "sweep.toml").write_text(
-        'sweep = { gait = "flat", steps = 2, recordings = "none" }\n'
-        'vary = [{ method = "list", gait.c_s = [1.0, 1.02] }]\n'
-    )
-    out = tmp_path / "out"
-    call(["sweep", str(tmp_path / "sweep.toml"), "--out", str(out), "--workers", "1"])
-    (table,) = out.glob("*.parquet")
-    rows = pq.read_table(table).to_pylist()
-    assert [row["outcome"] for row in rows] == ["completed"] * 2
-    assert all(abs(row["metric_com_drop"]) < 0.1 for row in rows)
-    assert drop.label in (out / "report.html").read_text()
-    capsys.readouterr()
-    assert call(["compare", str(out), str(out), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["metrics"][drop.name]
-    assert (found["unit"], found["worse"]) == ("m", 0)
 
 
 def test_comparison(drop, tmp_path, capsys):

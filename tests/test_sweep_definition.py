@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import validation.study.sweep
 from ampm.exceptions import InputError
@@ -17,7 +15,7 @@ from validation.study.sweep.design import MOST_CASES, dump_sweep, load_sweep, pa
 DOCS = Path(__file__).parents[1] / "docs"
 EXAMPLES = [
     *sorted((Path(validation.study.sweep.__file__).parent / "examples").glob("*.toml")),
-    DOCS / "examples" / "campaign.toml",
+    *(DOCS / "examples" / f"{name}.toml" for name in ("campaign", "gate", "unseen")),
 ]
 GRID = '[[vary]]\nmethod = "grid"\n'
 LIST = '[[vary]]\nmethod = "list"\n'
@@ -72,8 +70,7 @@ def test_fixed_values_and_steps_are_in_every_run():
 
 
 def test_defaults_and_nested_quoted_and_dotted_keys():
-    texts = ("gait.c_y = [0.4, 1.0]", '"gait.c_y" = [0.4, 1]', "[vary.gait]\nc_y = [0.4, 1.0]",
-             "gait = { c_y = [0.4, 1.0] }")  # fmt: skip
+    texts = "gait.c_y = [0.4, 1.0]", '"gait.c_y" = [0.4, 1]', "[vary.gait]\nc_y = [0.4, 1.0]"
     sweep, *others = (parse_sweep(GRID + text) for text in texts)
     assert all(other == sweep for other in others)
     assert (sweep.name, sweep.gait, sweep.steps, sweep.profile) == ("sweep", "normal", 30, "default")
@@ -144,11 +141,10 @@ def test_sampled_blocks_fill_their_ranges_and_hang_on_the_seed_alone(method):
     assert not first & second  # two blocks draw different points
 
 
-@pytest.mark.parametrize("method", ["sobol", "latin_hypercube"])
 @pytest.mark.parametrize("scale", ["linear", "log"])
-def test_whole_numbers_get_equal_shares(method, scale):
+def test_whole_numbers_get_equal_shares(scale):
     lines = f'solver.max_iterations = {{ from = 10, to = 13, scale = "{scale}" }}'
-    drawn = sampled(lines, method, 4096)["solver.max_iterations"]
+    drawn = sampled(lines, "latin_hypercube", 4096)["solver.max_iterations"]
     assert drawn.dtype == np.int64
     number, count = np.unique(drawn, return_counts=True)
     assert number.tolist() == [10, 11, 12, 13]
@@ -156,27 +152,23 @@ def test_whole_numbers_get_equal_shares(method, scale):
     np.testing.assert_allclose(count / 4096, expected / expected.sum(), atol=2e-3)
 
 
-@pytest.mark.parametrize("count", [1, 3, 100])
-def test_any_number_of_sobol_points(count, recwarn):
-    lines = 'gait.c_y = { from = 0, to = 1 }\ncontact.friction = { from = 0.01, to = 1, scale = "log" }'
-    drawn, more = sampled(lines, count=count), sampled(lines, count=128)
-    assert len(np.unique(drawn["gait.c_y"])) == count
+def test_any_number_of_sobol_points_are_the_first_of_more(recwarn):
+    lines = "gait.c_y = { from = 0, to = 1 }"
+    few, more = (sampled(lines, count=count)["gait.c_y"] for count in (3, 128))
+    np.testing.assert_array_equal(few, more[:3])  # a design grows without losing runs
     assert not recwarn.list
-    # The first points of more: a design grows without losing runs.
-    np.testing.assert_array_equal(drawn["gait.c_y"], more["gait.c_y"][:count])
-    assert np.histogram(np.log10(more["contact.friction"]), 8, (-2, 0))[0].tolist() == [16] * 8
 
 
-def test_ten_million_cases_are_not_held():
+def test_a_million_cases_are_not_held():
     sweep = parse_sweep(
-        GRID + "gait.c_s = { from = 0.5, to = 1.5, count = 10000 }\n"
+        GRID + "gait.c_s = { from = 0.5, to = 1.5, count = 1000 }\n"
         "gait.c_y = { from = 0.1, to = 1.1, count = 1000 }"
     )
-    assert len(sweep) == MOST_CASES == 10_000_000
-    assert sum(values.size for values, _ in sweep.axes.values()) == 11_000
+    assert len(sweep) == MOST_CASES == 1_000_000
+    assert sum(values.size for values, _ in sweep.axes.values()) == 2000
     last = sweep.parameters(len(sweep) - 1)
     assert (last.gait.c_s, last.gait.c_y) == (1.5, 1.1)
-    assert sweep.name_of(1) == "0000001"
+    assert sweep.name_of(1) == "000001"
 
 
 def test_a_gait_from_a_file_is_carried_along(tmp_path):
@@ -193,37 +185,6 @@ def test_a_gait_from_a_file_is_carried_along(tmp_path):
     assert again.shared == sweep.shared
 
 
-numbers = st.floats(min_value=1e-3, max_value=50, allow_nan=False)
-
-
-@given(
-    listed=st.lists(numbers, min_size=1, max_size=5, unique=True),
-    ends=st.tuples(numbers, numbers).filter(lambda e: e[0] < e[1]),
-    count=st.integers(min_value=1, max_value=40),
-    scale=st.sampled_from(["linear", "log"]),
-    method=st.sampled_from(["sobol", "latin_hypercube"]),
-    seed=st.integers(min_value=0, max_value=2**63 - 1),
-    fixed=numbers,
-)
-@settings(max_examples=40, deadline=None)
-def test_every_definition_reads_back(listed, ends, count, scale, method, seed, fixed):
-    text = (
-        f"[sweep]\nseed = {seed}\n[set]\nbody.lean = {min(fixed, 0.4)!r}\n{GRID}gait.c_s = {listed!r}\n"
-        f'[[vary]]\nmethod = "{method}"\ncount = {count}\n'
-        f'gait.c_y = {{ from = {ends[0]!r}, to = {ends[1]!r}, scale = "{scale}" }}'
-    )
-    sweep = parse_sweep(text)
-    again = parse_sweep(dump_sweep(sweep))
-    assert again == sweep
-    assert dump_sweep(again) == dump_sweep(sweep)
-    assert len(sweep) == len(listed) * count
-    drawn, same = values(text), values(dump_sweep(sweep))
-    for key in sweep.keys:
-        np.testing.assert_array_equal(drawn[key], same[key])
-    assert drawn["gait.c_y"].min() >= ends[0]
-    assert drawn["gait.c_y"].max() <= ends[1]
-
-
 # --- what goes wrong ---
 
 
@@ -233,16 +194,13 @@ def test_every_definition_reads_back(listed, ends, count, scale, method, seed, f
         ("", ["varies nothing", "[[vary]]"]),
         ("[vary]\nmethod = 'grid'\ngait.c_y = [1]", ["[[vary]]"]),
         ("[gait]\nc_s = 1", ["[gait]", "[set]"]),
-        ("[swep]\n", ["swep", "sweep"]),
         ("[sweep]\nsede = 3", ["sweep.sede", "sweep.seed"]),
         ('[sweep]\nsteps = "5"', ["sweep.steps", "whole number"]),
         ("[sweep]\ngait = 3", ["'3'", "normal"]),
-        ('[sweep]\ngait = "nromal"', ["nromal", "normal"]),
         ('[sweep]\nprofile = "strct"\n' + GRID + "gait.c_y = [1.0]", ["strct", "strict"]),
-        ('[sweep]\nrecordings = "some"\n' + GRID + "gait.c_y = [1.0]", ["some", "failures", "worst"]),
+        ('[sweep]\nrecordings = "some"\n' + GRID + "gait.c_y = [1.0]", ["some", "none", "failures", "worst"]),
         (GRID + 'controller.name = ["ampm", "mine"]', ["controller.name", "joint-pd", "MODULE:CLASS"]),
         ('[sweep]\npush = ["chest,1"]\n' + GRID + "gait.c_y = [1.0]", ["chest,1", "SEGMENT"]),
-        ("[set]\ngait.c_x = 1\n", ["gait.c_x", "gait.c_y"]),
         ("[set]\ngait.c_y = [1, 2]\n", ["[set]", "gait.c_y", "number"]),
         ("[set]\ngait.c_y = 1e9\n" + GRID + "gait.c_s = [1.0]", ["gait.c_y", "at most 100"]),
         ("[set]\ngait.steps = 9\n" + GRID + "gait.c_s = [1.0]", ["gait.steps", "[sweep]"]),
@@ -251,20 +209,15 @@ def test_every_definition_reads_back(listed, ends, count, scale, method, seed, f
         (GRID, ["block 1", "no key is varied"]),
         ("[[vary]]\ngait.c_s = [1.0]", ["method", "grid"]),
         ('[[vary]]\nmethod = "gird"\ngait.c_s = [1.0]', ["gird", "grid"]),
-        ('[[vary]]\nmethd = "grid"\nmethod = "grid"\ngait.c_s = [1.0]', ["methd", "method"]),
         (GRID + "gait.c_s = []", ["gait.c_s = []", "list of values"]),
         (GRID + "gait.c_s = 1.0", ["gait.c_s", "[set]"]),
         (GRID + "gait.c_s = [1.0, 1]", ["twice"]),
-        (GRID + "gait.c_s = [1.0, nan]", ["nan"]),
         (GRID + 'solver.qp = ["osqp", "dapq"]', ["dapq", "daqp"]),
         (GRID + "solver.qp = { from = 1, to = 2, count = 2 }", ["text", "osqp"]),
-        (GRID + "solver.max_iterations = [100.5]", ["whole"]),
         (GRID + "solver.max_iterations = { from = 10, to = 12, count = 9 }", ["9 values", "all different"]),
         (GRID + "gait.c_s = { from = 1, to = 2 }", ["count"]),
         (GRID + "gait.c_s = { from = 2, to = 1, count = 3 }", ["from", "less than"]),
-        (GRID + "gait.c_s = { from = 1, to = 1, count = 3 }", ["[set]"]),
         (GRID + "gait.c_s = { from = 1, to = 2, count = 1 }", ["at least 2"]),
-        (GRID + "gait.c_s = { from = 1, to = 2, step = 0.1 }", ["step", "scale"]),
         (GRID + 'gait.c_s = { from = 0, to = 2, count = 3, scale = "log" }', ["log", "> 0"]),
         (GRID + "count = 3\ngait.c_s = [1.0]", ["count"]),
         (GRID + "gait.c_s = [1.0]\n" + GRID + "gait.c_s = [2.0]", ["block 1", "block 2"]),
@@ -276,7 +229,7 @@ def test_every_definition_reads_back(listed, ends, count, scale, method, seed, f
         (SOBOL + "gait.c_s = { from = 1, to = 2, count = 3 }", ["block"]),
         (SOBOL + "gait.c_s = [1, 2]", ["range", "block of their own"]),
         (SOBOL.replace("8", str(10**12)) + "gait.c_s = { from = 1, to = 2 }", ["count", "at most 1e+06"]),
-        (GRID + "".join(f"{k} = {{ from = 0.1, to = 1, count = 9999999 }}\n" for k in keys()[6:9]), ["runs"]),
+        (GRID + "".join(f"{k} = {{ from = 0.1, to = 1, count = 9999 }}\n" for k in keys()[6:9]), ["runs"]),
         (f"{GRID}gait.c_s = [{10**400}, 1]", ["gait.c_s", "number"]),
         (f"{GRID}gait.c_s = {{ from = 1, to = {math.nextafter(1, 2)!r}, count = 3 }}", ["different"]),
         ("[base]\ngait.c_x = 1\n" + GRID + "gait.c_s = [1.0]", ["gait.c_x"]),

@@ -2,7 +2,6 @@
 
 The first folder is a run of this preset; the time is the end of a single support of it [s]. The other two are
 overlaid: ``normal`` with 8 steps and ``controller.hold`` ``zero-order`` and ``first-order``.
-``sweep-report.png`` is a browser's picture of a sweep's page.
 
 Needs a Vulkan driver; Mesa's software one will do (``mesa-vulkan-drivers`` on Debian).
 """

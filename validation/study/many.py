@@ -12,7 +12,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sized
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from ampm.exceptions import InputError
+from ampm.parameters import RunParameters
 from validation.judge.metrics import added_metrics
 from validation.progress import Progress, Stage, interruption
 from validation.show.text import format_duration
@@ -28,6 +29,7 @@ from validation.store.identity import code_hash
 from validation.study.exceptions import StudyStopped
 from validation.study.pool import open_pool
 from validation.study.row_file import ROWS, Row, RowFile
+from validation.study.walk_options import body_files
 
 _LEAST = 3  # walks after which a rate is known
 
@@ -61,25 +63,39 @@ Search = Generator[Task, Row, None]
 def _identity(value: Any) -> str:
     """Text that is equal for equal values, in every process."""
     if isinstance(value, BaseModel):  # with the keys that count as given
-        return f"{type(value).__name__}{value.model_dump_json()}{value.model_dump_json(exclude_unset=True)}"
+        files = _identity(body_files(value)) if isinstance(value, RunParameters) else ""
+        texts = value.model_dump_json(), value.model_dump_json(exclude_unset=True)
+        return f"{type(value).__name__}{texts}{files}"
     if isinstance(value, np.ndarray) and value.dtype == object:  # its bytes are addresses
         return _identity(value.tolist())
+    if isinstance(value, Path) and value.is_file():  # such as a policy
+        return f"{value} {hashlib.sha256(value.read_bytes()).hexdigest()}"
     if isinstance(value, np.ndarray):
         return f"{value.dtype}{value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key!r}: {_identity(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_identity, value)) + "]"
+    if isinstance(value, partial):
+        return _identity(("partial", value.func, value.args, value.keywords))
     if inspect.isroutine(value) or inspect.isclass(value):
         thing: Any = value
-        return f"{thing.__module__}:{thing.__qualname__} {_source_hash(thing)}"
+        return f"{thing.__module__}:{thing.__qualname__} {_source_hash(thing)} {_identity(_bound(thing))}"
     if value is None or isinstance(value, str | bytes | bool | int | float | Path):
         return repr(value)
-    if isinstance(value, np.ndarray):  # its text leaves rows out
-        return f"{value.dtype}{value.shape} {hashlib.sha256(repr(value.tolist()).encode()).hexdigest()}"
     if hasattr(value, "__dict__"):
         return f"{_identity(type(value))} {_identity(vars(value))}"
     return f"{_identity(type(value))} {value!r}"
+
+
+def _bound(thing: Any) -> list[Any]:
+    """Values that a function has beside its source: its object, defaults, and variables around it."""
+    values = [thing.__self__] if inspect.ismethod(thing) else []
+    values += getattr(thing, "__defaults__", None) or ()
+    for cell in getattr(thing, "__closure__", None) or ():
+        with suppress(ValueError):  # an empty cell
+            values.append(cell.cell_contents)
+    return [value for value in values if value is not thing]
 
 
 @cache

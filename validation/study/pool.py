@@ -18,6 +18,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, Protocol
 from uuid import uuid4
@@ -349,7 +350,8 @@ def _local(workers: int) -> Iterator[Any]:
         stack.enter_context(set_variables(ONE_THREAD))  # to the end: a worker that dies is started again
         stack.enter_context(hidden_main())
         # Ctrl-C reaches every process of a terminal. Threads and processes that are started here inherit the
-        # blocked signal, so that only the client ends.
+        # blocked signal, so that only the client ends. The tracker's start would unblock it.
+        resource_tracker.ensure_running()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             cluster = LocalCluster(

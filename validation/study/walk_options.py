@@ -1,7 +1,10 @@
-"""A user's controller and planner as options of a task: workers elsewhere get them by value."""
+"""What of a user decides on a walk: controller and planner, sent to workers by value, and body files."""
 
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
+from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.zmp_laws import STEP_PLANNERS
 from validation.trial.controllers import CONTROLLERS, find_controller
@@ -24,3 +27,15 @@ def users_classes(run: RunParameters) -> dict[str, Any]:
     if run.gait.planner not in STEP_PLANNERS:
         found["planner"] = load_planner(run.gait.planner)
     return found
+
+
+def body_files(run: RunParameters) -> tuple[Path, ...]:
+    """Description of a user's own body, and its model; meshes are not among them."""
+    path = Path(run.body.source)
+    if not path.is_file():
+        return ()
+    from models.source import read_body_file, source_path  # loads the simulator
+
+    with suppress(InputError):  # its runs will say what is wrong
+        return path, source_path(read_body_file(path).source, path.parent)
+    return (path,)

@@ -32,15 +32,11 @@ from validation.trial.controllers import CONTROLLERS, find_controller
 from validation.trial.plan import own_gait
 from validation.trial.planners import check_planner
 
-Column = NDArray[Any]
-
 Value = float | int | str
 """A value of a key."""
 
 MOST_CASES = 1_000_000
-"""Runs of one sweep at most."""
-MOST_POINTS = 1_000_000
-"""Points of one sampled block at most: 8 MB for every key."""
+"""Runs of one sweep at most, and points of a sampled block: 8 MB for every key."""
 STEPS_KEY, CONTROLLER_KEY, PLANNER_KEY = "gait.steps", "controller.name", "gait.planner"
 BODY_KEY = "body.source"
 
@@ -77,7 +73,7 @@ class Block(Section):
     method: Literal["grid", "list", "latin_hypercube", "sobol"] = Field(
         description="grid: all combinations; list: side by side; latin_hypercube, sobol: points in ranges"
     )
-    count: int | None = Field(None, description="points of a sampled block", ge=1, le=MOST_POINTS)
+    count: int | None = Field(None, description="points of a sampled block", ge=1, le=MOST_CASES)
     keys: Mapping[str, Range | tuple[Value, ...]]
 
     @property
@@ -123,7 +119,7 @@ class Block(Section):
                 raise InputError(f"{place} has {item!r} twice, the same run; keep one.")
         return self
 
-    def columns(self, generator: np.random.Generator) -> dict[str, Column]:
+    def columns(self, generator: np.random.Generator) -> dict[str, NDArray[Any]]:
         """Values of every key: the distinct ones of a grid, those of all cases otherwise.
 
         Raises:
@@ -155,7 +151,7 @@ class Block(Section):
         return engine.random_base2((self.count - 1).bit_length())[: self.count]
 
 
-def _spaced(info: KeyInfo, value: Range) -> Column:
+def _spaced(info: KeyInfo, value: Range) -> NDArray[Any]:
     """Values of a range of a grid."""
     count = value.count or 0
     values = (np.geomspace if value.scale == "log" else np.linspace)(value.start, value.stop, count)
@@ -174,7 +170,7 @@ def _spaced(info: KeyInfo, value: Range) -> Column:
     return values.astype(np.int64) if info.kind == "int" else values
 
 
-def _scaled(info: KeyInfo, value: Range, unit: NDArray[np.float64]) -> Column:
+def _scaled(info: KeyInfo, value: Range, unit: NDArray[np.float64]) -> NDArray[Any]:
     """Points of 0 ... 1 as values of a range; every whole number of an integer key gets an equal share."""
     whole = info.kind == "int"
     start, stop = (value.start - 0.5, value.stop + 0.5) if whole else (value.start, value.stop)
@@ -257,13 +253,13 @@ class SweepDefinition(Section, section="sweep"):
         return tuple(key for block in self.vary for key in block.keys)
 
     @cached_property
-    def axes(self) -> Mapping[str, tuple[Column, int]]:
+    def axes(self) -> Mapping[str, tuple[NDArray[Any], int]]:
         """Values of every varied key (read-only), and the number of runs after which the next one comes.
 
         Raises:
             InputError: ranges of a grid leave equal values.
         """
-        axes: dict[str, tuple[Column, int]] = {}
+        axes: dict[str, tuple[NDArray[Any], int]] = {}
         stride = len(self)
         for number, block in enumerate(self.vary):
             inner, stride = stride, stride // block.size
@@ -273,23 +269,13 @@ class SweepDefinition(Section, section="sweep"):
                 axes[key] = values, inner if block.method == "grid" else stride
         return axes
 
-    @property
-    def controllers(self) -> list[str]:
-        """Names of the controllers in its runs that are not the project's own."""
-        return sorted(self._names(CONTROLLER_KEY) - CONTROLLERS.keys())
-
-    @property
-    def planners(self) -> list[str]:
-        """Names of the planners in its runs that are not the project's own."""
-        return sorted(self._names(PLANNER_KEY) - STEP_PLANNERS.keys())
-
-    def _names(self, key: str) -> frozenset[str]:
+    def names(self, key: str) -> frozenset[str]:
         """Values of a key whose values are texts."""
         varied = (block.keys[key] for block in self.vary if key in block.keys)
         names: Any = next(varied, [self.shared.value(key)])
         return frozenset(names)
 
-    def column(self, key: str, runs: NDArray[np.int64]) -> Column:
+    def column(self, key: str, runs: NDArray[np.int64]) -> NDArray[Any]:
         """Values of any key of the run, varied or not, in some runs, shape (n,)."""
         if key in self.axes:
             values, stride = self.axes[key]
@@ -384,9 +370,9 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
             f"with {BODY_KEY} under [set], and compare them with 'ampm compare'.",
             key=BODY_KEY,
         )
-    for controller in definition.controllers:
+    for controller in sorted(definition.names(CONTROLLER_KEY) - CONTROLLERS.keys()):
         find_controller(controller)
-    for planner in definition.planners:
+    for planner in sorted(definition.names(PLANNER_KEY) - STEP_PLANNERS.keys()):
         check_planner(planner)
     if definition.push:
         from validation.trial.disturbances import parse_push  # loads the simulator

@@ -4,9 +4,6 @@ The page carries data, specification and the library itself (vl-convert has the 
 offline. Colours are the page's CSS variables: light and dark need no second picture.
 """
 
-from __future__ import annotations
-
-import itertools
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -34,7 +31,13 @@ _CONFIG: Spec = {
     "view": {"stroke": None},
     "axis": {**_TEXT, **_AXIS, "labelFontSize": 12, "titleFontSize": 12},
     "legend": {**_TEXT, "orient": "bottom", "title": None, "labelFontSize": 13, "columns": 7},
-    "title": {"color": "var(--ink)", "fontWeight": "normal", "anchor": "start", "fontSize": 12},
+    "title": {
+        "color": "var(--ink)",
+        "fontWeight": "normal",
+        "anchor": "start",
+        "fontSize": 12,
+        "subtitleColor": "var(--ink)",
+    },
     "rule": {"color": "var(--ink)", "strokeDash": [6, 4]},
     "text": {"color": "var(--ink)", "fontSize": 11},
 }
@@ -64,27 +67,28 @@ def drawn_rows(sweep: SweepTable, keep: Sequence[int]) -> list[int]:
     return sorted({*order.tolist(), *keep})
 
 
-def scatter(sweep: SweepTable, rows: Sequence[int], links: Mapping[int, str]) -> Spec:
-    """Runs over two quantities, which the page lets choose; a point of a kept run links to its report.
+def run_data(sweep: SweepTable, rows: Sequence[int], links: Mapping[int, str]) -> list[dict[str, Any]]:
+    """Name, outcome, link and all quantities of the runs that are drawn.
 
     Args:
         sweep: the sweep.
         rows: that are drawn.
         links: row to the address of its report.
     """
-    axes = quantities(sweep)
-    labels, names = list(axes), sweep.words("name")
-    columns = {label: _rounded(values[list(rows)]) for label, values in axes.items()}
-    data = [
-        {
-            "run": names[row],
-            "outcome": sweep.state(row).label,
-            "link": links.get(row),
-            **{label: values[place] for label, values in columns.items()},
-        }
-        for place, row in enumerate(rows)
+    names = sweep.words("name")
+    found: list[dict[str, Any]] = [
+        {"run": names[row], "outcome": sweep.state(row).label, "link": links.get(row)} for row in rows
     ]
-    chosen = {"x": labels[0], "y": labels[1 if len(sweep.varied) > 1 else min(1, len(labels) - 1)]}
+    for label, values in quantities(sweep).items():
+        for item, value in zip(found, _rounded(values[list(rows)]), strict=True):
+            item[label] = value
+    return found
+
+
+def scatter(sweep: SweepTable) -> Spec:
+    """Runs over two quantities, which the page lets choose; a point of a kept run links to its report."""
+    labels = list(quantities(sweep))
+    chosen = {"x": labels[0], "y": labels[min(1, len(labels) - 1)]}
     params = [
         {"name": name, "value": value, "bind": {"input": "select", "options": labels, "name": f"{words} "}}
         for (name, value), words in zip(chosen.items(), ("right:", "up:"), strict=True)
@@ -97,10 +101,9 @@ def scatter(sweep: SweepTable, rows: Sequence[int], links: Mapping[int, str]) ->
     }
     colour = _colour(sweep)
     fields = ["run", "outcome", *labels[: len(sweep.varied)]]
-    tooltip = [{"field": _escaped(field), "title": field} for field in fields]
     return {
         "title": {"text": {"expr": "'up: ' + y + ', right: ' + x"}},
-        "data": {"values": data},
+        "data": {"name": "runs"},
         "params": params,
         "transform": [*transform, {"filter": "isValid(datum.at_x) && isValid(datum.at_y)"}],
         "mark": {"type": "point", "filled": True, "size": 55, "opacity": 0.8},
@@ -108,8 +111,8 @@ def scatter(sweep: SweepTable, rows: Sequence[int], links: Mapping[int, str]) ->
             **encoding,
             "color": colour,
             "shape": {**colour, "scale": {"domain": colour["scale"]["domain"]}},
-            "href": {"field": "link"},
-            "tooltip": tooltip,
+            "href": {"condition": {"test": "isValid(datum.link)", "field": "link"}},
+            "tooltip": [{"field": _escaped(field), "title": field} for field in fields],
         },
         "width": "container",
         "height": 400,
@@ -117,29 +120,28 @@ def scatter(sweep: SweepTable, rows: Sequence[int], links: Mapping[int, str]) ->
     }
 
 
-def parallel(sweep: SweepTable, rows: Sequence[int]) -> Spec:
+def parallel(sweep: SweepTable) -> Spec:
     """Parallel coordinates: a line for each run across the varied parameters and its largest share."""
-    axes = dict(list(quantities(sweep).items())[: len(sweep.varied) + 1][-MOST_AXES:])
-    names, data = sweep.words("name"), []
-    for label, values in axes.items():
-        finite = values[np.isfinite(values)]
-        low, high = float(finite.min()), float(finite.max())
-        shares = (values[list(rows)] - low) / ((high - low) or 1.0)
-        for row, share in zip(rows, _rounded(shares), strict=True):
-            if share is not None:
-                entry = {"run": names[row], "outcome": sweep.state(row).label}
-                data.append({**entry, "axis": f"{label}: {low:.4g} to {high:.4g}", "share": share})
-    order = list(dict.fromkeys(item["axis"] for item in data))
+    labels = list(quantities(sweep))[: len(sweep.varied) + 1][-MOST_AXES:]
+    ends = [{"op": op, "field": "value", "as": op} for op in ("min", "max")]
+    ranges = "[datum.label, ranges[datum.label]]"
     return {
-        "data": {"values": data},
-        "mark": {"type": "line", "opacity": 0.5, "strokeWidth": 1.2},
+        "data": {"name": "runs"},
+        "params": [{"name": "ranges", "value": _ranges(sweep, labels)}],
+        "transform": [
+            {"fold": [_escaped(label) for label in labels], "as": ["axis", "value"]},
+            {"filter": "isValid(datum.value)"},
+            {"joinaggregate": ends, "groupby": ["axis"]},
+            {"calculate": "(datum.value - datum.min) / (datum.max - datum.min || 1)", "as": "share"},
+        ],
+        "mark": {"type": "line", "opacity": 0.25, "strokeWidth": 1.2},
         "encoding": {
             "x": {
                 "field": "axis",
                 "type": "nominal",
-                "sort": order,
+                "sort": labels,
                 "title": None,
-                "axis": {"labelAngle": -20, "labelLimit": 300, "grid": True},
+                "axis": {"labelAngle": -20, "labelLimit": 300, "grid": True, "labelExpr": ranges},
             },
             "y": {
                 "field": "share",
@@ -155,6 +157,12 @@ def parallel(sweep: SweepTable, rows: Sequence[int]) -> Spec:
         "height": 320,
         "config": _CONFIG,
     }
+
+
+def _ranges(sweep: SweepTable, labels: Sequence[str]) -> dict[str, str]:
+    """Lowest and highest value of quantities, as text."""
+    found = quantities(sweep)
+    return {label: f"{np.nanmin(found[label]):.4g} to {np.nanmax(found[label]):.4g}" for label in labels}
 
 
 def _colour(sweep: SweepTable) -> Spec:
@@ -180,47 +188,50 @@ def distribution(values: Array, limit: float | None, unit: str, title: str) -> M
 
     Args:
         values: shape (N,); NaN and infinities are left out.
-        limit: tolerance in ``unit``, None if it has none.
+        limit: tolerance in ``unit``, None if it has none; more is red.
         unit: of values and axis.
         title: what it is.
     """
     known, unit = values[np.isfinite(values)], unit.replace("of body weight", "BW")
-    # Few outliers must not put all others into one bin: the number beyond is written at the edge.
+    # Few outliers must not put all others into one bin: the number beyond is written above.
     low, high = min(0.0, float(known.min())), float(np.quantile(known, 0.99)) * 1.15
-    if limit is not None and high > 0.4 * limit and (known > limit).mean() < 0.5:
+    if limit is not None and high > 0.4 * limit:
         high = max(high, 1.12 * limit)
     high = high if high > low else low + 1.0
-    counts, edges = np.histogram(known, np.linspace(low, high, BINS + 1))
-    bars = [
-        {"low": a, "high": b, "runs": int(n), "over": limit is not None and a >= limit}
-        for (a, b), n in zip(itertools.pairwise(edges.tolist()), counts, strict=True)
-    ]
-    most = max(int(counts.max()), 1)
-    ticks = sorted({0, most // 2, most})
-    scale = {"domain": [low, high], "nice": False}
-    above = {"domain": [0, 1.3 * most], "nice": False}  # room for the limit's label
-    x = {"field": "low", "bin": "binned", "type": "quantitative", "title": f"[{unit or 1}]", "scale": scale}
-    y = {"field": "runs", "type": "quantitative", "title": "runs", "scale": above}
-    encoding = {
-        "x": {**x, "axis": {"grid": False, "tickCount": 6}},
-        "x2": {"field": "high"},
-        "y": {**y, "axis": {"values": ticks, "format": "d"}},
-        "color": {"condition": {"test": "datum.over", "value": "var(--bad)"}, "value": "var(--plan)"},
-    }
-    layers: list[Spec] = [{"mark": {"type": "bar", "binSpacing": 0}, "encoding": encoding}]
     beyond = int((known > high).sum())
-    notes = []
-    if limit is not None:
-        inside = limit <= high
-        notes.append(f"limit {limit:.3g}" if inside else f"limit {limit:.3g} →")
-        if inside:
-            at = {"x": {"datum": limit, "type": "quantitative"}}
-            layers.append({"data": {"values": [{}]}, "mark": "rule", "encoding": at})
-    if beyond:
-        notes.append(f"{beyond} beyond →")
-    text = {"type": "text", "align": "right", "x": 300, "y": 6, "text": ", ".join(notes)}
-    layers.append({"data": {"values": [{}]}, "mark": text})
-    picture = {"title": title, "width": 300, "height": 120, "data": {"values": bars}, "layer": layers}
+    notes = [] if limit is None else [f"limit {limit:.3g}"]
+    notes += [f"{beyond} runs beyond"] if beyond else []
+    whole = "datum.value % 1 ? '' : datum.label"
+    domain = {"domain": [low, high], "nice": False}
+    over = {"domain": [False, True], "range": ["var(--plan)", "var(--bad)"]}
+    bars: Spec = {
+        "transform": [
+            {"filter": f"datum.value <= {high}"},
+            {"calculate": f"datum.value > {high if limit is None else limit}", "as": "over"},
+        ],
+        "mark": {"type": "bar", "binSpacing": 0},
+        "encoding": {
+            "x": {
+                "field": "value",
+                "bin": {"extent": [low, high], "step": (high - low) / BINS},
+                "scale": domain,
+                "title": f"[{unit or 1}]",
+                "axis": {"grid": False, "values": [low, (low + high) / 2, high], "format": ".3g"},
+            },
+            "y": {"aggregate": "count", "title": "runs", "axis": {"tickCount": 3, "labelExpr": whole}},
+            "color": {"field": "over", "scale": over, "legend": None},
+        },
+    }
+    rule: Spec = {"transform": [{"sample": 1}], "mark": "rule"}
+    rule["encoding"] = {"x": {"datum": limit, "type": "quantitative"}}
+    layers = [bars] if limit is None or limit > high else [bars, rule]
+    picture = {
+        "title": {"text": title, "subtitle": ", ".join(notes)},
+        "width": 300,
+        "height": 120,
+        "data": {"values": [{"value": value} for value in known.tolist()]},
+        "layer": layers,
+    }
     return svg(picture, f"Distribution of {title}")
 
 
@@ -233,8 +244,8 @@ def svg(spec: Spec, label: str) -> Markup:
     return Markup(re.sub(r' width="[\d.]+" height="[\d.]+"', named, text, count=1))
 
 
-def as_json(spec: Spec) -> Markup:
-    """A specification for a script element, which no text in it can end."""
+def as_json(spec: Any) -> Markup:
+    """A specification, or data, for a script element, which no text in it can end."""
     text = json.dumps(spec, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return Markup(text.replace("<", "\\u003c"))
 

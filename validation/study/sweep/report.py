@@ -3,8 +3,6 @@
 All text is escaped. Pictures and scripts are in the page, see :mod:`validation.study.sweep.figures`.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -60,13 +58,16 @@ def render(sweep: SweepTable) -> str:
     furthest = [row for row in sweep.worst if sweep.measured[row]][:WORST]
     judged = [name for name in sweep.judged if np.isfinite(sweep.shown(name)[0]).any()]
     links = links_of(sweep)
-    still, scatter, parallel, vega = Markup(), Markup(), Markup(), Markup()
+    charts: dict[str, Markup] = {}
     if sweep.varied:
-        rows = figures.drawn_rows(sweep, [*walked, *furthest])
-        spec = figures.scatter(sweep, rows, links)
-        still = figures.svg({**spec, "width": 640}, "Outcome of runs over two quantities")
-        scatter, parallel = (figures.as_json(item) for item in (spec, figures.parallel(sweep, rows)))
-        vega = figures.vega_script()
+        runs = figures.run_data(sweep, figures.drawn_rows(sweep, [*walked, *furthest]), links)
+        charts = {
+            "fields": figures.as_json(list(runs[0])),
+            "rows": figures.as_json([list(item.values()) for item in runs]),
+            "scatter": figures.as_json(figures.scatter(sweep)),
+            "parallel": figures.as_json(figures.parallel(sweep)),
+            "vega": figures.vega_script(),
+        }
     verdict = judge_sweep(sweep)
     return render_page(
         "sweep.html.j2",
@@ -75,10 +76,7 @@ def render(sweep: SweepTable) -> str:
         sweep=sweep,
         verdict=verdict,
         share=share,
-        still=still,
-        scatter=scatter,
-        parallel=parallel,
-        vega=vega,
+        charts=charts,
         most_points=figures.MOST_POINTS,
         pictures=[figures.distribution(*sweep.shown(name), metric_label(name)) for name in judged],
         metrics=metric_table(sweep, judged),
@@ -89,10 +87,7 @@ def render(sweep: SweepTable) -> str:
         unwalked=unwalked_table(sweep),
         computing_time=format_duration(float(np.nansum(sweep.numbers("timing_total")))),
         varied=varied_table(sweep),
-        fixed=fixed_table(sweep),
-        timing=timing_table(sweep),
         environment=environment_table(sweep),
-        reasons=reason_table(sweep),
     )
 
 
@@ -222,40 +217,12 @@ def varied_table(sweep: SweepTable) -> Table:
     return Table("What varies", ("parameter", ">from", ">to", ">values", "meaning"), rows)
 
 
-def fixed_table(sweep: SweepTable) -> Table:
-    """Parameters that all runs share."""
-    rows = [
-        (key, with_unit(format_value(sweep.table.column(key)[0].as_py()), sweep.unit(key)))
-        for key in sweep.parameters
-        if key not in sweep.varied
-    ]
-    return Table("Parameters that all runs share", ("parameter", ">value"), rows)
-
-
-def timing_table(sweep: SweepTable) -> Table:
-    """Median and largest of every time, and the workers' memory."""
-    rows = []
-    for name in (*(name for name in sweep.table.column_names if name.startswith("timing_")), "memory_peak"):
-        values = sweep.numbers(name)[np.isfinite(sweep.numbers(name))]
-        if values.size:
-            ends = [with_unit(float(of(values)), sweep.unit(name)) for of in (np.median, np.max)]
-            rows.append((name.removeprefix("timing_").replace("_", " "), *ends))
-    workers = f"{len(sweep.distinct('worker'))} workers"
-    return Table("Time and memory of a run", ("", ">median", ">largest"), rows, [workers])
-
-
 def environment_table(sweep: SweepTable) -> Table:
     """Versions and platform."""
     environment = dict(sweep.metadata["environment"])
     versions = environment.pop("versions", {})
     rows = [(name, str(value)) for name, value in {**environment, **versions}.items()]
     return Table("Versions and platform", ("", ">value"), rows)
-
-
-def reason_table(sweep: SweepTable) -> Table:
-    """Why the tolerances are what they are."""
-    rows = [(metric_label(name), _limit(sweep, name), limit.reason) for name, limit in sweep.limits.items()]
-    return Table("Why these tolerances", ("metric", ">tolerance", "reason"), rows)
 
 
 # --------------------------------------------------------------------------------------------- verdict

@@ -1,7 +1,5 @@
 """A sweep from its definition to a finished folder, in one or several calls."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -77,14 +75,10 @@ def sweep(
         definition = load_sweep(definition)
     progress, start = progress or Progress(), time.monotonic()
     folder = study_folder(out, resume=resume)
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / RESULTS).unlink(missing_ok=True)
-        (folder / DEFINITION).write_text(dump_sweep(definition), encoding="utf-8")
     table = TableWriter(definition)
     many: Any = {"workers": workers, "scheduler": scheduler, "progress": progress}
     limit = definition.wall_clock
-    for row in walk_many(_Runs(definition), folder, limit=limit, label="sweep", **many):
+    for row in walk_many(_Runs(definition, folder), folder, limit=limit, label="sweep", **many):
         table.add(row)
     found = wrap_table(table.finish(), folder, definition.name)
     if folder is None:
@@ -102,15 +96,24 @@ def sweep(
 
 
 class _Runs:
-    """Tasks of a sweep, made one by one."""
+    """Tasks of a sweep, made one by one.
 
-    def __init__(self, definition: SweepDefinition) -> None:
-        self._definition = definition
+    Args:
+        definition: of the sweep.
+        folder: where the definition is written, and the table of an earlier call removed, before the first
+            task: the engine has then locked the folder.
+    """
+
+    def __init__(self, definition: SweepDefinition, folder: Path | None) -> None:
+        self._definition, self._folder = definition, folder
 
     def __len__(self) -> int:
         return len(self._definition)
 
     def __iter__(self) -> Iterator[Task]:
+        if self._folder is not None:
+            (self._folder / RESULTS).unlink(missing_ok=True)
+            (self._folder / DEFINITION).write_text(dump_sweep(self._definition), encoding="utf-8")
         for run in range(len(self)):
             yield task_of(self._definition, run)
 
@@ -141,6 +144,8 @@ def _options(definition: SweepDefinition, run: int) -> dict[str, Any]:
 def walk_run(**options: Any) -> Row:
     """Walk one run on a worker; the options are those of :func:`walk`."""
     trial = walk(**options)
+    if trial.record.outcome.name == "interrupted":  # Ctrl-C in this very process: no result
+        raise KeyboardInterrupt
     if trial.record.outcome.name == "crashed":  # an error of the user's code is no result about the gait
         raise UsersError(trial.record.outcome.cause)
     requested, found = (parameter_values(run) for run in (options["request"].run, trial.run))
@@ -192,13 +197,15 @@ def _keep_worst(
     rows = [row for row in found.worst if definition.recordings == "worst" or not passed[row]]
     rows = [] if definition.recordings == "none" else rows[: definition.worst]
     names = {row: f"{RECORDINGS}/{definition.name_of(numbers[row])}" for row in rows}
+    if not names:
+        return [None] * len(found)
     tasks = [
         Task(name, keep_run, {"folder": str(folder.resolve() / name), **_options(definition, numbers[row])})
         for row, name in names.items()
     ]
     for row in walk_many(tasks, folder / RECORDINGS, label="recordings of the worst runs", **many):
         if row["outcome"] != "kept":
-            raise InputError(f"{folder / row['key']} cannot be written: {row['cause']}")
+            many["progress"].say(f"ampm: {folder / row['key']} was not written ({row['cause']}).")
     return [
         name if name and (folder / name / REPORT).is_file() else None
         for name in map(names.get, range(len(found)))

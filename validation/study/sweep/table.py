@@ -96,7 +96,7 @@ class SweepTable(Brief):
 
     Attributes:
         table: one row per run, sorted by ``run``; :mod:`validation.study.sweep.schema` has the columns.
-        metadata: of the table, see :func:`validation.study.sweep.store.table_metadata`.
+        metadata: of the table, see :func:`table_metadata`.
         directory: the sweep's folder, None if only a file was given.
         source: the user's name for it, for messages.
         complete: whether the sweep is finished.
@@ -161,11 +161,6 @@ class SweepTable(Brief):
     def measured(self) -> NDArray[np.bool_]:
         """Runs whose metrics are those of a whole walk, shape (N,)."""
         return self.is_state(State.PASS, State.OUT_OF_TOLERANCE)
-
-    @cached_property
-    def unanswered(self) -> NDArray[np.bool_]:
-        """Rows that ``--resume`` walks again, as the host may have ended the run, shape (N,)."""
-        return np.isin(np.array(self.words("reason"), dtype=object), list(UNFINISHED))
 
     @cached_property
     def worst(self) -> list[int]:
@@ -356,28 +351,26 @@ class SweepTable(Brief):
         Args:
             seconds: wall-clock time of this call [s].
         """
-        names = Counter(name for words in self.words("failed") for name in words.split(",") if name)
-        words = np.array(self.words("reason"), dtype=object)
-        reasons = words[self.is_state(State.REFUSED)].tolist()
-        memory = self.numbers("memory_peak")
+        failed = Counter(name for words in self.words("failed") for name in words.split(",") if name)
+        reasons = self.words("reason")
+        refused = np.flatnonzero(self.is_state(State.REFUSED)).tolist()
+        unfinished = sum(reason in UNFINISHED for reason in reasons)
         worst = self.table.select(["run", "name", "outcome", "verdict", "failed", "recording"])
         return {
             "name": self.name,
             "profile": self.profile,
             "runs": self.planned,
-            "rows": len(self),
             "states": {state.value: count for state, count in self.counts.items() if count},
-            "refusals": dict(Counter(reasons).most_common()),
-            "failed": dict(names.most_common()),
+            "refusals": dict(Counter(reasons[row] for row in refused).most_common()),
+            "failed": dict(failed.most_common()),
             "worst": worst.take(np.array(self.worst[:_SHOWN], dtype=np.int64)).to_pylist(),
-            "unfinished": int(self.unanswered.sum()) + self.planned - len(self),
+            "unfinished": unfinished + self.planned - len(self),
             "environment": self.metadata["environment"],
             "timing": {
                 "wall": seconds,
                 "workers": float(np.nansum(self.numbers("timing_total"))),
                 "unit": "s",
             },
-            "memory_peak": {"value": np.fmax.reduce(memory, initial=np.nan), "unit": "MB"},
         }
 
 
@@ -385,8 +378,9 @@ class SweepTable(Brief):
 
 
 def key_of(definition: SweepDefinition, run: int) -> str:
-    """Key of a run among the rows of a folder: its number, and a hash of its parameters."""
-    return f"{definition.name_of(run)}-{run_key(_values(definition, run))}"
+    """Key of a run among the rows of a folder: its number, and a hash of what the definition says of it."""
+    shared = {"profile": definition.profile, "push": definition.push, "tune": definition.tune}
+    return f"{definition.name_of(run)}-{run_key({**_values(definition, run), **shared})}"
 
 
 def _values(definition: SweepDefinition, run: int) -> dict[str, Any]:

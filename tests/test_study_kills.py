@@ -1,0 +1,265 @@
+"""The engine under ``kill -9``, Ctrl-C and a full disk: every run once, and no row differs."""
+
+import importlib
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+import validation as val
+from tests.test_sweep import OWN, REAL, same_walks
+from validation.study.exceptions import StudyStopped
+from validation.study.many import Task, walk_many
+from validation.study.row_file import ROWS, read_rows
+from validation.study.sweep.table import read_sweep
+
+RUNS, EVERY = 24, 4
+SWEEP = f"""
+[sweep]
+gait = "flat"
+steps = 2
+recordings = "none"
+[[vary]]
+method = "grid"
+contact.friction = {{ from = 0.7, to = 0.8, count = {RUNS} }}
+"""
+PROGRAM = """
+import sys
+from tests.test_study_kills import gated
+from validation.cli.entry import main
+from validation.run import walk
+from validation.study.sweep import report, run
+
+walk.compile_once = lambda: None
+report.write_sweep_report = lambda folder: None
+run.walk_run = gated
+main()
+"""
+GATES = "AMPM_TEST_GATES"
+HANG = 900.0
+"""Guard against a test that waits for ever [s]; no measure."""
+
+
+def gated(**options: Any) -> dict[str, Any]:
+    """A walk without physics; every fourth waits for its gate, a file, so that a sweep stops where it is."""
+    run = int(options["request"].name)
+    while run % EVERY == EVERY - 1 and not (Path(os.environ[GATES]) / str(run)).exists():
+        time.sleep(0.02)
+    return {"outcome": "completed", "verdict": "pass", "failed": "", "metric_zmp_x_rmse": run / 7.0}
+
+
+class Program:
+    """``ampm sweep`` with two workers in a process group of its own, as on a terminal."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        (folder / "gates").mkdir()
+        (folder / "sweep.toml").write_text(SWEEP, encoding="utf-8")
+
+    def start(self, *options: str) -> None:
+        words = [
+            "sweep",
+            str(self.folder / "sweep.toml"),
+            "--out",
+            str(self.folder / "out"),
+            "--workers",
+            "2",
+        ]
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, *words, "--workers", "2", *options],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            env={**os.environ, GATES: str(self.folder / "gates")},
+        )
+
+    def open_gates(self, below: int) -> None:
+        for run in range(below):
+            (self.folder / "gates" / str(run)).touch()
+
+    def rows(self) -> int:
+        path = self.folder / "out" / ROWS
+        return path.read_bytes().count(b"\n") if path.exists() else 0
+
+    def workers(self) -> list[psutil.Process]:
+        try:
+            children = psutil.Process(self.process.pid).children()
+            return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+        except psutil.NoSuchProcess:
+            return []
+
+    def wait(self, event: Callable[[], object]) -> None:
+        end = time.monotonic() + HANG
+        while not event():
+            assert self.process.poll() is None, self.process.communicate()
+            assert time.monotonic() < end
+            time.sleep(0.05)
+
+    def wait_for_rows(self, count: int) -> None:
+        self.wait(lambda: self.rows() >= count)
+
+    def kill_worker(self) -> None:
+        """Kill one that walks; wait for the one that takes its place."""
+        before = {worker.pid for worker in self.workers()}
+        victim = self.workers()[0]
+        victim.kill()
+        self.wait(lambda: len([w for w in self.workers() if w.pid not in before]) > 0)
+
+    def finish(self) -> tuple[int, str]:
+        _, error = self.process.communicate(timeout=HANG)
+        return self.process.returncode, error
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Iterator[Program]:
+    found = Program(tmp_path)
+    yield found
+    if found.process.poll() is None:
+        os.killpg(found.process.pid, signal.SIGKILL)
+
+
+def test_kills_and_ctrl_c_lose_nothing_and_walk_nothing_twice(program):
+    program.start()
+    program.wait_for_rows(6)  # both workers wait at the gates of runs 3 and 7
+    program.kill_worker()
+    program.open_gates(8)
+    program.wait_for_rows(14)
+    program.kill_worker()
+    program.kill_worker()
+    assert program.rows() == 14
+    orphans = program.workers()
+    program.process.kill()
+    assert program.finish()[0] == -signal.SIGKILL
+    _, alive = psutil.wait_procs(orphans, timeout=HANG)
+    assert not alive
+    kept = (program.folder / "out" / ROWS).read_bytes()
+    assert len(read_sweep(program.folder / "out")) == 14
+
+    program.start("--resume")
+    program.open_gates(12)
+    program.wait_for_rows(17)  # runs 15 and 19 wait
+    program.kill_worker()
+    os.killpg(program.process.pid, signal.SIGINT)  # as a terminal does: to every process
+    status, error = program.finish()
+    assert status == 130, error
+    assert "--resume" in error.splitlines()[-1]
+    assert "Traceback" not in error
+
+    program.open_gates(RUNS)
+    program.start("--resume")
+    status, error = program.finish()
+    assert status == 0, error
+    found = (program.folder / "out" / ROWS).read_bytes()
+    assert found.startswith(kept)
+    keys = [json.loads(line)["key"] for line in found.splitlines()]
+    assert len(keys) == len(set(keys)) == RUNS
+    table = read_sweep(program.folder / "out").table
+    assert table["metric_zmp_x_rmse"].to_pylist() == [run / 7.0 for run in range(RUNS)]
+
+
+# ------------------------------------------------------------------------------------------- full disk
+
+
+def number(value: int) -> dict[str, object]:
+    return {"outcome": "completed", "text": "x" * 200, "number": value}
+
+
+@contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """No file of this process may be larger [B]: writes are cut short, then fail, as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_keeps_every_whole_row(tmp_path):
+    tasks = [Task(str(value), number, {"value": value}) for value in range(40)]
+    with largest_file(4000), pytest.raises(StudyStopped, match=r"the disk is full .* free some space"):
+        list(walk_many(tasks, tmp_path, workers=0))
+    kept = [row["number"] for row in read_rows(tmp_path)]
+    assert kept == list(range(len(kept)))
+    assert 5 < len(kept) < 20
+    assert [row["number"] for row in walk_many(tasks, tmp_path, workers=0)] == list(range(40))
+    assert len(list(read_rows(tmp_path))) == 40
+
+
+# ------------------------------------------------------------------------------------------ user's modules
+
+
+class OnlyHere:
+    """What only the process that made it can load."""
+
+    def __init__(self, pid: int) -> None:
+        if pid != os.getpid():
+            raise ImportError("No module named 'not_here'")
+
+    def __reduce__(self) -> Any:
+        return OnlyHere, (os.getpid(),)
+
+
+def test_a_worker_that_cannot_load_a_class_stops_the_study(tmp_path):
+    task = Task("a", number, {"value": OnlyHere(os.getpid())})
+    with pytest.raises(StudyStopped, match=r"cannot load a class .*not_here.*install what it needs"):
+        list(walk_many([task], tmp_path, workers=1))
+    assert list(read_rows(tmp_path)) == []
+
+
+@pytest.mark.slow
+def test_a_scheduler_started_by_hand_gives_the_same_rows(tmp_path, monkeypatch):
+    """Its workers are in another folder and have never seen the user's controller and metric."""
+    elsewhere, here = tmp_path / "elsewhere", tmp_path / "here"
+    elsewhere.mkdir()
+    here.mkdir()
+    (here / "own_walk.py").write_text(OWN, encoding="utf-8")
+    (here / "own.toml").write_text(REAL, encoding="utf-8")
+    file = tmp_path / "scheduler.json"
+    dask = [sys.executable, "-m", "distributed.cli.dask_"]
+    starts = [
+        ["scheduler", "--scheduler-file", str(file), "--host", "127.0.0.1", "--port", "0", "--no-dashboard"],
+        *[["worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard"]] * 2,
+    ]
+    processes = []
+    try:
+        for name, *options in starts:
+            words = [*dask[:2], dask[2] + name, *options]
+            started = subprocess.Popen(
+                words,
+                cwd=elsewhere,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+            processes.append(started)
+            while not file.exists():
+                assert processes[0].poll() is None
+                time.sleep(0.1)
+        monkeypatch.chdir(here)
+        monkeypatch.syspath_prepend(here)
+        highest = val.register(importlib.import_module("own_walk").HIGHEST)
+        try:
+            far = val.sweep("own.toml", tmp_path / "far", scheduler=str(file))
+            near = val.sweep("own.toml", tmp_path / "near", workers=0)
+        finally:
+            val.unregister(highest.name)
+            del sys.modules["own_walk"]
+    finally:
+        for process in processes:
+            os.killpg(process.pid, signal.SIGTERM)
+        for process in processes:
+            process.wait(timeout=HANG)
+    assert far.words("outcome") == ["completed", "completed", "fell", "fell"]
+    assert same_walks(far, near)

@@ -1,0 +1,443 @@
+"""A sweep from its definition to its folder: rows, resume, recordings, dry run, exit statuses."""
+
+import errno
+import importlib
+import json
+import shutil
+import sys
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+import validation as val
+from ampm.exceptions import BodilyRefusal, InputError
+from ampm.parameters import RunParameters
+from tests.sweep_table import make_table, write_sweep
+from validation.cli.app import call
+from validation.store.identity import parameter_values, run_key
+from validation.study.exceptions import StudyStopped
+from validation.study.row_file import ROWS, RowFile
+from validation.study.sweep import report, run
+from validation.study.sweep.design import load_sweep, parse_sweep
+from validation.study.sweep.report import repeat_command
+from validation.study.sweep.schema import columns
+from validation.study.sweep.table import SweepTable, TableWriter, key_of, read_sweep, wrap_table
+
+SWEEP = """
+[sweep]
+gait = "flat"
+steps = 3
+recordings = "none"
+
+[[vary]]
+method = "grid"
+contact.friction = [0.6, 0.7, 0.8]
+gait.switching_velocity = [0.3, 0.7, -1.0]
+"""
+"""Nine runs, of which 1, 4, 7 can walk; the formula refuses a speed of 0.3, the bounds one of -1."""
+PASS = {"outcome": "completed", "verdict": "pass", "failed": "", "steps_completed": 3, "foot_length": 0.26}
+FELL = {"outcome": "fell", "verdict": "not_measured"}
+CRASH = {"outcome": "crashed", "reason": "ValueError", "cause": "a bug"}
+REFUSAL = BodilyRefusal("a", reason="leg_too_short", value=1.0, limit=1.0, unit="m", way_out="bend it")
+COST = ["worker", "memory_peak", *(c.name for c in columns() if c.name.startswith("timing_"))]
+
+ENDS: dict[int, Any] = {}
+"""What walking a run gives or raises; other runs pass."""
+WALKED: list[int] = []
+"""Runs that were walked, kept ones with a minus."""
+
+
+def pretend(**options):
+    number = int(options["request"].name)
+    WALKED.append(number)
+    end = ENDS.get(number, {})
+    if isinstance(end, BaseException):
+        raise end
+    return PASS | end
+
+
+def pretend_to_keep(folder, **options):
+    number = int(options["request"].name)
+    WALKED.append(-number)
+    if ENDS.get(-number):
+        raise ENDS[-number]
+    (run.Path(folder)).mkdir(parents=True)
+    (run.Path(folder) / "report.html").touch()
+    return {"outcome": "kept"}
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    """``ampm sweep`` of :data:`SWEEP` in this process, without physics and pictures; returns its status."""
+    monkeypatch.setattr(run, "walk_run", pretend)
+    monkeypatch.setattr(run, "keep_run", pretend_to_keep)
+    monkeypatch.setattr(report, "write_sweep_report", lambda folder: (folder / "report.html").touch())
+    ENDS.clear()
+
+    def sweep(*options, text=SWEEP):
+        WALKED.clear()
+        (tmp_path / "sweep.toml").write_text(text, encoding="utf-8")
+        words = [str(tmp_path / "sweep.toml"), "--out", str(tmp_path / "out"), "--workers", "0"]
+        return call(["sweep", *words, *options])
+
+    return sweep
+
+
+@pytest.fixture
+def out(tmp_path):
+    return tmp_path / "out"
+
+
+def results(folder) -> pa.Table:
+    """Table of a sweep without its cost, which is another in every call."""
+    return read_sweep(folder).table.drop_columns(COST)
+
+
+# ------------------------------------------------------------------------------------- rows and table
+
+
+def test_rows_become_a_table_and_refusals_need_no_walk(command, out, capsys):
+    ENDS[4] = {"metric_zmp_x_rmse": 0.1 + 0.2, "gait.a_s": 1.5, "failed": ""}  # a value that was found
+    assert command("--json") == 0
+    assert WALKED == [1, 4, 7]
+    said = json.loads(capsys.readouterr().out)
+    assert said["states"] == {"pass": 3, "refused": 6}
+    assert said["refusals"] == {"switching_velocity_too_low": 3, "bad_parameter": 3}
+    assert said["directory"] == str(out)
+    assert json.loads((out / "sweep.json").read_text())["runs"] == 9
+    table = read_sweep(out).table
+    kinds = {"real": pa.float64(), "whole": pa.int64(), "text": pa.string()}
+    assert [(field.name, field.type) for field in table.schema] == [
+        (c.name, kinds[c.kind]) for c in columns()
+    ]
+    rows = table.to_pylist()
+    assert [row["run"] for row in rows] == list(range(9))
+    assert len({row["key"] for row in rows}) == 9
+    assert rows[2]["gait.switching_velocity"] == -1.0
+    assert "gait.switching_velocity = -1 m/s" in rows[2]["cause"]
+    assert rows[0]["metric_zmp_x_rmse"] is None
+    assert rows[4]["metric_zmp_x_rmse"] == 0.1 + 0.2
+    assert [row["gait.a_s"] for row in rows[3:5]] == [2.63, 1.5]
+    memory = val.sweep(parse_sweep(SWEEP), workers=0)  # without a folder
+    assert memory.directory is None
+    assert memory.counts == read_sweep(out).counts
+
+
+def test_rows_of_any_order_are_sorted():
+    definition, numbers = parse_sweep(SWEEP), [3, 0, 8, 1]
+    table = TableWriter(definition)
+    for number in numbers:
+        table.add({"key": key_of(definition, number), "outcome": "fell", "verdict": "not_measured"})
+    sweep = wrap_table(table.finish(), None, "x")
+    assert sweep.words("name") == ["0", "1", "3", "8"]
+    assert (len(sweep), sweep.planned) == (4, 9)
+
+
+def test_every_parameter_and_metric_has_its_column_with_unit_and_meaning():
+    units = {item.name: item.unit for item in columns()}
+    assert len(units) == len(columns())
+    assert parameter_values(RunParameters()).keys() <= units.keys()
+    for item in columns():
+        assert item.words, item.name
+        assert bool(item.unit) == (item.kind in ("real", "whole")), item.name
+    sweep = wrap_table(make_table(2), None, "x")
+    assert (sweep.unit("gait.step_length"), sweep.unit("outcome")) == ("m", "1")
+    assert sweep.metadata["tolerances"]["zmp_x_rmse"]["unit"] == "foot length"
+
+
+def test_the_key_of_a_run_is_of_what_is_not_at_its_default():
+    base = RunParameters()
+    changed = (base, base.replace({"gait.steps": 31}), base.replace({"gait.c_s": 1.0 + 2.3e-16}))
+    keys = [run_key(parameter_values(item)) for item in changed]
+    assert len(set(keys)) == 3
+    assert [run_key({}), run_key({"gait.steps": 31})] == keys[:2]
+
+
+# -------------------------------------------------------------------------------------------- resume
+
+
+def test_resume_walks_what_is_missing_and_gives_the_same_table(command, out):
+    ENDS[4] = FELL | {"metric_zmp_x_rmse": 0.1}
+    assert command() == 3
+    whole = results(out)
+    lines = (out / ROWS).read_text().splitlines(keepends=True)
+    (out / ROWS).write_text("".join(lines[:4]) + lines[4][:20])  # killed while it wrote the row of run 4
+    assert command("--resume") == 3
+    assert WALKED == [4, 7]
+    assert results(out).equals(whole)
+    assert command("--resume") == 3
+    assert WALKED == []
+
+
+def test_an_interrupted_sweep_can_be_read_and_goes_on(command, out, capsys, monkeypatch):
+    ENDS[4] = KeyboardInterrupt()
+    assert command() == 130
+    assert "--resume" in capsys.readouterr().err.splitlines()[-1]
+    ongoing = read_sweep(out)
+    assert not ongoing.complete
+    assert (len(ongoing), ongoing.planned) == (4, 9)
+    monkeypatch.undo()
+    assert call(["report", str(out)]) == 0
+    assert "5 of 9 runs are missing" in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_walk_that_ctrl_c_ends_in_this_process_is_no_row(monkeypatch):
+    class Interrupted:
+        class record:
+            class outcome:
+                name = "interrupted"
+
+    monkeypatch.setattr(run, "walk", lambda **_: Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run.walk_run(request=None)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "walked"),
+    [
+        ("[[vary]]", "[set]\nbody.mass = 66.0\n[[vary]]", [1, 4, 7]),
+        ("steps = 3", 'steps = 3\nprofile = "wide"', [1, 4, 7]),
+        ("steps = 3", 'steps = 3\npush = ["chest,20,0,0,0.5,0.1"]', [1, 4, 7]),
+        ("0.8]", "0.9]", [7]),
+        ("steps = 3", "steps = 3\nwall_clock = 9.0", []),
+    ],
+)
+def test_a_changed_definition_walks_what_it_changes(command, out, old, new, walked):
+    assert command() == 0
+    assert command("--resume", text=SWEEP.replace(old, new)) == 0
+    assert walked == WALKED
+    assert load_sweep(out / "sweep.toml").keys == read_sweep(out).varied
+    (out / "results.parquet").unlink()
+    assert len(read_sweep(out)) == 9  # rows of the other definition do not count
+
+
+def test_a_changed_source_of_a_controller_walks_again(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = SWEEP.replace("[[vary]]", '[set]\ncontroller.name = "own_source:Limp"\n[[vary]]')
+    for source, walked in (
+        ("class Limp: ...", [1, 4, 7]),
+        ("class Limp: ...", []),
+        ("class Limp: a = 1", [1, 4, 7]),
+    ):
+        (tmp_path / "own_source.py").write_text(source, encoding="utf-8")
+        sys.modules.pop("own_source", None)
+        assert command("--resume", text=text) == 0
+        assert walked == WALKED
+    assert "--set controller.name=own_source:Limp" in repeat_command(read_sweep(tmp_path / "out"))[0]
+
+
+@pytest.mark.parametrize(
+    ("error", "reason", "again"),
+    [
+        (MemoryError(), "MemoryError", True),
+        (OSError(errno.EMFILE, "Too many open files"), "EMFILE", True),
+        (OSError(errno.ENOENT, "no"), "FileNotFoundError", False),
+        (ValueError("at 0x12ab in /home/x/y.py b\udcff"), "ValueError", False),
+    ],
+)
+def test_only_faults_of_the_machine_are_walked_again(command, out, error, reason, again):
+    ENDS[4] = error
+    assert command() == 4
+    row = read_sweep(out).table.to_pylist()[4]
+    assert (row["outcome"], row["reason"]) == ("crashed", reason)
+    assert reason != "ValueError" or row["cause"] == r"at 0x... in y.py b\udcff"
+    assert "Traceback" in row["traceback"]
+    assert command("--resume") == 4
+    assert [4] * again == WALKED
+
+
+def test_a_folder_in_use_keeps_its_definition(command, out, capsys):
+    assert command() == 0
+    writing = RowFile(out)
+    assert command("--resume", text=SWEEP.replace("0.8]", "0.9]")) == 2
+    assert "another program" in capsys.readouterr().err
+    writing.close()
+    assert load_sweep(out / "sweep.toml").vary == parse_sweep(SWEEP).vary
+    assert read_sweep(out).complete
+
+
+# -------------------------------------------------------------------------------------- kept recordings
+
+
+@pytest.mark.parametrize(
+    ("recordings", "kept"), [('"failures"', [4]), ('"worst"\nworst = 2', [4, 7]), ('"none"', [])]
+)
+def test_the_worst_runs_are_kept(command, out, recordings, kept):
+    ENDS.update({1: {"metric_zmp_x_rmse": 1e-3}, 4: FELL, 7: {"metric_zmp_x_rmse": 2e-3}})
+    text = SWEEP.replace('"none"', recordings)
+    assert command(text=text) == 3
+    assert [1, 4, 7, *(-number for number in kept)] == WALKED
+    sweep = read_sweep(out)
+    assert sweep.words("recording") == [f"recordings/{n}" if n in kept else "" for n in range(9)]
+    assert sweep.worst[:3] == [4, 7, 1]
+    assert command("--resume", text=text) == 3
+    assert WALKED == []
+
+
+def test_a_recording_that_cannot_be_written_does_not_cost_the_table(command, out, capsys):
+    ENDS.update({4: FELL, -4: ValueError("no picture")})
+    assert command(text=SWEEP.replace('"none"', '"failures"')) == 3
+    assert "was not written (no picture)" in capsys.readouterr().err
+    assert read_sweep(out).words("recording") == [""] * 9
+
+
+# ------------------------------------------------------------------------------- statuses and bad input
+
+
+@pytest.mark.parametrize(
+    ("ends", "status"),
+    [
+        ([{}, {}, {}], 0),
+        ([{}, {"verdict": "fail"}, {}], 1),
+        ([REFUSAL, REFUSAL, REFUSAL], 2),
+        ([{}, FELL, {"verdict": "fail"}], 3),
+        ([CRASH, FELL, {}], 4),
+        ([{}, StudyStopped("a worker cannot load a class", "install it"), {}], 5),
+        ([{}, OSError(errno.ENOSPC, "No space left on device"), {}], 5),
+    ],
+)
+def test_the_status_is_that_of_the_worst_walk(command, capsys, ends, status):
+    ENDS.update(zip((1, 4, 7), ends, strict=True))
+    assert command() == status
+    assert status != 5 or "--resume" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), "exists and is not empty"),
+        (("--resume", "--workers", "-1"), "must not be negative"),
+        (("--resume", "--workers", "2", "--scheduler", "tcp://localhost:1"), "exclude each other"),
+        (("--resume", "--out", "{foreign}"), "holds no study"),
+        (("--out", "{file}"), "is a file"),
+        (("--resume", "--scheduler", "none.json"), "exclude each other"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(command, out, tmp_path, capsys, options, words):
+    for folder, name in ((out, ROWS), (tmp_path / "foreign", "thesis.tex")):
+        folder.mkdir()
+        (folder / name).touch()
+    place = {"foreign": tmp_path / "foreign", "file": tmp_path / "sweep.toml"}
+    assert command(*(item.format(**place) for item in options)) == 2
+    assert words in capsys.readouterr().err
+    assert WALKED == []
+
+
+@pytest.mark.parametrize("address", ["nohost", "foo://host:1", "none.json"])
+def test_a_scheduler_that_cannot_be_is_refused_at_once(tmp_path, address):
+    with pytest.raises(InputError, match=f"no dask scheduler answers at --scheduler {address}"):
+        val.sweep(parse_sweep(SWEEP), tmp_path / "out", scheduler=address)
+
+
+def test_folders_and_files_that_are_no_sweep_are_named(tmp_path):
+    (tmp_path / "x.parquet").write_bytes(b"PAR1 no PAR1")
+    folder = write_sweep(tmp_path / "s", make_table(3, failures=False))
+    for path, words in (
+        (tmp_path / "none", "there is no"),
+        (tmp_path, "holds no sweep"),
+        (tmp_path / "x.parquet", "no Parquet file"),
+    ):
+        with pytest.raises(InputError, match=words):
+            read_sweep(path)
+    (folder / "results.parquet").unlink()
+    with pytest.raises(InputError, match="no result yet"):
+        read_sweep(folder)
+
+
+# ------------------------------------------------------------------------------------------- dry run
+
+
+def test_a_dry_run_counts_refusals_and_times_one_walk(command, capsys, monkeypatch):
+    tried = []
+
+    def walk(request, **_):
+        tried.append(request.name)
+        if len(tried) == 1:
+            raise REFUSAL
+
+    monkeypatch.setattr(run, "walk", walk)
+    assert command("--dry-run", "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["refused"] == {"switching_velocity_too_low": 3, "bad_parameter": 3}
+    assert (said["runs"], said["checked"], said["walking"]) == (9, 9, 3)
+    assert said["wall_clock"] >= said["seconds"] >= 0.0
+    assert len(tried) == 2
+    assert command("--dry-run") == 0
+    said = capsys.readouterr().out
+    assert "gait.switching_velocity = -1 m/s" in said
+    assert "the sweep about" in said
+    assert command("--dry-run", text=SWEEP.replace("0.7, -1.0", "0.2")) == 2
+    assert "nothing would walk" in capsys.readouterr().out
+
+
+# --------------------------------------------------------------------------------------- real walks
+
+OWN = """
+import numpy as np
+from ampm.walk import ControlOutput
+from validation.judge.metrics import Metric
+
+class Own:
+    def __init__(self, robot, run):
+        self.torque = np.zeros(robot.nu)
+
+    def update(self, state, touch, reference):
+        return ControlOutput(self.torque)
+
+HIGHEST = Metric(
+    "highest", "m", "COM, highest", "largest height of the COM", "walk",
+    lambda walk: float(walk.measured.com[:, 2].max()), {"default": 2.0}, reason="No body is that tall.",
+)
+"""
+REAL = """
+[sweep]
+gait = "flat"
+steps = 2
+recordings = "worst"
+worst = 1
+push = ["chest,5,0,0,0.5,0.1"]
+
+[[vary]]
+method = "grid"
+controller.name = ["ampm", "own_walk:Own"]
+contact.friction = [0.7, 0.8]
+"""
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """Controller and metric in a module of the current folder; definition of a sweep with both."""
+    (tmp_path / "own_walk.py").write_text(OWN, encoding="utf-8")
+    (tmp_path / "own.toml").write_text(REAL, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    metric = val.register(importlib.import_module("own_walk").HIGHEST)
+    yield metric
+    val.unregister(metric.name)
+    del sys.modules["own_walk"]
+
+
+def same_walks(one: SweepTable, two: SweepTable) -> bool:
+    """Whether two sweeps have the same rows but for their cost."""
+    return one.table.drop_columns(COST).equals(two.table.drop_columns(COST))
+
+
+def test_own_controller_and_metric_reach_worker_processes(own, tmp_path, capsys):
+    found = val.sweep("own.toml", tmp_path / "two", workers=2)
+    assert found.words("outcome") == ["completed", "completed", "fell", "fell"]
+    assert min(found.numbers("metric_highest")) > 0.8
+    assert {"0", "1"} >= set(found.distinct("worker")) != set()
+    (kept,) = filter(None, found.words("recording"))
+    summary = json.loads((tmp_path / "two" / kept / "summary.json").read_text(encoding="utf-8"))
+    assert summary["controller"] == "own_walk:Own"
+    assert "force=(5.0, 0.0, 0.0)" in summary["disturbances"][0]
+    row = found.table.to_pylist()[found.words("recording").index(kept)]
+    assert summary["metrics"]["highest"]["value"] == row["metric_highest"]
+    assert own.label in (tmp_path / "two" / "report.html").read_text(encoding="utf-8")
+    shutil.copytree(tmp_path / "two", tmp_path / "one")
+    lines = (tmp_path / "one" / ROWS).read_text().splitlines(keepends=True)
+    (tmp_path / "one" / ROWS).write_text("".join(lines[:2]))
+    assert same_walks(val.sweep("own.toml", tmp_path / "one", workers=0, resume=True), found)
+    assert call(["compare", str(tmp_path / "two"), str(tmp_path / "one"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["metrics"]["highest"]["worse"] == 0
