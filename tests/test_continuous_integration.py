@@ -218,5 +218,5 @@ def test_the_job_fails_on_a_regression(workspace, base, head, failed, said):
     assert [name for name, status in statuses.items() if status] == failed
     assert summary.startswith(said)
     assert bool(summary) == bool(said)
-    assert (workspace / "sweeps" / "diff.html").is_file() == bool(said)
+    assert (workspace / "sweeps" / "both" / "report.html").is_file() == bool(said)
     assert ("Compare" in statuses) == bool(said)
