@@ -19,7 +19,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help validate test test-all lint types docs bench install clean
+.PHONY: help validate test test-all check lint types docs bench install clean
 
 help:  ## List the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## */  make \1\t/' | expand -t 18
@@ -27,11 +27,14 @@ help:  ## List the targets
 validate: $(INSTALLED)  ## Plan, walk and judge normal and momentum (GAITS=... ARGS=... to change it)
 	@$(BIN)/ampm validate $(GAITS) $(ARGS)
 
-test: $(INSTALLED_TEST) lint types docs  ## Lint, types, documentation, and every test that is not marked slow
+test: check  ## Lint, types, documentation, and every test that is not marked slow
 	@$(BIN)/pytest -n $(JOBS) $(ARGS)
 
-test-all: $(INSTALLED_TEST) lint types docs  ## The same with every test, those marked slow included
+test-all: check  ## The same with every test, those marked slow included
 	@$(BIN)/pytest -n $(JOBS) -m '' $(ARGS)
+
+check: $(INSTALLED_TEST)
+	@$(MAKE) --no-print-directory --output-sync -j $(JOBS) lint types docs
 
 lint: $(INSTALLED_TEST)  ## ruff: rules and formatting
 	@$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""Pages that mkdocs makes: the front page from README.md, and the API reference from the docstrings."""
+"""Pages that mkdocs makes: the front page from README.md, and the API reference."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from typing import Any
 
 from mkdocs.structure.files import File, Files
 
+import ampm
+import validation
+
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("ampm", "models", "validation")
 ROLE = re.compile(r":(?:class|func|meth|mod|data|attr|exc):<code>~?(?:[\w.]*\.)?(\w+)</code>")
 
 
@@ -18,14 +20,20 @@ def on_files(files: Files, config: Any) -> Files:
     front = ROOT.joinpath("README.md").read_text(encoding="utf-8")
     front = re.sub(r"\[([^\]]+)\]\((?:LICENSE|CITATION\.cff)\)", r"\1", front.replace("](docs/", "]("))
     files.append(File.generated(config, "index.md", content=front))
-    for package in PACKAGES:
-        parts = [f"# API: `{package}`\n"]
-        for path in sorted((ROOT / package).rglob("*.py")):
-            name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-            if not name.endswith("__main__"):
-                parts.append(f"::: {name}\n")
-        files.append(File.generated(config, f"api-{package}.md", content="\n".join(parts)))
+    files.append(File.generated(config, "api.md", content=_reference()))
     return files
+
+
+def _reference() -> str:
+    """Page of the public names: those of ``import ampm`` and ``import validation as val``."""
+    parts = ["# Python API\n"]
+    for package in (ampm, validation):
+        parts.append(f"## `import {package.__name__}`\n")
+        for name in package.__all__:
+            value = getattr(package, name)
+            if callable(value):
+                parts.append(f"::: {value.__module__}.{value.__qualname__}\n")
+    return "\n".join(parts)
 
 
 def on_page_content(html: str, **_: Any) -> str:
