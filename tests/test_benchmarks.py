@@ -30,6 +30,7 @@ def result() -> BenchmarkResult:
     return run_benchmarks("normal", (), steps=STEPS, walks=1, solvers=SOLVERS, progress=Progress())
 
 
+@pytest.mark.slow
 def test_everything_is_measured(result):
     assert result.environment["processor"]
     # Nothing else is noted in a heading: the walks complete, every QP is solved, the clocks change no bit.
@@ -52,6 +53,7 @@ def test_everything_is_measured(result):
     assert min(cost["memory peak"].median, result.memory_peak or 0.0) > 50.0
 
 
+@pytest.mark.slow
 def test_the_table_shows_every_line(result, capsys, tmp_path):
     print_tables([table.table(result)])
     shown = capsys.readouterr().out
@@ -68,6 +70,7 @@ def test_the_table_shows_every_line(result, capsys, tmp_path):
     assert text.splitlines()[0] == table.DOCUMENT.read_text(encoding="utf-8").splitlines()[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("to", ["file", "stdout"])
 def test_the_command_line_writes_json(result, tmp_path, monkeypatch, capsys, to):
     asked: dict[str, object] = {}
@@ -154,6 +157,7 @@ def test_durations_have_a_unit_that_suits_them(seconds, text):
     assert format_duration(seconds) == text
 
 
+@pytest.mark.slow
 def test_scaling_is_measured_written_and_drawn(monkeypatch, tmp_path, capsys):
     small = scaling.Sizes((1,), hinges=(0, 6), points=(6, 12), rates=(500,), workers=(1,), runs=1)
     monkeypatch.setattr(scaling, "Sizes", lambda: small)

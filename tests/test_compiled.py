@@ -49,6 +49,7 @@ def run(code: str, cache: Path, *arguments: str, **environment: str) -> tuple[st
     return answer.stdout, answer.stderr
 
 
+@pytest.mark.slow
 def test_the_first_process_compiles_and_reports_it_once(tmp_path):
     first, second = (run(CROSS, tmp_path)[1] for _ in range(2))
     assert first.count("Compiling") == 1
@@ -56,6 +57,7 @@ def test_the_first_process_compiles_and_reports_it_once(tmp_path):
     assert "Compiling" not in run(CROSS, tmp_path / "none", NUMBA_DISABLE_JIT="1")[1]
 
 
+@pytest.mark.slow
 def test_compiling_is_no_part_of_a_stage(tmp_path):
     code = """
 import ampm, numba
@@ -69,6 +71,7 @@ print(seconds["walk"])
     assert float(run(code, tmp_path)[0]) < 0.05
 
 
+@pytest.mark.slow
 def test_plain_python_gives_the_same_torques(tmp_path):
     """Of a body that is put down: inverse kinematics, control ticks and their record."""
     for name, plain in (("compiled", "0"), ("plain", "1")):
@@ -103,6 +106,7 @@ def test_other_sources_are_compiled_anew(tmp_path, monkeypatch):
     assert compiled.folder.__wrapped__() != now
 
 
+@pytest.mark.slow
 def test_a_walk_has_the_same_bits_in_another_process(tmp_path):
     """Plan, body, periodic motion, walk and metrics."""
     here, again = (run(WALK, tmp_path, NUMBA_CACHE_DIR=str(compiled.folder().parent))[0] for _ in range(2))

@@ -23,6 +23,7 @@ def swing(folder, source, axis="x"):
     return float(np.ptp(values[len(values) // 3 :]))
 
 
+@pytest.mark.slow
 def test_e12_angular_momentum_falls_with_c_y_in_physics(run_of):
     most, least = run_of("roll-0.1", steps=5), run_of("roll-0.7", steps=5)
     assert swing(most, "measured") > 3.0 * swing(least, "measured") > 3.0

@@ -53,7 +53,17 @@ WITH_PYTHON = [page for page in PAGES if any(language == "python" for language, 
 WITH_COMMANDS = [page for page in PAGES if commands(page)]
 
 
-@pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.stem)
+LONG = ("footsteps", "sweeps", "measurement", "architecture")
+"""Pages whose Python takes more than five seconds; README's runs always."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.slow] if page.stem in LONG else [], id=page.stem)
+        for page in WITH_PYTHON
+    ],
+)
 def test_python_runs(page, tmp_path):
     write_files(page, tmp_path)
     script = "\n".join(

@@ -115,6 +115,7 @@ def test_episodes_begin_on_the_plan_at_instants_that_the_seed_fixes():
     assert starts(5) == starts(5) != starts(6)
 
 
+@pytest.mark.slow
 def test_the_body_can_be_another():
     assert load(body={"mass": 70.0}).task.robot.mass == pytest.approx(70.0)
     env = environment.load(body="suite-humanoid", seed=2, **COARSE)  # with a gait of its own

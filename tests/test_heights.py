@@ -200,6 +200,7 @@ right,0.8,-0.1,0,0.05,
 """
 
 
+@pytest.mark.slow
 def test_heights_of_a_file_are_kept_and_replayed(tmp_path, ampm):
     path, out = tmp_path / "walk.csv", tmp_path / "run"
     path.write_text(FILE, encoding="utf-8")

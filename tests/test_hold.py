@@ -120,6 +120,7 @@ def test_between_ticks_a_slope_halves_the_error():
     np.testing.assert_array_equal(one[0], one[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gait", "largest"), [("normal", 0.01), ("momentum", 0.002)])
 def test_half_the_step_changes_errors_by_a_tenth_and_the_largest_by_its_instants_alone(gait, largest):
     """Errors grow until the next tick, so the finer step, whose last instant is later, finds larger ones."""

@@ -52,6 +52,7 @@ def test_the_distribution_registers_the_plugin():
     assert project["entry-points"]["pytest11"] == {"ampm": "validation.pytest_plugin"}
 
 
+@pytest.mark.slow
 def test_the_example_gates_its_controller(run, pytester):
     for name in ("controller.py", "test_controller.py"):
         shutil.copy(EXAMPLE / name, pytester.path)
@@ -78,6 +79,7 @@ def test_the_example_gates_its_controller(run, pytester):
     assert json.loads(path.read_text(encoding="utf-8")) == baseline  # untouched without --ampm-update
 
 
+@pytest.mark.slow
 def test_equal_inputs_are_walked_once_by_all_workers(run, pytester):
     pytester.makepyfile(
         FILE

@@ -63,6 +63,7 @@ for write in (write_recording, write_report):
 """
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_an_error_that_leaves_the_earlier_file(run_dir):
     words = [sys.executable, "-c", FULL, str(run_dir)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=120)

@@ -122,6 +122,7 @@ def test_the_same_run_has_the_same_bits(walked, tmp_path):
     assert one.equals(two)
 
 
+@pytest.mark.slow
 def test_several_gaits_get_a_folder_each(tmp_path, capsys):
     out = tmp_path / "both"
     status = call(["validate", "normal", "flat", "--steps", "2", "--out", str(out), "--json"])
@@ -168,7 +169,14 @@ main()
 """
 
 
-@pytest.mark.parametrize("when", ["walk", "measurement", "recording"])
+@pytest.mark.parametrize(
+    "when",
+    [
+        "walk",
+        pytest.param("measurement", marks=pytest.mark.slow),
+        pytest.param("recording", marks=pytest.mark.slow),
+    ],
+)
 def test_ctrl_c_keeps_what_was_walked_and_measured(when, tmp_path):
     """Also where the exception is lost in a callback."""
     out = tmp_path / "run"

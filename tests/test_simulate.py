@@ -361,6 +361,7 @@ def missing_for_a_tick(table):
     return spoilt
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", BACKENDS)
 def test_our_own_tick_is_that_of_update(monkeypatch, solver):
     """Also across tables, where there is no QP, or no solution, and where its answer breaks a limit."""

@@ -423,6 +423,7 @@ def same_walks(one: SweepTable, two: SweepTable) -> bool:
     return one.table.drop_columns(COST).equals(two.table.drop_columns(COST))
 
 
+@pytest.mark.slow
 def test_own_controller_and_metric_reach_worker_processes(own, tmp_path, capsys):
     found = val.sweep("own.toml", tmp_path / "two", workers=2)
     assert found.words("outcome") == ["completed", "completed", "fell", "fell"]

@@ -94,6 +94,7 @@ def test_specifications_draw_every_run_and_link_the_kept_ones(folder):
     assert "gait.c_s" in parallel
 
 
+@pytest.mark.slow
 def test_many_runs_make_no_larger_page(undrawn):
     large = render(sweep_of(make_table(5000)))
     assert len(large.encode()) < 800_000  # and 0.9 MB of Vega

@@ -109,6 +109,7 @@ def test_steps_longer_than_the_gaits_are_walked(source: str) -> None:
     assert_follows(val.walk(run, footsteps=footsteps), 1e-3)
 
 
+@pytest.mark.slow
 def test_the_suite_humanoid_walks_ahead_and_aside_with_angular_momentum() -> None:
     run = gait_of("suite-humanoid").replace({"gait.c_y": 0.6})
     for footsteps in (routes.straight(3, 0.246, 0.2), routes.sidestep(4, 0.06, 0.2)):
