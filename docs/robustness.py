@@ -52,7 +52,7 @@ def write_keys() -> None:
 
 
 def with_tables(page: str, studies: Studies) -> str:
-    """The page with the tables of both stabilisers; segments are in the file only."""
+    """The page with the tables of both stabilisers."""
     fixed, stepping = (studies[name][0].pushes_table() for name in STABILIZERS)
     pushes = [
         (*one[:2], *(f"{a.partition(' of ')[0]}, {b}" for a, b in zip(one[2:], other[2:], strict=True)))
@@ -62,7 +62,6 @@ def with_tables(page: str, studies: Studies) -> str:
     others = [
         (*one.cells()[:4], *other.cells()[2:4])
         for one, other in zip(*(studies[name][1].others for name in STABILIZERS), strict=True)
-        if not one.cell.fixed
     ]
     return replace_between(page, "others", Table("", OTHER, others).markdown())
 
@@ -78,7 +77,7 @@ def write(studies: Studies) -> None:
         table.writerow(("stabilizer", *names))
         for name, (pushes, others) in studies.items():
             for item in (*pushes.pushes, *others.others):
-                values = item.cell.name, item.unit, item.survived, item.within, item.bound, *item.zmp
+                values = item.cell.name, item.cell.unit, item.survived, item.within, item.bound, *item.zmp
                 table.writerow((name, *values, item.cause))
 
 

@@ -11,7 +11,7 @@ from ampm.run_file import load_run
 from validation.cli.app import Status
 from validation.study import tour as tours
 from validation.study.row_file import ROWS
-from validation.study.tour import RestlessArms, Tours, plan_tour, punches, targets, tour, walk_tour
+from validation.study.tour import Tours, plan_tour, punches, targets, tour, walk_tour
 from validation.trial.plan import Request
 
 RUN = load_run("normal", simulation={"time_step": 0.002})
@@ -58,25 +58,8 @@ def test_punches_are_those_of_the_protocol():
     assert weaker == pytest.approx(0.5 * np.array([push.force for push in every[3]]))
 
 
-def test_arms_that_move_at_random_move_continuously_and_within_their_ranges():
-    walk = planned(1)
-    plan, robot = walk.plan, walk.body.robot
-    arms = RestlessArms(plan.posture, robot, 0, plan.duration)
-    times = np.arange(0.0, plan.duration, 1e-3)
-    state, still = arms.sample(times), plan.posture.sample(times)
-    moved = np.flatnonzero(np.abs(state.q - still.q).max(axis=0) > 0.1)
-    joints = [robot.joint_names[k - 7] for k in moved]
-    assert set(joints) <= {*robot.description.left_arm, *robot.description.right_arm}
-    assert len(joints) > 4
-    assert (state.q[0] == still.q[0]).all()
-    angle, rate, acceleration = state.q[1:, moved], state.v[1:, moved - 1], state.acceleration[1:, moved - 1]
-    assert np.abs(np.gradient(angle, 1e-3, axis=0) - rate)[1:-1].max() < 1e-4
-    assert np.abs(np.gradient(rate, 1e-3, axis=0) - acceleration)[1:-1].max() < 0.02
-    assert ((angle >= robot.lower[moved - 7]) & (angle <= robot.upper[moved - 7])).all()
-
-
-def test_a_short_tour_with_moving_arms_is_walked_to_its_targets():
-    found = walk_tour(0, Request("normal", RUN), 1, 0.0, arms=True)
+def test_a_short_tour_is_walked_to_its_targets():
+    found = walk_tour(0, Request("normal", RUN), 1, 0.0)
     assert (found["outcome"], found["reached"], found["cause"]) == ("completed", 1, "")
     assert found["time"] == pytest.approx(found["planned"], abs=0.01)
     assert found["error"] < 2e-3
@@ -110,8 +93,8 @@ def walked(seed, **_):
 
 def test_the_table_has_shares_and_means():
     rows = tuple({"key": f"seed {seed}", **walked(seed)} for seed in range(8))
-    table = Tours("normal", "human", "ampm", "fixed", 1.0, True, rows).table()
-    assert table.title == "Tour of normal, body human, controller ampm (fixed), arms at random"
+    table = Tours("normal", "human", "ampm", "fixed", 1.0, rows).table()
+    assert table.title == "Tour of normal, body human, controller ampm (fixed)"
     assert dict(zip(table.headers, table.rows[0], strict=True)) == {
         "force": "1",
         "completed": "6 of 8",

@@ -94,9 +94,6 @@ def tour(
     ] = 1.0,
     seeds: Annotated[int, option("--seeds", "Tours, of the seeds 0, 1, ...", "N")] = 100,
     targets: Annotated[int, option("--targets", "Targets of a tour.", "N")] = 18,
-    arms: Annotated[
-        bool, option("--arms", "The arms move at random; the controller knows where they go.")
-    ] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
     out: Annotated[Path | None, option("--out", "Write tour.json and every tour.", "DIR")] = None,
@@ -117,7 +114,6 @@ def tour(
         share=punches,
         seeds=seeds,
         count=targets,
-        arms=arms,
         workers=workers,
         scheduler=scheduler,
         out=out,

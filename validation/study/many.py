@@ -187,7 +187,7 @@ def walk_many(
                     break
             if not ready:
                 return
-            with open_pool(workers, scheduler, limit, progress.say) as pool:
+            with open_pool(workers, scheduler, limit) as pool:
                 flying: dict[str, tuple[Search, Task]] = {}
                 while True:
                     while len(flying) < pool.size():

@@ -10,17 +10,19 @@ import logging
 import math
 import os
 import queue
-import re
 import signal
+import sys
+import sysconfig
 import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 from uuid import uuid4
 
 import cloudpickle
@@ -32,7 +34,6 @@ from validation.store.identity import code_hash
 from validation.store.machine import THREAD_VARIABLES, cores, hidden_main, set_variables
 from validation.study.exceptions import StudyStopped
 from validation.study.row_file import UNFINISHED, Row
-from validation.study.users_modules import send_by_value
 from validation.trial.users import UsersError
 
 STARTED = "ampm-run-started"
@@ -65,20 +66,7 @@ ONE_THREAD = {
 _one_at_a_time = threading.Lock()  # a worker with several threads still walks one run after the other
 
 Done = tuple[str, Row]
-"""Name of a run, as :meth:`Pool.send` gave it, and its columns."""
-
-
-class Pool(Protocol):
-    """Where runs are walked."""
-
-    def size(self) -> int:
-        """Workers at present."""
-
-    def send(self, work: Callable[..., Row], options: Mapping[str, Any]) -> str:
-        """Have a run walked; returns its name."""
-
-    def wait(self) -> Iterator[Done]:
-        """Runs that have ended; none after a while."""
+"""Name of a run, as ``send`` gave it, and its columns."""
 
 
 # ------------------------------------------------------------------------------------------- on a worker
@@ -175,18 +163,13 @@ def _machine_fault(error: BaseException | None) -> str | None:
     return None
 
 
-_ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
-_PATH = re.compile(r"(?<![\w.])(?:/[^\s/'\":,]+)+/([^\s/'\":,]+)")
-
-
 def one_line(error: BaseException) -> str:
-    """An error's text without addresses and folders, which differ between processes."""
+    """An error's text, or its type if it has none."""
     try:
-        text = " ".join(str(error).split())
+        text = " ".join(str(error).split()).encode("utf-8", "backslashreplace").decode()
     except Exception:
-        return f"{type(error).__name__}, whose text cannot be read"
-    text = _PATH.sub(r"\1", _ADDRESS.sub("0x...", text)).encode("utf-8", "backslashreplace").decode()
-    return text if len(text) <= 400 else f"{text[:397]}..."
+        text = ""
+    return text[:400] or type(error).__name__
 
 
 # ------------------------------------------------------------------------------------------- in the client
@@ -194,15 +177,14 @@ def one_line(error: BaseException) -> str:
 
 @contextmanager
 def open_pool(
-    workers: int | None, scheduler: str | None, limit: float | None, say: Callable[[str], None]
-) -> Iterator[Pool]:
+    workers: int | None, scheduler: str | None, limit: float | None
+) -> "Iterator[_ThisProcess | _Workers]":
     """Workers of this machine, of a scheduler, or this very process.
 
     Args:
         workers: processes, None for one a core, 0 for this very process.
         scheduler: address of a dask scheduler, or its scheduler file.
         limit: wall-clock time of a run [s].
-        say: called with warnings.
 
     Raises:
         InputError: nothing answers at that address.
@@ -216,15 +198,34 @@ def open_pool(
 
     _silence()
     with dask.config.set(_SETTINGS):
-        clients = _local(workers or cores()) if scheduler is None else _remote(scheduler, say)
+        clients = _local(workers or cores()) if scheduler is None else _remote(scheduler)
         with clients as client:
             yield _Workers(client, limit, NO_WORKER if scheduler is None else None)
 
 
-def packed(work: Callable[..., Row], options: Mapping[str, Any]) -> bytes:
+def _packed(work: Callable[..., Row], options: Mapping[str, Any]) -> bytes:
     """Work, options and added metrics; modules that workers may not have are sent by value."""
-    send_by_value()
+    _send_by_value(len(sys.modules))
     return bytes(cloudpickle.dumps((work, dict(options), added_metrics())))
+
+
+@cache
+def _send_by_value(loaded: int) -> None:
+    """Have cloudpickle send modules by value that are neither installed nor of this project.
+
+    Otherwise it sends a module's name, which workers started elsewhere cannot import.
+
+    Args:
+        loaded: number of loaded modules; looking at all of them takes 50 ms.
+    """
+    root = os.path.dirname(os.path.realpath(sys.modules["ampm"].__path__[0]))
+    ours = [os.path.join(root, name) + os.sep for name in ("ampm", "models", "validation", "benchmarks")]
+    installed = map(os.path.realpath, {sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()})
+    known = (*ours, *(path + os.sep for path in installed))
+    for name, module in list(sys.modules.items()):
+        file = getattr(module, "__file__", None)
+        if name != "__main__" and file and not os.path.realpath(file).startswith(known):
+            cloudpickle.register_pickle_by_value(module)
 
 
 class _ThisProcess:
@@ -295,7 +296,7 @@ class _Workers:
     def send(self, work: Callable[..., Row], options: Mapping[str, Any]) -> str:
         """Submit a run."""
         name = f"ampm-{uuid4().hex}"
-        data = packed(work, options)
+        data = _packed(work, options)
         future = self._client.submit(call, data, self._limit, code_hash(), key=name, pure=False)
         self._flying[name] = future
         future.add_done_callback(self._done.put)
@@ -382,7 +383,7 @@ def _local(workers: int) -> Iterator[Any]:
 
 
 @contextmanager
-def _remote(address: str, say: Callable[[str], None]) -> Iterator[Any]:
+def _remote(address: str) -> Iterator[Any]:
     """Client of a scheduler that is running already."""
     from distributed import Client  # slow to load
     from distributed.comm import resolve_address
@@ -401,22 +402,7 @@ def _remote(address: str, say: Callable[[str], None]) -> Iterator[Any]:
             "scheduler', or leave the option out to run on this machine."
         ) from None
     with client:
-        with suppress(Exception):  # a worker without ampm, which its first run will report
-            if max(client.run(blas_threads).values(), default=1) > 1:
-                say(
-                    "ampm: a worker has several BLAS threads; walks are slower so, and may differ in their "
-                    "last bits: start workers with OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1."
-                )
         yield client
-
-
-def blas_threads() -> int:
-    """Number of this process's BLAS threads, by the variables that BLAS read when it was loaded."""
-    for name in THREAD_VARIABLES:
-        value = os.environ.get(name, "").partition(",")[0]
-        if value.isdecimal() and int(value):
-            return int(value)
-    return cores()
 
 
 def _silence() -> None:

@@ -36,7 +36,7 @@ class RowFile:
     """
 
     def __init__(self, folder: Path | None) -> None:
-        self._lines: dict[tuple[str, str], int] = {}  # where the last line of a row begins
+        self._lines: dict[tuple[str, str], tuple[int, int]] = {}  # begin and length of a row's last line
         self._synced = 0.0
         if folder is None:
             self._file: Any = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  # closed by close()
@@ -71,29 +71,17 @@ class RowFile:
                 if row.get("reason") in UNFINISHED:
                     self._lines.pop(place, None)
                 else:
-                    self._lines[place] = start
+                    self._lines[place] = start, len(line)
                 start += len(line)
-
-    def __len__(self) -> int:
-        return len(self._lines)
 
     def get(self, key: str, digest: str) -> Row | None:
         """The row of a task, None if it has not finished."""
-        start = self._lines.get((key, digest))
-        if start is None:
+        if (key, digest) not in self._lines:
             return None
+        start, length = self._lines[key, digest]
         self._file.seek(start)
-        row: Row = json.loads(self._line())
+        row: Row = json.loads(self._file.read(length))
         return row
-
-    def _line(self) -> bytes:
-        parts = []
-        while part := self._file.read(65_536):
-            line, end, _ = part.partition(b"\n")
-            parts.append(line)
-            if end:
-                break
-        return b"".join(parts)
 
     def append(self, row: Row) -> None:
         """Add a row. It survives a kill when this returns, and a power cut a second later.
@@ -106,7 +94,7 @@ class RowFile:
         if self._file.write(line) != len(line):
             self._file.truncate(start)
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._file.name))
-        self._lines[row["key"], row["digest"]] = start
+        self._lines[row["key"], row["digest"]] = start, len(line)
         if time.monotonic() - self._synced > _SYNC_EVERY:
             self.sync()
 

@@ -3,29 +3,25 @@
 The protocol is that of a public comparison of policies for the Unitree G1: 18 targets, each uniform in a disc
 of 1 m about the one before, with a random heading; 5 s for each, and in them one punch of 0.08 s on a random
 segment in a random direction, of half to all of a ceiling that rises from a third to all of 500 N within
-60 s. Its arms move at random. Three things differ. Both feet stand at every target. A way takes the time that
-its steps need, and the punches go on to the end. Arms that move at random are moved by the controller, which
-knows where they go; there they belong to nobody.
+60 s. Three things differ. Both feet stand at every target. A way takes the time that its steps need, and the
+punches go on to the end. Arms follow the plan; there they move at random.
 """
 
 import math
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ampm.body.robot import Robot
 from ampm.brief import Brief
 from ampm.exceptions import InputError, RefusedGait
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner import routes
-from ampm.walk import Posture, PostureState
 from validation.judge.margins import energy
 from validation.progress import Progress
 from validation.show.text import number
@@ -50,9 +46,6 @@ LENGTH, ASIDE, TURN, WIDER = 0.7, 0.4, 0.4, 0.12
 feet are wider than the gait's, as a share of its step."""
 SHORTER, TRIES = 0.85, 4
 """Share by which length and turn are tried again where a way is refused, and how often."""
-EVERY, WANDER, MOST = 1.0, 0.3, 0.8
-"""Time between two random angles of an arm's joint [s]; standard deviation of their difference, and largest
-distance from the posture [rad]."""
 RESULT = "tour.json"
 VALUES = ("time", "planned", "reached", "error", "turned", "power")
 """Numbers of a tour, see :func:`walk_tour`."""
@@ -65,7 +58,6 @@ class Tours(Brief):
     Attributes:
         gait, body, controller, stabilizer: their names.
         share: of the protocol's force [1].
-        arms: whether they move at random.
         walks: by seed, see :func:`walk_tour`.
     """
 
@@ -74,7 +66,6 @@ class Tours(Brief):
     controller: str
     stabilizer: str
     share: float
-    arms: bool
     walks: tuple[Row, ...]
 
     @property
@@ -116,10 +107,7 @@ class Tours(Brief):
             "median power [W]": number(float(np.median(power)) if power else None),
             "first sign of most falls": "{} ({})".format(*ends.most_common(1)[0]) if ends else number(None),
         }
-        arms = ", arms at random" if self.arms else ""
-        title = (
-            f"Tour of {self.gait}, body {self.body}, controller {self.controller} ({self.stabilizer}){arms}"
-        )
+        title = f"Tour of {self.gait}, body {self.body}, controller {self.controller} ({self.stabilizer})"
         return Table(title, [*cells], [[*cells.values()]], self.crashes)
 
 
@@ -162,48 +150,6 @@ def punches(seed: int, share: float, segments: Sequence[str], until: float) -> l
     return found
 
 
-class RestlessArms:
-    """A posture whose arms' angles walk at random, with continuous accelerations.
-
-    Args:
-        posture: of all else.
-        robot: whose arms; their ranges are kept.
-        seed: of the tour.
-        until: end of the tour [s].
-    """
-
-    def __init__(self, posture: Posture, robot: Robot, seed: int, until: float) -> None:
-        self._posture, description = posture, robot.description
-        self._rows = np.array(robot.velocity_indices((*description.left_arm, *description.right_arm)))
-        self.angular_momentum_y_offset = posture.angular_momentum_y_offset
-        rest, hinges = posture.sample(np.full(1, until)).q[0, self._rows + 1], self._rows - 6
-        low = np.clip(robot.lower[hinges] - rest, -MOST, 0.0)
-        high = np.clip(robot.upper[hinges] - rest, 0.0, MOST)
-        moves = np.random.default_rng([seed, 2]).normal(
-            0.0, WANDER, (math.ceil(until / EVERY) + 1, len(rest))
-        )
-        nodes = [np.zeros(len(rest))]
-        for move in moves:
-            nodes.append(np.clip(nodes[-1] + move, low, high))
-        self._nodes = np.array(nodes)
-
-    def sample(self, times: ArrayLike) -> PostureState:
-        """States at ``times``, shape (T,) [s]."""
-        state = self._posture.sample(times)
-        at = np.clip(np.atleast_1d(times) / EVERY, 0.0, len(self._nodes) - 1.001)
-        row = at.astype(int)
-        u, way = (at - row)[:, None], self._nodes[row + 1] - self._nodes[row]
-        q, v, a = state.q.copy(), state.v.copy(), state.acceleration.copy()
-        q[:, self._rows + 1] += self._nodes[row] + way * u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
-        v[:, self._rows] += way * 30.0 * u * u * (1.0 - u) ** 2 / EVERY
-        a[:, self._rows] += way * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / EVERY**2
-        return state._replace(q=q, v=v, acceleration=a)
-
-    def report(self) -> dict[str, Any]:
-        """Of the posture."""
-        return self._posture.report()
-
-
 def plan_tour(seed: int, given: Request, count: int, planner: Any = None) -> PlannedWalk:
     """Plan the tour of a seed with the longest steps that the body can walk.
 
@@ -234,8 +180,6 @@ def walk_tour(
     given: Request,
     count: int,
     share: float,
-    *,
-    arms: bool,
     controller: Any = None,
     planner: Any = None,
 ) -> Row:
@@ -246,7 +190,6 @@ def walk_tour(
         given: gait, all values found.
         count: of targets.
         share: of the protocol's force [1].
-        arms: whether they move at random.
         controller: a user's, see :func:`validation.study.walk_options.users_classes`.
         planner: likewise.
 
@@ -264,8 +207,6 @@ def walk_tour(
     hinged = [model.body(int(i)).name for i in dict.fromkeys(model.jnt_bodyid[1:].tolist())]
     plan = planned.plan
     pushes = punches(seed, share, hinged, float(plan.contacts.step_ends[-1]))
-    if arms:
-        plan = replace(plan, posture=RestlessArms(plan.posture, planned.body.robot, seed, plan.duration))
     record = simulate(plan, planned.run, planned.body.model, controller=controller, disturbances=pushes)
     errors = _errors(planned, record, targets(seed, count))
     error, turned = errors.mean(axis=0).tolist() if len(errors) else (math.nan, math.nan)
@@ -308,7 +249,6 @@ def tour(
     seeds: int = 100,
     share: float = 1.0,
     count: int = TARGETS,
-    arms: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
     out: str | Path | None = None,
@@ -323,7 +263,6 @@ def tour(
         seeds: tours, of the seeds 0, 1, ...
         share: of the protocol's force, at least 0 [1].
         count: targets of a tour.
-        arms: whether they move at random.
         workers: processes; None for one a core, 0 for this very process.
         scheduler: address of a dask scheduler that is running already.
         out: folder of every tour and ``tour.json``; None writes nothing.
@@ -340,7 +279,7 @@ def tour(
     folder = study_folder(out, resume=resume)
     request = complete(load_request(run, settings), progress)
     own = request.run
-    options = {"given": request, "count": count, "share": share, "arms": arms, **users_classes(own)}
+    options = {"given": request, "count": count, "share": share, **users_classes(own)}
     tasks = [Task(f"seed {seed}", walk_tour, {"seed": seed, **options}) for seed in range(seeds)]
     label = f"{request.name}: tours"
     rows = walk_many(tasks, folder, workers=workers, scheduler=scheduler, label=label, progress=progress)
@@ -351,7 +290,6 @@ def tour(
         controller=own.controller.name,
         stabilizer=own.controller.stabilizer,
         share=share,
-        arms=arms,
         walks=tuple(walks[task.key] for task in tasks),
     )
     if folder is not None:

@@ -1,9 +1,8 @@
 """What is tried: cells of one kind of disturbance, each with rising values."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from ampm.exceptions import InputError
 from ampm.planner.capture import DIRECTIONS, PUSH_PHASES, Direction, PushPhase
@@ -41,14 +40,12 @@ class Cell:
         key: that it sets, ``pushes`` for a push.
         values: tried in this order until one is not survived, in the key's unit; of a push its velocity
             change [m/s].
-        fixed: further keys and values.
         direction, phase, height: of a push.
     """
 
     name: str
     key: str
     values: tuple[float, ...]
-    fixed: Mapping[str, Any] = field(default_factory=dict)
     direction: Direction = "forward"
     phase: PushPhase = "mid"
     height: str = "com"
@@ -78,7 +75,7 @@ def push_cells(quick: bool = False) -> tuple[Cell, ...]:
                 step = _GRID[direction] * (2.0 if quick else 1.0)
                 values = tuple(round(step * n, 6) for n in range(1, round(_MOST / step) + 1))
                 name = f"{height} {phase} {direction}"
-                cells.append(Cell(name, PUSHES, values, {}, direction, phase, height))
+                cells.append(Cell(name, PUSHES, values, direction, phase, height))
     return tuple(cells)
 
 
@@ -107,27 +104,13 @@ _LADDERS: tuple[tuple[str, str, tuple[float, ...]], ...] = (
     ("all heavier", "mass_change", (0.05, 0.1, 0.2)),
     ("all lighter", "mass_change", (-0.05, -0.1, -0.2)),
 )
-_MASSES = (0.05, 0.1, 0.2)
 
 
-def other_cells(segments: Sequence[str] = (), quick: bool = False) -> tuple[Cell, ...]:
-    """All other disturbances.
-
-    Args:
-        segments: whose masses are changed one by one, with names of the model.
-        quick: every other value, and no segment but the trunk.
-    """
-
-    def taken(values: tuple[float, ...]) -> tuple[float, ...]:
-        return values[1::2] if quick else values
-
-    cells = [Cell(name, f"disturbance.{key}", taken(values)) for name, key, values in _LADDERS]
-    for segment in ("chest",) if quick else segments:
-        for sign, word in ((1.0, "heavier"), (-1.0, "lighter")):
-            values = tuple(sign * value for value in taken(_MASSES))
-            fixed = {"disturbance.mass_segment": segment}
-            cells.append(Cell(f"{segment} {word}", "disturbance.mass_change", values, fixed))
-    return tuple(cells)
+def other_cells(quick: bool = False) -> tuple[Cell, ...]:
+    """All other disturbances; ``quick``: every other value."""
+    return tuple(
+        Cell(name, f"disturbance.{key}", values[1::2] if quick else values) for name, key, values in _LADDERS
+    )
 
 
 def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:

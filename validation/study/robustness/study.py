@@ -1,10 +1,9 @@
 """Robustness study of a gait: what it survives with its body and controller."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from itertools import takewhile
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -115,58 +114,11 @@ def _planned(name: str, run: RunParameters) -> PlannedWalk:
 
 
 @dataclass(frozen=True)
-class Level:
-    """What became of one value.
-
-    Attributes:
-        value: of the cell.
-        walked: replicas that survived.
-        passed: of these, those within the profile's tolerances.
-        causes: how the others ended.
-        zmp: largest RMSE of the ZMP along x and y over those that survived [m], NaN if none did.
-    """
-
-    value: float
-    walked: int
-    passed: int
-    causes: tuple[str, ...]
-    zmp: tuple[float, float]
-
-    @classmethod
-    def of(cls, value: float, rows: Sequence[Row]) -> "Level":
-        """From the rows of its replicas, see :func:`walk_replica`."""
-        survived = [row for row in rows if not row["cause"]]
-        x, y = np.fmax.reduce([(math.nan, math.nan), *(row["zmp"] for row in survived)]).tolist()
-        causes = tuple(row["cause"] for row in rows if row["cause"])
-        return cls(value, len(survived), sum(row["passed"] for row in survived), causes, (x, y))
-
-
-def climb(cell: Cell, replicas: int, task: Callable[[Cell, float, int], Task], levels: list[Level]) -> Search:
-    """Walk rising values of a cell up to the first that is not survived, and append a level for each.
-
-    Args:
-        cell: the disturbance.
-        replicas: of each value; the rest of them is not walked once too many have failed.
-        task: makes the walk of a cell, a value and a replica.
-        levels: to append to.
-    """
-    for value in cell.values:
-        rows: list[Row] = []
-        while len(rows) < replicas and sum(bool(row["cause"]) for row in rows) <= replicas - needed(replicas):
-            rows.append((yield task(cell, value, len(rows))))
-        levels.append(Level.of(value, rows))
-        if levels[-1].walked < needed(replicas):
-            return
-
-
-@dataclass(frozen=True)
 class CellResult:
     """What a cell showed.
 
     Attributes:
         cell: the disturbance.
-        unit: of its values.
-        levels: in the order in which they were tried.
         bound: of a push, what legs can capture [m/s]; None for all else.
         survived: largest value survived with all smaller ones; None if there is none.
         within: largest value that kept the tolerances with all smaller ones; None if there is none.
@@ -175,33 +127,11 @@ class CellResult:
     """
 
     cell: Cell
-    unit: str
-    levels: tuple[Level, ...]
-    bound: float | None
-    survived: float | None
-    within: float | None
-    zmp: tuple[float, float]
-    cause: str
-
-    @classmethod
-    def of(
-        cls, cell: Cell, levels: Sequence[Level], replicas: int, bound: float | None = None
-    ) -> "CellResult":
-        """From its levels, of so many replicas each."""
-        least = needed(replicas)
-        survived = list(takewhile(lambda level: level.walked >= least, levels))
-        within = list(takewhile(lambda level: level.passed >= least, levels))
-        failed = levels[len(survived) :]
-        return cls(
-            cell=cell,
-            unit=cell.unit,
-            levels=tuple(levels),
-            bound=bound,
-            survived=survived[-1].value if survived else None,
-            within=within[-1].value if within else None,
-            zmp=survived[-1].zmp if survived else (math.nan, math.nan),
-            cause=failed[0].causes[0] if failed else "",
-        )
+    bound: float | None = None
+    survived: float | None = None
+    within: float | None = None
+    zmp: tuple[float, float] = (math.nan, math.nan)
+    cause: str = ""
 
     @property
     def complete(self) -> bool:
@@ -218,7 +148,7 @@ class CellResult:
     def cells(self) -> tuple[str, ...]:
         """Row of :meth:`Robustness.others_table`."""
         is_angle = self.cell.kind in ("slope_along", "slope_across")
-        unit, scale = ("degrees", 180.0 / math.pi) if is_angle else (self.unit, 1.0)
+        unit, scale = ("degrees", 180.0 / math.pi) if is_angle else (self.cell.unit, 1.0)
 
         def shown(value: float | None) -> str:
             return "none" if value is None else f"{scale * value:.4g}"
@@ -227,6 +157,37 @@ class CellResult:
         more = " (all tried)" if self.complete else ""
         cause = self.cause.partition("; ")[0].partition(" at ")[0]
         return self.cell.name, unit, shown(self.survived) + more, shown(self.within), zmp, cause
+
+
+def climb(
+    start: CellResult,
+    replicas: int,
+    task: Callable[[Cell, float, int], Task],
+    results: MutableMapping[str, CellResult],
+) -> Search:
+    """Walk rising values of a cell up to the first that is not survived, and store the result.
+
+    Args:
+        start: the cell and its bound.
+        replicas: of each value; the rest of them is not walked once too many have failed.
+        task: makes the walk of a cell, a value and a replica.
+        results: where to store, by name of the cell.
+    """
+    cell, least, kept, found = start.cell, needed(replicas), True, start
+    for value in cell.values:
+        rows: list[Row] = []
+        causes: list[str] = []
+        while len(rows) < replicas and len(causes) <= replicas - least:
+            rows.append((yield task(cell, value, len(rows))))
+            causes = [row["cause"] for row in rows if row["cause"]]
+        walked = [row for row in rows if not row["cause"]]
+        if len(walked) < least:
+            found = replace(found, cause=causes[0])
+            break
+        kept = kept and sum(row["passed"] for row in walked) >= least
+        x, y = np.fmax.reduce([row["zmp"] for row in walked]).tolist()
+        found = replace(found, survived=value, within=value if kept else found.within, zmp=(x, y))
+    results[cell.name] = found
 
 
 @dataclass(frozen=True)
@@ -339,21 +300,18 @@ def robustness(
     short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
     planned = plan_walk(short, progress, planner=users.get("planner"))
     task = partial(replica_task, planned=planned, profile=limits.name, users=users)
-    cells = chosen([*push_cells(quick), *other_cells(_segments(planned), quick)], only)
-    levels: Mapping[str, list[Level]] = {cell.name: [] for cell in cells}
-    searches = [climb(cell, replicas, task, levels[cell.name]) for cell in cells]
+    cells = chosen([*push_cells(quick), *other_cells(quick)], only)
+    results: dict[str, CellResult] = {}
+    searches = [climb(start, replicas, task, results) for start in _with_bounds(cells, planned)]
     label = f"{request.name}: robustness"
     rows = walk_many(searches, folder, workers=workers, scheduler=scheduler, label=label, progress=progress)
     crashes = tuple(crash_notes(rows))
-    bounds = _bounds(cells, planned)
     found = Robustness(
         gait=request.title,
         body=planned.run.body.source,
         controller=planned.run.controller.name,
         replicas=replicas,
-        cells=tuple(
-            CellResult.of(cell, levels[cell.name], replicas, bounds.get(cell.name)) for cell in cells
-        ),
+        cells=tuple(results[cell.name] for cell in cells),
         crashes=crashes,
     )
     if folder is not None:
@@ -401,7 +359,7 @@ def disturbance(cell: Cell, value: float, replica: int, planned: PlannedWalk) ->
     """
     apart = {"disturbance.seed": replica, "disturbance.start_velocity": START if replica else 0.0}
     if not cell.is_push:
-        return {**cell.fixed, cell.key: value, **apart}
+        return {cell.key: value, **apart}
     shift, step = SHIFTS[replica % len(SHIFTS)], PUSH_STEP + replica % 2
     instant = push_instant(planned.plan.contacts, cell.direction, cell.phase, step, DURATION, shift)
     x, y = (planned.plan.mass * value / DURATION * instant.direction).tolist()
@@ -415,24 +373,19 @@ def disturbance(cell: Cell, value: float, replica: int, planned: PlannedWalk) ->
     }
 
 
-def _segments(planned: PlannedWalk) -> list[str]:
-    """Segments of one side, as the other one mirrors them."""
-    model = planned.body.model.compile()
-    names = [model.body(i).name for i in range(1, model.nbody)]
-    return [name for name in names if not name.startswith("right_")]
-
-
-def _bounds(cells: Sequence[Cell], planned: PlannedWalk) -> dict[str, float]:
-    """What legs can capture, by name of the cell [m/s]."""
+def _with_bounds(cells: Sequence[Cell], planned: PlannedWalk) -> list[CellResult]:
+    """Cells that were not walked yet, those of pushes with what legs can capture."""
     plan, description = planned.plan, planned.body.model.description
     middle = 0.5 * plan.duration
     reach = Reach.of(description, float(plan.sample([middle]).com[0, 2]))
     lever = {"chest": max(_lever(planned, plan.posture.sample([middle]).q[0]), 0.0), "com": 0.0}
-    found = {}
+    found = []
     for cell in cells:
+        bound = None
         if cell.is_push:
             push = push_instant(plan.contacts, cell.direction, cell.phase, PUSH_STEP, DURATION)
-            found[cell.name] = largest_velocity_change(plan, push, reach, DURATION, lever[cell.height])
+            bound = largest_velocity_change(plan, push, reach, DURATION, lever[cell.height])
+        found.append(CellResult(cell, bound))
     return found
 
 
