@@ -20,7 +20,6 @@ from validation.study.exceptions import StudyStopped
 from validation.study.row_file import ROWS, RowFile
 from validation.study.sweep import report, run
 from validation.study.sweep.design import load_sweep, parse_sweep
-from validation.study.sweep.report import repeat_command
 from validation.study.sweep.schema import columns
 from validation.study.sweep.table import SweepTable, TableWriter, key_of, read_sweep, wrap_table
 
@@ -175,7 +174,6 @@ def test_an_interrupted_sweep_can_be_read_and_goes_on(command, out, capsys, monk
     assert command() == 130
     assert "--resume" in capsys.readouterr().err.splitlines()[-1]
     ongoing = read_sweep(out)
-    assert not ongoing.complete
     assert (len(ongoing), ongoing.planned) == (4, 9)
     monkeypatch.undo()
     assert call(["report", str(out)]) == 0
@@ -224,7 +222,6 @@ def test_a_changed_source_of_a_controller_walks_again(command, tmp_path, monkeyp
         sys.modules.pop("own_source", None)
         assert command("--resume", text=text) == 0
         assert walked == WALKED
-    assert "--set controller.name=own_source:Limp" in repeat_command(read_sweep(tmp_path / "out"))[0]
 
 
 @pytest.mark.parametrize(
@@ -254,7 +251,7 @@ def test_a_folder_in_use_keeps_its_definition(command, out, capsys):
     assert "another program" in capsys.readouterr().err
     writing.close()
     assert load_sweep(out / "sweep.toml").vary == parse_sweep(SWEEP).vary
-    assert read_sweep(out).complete
+    assert len(read_sweep(out)) == 9
 
 
 # -------------------------------------------------------------------------------------- kept recordings
@@ -428,7 +425,7 @@ def test_own_controller_and_metric_reach_worker_processes(own, tmp_path, capsys)
     found = val.sweep("own.toml", tmp_path / "two", workers=2)
     assert found.words("outcome") == ["completed", "completed", "fell", "fell"]
     assert min(found.numbers("metric_highest")) > 0.8
-    assert {"0", "1"} >= set(found.distinct("worker")) != set()
+    assert {"0", "1"} >= set(found.words("worker")) - {""} != set()
     (kept,) = filter(None, found.words("recording"))
     summary = json.loads((tmp_path / "two" / kept / "summary.json").read_text(encoding="utf-8"))
     assert summary["controller"] == "own_walk:Own"

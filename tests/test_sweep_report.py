@@ -10,14 +10,13 @@ import pytest
 import vl_convert
 
 from ampm.exceptions import InputError
-from ampm.run_file import load_run
 from tests.browser import look
 from tests.sweep_table import RANGES, make_table, replaced, sweep_of, write_sweep
 from tests.test_report import Page
 from validation.cli.app import call
 from validation.store.saved import REPORT_FILE
 from validation.study.sweep import figures
-from validation.study.sweep.report import judge_sweep, links_of, render, run_rows, share
+from validation.study.sweep.report import judge_sweep, links_of, render, share
 from validation.study.sweep.table import State, read_sweep
 
 GRID = {"gait.c_s": [0.6, 1.0, 1.4], "gait.a_s": [2.0, 2.63, float("inf")], "foot.schedule": ["flat", "roll"]}
@@ -26,7 +25,6 @@ GRID = {"gait.c_s": [0.6, 1.0, 1.4], "gait.a_s": [2.0, 2.63, float("inf")], "foo
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pages without pictures, where only words are read."""
-    monkeypatch.setattr(figures, "svg", lambda *_: "")
     monkeypatch.setattr(figures, "vega_script", lambda: "")
 
 
@@ -209,24 +207,6 @@ def test_forces_are_judged_in_body_weights_and_a_tolerance_may_be_zero(undrawn):
     text = Page(render(sweep)).text
     assert not re.search(r"inf\s%", text)
     assert "4, limit 0" in text
-
-
-def test_values_at_a_limit_of_zero_are_not_drawn_as_over_it():
-    none, one = (
-        figures.distribution(np.array([0.0, largest]), 0.0, "mm", "shortfall") for largest in (0.0, 1.0)
-    )
-    assert "--bad" not in none
-    assert "--bad" in one
-
-
-def test_a_run_is_repeated_with_every_digit(folder):
-    sweep = read_sweep(folder)
-    (shown,) = run_rows(sweep, [5], {})
-    command = shown["repeat"].split()
-    assert command[:3] == ["ampm", "validate", "normal"]
-    run = load_run("normal", [command[i + 1] for i, word in enumerate(command) if word == "--set"])
-    for key in sweep.parameters:
-        assert run.value(key) == sweep.table.column(key)[5].as_py(), key
 
 
 # ---------------------------------------------------------------------------------------- in a browser

@@ -42,7 +42,7 @@ KINDS: Mapping[str, str] = {
 _REGRESSIONS = tuple(KINDS)[:3]
 _SEVERITY = {State.PASS: 0, State.OUT_OF_TOLERANCE: 1, State.NOT_MEASURED: 1, State.REFUSED: 2}
 _SEVERITY |= {State.FELL: 3, State.DIVERGED: 3, State.INFEASIBLE: 3}
-_SEVERITY |= {State.CRASHED: 4, State.TIMED_OUT: 4, State.INTERRUPTED: 4}
+_SEVERITY |= {State.CRASHED: 4, State.TIMED_OUT: 4}
 _SHOWN = 100
 """Rows of a table of runs."""
 

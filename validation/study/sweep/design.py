@@ -9,7 +9,6 @@ has an example and explains every key.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
@@ -96,35 +95,24 @@ class Block(Section):
         }.get(
             self.method, "a range without a count: { from = ..., to = ... }; give lists a block of their own"
         )
-        lists: dict[str, tuple[Any, ...]] = {}
+        lengths = {}
         for key, value in self.keys.items():
-            if not isinstance(value, Range):
-                lists[key] = value
-                good = not sampled
-            else:
+            if isinstance(value, Range):
                 good = self.method != "list" and sampled == (value.count is None)
+            else:
+                good, lengths[key] = not sampled, len(value)
             if not good:
                 raise InputError(f"{key} in a {self.method} must be {wanted}.", key=key)
-        if self.method == "list":
-            if len({len(values) for values in lists.values()}) > 1:
-                found = ", ".join(f"{key} has {len(values)}" for key, values in lists.items())
-                raise InputError(
-                    f"the lists stand side by side and must be equally long: {found}. For all combinations "
-                    'take method = "grid".'
-                )
-            lists = {"the list": tuple(zip(*lists.values(), strict=True))}
-        for place, items in lists.items():
-            item, number = Counter(items).most_common(1)[0]
-            if number > 1:
-                raise InputError(f"{place} has {item!r} twice, the same run; keep one.")
+        if self.method == "list" and len(set(lengths.values())) > 1:
+            found = ", ".join(f"{key} has {length}" for key, length in lengths.items())
+            raise InputError(
+                f"the lists stand side by side and must be equally long: {found}. For all combinations take "
+                'method = "grid".'
+            )
         return self
 
     def columns(self, generator: np.random.Generator) -> dict[str, NDArray[Any]]:
-        """Values of every key: the distinct ones of a grid, those of all cases otherwise.
-
-        Raises:
-            InputError: a range of a grid leaves equal values.
-        """
+        """Values of every key: the distinct ones of a grid, those of all cases otherwise."""
         unit = self._points(generator)
         found = {}
         for number, (key, value) in enumerate(self.keys.items()):
@@ -162,11 +150,6 @@ def _spaced(info: KeyInfo, value: Range) -> NDArray[Any]:
         largest = max(abs(value.start), abs(value.stop))
         values = np.round(values, min(_DIGITS - math.ceil(math.log10(largest)), 300))
         values[0], values[-1] = value.start, value.stop
-    if not (np.diff(values) > 0.0).all():
-        raise InputError(
-            f"{info.key}: {count} values from {value.start:g} to {value.stop:g} are not all different; lower "
-            "its count."
-        )
     return values.astype(np.int64) if info.kind == "int" else values
 
 
@@ -254,11 +237,7 @@ class SweepDefinition(Section, section="sweep"):
 
     @cached_property
     def axes(self) -> Mapping[str, tuple[NDArray[Any], int]]:
-        """Values of every varied key (read-only), and the number of runs after which the next one comes.
-
-        Raises:
-            InputError: ranges of a grid leave equal values.
-        """
+        """Values of every varied key (read-only), and the number of runs after which the next one comes."""
         axes: dict[str, tuple[NDArray[Any], int]] = {}
         stride = len(self)
         for number, block in enumerate(self.vary):

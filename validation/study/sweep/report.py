@@ -3,7 +3,6 @@
 All text is escaped. Pictures and scripts are in the page, see :mod:`validation.study.sweep.figures`.
 """
 
-import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,13 +11,10 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from ampm.presets import PRESETS
-from ampm.run_file import load_run
 from validation.judge.metrics import metric_label
 from validation.show.page import render_page
 from validation.show.text import format_duration, format_value, limit_with_unit, number, with_unit
 from validation.store.folders import output_file
-from validation.store.identity import parameter_values
 from validation.study.sweep import figures
 from validation.study.sweep.table import BROKEN, REPORT, STATES, State, SweepTable, read_sweep
 from validation.table import Table
@@ -26,7 +22,7 @@ from validation.table import Table
 WORST = 12
 """Runs in each of both tables of the worst."""
 MOST_SHOWN = 8
-"""Parameters of a run in a table; the command that repeats it has all."""
+"""Parameters of a run in a table."""
 
 
 def write_sweep_report(directory: Path) -> Path:
@@ -78,7 +74,6 @@ def render(sweep: SweepTable) -> str:
         share=share,
         charts=charts,
         most_points=figures.MOST_POINTS,
-        pictures=[figures.distribution(*sweep.shown(name), metric_label(name)) for name in judged],
         metrics=metric_table(sweep, judged),
         worst=[
             ("Did not complete, the earliest end first", run_rows(sweep, walked, links)),
@@ -86,32 +81,10 @@ def render(sweep: SweepTable) -> str:
         ],
         unwalked=unwalked_table(sweep),
         computing_time=format_duration(float(np.nansum(sweep.numbers("timing_total")))),
-        varied=varied_table(sweep),
-        environment=environment_table(sweep),
     )
 
 
 # ------------------------------------------------------------------------------------------------ runs
-
-
-def repeat_command(sweep: SweepTable) -> tuple[str, str]:
-    """Shortest command for the runs of a sweep: a preset, and what differs from it.
-
-    Returns:
-        Its beginning and its end; the varied keys go between.
-    """
-    shared = {key: sweep.table.column(key)[0].as_py() for key in sweep.parameters if key not in sweep.varied}
-    found: list[list[str]] = []
-    for preset in PRESETS:
-        base = parameter_values(load_run(preset))
-        settings = [_setting(key, v) for key, v in shared.items() if v is not None and base.get(key) != v]
-        found.append([f"ampm validate {preset}", *settings])
-    shortest = min(found, key=len)
-    return " ".join(shortest), shlex.join(["--profile", sweep.profile, *sweep.metadata["options"]])
-
-
-def _setting(key: str, value: Any) -> str:
-    return shlex.join(["--set", f"{key}={value}"])
 
 
 def links_of(sweep: SweepTable) -> dict[int, str]:
@@ -124,10 +97,9 @@ def links_of(sweep: SweepTable) -> dict[int, str]:
 
 def run_rows(sweep: SweepTable, rows: Sequence[int], links: Mapping[int, str]) -> list[dict[str, Any]]:
     """Rows of a table of runs, each with its first :data:`MOST_SHOWN` varied parameters."""
-    names, repeat, found = sweep.words("name"), repeat_command(sweep), []
+    names, found = sweep.words("name"), []
     for row in rows:
         varied = [(key, sweep.table.column(key)[row].as_py()) for key in sweep.varied]
-        settings = [_setting(key, value) for key, value in varied if value is not None]
         found.append(
             {
                 "name": names[row],
@@ -135,7 +107,6 @@ def run_rows(sweep: SweepTable, rows: Sequence[int], links: Mapping[int, str]) -
                 "why": _why(sweep, row),
                 "link": links.get(row, ""),
                 "parameters": [(key, format_value(value)) for key, value in varied[:MOST_SHOWN]],
-                "repeat": " ".join([repeat[0], *settings, repeat[1]]),
             }
         )
     return found
@@ -194,35 +165,15 @@ def _limit(sweep: SweepTable, metric: str, row: int | None = None) -> str:
 def unwalked_table(sweep: SweepTable) -> Table:
     """Refusals, crashes, hangs and interruptions by reason, each with its first run as an example."""
     reasons, causes, names = (np.array(sweep.words(name)) for name in ("reason", "cause", "name"))
-    traces, rows = sweep.words("traceback"), []
+    rows = []
     for state in (State.REFUSED, *BROKEN):
         among = np.flatnonzero(sweep.is_state(state))
         for reason, count in Counter(reasons[among].tolist()).most_common():
             row = int(among[reasons[among] == reason][0])
-            last = traces[row].strip().splitlines()[-3:-1]  # file, line and statement
-            where = f" ({'; '.join(line.strip() for line in last)})" if last else ""
-            example = f"run {names[row]}: {causes[row] or 'no cause was kept'}{where}"
+            example = f"run {names[row]}: {causes[row] or 'no cause was kept'}"
             counted = f"{count:,} ({share(count, len(sweep))})"
             rows.append((state.label, reason.replace("_", " "), counted, example))
     return Table("Refusals, crashes, hangs", ("outcome", "reason", ">runs", "for example"), rows)
-
-
-def varied_table(sweep: SweepTable) -> Table:
-    """Parameters that vary: key, lowest and highest value, number of values, meaning."""
-    rows = []
-    for key in sweep.varied:
-        values = np.unique(sweep.values(key))
-        ends = [with_unit(format_value(value.item()), sweep.unit(key)) for value in (values[0], values[-1])]
-        rows.append((key, *ends, f"{len(values):,}", sweep.describe(key)))
-    return Table("What varies", ("parameter", ">from", ">to", ">values", "meaning"), rows)
-
-
-def environment_table(sweep: SweepTable) -> Table:
-    """Versions and platform."""
-    environment = dict(sweep.metadata["environment"])
-    versions = environment.pop("versions", {})
-    rows = [(name, str(value)) for name, value in {**environment, **versions}.items()]
-    return Table("Versions and platform", ("", ">value"), rows)
 
 
 # --------------------------------------------------------------------------------------------- verdict

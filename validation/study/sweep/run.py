@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -224,7 +225,6 @@ class Forecast:
         checked: runs whose bounds and formula were checked: all, or a random sample.
         refused: refusals among them, by reason, each with its number and an example.
         seconds: wall-clock time of one run, from a walk; None if the tried runs cannot be walked [s].
-        tried: sentences of the runs that were tried and refused.
         workers: processes.
     """
 
@@ -232,7 +232,6 @@ class Forecast:
     checked: int
     refused: Mapping[str, tuple[int, str]]
     seconds: float | None
-    tried: tuple[str, ...]
     workers: int
 
     @property
@@ -275,18 +274,16 @@ class Forecast:
             for reason, (count, example) in self.refused.items()
         ]
         rows.append(("can walk, at most", f"{self.walking:,}", ""))
-        notes = [f"tried to time it, and refused: {text}" for text in self.tried]
+        note = "no run that was tried can be walked, so the time is unknown"
         if self.all_refused:
-            notes.append("every run is refused: nothing would walk")
-        elif self.seconds is None or self.wall_clock is None:
-            notes.append("no run that was tried can be walked, so the time is unknown")
-        else:
-            notes.append(
+            note = "every run is refused: nothing would walk"
+        elif self.seconds is not None and self.wall_clock is not None:
+            note = (
                 f"one run takes about {format_duration(self.seconds)}, the sweep about "
                 f"{format_duration(self.wall_clock)} with {self.workers} workers"
             )
         title = f"dry run of {definition.name}: {', '.join(definition.keys)}"
-        return Table(title, ("", ">runs", "for example"), rows, notes)
+        return Table(title, ("", ">runs", "for example"), rows, [note])
 
 
 def forecast(
@@ -312,22 +309,16 @@ def forecast(
             else:
                 count, example = refused.get(known["reason"], (0, known["cause"]))
                 refused[known["reason"]] = count + 1, example
-    seconds, tried = _time_walk(definition, walking[:_TRIED], progress)
-    return Forecast(definition, len(numbers), refused, seconds, tried, workers or cores())
+    seconds = _time_walk(definition, walking[:_TRIED], progress)
+    return Forecast(definition, len(numbers), refused, seconds, workers or cores())
 
 
-def _time_walk(
-    definition: SweepDefinition, runs: Sequence[int], progress: Progress
-) -> tuple[float | None, tuple[str, ...]]:
-    """Wall-clock time of the first of these runs that can be walked [s], and the refusals before it."""
-    tried: list[str] = []
+def _time_walk(definition: SweepDefinition, runs: Sequence[int], progress: Progress) -> float | None:
+    """Wall-clock time of the first of these runs that can be walked [s]."""
     for run in runs:
         with progress.stage(f"walk of run {definition.name_of(run)}, to time it"):
             start = time.perf_counter()
-            try:
+            with suppress(InputError, RefusedGait):
                 walk(**_options(definition, run))
-            except (InputError, RefusedGait) as error:
-                tried.append(str(error))
-                continue
-            return time.perf_counter() - start, tuple(tried)
-    return None, tuple(tried)
+                return time.perf_counter() - start
+    return None

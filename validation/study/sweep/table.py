@@ -59,7 +59,6 @@ class State(StrEnum):
     REFUSED = "refused"
     CRASHED = "crashed"
     TIMED_OUT = "timed_out"
-    INTERRUPTED = "interrupted"
 
     @classmethod
     def of(cls, outcome: str, verdict: str | None) -> State:
@@ -86,7 +85,7 @@ class State(StrEnum):
 STATES: tuple[State, ...] = tuple(State)
 LOST = (State.FELL, State.DIVERGED, State.INFEASIBLE, State.NOT_MEASURED)
 """Walks without a verdict on their metrics."""
-BROKEN = (State.CRASHED, State.TIMED_OUT, State.INTERRUPTED)
+BROKEN = (State.CRASHED, State.TIMED_OUT)
 """No result about the gait."""
 
 
@@ -99,14 +98,12 @@ class SweepTable(Brief):
         metadata: of the table, see :func:`table_metadata`.
         directory: the sweep's folder, None if only a file was given.
         source: the user's name for it, for messages.
-        complete: whether the sweep is finished.
     """
 
     table: pa.Table
     metadata: Mapping[str, Any]
     directory: Path | None
     source: str
-    complete: bool = True
     _cache: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
 
     def __len__(self) -> int:
@@ -212,10 +209,6 @@ class SweepTable(Brief):
             return [""] * len(self)
         return ["" if value is None else str(value) for value in self.table.column(name).to_pylist()]
 
-    def distinct(self, name: str) -> list[str]:
-        """Different texts of a column, sorted, without the empty one."""
-        return sorted(set(self.words(name)) - {""})
-
     def values(self, name: str) -> NDArray[Any]:
         """A column as numbers, or as texts if it holds none, shape (N,)."""
         kind = self.table.schema.field(name).type
@@ -224,14 +217,7 @@ class SweepTable(Brief):
 
     def unit(self, name: str) -> str:
         """Unit of a column, ``1`` if it has none."""
-        return self._described(name, "unit") or "1"
-
-    def describe(self, name: str) -> str:
-        """Meaning of a column, empty if the table has none."""
-        return self._described(name, "words")
-
-    def _described(self, name: str, what: str) -> str:
-        return str(self.metadata["columns"].get(name, {}).get(what, ""))
+        return self.metadata["columns"].get(name, {}).get("unit") or "1"
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -426,8 +412,7 @@ class TableWriter:
 def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
     """Description of a table, JSON-ready.
 
-    ``definition`` (TOML), ``name``, ``seed``, ``steps``, ``runs``, ``varied`` (keys), ``profile``,
-    ``options`` (of ``ampm validate``, beside ``--set``, that walk one of the runs),
+    ``definition`` (TOML), ``name``, ``runs``, ``varied`` (keys), ``profile``,
     ``tolerances`` (metric to ``limit``, ``unit`` and ``reason``; forces in body weights), ``columns``
     (name to ``unit`` and ``words``) and ``environment`` (versions, platform, and the hash of the code).
     """
@@ -435,12 +420,9 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
     return {
         "definition": dump_sweep(definition),
         "name": definition.name,
-        "seed": definition.seed,
-        "steps": definition.steps,
         "runs": len(definition),
         "varied": list(definition.keys),
         "profile": profile.name,
-        "options": [word for push in definition.push for word in ("--push", push)],
         "tolerances": {
             item.metric: {"limit": item.limit, "unit": item.unit, "reason": item.reason}
             for item in profile.tolerances
@@ -486,7 +468,7 @@ def read_sweep(path: Path | str) -> SweepTable:
     found = table.finish()
     if not found.num_rows:
         raise InputError(f"the sweep in {path} has no result yet; wait for its first rows.")
-    return wrap_table(found, path, complete=False)
+    return wrap_table(found, path)
 
 
 def _read_table(path: Path) -> pa.Table:
@@ -505,9 +487,7 @@ def _read_table(path: Path) -> pa.Table:
     return table
 
 
-def wrap_table(
-    table: pa.Table, directory: Path | None, source: str = "", *, complete: bool = True
-) -> SweepTable:
+def wrap_table(table: pa.Table, directory: Path | None, source: str = "") -> SweepTable:
     """A sweep from its table and the table's metadata."""
     metadata = json.loads(table.schema.metadata[TABLE_METADATA])
-    return SweepTable(table, metadata, directory, source or str(directory), complete)
+    return SweepTable(table, metadata, directory, source or str(directory))
