@@ -227,7 +227,7 @@ class Robustness(Brief):
         return f"{self.gait}, body {self.body}, controller {self.controller}: {rule}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything, as plain values; values in the unit beside them."""
+        """Everything, as plain values; those of a cell in the unit of its key, of pushes in m/s."""
         return dict(json_ready(vars(self)))
 
     def tables(self) -> list[Table]:
@@ -292,7 +292,7 @@ def robustness(
         StudyStopped: see :func:`validation.study.many.walk_many`.
     """
     needed(replicas)
-    chosen([*push_cells(), *other_cells()], only)  # refuse before anything is planned
+    cells = chosen([*push_cells(quick), *other_cells(quick)], only)
     folder = study_folder(out, resume=resume)
     request = load_request(run, settings)
     users = users_classes(request.run)
@@ -300,7 +300,6 @@ def robustness(
     short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
     planned = plan_walk(short, progress, planner=users.get("planner"))
     task = partial(replica_task, planned=planned, profile=limits.name, users=users)
-    cells = chosen([*push_cells(quick), *other_cells(quick)], only)
     results: dict[str, CellResult] = {}
     searches = [climb(start, replicas, task, results) for start in _with_bounds(cells, planned)]
     label = f"{request.name}: robustness"
@@ -327,7 +326,7 @@ def replica_task(
     profile: str,
     users: Mapping[str, Any] = MappingProxyType({}),
 ) -> Task:
-    """The walk of one replica, see :func:`walk_replica`.
+    """The walk of one replica: the first as planned, others with an error at the start, and a shift.
 
     Args:
         cell: the disturbance.
@@ -337,40 +336,27 @@ def replica_task(
         profile: name of the tolerances, by which walks with a push are not judged.
         users: see :func:`validation.study.walk_options.users_classes`.
     """
-    steps = PUSH_STEP + 1 + AFTER if cell.is_push else STEPS
-    settings = {
-        **disturbance(cell, value, replica, planned),
+    settings: dict[str, Any] = {
         "disturbance.seed": replica,
-        "gait.steps": steps,
+        "disturbance.start_velocity": START if replica else 0.0,
+        "gait.steps": PUSH_STEP + 1 + AFTER if cell.is_push else STEPS,
     }
+    if cell.is_push:
+        shift, step = SHIFTS[replica % len(SHIFTS)], PUSH_STEP + replica % 2
+        instant = push_instant(planned.plan.contacts, cell.direction, cell.phase, step, DURATION, shift)
+        x, y = (planned.plan.mass * value / DURATION * instant.direction).tolist()
+        settings |= {
+            "disturbance.push_segment": cell.height,
+            "disturbance.push_x": x,
+            "disturbance.push_y": y,
+            "disturbance.push_at": instant.time,
+            "disturbance.push_duration": DURATION,
+        }
+    else:
+        settings[cell.key] = value
     request = Request(planned.name, planned.run.as_is().replace(settings))
     options = {"request": request, "profile": None if cell.is_push else profile, **users}
     return Task(f"{cell.name} {value:g}, replica {replica}", walk_replica, options)
-
-
-def disturbance(cell: Cell, value: float, replica: int, planned: PlannedWalk) -> dict[str, Any]:
-    """Settings of one walk: the first replica as planned, others with an error at the start, and a shift.
-
-    Args:
-        cell: the disturbance.
-        value: of the cell.
-        replica: its number, from 0.
-        planned: the walk, for the times of pushes.
-    """
-    apart = {"disturbance.seed": replica, "disturbance.start_velocity": START if replica else 0.0}
-    if not cell.is_push:
-        return {cell.key: value, **apart}
-    shift, step = SHIFTS[replica % len(SHIFTS)], PUSH_STEP + replica % 2
-    instant = push_instant(planned.plan.contacts, cell.direction, cell.phase, step, DURATION, shift)
-    x, y = (planned.plan.mass * value / DURATION * instant.direction).tolist()
-    return {
-        "disturbance.push_segment": cell.height,
-        "disturbance.push_x": x,
-        "disturbance.push_y": y,
-        "disturbance.push_at": instant.time,
-        "disturbance.push_duration": DURATION,
-        **apart,
-    }
 
 
 def _with_bounds(cells: Sequence[Cell], planned: PlannedWalk) -> list[CellResult]:
