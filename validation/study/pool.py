@@ -4,7 +4,6 @@ dask starts workers again that die, and gives their runs to others. Two things i
 a run that hangs ends its process by a timer of C, and the client learns when a run has begun.
 """
 
-import errno
 import faulthandler
 import logging
 import math
@@ -33,7 +32,7 @@ from validation.store.folders import disk_is_full
 from validation.store.identity import code_hash
 from validation.store.machine import THREAD_VARIABLES, cores, hidden_main, set_variables
 from validation.study.exceptions import StudyStopped
-from validation.study.row_file import UNFINISHED, Row
+from validation.study.row_file import Row
 from validation.trial.users import UsersError
 
 STARTED = "ampm-run-started"
@@ -139,28 +138,17 @@ def _columns(work: Callable[..., Row], options: Mapping[str, Any]) -> Row:
 def error_columns(error: BaseException) -> Row:
     """Columns of a run that an error ended: refused by a refusal, crashed by anything else."""
     cause = one_line(error)
-    fault = _machine_fault(error)
+    behind = error.__cause__ or error.__context__
     refused = isinstance(error, RefusedGait | InputError) and not isinstance(error, UsersError)
-    if refused and fault is None:
+    if refused and not isinstance(behind, OSError | MemoryError):
         return {"outcome": "refused", "reason": getattr(error, "reason", "bad_parameter"), "cause": cause}
     text = "".join(traceback.format_exception(error))[-4000:]
     return {
         "outcome": "crashed",
-        "reason": fault or type(error).__name__,
+        "reason": type(error).__name__,
         "cause": cause,
         "traceback": text.encode("utf-8", "backslashreplace").decode(),
     }
-
-
-def _machine_fault(error: BaseException | None) -> str | None:
-    """Fault of the machine behind an error, one of :data:`UNFINISHED`; libraries wrap errors."""
-    for _ in range(20):
-        if isinstance(error, MemoryError):
-            return "MemoryError"
-        if isinstance(error, OSError) and (name := errno.errorcode.get(error.errno or 0)) in UNFINISHED:
-            return name
-        error = error and (error.__cause__ or error.__context__)
-    return None
 
 
 def one_line(error: BaseException) -> str:

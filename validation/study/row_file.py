@@ -15,10 +15,8 @@ from ampm.exceptions import InputError
 Row = dict[str, Any]
 
 ROWS = "rows.jsonl"
-UNFINISHED = frozenset(
-    {"worker_died", "wall_clock", "MemoryError", "EMFILE", "ENFILE", "ENOMEM", "EIO", "EAGAIN"}
-)
-"""Reasons that lie in the machine: such a row is no result, and its run is walked again on resume."""
+UNFINISHED = frozenset({"crashed", "timed_out"})
+"""Outcomes that are no result: their runs are walked again on resume."""
 _SYNC_EVERY = 1.0  # of the disk [s]
 
 
@@ -68,7 +66,7 @@ class RowFile:
                     raise InputError(
                         f"line {number} of {path} is damaged; remove it, or give another folder."
                     ) from None
-                if row.get("reason") in UNFINISHED:
+                if row.get("outcome") in UNFINISHED:
                     self._lines.pop(place, None)
                 else:
                     self._lines[place] = start, len(line)

@@ -30,7 +30,7 @@ from validation.judge.profiles import profile as find_profile
 from validation.judge.sizes import BODY_WEIGHT
 from validation.store.environment import describe_environment
 from validation.store.identity import code_hash, parameter_values, run_key
-from validation.study.row_file import ROWS, UNFINISHED, Row, read_rows
+from validation.study.row_file import ROWS, Row, read_rows
 from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
 from validation.study.sweep.schema import columns, schema
 from validation.table import Table
@@ -340,7 +340,7 @@ class SweepTable(Brief):
         failed = Counter(name for words in self.words("failed") for name in words.split(",") if name)
         reasons = self.words("reason")
         refused = np.flatnonzero(self.is_state(State.REFUSED)).tolist()
-        unfinished = sum(reason in UNFINISHED for reason in reasons)
+        unfinished = sum(self.counts[state] for state in BROKEN)
         worst = self.table.select(["run", "name", "outcome", "verdict", "failed", "recording"])
         return {
             "name": self.name,
