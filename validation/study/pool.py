@@ -84,29 +84,18 @@ def call(data: bytes, limit: float | None, client_code: str) -> Row:
     """
     if client_code != code_hash():
         raise StudyStopped("a worker has other code or versions of ampm", "install the same on both")
-    with _one_at_a_time:
-        worker = _worker()
-        if worker is not None:
-            worker.log_event(STARTED, (worker.get_current_task(), worker.address))
-        nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  # open until the timer is cancelled
-        if limit is not None and worker is not None:
+    from distributed import get_worker  # slow to load
+
+    with _one_at_a_time, open(os.devnull, "w", encoding="utf-8") as nowhere:
+        worker = get_worker()
+        worker.log_event(STARTED, (worker.get_current_task(), worker.address))
+        if limit is not None:
             faulthandler.dump_traceback_later(limit + GRACE, exit=True, file=nowhere)
         try:
             work, options = _load(data)
-            return {"worker": "" if worker is None else str(worker.name), **_columns(work, options)}
+            return {"worker": str(worker.name), **_columns(work, options)}
         finally:
             faulthandler.cancel_dump_traceback_later()
-            nowhere.close()
-
-
-def _worker() -> Any:
-    """This process's dask worker; None in the client's own process."""
-    from distributed import get_worker  # slow to load
-
-    try:
-        return get_worker()
-    except ValueError:
-        return None
 
 
 def _load(data: bytes) -> tuple[Callable[..., Row], Mapping[str, Any]]:
