@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -324,7 +323,7 @@ def replica_task(
     replica: int,
     planned: PlannedWalk,
     profile: str,
-    users: Mapping[str, Any] = MappingProxyType({}),
+    users: Mapping[str, Any],
 ) -> Task:
     """The walk of one replica: the first as planned, others with an error at the start, and a shift.
 
