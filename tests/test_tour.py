@@ -102,7 +102,6 @@ def test_the_table_has_shares_and_means():
         "targets": "13.8",
         "error at them [mm], [degrees]": "12.5, 5.73",
         "median power [W]": "40.0",
-        "first sign of most falls": "a ZMP … mm off (2)",
     }
 
 

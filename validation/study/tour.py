@@ -8,8 +8,6 @@ punches go on to the end. Arms follow the plan; there they move at random.
 """
 
 import math
-import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,7 +93,6 @@ class Tours(Brief):
 
     def table(self) -> Table:
         """Shares and means over all tours."""
-        ends = Counter(_kind(walk["cause"]) for walk in self.walks if walk["cause"])
         power = self.known("power")
         cells = {
             "force": f"{self.share:.3g}",
@@ -105,16 +102,9 @@ class Tours(Brief):
             "error at them [mm], [degrees]": f"{number(1e3 * self.mean('error'))}, "
             f"{number(math.degrees(self.mean('turned')))}",
             "median power [W]": number(float(np.median(power)) if power else None),
-            "first sign of most falls": "{} ({})".format(*ends.most_common(1)[0]) if ends else number(None),
         }
         title = f"Tour of {self.gait}, body {self.body}, controller {self.controller} ({self.stabilizer})"
         return Table(title, [*cells], [[*cells.values()]], self.crashes)
-
-
-def _kind(cause: str) -> str:
-    """First sign of a failure, without time and numbers."""
-    sign = cause.partition("first sign was ")[2] or cause
-    return re.sub(r"\d+", "…", sign.partition(" at ")[0].partition(",")[0])
 
 
 def targets(seed: int, count: int = TARGETS) -> list[routes.Frame]:
