@@ -200,9 +200,10 @@ def test_forces_are_judged_in_body_weights_and_a_tolerance_may_be_zero(undrawn):
     table = replaced(table, "metric_force_x_rmse", [2.0] * 4)
     sweep = sweep_of(replaced(table, "metric_failed_qp", [4.0, 4.0, 4.0, 0.0]))
     assert sweep.used("force_x_rmse") == pytest.approx(2.0 / (0.008 * 9.81 * np.array([30, 60, 90, 120])))
-    values, limit, unit = sweep.shown("force_x_rmse")
+    values, unit = sweep.shown("force_x_rmse")
     assert values == pytest.approx(100 * 2.0 / (9.81 * np.array([30, 60, 90, 120])))
-    assert (limit, unit) == (pytest.approx(0.8), "% of body weight")
+    limits, _ = sweep.shown_limits("force_x_rmse")
+    assert (limits.tolist(), unit) == (pytest.approx([0.8] * 4), "% of body weight")
     assert sweep.used("failed_qp").tolist() == [np.inf] * 3 + [0.0]
     text = Page(render(sweep)).text
     assert not re.search(r"inf\s%", text)

@@ -52,7 +52,7 @@ def quantities(sweep: SweepTable) -> dict[str, Array]:
         found[f"{key} [{unit}]" if unit else key] = values
     found["largest share of a tolerance [%]"] = np.minimum(100.0 * sweep.worst_used, 1000.0)
     for metric in sweep.judged:
-        values, _, unit = sweep.shown(metric)
+        values, unit = sweep.shown(metric)
         found[f"{metric_label(metric)} [{unit.replace('of body weight', 'BW')}]"] = values
     return {label: values for label, values in found.items() if np.isfinite(values).any()}
 

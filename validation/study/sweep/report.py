@@ -120,7 +120,7 @@ def _why(sweep: SweepTable, row: int) -> str:
         why = sweep.words("cause")[row] or sweep.words("reason")[row].replace("_", " ")
         return why if np.isnan(time) else f"at {time:.2f} s, steps walked: {steps:.0f}: {why}"
     worst = max(shares, key=lambda name: shares[name])
-    values, _, unit = sweep.shown(worst)
+    values, unit = sweep.shown(worst)
     over = sum(value > 1.0 for value in shares.values())
     more = f"; {over} of {len(shares)} over their limit" if over > 1 else ""
     return f"{metric_label(worst)}: {_amount(values[row], unit)}, limit {_limit(sweep, worst, row)}{more}"
@@ -133,7 +133,7 @@ def metric_table(sweep: SweepTable, metrics: Sequence[str]) -> Table:
     """How many runs are over a metric's tolerance, and the distribution of its values."""
     rows = []
     for metric in metrics:
-        values, _, unit = sweep.shown(metric)
+        values, unit = sweep.shown(metric)
         known = values[np.isfinite(values)]
         over = int((sweep.used(metric) > 1.0).sum())
         counted = f"{over:,} ({share(over, known.size)})" if over else "0"

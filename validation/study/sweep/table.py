@@ -193,7 +193,6 @@ class SweepTable(Brief):
             if name in self:
                 column = self.table.column(name)
                 try:
-                    column = column.cast(pa.int8()) if pa.types.is_boolean(column.type) else column
                     values = np.array(column.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=float)
                 except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
                     raise InputError(
@@ -255,18 +254,12 @@ class SweepTable(Brief):
         """Body weight of every run, shape (N,) [N]."""
         return self.numbers("body.mass") * GRAVITY
 
-    @cached_property
-    def _scales(self) -> Mapping[str, Array]:
-        """Sizes of the body of every run with which limits grow, (N,) each."""
-        foot = self.numbers("foot_length") if "foot_length" in self else np.full(len(self), np.nan)
-        return {"body_weight": self.weight, "foot_length": foot}
-
     def limit_values(self, metric: str) -> Array:
         """A metric's limit in the unit of its column, shape (N,); NaN if it is not judged."""
-        limit = self.limits.get(metric)
-        return (
-            np.full(len(self), np.nan) if limit is None else limit.limit_for(self._scales) + 0.0 * self.weight
-        )
+        if metric not in self.limits:
+            return np.full(len(self), np.nan)
+        scales = {"body_weight": self.weight, "foot_length": self.numbers("foot_length")}
+        return self.limits[metric].limit_for(scales) + np.zeros(len(self))
 
     def used(self, metric: str) -> Array:
         """Share of its tolerance that a metric used in every *completed* run, shape (N,); NaN elsewhere.
@@ -288,25 +281,17 @@ class SweepTable(Brief):
         """Largest share of a tolerance that any judged metric of a run used, shape (N,); NaN unmeasured."""
         return np.fmax.reduce([np.full(len(self), np.nan), *map(self.used, self.judged)])
 
-    def shown(self, metric: str) -> tuple[Array, float | None, str]:
-        """A metric in display units.
-
-        Returns:
-            Values of the completed runs, shape (N,), NaN elsewhere; the limit, None if the metric is not
-            judged or the runs have different ones; the unit: mm, % of body weight, N m s.
-        """
-        value = np.where(self.measured, self.numbers(METRIC + metric), np.nan)
-        limits, unit = self.shown_limits(metric)
-        limits = limits[np.isfinite(limits)]
-        one = limits.size > 0 and float(np.ptp(limits)) == 0.0
-        return self._scale(metric)[0] * value, float(limits[0]) if one else None, unit
+    def shown(self, metric: str) -> tuple[Array, str]:
+        """A metric of the completed runs in display units, shape (N,), NaN elsewhere; the unit."""
+        scale, unit = self._scale(metric)
+        return scale * np.where(self.measured, self.numbers(METRIC + metric), np.nan), unit
 
     def shown_limits(self, metric: str) -> tuple[Array, str]:
         """Limits of a metric in display units, by run, shape (N,), NaN where it is not judged; the unit."""
         limit = self.limits.get(metric)
-        if limit is not None and limit.unit == BODY_WEIGHT:
-            return np.full(len(self), 100.0 * limit.limit), self._scale(metric)[1]
         scale, unit = self._scale(metric)
+        if limit is not None and limit.unit == BODY_WEIGHT:
+            return np.full(len(self), 100.0 * limit.limit), unit
         return scale * self.limit_values(metric), unit
 
     def _scale(self, metric: str) -> tuple[Array | float, str]:
