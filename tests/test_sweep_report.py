@@ -73,6 +73,8 @@ def test_page_says_what_the_table_says(folder, html):
     assert all(f"{count:,}" in top and state.label in top for state, count in sweep.counts.items() if count)
     assert data["run"] == sweep.words("name")
     assert data["outcome"] == [sweep.state(row).label for row in range(len(sweep))]
+    assert html.count('aria-label="Distribution of') > 3
+    assert "ampm validate normal --set" in html
     assert np.array(data["gait.c_s"]) == pytest.approx(sweep.numbers("gait.c_s"), rel=1e-4)
     used = np.array(data["largest share of a tolerance [%]"], dtype=float)
     assert used == pytest.approx(100.0 * sweep.worst_used, rel=1e-4, nan_ok=True)

@@ -1,4 +1,4 @@
-"""Pictures of a sweep's report in Vega-Lite: scatter and parallel coordinates.
+"""Pictures of a sweep's report in Vega-Lite: scatter, parallel coordinates, distributions.
 
 The page carries data, specification and the library itself (vl-convert has the script), so that it works
 offline. Colours are the page's CSS variables: light and dark need no second picture.
@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from ampm.geometry import Array
 from validation.judge.metrics import metric_label
@@ -22,6 +22,7 @@ MOST_POINTS = 2000
 """Runs in a picture at most: all, or a random sample and the rows that are named."""
 MOST_AXES = 9
 """Axes of the parallel coordinates at most."""
+BINS = 32
 _AXIS = {"gridColor": "var(--grid)", "domainColor": "var(--line)", "tickColor": "var(--line)"}
 _TEXT = {"labelColor": "var(--ink)", "titleColor": "var(--ink)", "titleFontWeight": "normal"}
 _CONFIG: Spec = {
@@ -35,7 +36,9 @@ _CONFIG: Spec = {
         "fontWeight": "normal",
         "anchor": "start",
         "fontSize": 12,
+        "subtitleColor": "var(--ink)",
     },
+    "rule": {"color": "var(--ink)", "strokeDash": [6, 4]},
 }
 
 
@@ -177,6 +180,67 @@ def _rounded(values: Array) -> list[float | None]:
 def _escaped(field: str) -> str:
     """A field's name in an encoding, where dots and brackets would be paths."""
     return re.sub(r"([.\[\]])", r"\\\1", field)
+
+
+def distribution(values: Array, limit: float | None, unit: str, title: str) -> Markup:
+    """Histogram of a metric over the completed runs, with its tolerance, as SVG.
+
+    Args:
+        values: shape (N,); NaN and infinities are left out.
+        limit: tolerance in ``unit``, None if it has none; more is red.
+        unit: of values and axis.
+        title: what it is.
+    """
+    known, unit = values[np.isfinite(values)], unit.replace("of body weight", "BW")
+    # Few outliers must not put all others into one bin: the number beyond is written above.
+    low, high = min(0.0, float(known.min())), float(np.quantile(known, 0.99)) * 1.15
+    if limit is not None and high > 0.4 * limit:
+        high = max(high, 1.12 * limit)
+    high = high if high > low else low + 1.0
+    beyond = int((known > high).sum())
+    notes = [] if limit is None else [f"limit {limit:.3g}"]
+    notes += [f"{beyond} runs beyond"] if beyond else []
+    whole = "datum.value % 1 ? '' : datum.label"
+    domain = {"domain": [low, high], "nice": False}
+    over = {"domain": [False, True], "range": ["var(--plan)", "var(--bad)"]}
+    bars: Spec = {
+        "transform": [
+            {"filter": f"datum.value <= {high}"},
+            {"calculate": f"datum.value > {high if limit is None else limit}", "as": "over"},
+        ],
+        "mark": {"type": "bar", "binSpacing": 0},
+        "encoding": {
+            "x": {
+                "field": "value",
+                "bin": {"extent": [low, high], "step": (high - low) / BINS},
+                "scale": domain,
+                "title": f"[{unit or 1}]",
+                "axis": {"grid": False, "values": [low, (low + high) / 2, high], "format": ".3g"},
+            },
+            "y": {"aggregate": "count", "title": "runs", "axis": {"tickCount": 3, "labelExpr": whole}},
+            "color": {"field": "over", "scale": over, "legend": None},
+        },
+    }
+    rule: Spec = {"transform": [{"sample": 1}], "mark": "rule"}
+    rule["encoding"] = {"x": {"datum": limit, "type": "quantitative"}}
+    layers = [bars] if limit is None or limit > high else [bars, rule]
+    picture = {
+        "title": {"text": title, "subtitle": ", ".join(notes)},
+        "width": 300,
+        "height": 120,
+        "data": {"values": [{"value": value} for value in known.tolist()]},
+        "layer": layers,
+    }
+    return svg(picture, f"Distribution of {title}")
+
+
+def svg(spec: Spec, label: str) -> Markup:
+    """Draw a specification as inline SVG, as wide as the page gives it, with a text for screen readers."""
+    import vl_convert  # loads a JavaScript engine
+
+    text = vl_convert.vegalite_to_svg(json.dumps({**spec, "config": {**_CONFIG, "aria": False}}))
+    named = f' role="img" aria-label="{escape(label)}"'
+    return Markup(re.sub(r' width="[\d.]+" height="[\d.]+"', named, text, count=1))
 
 
 def as_json(spec: Any) -> Markup:

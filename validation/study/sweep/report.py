@@ -3,6 +3,7 @@
 All text is escaped. Pictures and scripts are in the page, see :mod:`validation.study.sweep.figures`.
 """
 
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,10 +12,13 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from ampm.presets import PRESETS
+from ampm.run_file import load_run
 from validation.judge.metrics import metric_label
 from validation.show.page import render_page
 from validation.show.text import format_duration, format_value, limit_with_unit, number, with_unit
 from validation.store.folders import output_file
+from validation.store.identity import parameter_values
 from validation.study.sweep import figures
 from validation.study.sweep.table import BROKEN, REPORT, STATES, State, SweepTable, read_sweep
 from validation.table import Table
@@ -22,7 +26,7 @@ from validation.table import Table
 WORST = 12
 """Runs in each of both tables of the worst."""
 MOST_SHOWN = 8
-"""Parameters of a run in a table."""
+"""Parameters of a run in a table; the command that repeats it has all."""
 
 
 def write_sweep_report(directory: Path) -> Path:
@@ -74,6 +78,7 @@ def render(sweep: SweepTable) -> str:
         share=share,
         charts=charts,
         most_points=figures.MOST_POINTS,
+        pictures=[_distribution(sweep, name) for name in judged],
         metrics=metric_table(sweep, judged),
         worst=[
             ("Did not complete, the earliest end first", run_rows(sweep, walked, links)),
@@ -87,6 +92,26 @@ def render(sweep: SweepTable) -> str:
 # ------------------------------------------------------------------------------------------------ runs
 
 
+def repeat_command(sweep: SweepTable) -> tuple[str, str]:
+    """Shortest command for the runs of a sweep: a preset, and what differs from it.
+
+    Returns:
+        Its beginning and its end; the varied keys go between.
+    """
+    shared = {key: sweep.table.column(key)[0].as_py() for key in sweep.parameters if key not in sweep.varied}
+    found: list[list[str]] = []
+    for preset in PRESETS:
+        base = parameter_values(load_run(preset))
+        settings = [_setting(key, v) for key, v in shared.items() if v is not None and base.get(key) != v]
+        found.append([f"ampm validate {preset}", *settings])
+    shortest = min(found, key=len)
+    return " ".join(shortest), shlex.join(["--profile", sweep.profile, *sweep.metadata["options"]])
+
+
+def _setting(key: str, value: Any) -> str:
+    return shlex.join(["--set", f"{key}={value}"])
+
+
 def links_of(sweep: SweepTable) -> dict[int, str]:
     """Row to the address of its report, relative to the page, of every kept run."""
     if sweep.directory is None:
@@ -97,9 +122,10 @@ def links_of(sweep: SweepTable) -> dict[int, str]:
 
 def run_rows(sweep: SweepTable, rows: Sequence[int], links: Mapping[int, str]) -> list[dict[str, Any]]:
     """Rows of a table of runs, each with its first :data:`MOST_SHOWN` varied parameters."""
-    names, found = sweep.words("name"), []
+    names, repeat, found = sweep.words("name"), repeat_command(sweep), []
     for row in rows:
         varied = [(key, sweep.table.column(key)[row].as_py()) for key in sweep.varied]
+        settings = [_setting(key, value) for key, value in varied if value is not None]
         found.append(
             {
                 "name": names[row],
@@ -107,6 +133,7 @@ def run_rows(sweep: SweepTable, rows: Sequence[int], links: Mapping[int, str]) -
                 "why": _why(sweep, row),
                 "link": links.get(row, ""),
                 "parameters": [(key, format_value(value)) for key, value in varied[:MOST_SHOWN]],
+                "repeat": " ".join([repeat[0], *settings, repeat[1]]),
             }
         )
     return found
@@ -141,6 +168,14 @@ def metric_table(sweep: SweepTable, metrics: Sequence[str]) -> Table:
         rows.append((metric_label(metric), counted, *quantiles, _limit(sweep, metric)))
     columns = ("metric", ">over", ">median", ">95 % below", ">largest", ">tolerance")
     return Table("Metrics of the completed runs", columns, rows)
+
+
+def _distribution(sweep: SweepTable, metric: str) -> Markup:
+    """Histogram of a metric, with its limit if all runs have the same."""
+    values, unit = sweep.shown(metric)
+    limits = np.unique(sweep.shown_limits(metric)[0])
+    limit = float(limits[0]) if len(limits) == 1 and np.isfinite(limits[0]) else None
+    return figures.distribution(values, limit, unit, metric_label(metric))
 
 
 def _amount(value: float, unit: str) -> str:

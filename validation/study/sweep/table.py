@@ -397,7 +397,8 @@ class TableWriter:
 def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
     """Description of a table, JSON-ready.
 
-    ``definition`` (TOML), ``name``, ``runs``, ``varied`` (keys), ``profile``,
+    ``definition`` (TOML), ``name``, ``runs``, ``varied`` (keys), ``profile``, ``options`` (of ``ampm
+    validate``, beside ``--set``, that walk one of the runs),
     ``tolerances`` (metric to ``limit``, ``unit`` and ``reason``; forces in body weights), ``columns``
     (name to ``unit`` and ``words``) and ``environment`` (versions, platform, and the hash of the code).
     """
@@ -408,6 +409,7 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
         "runs": len(definition),
         "varied": list(definition.keys),
         "profile": profile.name,
+        "options": [word for push in definition.push for word in ("--push", push)],
         "tolerances": {
             item.metric: {"limit": item.limit, "unit": item.unit, "reason": item.reason}
             for item in profile.tolerances
