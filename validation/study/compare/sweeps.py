@@ -85,15 +85,14 @@ class Change:
 
     Attributes:
         kind: one of :data:`KINDS`.
-        a, b: name in the first and in the second sweep.
-        before, after: state in either.
+        run: name in the first sweep.
+        before, after: state in the first and in the second sweep.
         metrics: that are worse or on another side of their limit; of a better run those that are better.
         parameters: values of what varies.
     """
 
     kind: str
-    a: str
-    b: str
+    run: str
     before: State
     after: State
     metrics: tuple[str, ...]
@@ -165,7 +164,7 @@ class SweepComparison(Brief):
         changes = [
             (
                 change.kind,
-                change.a if change.a == change.b else f"{change.a} / {change.b}",
+                change.run,
                 change.before.label,
                 change.after.label,
                 "; ".join(map(metric_label, change.metrics)),
@@ -265,7 +264,7 @@ def compare_sweeps(
     if known is not None:
         notes.append(f"noise: numerical uncertainty of {known.gait}, taken for all gaits of the sweeps")
     found = _changes(a, b, rows_a, rows_b, metrics)
-    changes = sorted(found, key=lambda change: (KINDS.index(change.kind), change.a))
+    changes = sorted(found, key=lambda change: (KINDS.index(change.kind), change.run))
     return SweepComparison(a, b, rows_a, rows_b, tuple(changes), tuple(metrics), tuple(notes), require_all)
 
 
@@ -377,7 +376,7 @@ def _changes(
     a: SweepTable, b: SweepTable, rows_a: Rows, rows_b: Rows, metrics: Sequence[MetricChange]
 ) -> Iterator[Change]:
     """Runs that changed."""
-    names_a, names_b = a.words("name"), b.words("name")
+    names = a.words("name")
     varied = [key for key in dict.fromkeys((*a.varied, *b.varied)) if key in a]
     lost = a.measured[rows_a] & ~b.measured[rows_b]
     for i, (left, right) in enumerate(zip(rows_a.tolist(), rows_b.tolist(), strict=True)):
@@ -398,4 +397,4 @@ def _changes(
             continue
         shown = better if kind == "better" else dict.fromkeys([*worse, *(item.name for item in crossed)])
         values = {key: a.table.column(key)[left].as_py() for key in varied}
-        yield Change(kind, names_a[left], names_b[right], before, after, tuple(shown), values)
+        yield Change(kind, names[left], before, after, tuple(shown), values)

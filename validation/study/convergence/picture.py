@@ -1,5 +1,6 @@
 """Picture of the numerical studies: change of each judged metric from level to level."""
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -39,6 +40,7 @@ def _draw_study(axes: Axes, study: Study, result: Convergence) -> None:
     ]
     at = np.array(study.values)
     largest = _LEAST
+    axes.set_prop_cycle(color=mpl.colormaps["tab20"].colors)  # type: ignore[attr-defined]
     for item in judged:
         changes = np.abs(np.diff(result.studied[item.name].levels[study.name]) / item.value)
         changes[~(changes > _LEAST)] = np.nan
