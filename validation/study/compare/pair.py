@@ -190,6 +190,11 @@ class Pair(Brief):
             f"Smaller is better. A difference counts if it exceeds {bases}.",
             "The first step is left out. Measured values are compared with the own plan of each walk.",
         ]
+        if a.study or b.study:
+            notes.append(
+                "What a convergence study lacks counts from its change at half the time step, or, of a "
+                f"finished run, from {100 * SHARE:g} % ({100 * SHARE_OF_EXTREMES:g} % of largest values)."
+            )
         columns = [*heads, "unit", ">counts from", "better"]
         groups = dict.fromkeys(row.of.group for row in self.rows)
         return [

@@ -5,12 +5,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from validation.judge.metrics import METRICS
 from validation.show.style import into_file
+from validation.study.compare.metrics import rounding
 from validation.study.convergence.levels import Study
 from validation.study.convergence.study import Convergence
-
-_LEAST = 1e-9  # relative change below which it is rounding
 
 
 @into_file
@@ -33,20 +31,20 @@ def draw(result: Convergence) -> Figure:
 
 def _draw_study(axes: Axes, study: Study, result: Convergence) -> None:
     """One study; changes that are rounding are gaps, and dots are a change in proportion to the level."""
-    judged = [
-        item
-        for item in result.metrics.values()
-        if item.tolerance is not None and item.value and METRICS[item.name].nature != "count"
-    ]
+    judged = [item for item in result.metrics.values() if item.tolerance is not None and item.value]
     at = np.array(study.values)
-    largest = _LEAST
+    largest = 0.0
     axes.set_prop_cycle(color=mpl.colormaps["tab20"].colors)  # type: ignore[attr-defined]
     for item in judged:
-        changes = np.abs(np.diff(result.studied[item.name].levels[study.name]) / item.value)
-        changes[~(changes > _LEAST)] = np.nan
-        largest = max(largest, float(np.nanmax(changes, initial=_LEAST)))
+        changes = np.abs(np.diff(result.studied[item.name].levels[study.name]))
+        changes[~(changes > rounding(item.value, item.of.unit))] = np.nan
+        changes /= abs(item.value)
+        largest = float(np.nanmax(changes, initial=largest))
         axes.loglog(at[:-1], changes, "o-", lw=1.2, ms=4.5, label=item.label)
-    axes.loglog(at, 2.5 * largest * at / at[0], ":", color="0.6", label="order 1")
+    if largest:
+        axes.loglog(at, 2.5 * largest * at / at[0], ":", color="0.6", label="order 1")
+    else:
+        axes.text(0.5, 0.5, "no change but rounding", transform=axes.transAxes, ha="center")
     axes.set_title(study.title)
     axes.set_xticks(at, study.shown)
     axes.minorticks_off()
