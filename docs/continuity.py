@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 from ampm.geometry import Array
 from ampm.run_file import dump_run, load_run
 from validation.cli.console import Narrator
-from validation.show.text import format_number
 from validation.store.saved import SavedRun, load_saved_run
 from validation.study.compare.metrics import switch_rows
 from validation.study.compare.pair import Pair
@@ -78,9 +77,8 @@ def table(pairs: list[Pair]) -> Iterator[tuple[str, ...]]:
     yield ("gait", "outcome", "", *(side.outcome for side in sides))
     yield ("gait", "mean speed", "m/s", *(f"{mean_speed(load_saved_run(side.folder)):.3f}" for side in sides))
     for same in zip(*(pair.rows for pair in pairs), strict=True):
-        values = (0.0 if abs(value) < 1e-9 else value for row in same for value in (row.a, row.b))
-        quantity = same[0].of
-        yield (quantity.group, quantity.label, quantity.unit, *(format_number(value, 3) for value in values))
+        cells = [pair.cells(row) for pair, row in zip(pairs, same, strict=True)]
+        yield (same[0].of.group, cells[0][0], cells[0][3], *(value for row in cells for value in row[1:3]))
 
 
 def mean_speed(run: SavedRun) -> float:

@@ -54,12 +54,13 @@ def _levels(found: Convergence) -> Iterator[tuple[str, ...]]:
     items = [item for item in found.metrics.values() if item.tolerance is not None or item.name in INTEGRALS]
     for study in found.studies:
         for item in items:
-            orders, u = "", item.inputs.get(study.name, math.nan)
+            studied = found.studied[item.name]
+            orders, u = "", studied.inputs.get(study.name, math.nan)
             if study.numerical:
-                one = item.estimates[study.name]
+                one = studied.estimates[study.name]
                 orders, u = " ".join(f"{order:.2f}" for order in one.orders), one.uncertainty
             levels = "; ".join(study.shown)
-            values = " ".join(f"{value:.6g}" for value in item.levels[study.name])
+            values = " ".join(f"{value:.6g}" for value in studied.levels[study.name])
             yield found.request.name, study.name, item.name, item.of.unit, levels, values, orders, f"{u:.3g}"
 
 

@@ -66,7 +66,7 @@ def make_study(folder: Path, metrics: Mapping[str, Any], **more: Any) -> Path:
     entries = {name: {"uncertainty_at_least": value, "not_studied": []} for name, value in metrics.items()}
     table = {
         "gait": "normal", "steps": 6, "run": "abc", "levels": {}, "metrics": entries, "parameters": {},
-        "uncertainty_of": ["time_step", "ik_grid", "qp_tolerance"], "not_studied": [], **more,
+        "studies": ["time_step", "ik_grid", "qp_tolerance"], "not_studied": [], **more,
     }  # fmt: skip
     path = folder / "convergence.json"
     path.write_text(json.dumps(table), encoding="utf-8")

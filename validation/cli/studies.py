@@ -29,7 +29,7 @@ from validation.cli.options import (
     check_picture,
     option,
     with_short,
-)  # fmt: skip
+)
 from validation.show.text import print_line, print_table
 from validation.store.folders import output_file
 from validation.table import print_tables

@@ -82,7 +82,7 @@ class _File(BaseModel):
     levels: dict[str, Any]  # a run's summary.json has metrics too, and no levels
     metrics: dict[str, _Metric]
     parameters: dict[str, dict[str, Any]]
-    uncertainty_of: tuple[str, ...]
+    studies: tuple[str, ...]
     not_studied: tuple[str, ...]
 
 
@@ -123,7 +123,7 @@ def load_uncertainty(path: Path) -> Uncertainty:
         table.run,
         values,
         table.parameters,
-        table.uncertainty_of,
+        table.studies,
         table.not_studied,
         {name: item.not_studied for name, item in table.metrics.items() if item.not_studied},
     )

@@ -5,7 +5,7 @@ a second walk at half the time step, or, of a finished run, by the share that th
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,25 +13,24 @@ from typing import Any, NamedTuple
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from validation.judge.metrics import METRICS, display_unit
 from validation.judge.uncertainty import Uncertainty
-from validation.show.text import BODY_WEIGHT, format_number, format_value
+from validation.show.text import format_value
 from validation.store.identity import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import load_saved_run
 from validation.study.compare.metrics import (
     JUDGED,
-    OTHER,
     PLAN,
     SWITCH,
     Quantity,
-    metric_limit,
+    metric_entry,
     metric_quantities,
-    metric_values,
     plan_values,
     rounding,
     switch_values,
 )
-from validation.table import Table
+from validation.table import Table, format_number, short_unit
 from validation.trial.outcome import OutcomeName
 
 SHARE, SHARE_OF_EXTREMES = 0.1, 0.4
@@ -50,7 +49,7 @@ class Side(Brief):
         folder: of the run.
         parameters: of the run.
         summary: ``summary.json``.
-        values: name of a quantity to its value as shown, NaN if it has none.
+        values: name of a quantity to its value in SI units, NaN if it has none.
         halved: the same at half the time step; empty if that was not walked.
         study: convergence study of the gait.
     """
@@ -62,11 +61,6 @@ class Side(Brief):
     values: Mapping[str, float]
     halved: Mapping[str, float]
     study: Uncertainty | None
-
-    @property
-    def weight(self) -> float:
-        """Of the body [N]."""
-        return float(self.summary["scales"]["body_weight"])
 
     @property
     def outcome(self) -> str:
@@ -82,7 +76,7 @@ class Side(Brief):
 
     @property
     def basis(self) -> str:
-        """Where :meth:`change` comes from."""
+        """Where :meth:`change` of a judged metric comes from."""
         if self.study is not None:
             return "their numerical uncertainty"
         if self.halved:
@@ -90,26 +84,25 @@ class Side(Brief):
         return f"{100 * SHARE:g} % ({100 * SHARE_OF_EXTREMES:g} % of largest values)"
 
     def change(self, item: Quantity) -> float:
-        """Change of a value for numerical reasons, as shown; infinite without a bound."""
-        factor, unit = item.si_unit(self.weight)
+        """Change of a value for numerical reasons, in SI units; infinite without a bound."""
         value, halved = self.values[item.name], self.halved.get(item.name, math.nan)
         change = (SHARE_OF_EXTREMES if item.extreme else SHARE) * abs(value)
-        if self.study is not None and item.studied_name in self.study.bounds:
-            change = self.study.bounds[item.studied_name] / factor
+        if self.study is not None and item.name in self.study.bounds:
+            change = self.study.bounds[item.name]
         elif math.isfinite(halved):
             change = abs(value - halved)
-        return max(change, float(rounding(factor * value, unit)) / factor)
+        return max(change, float(rounding(value, item.unit)))
 
 
 class Row(NamedTuple):
-    """One quantity of both sides.
+    """One quantity of both sides, in SI units.
 
     Attributes:
         of: the quantity.
-        a: value of the first side as shown, NaN if it has none.
+        a: value of the first side, NaN if it has none.
         b: of the second side.
         least: difference above which it counts.
-        limit: tolerance as shown; None if it is not judged.
+        limit: tolerance; None if it is not judged.
     """
 
     of: Quantity
@@ -166,60 +159,66 @@ class Pair(Brief):
         counted = [row for row in judged if row.better]
         if not counted:
             return f"{self.title} agree: no judged metric differs by more than {basis}."
-        numbers = {
-            side.label: sum(row.better == name for row in counted) for name, side in (("a", a), ("b", b))
-        }
-        parts = [f"{label} is better in {number}" for label, number in numbers.items() if number]
-        most = max(counted, key=lambda row: row.share)
-        values = f"{_shown(most.a)} and {_shown(most.b)} {most.of.unit}".rstrip()
+        numbers = [
+            (side.label, sum(row.better == name for row in counted)) for side, name in ((a, "a"), (b, "b"))
+        ]
+        better = ", ".join(f"{label} is better in {number}" for label, number in numbers if number)
+        label, one, two, unit, *_ = self.cells(max(counted, key=lambda row: row.share))
+        values = f"{one} and {two} {unit}".rstrip()
         return (
-            f"{', '.join(parts)} of {len(judged)} judged metrics by more than {basis}; they differ most in "
-            f"{most.of.label}: {values}."
+            f"{better} of {len(judged)} judged metrics by more than {basis}; they differ most in {label}: "
+            f"{values}."
         )
+
+    def cells(self, row: Row) -> tuple[str, ...]:
+        """Label, both values, unit, least difference that counts, and the better side, for tables."""
+        factor, unit = display_unit(row.of.unit, float(self.a.summary["scales"]["body_weight"]))
+        a, b, least = (_shown(factor * value) for value in (row.a, row.b, row.least))
+        better = {"a": self.a.label, "b": self.b.label, "": ""}[row.better]
+        return row.of.label, a, b, short_unit(unit), least, better
 
     def tables(self) -> list[Table]:
         """What differs, and the quantities group by group."""
         a, b = self.a, self.b
         heads = ["", f">{a.label}", f">{b.label}"]
         facts = [
-            (name, *(str(side.summary[name]) for side in (a, b)))
-            for name in ("outcome", "verdict", "profile")
+            (name, str(a.summary[name]), str(b.summary[name])) for name in ("outcome", "verdict", "profile")
         ]
         facts += [(key, format_value(one), format_value(two)) for key, (one, two) in self.parameters.items()]
-        names = {"a": a.label, "b": b.label, "": ""}
-        groups: dict[str, list[Sequence[str]]] = {}
-        for row in self.rows:
-            unit = row.of.unit.replace("% of body weight", BODY_WEIGHT)
-            numbers = (_shown(row.a), _shown(row.b), unit, _shown(row.least), names[row.better])
-            groups.setdefault(row.of.group, []).append((row.of.label, *numbers))
         bases = a.basis if a.basis == b.basis else f"{a.basis} ({a.label}) plus {b.basis} ({b.label})"
         notes = [
             f"Smaller is better. A difference counts if it exceeds {bases}.",
             "The first step is left out. Measured values are compared with the own plan of each walk.",
         ]
+        if a.study or b.study:
+            notes.append(
+                "What a convergence study lacks counts from its change at half the time step, or, of a "
+                f"finished run, from {100 * SHARE:g} % ({100 * SHARE_OF_EXTREMES:g} % of largest values)."
+            )
         columns = [*heads, "unit", ">counts from", "better"]
+        groups = dict.fromkeys(row.of.group for row in self.rows)
         return [
             Table("both walks", heads, facts, notes),
-            *(Table(group, columns, rows) for group, rows in groups.items()),
+            *(
+                Table(group, columns, [self.cells(row) for row in self.rows if row.of.group == group])
+                for group in groups
+            ),
         ]
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything, as plain data."""
+        """Everything, as plain data in SI units."""
         sides: dict[str, Any] = {
             name: {"label": side.label, "differences_count_from": side.basis}
             | {key: side.summary[key] for key in ("outcome", "verdict", "profile", "steps_completed")}
             for name, side in (("a", self.a), ("b", self.b))
         }
         quantities = {
-            row.of.name: {key: getattr(row.of, key) for key in ("group", "label", "unit")}
+            row.of.name: {"group": row.of.group, "label": row.of.label, "unit": row.of.unit}
             | {"a": row.a, "b": row.b, "counts_from": row.least, "better": row.better}
             for row in self.rows
         }
-        return dict(
-            json_ready(
-                {"sentence": self.sentence, **sides, "parameters": self.parameters, "quantities": quantities}
-            )
-        )
+        found = {"sentence": self.sentence, **sides, "parameters": self.parameters, "quantities": quantities}
+        return dict(json_ready(found))
 
 
 def _shown(value: float) -> str:
@@ -245,27 +244,34 @@ def load_side(label: str, folder: Path, half: Path | None = None, study: Uncerta
 
 
 def _values(folder: Path) -> dict[str, float]:
-    """All quantities of a run, as shown."""
+    """All quantities of a run, in SI units."""
     run = load_saved_run(folder, check=False)
     if len(run.signals) < 2:
         raise InputError(f"the run in {folder} ended before its first instant; there is nothing to compare.")
-    record = run.record
+    metrics = {name: metric_entry(run.summary, name).get("value") for name in METRICS}
     return {
-        **plan_values(run.signals, record.mass),
-        **switch_values(run.signals, record),
-        **metric_values(run.summary, record.mass * record.gravity),
+        **plan_values(run.signals, run.record.mass),
+        **switch_values(run.signals, run.record),
+        **{name: math.nan if value is None else value for name, value in metrics.items()},
     }
 
 
 def pair_of(a: Side, b: Side) -> Pair:
     """All quantities of two walks; judged metrics first."""
-    metrics = metric_quantities(a.weight, a.summary, b.summary)
-    judged, costs = ([item for item in metrics if item.group == group] for group in (JUDGED, OTHER))
-    rows = []
-    for item in (*judged, *PLAN, *SWITCH, *costs):
-        limits = [metric_limit(side.summary, item.name) for side in (a, b) if item.group == JUDGED]
-        limit = next((limit for limit in limits if limit is not None), None)
-        rows.append(
-            Row(item, a.values[item.name], b.values[item.name], a.change(item) + b.change(item), limit)
+    limits: dict[str, float] = {}
+    for side in (b, a):  # of two limits the first side's counts
+        entries = {name: metric_entry(side.summary, name).get("tolerance") for name in METRICS}
+        limits |= {name: limit for name, limit in entries.items() if limit is not None}
+    metrics = metric_quantities(set(limits))
+    judged = [item for item in metrics if item.group == JUDGED]
+    rows = [
+        Row(
+            item,
+            a.values[item.name],
+            b.values[item.name],
+            a.change(item) + b.change(item),
+            limits.get(item.name),
         )
+        for item in (*judged, *PLAN, *SWITCH, *metrics[len(judged) :])
+    ]
     return Pair(a, b, tuple(rows))

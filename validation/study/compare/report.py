@@ -1,34 +1,16 @@
 """Files of a comparison, of two walks or of two sweeps."""
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
 
 from validation.show.page import render_page
 from validation.store.folders import check_target, output_file
 from validation.store.json import write_json
+from validation.study.compare.pair import Pair
+from validation.study.compare.sweeps import SweepComparison
 from validation.study.row_file import ROWS
-from validation.table import Table
 
 REPORT, NUMBERS = "report.html", "comparison.json"
-
-
-class Result(Protocol):
-    """What a page shows."""
-
-    @property
-    def title(self) -> str:
-        """What is compared."""
-
-    @property
-    def sentence(self) -> str:
-        """The result in one sentence."""
-
-    def tables(self) -> Sequence[Table]:
-        """All tables, in order."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Everything, as plain data."""
+Result = Pair | SweepComparison
 
 
 def check_folder(folder: Path, *, resume: bool) -> None:

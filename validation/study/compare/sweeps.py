@@ -19,32 +19,21 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from validation.judge.metrics import display_unit, metric_label
 from validation.judge.uncertainty import Uncertainty, load_uncertainty
-from validation.show.text import format_number, format_value
+from validation.show.text import format_value
 from validation.store.json import json_ready
 from validation.study.compare.metrics import rounding
 from validation.study.sweep.table import METRIC, STATES, State, SweepTable, read_sweep
-from validation.table import Table
+from validation.table import Table, format_number, short_unit
 
 Rows = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 TOLERANCE = 0.1
 """Share of its limit by which a metric may grow before that is a regression [1]."""
-KINDS: Mapping[str, str] = {
-    "newly_failing": "newly failing",
-    "worse_outcome": "with a worse outcome",
-    "worse_metrics": "with a metric worse beyond tolerance",
-    "newly_passing": "newly passing",
-    "better_outcome": "with a better outcome",
-    "other_change": "with another outcome or verdict, and no difference beyond noise",
-}
-"""Possible changes of a run; the first three are regressions."""
-_REGRESSIONS = tuple(KINDS)[:3]
-_SEVERITY = {State.PASS: 0, State.OUT_OF_TOLERANCE: 1, State.NOT_MEASURED: 1, State.REFUSED: 2}
-_SEVERITY |= {State.FELL: 3, State.DIVERGED: 3, State.INFEASIBLE: 3}
-_SEVERITY |= {State.CRASHED: 4, State.TIMED_OUT: 4}
+KINDS = ("newly failing", "worse", "newly passing", "better")
+"""Changes of a run; the first two are regressions."""
 _SHOWN = 100
-"""Rows of a table of runs."""
+"""Rows of the table of runs."""
 
 
 @dataclass(frozen=True)
@@ -54,34 +43,21 @@ class MetricChange:
     Attributes:
         name: of the metric.
         unit: SI unit.
-        before, after: values in the first and in the second sweep.
-        both: whether the run completed in both, with a finite value.
-        growth: second minus first; infinite where only the second sweep lacks a value, else zero without one.
-        noise: largest difference that counts as none; infinite if the study has no bound.
-        regressed: whether it grew by more than noise and tolerance, or lost its value.
-        over_a, over_b: whether it is over its limit.
+        a, b: values in the first and in the second sweep, NaN unless both runs completed.
+        worse: whether it grew by more than noise and tolerance, or has no value any more.
+        better: whether it fell by as much.
+        crossed: whether it is on another side of its limit.
+        is_noise: whether the difference is noise.
     """
 
     name: str
     unit: str
-    before: Array
-    after: Array
-    both: Mask
-    growth: Array
-    noise: Array
-    regressed: Mask
-    over_a: Mask
-    over_b: Mask
-
-    @property
-    def better(self) -> Mask:
-        """Where it fell by more than the noise."""
-        return -self.growth > self.noise
-
-    @property
-    def worse(self) -> Mask:
-        """Where it grew by more than the noise, or lost its value."""
-        return (self.growth > self.noise) | np.isinf(self.growth)
+    a: Array
+    b: Array
+    worse: Mask
+    better: Mask
+    crossed: Mask
+    is_noise: Mask
 
     def as_dict(self, names: Sequence[str], scale: Array | float = 1.0) -> dict[str, Any]:
         """Counts, medians over the runs with both values, and the run that got worse most.
@@ -90,36 +66,33 @@ class MetricChange:
             names: of the runs.
             scale: factor on all values, a number or shape (N,).
         """
-        before, after = scale * self.before, scale * self.after
-        row = int(np.argmax(np.where(self.worse, self.growth, -np.inf)))
-        worst = {"run": names[row], "a": float(before[row]), "b": float(after[row])}
+        a, b = scale * self.a, scale * self.b
+        both = np.isfinite(a) & np.isfinite(b)
+        worst = int(np.argmax(np.where(self.worse, np.nan_to_num(b - a, nan=np.inf), -np.inf)))
         return {
             "unit": self.unit,
-            "pairs": int(self.both.sum()),
-            **{key: int(getattr(self, key).sum()) for key in ("better", "worse", "regressed")},
-            "median": {
-                key: float(np.median(values[self.both])) if self.both.any() else math.nan
-                for key, values in (("a", before), ("b", after))
-            },
-            "worst": worst if self.worse.any() else None,
+            "worse": int(self.worse.sum()),
+            "better": int(self.better.sum()),
+            "median_a": float(np.median(a[both])) if both.any() else math.nan,
+            "median_b": float(np.median(b[both])) if both.any() else math.nan,
+            "worst": {"run": names[worst], "a": a[worst], "b": b[worst]} if self.worse.any() else None,
         }
 
 
 @dataclass(frozen=True)
 class Change:
-    """A run whose outcome or metrics changed.
+    """A run that changed.
 
     Attributes:
         kind: one of :data:`KINDS`.
-        a, b: name in the first and in the second sweep.
-        before, after: state in either.
-        metrics: those that got worse beyond tolerance, or are newly over their limit.
+        run: name in the first sweep.
+        before, after: state in the first and in the second sweep.
+        metrics: that are worse or on another side of their limit; of a better run those that are better.
         parameters: values of what varies.
     """
 
     kind: str
-    a: str
-    b: str
+    run: str
     before: State
     after: State
     metrics: tuple[str, ...]
@@ -133,7 +106,7 @@ class SweepComparison(Brief):
     Attributes:
         a, b: the sweeps; the first is the reference.
         rows_a, rows_b: rows of the runs that both have, shape (N,) each.
-        changes: runs that changed, the worst outcome first.
+        changes: runs that changed, in the order of :data:`KINDS`.
         metrics: in the profile's order.
         notes: conditions of the comparison.
         require_all: whether missing runs are regressions.
@@ -167,33 +140,40 @@ class SweepComparison(Brief):
     @property
     def regressions(self) -> list[str]:
         """Reasons why the comparison fails; empty if it passes."""
-        found = [f"{self.counts[kind]} {KINDS[kind]}" for kind in _REGRESSIONS if self.counts[kind]]
-        return [*found, f"{len(self.missing)} missing"] if self.require_all and self.missing else found
+        found = [f"{self.counts[kind]:,} {kind}" for kind in KINDS[:2] if self.counts[kind]]
+        return [*found, f"{len(self.missing):,} missing"] if self.require_all and self.missing else found
 
     @property
     def sentence(self) -> str:
         """The result in one sentence."""
         runs = f"{len(self.rows_a):,} matched run{'' if len(self.rows_a) == 1 else 's'}"
-        lacking = (
-            f"; {len(self.missing):,} of the {len(self.a):,} runs of A are missing in B"
-            if self.missing
-            else ""
+        gains = [f"{self.counts[kind]:,} {kind}" for kind in KINDS[2:] if self.counts[kind]]
+        found = ", ".join([*self.regressions, *gains])
+        lacking = f"; {len(self.missing):,} of the {len(self.a):,} runs of A are missing in B"
+        return (
+            f"{'Regression' if self.regressions else 'No regression'} in {runs}{': ' if found else ''}{found}"
+            f"{lacking if self.missing else ''}."
         )
-        late = [name for name, side in (("A", self.a), ("B", self.b)) if side.planned > len(side)]
-        lacking += f"; {' and '.join(late)} {'is' if len(late) == 1 else 'are'} not finished" if late else ""
-        if self.regressions:
-            return f"Regression in {runs}: {', '.join(self.regressions)}{lacking}."
-        if self.counts["newly_passing"]:
-            return f"No regression in {runs}, {self.counts['newly_passing']} newly passing{lacking}."
-        changed = self.changes or any((item.better | item.worse).any() for item in self.metrics)
-        return f"No {'regression' if changed else 'difference beyond noise'} in {runs}{lacking}."
 
     def tables(self) -> list[Table]:
         """Outcomes, metrics, and runs that changed."""
         counted = Counter(zip(self.a.states[self.rows_a], self.b.states[self.rows_b], strict=True))
         outcomes = [(STATES[a].label, STATES[b].label, f"{n:,}") for (a, b), n in sorted(counted.items())]
-        columns = ("metric", ">better", ">worse", ">beyond", ">median A", ">median B", "unit", "worst")
-        note = "Better, worse: runs that differ by more than noise. Beyond: grown by more than the tolerance."
+        columns = ("metric", ">worse", ">better", ">median A", ">median B", "unit", "worst")
+        note = "Worse, better: runs of which the metric grew or fell by more than noise and tolerance."
+        changes = [
+            (
+                change.kind,
+                change.run,
+                change.before.label,
+                change.after.label,
+                "; ".join(map(metric_label, change.metrics)),
+                ", ".join(f"{key} {format_value(value)}" for key, value in change.parameters.items()),
+            )
+            for change in self.changes[:_SHOWN]
+        ]
+        more = len(self.changes) - _SHOWN
+        heads = ("change", "run", "in A", "in B", "metrics", "parameters")
         found = [
             Table("outcomes", ("in A", "in B", ">runs"), outcomes, self.notes),
             Table(
@@ -202,37 +182,26 @@ class SweepComparison(Brief):
                 [*map(self._cells, self.metrics)],
                 [note],
             ),
+            Table("runs that changed", heads, changes, [f"and {more:,} more"] if more > 0 else []),
         ]
-        for kind, title in KINDS.items():
-            changes = [change for change in self.changes if change.kind == kind]
-            rows = [
-                (
-                    change.a if change.a == change.b else f"{change.a} / {change.b}",
-                    change.before.label,
-                    change.after.label,
-                    "; ".join(map(metric_label, change.metrics)),
-                    ", ".join(f"{key} {format_value(value)}" for key, value in change.parameters.items()),
-                )
-                for change in changes[:_SHOWN]
-            ]
-            more = [f"and {len(changes) - _SHOWN:,} more"] if len(changes) > _SHOWN else []
-            heads = ("run", "in A", "in B", "metrics", "parameters")
-            found.append(Table(f"{len(changes):,} {title}", heads, rows, more))
         return [table for table in found if table.rows]
 
     def _cells(self, item: MetricChange) -> list[str]:
         """Cells of a metric, in millimetres and per cent of the body weight of the runs of A."""
         scale, unit = display_unit(item.unit, self.a.weight[self.rows_a])
         found = item.as_dict(self._names, scale)
-        worst = found["worst"]
+        worst = ""
+        if found["worst"]:
+            run, a, b = found["worst"].values()
+            worst = f"{run}: {format_number(a, 3)} → {format_number(b, 3)}"
         return [
             metric_label(item.name),
-            *(f"{found[key]:,}" for key in ("better", "worse", "regressed")),
-            *(format_number(found["median"][side]) for side in "ab"),
-            unit,
-            f"{worst['run']}: {format_number(worst['a'], 3)} → {format_number(worst['b'], 3)}"
-            if worst
-            else "",
+            f"{found['worse']:,}",
+            f"{found['better']:,}",
+            format_number(found["median_a"]),
+            format_number(found["median_b"]),
+            short_unit(unit),
+            worst,
         ]
 
     @property
@@ -283,21 +252,19 @@ def compare_sweeps(
     """
     a, b = (side if isinstance(side, SweepTable) else read_sweep(side) for side in (a, b))
     known = load_uncertainty(uncertainty) if isinstance(uncertainty, Path) else uncertainty
-    allowed = _read_tolerances(tolerances, {*a.metrics, *b.metrics})
+    shares = _read_tolerances(tolerances, {*a.metrics, *b.metrics})
     rows_a, rows_b, notes = join(a, b)
     metrics = []
     for name in a.metrics:
         if METRIC + name in b and (name in a.limits or name in b.limits):
             bound = 0.0 if known is None else known.bounds.get(name, 0.0)
-            item = _compare_metric(name, (a, rows_a), (b, rows_b), allowed.get(name, allowed[""]), bound)
-            if (item.both | item.worse).any():
-                metrics.append(item)
+            share = shares.get(name, shares[""])
+            metrics.append(_compare_metric(name, (a, rows_a), (b, rows_b), share, bound))
     notes += _notes(a, b)
     if known is not None:
         notes.append(f"noise: numerical uncertainty of {known.gait}, taken for all gaits of the sweeps")
-    changes = sorted(
-        _changes(a, b, rows_a, rows_b, metrics), key=lambda change: (-_SEVERITY[change.after], change.a)
-    )
+    found = _changes(a, b, rows_a, rows_b, metrics)
+    changes = sorted(found, key=lambda change: (KINDS.index(change.kind), change.run))
     return SweepComparison(a, b, rows_a, rows_b, tuple(changes), tuple(metrics), tuple(notes), require_all)
 
 
@@ -357,20 +324,16 @@ def _pairs(a: Sequence[Any], b: Sequence[Any]) -> list[tuple[int, int]]:
 
 def _notes(a: SweepTable, b: SweepTable) -> Iterator[str]:
     """Warnings about the comparison of two sweeps."""
-    if a.profile != b.profile:
-        yield f"the verdicts are of different profiles: {a.profile or '?'} and {b.profile or '?'}"
-    elif {n: i.limit for n, i in a.limits.items()} != {n: i.limit for n, i in b.limits.items()}:
-        yield "the limits of the profile are not the same in both sweeps; those of B count"
+    for name, side in (("A", a), ("B", b)):
+        if side.planned > len(side):
+            yield f"{name} is not finished: {len(side):,} of {side.planned:,} runs"
+    if a.profile != b.profile or a.metadata["tolerances"] != b.metadata["tolerances"]:
+        yield f"the limits differ (profiles {a.profile or '?'} and {b.profile or '?'}); those of B count"
     if gone := [name for name in a.judged if METRIC + name not in b]:
         yield f"only A has {', '.join(gone)}"
-    machines = (
-        {**side.metadata["environment"].get("versions", {}), **side.metadata["environment"]}
-        for side in (a, b)
-    )
-    one, two = machines
-    for entry in ("processor", "platform", "mujoco", "numpy", "pin", "osqp"):
-        if one.get(entry) != two.get(entry):
-            yield f"{entry}: {one.get(entry)}, then {two.get(entry)}; bits may differ for that alone"
+    one, two = (side.metadata["environment"] for side in (a, b))
+    if differ := [key for key in ("processor", "platform", "versions") if one.get(key) != two.get(key)]:
+        yield f"{', '.join(differ)} of the machines differ; values may differ for that alone"
 
 
 def _compare_metric(
@@ -387,24 +350,25 @@ def _compare_metric(
     """
     (first, rows_a), (second, rows_b) = a, b
     unit = first.unit(METRIC + name)
-    before, after = first.numbers(METRIC + name)[rows_a], second.numbers(METRIC + name)[rows_b]
+    completed = first.measured[rows_a] & second.measured[rows_b]
+    before, after = (
+        np.where(completed, sweep.numbers(METRIC + name)[rows], np.nan) for sweep, rows in (a, b)
+    )
     limit = second.limit_values(name)[rows_b]
     limit = np.where(np.isnan(limit), first.limit_values(name)[rows_a], limit)
     noise = np.maximum(rounding(np.fmax(np.abs(before), np.abs(after)), unit), bound)
-    completed = first.measured[rows_a] & second.measured[rows_b] & np.isfinite(before)
-    both = completed & np.isfinite(after)
-    growth = np.where(both, after - before, np.where(completed, np.inf, 0.0))
+    lost = completed & np.isfinite(before) & ~np.isfinite(after)
+    growth = np.where(lost, np.inf, np.where(np.isfinite(before) & np.isfinite(after), after - before, 0.0))
+    allowed = np.fmax(noise, share * limit)
     return MetricChange(
         name=name,
         unit=unit,
-        before=before,
-        after=after,
-        both=both,
-        growth=growth,
-        noise=noise,
-        regressed=(completed & ~both) | ((growth > noise) & (growth > share * limit)),
-        over_a=first.used(name)[rows_a] > 1.0,
-        over_b=second.used(name)[rows_b] > 1.0,
+        a=before,
+        b=after,
+        worse=lost | (growth > allowed),
+        better=-growth > allowed,
+        crossed=(first.used(name)[rows_a] > 1.0) != (second.used(name)[rows_b] > 1.0),
+        is_noise=np.abs(growth) <= noise,
     )
 
 
@@ -412,30 +376,25 @@ def _changes(
     a: SweepTable, b: SweepTable, rows_a: Rows, rows_b: Rows, metrics: Sequence[MetricChange]
 ) -> Iterator[Change]:
     """Runs that changed."""
-    names_a, names_b = a.words("name"), b.words("name")
+    names = a.words("name")
     varied = [key for key in dict.fromkeys((*a.varied, *b.varied)) if key in a]
-    moved = np.any([a.states[rows_a] != b.states[rows_b], *(item.regressed for item in metrics)], axis=0)
-    for i in np.flatnonzero(moved).tolist():
-        left, right = int(rows_a[i]), int(rows_b[i])
+    lost = a.measured[rows_a] & ~b.measured[rows_b]
+    for i, (left, right) in enumerate(zip(rows_a.tolist(), rows_b.tolist(), strict=True)):
         before, after = a.state(left), b.state(right)
-        grown = {item.name: None for item in metrics if item.regressed[i]}
-        over = {item.name: None for item in metrics if item.over_b[i] and not item.over_a[i]}
-        kind = _kind(before, after, bool(grown), metrics, i)
-        values = {key: a.table.column(key)[left].as_py() for key in varied}
-        yield Change(kind, names_a[left], names_b[right], before, after, tuple(over | grown), values)
-
-
-def _kind(before: State, after: State, grown: bool, metrics: Sequence[MetricChange], i: int) -> str:
-    """Change of a run whose state changed or that has a metric worse beyond tolerance."""
-    if {before, after} == {State.PASS, State.OUT_OF_TOLERANCE}:
+        worse, better = (
+            [item.name for item in metrics if getattr(item, kind)[i]] for kind in ("worse", "better")
+        )
+        crossed = [item for item in metrics if item.crossed[i]]
         # A verdict may change by a difference below the noise, which is no result.
-        failing = after is State.OUT_OF_TOLERANCE
-        crossed = [item for item in metrics if (item.over_b if failing else item.over_a)[i]]
-        real = any((item.worse | ~item.both if failing else item.better)[i] for item in crossed)
-        if crossed and not real:  # without a metric over its limit the verdict has other reasons
-            return "worse_metrics" if grown else "other_change"
-    if before is not after and State.PASS in (before, after):
-        return "newly_failing" if before is State.PASS else "newly_passing"
-    if _SEVERITY[before] == _SEVERITY[after]:
-        return "worse_metrics" if grown else "other_change"
-    return "worse_outcome" if _SEVERITY[after] > _SEVERITY[before] else "better_outcome"
+        is_noise = bool(crossed) and all(item.is_noise[i] for item in crossed)
+        if before is not after and State.PASS in (before, after) and not is_noise:
+            kind = "newly failing" if before is State.PASS else "newly passing"
+        elif worse or lost[i]:
+            kind = "worse"
+        elif better:
+            kind = "better"
+        else:
+            continue
+        shown = better if kind == "better" else dict.fromkeys([*worse, *(item.name for item in crossed)])
+        values = {key: a.table.column(key)[left].as_py() for key in varied}
+        yield Change(kind, names[left], before, after, tuple(shown), values)

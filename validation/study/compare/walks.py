@@ -5,12 +5,13 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from ampm.exceptions import InputError
 from ampm.run_file import load_run
 from validation.judge.profiles import own_profile
-from validation.judge.uncertainty import load_uncertainty, matching
+from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching
 from validation.progress import Progress
 from validation.run.walk import walk_planned
 from validation.store.machine import cores
@@ -33,7 +34,7 @@ def compare_pair(
     b: str | None = None,
     settings: Sequence[str] = (),
     *,
-    choices: Mapping[str, Sequence[str]] | None = None,
+    choices: Mapping[str, Sequence[str]] = MappingProxyType({}),
     as_is: bool = False,
     half_step: bool = True,
     uncertainty: Sequence[Path] = (),
@@ -50,7 +51,7 @@ def compare_pair(
         choices: option of :data:`CHOICES` to its value for both sides, or to one value for each.
         as_is: find nothing that the gaits leave open.
         half_step: walk every gait at half the time step, too.
-        uncertainty: ``convergence.json`` of both gaits; they take the place of these walks.
+        uncertainty: ``convergence.json`` of both gaits; a metric's bound takes the place of its change.
         folder: keeps runs and rows, and what is there is not walked again; None keeps nothing.
         workers: processes, one per core by default, 0 to walk in this very process.
         progress: where to report.
@@ -61,63 +62,11 @@ def compare_pair(
         KeyboardInterrupt: Ctrl-C; finished runs are kept.
     """
     progress = progress or Progress()
-    sources = _sources(a, b, settings, choices or {}, as_is=as_is)
-    studies = [load_uncertainty(file) for file in uncertainty]
-    requests = {  # with the values that are found; a refused gait is named before the first walk
-        label: plan_walk(source, progress).request
-        for label, source in sources.items()
-        if isinstance(source, Request)
-    }
-    known = [
-        matching(studies, source if isinstance(source, Request) else _request(label, source))
-        if studies
-        else None
-        for label, source in ({**sources, **requests}).items()
+    twice = _given_twice(choices)
+    sources = [
+        _source(text, [*settings, *_of_side(choices, side)], as_is=as_is)
+        for side, text in enumerate((a, b or (a if twice else "ipm")))
     ]
-    place = nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="ampm-compare-")
-    with place as path:
-        at = Path(path)
-        names = dict(zip(sources, "ab", strict=True))
-        walks = {names[label]: request for label, request in requests.items()}
-        halves = _walk(walks, at, half_step=half_step and not studies, workers=workers, progress=progress)
-        sides = []
-        for (label, name), study in zip(names.items(), known, strict=True):
-            run = at / name if label in requests else Path(str(sources[label]))
-            sides.append(load_side(label, run, at / f"{name}{_HALF}" if name in halves else None, study))
-    return pair_of(*sides)
-
-
-def _sources(
-    a: str | None,
-    b: str | None,
-    settings: Sequence[str],
-    choices: Mapping[str, Sequence[str]],
-    *,
-    as_is: bool,
-) -> dict[str, Request | Path]:
-    """Gaits or folders of runs, by their name in tables.
-
-    Raises:
-        InputError: one cannot be used, both are the same, or an option is given too often.
-    """
-    twice = {option: len(values) for option, values in choices.items() if len(values) > 1}
-    if len(twice) > 1 or max(twice.values(), default=0) > 2:
-        times = ", ".join(f"--{option} is given {count} times" for option, count in twice.items())
-        raise InputError(f"{times}; give one option twice, for A and for B, and any other once, for both.")
-    sources: list[Request | Path] = []
-    for side, text in enumerate((a, b or (a if twice else "ipm"))):
-        if text and Path(text).is_dir():
-            if not (Path(text) / SUMMARY_FILE).is_file():
-                raise InputError(
-                    f"{text} is no folder of a finished run; give a preset, a TOML file, the folder of a "
-                    "run, or two sweeps."
-                )
-            sources.append(Path(text))
-        else:
-            own = (
-                _setting(CHOICES[key], values[-1 if side else 0]) for key, values in choices.items() if values
-            )
-            sources.append(load_request(text, [*settings, *own], as_is=as_is))
     walked = [source for source in sources if isinstance(source, Request)]
     if not walked and (settings or any(choices.values())):
         raise InputError(
@@ -129,32 +78,79 @@ def _sources(
             f"A and B are the same walk of {walked[0].name}; give another gait as B, or --planner, --body or "
             "--controller twice."
         )
-    return dict(zip(_labels(sources, named=bool(twice)), sources, strict=True))
-
-
-def _request(label: str, folder: Path) -> Request:
-    """The request of a finished run."""
-    return Request(label, load_run(folder / RUN_FILE, ()))
-
-
-def _setting(key: str, value: str) -> str:
-    """A setting of a text; a file's path is absolute."""
-    return f"{key}={json.dumps(str(Path(value).resolve()) if Path(value).is_file() else value)}"
-
-
-def _labels(sources: Sequence[Request | Path], *, named: bool) -> list[str]:
-    """Names of both sides, with the options that differ between them if they are equal or ``named``."""
     labels = [item.name if isinstance(item, Request) else item.resolve().name for item in sources]
-    if named or labels[0] == labels[1]:
-        runs = [item.run if isinstance(item, Request) else load_run(item / RUN_FILE, ()) for item in sources]
-        differ = {key: [Path(str(run.value(CHOICES[key]))).name for run in runs] for key in CHOICES}
-        options = [(key, values) for key, values in differ.items() if values[0] != values[1]]
-        own = [", ".join(f"{key} {values[side]}" for key, values in options) for side in (0, 1)]
-        if labels[0] != labels[1]:
-            labels = [f"{label}, {text}" for label, text in zip(labels, own, strict=True)]
-        elif options:
-            labels = own
-    return labels if labels[0] != labels[1] else [f"{labels[0]} (A)", f"{labels[1]} (B)"]
+    if twice:
+        labels = [f"{label}, {twice} {Path(choices[twice][side]).name}" for side, label in enumerate(labels)]
+    if labels[0] == labels[1]:
+        labels = [f"{labels[0]} (A)", f"{labels[1]} (B)"]
+    studies = [load_uncertainty(file) for file in uncertainty]
+    # With the values that are found; a refused gait is named before the first walk.
+    walks = {
+        name: plan_walk(source, progress).request
+        for name, source in zip("ab", sources, strict=True)
+        if isinstance(source, Request)
+    }
+    place = nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="ampm-compare-")
+    with place as path:
+        at = Path(path)
+        known = [_study(studies, walks.get(name, source)) for name, source in zip("ab", sources, strict=True)]
+        halves = _walk(walks, at, half_step=half_step, workers=workers, progress=progress)
+        sides = []
+        for name, label, source, study in zip("ab", labels, sources, known, strict=True):
+            run = source if isinstance(source, Path) else at / name
+            sides.append(load_side(label, run, at / f"{name}{_HALF}" if name in halves else None, study))
+    return pair_of(*sides)
+
+
+def _given_twice(choices: Mapping[str, Sequence[str]]) -> str:
+    """The option that both sides have a value of their own for; empty if there is none.
+
+    Raises:
+        InputError: there are two, or an option is given more often.
+    """
+    twice = {option: len(values) for option, values in choices.items() if len(values) > 1}
+    if len(twice) > 1 or max(twice.values(), default=0) > 2:
+        times = ", ".join(f"--{option} is given {count} times" for option, count in twice.items())
+        raise InputError(f"{times}; give one option twice, for A and for B, and any other once, for both.")
+    return next(iter(twice), "")
+
+
+def _of_side(choices: Mapping[str, Sequence[str]], side: int) -> list[str]:
+    """Settings of the options of one side, 0 or 1; a file's path is absolute."""
+    values = {CHOICES[option]: given[min(side, len(given) - 1)] for option, given in choices.items() if given}
+    return [
+        f"{key}={json.dumps(str(Path(value).resolve()) if Path(value).is_file() else value)}"
+        for key, value in values.items()
+    ]
+
+
+def _source(text: str | None, settings: Sequence[str], *, as_is: bool) -> Request | Path:
+    """A gait, or the folder of a finished run.
+
+    Raises:
+        InputError: it is neither.
+    """
+    if not text or not Path(text).is_dir():
+        return load_request(text, settings, as_is=as_is)
+    if not (Path(text) / SUMMARY_FILE).is_file():
+        raise InputError(
+            f"{text} is no folder of a finished run; give a preset, a TOML file, the folder of a run, or two "
+            "sweeps."
+        )
+    return Path(text)
+
+
+def _study(studies: Sequence[Uncertainty], source: Request | Path) -> Uncertainty | None:
+    """The convergence study of a side, None if no study was given.
+
+    Raises:
+        InputError: none of them is of it.
+    """
+    if not studies:
+        return None
+    if isinstance(source, Path):
+        source = Request(source.name, load_run(source / RUN_FILE, ()))
+    return matching(studies, source)
 
 
 def walk_side(request: Request, folder: str, controller: Any = None, planner: Any = None) -> Row:

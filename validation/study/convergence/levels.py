@@ -2,18 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from validation.judge.compare import Comparison
-from validation.judge.metrics import METRICS, evaluate
-from validation.judge.signals import signals_table
+from validation.judge.metrics import evaluate
 from validation.run.walk import walk_planned
 from validation.store.identity import parameter_values
-from validation.store.machine import memory_peak
-from validation.store.signals import Signals
-from validation.study.compare.metrics import SWITCH, switch_values
 from validation.study.row_file import Row
 from validation.trial.plan import Request, plan_walk
 
@@ -21,7 +16,7 @@ LEVELS = 4
 """Levels of a numerical study by default: two triplets, the least that can confirm an order."""
 OWN = "own"
 """Task of the walk at the gait's own values, which all studies share."""
-_SHOWN = {"s": (1e3, "ms"), "m": (1e3, "mm")}
+_SHOWN = {"s": (1e3, " ms"), "m": (1e3, " mm")}
 
 
 @dataclass(frozen=True)
@@ -35,8 +30,7 @@ class Study:
         title: as text.
         ratio: of neighbouring levels of a numerical study, 0 of a parameter of the model.
         factors: on the own value, of a parameter of the model, the own one among them.
-        values: of the key. Those of a numerical study fall from the own value, those of a parameter of the
-            model ascend in stiffness.
+        values: of the key. Those of a numerical study fall from the own value.
         own: index of the gait's own value.
     """
 
@@ -55,28 +49,24 @@ class Study:
         return self.ratio > 0.0
 
     @property
-    def display(self) -> tuple[float, str]:
-        """Factor and unit for display."""
-        return _SHOWN.get(self.unit, (1.0, ""))
-
-    @property
     def shown(self) -> tuple[str, ...]:
         """The values as texts, with their unit."""
-        factor, unit = self.display
-        return tuple(f"{factor * value:.4g} {unit}".rstrip() for value in self.values)
+        factor, unit = _SHOWN.get(self.unit, (1.0, ""))
+        return tuple(f"{factor * value:.4g}{unit}" for value in self.values)
 
     @property
     def tasks(self) -> tuple[str, ...]:
         """Task of each level."""
-        names = (f"{self.name} {text}" for text in self.shown)
-        return tuple(OWN if number == self.own else name for number, name in enumerate(names))
+        names = [f"{self.name} {text}" for text in self.shown]
+        names[self.own] = OWN
+        return tuple(names)
 
     def applies(self, qp: str) -> bool:
         """Whether it is a parameter of the run's QP solver: an active-set method has no tolerance."""
         return self.name != "qp_tolerance" or qp != "daqp"
 
     def of_run(self, run: RunParameters, levels: int) -> "Study":
-        """The study with the values about a run's own; those that a parameter cannot have are left out."""
+        """The study with the values about a run's own; those that the model cannot have are left out."""
         own = parameter_values(run)[self.key]
         if self.numerical:  # rounded, so that a tenth of 5e-5 is written as 5e-6
             finer = (float(f"{own / self.ratio**level:.15g}") for level in range(1, levels))
@@ -152,63 +142,18 @@ def runs_of(run: RunParameters, found: Sequence[Study]) -> dict[str, RunParamete
     return runs
 
 
-def numerical_studies(qp: str) -> tuple[str, ...]:
-    """Names of the studies that a numerical uncertainty is the sum of, with the run's QP solver."""
-    return tuple(study.name for study in STUDIES if study.numerical and study.applies(qp))
-
-
-# ------------------------------------------------------------------------------------------- on a worker
-
-
 def walk_level(request: Request, controller: Any = None, planner: Any = None) -> Row:
-    """Plan and walk one level.
+    """Plan and walk one level, on a worker.
 
     Returns:
-        ``outcome`` and ``cause``; ``values`` of all studied quantities in SI units; ``scales``, reference
-        quantities of the walk; ``memory``, the largest of the process so far [MB].
+        ``outcome`` and ``cause``; ``values`` of all metrics in SI units; ``scales``, reference quantities of
+        the walk.
     """
     walk = walk_planned(plan_walk(request, planner=planner), controller=controller).comparison
     end = walk.record.outcome
     return {
         "outcome": str(end.name),
         "cause": end.cause,
-        "values": values_of(walk),
+        "values": {name: metric.value for name, metric in evaluate(walk).items()},
         "scales": dict(walk.scales),
-        "memory": memory_peak(),
     }
-
-
-class StudiedQuantity(NamedTuple):
-    """SI unit of a quantity, its nature and whether it is a self-check, all as of a metric."""
-
-    unit: str
-    nature: str = "mean"
-    is_self_check: bool = False
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether it is a count in the very run that it judges."""
-        return self.nature == "count"
-
-
-def studied_quantities() -> dict[str, StudiedQuantity]:
-    """All studied quantities: registered metrics, and those that are compared about the switches."""
-    found = {
-        name: StudiedQuantity(metric.unit, metric.nature, metric.is_self_check)
-        for name, metric in METRICS.items()
-    }
-    for item in SWITCH:
-        unit = item.si_unit(1.0)[1]
-        found[item.studied_name] = StudiedQuantity(unit, "extreme" if item.extreme else "mean")
-    return found
-
-
-def values_of(walk: Comparison) -> dict[str, float]:
-    """Values of all studied quantities, in SI units; those about the switches of a whole walk only."""
-    values = {name: metric.value for name, metric in evaluate(walk).items()}
-    if walk.record.outcome.completed:
-        table, weight = signals_table(walk), walk.record.mass * walk.record.gravity
-        signals = Signals({name: table.column(name).to_numpy() for name in table.column_names})
-        shown = switch_values(signals, walk.record)
-        values |= {item.studied_name: float(item.si_unit(weight)[0] * shown[item.name]) for item in SWITCH}
-    return values

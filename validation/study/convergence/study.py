@@ -10,42 +10,30 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.parameters import steps_per_tick
 from validation.judge import profiles
-from validation.judge.metrics import MetricValue
+from validation.judge.metrics import METRICS, MetricValue
 from validation.judge.profiles import Profile
 from validation.judge.uncertainty import FILE, Uncertainty
 from validation.judge.verdict import MetricResult, Verdict, judge
 from validation.progress import Progress
-from validation.show.text import BODY_WEIGHT, format_number
 from validation.store.environment import describe_environment
 from validation.store.folders import output_file
 from validation.store.identity import parameter_values, run_key
 from validation.store.json import write_json
-from validation.study.convergence.levels import (
-    LEVELS,
-    OWN,
-    StudiedQuantity,
-    Study,
-    numerical_studies,
-    runs_of,
-    studied_quantities,
-    studies,
-    walk_level,
-)
+from validation.study.convergence.levels import LEVELS, OWN, STUDIES, Study, runs_of, studies, walk_level
 from validation.study.convergence.order import Estimate, estimate, input_uncertainty
 from validation.study.many import Task, study_folder, walk_many
 from validation.study.row_file import Row
 from validation.study.walk_options import users_classes
-from validation.table import Table, markdown_page
+from validation.table import Table, format_number, markdown_page, short_unit
 from validation.trial.plan import Request, load_request, plan_walk
 
 STEPS = 6
 """Walked at every level, by default: the gait is periodic, and a record grows as the time step shrinks."""
-MARKDOWN = "convergence.md"
-PICTURES = ("convergence.svg", "convergence.png")
+MARKDOWN, PICTURE = "convergence.md", "convergence.svg"
 _NEVER = {"count": "a count", "extreme": "an extreme, never extrapolated"}
 _ALSO = ("energy_positive_work", "energy_negative_work", "energy_cost_of_transport")
 """Integrals that the short table has beside what is judged."""
-_LEGEND = (
+_NOTES = (
     "u_num is the sum over the studies of time step, grid and tolerance; ≥ where one was not made.",
     "u_input is of the contact's parameters, and not part of the verdict.",
     "A value closer to its limit than u_num is undecided.",
@@ -53,17 +41,15 @@ _LEGEND = (
 
 
 @dataclass(frozen=True)
-class MetricStudy(MetricResult):
-    """One metric in all studies, judged with the uncertainty that they give it.
+class StudiedMetric:
+    """One metric in all studies.
 
     Attributes:
-        quantity: its unit and nature.
         levels: study to the value at every level [SI unit], NaN where the walk did not complete.
         estimates: numerical study to its estimate, that of the time step first.
         inputs: input study to the largest deviation within it.
     """
 
-    quantity: StudiedQuantity
     levels: Mapping[str, tuple[float, ...]]
     estimates: Mapping[str, Estimate]
     inputs: Mapping[str, float]
@@ -72,49 +58,6 @@ class MetricStudy(MetricResult):
     def input_uncertainty(self) -> float | None:
         """Root of the sum of squares of ``inputs``; None without such a study."""
         return math.hypot(*self.inputs.values()) if self.inputs else None
-
-    def as_dict(self) -> dict[str, Any]:
-        """For ``convergence.json``."""
-        return {
-            "value": self.value,
-            "unit": self.of.unit,
-            "tolerance": self.tolerance,
-            "pass": self.passed,
-            "undecided": self.undecided,
-            "uncertainty": None if self.not_studied else self.uncertainty,
-            "uncertainty_at_least": self.uncertainty,
-            "not_studied": self.not_studied,
-            "input_uncertainty": self.input_uncertainty,
-            "levels": self.levels,
-            "estimates": self.estimates,
-            "inputs": self.inputs,
-        }
-
-    def cells(self) -> tuple[str, ...]:
-        """Row of :meth:`Convergence.table`."""
-        last = order = extrapolated = ""
-        for study, first in list(self.estimates.items())[:1]:
-            last = self._shown(self.levels[study][-1])
-            order = str(first.kind) if first.order is None else f"{first.order:.2f}"
-            if first.extrapolated is not None:  # a value below its own uncertainty has no significant digits
-                is_small = abs(first.extrapolated) < first.finest
-                extrapolated = "0" if is_small else self._shown(first.extrapolated)
-        return (
-            self.name,
-            self.quoted,
-            self._shown(self.tolerance),
-            self.display_unit.replace("% of body weight", BODY_WEIGHT),
-            "undecided" if self.undecided else {True: "pass", False: "FAIL", None: ""}[self.passed],
-            last,
-            "exact" if self.quantity.is_exact else order,
-            extrapolated,
-            self._shown(self.input_uncertainty, 2),
-        )
-
-    def _shown(self, value: float | None, digits: int = 3) -> str:
-        if value is None:
-            return ""
-        return "∞" if math.isinf(value) else format_number(value * self.factor, digits)
 
 
 @dataclass(frozen=True)
@@ -126,7 +69,7 @@ class Convergence(Brief):
         studies: in order.
         walks: task of a level to its row, see :func:`validation.study.convergence.levels.walk_level`.
         uncertainty: numerical uncertainty by the studies.
-        metrics: by name; those with a tolerance first.
+        studied: metric to its levels and estimates.
         verdict: pass only where every metric is further from its limit than its uncertainty.
     """
 
@@ -134,8 +77,13 @@ class Convergence(Brief):
     studies: tuple[Study, ...]
     walks: Mapping[str, Row]
     uncertainty: Uncertainty
-    metrics: Mapping[str, MetricStudy]
+    studied: Mapping[str, StudiedMetric]
     verdict: Verdict
+
+    @property
+    def metrics(self) -> dict[str, MetricResult]:
+        """Metrics by name, judged with their uncertainty; those with a tolerance first."""
+        return {item.name: item for item in self.verdict.metrics}
 
     @property
     def completed(self) -> bool:
@@ -145,34 +93,34 @@ class Convergence(Brief):
 
     @property
     def notes(self) -> list[str]:
-        """Notes on single levels."""
-        notes = []
-        for task, row in self.walks.items():
-            if row["outcome"] != "completed":
-                notes.append(f"{task}: {row['outcome']}, {row['cause'].rstrip('.') or 'no cause given'}.")
-            elif unsolved := row["values"].get("failed_qp"):
-                notes.append(f"{task}: {unsolved:.0f} of the controller's QPs unsolved.")
-        return notes
+        """Walks that did not complete."""
+        return [
+            f"{task}: {row['outcome']}, {row['cause'].rstrip('.') or 'no cause given'}."
+            for task, row in self.walks.items()
+            if row["outcome"] != "completed"
+        ]
 
     def as_dict(self) -> dict[str, Any]:
         """Contents of ``convergence.json``."""
         known = self.uncertainty
+        metrics = {
+            name: {
+                **item.as_dict(),
+                "not_studied": item.not_studied,
+                "uncertainty_at_least": item.uncertainty,
+                "input_uncertainty": self.studied[name].input_uncertainty,
+                **vars(self.studied[name]),
+            }
+            for name, item in self.metrics.items()
+        }
         return {
-            "gait": known.gait,
-            "run": known.run,
-            "steps": known.steps,
+            **known.as_dict(),
             "profile": self.verdict.profile,
             "verdict": self.verdict.name,
             "reason": self.verdict.reason,
             "notes": self.notes,
-            "uncertainty_of": known.studies,
-            "not_studied": known.not_studied,
             "levels": {study.name: {**vars(study), "tasks": study.tasks} for study in self.studies},
-            "walks": {
-                task: {name: value for name, value in row.items() if name != "values"}
-                for task, row in self.walks.items()
-            },
-            "metrics": {name: metric.as_dict() for name, metric in self.metrics.items()},
+            "metrics": metrics,
             "parameters": known.parameters,
             "environment": describe_environment(),
         }
@@ -183,31 +131,56 @@ class Convergence(Brief):
         Args:
             names: of metrics; by default all that are judged, and the integrals.
         """
-        items = [item for item in self.metrics.values() if item.tolerance is not None or item.name in _ALSO]
-        if names:
-            items = [self.metrics[name] for name in names]
+        judged = [name for name, item in self.metrics.items() if item.tolerance is not None or name in _ALSO]
         run, verdict = self.request.run, self.verdict
         finest = [study.shown[-1] for study in self.studies if study.numerical]
+        columns = (
+            "metric",
+            ">value ± u_num",
+            ">limit",
+            "unit",
+            "verdict",
+            f">at {finest[0] if finest else 'last'}",
+            "observed order",
+            ">extrapolated",
+            ">± u_input",
+        )
         return Table(
             f"Convergence of {self.request.name}: value ± numerical uncertainty, {run.gait.steps} steps a "
             f"level, control at {run.controller.frequency:g} Hz, profile {verdict.profile}",
-            (
-                "metric",
-                ">value ± u_num",
-                ">limit",
-                "unit",
-                "verdict",
-                f">at {finest[0] if finest else 'last'}",
-                "observed order",
-                ">extrapolated",
-                ">± u_input",
-            ),
-            [item.cells() for item in items],
+            columns,
+            [self._cells(self.metrics[name]) for name in names or judged],
             [
-                *_LEGEND,
+                *_NOTES,
                 *self.notes,
                 f"{self.request.name}: {verdict.name.replace('_', ' ').upper()}  {verdict.reason}",
             ],
+        )
+
+    def _cells(self, item: MetricResult) -> tuple[str, ...]:
+        """Row of a metric; order and limit are those of the first numerical study."""
+
+        def shown(value: float | None, digits: int = 3) -> str:
+            return "" if value is None else format_number(value * item.factor, digits).replace("inf", "∞")
+
+        studied = self.studied[item.name]
+        last = order = extrapolated = ""
+        for study, first in list(studied.estimates.items())[:1]:
+            last = shown(studied.levels[study][-1])
+            order = str(first.kind) if first.order is None else f"{first.order:.2f}"
+            if first.extrapolated is not None:  # a value below its own uncertainty has no significant digits
+                is_small = abs(first.extrapolated) < first.finest
+                extrapolated = "0" if is_small else shown(first.extrapolated)
+        return (
+            item.name,
+            item.quoted,
+            shown(item.tolerance),
+            short_unit(item.display_unit),
+            "undecided" if item.undecided else {True: "pass", False: "FAIL", None: ""}[item.passed],
+            last,
+            "exact" if METRICS[item.name].nature == "count" else order,
+            extrapolated,
+            shown(studied.input_uncertainty, 2),
         )
 
 
@@ -219,24 +192,24 @@ def combine(
     The errors of time step, grids and tolerances are not random and may have one sign, so their bounds are
     added. Contact parameters are independent inputs: their squares are added.
     """
-    run, own, quantities = request.run, walks[OWN], studied_quantities()
-    every = numerical_studies(run.solver.qp)
+    run, own = request.run, walks[OWN]
     own_values: Mapping[str, float] = own.get("values", {})
-    studied = {name: _studied(name, quantities[name], found, walks) for name in own_values}
+    every = [study.name for study in STUDIES if study.numerical and study.applies(run.solver.qp)]
+    made = tuple(study.name for study in found if study.numerical)
+    studied = {name: _study_metric(name, found, walks) for name in own_values}
     values: dict[str, float] = {}
     incomplete: dict[str, tuple[str, ...]] = {}
     for name, value in own_values.items():
-        quantity, estimates = quantities[name], studied[name]["estimates"]
-        # The exact value of a self-check is zero: it measures the error of the time step.
-        skipped = every if quantity.is_exact else ("time_step",) if quantity.is_self_check else ()
-        needed = [study for study in every if study not in skipped]
-        counted = [estimates[study].uncertainty for study in needed if study in estimates]
+        metric = METRICS[name]
+        needed = [] if metric.nature == "count" else every
+        if metric.is_self_check:  # its exact value is zero: it measures the error of the time step
+            needed = [study for study in every if study != "time_step"]
+        counted = [studied[name].estimates[study].uncertainty for study in needed if study in made]
         if len(counted) < len(needed):
-            incomplete[name] = tuple(study for study in needed if study not in estimates)
+            incomplete[name] = tuple(study for study in needed if study not in made)
         if counted or not needed:  # what has no value has no bound
             total = math.fsum(counted)
             values[name] = math.inf if math.isnan(value + total) else total
-    made = tuple(study.name for study in found if study.numerical)
     uncertainty = Uncertainty(
         gait=request.name,
         steps=run.gait.steps,
@@ -250,16 +223,13 @@ def combine(
     ended = ""
     if own["outcome"] != "completed":
         ended = f"The walk at the gait's own parameters {own['outcome']}: {own['cause']}"
-    measured = {name: MetricValue(value, quantities[name].unit) for name, value in own_values.items()}
+    measured = {name: MetricValue(value, METRICS[name].unit) for name, value in own_values.items()}
     verdict = judge(measured, profile, own.get("scales", {}), uncertainty, ended=ended)
-    metrics = {item.name: MetricStudy(**vars(item), **studied[item.name]) for item in verdict.metrics}
-    return Convergence(request, tuple(found), walks, uncertainty, metrics, verdict)
+    return Convergence(request, tuple(found), walks, uncertainty, studied, verdict)
 
 
-def _studied(
-    name: str, quantity: StudiedQuantity, found: Sequence[Study], walks: Mapping[str, Row]
-) -> dict[str, Any]:
-    """Fields of :class:`MetricStudy` beyond those of the verdict."""
+def _study_metric(name: str, found: Sequence[Study], walks: Mapping[str, Row]) -> StudiedMetric:
+    """Levels and estimates of one metric."""
     levels: dict[str, tuple[float, ...]] = {}
     estimates: dict[str, Estimate] = {}
     inputs: dict[str, float] = {}
@@ -268,11 +238,11 @@ def _studied(
         whole = [row["values"] if row["outcome"] == "completed" else {} for row in rows]
         values = levels[study.name] = tuple(level.get(name, math.nan) for level in whole)
         if study.numerical:
-            forbidden = _NEVER.get(quantity.nature, "")
+            forbidden = _NEVER.get(METRICS[name].nature, "")
             estimates[study.name] = estimate(values, study.ratio, forbidden=forbidden)
         else:
             inputs[study.name] = input_uncertainty(values, study.own)
-    return {"quantity": quantity, "levels": levels, "estimates": estimates, "inputs": inputs}
+    return StudiedMetric(levels, estimates, inputs)
 
 
 def convergence(
@@ -302,7 +272,7 @@ def convergence(
         profile: name of the tolerance profile.
         workers: processes; None for one a core, 0 for this very process.
         scheduler: address of a dask scheduler that is running already.
-        out: folder of every walk, the table, pictures and ``convergence.json``; None writes nothing.
+        out: folder of every walk, the table, the picture and ``convergence.json``; None writes nothing.
         resume: go on with what is in ``out``.
         progress: where to report it.
 
@@ -336,13 +306,12 @@ def convergence(
 
 
 def write(result: Convergence, folder: Path) -> None:
-    """Write table, pictures and, last, ``convergence.json``, which marks a complete study."""
+    """Write table, picture and, last, ``convergence.json``, which marks a complete study."""
     from validation.study.convergence.picture import draw  # loads matplotlib
 
     (folder / FILE).unlink(missing_ok=True)
     with output_file(folder / MARKDOWN) as path:
         path.write_text(markdown_page([result.table(list(result.metrics))]), encoding="utf-8")
-    for name in PICTURES:
-        draw(result, folder / name)
+    draw(result, folder / PICTURE)
     with output_file(folder / FILE) as path:
         write_json(path, result.as_dict())
