@@ -17,7 +17,8 @@ from validation.cli.console import Narrator
 from validation.show.text import replace_between
 from validation.study.robustness.cells import PUSHES, REPLICAS, other_cells
 from validation.study.robustness.picture import draw
-from validation.study.robustness.study import Robustness, robustness
+from validation.study.robustness.result import Robustness
+from validation.study.robustness.study import robustness
 from validation.table import Table
 
 PAGE = Path(__file__).with_name("footsteps.md")

@@ -13,7 +13,8 @@ from pathlib import Path
 
 from validation.show.text import replace_between
 from validation.study.convergence.picture import draw
-from validation.study.convergence.study import Convergence, convergence
+from validation.study.convergence.result import Convergence
+from validation.study.convergence.study import convergence
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "convergence.svg"

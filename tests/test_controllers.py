@@ -211,8 +211,8 @@ def test_two_controllers_without_a_second_gait_walk_the_first(ampm):
     answer = ampm("compare", "--controller", "ampm", "--controller", "joint-pd", *settings, "--json")
     assert answer.status == 3, answer.err
     assert answer.json["parameters"] == {"controller.name": ["ampm", "joint-pd"]}
-    sides = [(answer.json[side]["name"], answer.json[side]["outcome"]) for side in "ab"]
-    assert sides == [("normal-ampm", "completed"), ("normal-joint-pd", "fell")]
+    sides = [(answer.json[side]["label"], answer.json[side]["outcome"]) for side in "ab"]
+    assert sides == [("normal, controller ampm", "completed"), ("normal, controller joint-pd", "fell")]
 
 
 def test_a_crash_in_mid_walk_keeps_the_run(ampm, tmp_path):

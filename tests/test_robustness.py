@@ -15,7 +15,8 @@ from validation.cli.app import Status
 from validation.study.many import Task
 from validation.study.robustness import study as robustness
 from validation.study.robustness.cells import Cell, chosen, needed, other_cells, push_cells
-from validation.study.robustness.study import CellResult, Robustness, climb
+from validation.study.robustness.result import CellResult, Robustness
+from validation.study.robustness.study import climb
 from validation.study.row_file import read_rows
 from validation.trial.shapes import Shapes
 

@@ -213,7 +213,7 @@ def convergence(
     order, extrapolated value and numerical uncertainty, or "no asymptotic range"; 'ampm validate
     --uncertainty' quotes the uncertainty in its verdict.
     """
-    from validation.study.convergence.study import Convergence
+    from validation.study.convergence.result import Convergence
     from validation.study.convergence.study import convergence as study
 
     found = study(

@@ -62,7 +62,7 @@ def robustness(
     Pushes of 0.1 s by direction, phase and height, each beside the bound that legs set, and rising values of
     all keys of the section disturbance. A value counts if it and all smaller ones are survived.
     """
-    from validation.study.robustness.study import Robustness
+    from validation.study.robustness.result import Robustness
     from validation.study.robustness.study import robustness as study
 
     found = study(

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from validation.show.style import into_file
 from validation.study.compare.metrics import rounding
 from validation.study.convergence.levels import Study
-from validation.study.convergence.study import Convergence
+from validation.study.convergence.result import Convergence
 
 
 @into_file

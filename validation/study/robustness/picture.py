@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ampm.planner.capture import PUSH_PHASES
 from validation.show.style import into_file
-from validation.study.robustness.study import PHASE_NAMES, CellResult, Robustness
+from validation.study.robustness.result import PHASE_NAMES, CellResult, Robustness
 
 _ANGLES = {"forward": 90.0, "wider": 180.0, "backward": 270.0, "narrower": 0.0}
 """Of the plot [degrees]: forward is up."""
