@@ -34,9 +34,9 @@ class Status(IntEnum):
 Result = TypeVar("Result")
 
 
-def option(name: str, help: str, metavar: str | None = None) -> Any:
-    """Declare an option of a command; a bracket in its help is no markup."""
-    return typer.Option(name, help=help.replace("[", r"\["), metavar=metavar)
+def option(name: str, help: str, metavar: str | None = None, *, least: int | None = None) -> Any:
+    """Declare an option of a command; a bracket in its help is no markup; a number may have a least value."""
+    return typer.Option(name, help=help.replace("[", r"\["), metavar=metavar, min=least)
 
 
 _PRESETS = ", ".join(preset_names())
