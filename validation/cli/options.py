@@ -106,7 +106,8 @@ Scheduler = Annotated[
 ]
 Resume = Annotated[bool, option("--resume", "Go on with what is missing in --out.")]
 Workers = Annotated[
-    int | None, option("--workers", "Processes; one per core by default, 0 to walk in this very one.", "N")
+    int | None,
+    option("--workers", "Processes; one per core by default, 0 to walk in this very one.", "N", least=0),
 ]
 Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")]
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]
