@@ -135,7 +135,7 @@ def test_other_commands_than_the_trial_take_a_body(ampm):
         ("convergence normal --levels 2", "choose 3"),
         ("convergence normal --levels 7", "choose 3"),
         ("convergence normal --study steps", "use one of time_step"),
-        ("convergence normal --workers -1", "-1 is not in the range"),
+        ("convergence normal --workers -1", "greater than or equal to 0"),
         ("convergence normal --profile lenient", "use one of default"),
         ("convergence normal --set simulation.time_step=0.0015", "must be a whole number"),
         ("tour normal --seeds 0", "--seeds 0: give a number of at least 1"),
