@@ -30,9 +30,9 @@ from validation.cli.options import (
     option,
     with_short,
 )
-from validation.show.text import print_line, print_table
+from validation.show.text import print_line
 from validation.store.folders import output_file
-from validation.table import print_tables
+from validation.table import Table, print_tables
 
 if TYPE_CHECKING:
     from validation.study.people.compare import People
@@ -171,17 +171,18 @@ def print_people(found: People) -> None:
     from validation.study.people.compare import PAIRS
     from validation.study.people.report import difference_rows, fact_rows  # loads matplotlib
 
-    print_table(found.name, ("", *(f">{who}" for who in found.strides), "unit"), fact_rows(found))
+    columns = ("", *(f">{who}" for who in found.strides), "unit")
+    tables = [Table(found.name, columns, fact_rows(found), found.notes)]
     if found.differences:
         words = "simulation - plan", "person - plan", "largest", "person - simulation", "largest", "limit"
         columns = ("mean stride", ">person's SD", *(f">{word}" for word in words))
         title = f"difference, RMS and largest at a share of the stride; limits of {found.profile}"
-        print_table(title, columns, difference_rows(found))
+        notes = []
         for of, against in PAIRS:
             kept, known = found.kept(of, against)
-            print_line(f"  {of} less {against}: {kept} of {known} signals within their limits")
-    for note in found.notes:
-        print_line(f"  {note}")
+            notes.append(f"{of} less {against}: {kept} of {known} signals within their limits")
+        tables.append(Table(title, columns, difference_rows(found), notes))
+    print_tables(tables)
 
 
 @app.command(epilog=CONVERGENCE_EPILOG)

@@ -1,7 +1,6 @@
 """Text tables and numbers."""
 
 import math
-from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -9,13 +8,8 @@ from rich.text import Text
 
 from validation.table import ABSENT as ABSENT
 from validation.table import BODY_WEIGHT as BODY_WEIGHT
-from validation.table import COLORS, Table, print_tables, short_unit
+from validation.table import COLORS, short_unit
 from validation.table import format_number as format_number
-
-
-def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> None:
-    """Print a table on stdout, see :class:`Table`."""
-    print_tables([Table(title, columns, [[str(cell) for cell in row] for row in rows])])
 
 
 def print_line(text: str | Text = "", style: str = "") -> None:
@@ -70,11 +64,6 @@ def limit_with_unit(limit: float, unit: str) -> str:
     """A tolerance with four digits at most, without trailing zeros, and its unit."""
     plain = limit == 0.0 or 1e-3 <= limit < 1e4
     return with_unit(f"{limit:.4g}" if plain else number(limit, 2).replace(".0·", "·"), unit)
-
-
-def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table in Markdown, without a line break at its end."""
-    return Table("", header, list(rows)).markdown()
 
 
 def replace_between(page: str, name: str, text: str) -> str:

@@ -208,7 +208,7 @@ def unwalked_table(sweep: SweepTable) -> Table:
             example = f"run {names[row]}: {causes[row] or 'no cause was kept'}"
             counted = f"{count:,} ({share(count, len(sweep))})"
             rows.append((state.label, reason.replace("_", " "), counted, example))
-    return Table("Refusals, crashes, hangs", ("outcome", "reason", ">runs", "for example"), rows)
+    return Table("", ("outcome", "reason", ">runs", "for example"), rows)
 
 
 # --------------------------------------------------------------------------------------------- verdict
