@@ -206,6 +206,7 @@ def test_a_sweep_walks_a_planner_without_a_periodic_motion():
     assert "plan_motion_residual" not in row
 
 
+@pytest.mark.slow
 def test_two_controllers_without_a_second_gait_walk_the_first(ampm):
     settings = [word for text in SETTINGS for word in ("--set", text)]
     answer = ampm("compare", "--controller", "ampm", "--controller", "joint-pd", *settings, "--json")

@@ -53,7 +53,7 @@ WITH_PYTHON = [page for page in PAGES if any(language == "python" for language, 
 WITH_COMMANDS = [page for page in PAGES if commands(page)]
 
 
-LONG = ("footsteps", "sweeps", "measurement", "architecture")
+LONG = ("footsteps", "sweeps", "measurement", "architecture", "run")
 """Pages whose Python takes more than five seconds; README's runs always."""
 
 

@@ -237,7 +237,13 @@ def assert_walked(trial, limit):
     assert trial.comparison.zmp_split.residual < 1e-12
 
 
-@pytest.mark.parametrize("name", ["up", "down", "up and down", "one foot", "stairs"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "stairs",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("up", "down", "up and down", "one foot")),
+    ],
+)
 def test_the_human_walks_over_heights(name):
     run = ampm.load_run("normal", simulation={"time_step": 0.002})
     assert_walked(val.walk(run, footsteps=WALKS[name]), 0.8e-3)

@@ -235,7 +235,10 @@ def weaker(share: float) -> BodyModel:
     return BodyModel(spec.to_xml(), body_of().description)
 
 
-@pytest.mark.parametrize(("solver", "failing"), [("osqp", 0), ("daqp", 0), ("osqp", 3)])
+@pytest.mark.parametrize(
+    ("solver", "failing"),
+    [("osqp", 0), *(pytest.param(*item, marks=pytest.mark.slow) for item in (("daqp", 0), ("osqp", 3)))],
+)
 def test_a_weaker_body_uses_the_form_with_limits(spoil, solver, failing):
     """Where that fails, the torques are clipped and the failure counted."""
     spoil(infeasible, range(failing), which=1)

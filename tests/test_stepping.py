@@ -174,7 +174,9 @@ def test_an_undisturbed_walk_is_the_fixed_stabilisers_to_the_bit():
     np.testing.assert_array_equal(fixed.torque, stepping.torque)
 
 
-@pytest.mark.parametrize("direction", SHOVES)
+@pytest.mark.parametrize(
+    "direction", [name if name == "wider" else pytest.param(name, marks=pytest.mark.slow) for name in SHOVES]
+)
 def test_a_push_that_is_too_much_for_planned_steps_is_survived_by_other_steps(direction):
     force = SHOVES[direction]
     assert not walked("fixed", force).outcome.completed
@@ -205,6 +207,7 @@ def test_a_floor_at_another_height_is_found_by_the_feet(floor):
     assert height - planned("stepping").run.gait.com_height == pytest.approx(floor, abs=0.003)
 
 
+@pytest.mark.slow
 def test_a_pushed_walk_a_kilometre_away_ends_as_here():
     here, there = (
         walk_over(f"disturbance.origin={origin}", "disturbance.push_y=-150", "disturbance.push_at=1.64")
