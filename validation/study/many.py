@@ -178,29 +178,27 @@ def walk_many(
                 report.count(row)
                 yield row
 
+    def refill() -> Iterator[Row]:
+        """Take tasks until one of them wants a walk, or none is left."""
+        while not ready and (item := next(source, None)) is not None:
+            yield from advance(_as_search(item))
+            interruption.check()
+            report.show()
+
     try:
         with progress.stage(label, "runs") as stage:
             report = _Report(stage, len(tasks) if isinstance(tasks, Sized) else 0)
-            for item in source:
-                yield from advance(_as_search(item))
-                if ready:
-                    break
+            yield from refill()
             if not ready:
                 return
             with open_pool(workers, scheduler, limit) as pool:
                 flying: dict[str, tuple[Search, Task]] = {}
-                while True:
-                    while len(flying) < pool.size():
-                        if ready:
-                            search, task = ready.popleft()
-                            flying[pool.send(task.work, task.options)] = search, task
-                        elif following := next(source, None):
-                            yield from advance(_as_search(following))
-                        else:
-                            break
-                    if not (flying or ready):
-                        return
-                    report.show(waiting=not pool.size())
+                while ready or flying:
+                    if ready and len(flying) < pool.size():
+                        search, task = ready.popleft()
+                        flying[pool.send(task.work, task.options)] = search, task
+                        yield from refill()
+                        continue
                     for name, columns in pool.wait():
                         search, task = flying.pop(name)
                         row = {"key": task.key, "digest": task.digest, **columns}
@@ -208,7 +206,9 @@ def walk_many(
                         report.count(row, walked=True)
                         yield row
                         yield from advance(search, row)
+                        yield from refill()
                     interruption.check()
+                    report.show(waiting=not pool.size())
     except OSError as error:
         if disk_is_full(error):
             raise StudyStopped(f"the disk is full ({error})", "free some space") from error
@@ -246,8 +246,8 @@ class _Report:
         self._outcomes[str(row.get("outcome", "finished")).replace("_", " ")] += 1
         self._walked += walked
 
-    def show(self, *, waiting: bool) -> None:
-        """Report the present state."""
+    def show(self, *, waiting: bool = False) -> None:
+        """Report the present state; ``waiting`` for workers."""
         done = self._outcomes.total()
         parts = [f"{number} {word}" for word, number in self._outcomes.most_common()]
         if self._walked >= _LEAST:
