@@ -173,8 +173,9 @@ def metric_table(sweep: SweepTable, metrics: Sequence[str]) -> Table:
 def _distribution(sweep: SweepTable, metric: str) -> Markup:
     """Histogram of a metric, with its limit if all runs have the same."""
     values, unit = sweep.shown(metric)
-    limits = np.unique(sweep.shown_limits(metric)[0])
-    limit = float(limits[0]) if len(limits) == 1 and np.isfinite(limits[0]) else None
+    limits = sweep.shown_limits(metric)[0]
+    limits = np.unique(limits[np.isfinite(limits)])
+    limit = float(limits[0]) if len(limits) == 1 else None
     return figures.distribution(values, limit, unit, metric_label(metric))
 
 
