@@ -102,6 +102,7 @@ def test_a_controller_and_a_planner_of_ones_own(tmp_path, ampm):
     assert val.load(tmp_path / "a").plan() is None  # of another planner
 
 
+@pytest.mark.slow
 def test_a_fall_without_qp_has_its_folder_and_report(tmp_path, ampm):
     settings = ["--set=gait.steps=2", "--set=solver.ik_time_step=0.01", "--out", tmp_path / "a"]
     answer = ampm("validate", "normal", "--controller", f"{HERE}:Limp", *settings)

@@ -66,6 +66,7 @@ def test_profiles_verdict_summary_and_worker_processes(drop):
     assert METRICS[drop.name].compute(comparison) == pytest.approx(0.015)
 
 
+@pytest.mark.slow
 def test_report_also_of_a_process_that_does_not_know_the_metric(drop, tmp_path):
     folder = make_run(tmp_path / "run")
     assert drop.label in render(load_saved_run(folder))

@@ -125,6 +125,7 @@ def test_recording_is_sound_and_has_what_a_viewer_must_show(run_dir, tmp_path):
     )  # of an identical run
 
 
+@pytest.mark.slow
 def test_a_small_time_step_makes_no_larger_recording(tmp_path):
     run = make_run(tmp_path, steps=2, settings=("simulation.time_step=0.0005",))
     write_recording(run)

@@ -107,6 +107,7 @@ def test_a_damaged_or_changed_folder_is_refused(walked, tmp_path, capsys, file, 
         assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_report_can_be_written_again(walked):
     page = walked[0] / "report.html"
     page.unlink()

@@ -152,6 +152,7 @@ def test_an_easy_gait_needs_no_search():
     assert tuned("gait.steps=3").tried == 1
 
 
+@pytest.mark.slow
 def test_a_long_fast_step_is_found_and_keeps_every_limit():
     found = tuned(*LONG)
     assert 1 < found.tried < 200

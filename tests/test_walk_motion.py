@@ -79,6 +79,7 @@ def test_what_falls_is_too_fast_or_meets_itself_is_refused(
     assert refusal.value.reason == reason
 
 
+@pytest.mark.slow
 def test_ankles_that_lack_range_ahead_are_no_reason() -> None:
     assert_follows(val.walk(HUMAN, footsteps=routes.platform(6, 0.38, 0.2, -0.12)), 1e-3)
 
