@@ -39,7 +39,7 @@ app = typer.Typer()
 
 EPILOG = (
     "Exit status: 0 pass, 1 out of tolerance, 2 bad input or refused, 3 did not complete (fell, diverged, "
-    "infeasible, crashed), 4 crash of ampm itself, 130 interrupted."
+    "infeasible, crashed), 4 crash of ampm itself, 5 stopped from outside (full disk), 130 interrupted."
 )
 
 
