@@ -212,7 +212,7 @@ def figure_7():
             axes["a"].plot(*np.transpose([heel[k], ball[k], tip[k]]), "o-", color=color, linewidth=2.2)
         speed = foot.velocity[:, 0] - sole.ball_x * np.sin(foot.pitch) * foot.pitch_velocity
         axes["b"].plot(time, speed, color=color, label=form)
-        axes["c"].loglog([1e3 * grid for grid in GRIDS], found[form][:, 1], "o-", color=color, label=form)
+        axes["c"].semilogy([1e3 * grid for grid in GRIDS], found[form][:, 1], "o-", color=color, label=form)
         plan, zmp = its.against("zmp", 0)
         axes["d"].plot(its.phase, 1e3 * (zmp - plan).T, color=color, linewidth=0.5, alpha=0.5)
     axes["a"].set(title="(a) key-frames of the right foot [m]", aspect="equal")
