@@ -1,7 +1,5 @@
 """A representation of one line for values that hold arrays."""
 
-from __future__ import annotations
-
 from typing import Any
 
 _FACTS = 8

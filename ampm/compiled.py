@@ -4,16 +4,15 @@ numba looks for changes of a function in its own file only, not in those of the 
 compiled code is therefore kept in a folder named after all source files that it may come from.
 """
 
-from __future__ import annotations
-
 import hashlib
 import logging
 import os
 import time
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
@@ -23,10 +22,7 @@ from numba.core.imputils import lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate
 from platformdirs import user_cache_path
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    Function = TypeVar("Function", bound=Callable[..., Any])
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 _SOURCES = (
     "ampm/compiled.py",

@@ -3,8 +3,6 @@
 The model's builder fills one :class:`BodyDescription`; nothing else in the project names a joint.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

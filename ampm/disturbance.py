@@ -4,8 +4,6 @@ Plan and controller are made from ``RunParameters.undisturbed``, so they get no 
 combine; with their defaults nothing is disturbed.
 """
 
-from __future__ import annotations
-
 from ampm.exceptions import InputError
 from ampm.section import Real, Section, Whole, parameter
 

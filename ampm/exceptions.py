@@ -3,8 +3,6 @@
 A message is one sentence for the user: the value, the limit, and a way out.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 

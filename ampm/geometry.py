@@ -1,7 +1,5 @@
 """Convex hulls of a few points in the floor plane: support polygons and distances to their edges."""
 
-from __future__ import annotations
-
 from functools import reduce
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Planners: from a request to a complete walk."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

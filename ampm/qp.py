@@ -5,25 +5,21 @@ call only passes new numbers. :class:`OsqpBackend`, the default, is an ADMM; :cl
 active-set solver. No backend has a time limit: the same numbers give the same answer.
 """
 
-from __future__ import annotations
-
 import enum
 import math
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import osqp
 import scipy.sparse as sparse
+from numpy.typing import NDArray
 
 from ampm.compiled import Bundle, bound, compiled
 from ampm.exceptions import InputError, SolverError
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 BACKENDS = ("osqp", "daqp")
 """Names that :func:`make_backend` accepts."""

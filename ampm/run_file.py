@@ -1,7 +1,5 @@
 """Runs as TOML files: read from presets, files and settings; written to one file that gives the same bits."""
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Iterable, Mapping

@@ -3,8 +3,6 @@
 Run files and sweep definitions are made of sections, so that both give the same error messages.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 import reprlib

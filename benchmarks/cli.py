@@ -1,7 +1,5 @@
 """Command line of ``python -m benchmarks``."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from pathlib import Path

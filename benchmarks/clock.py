@@ -1,10 +1,9 @@
 """Timers, and the lines of a benchmark: statistics of what was timed."""
 
-from __future__ import annotations
-
 import timeit
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -45,7 +44,7 @@ class Line:
         unit: str = "s",
         limit: float | None = None,
         loop: float = 0.0,
-    ) -> Line:
+    ) -> Self:
         """Sum up samples; ``loop`` is the closed loop's median, 0 if this is no part of it."""
         values = np.atleast_1d(np.asarray(samples, dtype=np.float64))
         if values.size == 0:

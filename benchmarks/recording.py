@@ -1,7 +1,5 @@
 """Cost of a recording: its share of a run's time and its size, in a fresh process."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

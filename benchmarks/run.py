@@ -1,7 +1,5 @@
 """All benchmarks of one gait and their results."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Sequence

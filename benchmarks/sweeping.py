@@ -6,8 +6,6 @@ the start of the workers, scheduler, progress, durable rows, the table, the repo
 processes is the machine's limit: cores share memory and thermal limits.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import tempfile

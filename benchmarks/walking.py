@@ -1,7 +1,5 @@
 """The closed loop: control ticks, their parts, the physics alone, and all of it against real time."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Write ``models/human.xml``: the default body as MJCF, committed so that a change shows as a diff."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

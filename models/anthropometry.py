@@ -19,8 +19,6 @@ Sources:
 The sources of the remaining ranges and torques are in docs/body.md.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 DE_LEVA_STATURE = 1.741

@@ -1,7 +1,5 @@
 """The body of a run: the human, built from tables, or another one, read from its description."""
 
-from __future__ import annotations
-
 from ampm.parameters import HUMAN, BodyParameters, ContactParameters, SimulationParameters
 from models import human
 from models.load import load_body

@@ -4,8 +4,6 @@ Every segment of the result is a moving one, with what is fixed to it; with all 
 of the world, x where the feet point.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

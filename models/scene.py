@@ -1,7 +1,5 @@
 """What every body is built into: floor, contact, sole points, motors and sensors, written as MJCF."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

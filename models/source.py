@@ -1,7 +1,5 @@
 """Description file of a body, and the compiled model of its source: MJCF or URDF, of a file or a package."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ These tests need a Chromium (``apt-get install chromium``; ``.ci/run`` does it).
 where the environment variable ``CI`` is set, they fail.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import os

@@ -1,7 +1,5 @@
 """Shared by all tests: no display, and real runs that are simulated once and read by whoever needs them."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

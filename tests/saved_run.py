@@ -1,7 +1,5 @@
 """Folders of short real runs, each walked once per process, and files of convergence studies."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import replace

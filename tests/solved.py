@@ -1,7 +1,5 @@
 """Bodies, plans and periodic steps that several test modules share; each is made once per process."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any, NamedTuple
 

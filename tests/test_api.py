@@ -1,7 +1,5 @@
 """Public API: ``import ampm, validation as val``."""
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The benchmarks run and say what they measured; no test judges a time."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

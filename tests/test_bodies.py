@@ -1,7 +1,5 @@
 """Bodies other than the human: read from MJCF and URDF, described by a few lines, planned for and walked."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path

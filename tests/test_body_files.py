@@ -1,7 +1,5 @@
 """Descriptions and models of bodies: shapes and meshes, models in memory, and what is refused."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from pathlib import Path

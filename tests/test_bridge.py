@@ -1,7 +1,5 @@
 """MuJoCo and Pinocchio must be the same body: their inverse dynamics, momenta and frames agree to 1e-9."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pinocchio as pin

@@ -1,7 +1,5 @@
 """The bound of pushes against brute-force simulation of a point mass on legs."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

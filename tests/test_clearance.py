@@ -1,7 +1,5 @@
 """A body that passes through itself is found: before it walks, in the walk, in the recording."""
 
-from __future__ import annotations
-
 from unittest.mock import patch
 
 import mujoco

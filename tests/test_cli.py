@@ -1,7 +1,5 @@
 """The command line as a user meets it: answers, refusals, exit statuses, files."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Comparison on hand-made measurements: a perfect one scores zero, a known error comes back as itself."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Compiled functions: compiled once per machine, with one message; the same bits in every process."""
 
-from __future__ import annotations
-
 import copy
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Contact gate: what opens, when, how fast, and what must wait."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

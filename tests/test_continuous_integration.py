@@ -1,7 +1,5 @@
 """The example that gates pull requests: valid, its commands exist, and its steps do what the page says."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

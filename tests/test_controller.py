@@ -1,7 +1,5 @@
 """One control tick against the laws that it must keep: dynamics, contact, limits, and what is asked of it."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

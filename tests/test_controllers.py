@@ -1,7 +1,5 @@
 """Controllers by name, without a QP, in sweeps and side by side."""
 
-from __future__ import annotations
-
 import re
 from importlib import import_module
 from importlib.metadata import EntryPoint

@@ -1,7 +1,5 @@
 """The paper's demos, walked: what their presets promise, in plan and in physics."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Additions to a walk: pushes, a user's own force, a user's own controller."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import sys

@@ -4,8 +4,6 @@ A block of TOML or Python whose first line is a comment with a file's name is wr
 of a page share one folder and one namespace, in their order.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

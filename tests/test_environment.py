@@ -1,7 +1,5 @@
 """The walk as a dm_control environment, and policies as controllers."""
 
-from __future__ import annotations
-
 import runpy
 import sys
 from pathlib import Path

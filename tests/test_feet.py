@@ -1,7 +1,5 @@
 """Foot paths: derivatives, smoothness over key-frames, pivots that rest, soles over the floor."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np

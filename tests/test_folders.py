@@ -1,7 +1,5 @@
 """Output folders: nothing that exists is lost, nothing is seen half written."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

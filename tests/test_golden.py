@@ -3,8 +3,6 @@
 ``python -m tests.test_golden`` records the present values.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
 from pathlib import Path

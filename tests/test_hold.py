@@ -1,7 +1,5 @@
 """The torque between two ticks: how it goes on, and what the walk gains by it."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

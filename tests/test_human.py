@@ -1,7 +1,5 @@
 """The human: masses, proportions, symmetry, and that the description tells the truth about the model."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import subprocess

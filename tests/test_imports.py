@@ -1,7 +1,5 @@
 """Imports point one way: from room to room in order, without a circle, and `ampm` never sees a simulator."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

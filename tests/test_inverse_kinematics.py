@@ -1,7 +1,5 @@
 """The QP of one instant against dense references, and the integration of one step."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Measurement against bodies whose forces, momenta and ZMP are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

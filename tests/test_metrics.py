@@ -3,8 +3,6 @@
 That it appears in a convergence study, too, is in test_convergence.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import sys

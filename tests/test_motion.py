@@ -1,7 +1,5 @@
 """The tiled motion: one step and its mirror images, kept to the last bit on disk."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The periodic step: does it return, its constant of L_y, how unstable it is, what when there is none."""
 
-from __future__ import annotations
-
 import json
 from types import SimpleNamespace
 from typing import Any

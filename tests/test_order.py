@@ -1,7 +1,5 @@
 """Sequences of known order: what is called asymptotic, and whether its uncertainty covers the limit."""
 
-from __future__ import annotations
-
 import math
 import re
 

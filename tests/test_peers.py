@@ -1,7 +1,5 @@
 """Other libraries at the same work: the set of QPs is the recorded one, and the comparison runs."""
 
-from __future__ import annotations
-
 import tomllib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Recorded people: their table, the benchmark's files, and the comparison with a run."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Planners and postures: the periodic one, and one of a user's own, walked."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

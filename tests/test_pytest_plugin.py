@@ -1,7 +1,5 @@
 """The pytest plugin, on the example project and on small test files."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """QP backends against known answers, against each other, and what they say when there is no answer."""
 
-from __future__ import annotations
-
 import math
 import sys
 from types import SimpleNamespace

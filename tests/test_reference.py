@@ -1,7 +1,5 @@
 """References of a walk: the plan's own values, what follows from the contacts, one instant against many."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The recording verifies, holds the data it is drawn from, and can be written of any run."""
 
-from __future__ import annotations
-
 import errno
 import subprocess
 import sys

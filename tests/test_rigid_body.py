@@ -1,7 +1,5 @@
 """Kinematics, momentum and torques of random trees against Pinocchio."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

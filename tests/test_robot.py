@@ -1,7 +1,5 @@
 """Groups of joints; the mirror map against what a mirror must keep."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The trial from the command line: folders, contracts, replay, interruption, repeatability."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """The closed loop: what a record holds, how a run ends, and what it survives."""
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import product
 

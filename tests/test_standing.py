@@ -1,7 +1,5 @@
 """The still body: it weighs m g, and an instrument that is off does not find it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pinocchio as pin

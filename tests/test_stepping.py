@@ -1,7 +1,5 @@
 """The stepping stabiliser: its formulas, and walks that are pushed or find the floor elsewhere."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache

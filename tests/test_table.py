@@ -1,7 +1,5 @@
 """A plan from a table of COM, ZMP and footsteps: what its author planned, refusals, and walked."""
 
-from __future__ import annotations
-
 import math
 import os
 

@@ -1,7 +1,5 @@
 """Free choices found without a simulator: choices, limits, torques, refusals with certificates, commands."""
 
-from __future__ import annotations
-
 import json
 import math
 from functools import cache

@@ -1,7 +1,5 @@
 """Verdicts: limits of the profiles, what passes, what fails, what nobody can say, and the summary."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """Several recordings in one: verified, aligned on the gait's phase, chosen from sweeps, without a screen."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

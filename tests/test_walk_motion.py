@@ -1,7 +1,5 @@
 """Walks over footsteps that a body cannot walk are refused before it tries, and others are not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -4,8 +4,6 @@ All figures are taken from ``signals.parquet`` here, not from the verdict, which
 against the plan at t_k, the first step left out, nothing shifted, fitted or masked.
 """
 
-from __future__ import annotations
-
 import json
 from math import inf
 from pathlib import Path

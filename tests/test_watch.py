@@ -1,7 +1,5 @@
 """How a walk ends: each kind by what was seen, and by what came first."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

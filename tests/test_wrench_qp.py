@@ -1,7 +1,5 @@
 """The condensed QP: its force map against cross products, its cost term by term, and limits that it keeps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

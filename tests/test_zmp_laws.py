@@ -1,7 +1,5 @@
 """IPM, preview control and DCM planning on a gait's footsteps: against their own equations, and walked."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

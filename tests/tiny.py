@@ -1,7 +1,5 @@
 """Bodies small enough to check by hand, simulated into records: a block on four points that swings an arm."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from typing import Any
 

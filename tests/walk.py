@@ -1,7 +1,5 @@
 """A walk that follows its plan to the last bit, and ways to spoil it by a known amount."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

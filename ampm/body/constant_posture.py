@@ -1,7 +1,5 @@
 """A posture for walks whose steps do not repeat: upright and constant, without a periodic motion."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Continuation: from the solution of an easy problem to that of a hard one, in steps along a path."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 _LEAST = 0.02  # a shorter step is not tried

@@ -5,8 +5,6 @@ velocities that inverse kinematics finds for an upright body, integrated over tw
 The constant of L_y is that with which the trunk turns back as far as it has turned.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray

@@ -4,8 +4,6 @@ Posture gains and slow feedback of the trunk's tilt are the controller's, so tha
 the walk.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

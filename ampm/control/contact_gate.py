@@ -7,18 +7,15 @@ back by the planned force of the other point, and would be turned over without i
 unless they alone hold the body.
 """
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
+import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.control.records import BALL, CHANGE, PHI, TIP
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 OFF = 2
 """Ticks without touch after which a tip is off the floor."""

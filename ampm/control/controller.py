@@ -6,14 +6,14 @@ accelerations, and inverse dynamics the torques; :mod:`ampm.control.tick` is the
 The controller is independent of the simulator.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
+from ampm.body.robot import Robot
 from ampm.compiled import Bundle, bound, records
 from ampm.control.forces import ANGULAR, share_forces, without_closed
 from ampm.control.limited_qp import LimitedForm, acceleration_bounds
@@ -40,18 +40,12 @@ from ampm.control.tick import (
 )
 from ampm.control.trunk import LONGEST
 from ampm.control.wrench_qp import CondensedForm
+from ampm.parameters import RunParameters
 from ampm.qp import QPSettings, QPSolution, QPStatus
-from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput
+from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, Reference, State, Timing, Touch, WalkPlan
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from ampm.body.robot import Robot
-    from ampm.parameters import RunParameters
-    from ampm.walk import Reference, State, Timing, Touch, WalkPlan
-
-    Array = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _END_SOFTNESS = 1e-2  # of the task of a toe that is at the end of its range
 

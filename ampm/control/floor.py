@@ -1,19 +1,16 @@
 """The floor as the feet find it: touches, heights and slopes, and what they say of a walk."""
 
-from __future__ import annotations
+from typing import Any, NamedTuple
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.control.records import TIP
 from ampm.vectors import clip
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 SINK = 0.00075
 """How far a sole sinks into the floor under load [m]."""

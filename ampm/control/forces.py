@@ -5,20 +5,17 @@ of a weight. Per foot: the normal forces of its points, two tangential forces an
 Tangential forces are distributed over the points by their openings.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.control.records import TIP
 from ampm.vectors import cross, put, times, vector
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 ANGULAR = 3.0
 """Scale of the angular momentum rows [1/m]."""

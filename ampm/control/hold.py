@@ -4,17 +4,14 @@ A constant torque lags by half a period: where the plan's ZMP moves by 7 mm in a
 2 mm (RMS). The first-order hold extrapolates it with the slope of the last tick.
 """
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
+import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 LARGEST_CHANGE = 0.03
 """Largest change of a torque in one tick that is extrapolated, as share of the motor's limit [1]. A larger

@@ -4,8 +4,6 @@ Springs follow the inertia of each joint, and in the standing legs the strength 
 uses neither COM nor contact, so the body falls.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -3,23 +3,17 @@
 A joint may run towards the end of its range as fast as it can still brake before it.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ampm.body.robot import Robot
 from ampm.compiled import compiled
+from ampm.control.wrench_qp import CondensedForm
 from ampm.qp import QPSettings, QPSolution, make_backend
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.body.robot import Robot
-    from ampm.control.wrench_qp import CondensedForm
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 _BRAKE = 500.0  # deceleration with which a joint may run towards its limit [rad/s^2]
 _BRAKE_TIME = 0.01  # time in which a joint that runs faster is slowed down [s]

@@ -7,28 +7,22 @@ where it was planned. COM and ZMP move with the shift of the foot that stands, i
 the other; the swing foot's path moves to where the next step must be (:mod:`ampm.control.stepping`).
 """
 
-from __future__ import annotations
-
 import bisect
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import bound, records
 from ampm.control.floor import SINK, Sensed
 from ampm.control.stepping import Curves
 from ampm.control.walker import OFF_HEIGHT, WALKER, Rows, advance, departs, pass_time
-from ampm.walk import ContactState, FeetState, PostureState, Reference
+from ampm.planner.contacts import Phase
+from ampm.walk import ContactState, FeetState, PostureState, Reference, Timing, WalkPlan
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.planner.contacts import Phase
-    from ampm.walk import Timing, WalkPlan
-
-    Array = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _TICKS = 2  # between the rows of a table
 _COARSE = 25  # instants of a phase at which a walk on the plan looks ahead

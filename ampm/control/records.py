@@ -1,17 +1,13 @@
 """What a control tick keeps of feet, lines of sole points, and points: entries of structured arrays."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ampm.body.rigid_body import frames_of
+from ampm.body.robot import Robot
 from ampm.compiled import records
-
-if TYPE_CHECKING:
-    from ampm.body.robot import Robot
-    from ampm.parameters import ControllerParameters
+from ampm.parameters import ControllerParameters
 
 HEEL, BALL, TIP = 0, 1, 2
 """Lines of a foot's points."""

@@ -1,19 +1,15 @@
 """What the soles can give, shared between COM and trunk."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.vectors import clip
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 OPEN = 0.2

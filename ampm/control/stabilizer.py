@@ -1,19 +1,14 @@
 """Wanted momentum rate of the body, which is the net wrench of the ground."""
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
+import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
-from ampm.vectors import column, cross, minus, plus, put, times, vector
+from ampm.vectors import Vector, column, cross, minus, plus, put, times, vector
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from ampm.vectors import Vector
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 @compiled

@@ -7,20 +7,16 @@ step must.
 Vectors are horizontal, in the axes of the standing foot: along, and to the left.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.vectors import clip
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
 """How far a step may be displaced [m]. All lengths and times here are those of a body of 1.70 m: lengths grow

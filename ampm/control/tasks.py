@@ -4,22 +4,17 @@ A task is some consecutive rows of the task Jacobian, ``jacobian qdd + drift ~ w
 all of them, 0 for rows that are met exactly.
 """
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
+import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.control.records import BALL, HEEL, TIP
 from ampm.control.stabilizer import rotation_error
-from ampm.vectors import ZERO, cross, minus, plus, put, times, vector
+from ampm.vectors import ZERO, Vector, cross, minus, plus, put, times, vector
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from ampm.vectors import Vector
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 STANCE, SWING = 1e-8, 1e-4
 """Softness of a foot's acceleration task when it stands and when it swings, in the metric of the posture."""

@@ -4,11 +4,10 @@ after it.
 :class:`ampm.control.controller.TrackingController` owns the arrays, ``own``, and calls them.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.body.rigid_body import (
     joint_torques,
@@ -30,10 +29,7 @@ from ampm.control.trunk import fed_back_tilt
 from ampm.control.wrench_qp import L_Z, eliminate, fill_qp
 from ampm.vectors import minus, multiply, plus, put, times, vector
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 V, NOW, LAST, STILL, POSTURE, ALPHA, PASSIVE = range(7)
 """Rows of ``motion``, shape (7, nv): measured velocity, the same at the instant of q, the last tick's

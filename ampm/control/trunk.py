@@ -4,20 +4,16 @@ A trunk that swings within every step, beside a posture that does not plan this 
 over two steps is. The integral of this mean finds the mean angular momentum that the body needs.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
+from ampm.vectors import Vector
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from ampm.vectors import Vector
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 LONGEST = 4.0
 """Longest time over which a tilt is averaged [s]."""

@@ -1,11 +1,10 @@
 """A walk that may step elsewhere, earlier or later than planned: what it keeps, and one tick of it."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.control.floor import (
@@ -22,11 +21,8 @@ from ampm.control.sole import sole_of
 from ampm.control.stepping import Curves, dcm_ahead, plan_step, quintic_tick, ramp_share
 from ampm.vectors import clip, cross
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 OFF_PLACE, OFF_HEIGHT, OFF_TILT = 0.015, 0.0015, 0.008
 """How far from its plan a foot may stand before the walk leaves the plan [m, m, rad]."""

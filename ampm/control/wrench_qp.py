@@ -16,11 +16,10 @@ When its answer breaks a torque or joint limit, :class:`LimitedForm` solves the 
 limits as constraints: clipping torques afterwards would cause large ZMP errors.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.control.forces import ANGULAR, NORMAL_COST, TWIST_ARM
@@ -28,10 +27,7 @@ from ampm.control.records import TIP
 from ampm.linear import add_gram, substitute, triangular
 from ampm.qp import QPBackend, QPSettings, QPSolution, make_backend
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 TANGENT_COST = 0.6
 """Regularisation of tangential forces and twists of a foot that carries the weight. It grows with one over

@@ -9,8 +9,6 @@ In the paper's double support all three are proportional to this sine about the 
 rate ``k`` of that support; a fixed ``k`` leaves the motion linear in what is blended, for any footsteps.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@ A walk is any list of phases over footsteps: single and double supports in any o
 Conventions: world x forward, y left, z up, floor z = 0.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 :mod:`ampm.planner.stride` plans them from key-frames.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

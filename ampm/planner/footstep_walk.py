@@ -1,7 +1,5 @@
 """COM and feet of a run's footsteps, from standing to standing."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -18,8 +18,6 @@ Everything here is a pure function of numbers or arrays; nothing is sampled or i
 See ``docs/theory.md`` for the derivation, ``docs/errata.md`` for the errata of the printed paper.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple

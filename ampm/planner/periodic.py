@@ -3,8 +3,6 @@
 t = 0 is the start of the first single support, on the left foot, whose reference point is at (0, +w).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

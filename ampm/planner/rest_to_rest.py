@@ -14,8 +14,6 @@ next one, and rest at both ends. What they leave free (``d`` and the nodes of ``
 swing about zero: least squares on ``Theta`` in the middle of every double support, on ``d`` and these nodes.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Every generator returns where both feet stand at first, then where each lands, l
 end the feet stand beside each other. It begins at the origin, facing +x.
 """
 
-from __future__ import annotations
-
 import csv
 import itertools
 import math

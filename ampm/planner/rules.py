@@ -1,7 +1,5 @@
 """Rules that refuse a gait: one table."""
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable

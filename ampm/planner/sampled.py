@@ -1,7 +1,5 @@
 """A plan from a table of COM and ZMP: of a preview controller, an MPC, another program, or a measurement."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 from typing import Any
 

@@ -13,8 +13,6 @@ the ankle's speed, which a rising heel gives it: then no velocity jumps.
 Everything is closed form; nothing is sampled or integrated.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Centroidal motion and feet together: support polygon and ZMP margin."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

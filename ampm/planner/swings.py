@@ -10,8 +10,6 @@ The key-frames are those of the periodic gait (:mod:`ampm.planner.stride`), by t
   floor ask for.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -19,8 +19,6 @@ Columns, one row per instant, SI units, world frame (x forward, y left):
 Other columns are not read. The feet are placed on the footsteps; how they swing and roll is the gait's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any

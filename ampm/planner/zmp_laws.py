@@ -15,8 +15,6 @@ other foot.
 Walks are periodic, as the AMPM's: the state that returns mirrored after a step is solved for.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

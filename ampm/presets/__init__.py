@@ -1,7 +1,5 @@
 """Gaits that come with the package, by name."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 PRESETS: Mapping[str, str] = {

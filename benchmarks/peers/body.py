@@ -1,7 +1,5 @@
 """Body and reference motion for inverse kinematics and dynamics by other libraries, and ours at the same."""
 
-from __future__ import annotations
-
 from typing import Any
 from xml.etree import ElementTree as xml
 

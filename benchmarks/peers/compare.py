@@ -1,13 +1,11 @@
 """What the peers are measured at, and the table of it."""
 
-from __future__ import annotations
-
 import csv
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -49,7 +47,7 @@ class Entry:
     cold: float = float("nan")
 
     @classmethod
-    def of(cls, name: str, version: str, error: str, seconds: Samples, cold: float = float("nan")) -> Entry:
+    def of(cls, name: str, version: str, error: str, seconds: Samples, cold: float = float("nan")) -> Self:
         """Sum up the times of a library."""
         median, p99 = np.percentile(seconds, [50.0, 99.0]).tolist()
         return cls(name, version, error, median, p99, cold)

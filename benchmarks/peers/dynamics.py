@@ -1,7 +1,5 @@
 """Recorded control ticks for inverse dynamics by other libraries, and how near their answers are."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

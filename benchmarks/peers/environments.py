@@ -1,7 +1,5 @@
 """Environments of the peers: each has its own in the user's cache, none touches the project's."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import signal

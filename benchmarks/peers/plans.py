@@ -1,7 +1,5 @@
 """Plans of COM and ZMP by other methods, on the footsteps, times and feet of a gait."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

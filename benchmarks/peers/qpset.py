@@ -1,7 +1,5 @@
 """The control QPs of recorded walks as one small file; ``docs/benchmarks.md`` has its format."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple

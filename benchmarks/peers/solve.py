@@ -4,8 +4,6 @@
 What converts a problem to a solver's form is not timed.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from importlib import metadata

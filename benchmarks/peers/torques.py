@@ -4,8 +4,6 @@
 angular momentum, planned feet and posture, and the feet in contact.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

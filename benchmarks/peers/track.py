@@ -3,8 +3,6 @@
 ``python track.py NAME IN OUT``. Every tick solves for one velocity, towards the targets at its end.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

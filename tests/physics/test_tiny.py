@@ -1,7 +1,5 @@
 """The smallest physics first: what a block, a falling body and a human in flight must do."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pinocchio as pin

@@ -5,8 +5,6 @@ refused, 3 did not complete, 4 our crash, 130 interrupted. Modules that simulate
 that needs them, so that ``ampm --help`` and ``ampm plan`` start fast.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import sys

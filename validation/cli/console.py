@@ -3,8 +3,6 @@
 Progress is a bar on a terminal and one plain line per stage elsewhere (logs, pipes).
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager

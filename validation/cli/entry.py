@@ -1,7 +1,5 @@
 """Entry point of the console script ``ampm``: handles Ctrl-C before it imports anything slow."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

@@ -1,7 +1,5 @@
 """Report of an error on the command line: one sentence, an exit status, a JSON object."""
 
-from __future__ import annotations
-
 import tempfile
 import traceback
 from typing import Any

@@ -1,7 +1,5 @@
 """Exit statuses, and the options and arguments that commands share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path

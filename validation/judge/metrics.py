@@ -19,8 +19,6 @@ here, so one :func:`register` is enough for a new metric::
 Call it before the walk. Worker processes of sweeps and studies get it, too.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping

@@ -4,12 +4,10 @@ The limits and their reasons are listed in :mod:`validation.judge.metrics`. They
 they judge, except ``wide``. Loosening one needs a line in the changelog.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 from ampm.exceptions import InputError
 from validation.judge.metrics import METRICS, Metric
@@ -55,7 +53,7 @@ class Profile:
 
     name: str
     description: str
-    base: Profile | None = None
+    base: Self | None = None
     factor: float = 1.0
 
     @property

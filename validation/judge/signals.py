@@ -1,7 +1,5 @@
 """Table of plan, command and measurement on one clock."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow as pa
 

@@ -1,7 +1,5 @@
 """Sizes of a body with which limits grow: its weight, the length of its foot, and a momentum of both."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any

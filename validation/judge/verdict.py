@@ -1,7 +1,5 @@
 """Verdict: metrics compared with a tolerance profile, and the summary of a run."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

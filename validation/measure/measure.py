@@ -6,8 +6,6 @@ no force and no acceleration of the simulator, so the two disagree as soon as on
 log.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any

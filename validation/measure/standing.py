@@ -5,8 +5,6 @@ own floor, so that a wrong measurement is found before it is used. The controlle
 run's: the speed of coming to rest does not matter.
 """
 
-from __future__ import annotations
-
 from itertools import repeat
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Check of a body before it walks: its model, its torques in a periodic step, and what it can walk."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass

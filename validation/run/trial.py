@@ -1,7 +1,5 @@
 """A judged walk: in memory, and the files of its folder."""
 
-from __future__ import annotations
-
 import atexit
 import shutil
 import tempfile

@@ -4,8 +4,6 @@ The files that are hardest to replace are written first: parameters and environm
 record as soon as it ends, then signals and summary, last the pictures, which can be drawn again.
 """
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Sequence

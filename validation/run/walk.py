@@ -1,7 +1,5 @@
 """The trial of one gait: plan, walk, measure, compare, judge."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress

@@ -1,7 +1,5 @@
 """Versions, platform and revision of a run, to trace its numbers."""
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess

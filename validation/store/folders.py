@@ -5,8 +5,6 @@ is complete, so a folder under its own name is always a whole run. If the progra
 partial folder stays with the files written so far.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import glob

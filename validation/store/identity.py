@@ -1,7 +1,5 @@
 """Hashes of what a result depends on: a run's parameters, and the sources and versions that compute it."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import platform

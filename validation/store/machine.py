@@ -1,7 +1,5 @@
 """Cores, threads and memory of this process. Only the standard library is imported, as this runs first."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Plans and motions as tables, and tables as CSV or Parquet."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """How a run ends: a name and a sentence."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 

@@ -4,8 +4,6 @@ Their pages are the system's: :func:`release` gives them back, and they are read
 Small arrays, and all of them where there is no room on the disk, are in memory as any other.
 """
 
-from __future__ import annotations
-
 import math
 import mmap
 import os

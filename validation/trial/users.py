@@ -1,7 +1,5 @@
 """Users' classes: find and import them, and report their errors with their name."""
 
-from __future__ import annotations
-
 import sys
 import traceback
 from collections.abc import Mapping

@@ -18,8 +18,6 @@ calculations based on grid refinement studies, Journal of Computational Physics 
 data where they do not follow a power of the step.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

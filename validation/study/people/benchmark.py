@@ -6,8 +6,6 @@ over the right foot's stride, shape (n, 3): forward, up, to the right, over m g;
 read. Without ``grf_l`` the left foot is the right one's mirror image, half a stride later.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A recorded person beside a run: facts of the strides, and differences in the signals that metrics judge."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """A recorded person beside a run: rows of tables, and a picture."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Polar plots of the pushes survived, with the bound."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -6,14 +6,12 @@ are stored. The same definition gives the same values on every machine with the 
 has an example and explains every key.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 import tomli_w
@@ -55,7 +53,7 @@ class Range(Section):
     scale: Literal["linear", "log"] = Field("linear", description="log spaces by equal ratios")
 
     @model_validator(mode="after")
-    def _check(self) -> Range:
+    def _check(self) -> Self:
         if not self.start < self.stop:
             raise InputError(
                 f"from = {self.start:g} must be less than to = {self.stop:g}; exchange them, or put one "
@@ -84,7 +82,7 @@ class Block(Section):
         return math.prod(counts) if self.method == "grid" else counts[0]
 
     @model_validator(mode="after")
-    def _check(self) -> Block:
+    def _check(self) -> Self:
         sampled = self.method in ("latin_hypercube", "sobol")
         if sampled != (self.count is not None):
             verb = "needs a" if sampled else "has no"
@@ -196,7 +194,7 @@ class SweepDefinition(Section, section="sweep"):
     base: RunParameters = Field(default_factory=RunParameters)
 
     @model_validator(mode="after")
-    def _check(self) -> SweepDefinition:
+    def _check(self) -> Self:
         find_profile(self.profile)
         if not self.vary:
             raise InputError(

@@ -4,8 +4,6 @@ Everything is read from the saved table, so that a report or a comparison can be
 sweep is not finished, its table is made from the rows that are there.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Mapping
@@ -13,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pyarrow as pa
@@ -61,7 +59,7 @@ class State(StrEnum):
     TIMED_OUT = "timed_out"
 
     @classmethod
-    def of(cls, outcome: str, verdict: str | None) -> State:
+    def of(cls, outcome: str, verdict: str | None) -> Self:
         """The state of a row.
 
         Raises:
