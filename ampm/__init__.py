@@ -1,8 +1,7 @@
 """AMPM: the gait planner of Kudoh & Komura (IROS 2003) and a controller that tracks its plans.
 
 The package uses Pinocchio and OSQP, but no simulator: a body is given as a description and a Pinocchio model.
-Of the names imported here only ``AmpmFootsteps``, ``AmpmPeriodic``, ``TablePlanner`` and ``WalkRequest`` load
-Pinocchio.
+Of the names imported here only ``FootstepPlanner``, ``PeriodicPlanner`` and ``TablePlanner`` load Pinocchio.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
     from ampm.planner.contacts import Contacts, Footstep, Phase
     from ampm.planner.footsteps import plan_footsteps
     from ampm.planner.sampled import SampledLaw, sampled_contacts, sampled_plan
-    from ampm.planners import AmpmFootsteps, AmpmPeriodic, TablePlanner, WalkRequest
+    from ampm.planners import FootstepPlanner, PeriodicPlanner, TablePlanner
     from ampm.run_file import dump_run, load_run
     from ampm.walk import Controller, ControlOutput, Planner, Posture, Reference, State, Touch, WalkPlan
 
@@ -39,12 +38,19 @@ _MODULES = {
     "ampm.planner.contacts": ("Contacts", "Footstep", "Phase"),
     "ampm.planner.footsteps": ("plan_footsteps",),
     "ampm.planner.sampled": ("SampledLaw", "sampled_contacts", "sampled_plan"),
-    "ampm.planners": ("AmpmFootsteps", "AmpmPeriodic", "TablePlanner", "WalkRequest"),
+    "ampm.planners": ("FootstepPlanner", "PeriodicPlanner", "TablePlanner"),
     "ampm.run_file": ("dump_run", "load_run"),
     "ampm.walk": (
-        "ControlOutput", "Controller", "Planner", "Posture", "Reference", "State", "Touch", "WalkPlan",
+        "ControlOutput",
+        "Controller",
+        "Planner",
+        "Posture",
+        "Reference",
+        "State",
+        "Touch",
+        "WalkPlan",
     ),
-}  # fmt: skip
+}
 # Imported when first read: NumPy and pydantic would delay 'ampm --help' by a tenth of a second each.
 
 
@@ -79,10 +85,37 @@ def __dir__() -> list[str]:
 
 
 __all__ = [
-    "AmpmError", "AmpmFootsteps", "AmpmPeriodic", "BodilyRefusal", "CentroidalPlan", "Contacts",
-    "ControlOutput", "Controller", "Footstep", "GaitParameters", "InputError", "Law",
-    "MathematicalRefusal", "Phase", "Planner", "Posture", "Reference", "RefusedGait", "RunParameters",
-    "SampledLaw", "SolverError", "State", "TablePlanner", "Touch", "WalkPlan", "WalkRequest",
-    "__version__", "dump_run", "load_run", "plan", "plan_footsteps", "preset_names", "sampled_contacts",
+    "AmpmError",
+    "BodilyRefusal",
+    "CentroidalPlan",
+    "Contacts",
+    "ControlOutput",
+    "Controller",
+    "Footstep",
+    "FootstepPlanner",
+    "GaitParameters",
+    "InputError",
+    "Law",
+    "MathematicalRefusal",
+    "PeriodicPlanner",
+    "Phase",
+    "Planner",
+    "Posture",
+    "Reference",
+    "RefusedGait",
+    "RunParameters",
+    "SampledLaw",
+    "SolverError",
+    "State",
+    "TablePlanner",
+    "Touch",
+    "WalkPlan",
+    "__version__",
+    "dump_run",
+    "load_run",
+    "plan",
+    "plan_footsteps",
+    "preset_names",
+    "sampled_contacts",
     "sampled_plan",
-]  # fmt: skip
+]

@@ -73,10 +73,10 @@ def changes(run: RunParameters) -> dict[str, Any]:
     """Keys and values by which a run differs from all presets; open values are found only if there are any.
 
     Those of gait, body and feet except the number of steps, relative to the nearest preset. Empty for a
-    preset's own walk, for a run that leaves nothing open, and for the plain inverted pendulum, whose ZMP
-    jumps for any values of the open keys.
+    preset's own walk, for a run that leaves nothing open, and for the plain inverted pendulum (``lipm``),
+    whose ZMP jumps for any values of the open keys.
     """
-    if run.gait.model != "ampm" or run.given >= set(OPEN_KEYS):
+    if run.gait.planner == "lipm" or run.given >= set(OPEN_KEYS):
         return {}
     values = {
         key: run.value(key)

@@ -1,8 +1,8 @@
 """A planned walk as one function of time, and the protocols of planner and controller.
 
-A :class:`WalkPlan` is always complete: centroidal plan, feet, posture. It gives the :class:`Reference` of one
-instant (:meth:`WalkPlan.at`), or those of all ticks of a controller at once (:meth:`WalkPlan.table`). A
-:class:`Controller` is handed one reference each tick and keeps none, so a plan can be replaced at any tick.
+A :class:`WalkPlan` is always complete: centroidal plan, feet, posture. It gives the :class:`Reference` of all
+ticks of a controller at once (:meth:`WalkPlan.table`). A :class:`Controller` is handed one reference each tick
+and keeps none, so a plan can be replaced at any tick.
 
 Vectors are in world: x forward, y left, z up, floor at z = 0. Feet: left first. Contact groups of a foot:
 heel, ball, tip.
@@ -14,11 +14,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ampm.planner.centroidal import PlanSample
 from ampm.planner.feet import FootSample, foot_rotation, foot_turning
 from ampm.planner.support import StepPlan
 
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Scalar = Any  # a float at one instant, an array (T,) at T of them
-
-_YAW_SPAN = 1e-3  # interval of the difference that gives the rate of L_z at a single instant [s]
 
 
 class FeetState(NamedTuple):
@@ -168,12 +167,17 @@ class Reference(NamedTuple):
 
 def read_only(reference: Reference) -> Reference:
     """The same reference, whose arrays cannot be written to."""
-    if reference.centre.flags.writeable:
-        for part in (reference[:-3], *reference[-3:]):
-            for array in part:
-                if isinstance(array, np.ndarray):
-                    array.setflags(write=False)
+    for array in _arrays(reference):
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
     return reference
+
+
+def _arrays(reference: Reference) -> Iterator[Any]:
+    """All arrays of a reference; its scalars at one instant."""
+    yield from (reference.time, reference.centre, reference.right_load, reference.jumps)
+    for part in (reference.feet, reference.contacts, reference.posture):
+        yield from part
 
 
 class Timing(NamedTuple):
@@ -194,10 +198,6 @@ class Timing(NamedTuple):
     slope: float = 0.0
 
 
-SHARP = Timing()
-"""No look-ahead."""
-
-
 class ReferenceTable(Sequence[Reference]):
     """References at T instants, evaluated at once.
 
@@ -209,8 +209,8 @@ class ReferenceTable(Sequence[Reference]):
     """
 
     def __init__(self, rows: Reference) -> None:
-        *plain, feet, contacts, posture = self.rows = read_only(rows)
-        lengths = set(map(len, (*plain, *feet, *contacts, *posture)))
+        self.rows = read_only(rows)
+        lengths = {len(array) for array in _arrays(rows)}
         if len(lengths) > 1:
             raise ValueError(f"arrays of {' and '.join(map(str, sorted(lengths)))} instants in one table")
 
@@ -223,35 +223,32 @@ class ReferenceTable(Sequence[Reference]):
     def __getitem__(self, k: slice) -> ReferenceTable: ...
     def __getitem__(self, k: int | slice) -> Reference | ReferenceTable:
         """The reference at tick k, in views of the table's arrays."""
-        *plain, feet, contacts, posture = self.rows
-        row = Reference._make(
-            (
-                *[array[k] for array in plain],
-                FeetState._make(array[k] for array in feet),
-                ContactState._make(array[k] for array in contacts),
-                PostureState._make(array[k] for array in posture),
-            )
+        rows = self.rows
+        row = Reference(
+            time=rows.time[k],
+            centre=rows.centre[k],
+            right_load=rows.right_load[k],
+            jumps=rows.jumps[k],
+            feet=FeetState._make(array[k] for array in rows.feet),
+            contacts=ContactState._make(array[k] for array in rows.contacts),
+            posture=PostureState._make(array[k] for array in rows.posture),
         )
         return ReferenceTable(row) if isinstance(k, slice) else row
 
     def __iter__(self) -> Iterator[Reference]:
         """The references one after another, several times faster than by index."""
         new = tuple.__new__  # a named tuple's own constructor costs more than the rest
-        time, centre, right_load, jumps, feet, contacts, posture = self.rows
-        plain = time.tolist(), centre, right_load.tolist(), jumps.tolist()
-        nested = [
-            map(partial(new, type(part)), zip(*part, strict=True)) for part in (feet, contacts, posture)
-        ]
-        return map(partial(new, Reference), zip(*plain, *nested, strict=True))
+        rows = self.rows
+        plain = rows.time.tolist(), rows.centre, rows.right_load.tolist(), rows.jumps.tolist()
+        feet, contacts, posture = (
+            map(partial(new, type(part)), zip(*part, strict=True))
+            for part in (rows.feet, rows.contacts, rows.posture)
+        )
+        return map(partial(new, Reference), zip(*plain, feet, contacts, posture, strict=True))
 
 
 class Posture(Protocol):
     """Whole-body motion of a walk besides COM, momentum and feet."""
-
-    @property
-    def angular_momentum_y_offset(self) -> float:
-        """Mean of L_y over a step that this posture needs [N m s]."""
-        ...
 
     def sample(self, times: ArrayLike) -> PostureState:
         """States at ``times``, shape (T,) [s]; every array with a leading axis of T.
@@ -270,69 +267,34 @@ class WalkPlan(StepPlan):
     """A complete plan of a walk: COM, ZMP, force, momentum and feet, and a posture.
 
     Attributes:
-        posture: motion of the rest of the body; the plan takes its mean of L_y.
+        posture: motion of the rest of the body.
     """
 
     posture: Posture
 
-    def __post_init__(self) -> None:
-        offset = self.posture.angular_momentum_y_offset
-        if self.constants.angular_momentum_y_offset != offset:
-            shifted = self.with_angular_momentum_offset(offset)
-            object.__setattr__(self, "constants", shifted.constants)
-
     @property
     def judged_from(self) -> float:
-        """Begin of what a trial judges [s]: without the first step, a transient of the start."""
-        return self.constants.step_duration
+        """Begin of what a trial judges [s]: without the first step of a walk that does not begin at rest."""
+        return 0.0 if self.contacts.phases[0].stance == "both" else self.constants.step_duration
 
-    def at(self, time: float, timing: Timing = SHARP) -> Reference:
-        """The reference at one instant [s].
-
-        It equals the table's, except where a table uses its own ticks: here the time until lift-off is exact,
-        and the rate of L_z is a central difference over two milliseconds.
-
-        Raises:
-            InputError: the time lies outside the plan.
-        """
-        around = np.array([time - _YAW_SPAN, time, time + _YAW_SPAN])
-        around = np.unique(np.clip(around, min(time, 0.0), max(time, self.duration)))
-        reference = self.table(around, timing)[int(np.searchsorted(around, time))]
-        until = np.stack([path.until_lift(time) for path in (self.feet.left, self.feet.right)])
-        until.setflags(write=False)
-        return reference._replace(contacts=reference.contacts._replace(until_lift=until))
-
-    def _jump_near(self, times: Array, period: float) -> Flags:
-        """Whether the plan jumps within a period before or after each time, shape (T,)."""
-        if not (period and self.jump_times.size):
-            return np.zeros(len(times), dtype=bool)
-        return np.asarray((np.abs(times[:, None] - self.jump_times) < period).any(axis=1))
-
-    def _postures(self, times: Array) -> PostureState:
-        """States at times (T,) [s], as compiled functions take them."""
-        return PostureState(*(np.asarray(part, np.float64) for part in self.posture.sample(times)))
-
-    def table(self, times: ArrayLike, timing: Timing = SHARP) -> ReferenceTable:
+    def table(self, times: ArrayLike, timing: Timing = Timing()) -> ReferenceTable:
         """References at the ticks of a controller, ascending, shape (T,) [s].
 
-        Times until lift-off count to the first tick without planned contact, within these ticks or after.
+        Times until lift-off count to the first tick without planned contact, within these ticks or after. At a
+        single tick they are exact, and the rate of L_z is zero.
 
         Raises:
             InputError: a time lies outside the plan.
         """
         times = np.array(times, dtype=np.float64)
-        sample, feet, body = self.sample(times), self.feet.sample(times), self._postures(times)
-        momentum_z = body.angular_momentum_z
-        yaw_moment = np.gradient(momentum_z, times) if len(times) > 1 else np.zeros(len(times))
-        held, held_feet, held_body = sample, feet, body
         jumps = self._jump_near(times, timing.slope)
-        if timing.hold and (jumps.any() or not timing.slope):
-            delay = 0.5 * timing.hold * (jumps if timing.slope else 1.0)
-            middle = np.minimum(times + delay, self.duration)
-            held, held_feet = self.sample(middle), self.feet.sample(middle)
-            held_body = self._postures(middle)
+        delay = 0.5 * timing.hold * (jumps if timing.slope else np.ones(len(times)))
+        now = held = self._instants(times)
+        if delay.any():
+            held = self._instants(np.minimum(times + delay, self.duration))
+        momentum_z = now.posture.angular_momentum_z
+        yaw_moment = np.gradient(momentum_z, times) if len(times) > 1 else np.zeros(len(times))
         contact = self.feet.contact(times)
-        until_lift = self.feet.until_lift(times, contact)
 
         def within(span: float) -> Flags:
             """Contact now or at the end of a time span."""
@@ -343,50 +305,56 @@ class WalkPlan(StepPlan):
                 time=times,
                 centre=np.stack(
                     [
-                        sample.com,
-                        sample.com_velocity,
-                        held.com_acceleration,
-                        np.hstack([sample.angular_momentum, momentum_z[:, None]]),
-                        np.hstack([held.moment, yaw_moment[:, None]]),
+                        now.plan.com,
+                        now.plan.com_velocity,
+                        held.plan.com_acceleration,
+                        np.hstack([now.plan.angular_momentum, momentum_z[:, None]]),
+                        np.hstack([held.plan.moment, yaw_moment[:, None]]),
                     ],
                     axis=1,
                 ),
-                right_load=sample.right_load,
+                right_load=now.plan.right_load,
                 jumps=jumps,
-                feet=_feet_state(feet, held_feet),
-                contacts=ContactState(within(timing.lead), within(timing.early), until_lift),
-                posture=body._replace(
-                    acceleration=held_body.acceleration,
-                    tilt_window=np.broadcast_to(np.float64(body.tilt_window), times.shape),
+                feet=_feet_state(now.feet, held.feet),
+                contacts=ContactState(
+                    planned=within(timing.lead),
+                    due=within(timing.early),
+                    until_lift=self.feet.until_lift(times, contact),
+                ),
+                posture=now.posture._replace(
+                    acceleration=held.posture.acceleration,
+                    tilt_window=np.broadcast_to(now.posture.tilt_window, times.shape),
                 ),
             )
         )
 
+    def _jump_near(self, times: Array, period: float) -> Flags:
+        """Whether the plan jumps within a period before or after each time, shape (T,)."""
+        return np.asarray((np.abs(times[:, None] - self.jump_times) < period).any(axis=1))
 
-class Boundary(NamedTuple):
-    """Where a plan begins: an instant of another plan, or a measured state.
-
-    Attributes:
-        time: [s].
-        centre: rows com, com_velocity, com_acceleration, angular_momentum, moment, shape (5, 3).
-        feet: pose and motion of both feet.
-        contact: groups in contact, shape (2, 3), bool.
-    """
-
-    time: float
-    centre: Array
-    feet: FeetState
-    contact: Flags
+    def _instants(self, times: Array) -> _Instants:
+        """Everything at times (T,) [s]; postures as compiled functions take them."""
+        posture = PostureState(*(np.asarray(part, np.float64) for part in self.posture.sample(times)))
+        return _Instants(self.sample(times), self.feet.sample(times), posture)
 
 
-Request = TypeVar("Request", contravariant=True)
+class _Instants(NamedTuple):
+    """COM and ZMP, both feet and the posture at some times."""
+
+    plan: PlanSample
+    feet: tuple[FootSample, FootSample]
+    posture: PostureState
 
 
-class Planner(Protocol[Request]):
-    """Makes a walk from a request."""
+class Planner(Protocol):
+    """Makes the plan of a walk; any class with this method is one."""
 
-    def plan(self, request: Request, begin: Boundary | None = None) -> WalkPlan:
-        """Plan a walk, from a boundary if one is given.
+    def plan(self, run: RunParameters, robot: Any) -> WalkPlan:
+        """Plan a walk.
+
+        Args:
+            run: parameters of gait, body, feet and controller.
+            robot: the body, :class:`ampm.body.robot.Robot`.
 
         Raises:
             InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.

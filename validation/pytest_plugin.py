@@ -28,7 +28,6 @@ import pytest
 
 if TYPE_CHECKING:
     from ampm.parameters import RunParameters
-    from ampm.planners import WalkRequest
     from ampm.walk import ControllerFactory, Planner
     from validation.judge.profiles import Profile
     from validation.judge.verdict import MetricResult
@@ -211,7 +210,7 @@ def walk_once(
     *,
     body: Mapping[str, Any] | str | None = None,
     controller: ControllerFactory | str | None = None,
-    planner: Planner[WalkRequest] | str | None = None,
+    planner: Planner | str | None = None,
     disturbances: Sequence[Disturbance] = (),
     **sections: Mapping[str, Any],
 ) -> Trial:

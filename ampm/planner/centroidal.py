@@ -387,7 +387,7 @@ class CentroidalPlan(Brief):
             for name, scale in scales.items()
         }
 
-    def with_angular_momentum_offset(self, offset: float) -> CentroidalPlan:
+    def with_angular_momentum_offset(self, offset: float) -> Self:
         """The same motion of the COM with another mean of L_y over a step [N m s].
 
         Raises:
@@ -396,7 +396,7 @@ class CentroidalPlan(Brief):
         if not math.isfinite(offset):
             raise InputError(f"the angular momentum offset is {offset}; give a finite number [N m s].")
         constants = replace(self.constants, angular_momentum_y_offset=float(offset))
-        return CentroidalPlan.of(self, constants=constants)
+        return replace(self, constants=constants)
 
 
 def phase_of(starts: Array, time: Array) -> NDArray[np.intp]:

@@ -17,6 +17,10 @@ from ampm.planner.pendulum import EPSILON, AffineLaw, double_support_root
 LEAST_MID_STANCE_SHARE = 0.2
 """Least speed over the foot, as a share of v0: below it the pendulum nearly stops and every error grows."""
 
+LIPM = "lipm"
+"""Value of ``gait.planner`` for the closed form of the plain inverted pendulum."""
+_PLAIN_SLOPES = {"a_s": math.inf, "c_s": 1.0, "c_y": 1.0}  # ZMP at rest, force through the COM
+
 _ROUNDING = 8.0 * EPSILON
 
 _LARGEST_COSH = 700.0  # argument at which cosh still fits a double
@@ -67,13 +71,13 @@ class ClosedForm:
     """Parameters of a gait, and what follows from them.
 
     Attributes:
-        model: ``ampm`` or ``ipm``.
+        plain: whether it is the plain inverted pendulum.
 
     All others: see :class:`ampm.parameters.GaitParameters`. They are NumPy's numbers: those of too different
     size give infinities or NaN, which the last rule refuses.
     """
 
-    model: str
+    plain: bool
     com_height: float
     step_length: float
     switching_velocity: float
@@ -87,18 +91,9 @@ class ClosedForm:
     @classmethod
     def of(cls, gait: GaitParameters) -> ClosedForm:
         """The closed form of a gait."""
-        model, *numbers = (getattr(gait, field.name) for field in fields(cls))
-        return cls(model, *map(np.float64, numbers))
-
-    @cached_property
-    def plain(self) -> bool:
-        """Whether it is the plain inverted pendulum."""
-        return self.model == "ipm"
-
-    @cached_property
-    def ampm(self) -> bool:
-        """Whether it is the AMPM."""
-        return self.model != "ipm"
+        plain = gait.planner == LIPM
+        values = gait.model_dump() | (_PLAIN_SLOPES if plain else {})
+        return cls(plain, *(np.float64(values[field.name]) for field in fields(cls)[1:]))
 
     @cached_property
     def inverse_a_s(self) -> float:

@@ -29,7 +29,6 @@ class Rule:
         limit: a number or an attribute of :class:`ClosedForm`.
         unit: SI unit of value and limit.
         message, way_out: sentence about gait ``g``, ``value`` and ``limit``, as templates.
-        exempt: attribute of :class:`ClosedForm`, true where the rule does not apply; None: it applies to all.
     """
 
     reason: str
@@ -39,15 +38,13 @@ class Rule:
     unit: str
     message: str
     way_out: str
-    exempt: str | None = None
 
     def _limit(self, gait: ClosedForm) -> Any:
         return getattr(gait, self.limit) if isinstance(self.limit, str) else self.limit
 
     def met(self, gait: ClosedForm) -> Any:
         """Whether a gait keeps the rule."""
-        passed = self.passes(getattr(gait, self.value), self._limit(gait))
-        return passed if self.exempt is None else passed | getattr(gait, self.exempt)
+        return self.passes(getattr(gait, self.value), self._limit(gait))
 
     def refusal(self, gait: ClosedForm) -> MathematicalRefusal:
         """Message for one gait that breaks the rule."""
@@ -60,16 +57,6 @@ class Rule:
 
 _FASTER = "raise gait.switching_velocity to {g.sufficient_velocity} m/s or shorten gait.step_length"
 RULES: tuple[Rule, ...] = (
-    *(
-        Rule(  # refused, rather than ignored
-            "not_the_plain_pendulum", key, operator.eq, fixed, "1",
-            f"gait.{key} = {{value:.6g}} is no choice of the plain inverted pendulum (gait.model = ipm): its "
-            f"ZMP rests under the foot and its force passes through the COM, so that gait.{key} = {fixed:g}",
-            f"set gait.{key} to {fixed:g}, take the preset ipm, or gait.model = ampm",
-            exempt="ampm",
-        )
-        for key, fixed in {"a_s": math.inf, "c_s": 1.0, "c_y": 1.0}.items()
-    ),
     Rule(
         "single_support_not_driven", "bracket", operator.gt, 0.0, "1",
         "gait.c_s - 1/gait.a_s = {value:.6g} must be greater than 0: the COM would not be driven off the "

@@ -23,14 +23,17 @@ from typing import TYPE_CHECKING
 
 from ampm.body.continuation import Continuation
 from ampm.body.inverse_kinematics import Unreachable
+from ampm.body.motion import PeriodicPosture
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import GaitParameters, RunParameters
+from ampm.planner.closed_form import LIPM
 from ampm.planner.periodic import plan_gait
-from ampm.planners import AmpmPeriodic, PeriodicWalk, WalkRequest
+from ampm.planners import PeriodicPlanner
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import LIMITS, least, orbit_margins, plan_margins
 from ampm.tune.refusal import NoFeasibleChoice, no_feasible_choice, way_out
 from ampm.tune.search import ENOUGH, Approach, Candidate, ChoiceSearch, RoughOrbits
+from ampm.walk import WalkPlan
 
 if TYPE_CHECKING:
     from ampm.body.robot import Robot
@@ -60,7 +63,7 @@ class Tuned:
     """
 
     run: RunParameters
-    plan: PeriodicWalk
+    plan: WalkPlan
     found: Mapping[str, float | str]
     margins: Mapping[str, float]
     tried: int
@@ -92,11 +95,11 @@ def tune(
         NoFeasibleChoice: every choice breaks a limit.
     """
     report = progress or (lambda text: None)
-    if run.gait.model != "ampm":  # its ZMP jumps, so no choice could keep it in a support that grows
+    if run.gait.planner == LIPM:  # its ZMP jumps, so no choice could keep it in a support that grows
         raise InputError(
-            f"gait.model = {run.gait.model!r} cannot be tuned, only 'ampm' can; 'ampm validate' walks the "
-            "preset ipm as it is, and its step length, speed and heights can be set.",
-            key="gait.model",
+            f"gait.planner = {LIPM!r} cannot be tuned; 'ampm validate' walks the preset ipm as it is, and its "
+            "step length, speed and heights can be set.",
+            key="gait.planner",
         )
     if not run.gait.c_y > 0.0:
         plan_gait(run.gait, run.body.mass)  # refuses it, with a better message than a failed search
@@ -298,7 +301,7 @@ def _confirmed(search: ChoiceSearch, best: Candidate) -> Tuned:
     """The choice with its plan over all steps and its motion on the fine grid, which may refuse it."""
     space, run = search.space, best.run
     try:
-        plan = AmpmPeriodic().plan(WalkRequest(run, search.orbits.robot))
+        plan = PeriodicPlanner().plan(run, search.orbits.robot)
     except BodilyRefusal as error:
         tried = len(search.candidates)
         raise NoFeasibleChoice(
@@ -319,7 +322,8 @@ def _own(space: FreeChoices, robot: Robot) -> Tuned | None:
     """The gait with the values that it has, a preset's own or defaults, if the body accepts the plan."""
     run, orbits = space.run, RoughOrbits(robot, space.run)
     try:
-        plan = AmpmPeriodic().plan(WalkRequest(run, robot))
+        plan = PeriodicPlanner().plan(run, robot)
+        assert isinstance(plan.posture, PeriodicPosture)
         orbit = orbits.solve(plan, run, motion=plan.posture.motion)
     except (RefusedGait, InputError, Unreachable):
         return None

@@ -86,6 +86,7 @@ def plan(
     two rows of the file are where both feet stand, the one that swings first at the head; then left and right
     land in turn.
     """
+    from ampm.planner.closed_form import LIPM
     from ampm.planner.periodic import plan_gait
     from ampm.run_file import dump_run
     from validation.store.tables import plan_table, sample_times, write_columns
@@ -116,7 +117,7 @@ def plan(
             raise InputError(f"{save} must end in .toml; a gait is read from such a file.")
         check_folder_of(save)
         check_output_file(save, force=force)
-    if no_body and (run.gait.planner != "ampm" or run.footsteps):
+    if no_body and (run.gait.planner not in ("ampm", LIPM) or run.footsteps):
         raise InputError("another planner, or footsteps, need a body; leave out --no-body.")
     if motion is not None and (no_body or run.footsteps):
         raise InputError("--motion is of a periodic gait of a body; leave out --no-body and footsteps.")

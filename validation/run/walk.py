@@ -15,7 +15,6 @@ from ampm.parameters import RunParameters
 from ampm.planner.contacts import Footstep
 from ampm.planner.routes import as_rows
 from ampm.planner.support import plan_steps
-from ampm.planners import WalkRequest
 from ampm.run_file import load_run
 from ampm.walk import ControllerFactory, Planner
 from validation.judge import profiles
@@ -43,7 +42,7 @@ def walk(
     run: RunParameters | str | Path = "normal",
     *,
     controller: ControllerFactory | str | None = None,
-    planner: Planner[WalkRequest] | str | None = None,
+    planner: Planner | str | None = None,
     disturbances: Sequence[Disturbance] = (),
     footsteps: Sequence[Footstep] | None = None,
     profile: Profile | str | None = None,

@@ -6,7 +6,7 @@ from typing import Any
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from ampm.planner.zmp_laws import STEP_PLANNERS
+from ampm.planner.step_planners import STEP_PLANNERS
 from validation.trial.controllers import CONTROLLERS, find_controller
 from validation.trial.planners import load_planner
 

@@ -29,7 +29,6 @@ from validation.trial.users import UsersCode
 if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
     from ampm.body.robot import Robot
-    from ampm.planners import WalkRequest
     from ampm.tune.tuning import Tuned
     from ampm.walk import Planner, WalkPlan
     from models.scene import BodyModel
@@ -274,77 +273,70 @@ def make_body(run: RunParameters) -> Body:
 
 
 def plan_walk(
-    request: Request, progress: Progress | None = None, *, planner: Planner[WalkRequest] | None = None
+    request: Request, progress: Progress | None = None, *, planner: Planner | None = None
 ) -> PlannedWalk:
     """Plan a walk with its body.
 
     Where anything but the number of steps differs from a preset's own gait, body and feet, the values that
     the request leaves open are found first and reported (:func:`ampm.run_file.changes`), for the AMPM's plan:
-    the other planners of :data:`ampm.planners.PLANNERS` have its footsteps, times and feet. Over footsteps
-    only another body than the human gets values found, those of its own gait. Any other planner gets the
-    request unchanged.
+    the other planners of :data:`ampm.planner.step_planners.STEP_PLANNERS` have its footsteps, times and feet.
+    Over footsteps only another body than the human gets values found, those of its own gait. Any other planner
+    gets the request unchanged.
 
     Args:
         request: the gait.
         progress: where to report stages.
-        planner: that of the run by default; for footsteps :class:`ampm.planners.AmpmFootsteps`.
+        planner: that of the run by default; for footsteps :class:`ampm.planners.FootstepPlanner`.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met, or a user's planner fails.
     """
     run, progress = request.run, progress or Progress()
     # Imported here: Pinocchio is slow to load.
-    from ampm.planners import (
-        PLANNERS,
-        AmpmFootsteps,
-        AmpmPeriodic,
-        TablePlanner,
-        WalkRequest,
-        planner_name,
-    )
+    from ampm.planners import FootstepPlanner, PeriodicPlanner, TablePlanner
     from ampm.walk import WalkPlan
 
-    planner = planner or load_planner(run.gait.planner)
-    if planner is None and run.footsteps:
-        planner = AmpmFootsteps()
+    if planner is None and run.footsteps and run.gait.planner == "ampm":
+        planner = FootstepPlanner()
         if run.body.source != HUMAN and changes(run):  # height and feet are those of the body's own gait
             request = tune_walk(replace(request, run=run.replace({}, footsteps=())), progress).request
             request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
             run = request.run
-    name = "" if planner is None else planner_name(planner)
-    if run.footsteps and (name in PLANNERS or isinstance(planner, TablePlanner)):
+    planner = planner or load_planner(run.gait.planner)
+    periodic = type(planner) is PeriodicPlanner
+    name = str(getattr(planner, "name", type(planner).__name__))
+    if run.footsteps and (periodic or isinstance(planner, TablePlanner)):
         raise InputError(f"the planner {name} does not plan footsteps; leave out one of them.")
     if isinstance(planner, TablePlanner):
         unused = {*request.changed, *({"gait.steps"} & run.given)} - {"gait.com_height"}
         if keys := ", ".join(sorted(key for key in unused if key.startswith("gait."))):
             progress.say(f"{request.name}: the table gives the steps; not used: {keys}")
-    planner = planner or AmpmPeriodic()
     body = None
-    if name in ("", *PLANNERS):
+    if periodic:
+        name = "" if name == "ampm" else name
         if changes(run):
-            found = tune_walk(request, progress)
+            tuned = tune_walk(request, progress)
             if not name:
-                return found
-            request, run, body = found.request, found.run, found.body
+                return tuned
+            request, run, body = tuned.request, tuned.run, tuned.body
         check_formula(request)  # before a body is built
     if body is None:
         with progress.stage(f"{request.name}: body"):
             body = make_body(run)
-    with progress.stage(f"{request.name}: whole-body motion") as stage:
-        wanted = WalkRequest(run.undisturbed, body.robot, stage.note)
-        own = type(planner) is AmpmFootsteps or name in ("", *PLANNERS)
-        with _way_out(run) if own else UsersCode("planner", planner):
-            plan = planner.plan(wanted)
+    with progress.stage(f"{request.name}: whole-body motion"):
+        built_in = periodic or type(planner) is FootstepPlanner
+        with _way_out(run) if built_in else UsersCode("planner", planner):
+            plan = planner.plan(run.undisturbed, body.robot)
             if not isinstance(plan, WalkPlan):
                 raise TypeError(f"it made a {type(plan).__name__}, not a WalkPlan")
-            if not own:
+            if not built_in:
                 _check_posture(plan, body.robot)
     return PlannedWalk(request, plan, body, name)
 
 
 def _check_posture(plan: WalkPlan, robot: Robot) -> None:
     """Refuse a posture whose first state is none of the body."""
-    state = plan.at(0.0).posture
+    state = plan.table([0.0])[0].posture
     shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}
     for name, shape in shapes.items():
         values = getattr(state, name)

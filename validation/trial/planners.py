@@ -1,43 +1,37 @@
 """Planners by name, by file, or of a user's own."""
 
-from __future__ import annotations
-
 import inspect
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import InputError
-from ampm.planner.zmp_laws import STEP_PLANNERS
+from ampm.planner.step_planners import STEP_PLANNERS
 from validation.trial.columns import SUFFIXES, read_columns
 from validation.trial.users import make_object
 
 if TYPE_CHECKING:
-    from ampm.planners import WalkRequest
     from ampm.walk import Planner
 
 
-def load_planner(text: str) -> Planner[WalkRequest] | None:
+def load_planner(text: str) -> "Planner":
     """The planner that a text names.
 
     Args:
-        text: a name of :data:`ampm.planners.PLANNERS`, a table (``.csv`` or ``.parquet``, see
-            :mod:`ampm.planner.table`), or ``module:Class``.
-
-    Returns:
-        None for ``ampm``, the default.
+        text: a name of :data:`ampm.planner.step_planners.STEP_PLANNERS`, a table (``.csv`` or ``.parquet``,
+            see :mod:`ampm.planner.table`), or ``module:Class``.
 
     Raises:
         InputError: there is no such planner, or the table cannot be read.
     """
-    from ampm.planners import PLANNERS, TablePlanner  # imported here: Pinocchio is slow to load
+    from ampm.planners import PeriodicPlanner, TablePlanner  # imported here: Pinocchio is slow to load
 
-    if text in PLANNERS:
-        return None if text == "ampm" else PLANNERS[text]()
+    if text in STEP_PLANNERS:
+        return PeriodicPlanner(text)
     if (path := Path(text)).suffix in SUFFIXES:
         return TablePlanner(read_columns(path), path.name)
     if ":" not in text:
         raise InputError(
-            f"gait.planner = {text!r} is none of {', '.join(PLANNERS)}; take one of them, a table FILE.csv "
+            f"gait.planner = {text!r} is none of {', '.join(STEP_PLANNERS)}; take one of them, a table FILE.csv "
             "or FILE.parquet, or MODULE:CLASS, for example mine:Planner.",
             key="gait.planner",
             value=text,

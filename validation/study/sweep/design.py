@@ -20,7 +20,7 @@ from pydantic import Field, model_validator
 
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN, RunParameters, keys
-from ampm.planner.zmp_laws import STEP_PLANNERS
+from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.presets import PRESETS
 from ampm.run_file import KeyInfo, key_info, load_run
 from ampm.section import Real, Section, parse_toml, read_toml, unknown

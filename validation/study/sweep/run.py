@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from ampm.exceptions import InputError, RefusedGait
-from ampm.planner.zmp_laws import STEP_PLANNERS
+from ampm.planner.step_planners import STEP_PLANNERS
 from validation.judge.profiles import profile as find_profile
 from validation.progress import Progress
 from validation.run.trial import Trial

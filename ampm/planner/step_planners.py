@@ -1,23 +1,28 @@
-"""ZMP planners of others on the footsteps, times and feet of a gait: IPM, preview control, DCM.
+"""Planners of periodic steps by name: the AMPM, and ZMP planners of others.
 
-All of them are the cart-table, ``u'' = (g/H) (u - p)``: the ground force passes through the COM, and the
-angular momentum about it is constant. They differ in the ZMP ``p``. In single support it goes from heel to
-toe of the stance foot as far as in the AMPM's plan (``l_s / a_s`` to either side of the reference point, as
-feet that roll need), here linearly in time, and rests in the frontal plane. In double support it goes to the
-other foot.
+Those of others are the cart-table, ``u'' = (g/H) (u - p)``: the ground force passes through the COM, and the
+angular momentum about it is constant. They differ in the ZMP ``p``.
 
-- *IPM* (Kudoh & Komura, IROS 2003, section 1.2): at rest under the foot, then under the COM.
-- *Preview* (Kajita et al., "Biped walking pattern generation by using preview control of zero-moment point",
+- ``lipm``, the plain inverted pendulum (Kajita et al., "The 3D linear inverted pendulum mode", IROS 2001; the
+  IPM of Kudoh & Komura, IROS 2003, section 1.2): at rest under the foot, then under the COM; the gait's speed
+  at the switches gives the durations.
+
+The others have footsteps, times and feet of the AMPM's plan. In single support the ZMP goes from heel to toe of
+the stance foot as far as there (``l_s / a_s`` to either side of the reference point, as feet that roll need),
+here linearly in time, and rests in the frontal plane. In double support it goes to the other foot.
+
+- ``ipm``: the plain inverted pendulum at these times; its ZMP rests under the foot.
+- ``preview`` (Kajita et al., "Biped walking pattern generation by using preview control of zero-moment point",
   ICRA 2003): linear in time in double support, too; the least jerk follows it.
-- *DCM* (Englsberger, Ott & Albu-Schaeffer, "Three-dimensional bipedal walking control based on divergent
+- ``dcm`` (Englsberger, Ott & Albu-Schaeffer, "Three-dimensional bipedal walking control based on divergent
   component of motion", IEEE T-RO 31(2), 2015): closed form in single support, a cubic in double support.
 
 Walks are periodic, as the AMPM's: the state that returns mirrored after a step is solved for.
 """
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +32,7 @@ from numpy.typing import NDArray
 from ampm.description import SoleGeometry
 from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPhase
-from ampm.planner.pendulum import LawState
+from ampm.planner.closed_form import LIPM
 from ampm.planner.sampled import SampledLaw, plan_constants
 from ampm.planner.support import StepPlan, plan_steps
 
@@ -35,46 +40,13 @@ Array = NDArray[np.float64]
 
 SAMPLE_TIME = 0.005
 """Sampling time of preview control [s], of Kajita et al.; adapted to a whole number of samples in a step."""
+DCM_SAMPLE_TIME = 0.001
+"""Largest time between samples of a DCM plan, between which its ZMP is linear [s]."""
 PREVIEW_TIME = 3.2
 """Time for which preview control sees the ZMP in advance [s]; with half of it, as in that paper, the ZMP
 stays 2.5 mm behind at 0.9 m/s."""
 JERK_WEIGHT = 1e-6
 """Weight R of the squared change of jerk over that of the squared ZMP error [s^6], of that paper."""
-
-
-@dataclass(frozen=True)
-class ZmpLaw:
-    """One axis of one phase of the cart-table, with a ZMP that is a polynomial of time.
-
-    Equation: ``u'' = w^2 (u - p)``, so that ``u = p + p''/w^2 + p''''/w^4 + ... + A exp(w t) + B exp(-w t)``.
-
-    Attributes:
-        frequency: w = sqrt(g/H) [1/s].
-        zmp: coefficients of p, lowest order first, at most four [m, m/s, ...].
-        growing: A [m].
-        decaying: B [m].
-    """
-
-    frequency: float
-    zmp: Array
-    growing: float
-    decaying: float
-
-    def evaluate(self, time: Any) -> LawState:
-        """State at times since the start of the phase [s]; every field has the shape of the times."""
-        t, w = np.asarray(time, dtype=np.float64), self.frequency
-        middle = polynomial.polyadd(self.zmp, polynomial.polyder(self.zmp, 2) / w**2)
-        up, down = self.growing * np.exp(w * t), self.decaying * np.exp(-w * t)
-        position = polynomial.polyval(t, middle) + up + down
-        zmp: Any = polynomial.polyval(t, self.zmp)
-        return LawState(
-            position=position,
-            velocity=polynomial.polyval(t, polynomial.polyder(middle)) + w * (up - down),
-            acceleration=w**2 * (position - zmp),
-            zmp=zmp,
-            moment_arm=np.zeros_like(t),
-            moment_arm_integral=np.zeros_like(t),
-        )
 
 
 class _Axis(NamedTuple):
@@ -109,8 +81,27 @@ def step_axes(steps: StepPlan) -> tuple[_Axis, _Axis]:
     return _Axis(-roll, roll, 1.0, contacts.step_length), _Axis(half, half, -1.0, 0.0)
 
 
-def _with_phases(steps: StepPlan, phases: list[CentroidalPhase]) -> StepPlan:
-    """The same steps with another motion of the COM."""
+def _repeated(steps: StepPlan, times: Array, motions: Sequence[Array]) -> StepPlan:
+    """The same steps with another motion of the COM, the mirror image of its first step in every step.
+
+    Args:
+        steps: contacts and feet.
+        times: of samples of the first step, from its start on, shape (n,) [s].
+        motions: COM, velocity and acceleration along x and y at these times, shapes (3, n).
+    """
+    duration, length = steps.constants.step_duration, steps.contacts.step_length
+    laws, ends = [], np.append(times, duration)
+    for axis, motion in zip(step_axes(steps), motions, strict=True):
+        returned = axis.sign * motion[:, :1] + np.array([[axis.shift], [0.0], [0.0]])
+        position, velocity, acceleration = np.hstack([motion, returned])
+        zmp = position - steps.com_height / steps.gravity * acceleration
+        laws.append(SampledLaw(ends, position, velocity, acceleration, zmp, np.zeros(len(ends))))
+    x, y = laws
+    mirrored = SampledLaw(ends, -y.position, -y.velocity, -y.acceleration, -y.zmp, y.moment_arm)
+    phases = [
+        CentroidalPhase(k * duration, duration, (k * length, 0.0), x, mirrored if k % 2 else y, (0.0, 0.0))
+        for k in range(steps.contacts.steps)
+    ]
     plan = replace(steps, phases=tuple(phases))
     switch = plan.sample(plan.contacts.starts[1])
     return replace(plan, constants=plan_constants(plan), switching_velocity=float(switch.com_velocity[0, 0]))
@@ -128,17 +119,24 @@ def ipm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: Sol
     Raises:
         InputError, MathematicalRefusal: as :func:`ampm.planner.support.plan_steps`.
     """
-    own = plan_steps(gait, mass, foot, sole)
-    if gait.model == "ipm":
-        return own
-    single, double = own.constants.single_support_duration, own.constants.double_support_duration
-    k = math.sqrt(own.gravity / own.com_height)
+    steps = plan_steps(gait, mass, foot, sole)
+    single, double = steps.constants.single_support_duration, steps.constants.double_support_duration
+    k = math.sqrt(steps.gravity / steps.com_height)
     travel = math.tanh(0.5 * k * single) / k
-    share = travel / (travel + 0.5 * double)
-    speed = 0.5 * gait.step_length / (travel + 0.5 * double)
-    changed = {"switching_velocity": speed, "single_support_ratio": share}
-    plain = {"model": "ipm", "a_s": math.inf, "c_s": 1.0, "c_y": 1.0}
-    return plan_steps(GaitParameters(**(gait.model_dump() | plain | changed)), mass, foot, sole)
+    timed = {
+        "switching_velocity": 0.5 * gait.step_length / (travel + 0.5 * double),
+        "single_support_ratio": travel / (travel + 0.5 * double),
+    }
+    return lipm_steps(GaitParameters(**(gait.model_dump() | timed)), mass, foot, sole)
+
+
+def lipm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:
+    """The plain inverted pendulum in closed form, with the gait's speed at the switches.
+
+    Raises:
+        InputError, MathematicalRefusal: as :func:`ampm.planner.support.plan_steps`.
+    """
+    return plan_steps(gait.model_copy(update={"planner": LIPM}), mass, foot, sole)
 
 
 # -------------------------------------------------------------------------------------------------- DCM
@@ -155,19 +153,16 @@ def dcm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: Sol
         InputError, MathematicalRefusal: as :func:`ampm.planner.support.plan_steps`.
     """
     steps = plan_steps(gait, mass, foot, sole)
-    phases, laws = [], [_dcm_laws(steps, axis) for axis in step_axes(steps)]
-    for number, phase in enumerate(steps.contacts.phases):
-        step, kind = divmod(number, 2)
-        x, y = laws[0][kind], laws[1][kind]
-        if step % 2:
-            y = ZmpLaw(y.frequency, -y.zmp, -y.growing, -y.decaying)
-        origin = step * steps.contacts.step_length, 0.0
-        phases.append(CentroidalPhase(phase.start, phase.duration, origin, x, y, (0.0, 0.0)))
-    return _with_phases(steps, phases)
+    single, double = (
+        np.linspace(0.0, duration, math.ceil(duration / DCM_SAMPLE_TIME), endpoint=False)
+        for duration in (steps.constants.single_support_duration, steps.constants.double_support_duration)
+    )
+    motions = [_dcm_step(steps, axis, single, double) for axis in step_axes(steps)]
+    return _repeated(steps, np.append(single, steps.constants.single_support_duration + double), motions)
 
 
-def _dcm_laws(steps: StepPlan, axis: _Axis) -> tuple[ZmpLaw, ZmpLaw]:
-    """Single and double support of one axis."""
+def _dcm_step(steps: StepPlan, axis: _Axis, in_single: Array, in_double: Array) -> Array:
+    """COM, velocity and acceleration at times since the start of either support [s], shape (3, n)."""
     single, double = steps.constants.single_support_duration, steps.constants.double_support_duration
     w = math.sqrt(steps.gravity / steps.com_height)
     lead = (axis.end - axis.begin) / single / w  # of the DCM before the moving ZMP, where it does not diverge
@@ -190,17 +185,29 @@ def _dcm_laws(steps: StepPlan, axis: _Axis) -> tuple[ZmpLaw, ZmpLaw]:
     )
     zmp = polynomial.polysub(cubic, polynomial.polyder(cubic) / w)
     moving = np.array([axis.begin, (axis.end - axis.begin) / single])
+
+    def motion(time: Any, p: Array, growing: float, decaying: float) -> Array:
+        """Motion of ``u'' = w^2 (u - p)``: ``u = p + p''/w^2 + A exp(w t) + B exp(-w t)``, p at most cubic."""
+        middle = polynomial.polyadd(p, polynomial.polyder(p, 2) / w**2)
+        up, down = growing * np.exp(w * time), decaying * np.exp(-w * time)
+        position = polynomial.polyval(time, middle) + up + down
+        velocity = polynomial.polyval(time, polynomial.polyder(middle)) + w * (up - down)
+        return np.array([position, velocity, w**2 * (position - polynomial.polyval(time, p))])
+
     # The COM is continuous and returns: two equations for the decaying parts.
-    before, after = ZmpLaw(w, moving, 0.5 * divergence, 0.0), ZmpLaw(w, zmp, 0.0, 0.0)
     gaps = [
-        after.evaluate(0.0).position - before.evaluate(single).position,
-        axis.sign * before.evaluate(0.0).position + axis.shift - after.evaluate(double).position,
+        motion(0.0, zmp, 0.0, 0.0)[0] - motion(single, moving, 0.5 * divergence, 0.0)[0],
+        axis.sign * motion(0.0, moving, 0.5 * divergence, 0.0)[0]
+        + axis.shift
+        - motion(double, zmp, 0.0, 0.0)[0],
     ]
     fade = [[math.exp(-w * single), -1.0], [-axis.sign, math.exp(-w * double)]]
     decaying = np.linalg.solve(fade, np.array(gaps))
-    return (
-        replace(before, decaying=float(decaying[0])),
-        replace(after, decaying=float(decaying[1])),
+    return np.hstack(
+        [
+            motion(in_single, moving, 0.5 * divergence, decaying[0]),
+            motion(in_double, zmp, 0.0, decaying[1]),
+        ]
     )
 
 
@@ -268,18 +275,8 @@ def preview_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole:
     count = round(steps.constants.step_duration / SAMPLE_TIME)
     period = steps.constants.step_duration / count
     gains = preview_gains(steps.com_height, steps.gravity, period)
-    number = np.arange(count * steps.contacts.steps + 1)
-    times = np.asarray(number * period, dtype=np.float64)
-    laws: list[SampledLaw] = []
-    for axis in step_axes(steps):
-        position, *rates = _preview_step(steps, axis, gains, count, period)
-        step, index = np.divmod(number, count)
-        velocity, acceleration = (axis.sign**step * rate[index] for rate in rates)
-        place: Array = axis.returned(position[index], step)
-        zmp: Array = place - steps.com_height / steps.gravity * acceleration
-        laws.append(SampledLaw(times, place, velocity, acceleration, zmp, np.zeros(len(number))))
-    phase = CentroidalPhase(0.0, steps.duration, (0.0, 0.0), laws[0], laws[1], (0.0, 0.0))
-    return _with_phases(steps, [phase])
+    motions = [_preview_step(steps, axis, gains, count, period) for axis in step_axes(steps)]
+    return _repeated(steps, np.asarray(period * np.arange(count)), motions)
 
 
 def reference_zmp(steps: StepPlan, axis: _Axis, times: Array) -> Array:
@@ -290,10 +287,8 @@ def reference_zmp(steps: StepPlan, axis: _Axis, times: Array) -> Array:
     return axis.returned(local, step)
 
 
-def _preview_step(
-    steps: StepPlan, axis: _Axis, gains: PreviewGains, count: int, period: float
-) -> tuple[Array, Array, Array]:
-    """COM, velocity and acceleration at the samples of the periodic step, shape (count,) each."""
+def _preview_step(steps: StepPlan, axis: _Axis, gains: PreviewGains, count: int, period: float) -> Array:
+    """COM, velocity and acceleration at the samples of the periodic step, shape (3, count)."""
     preview, (A, B) = gains.preview, gains.in_errors()
     times = np.asarray(period * np.arange(count + len(preview) + 1), dtype=np.float64)
     reference = reference_zmp(steps, axis, times)
@@ -314,12 +309,17 @@ def _preview_step(
     jerk = pushed[1:] / period
     acceleration = faster[1:] / period - 0.5 * period * jerk
     velocity = moved[1:] / period - 0.5 * period * acceleration - period**2 / 6.0 * jerk
-    return error[:-1] + reference[:count] - gains.C[2] * acceleration, velocity, acceleration
+    position = error[:-1] + reference[:count] - gains.C[2] * acceleration
+    return np.array([position, velocity, acceleration])
 
 
 StepPlanner = Callable[[GaitParameters, float, FootParameters, SoleGeometry], StepPlan]
 """Makes periodic steps of a gait, mass, feet and sole; errors are those of plan_steps."""
 STEP_PLANNERS: Mapping[str, StepPlanner] = {
-    "ampm": plan_steps, "ipm": ipm_steps, "preview": preview_steps, "dcm": dcm_steps,
-}  # fmt: skip
-"""Planners of periodic steps by name."""
+    "ampm": plan_steps,
+    LIPM: lipm_steps,
+    "ipm": ipm_steps,
+    "preview": preview_steps,
+    "dcm": dcm_steps,
+}
+"""Planners of periodic steps, by their names in ``gait.planner``."""
