@@ -3,7 +3,7 @@
 :mod:`ampm.planner.stride` plans them from key-frames.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,7 +73,7 @@ class FootPath:
         pitch: coefficients of the foot's pitch, shape (K, order) [rad/s^k].
         toe: coefficients of the toe angle, shape (K, order) [rad/s^k].
         contact: heel, ball, tip in contact, shape (K, 3), bool.
-        heading: coefficients of the foot's yaw, shape (K, order) [rad/s^k]; of order zero: straight ahead.
+        heading: coefficients of the foot's yaw, shape (K, order) [rad/s^k].
     """
 
     start: Array
@@ -82,7 +82,7 @@ class FootPath:
     pitch: Array
     toe: Array
     contact: NDArray[np.bool_]
-    heading: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    heading: Array
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
@@ -211,7 +211,7 @@ def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
         pivot_acceleration - pitch_acceleration[:, None] * arm_first + (pitch_velocity**2)[:, None] * arm
     )
     yaw, yaw_velocity, yaw_acceleration = np.zeros((3, len(t)))
-    if path.heading.size:
+    if path.heading.any():
         yaw, yaw_velocity, yaw_acceleration = _evaluate(path.heading[index], local)
         rate, aside = yaw_velocity[:, None], _turned_left(arm)
         moved = pitch_velocity[:, None] * arm_first

@@ -1,9 +1,13 @@
-"""Plan of the feet: key-frames, heel rise, swing, heel strike, sole points in contact.
+"""Paths of the feet from key-frames: heel rise, toe off, swing, initial and full contact.
 
 A foot passes four key-frames in every stride (paper, Fig. 7): initial contact (heel only), full contact, heel
 rise, toe off. Between two key-frames its pitch is one quintic in time; the heel is fixed while the foot rolls
 down after initial contact, the ball while the heel rises, and in the swing the ball follows a quintic with an
-extra lift at mid swing. Pitch, toe angle and the pivot's path are C2 across every key-frame.
+extra lift at mid swing. Pitch, toe angle and the pivot's path are C2 across every key-frame. Feet of footsteps
+that turn or climb swing in the heading of the landing, early where they go up, late where they go down.
+
+How far a foot rolls at each key-frame is a :class:`Roll`: the gait's for equal steps (:func:`plan_feet`), by
+the planned ZMP for any footsteps (:mod:`ampm.planner.swings`).
 
 ``foot.swing = "paper"`` plans the same key-frames as section 2.3 of the paper, for comparison: cubic splines,
 and a ball that leaves the floor with the forward speed ``l_s / T_swing``. The ball is at rest before, so the
@@ -14,9 +18,10 @@ Everything is closed form; nothing is sampled or integrated.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike, NDArray
 
 from ampm.description import SoleGeometry
@@ -26,10 +31,69 @@ from ampm.parameters import FootParameters
 from ampm.planner.contacts import Contacts
 from ampm.planner.feet import PIVOT_BALL, PIVOT_HEEL, FeetPlan, FootPath
 
-_ORDER = 6  # coefficients of a quintic
-_PITCH, _TOE = 3, 4  # places of a curve after x, y, z
-_CUBIC_RISE = np.array([0.0, 0.0, 3.0, -2.0, 0.0, 0.0, 0.0])  # from 0 to 1 in unit time, at rest at both ends
-LIFT = np.array([0.0, 0.0, 0.0, 64.0, -192.0, 192.0, -64.0])  # 64 tau^3 (1 - tau)^3, one at mid swing
+X, Y, Z, PITCH, TOE, HEADING = range(6)
+"""Rows of a curve."""
+
+_QUINTIC = 6  # coefficients of a quintic
+_ORDER = 9  # coefficients of a curve
+LIFT = np.array([0.0, 0.0, 0.0, 64.0, -192.0, 192.0, -64.0, 0.0, 0.0])
+"""64 tau^3 (1 - tau)^3 over the share tau of a swing: one at mid swing."""
+_BUMP = polynomial.polymul([0.0, 0.0, 0.0, 1.0], polynomial.polypow([1.0, -1.0], 5)) / 0.005
+"""Pitch of a swing after a flat toe off, about one at its largest, over the share of the swing."""
+_EARLY = polynomial.polyint(168.0 * polynomial.polymul([0.0, 0.0, 1.0], polynomial.polypow([1.0, -1.0], 5)))
+_LATE = polynomial.polyint(168.0 * polynomial.polymul(np.eye(6)[5], polynomial.polypow([1.0, -1.0], 2)))
+_EVEN = np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0, 0.0, 0.0, 0.0])
+"""Climbs from 0 to 1 over the share of a swing: of a foot that goes up, one that goes down, a quintic."""
+_CUBIC_RISE = np.array([0.0, 0.0, 3.0, -2.0])  # from 0 to 1 in unit time, at rest at both ends
+
+
+class Roll(NamedTuple):
+    """How feet leave, swing and land in n steps.
+
+    The foot of footstep k leaves for swing k. The last entry of n + 1 is of the foot that stands in the last
+    single support.
+
+    Attributes:
+        lift: pitch of the foot at toe off, shape (n + 1,) [rad]; it leaves flat where this and its rate are 0.
+        lift_rate: its rate, shape (n + 1,) [rad/s].
+        lift_speed: forward speed of the ball at toe off, shape (n,) [m/s]; 0 where the ball has rested.
+        delay: time by which the heel rises after the begin of the double support, shape (n + 1,) [s].
+        strike: pitch at landing, toes up, shape (n,) [rad]; it lands flat where this and its rate are 0.
+        strike_rate: speed at which the toes come down, shape (n,) [rad/s].
+        down: time in which the sole comes down, shape (n,) [s].
+        height: extra lift at mid swing, shape (n,) [m].
+        bump: pitch about mid swing, shape (n,) [rad].
+    """
+
+    lift: Array
+    lift_rate: Array
+    lift_speed: Array
+    delay: Array
+    strike: Array
+    strike_rate: Array
+    down: Array
+    height: Array
+    bump: Array
+
+
+class _Segment(NamedTuple):
+    """One segment of the stride in each of n steps.
+
+    Attributes:
+        feet: footsteps whose feet pass it, shape (n,).
+        start: shape (n,) [s].
+        pivot: the point that the curve is written for.
+        contact: heel, ball, tip.
+        curve: coefficients of the rows, shape (n, 6, 9).
+        used: where there is one, shape (n,), bool.
+    """
+
+    feet: NDArray[np.intp]
+    start: Array
+    pivot: np.int8
+    contact: tuple[bool, bool, bool]
+    curve: Array
+    used: NDArray[np.bool_]
 
 
 def quintic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:
@@ -49,7 +113,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:
     T2 = T * T
     T3 = T2 * T
     dp, dv, da = p1 - p0 - v0 * T - 0.5 * a0 * T2, (v1 - v0 - a0 * T) * T, (a1 - a0) * T2
-    out = np.empty((*dp.shape, _ORDER))
+    out = np.empty((*dp.shape, _QUINTIC))
     out[..., 0], out[..., 1], out[..., 2] = p0, v0, 0.5 * a0
     out[..., 3] = (10.0 * dp - 4.0 * dv + 0.5 * da) / T3
     out[..., 4] = (-15.0 * dp + 7.0 * dv - da) / (T3 * T)
@@ -72,34 +136,15 @@ def cubic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:
     p1, v1 = np.asarray(end, dtype=np.float64)[:2]
     T = np.asarray(duration, dtype=np.float64)
     dp, dv = p1 - p0 - v0 * T, (v1 - v0) * T
-    out = np.zeros((*dp.shape, _ORDER))
+    out = np.zeros((*dp.shape, _QUINTIC))
     out[..., 0], out[..., 1] = p0, v0
     out[..., 2] = (3.0 * dp - dv) / T**2
     out[..., 3] = (dv - 2.0 * dp) / (T * T * T)
     return out
 
 
-class _Segment(NamedTuple):
-    """One segment of the stride in each of n steps, or a table of segments with one more leading axis.
-
-    Attributes:
-        start: shape (n,) [s].
-        pivot: the point that the curve is written for.
-        contact: heel, ball, tip.
-        curve: coefficients of the pivot's x, y, z, of pitch and toe angle, shape (n, 5, 7).
-    """
-
-    start: Array
-    pivot: Any
-    contact: Any
-    curve: Array
-
-
 def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift_speed: float) -> FeetPlan:
-    """Plan both feet's motion over footsteps and phases.
-
-    All steps are built at once: every segment of the stride is an array over the steps, so footsteps and
-    durations may differ from step to step.
+    """Plan both feet over footsteps straight ahead, with the gait's key-frames in every step.
 
     Args:
         contacts: which foot stands where, and when.
@@ -123,26 +168,112 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift
         raise InputError(
             "feet are planned for single and double supports in turn; give a plan of such phases."
         )
-    times = np.array([phase[:2] for phase in contacts.phases])
-    start, single, double = times[0::2, 0], times[0::2, 1], times[1::2, 1]
+    n, paper = contacts.steps, foot.swing == "paper"
+    double = np.array([phase.duration for phase in contacts.phases[1::2]])
+    lift = lift_rate = strike = strike_rate = 0.0
+    speed = lift_speed if paper else 0.0
     if foot.schedule == "roll":
-        check_heel_rise(foot, single, double)
-    placement = np.array([f.position for f in contacts.footsteps])
-    n = len(start)
-    behind, here, ahead = placement[:n], placement[1 : n + 1], placement[2 : n + 2]
-    standing, swing = _stride(foot, sole, start, single, double, behind, here, ahead, lift_speed)
-    stands_left = stance[0::2] == 0
-    table = _Segment(*map(np.array, zip(*standing, *swing, strict=True)))
-    stands = np.arange(len(table.start))[:, None] < len(standing)
-    return FeetPlan(
-        sole=sole,
-        left=_foot_path(table, stands == stands_left),
-        right=_foot_path(table, stands != stands_left),
-        duration=contacts.duration,
+        lift, lift_rate = foot.toe_off_angle, foot.toe_off_rate
+        strike, strike_rate = foot.heel_strike_angle, 0.0 if paper else foot.heel_strike_rate
+        if paper and foot.v_swing_of == "ankle":
+            lift_rate, speed = lift_speed / _ankle_rise(sole, lift), 0.0
+    roll = Roll(
+        lift=np.full(n + 1, lift),
+        lift_rate=np.full(n + 1, lift_rate),
+        lift_speed=np.full(n, speed),
+        delay=np.zeros(n + 1),
+        strike=np.full(n, strike),
+        strike_rate=np.full(n, strike_rate),
+        down=foot.full_contact * double,
+        height=np.full(n, foot.swing_height),
+        bump=np.zeros(n),
     )
+    return rolling_feet(contacts, foot, sole, roll)
 
 
-def check_heel_rise(foot: FootParameters, single: Array, double: Array) -> None:
+def _ankle_rise(sole: SoleGeometry, pitch: float) -> float:
+    """Height of the ankle over the ball of a foot pitched about it: forward speed per rate [m]."""
+    return (sole.ball_x - sole.ankle_x) * math.sin(pitch) + sole.ankle_height * math.cos(pitch)
+
+
+def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, roll: Roll) -> FeetPlan:
+    """Plan both feet over footsteps, with a roll of each step.
+
+    All steps are built at once: every segment of the stride is an array over the steps, so footsteps and
+    durations may differ from step to step.
+
+    Args:
+        contacts: single and double supports in turn, a double support last.
+        foot: key-frame timings and splines.
+        sole: the sole's outline.
+        roll: of every step.
+
+    Raises:
+        InputError: the heel would rise before the foot stands alone, or after it has left.
+    """
+    place = np.array([step.position for step in contacts.footsteps])
+    yaw = _headings(contacts)
+    times = np.array([phase[:2] for phase in contacts.phases])
+    first = int(contacts.kind_codes[0])  # 1: both feet stand before the first swing
+    lifted, single = times[first::2].T
+    landed, double = times[first + 1 :: 2].T
+    if foot.schedule == "roll":
+        _check_heel_rise(foot, single, double)
+    n, steps = len(single), np.arange(len(single))
+    swings = _swings(foot, sole, place, yaw, single, roll)
+    none, flat = (False, False, False), (True, True, sole.has_toes)
+    everywhere = np.ones(n, dtype=bool)
+    still = np.zeros((n + 2, 6, _ORDER))
+    still[:, :3, 0], still[:, HEADING, 0] = _ball(sole, place, yaw), yaw
+    segments = [
+        _Segment(np.arange(2), np.zeros(2), PIVOT_BALL, flat, still[:2], np.array([first == 1, True])),
+        *(
+            _Segment(steps, lifted + share * single, PIVOT_BALL, none, curve, everywhere)
+            for share, curve in swings
+        ),
+    ]
+    spline = cubic if foot.swing == "paper" else quintic
+    # Roll down about the heel, then the whole sole stands.
+    strikes = (roll.strike != 0.0) | (roll.strike_rate != 0.0)
+    begin, end = np.zeros((2, 3, n))
+    begin[0], begin[1] = -roll.strike, roll.strike_rate
+    on_heel = np.zeros((n, 6, _ORDER))
+    along = np.stack([np.cos(yaw[2:]), np.sin(yaw[2:])], axis=1)
+    on_heel[:, :Z, 0], on_heel[:, Z, 0] = place[2:, :2] + sole.heel_x * along, place[2:, 2]
+    on_heel[:, PITCH, :_QUINTIC], on_heel[:, HEADING, 0] = spline(begin, end, roll.down), yaw[2:]
+    down = landed + np.where(strikes, roll.down, 0.0)
+    segments += [
+        _Segment(steps + 2, landed, PIVOT_HEEL, (True, False, False), on_heel, strikes),
+        _Segment(steps + 2, down, PIVOT_BALL, flat, still[2:], everywhere),
+    ]
+    # The heel of the standing foot rises about the ball.
+    rises = (roll.lift[1:] != 0.0) | (roll.lift_rate[1:] != 0.0)
+    rise = double + foot.heel_rise_lead - roll.delay[1:]
+    end[0], end[1] = roll.lift[1:], roll.lift_rate[1:]
+    rising = still[1:-1].copy()
+    rising[:, PITCH, :_QUINTIC] = spline(np.zeros((3, n)), end, rise)
+    if sole.has_toes:
+        rising[:, TOE] = -rising[:, PITCH]
+    segments.append(
+        _Segment(steps + 1, landed + double - rise, PIVOT_BALL, (False, True, sole.has_toes), rising, rises)
+    )
+    number = int(contacts.footsteps[0].foot == "right")  # the feet of even footsteps
+    even, odd = _foot_path(segments, 0), _foot_path(segments, 1)
+    left, right = (odd, even) if number else (even, odd)
+    return FeetPlan(sole, left, right, contacts.duration)
+
+
+def _headings(contacts: Contacts) -> Array:
+    """Heading of every footstep, without turns of more than pi from a foot's step to its next one [rad]."""
+    heading = np.array([step.heading for step in contacts.footsteps])
+    turn = heading[2:] - heading[:-2]
+    turn -= 2.0 * math.pi * np.round(turn / (2.0 * math.pi))
+    for foot in (0, 1):
+        heading[foot::2] = np.cumsum(np.append(heading[foot], turn[foot::2]))
+    return heading
+
+
+def _check_heel_rise(foot: FootParameters, single: Array, double: Array) -> None:
     """Refuse a heel that does not rise between single supports, of durations (n,) each [s]."""
     if not -double.min() < foot.heel_rise_lead < single.min():
         raise InputError(
@@ -151,142 +282,108 @@ def check_heel_rise(foot: FootParameters, single: Array, double: Array) -> None:
         )
 
 
-def _stride(
-    foot: FootParameters, sole: SoleGeometry, start: Array, single: Array, double: Array, behind: Array,
-    here: Array, ahead: Array, lift_speed: float,
-) -> tuple[list[_Segment], list[_Segment]]:  # fmt: skip
-    """Segments of the foot that stands, and of the one that swings from ``behind`` to ``ahead``.
-
-    The times have the shape (n,) [s], the placements (n, 3) [m].
-    """
-    roll, paper = foot.schedule == "roll", foot.swing == "paper"
-    rise, down = double + foot.heel_rise_lead, foot.full_contact * double
-    toe_off, landing = _key_frames(foot, sole, behind, ahead, lift_speed)
-    # One call for the swing's five curves, the pitch from flat to toe off and that from landing to flat.
-    begin, end = np.zeros((2, 3, 7, len(start)))
-    begin[:, :5], end[:, :5] = toe_off, landing
-    end[:, 5], begin[:, 6] = toe_off[:, _PITCH], landing[:, _PITCH]
-    durations = np.array([single, single, single, single, foot.toe_return * single, rise, down])
-    curves = (cubic if paper else quintic)(begin, end, durations)
-    flight = np.zeros((len(start), 5, _ORDER + 1))
-    flight[:, :, :_ORDER] = curves[:5].swapaxes(0, 1)
-    pieces = [(0.0, flight)]
-    if paper:
-        pieces = _paper_swing(flight, single, foot.swing_height)
-    else:
-        lift_shape = LIFT / np.vander(single, _ORDER + 1, increasing=True)
-        flight[:, 0] -= (foot.swing_lag * (ahead[:, 0] - behind[:, 0]))[:, None] * lift_shape
-        flight[:, 2] += foot.swing_height * lift_shape
-
-    def resting(at: Array, pivot_x: float) -> Array:
-        still = np.zeros_like(flight)
-        still[:, 0, 0], still[:, 1, 0] = at[:, 0] + pivot_x, at[:, 1]
-        return still
-
-    toes = sole.has_toes
-    none, flat = (False, False, False), (True, True, toes)
-    standing = resting(here, sole.ball_x)
-    stance = [_Segment(start, PIVOT_BALL, flat, standing)]
-    swing = []
-    # The share of the swing from which on the toe joint is straight.
-    returned = foot.toe_return if roll else 0.0
-    shares = {share for share, _ in pieces} | ({returned} if returned < 1.0 else set())
-    for share in sorted(shares):  # the same polynomials, their time counted from a later start
-        since, piece = [item for item in pieces if item[0] <= share][-1]
-        curve = shift(flight, share * single) if share else flight.copy()
-        if paper:
-            curve[:, :_PITCH] = shift(piece[:, :_PITCH], (share - since) * single)
-        if share >= returned:
-            curve[:, _TOE] = 0.0
-        swing.append(_Segment(start + share * single, PIVOT_BALL, none, curve))
-    landed = start + single
-    if roll:
-        rising, on_heel = standing.copy(), resting(ahead, sole.heel_x)
-        rising[:, _PITCH, :_ORDER], rising[:, _TOE, :_ORDER] = curves[5], -curves[5]
-        on_heel[:, _PITCH, :_ORDER] = curves[6]
-        stance.append(_Segment(start + single + double - rise, PIVOT_BALL, (False, True, toes), rising))
-        swing.append(_Segment(landed, PIVOT_HEEL, (True, False, False), on_heel))
-        landed = landed + down
-    if not roll or foot.full_contact < 1.0:
-        swing.append(_Segment(landed, PIVOT_BALL, flat, resting(ahead, sole.ball_x)))
-    return stance, swing
-
-
-def _key_frames(
-    foot: FootParameters, sole: SoleGeometry, behind: Array, ahead: Array, lift_speed: float
-) -> Array:
-    """Toe off and initial contact; at heel rise and full contact the foot is flat and at rest.
-
-    Returns:
-        Of both, value, rate and acceleration of the ball's x, y, z, of pitch and toe angle in each of n
-        steps, shape (2, 3, 5, n) [m, rad, s].
-    """
-    lift = land = (0.0, 0.0)
-    paper, roll = foot.swing == "paper", foot.schedule == "roll"
-    of_ankle = paper and roll and foot.v_swing_of == "ankle"
-    if roll:
-        rate = lift_speed / _ankle_rise(sole, foot.toe_off_angle) if of_ankle else foot.toe_off_rate
-        lift = (foot.toe_off_angle, rate)
-        land = (-foot.heel_strike_angle, 0.0 if paper else foot.heel_strike_rate)
-    # The ball leaves its place from rest.
-    speed = lift_speed if paper and not of_ankle else 0.0
-    # It arrives turning about the heel that has just landed.
-    x, rate = sole.ball_x - sole.heel_x, land[1]
-    c, s = math.cos(land[0]), math.sin(land[0])
-    frames = np.array(
-        [
-            [[0.0, 0.0, 0.0, lift[0], -lift[0]], [speed, 0.0, 0.0, lift[1], -lift[1]], [0.0] * 5],
-            [
-                [0.0, 0.0, -x * s, land[0], 0.0],
-                [-x * s * rate, 0.0, -x * c * rate, land[1], 0.0],
-                [-x * c * rate**2, 0.0, x * s * rate**2, 0.0, 0.0],
-            ],
-        ]
-    )
-    both = frames[..., None].repeat(len(behind), axis=3)
-    both[0, 0, 0], both[0, 0, 1] = behind[:, 0] + sole.ball_x, behind[:, 1]
-    both[1, 0, 0], both[1, 0, 1] = ahead[:, 0] + sole.heel_x + x * c, ahead[:, 1]
-    return both
-
-
-def _ankle_rise(sole: SoleGeometry, pitch: float) -> float:
-    """Height of the ankle over the ball of a foot pitched about it: forward speed per rate [m]."""
-    return (sole.ball_x - sole.ankle_x) * math.sin(pitch) + sole.ankle_height * math.cos(pitch)
-
-
-def _paper_swing(flight: Array, single: Array, height: float) -> list[tuple[float, Array]]:
-    """The swing's two pieces: a clamped cubic spline through one more key-frame, ``height`` up at mid swing.
+def _swings(
+    foot: FootParameters, sole: SoleGeometry, place: Array, yaw: Array, single: Array, roll: Roll
+) -> list[tuple[float, Array]]:
+    """Pieces of n swings: share of the swing at which a piece begins, and its curves, shape (n, 6, 9).
 
     Args:
-        flight: the swing without the lift, shape (n, 5, 7).
+        foot: key-frame timings and splines.
+        sole: the sole's outline.
+        place: of the footsteps, shape (n + 2, 3) [m].
+        yaw: their headings, shape (n + 2,) [rad].
         single: durations of the swings, shape (n,) [s].
-        height: lift at mid swing [m].
+        roll: of every step.
+    """
+    n, paper = len(single), foot.swing == "paper"
+    behind, ahead = place[:n], place[2:]
+    along = np.stack([np.cos(yaw[2:]), np.sin(yaw[2:])], axis=1)
+    # Value, rate and acceleration of the ball at both ends. It arrives turning about the heel that has just
+    # landed.
+    x, rate = sole.ball_x - sole.heel_x, roll.strike_rate
+    c, s = np.cos(-roll.strike), np.sin(-roll.strike)
+    begin, end = np.zeros((2, 3, 6, n))
+    begin[0, :3] = _ball(sole, behind, yaw[:n]).T
+    begin[1, :2] = roll.lift_speed * along.T
+    begin[0, PITCH], begin[1, PITCH] = roll.lift[:n], roll.lift_rate[:n]
+    end[0, :2] = (ahead[:, :2] + sole.heel_x * along + (x * c)[:, None] * along).T
+    end[0, Z], end[0, PITCH], end[0, HEADING] = ahead[:, 2] - x * s, -roll.strike, yaw[2:] - yaw[:n]
+    end[1, :2], end[1, Z], end[1, PITCH] = -x * s * rate * along.T, -x * c * rate, rate
+    end[2, :2], end[2, Z] = -x * c * rate**2 * along.T, x * s * rate**2
+    durations = np.tile(single, (6, 1))
+    if sole.has_toes:
+        begin[0, TOE], begin[1, TOE] = -roll.lift[:n], -roll.lift_rate[:n]
+        durations[TOE] *= foot.toe_return
+    swing = np.zeros((n, 6, _ORDER))
+    swing[:, :, :_QUINTIC] = (cubic if paper else quintic)(begin, end, durations).swapaxes(0, 1)
+    swing[:, HEADING, 0] = yaw[:n]
+    powers = np.vander(single, _ORDER, increasing=True)
+    travel = ahead - behind
+    if travel[:, 2].any():
+        climb = np.where(travel[:, 2:] > 0.0, _EARLY, _LATE) - _EVEN
+        swing[:, Z] += travel[:, 2:] * climb / powers
+    swing[:, PITCH] += roll.bump[:, None] * _BUMP / powers
+    pieces = [(0.0, swing)]
+    if paper:
+        pieces = _paper_swing(swing, single, roll.height)
+    else:
+        lift = LIFT / powers
+        swing[:, X] -= (foot.swing_lag * travel[:, 0])[:, None] * lift
+        swing[:, Y] -= (foot.swing_lag * travel[:, 1])[:, None] * lift
+        swing[:, Z] += roll.height[:, None] * lift
+    if foot.schedule == "roll" and foot.toe_return < 1.0:  # from there on the toe joint is straight
+        since, piece = [item for item in pieces if item[0] <= foot.toe_return][-1]
+        straight = shift(piece, (foot.toe_return - since) * single)
+        later = [item for item in pieces if item[0] > foot.toe_return]
+        for _, curve in ((foot.toe_return, straight), *later):
+            curve[:, TOE] = 0.0
+        pieces = [item for item in pieces if item[0] < foot.toe_return]
+        pieces += [(foot.toe_return, straight), *later]
+    return pieces
+
+
+def _paper_swing(swing: Array, single: Array, height: Array) -> list[tuple[float, Array]]:
+    """Both halves of swings that are clamped cubic splines through one more key-frame, up at mid swing.
+
+    Args:
+        swing: without the lift, shape (n, 6, 9).
+        single: durations of the swings, shape (n,) [s].
+        height: lift at mid swing, shape (n,) [m].
 
     Returns:
         (share of the swing at which it begins, coefficients) of either piece.
     """
     half = 0.5 * single
-    shape = height * _CUBIC_RISE / np.vander(half, _ORDER + 1, increasing=True)
-    rising, falling = flight.copy(), shift(flight, half)
-    rising[:, 2] += shape
-    falling[:, 2] -= shape
-    falling[:, 2, 0] += height
+    shape = height[:, None] * _CUBIC_RISE / np.vander(half, 4, increasing=True)
+    rising, falling = swing.copy(), shift(swing, half)
+    rising[:, Z, :4] += shape
+    falling[:, Z, :4] -= shape
+    falling[:, Z, 0] += height
     return [(0.0, rising), (0.5, falling)]
 
 
-def _foot_path(table: _Segment, used: NDArray[np.bool_]) -> FootPath:
-    """Path of the foot that passes through the segments of a table of S where ``used``, (S, n), holds."""
-    segment, step = used.nonzero()
-    order = table.start[segment, step].argsort(kind="stable")
-    segment, step = segment[order], step[order]
-    curve = table.curve[segment, step]
+def _ball(sole: SoleGeometry, place: Array, heading: Array) -> Array:
+    """The middle of the ball of flat feet, shape (n, 3) [m]."""
+    ahead = np.stack([np.cos(heading), np.sin(heading), np.zeros_like(heading)], axis=-1)
+    return np.asarray(place + sole.ball_x * ahead)
+
+
+def _foot_path(segments: list[_Segment], parity: int) -> FootPath:
+    """Path of the foot of the even (0) or odd (1) footsteps."""
+    rows = [part.used & (part.feet % 2 == parity) for part in segments]
+    counts = [int(row.sum()) for row in rows]
+    start = np.concatenate([part.start[row] for part, row in zip(segments, rows, strict=True)])
+    curve = np.concatenate([part.curve[row] for part, row in zip(segments, rows, strict=True)])
+    order = start.argsort(kind="stable")
+    curve = curve[order]
     return FootPath(
-        start=table.start[segment, step],
-        pivot=table.pivot[segment],
-        path=curve[:, :_PITCH],
-        pitch=curve[:, _PITCH, :_ORDER],
-        toe=curve[:, _TOE, :_ORDER],
-        contact=table.contact[segment],
+        start=start[order],
+        pivot=np.repeat([part.pivot for part in segments], counts)[order],
+        path=curve[:, :PITCH],
+        pitch=curve[:, PITCH],
+        toe=curve[:, TOE],
+        contact=np.repeat([part.contact for part in segments], counts, axis=0)[order],
+        heading=curve[:, HEADING],
     )
 
 
