@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from ampm.planner.centroidal import CentroidalPlan, Law
     from ampm.planner.contacts import Contacts, Footstep, Phase
     from ampm.planner.footsteps import plan_footsteps
-    from ampm.planner.sampled import SampledLaw, sampled_contacts, sampled_plan
     from ampm.planners import FootstepPlanner, PeriodicPlanner, TablePlanner
     from ampm.run_file import dump_run, load_run
     from ampm.walk import Controller, ControlOutput, Planner, Posture, Reference, State, Touch, WalkPlan
@@ -37,7 +36,6 @@ _MODULES = {
     "ampm.planner.centroidal": ("CentroidalPlan", "Law"),
     "ampm.planner.contacts": ("Contacts", "Footstep", "Phase"),
     "ampm.planner.footsteps": ("plan_footsteps",),
-    "ampm.planner.sampled": ("SampledLaw", "sampled_contacts", "sampled_plan"),
     "ampm.planners": ("FootstepPlanner", "PeriodicPlanner", "TablePlanner"),
     "ampm.run_file": ("dump_run", "load_run"),
     "ampm.walk": (
@@ -104,7 +102,6 @@ __all__ = [
     "Reference",
     "RefusedGait",
     "RunParameters",
-    "SampledLaw",
     "SolverError",
     "State",
     "TablePlanner",
@@ -116,6 +113,4 @@ __all__ = [
     "plan",
     "plan_footsteps",
     "preset_names",
-    "sampled_contacts",
-    "sampled_plan",
 ]

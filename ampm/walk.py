@@ -1,8 +1,8 @@
 """A planned walk as one function of time, and the protocols of planner and controller.
 
 A :class:`WalkPlan` is always complete: centroidal plan, feet, posture. It gives the :class:`Reference` of all
-ticks of a controller at once (:meth:`WalkPlan.table`). A :class:`Controller` is handed one reference each tick
-and keeps none, so a plan can be replaced at any tick.
+ticks of a controller at once (:meth:`WalkPlan.table`). A :class:`Controller` is handed one reference each
+tick and keeps none, so a plan can be replaced at any tick.
 
 Vectors are in world: x forward, y left, z up, floor at z = 0. Feet: left first. Contact groups of a foot:
 heel, ball, tip.
@@ -198,6 +198,10 @@ class Timing(NamedTuple):
     slope: float = 0.0
 
 
+SHARP = Timing()
+"""No look-ahead."""
+
+
 class ReferenceTable(Sequence[Reference]):
     """References at T instants, evaluated at once.
 
@@ -277,11 +281,11 @@ class WalkPlan(StepPlan):
         """Begin of what a trial judges [s]: without the first step of a walk that does not begin at rest."""
         return 0.0 if self.contacts.phases[0].stance == "both" else self.constants.step_duration
 
-    def table(self, times: ArrayLike, timing: Timing = Timing()) -> ReferenceTable:
+    def table(self, times: ArrayLike, timing: Timing = SHARP) -> ReferenceTable:
         """References at the ticks of a controller, ascending, shape (T,) [s].
 
-        Times until lift-off count to the first tick without planned contact, within these ticks or after. At a
-        single tick they are exact, and the rate of L_z is zero.
+        Times until lift-off count to the first tick without planned contact, within these ticks or after. At
+        a single tick they are exact, and the rate of L_z is zero.
 
         Raises:
             InputError: a time lies outside the plan.

@@ -62,6 +62,10 @@ class FootSample:
             value.setflags(write=False)
 
 
+X, Y, Z, PITCH, TOE, HEADING = range(6)
+"""Rows of :attr:`FootPath.curve`."""
+
+
 @dataclass(frozen=True)
 class FootPath:
     """One foot's path as a sequence of polynomial segments, each in the time since its own start.
@@ -69,20 +73,15 @@ class FootPath:
     Attributes:
         start: start of every segment, ascending, shape (K,) [s].
         pivot: which point the path is written for, heel or ball, shape (K,).
-        path: coefficients of the pivot's x, y, z, shape (K, 3, order), lowest order first [m/s^k].
-        pitch: coefficients of the foot's pitch, shape (K, order) [rad/s^k].
-        toe: coefficients of the toe angle, shape (K, order) [rad/s^k].
         contact: heel, ball, tip in contact, shape (K, 3), bool.
-        heading: coefficients of the foot's yaw, shape (K, order) [rad/s^k].
+        curve: coefficients of the pivot's x, y, z, of pitch, toe angle and heading, lowest order first, shape
+            (K, 6, order) [m/s^k, rad/s^k].
     """
 
     start: Array
     pivot: NDArray[np.int8]
-    path: Array
-    pitch: Array
-    toe: Array
     contact: NDArray[np.bool_]
-    heading: Array
+    curve: Array
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
@@ -196,46 +195,34 @@ def _evaluate(coefficients: Array, t: Array) -> tuple[Array, Array, Array]:
 
 def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
     index = path.segments(t)
-    local = t - path.start[index]
-    pivot, pivot_velocity, pivot_acceleration = _evaluate(path.path[index], local[:, None])
-    pitch, pitch_velocity, pitch_acceleration = _evaluate(path.pitch[index], local)
-    toe, toe_velocity, toe_acceleration = _evaluate(path.toe[index], local)
+    value, first, second = _evaluate(path.curve[index], (t - path.start[index])[:, None])
+    pitch, pitch_velocity, pitch_acceleration = value[:, PITCH], first[:, PITCH], second[:, PITCH]
+    yaw, yaw_velocity = value[:, HEADING], first[:, HEADING]
     x = np.where(path.pivot[index] == PIVOT_HEEL, sole.heel_x, sole.ball_x)
     c, s = np.cos(pitch), np.sin(pitch)
     zero = np.zeros_like(c)
-    arm = np.stack([x * c, zero, -x * s], axis=1)
-    arm_first = np.stack([-x * s, zero, -x * c], axis=1)  # d arm / d pitch
-    position = pivot - arm
-    velocity = pivot_velocity - pitch_velocity[:, None] * arm_first
-    acceleration = (
-        pivot_acceleration - pitch_acceleration[:, None] * arm_first + (pitch_velocity**2)[:, None] * arm
-    )
-    yaw, yaw_velocity, yaw_acceleration = np.zeros((3, len(t)))
-    if path.heading.any():
-        yaw, yaw_velocity, yaw_acceleration = _evaluate(path.heading[index], local)
-        rate, aside = yaw_velocity[:, None], _turned_left(arm)
-        moved = pitch_velocity[:, None] * arm_first
-        pulled = pitch_acceleration[:, None] * arm_first - (pitch_velocity**2)[:, None] * arm
-        pulled += yaw_acceleration[:, None] * aside + 2.0 * rate * _turned_left(moved)
-        pulled += rate**2 * _turned_left(aside)
-        position = pivot - _turned(yaw, arm)
-        velocity = pivot_velocity - _turned(yaw, moved + rate * aside)
-        acceleration = pivot_acceleration - _turned(yaw, pulled)
+    # From the reference point to the pivot, and the derivative with respect to the pitch.
+    arm = _turned(yaw, np.stack([x * c, zero, -x * s], axis=1))
+    per_pitch = _turned(yaw, np.stack([-x * s, zero, -x * c], axis=1))
+    rate, turning = pitch_velocity[:, None], yaw_velocity[:, None]
+    yaw_part = second[:, HEADING, None] * _turned_left(arm) + turning**2 * _turned_left(_turned_left(arm))
+    yaw_part += 2.0 * turning * rate * _turned_left(per_pitch)
+    position = value[:, :PITCH] - arm
     return FootSample(
         position=position,
-        velocity=velocity,
-        acceleration=acceleration,
+        velocity=first[:, :PITCH] - rate * per_pitch - turning * _turned_left(arm),
+        acceleration=second[:, :PITCH] - pitch_acceleration[:, None] * per_pitch + rate**2 * arm - yaw_part,
         pitch=pitch,
         pitch_velocity=pitch_velocity,
         pitch_acceleration=pitch_acceleration,
         heading=yaw,
         heading_velocity=yaw_velocity,
-        heading_acceleration=yaw_acceleration,
-        toe=toe,
-        toe_velocity=toe_velocity,
-        toe_acceleration=toe_acceleration,
+        heading_acceleration=second[:, HEADING],
+        toe=value[:, TOE],
+        toe_velocity=first[:, TOE],
+        toe_acceleration=second[:, TOE],
         contact=path.contact[index],
-        sole_points=position[:, None] + _turned(yaw, _sole_points(sole, c, s, pitch + toe)),
+        sole_points=position[:, None] + _turned(yaw, _sole_points(sole, c, s, pitch + value[:, TOE])),
     )
 
 

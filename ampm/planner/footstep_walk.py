@@ -5,15 +5,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-import numpy as np
-
 from ampm.description import BodyDescription
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.blend import BlendLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.contacts import Contacts, Phase, check_landing
-from ampm.planner.feet import FeetPlan, FootPath
 from ampm.planner.footsteps import check_footsteps, plan_footsteps
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
@@ -23,10 +20,10 @@ from ampm.planner.swings import plan_swings
 
 LONGEST = 2.0
 """Time by which a swing may be longer than the gait's [s]; on one foot a COM out of place falls within it."""
-Moved = TypeVar("Moved", Phase, CentroidalPhase)
-
 REST = 2.0
 """Time for which the body stands after the walk [s]."""
+
+Moved = TypeVar("Moved", Phase, CentroidalPhase)
 
 
 def plan_footstep_walk(run: RunParameters, body: BodyDescription) -> StepPlan:
@@ -43,18 +40,21 @@ def plan_footstep_walk(run: RunParameters, body: BodyDescription) -> StepPlan:
     """
     footsteps, landings = footsteps_of(run)
     check_footsteps(footsteps)
-
-    def part(first: int, last: int, begin: float, rest: float = 0.0) -> StepPlan:
+    walks = []
+    for first, last, begin in stands(run, landings):
         times = [None if time is None else time - begin for time in landings[first:last]]
-        plan = plan_footsteps(footsteps[first:last], run.gait, body, landings=times, first=first + 1)
-        plan = rest_after(rest_before(plan, rest) if rest else plan, REST)
-        return StepPlan.of(plan, feet=plan_swings(plan, run.foot, body.sole, run.gait.step_length))
+        walk = plan_footsteps(footsteps[first:last], run.gait, body, landings=times, first=first + 1)
+        walks.append((begin, walk))
+    return with_feet(in_turn(walks), run, body)
 
-    own, *others = stands(run, landings)
-    steps = part(*own, rest=own[2])
-    for later in others:
-        steps = walk_again(steps, part(*later), later[2])
-    return steps
+
+def with_feet(plan: CentroidalPlan, run: RunParameters, body: BodyDescription) -> StepPlan:
+    """The plan of a walk with the feet of a run.
+
+    Raises:
+        InputError, BodilyRefusal: as :func:`ampm.planner.swings.plan_swings`.
+    """
+    return StepPlan.of(plan, feet=plan_swings(plan, run.foot, body.sole, run.gait.step_length))
 
 
 def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[int, int, float]]:
@@ -100,26 +100,31 @@ def stops(contacts: Contacts) -> list[tuple[float, float]]:
     return [*ends, (contacts.phases[-1].start, math.inf)]
 
 
-def rest_before(plan: CentroidalPlan, time: float) -> CentroidalPlan:
-    """The plan of a walk that begins at rest, after a further time of rest [s]."""
-    first, *others = plan.contacts.phases
-    phases = first._replace(duration=first.duration + time), *(_later(phase, time) for phase in others)
-    rest = _rest(plan, 0.0, time, 0.0)
-    contacts = Contacts(plan.contacts.footsteps, phases)
-    return replace(plan, contacts=contacts, phases=(rest, *(_later(phase, time) for phase in plan.phases)))
+def in_turn(walks: Sequence[tuple[float, CentroidalPlan]]) -> CentroidalPlan:
+    """Walks from rest to rest one after the other, with rest before, between and after them.
+
+    Args:
+        walks: when each begins [s], and its plan, which begins where the one before ends.
+    """
+    (first, plan), ends = walks[0], [begin for begin, _ in walks[1:]]
+    ends.append(walks[-1][0] + walks[-1][1].duration + REST)
+    motions = [_rest(plan, 0.0, 0.0, first)] if first else []
+    supports, footsteps = [plan.contacts.phases[0]], [*plan.contacts.footsteps[:2]]
+    for (begin, walk), end in zip(walks, ends, strict=True):
+        motions += [_later(phase, begin) for phase in walk.phases]
+        stood = begin + walk.duration
+        if end > stood:
+            motions.append(_rest(walk, walk.duration, stood, end - stood))
+        stand = supports.pop()  # goes on until the first foot leaves
+        leaves = begin + walk.contacts.phases[0].duration
+        supports.append(stand._replace(duration=leaves - stand.start))
+        supports += [_later(phase, begin) for phase in walk.contacts.phases[1:]]
+        footsteps += walk.contacts.footsteps[2:]
+    supports[-1] = supports[-1]._replace(duration=ends[-1] - supports[-1].start)
+    return replace(plan, contacts=Contacts(tuple(footsteps), tuple(supports)), phases=tuple(motions))
 
 
-def rest_after(plan: CentroidalPlan, time: float) -> CentroidalPlan:
-    """The plan of a walk that ends at rest, with a further time of rest [s]."""
-    *others, last = plan.contacts.phases
-    phases = *others, last._replace(duration=last.duration + time)
-    contacts = Contacts(plan.contacts.footsteps, phases)
-    return replace(
-        plan, contacts=contacts, phases=(*plan.phases, _rest(plan, plan.duration, time, plan.duration))
-    )
-
-
-def _rest(plan: CentroidalPlan, start: float, duration: float, at: float) -> CentroidalPhase:
+def _rest(plan: CentroidalPlan, at: float, start: float, duration: float) -> CentroidalPhase:
     """Rest where the COM of a plan is at a time [s]."""
     sample = plan.sample(at)
     (x, y, z), floor = sample.com[0].tolist(), float(sample.floor[0])
@@ -131,41 +136,3 @@ def _rest(plan: CentroidalPlan, start: float, duration: float, at: float) -> Cen
 
 def _later(phase: Moved, time: float) -> Moved:
     return phase._replace(start=phase.start + time)
-
-
-def walk_again(first: StepPlan, second: StepPlan, begin: float) -> StepPlan:
-    """A walk, rest, and a second walk from where it ended.
-
-    Args:
-        first: ends standing.
-        second: stands at first where the first one ends.
-        begin: when the second one begins [s]; the first one stands until then.
-    """
-    kept = [phase for phase in first.phases if phase.start < begin]
-    kept[-1] = kept[-1]._replace(duration=begin - kept[-1].start)
-    stood, (start, *after) = first.contacts.phases[-1], second.contacts.phases
-    contacts = Contacts(
-        (*first.contacts.footsteps, *second.contacts.footsteps[2:]),
-        (
-            *first.contacts.phases[:-1],
-            stood._replace(duration=begin - stood.start + start.duration),
-            *(_later(phase, begin) for phase in after),
-        ),
-    )
-    phases = (*kept, *(_later(phase, begin) for phase in second.phases))
-    feet = FeetPlan(
-        first.feet.sole,
-        _path_again(first.feet.left, second.feet.left, begin),
-        _path_again(first.feet.right, second.feet.right, begin),
-        begin + second.duration,
-    )
-    return replace(second, contacts=contacts, phases=phases, feet=feet)
-
-
-def _path_again(first: FootPath, second: FootPath, begin: float) -> FootPath:
-    rows = first.start < begin
-    joined = {
-        name: np.concatenate([getattr(first, name)[rows], getattr(second, name)])
-        for name in ("pivot", "path", "pitch", "toe", "contact", "heading")
-    }
-    return FootPath(start=np.concatenate([first.start[rows], second.start + begin]), **joined)

@@ -9,18 +9,13 @@ import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from ampm.exceptions import InputError
-from ampm.parameters import RunParameters
+from ampm.parameters import FootstepParameters, RunParameters
 from ampm.planner.contacts import Footstep, Side
-from ampm.planner.periodic import plan_gait
-from ampm.planner.rest_to_rest import SETTLING
-
-COLUMNS = ("foot", "x", "y", "heading")
-"""Columns of a file of footsteps [-, m, m, rad]; ``z`` [m] and ``time`` [s] may follow."""
 
 Frame = tuple[float, float, float]
 """Middle between two feet that stand beside each other, and their heading: (x, y) [m], [rad]."""
@@ -61,31 +56,6 @@ def _beside(frame: Frame, foot: Side, width: float, toe_out: float) -> Footstep:
 def straight(steps: int, length: float, width: float) -> list[Footstep]:
     """Equal steps ahead; backward with a negative length [m]."""
     return route([(k * length, 0.0, 0.0) for k in range(steps)], width)
-
-
-def stop_and_go(
-    steps: int, length: float, width: float, run: RunParameters, *, pause: float = 1.0
-) -> tuple[list[Footstep], list[float | None]]:
-    """Equal steps ahead, a stand, and as many again.
-
-    Args:
-        steps: before the stand, and after it; the last one brings the feet beside each other.
-        length: of a step [m].
-        width: lateral distance of the feet [m].
-        run: its gait gives the durations.
-        pause: for which the body is still, between settling and the next start [s].
-
-    Returns:
-        Footsteps, and when each is reached [s]: None but after the stand. :func:`as_rows` takes both.
-    """
-    constants = plan_gait(run.gait.model_copy(update={"steps": 1}), run.body.mass).constants
-    ahead = [k * length for k in range(steps)]
-    places = [*ahead, *(ahead[-1] + x for x in ahead)]
-    footsteps = route([(x, 0.0, 0.0) for x in places], width)
-    landings: list[float | None] = [None] * len(footsteps)
-    stopped = SETTLING + steps * constants.step_duration - constants.double_support_duration
-    landings[steps + 2] = stopped + 2.0 * SETTLING + pause + constants.single_support_duration
-    return footsteps, landings
 
 
 def arc(
@@ -168,46 +138,6 @@ def stones(
     return footsteps
 
 
-def tour(steps: int, length: float, width: float, *, seed: int = 0) -> list[Footstep]:
-    """Uneven steps ahead, arcs, turns in place, sidesteps and steps back, in any order.
-
-    Arcs have a radius of two steps. A step in place separates what goes ahead, aside and back.
-
-    Args:
-        steps: how many.
-        length: mean of the steps ahead [m].
-        width: lateral distance of the feet [m].
-        seed: of the order, the directions and the lengths.
-    """
-    generator = np.random.default_rng(seed)
-    frames: list[Frame] = [(0.0, 0.0, 0.0)]
-    kinds: list[str] = []
-    while len(frames) < steps:
-        kinds = kinds or list(generator.permutation(["uneven", "arc", "turn", "aside", "back"]))
-        kind, way = kinds.pop(), float(generator.choice([-1.0, 1.0]))
-        for k in range(int(generator.integers(4, 9))):
-            swings = "right" if len(frames) % 2 else "left"  # the foot that this step moves
-            ahead = aside = turned = 0.0
-            if kind == "uneven":
-                ahead = length * (1.0 + 0.25 * generator.uniform(-1.0, 1.0))
-            elif kind == "arc":
-                ahead, turned = 0.8 * length, 0.4 * way
-            elif kind == "turn":
-                turned = 0.35 * way
-            elif kind == "back":
-                ahead = -0.6 * length
-            elif swings == ("left" if way > 0.0 else "right"):
-                aside = 0.4 * length * way
-            if k == 0:
-                ahead = aside = turned = 0.0
-            x, y, heading = frames[-1]
-            middle = heading + 0.5 * turned
-            x += ahead * math.cos(middle) - aside * math.sin(middle)
-            y += ahead * math.sin(middle) + aside * math.cos(middle)
-            frames.append((x, y, heading + turned))
-    return route(frames[:steps], width, toe_out=TOE_OUT)
-
-
 def visit(
     targets: Sequence[Frame], length: float, width: float, *, aside: float | None = None, turn: float = 0.3
 ) -> list[Footstep]:
@@ -282,58 +212,34 @@ def as_rows(
     return rows
 
 
-def _number(row: dict[str, str | None], name: str, line: int) -> float:
-    text = (row.get(name) or "").strip()
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"line {line}: {name} = {text!r} is no finite number; correct it.", value=text)
-    return value
-
-
-def read_footsteps(path: Path) -> tuple[list[Footstep], list[float | None]]:
-    """Footsteps of a CSV file with the columns :data:`COLUMNS` and, if wanted, ``z`` and ``time``.
-
-    Returns:
-        Footsteps, and when each is reached [s], None where the file leaves it open.
+def read_footsteps(path: Path) -> list[dict[str, Any]]:
+    """``[[footsteps]]`` of a run from a CSV file whose columns are their keys; empty cells are left out.
 
     Raises:
-        InputError: the file cannot be read, lacks a column, or has a value that is no foot or number.
+        InputError: the file cannot be read, or a row is no footstep.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            table = csv.DictReader(file, skipinitialspace=True)
-            table.fieldnames = names = [name.strip() for name in table.fieldnames or ()]
-            rows = [(table.line_num, row) for row in table]
+            table = csv.DictReader(file, skipinitialspace=True, restkey="more cells than the header")
+            lines = [(table.line_num, row) for row in table]
     except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"the file {str(path)!r} cannot be read ({error}); give a CSV file.") from None
-    missing = [name for name in COLUMNS if name not in names]
-    faults = [f"lacks {', '.join(missing)}"] if missing else []
-    faults += [f"has the unknown column {name!r}" for name in names if name not in (*COLUMNS, "z", "time")]
-    faults += [f"has the column {name!r} twice" for name in names if names.count(name) > 1]
-    if faults:
-        raise InputError(
-            f"{path} {faults[0]}; its header must be {','.join(COLUMNS)}, with commas; ,z,time may follow."
-        )
+    rows = []
+    for line, cells in lines:
+        row = {str(name).strip(): _value(cell) for name, cell in cells.items() if cell}
+        try:
+            FootstepParameters(**row)
+        except InputError as error:
+            raise InputError(f"{path}, line {line}: {error}", **error.details) from None
+        rows.append(row)
     if not rows:
         raise InputError(f"{path} holds no footsteps; a walk takes at least 4.")
-    footsteps: list[Footstep] = []
-    times: list[float | None] = []
-    for line, row in rows:
-        if None in row:
-            raise InputError(f"{path}, line {line} has more cells than the header; correct it.")
-        foot = (row["foot"] or "").strip()
-        if foot not in get_args(Side):
-            raise InputError(f"{path}, line {line}: foot = {foot!r} must be left or right.", value=foot)
-        try:
-            x, y, heading = (_number(row, name, line) for name in COLUMNS[1:])
-            z, time = (
-                _number(row, name, line) if (row.get(name) or "").strip() else None for name in ("z", "time")
-            )
-        except InputError as error:
-            raise InputError(f"{path}, {error}", **error.details) from None
-        footsteps.append(Footstep(foot, (x, y, z or 0.0), heading))  # type: ignore[arg-type]
-        times.append(time)
-    return footsteps, times
+    return rows
+
+
+def _value(cell: Any) -> Any:
+    """A cell as a number, or as its text."""
+    try:
+        return float(cell)
+    except (TypeError, ValueError):
+        return str(cell).strip()

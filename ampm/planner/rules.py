@@ -1,6 +1,5 @@
 """Rules that refuse a gait: one table."""
 
-import math
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -7,13 +7,13 @@ angular momentum about it is constant. They differ in the ZMP ``p``.
   IPM of Kudoh & Komura, IROS 2003, section 1.2): at rest under the foot, then under the COM; the gait's speed
   at the switches gives the durations.
 
-The others have footsteps, times and feet of the AMPM's plan. In single support the ZMP goes from heel to toe of
-the stance foot as far as there (``l_s / a_s`` to either side of the reference point, as feet that roll need),
-here linearly in time, and rests in the frontal plane. In double support it goes to the other foot.
+The others have footsteps, times and feet of the AMPM's plan. In single support the ZMP goes from heel to toe
+of the stance foot as far as there (``l_s / a_s`` to either side of the reference point, as feet that roll
+need), here linearly in time, and rests in the frontal plane. In double support it goes to the other foot.
 
 - ``ipm``: the plain inverted pendulum at these times; its ZMP rests under the foot.
-- ``preview`` (Kajita et al., "Biped walking pattern generation by using preview control of zero-moment point",
-  ICRA 2003): linear in time in double support, too; the least jerk follows it.
+- ``preview`` (Kajita et al., "Biped walking pattern generation by using preview control of zero-moment
+  point", ICRA 2003): linear in time in double support, too; the least jerk follows it.
 - ``dcm`` (Englsberger, Ott & Albu-Schaeffer, "Three-dimensional bipedal walking control based on divergent
   component of motion", IEEE T-RO 31(2), 2015): closed form in single support, a cubic in double support.
 
@@ -187,7 +187,7 @@ def _dcm_step(steps: StepPlan, axis: _Axis, in_single: Array, in_double: Array) 
     moving = np.array([axis.begin, (axis.end - axis.begin) / single])
 
     def motion(time: Any, p: Array, growing: float, decaying: float) -> Array:
-        """Motion of ``u'' = w^2 (u - p)``: ``u = p + p''/w^2 + A exp(w t) + B exp(-w t)``, p at most cubic."""
+        """Motion of ``u'' = w^2 (u - p)``, p at most cubic: ``u = p + p''/w^2 + A exp(w t) + B exp(-w t)``."""
         middle = polynomial.polyadd(p, polynomial.polyder(p, 2) / w**2)
         up, down = growing * np.exp(w * time), decaying * np.exp(-w * time)
         position = polynomial.polyval(time, middle) + up + down

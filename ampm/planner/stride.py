@@ -3,8 +3,8 @@
 A foot passes four key-frames in every stride (paper, Fig. 7): initial contact (heel only), full contact, heel
 rise, toe off. Between two key-frames its pitch is one quintic in time; the heel is fixed while the foot rolls
 down after initial contact, the ball while the heel rises, and in the swing the ball follows a quintic with an
-extra lift at mid swing. Pitch, toe angle and the pivot's path are C2 across every key-frame. Feet of footsteps
-that turn or climb swing in the heading of the landing, early where they go up, late where they go down.
+extra lift at mid swing. Pitch, toe angle and the pivot's path are C2 across every key-frame. Feet that turn
+swing in the heading of the landing; feet that climb rise early or sink late.
 
 How far a foot rolls at each key-frame is a :class:`Roll`: the gait's for equal steps (:func:`plan_feet`), by
 the planned ZMP for any footsteps (:mod:`ampm.planner.swings`).
@@ -29,10 +29,18 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import FootParameters
 from ampm.planner.contacts import Contacts
-from ampm.planner.feet import PIVOT_BALL, PIVOT_HEEL, FeetPlan, FootPath
-
-X, Y, Z, PITCH, TOE, HEADING = range(6)
-"""Rows of a curve."""
+from ampm.planner.feet import (
+    HEADING,
+    PITCH,
+    PIVOT_BALL,
+    PIVOT_HEEL,
+    TOE,
+    FeetPlan,
+    FootPath,
+    X,
+    Y,
+    Z,
+)
 
 _QUINTIC = 6  # coefficients of a quintic
 _ORDER = 9  # coefficients of a curve
@@ -54,7 +62,7 @@ class Roll(NamedTuple):
     single support.
 
     Attributes:
-        lift: pitch of the foot at toe off, shape (n + 1,) [rad]; it leaves flat where this and its rate are 0.
+        lift: pitch of the foot at toe off, shape (n + 1,) [rad]; it leaves flat where it and its rate are 0.
         lift_rate: its rate, shape (n + 1,) [rad/s].
         lift_speed: forward speed of the ball at toe off, shape (n,) [m/s]; 0 where the ball has rested.
         delay: time by which the heel rises after the begin of the double support, shape (n + 1,) [s].
@@ -375,15 +383,11 @@ def _foot_path(segments: list[_Segment], parity: int) -> FootPath:
     start = np.concatenate([part.start[row] for part, row in zip(segments, rows, strict=True)])
     curve = np.concatenate([part.curve[row] for part, row in zip(segments, rows, strict=True)])
     order = start.argsort(kind="stable")
-    curve = curve[order]
     return FootPath(
         start=start[order],
         pivot=np.repeat([part.pivot for part in segments], counts)[order],
-        path=curve[:, :PITCH],
-        pitch=curve[:, PITCH],
-        toe=curve[:, TOE],
         contact=np.repeat([part.contact for part in segments], counts, axis=0)[order],
-        heading=curve[:, HEADING],
+        curve=curve[order],
     )
 
 

@@ -20,6 +20,7 @@ from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.contacts import Contacts
 from ampm.planner.feet import FeetPlan
 from ampm.planner.heights import Ground, uneven
+from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.stride import LIFT, Roll, rolling_feet
 
 Array = NDArray[np.float64]
@@ -100,14 +101,15 @@ def _rolls(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_
     begin, end = (
         ((plan.sample(times).zmp - place[1:-1]) * along).sum(axis=1) for times in (starts[1::2], starts[2::2])
     )
-    # The feet do not roll into the first single support, nor out of the last one.
-    lift, strike = share[:n].copy(), share[1:].copy()
-    lift[0] = strike[-1] = 0.0
+    # The feet do not roll out of a stand, nor into one.
+    double = np.diff(starts, append=contacts.duration)[0::2]
+    rests = double >= 2.0 * SETTLING - 1e-9
+    rests[[0, -1]] = True
+    lift, strike = np.where(rests, 0.0, share)[:n], np.where(rests, 0.0, share)[1:]
     delay = np.zeros(n)
     behind = sole.ball_x - _AT_BALL - end[:-1]
     delay[1:] = np.clip(behind / (_WAIT * sole.length), 0.0, _LATEST)
     lift[1:][end[:-1] < _NO_RISE * sole.ball_x] = 0.0
-    double = np.diff(starts, append=contacts.duration)[0::2]
     # A heel that rises late by itself waits only for the rest.
     late = np.minimum(foot.heel_rise_lead, 0.0) / double[:-1]
     wait = np.maximum(delay + late, 0.0)

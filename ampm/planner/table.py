@@ -20,17 +20,19 @@ Other columns are not read. The feet are placed on the footsteps; how they swing
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
+from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
-from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, Law
-from ampm.planner.contacts import STANCE_NAMES, Contacts
-from ampm.planner.pendulum import LawState
-from ampm.planner.sampled import sampled_contacts, sampled_plan
+from ampm.parameters import GRAVITY
+from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
+from ampm.planner.contacts import STANCE_NAMES, Contacts, Footstep, Phase, Side
+from ampm.planner.sampled import NO_CONSTANTS, SampledLaw, plan_constants
+from ampm.planner.stride import quintic
 from ampm.planner.support import StepPlan
 
 Array = NDArray[np.float64]
@@ -88,30 +90,62 @@ def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> C
         for axis, values in zip("xy", place.T, strict=True):
             rests = ~stands | (np.abs(np.diff(values, prepend=values[0])) <= _SAME)
             _check(values, f"{foot}_placement_{axis}", rests, "stay in place while the foot stands")
-    start = None
+    started = time
     if "phase_start" in table:
-        start = _numbers(table, "phase_start")
+        started = _numbers(table, "phase_start")
         before = np.r_[0.0, time[:-1]]
-        fits = ~begins | ((start >= before - _SAME) & (start <= time + _SAME))
-        _check(start, "phase_start", fits, "lie between the phase's first row and the row before")
-        start = np.clip(start, before, time)
-    acceleration = _vectors(table, "com_acceleration") if "com_acceleration_x" in table else None
-    contacts = sampled_contacts(time, stance, left, right, start)
-    if start is None:
+        fits = ~begins | ((started >= before - _SAME) & (started <= time + _SAME))
+        _check(started, "phase_start", fits, "lie between the phase's first row and the row before")
+        started = np.clip(started, before, time)
+    contacts = _contacts(np.append(started[begins], time[-1]), stance[begins], left[begins], right[begins])
+    if "phase_start" not in table:
         contacts = _evened(contacts, time, com[:, 0])
-    momentum = _vectors(table, "angular_momentum")[0] if "angular_momentum_x" in table else np.zeros(2)
-    plan = sampled_plan(
-        time,
-        com,
-        zmp,
-        contacts,
-        mass=mass,
-        com_height=com_height,
-        acceleration=acceleration,
-        angular_momentum=(float(momentum[0]), float(momentum[1])),
+    rate = GRAVITY / com_height
+    acceleration = (
+        _vectors(table, "com_acceleration") if "com_acceleration_x" in table else rate * (com - zmp)
     )
+    momentum = _vectors(table, "angular_momentum")[0] if "angular_momentum_x" in table else np.zeros(2)
+    velocity = np.gradient(com, time, axis=0, edge_order=2)
+    arm = acceleration / rate - com + zmp if "com_acceleration_x" in table else np.zeros_like(com)
+    x, y = (
+        SampledLaw(time, com[:, k], velocity[:, k], acceleration[:, k], zmp[:, k], arm[:, k]) for k in (0, 1)
+    )
+    phase = CentroidalPhase(
+        0.0, contacts.duration, (0.0, 0.0), x, y, (float(momentum[0]), float(momentum[1]))
+    )
+    plan = CentroidalPlan(mass, GRAVITY, com_height, 1.0, contacts, (phase,), NO_CONSTANTS)
+    constants = plan_constants(plan)
+    plan = replace(plan, switching_velocity=constants.mean_velocity, constants=constants)
     _check_motion(plan, time, begins)
     return plan
+
+
+def _contacts(times: Array, stance: NDArray[np.str_], left: Array, right: Array) -> Contacts:
+    """Contacts of P phases.
+
+    The foot that swings first starts as far behind the standing foot as it lands ahead of it.
+
+    Args:
+        times: begin of every phase, and end of the last one, shape (P + 1,) [s].
+        stance: ``left``, ``right`` or ``both``, shape (P,).
+        left: (x, y) of the left foot's footstep, of the next one while it swings, shape (P, 2) [m].
+        right: the same of the right foot, shape (P, 2) [m].
+    """
+    places: dict[Side, Array] = {"left": left, "right": right}
+    phases, footsteps = [], []
+    for k, stands in enumerate(stance):
+        standing: dict[Side, Footstep | None] = {"left": None, "right": None}
+        for foot, place in places.items():
+            if stands in (foot, "both"):
+                step = Footstep(foot, (float(place[k, 0]), float(place[k, 1]), 0.0))
+                standing[foot] = step
+                if step not in footsteps[-2:]:
+                    footsteps.append(step)
+        begin, end = float(times[k]), float(times[k + 1])
+        phases.append(Phase(begin, end - begin, standing["left"], standing["right"]))
+    here, ahead = footsteps[:2]
+    behind = (2.0 * here.position[0] - ahead.position[0], ahead.position[1], 0.0)
+    return Contacts((Footstep(ahead.foot, behind), *footsteps), tuple(phases))
 
 
 def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
@@ -217,54 +251,27 @@ def mirrored(places: Array, steps: NDArray[Any], length: float) -> Array:
     return moved
 
 
-@dataclass(frozen=True)
-class ClosedLaw:
-    """A law plus a polynomial over its first step.
-
-    Attributes:
-        law: of a table.
-        duration: of the step [s].
-        gap: position, velocity and acceleration that are added at the end of the step, none at its start.
-        arm: moment arm that is taken off [m].
-    """
-
-    law: Law
-    duration: float
-    gap: tuple[float, float, float]
-    arm: float
-
-    def evaluate(self, time: Any) -> LawState:
-        """State at times since the start of the step [s]."""
-        state, span, u = self.law.evaluate(time), self.duration, time / self.duration
-        p, v, a = self.gap[0], self.gap[1] * span, self.gap[2] * span**2
-        c3, c4, c5 = 10 * p - 4 * v + 0.5 * a, -15 * p + 7 * v - a, 6 * p - 3 * v + 0.5 * a
-        return LawState(
-            position=state.position + u**3 * (c3 + u * (c4 + u * c5)),
-            velocity=state.velocity + u**2 * (3 * c3 + u * (4 * c4 + u * 5 * c5)) / span,
-            acceleration=state.acceleration + u * (6 * c3 + u * (12 * c4 + u * 20 * c5)) / span**2,
-            zmp=state.zmp,
-            moment_arm=state.moment_arm - self.arm,
-            moment_arm_integral=state.moment_arm_integral - self.arm * time,
-        )
-
-
 def closed_step(steps: StepPlan) -> StepPlan:
     """The first step of a table whose steps repeat, with an end that is exactly its mirrored start.
 
-    L_x is then opposite at both ends, and L_y the same with zero mean over the step, as a periodic step has.
+    A quintic closes the gap. L_x is then opposite at both ends, and L_y the same with zero mean over the step,
+    as a periodic step has.
     """
-    duration, length, (phase, *_) = steps.constants.step_duration, steps.contacts.step_length, steps.phases
-    ends = np.array([0.0, duration])
-    laws: list[ClosedLaw] = []
-    integrals: list[float] = []
-    for law, sign, shift in ((phase.x, 1.0, length), (phase.y, -1.0, 0.0)):
-        state = law.evaluate(ends)
-        position, velocity, acceleration, _, _, integral = (sign * part[0] - part[1] for part in state)
-        drift = -integral / duration if sign > 0.0 else 0.0
-        laws.append(ClosedLaw(law, duration, (position + shift, velocity, acceleration), drift))
-        integrals.append(float(state.moment_arm_integral[1]))
+    duration, length, phase = steps.constants.step_duration, steps.contacts.step_length, steps.phases[0]
+    laws, gained = [], []
+    x, y = cast(SampledLaw, phase.x), cast(SampledLaw, phase.y)
+    for law, sign, shift in ((x, 1.0, length), (y, -1.0, 0.0)):
+        times = np.append(law.time[law.time < duration - _SAME], duration)
+        state = law.evaluate(times)
+        motion = np.array([state.position, state.velocity, state.acceleration])
+        gap = sign * motion[:, 0] - motion[:, -1] + [shift, 0.0, 0.0]
+        curve = quintic(np.zeros(3), gap, duration)
+        motion += [polynomial.polyval(times, polynomial.polyder(curve, order)) for order in range(3)]
+        gained.append(float(state.moment_arm_integral[-1]))
+        drift = gained[-1] / duration if sign > 0.0 else 0.0
+        laws.append(SampledLaw(times, *motion, state.zmp, state.moment_arm - drift))
     grid = np.linspace(0.0, duration, 1001)
     mean = float(np.trapezoid(laws[0].evaluate(grid).moment_arm_integral, grid)) / duration
-    momentum = -0.5 * steps.weight * integrals[1], steps.weight * mean
+    momentum = -0.5 * steps.weight * gained[1], steps.weight * mean
     closed = CentroidalPhase(0.0, phase.duration, phase.origin, laws[0], laws[1], momentum)
     return replace(steps, phases=(closed,))

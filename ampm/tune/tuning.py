@@ -19,7 +19,7 @@ import contextlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from ampm.body.continuation import Continuation
 from ampm.body.inverse_kinematics import Unreachable
@@ -97,8 +97,8 @@ def tune(
     report = progress or (lambda text: None)
     if run.gait.planner == LIPM:  # its ZMP jumps, so no choice could keep it in a support that grows
         raise InputError(
-            f"gait.planner = {LIPM!r} cannot be tuned; 'ampm validate' walks the preset ipm as it is, and its "
-            "step length, speed and heights can be set.",
+            f"gait.planner = {LIPM!r} cannot be tuned; 'ampm validate' walks the preset ipm as it is, and "
+            "its step length, speed and heights can be set.",
             key="gait.planner",
         )
     if not run.gait.c_y > 0.0:
@@ -323,8 +323,7 @@ def _own(space: FreeChoices, robot: Robot) -> Tuned | None:
     run, orbits = space.run, RoughOrbits(robot, space.run)
     try:
         plan = PeriodicPlanner().plan(run, robot)
-        assert isinstance(plan.posture, PeriodicPosture)
-        orbit = orbits.solve(plan, run, motion=plan.posture.motion)
+        orbit = orbits.solve(plan, run, motion=cast(PeriodicPosture, plan.posture).motion)
     except (RefusedGait, InputError, Unreachable):
         return None
     values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, robot)

@@ -141,9 +141,9 @@ def with_footsteps(path: Path | None, steps: int | None) -> dict[str, Any]:
         return {}
     if steps is not None:
         raise InputError("--steps counts the steps of a periodic gait; leave it out, or --footsteps.")
-    from ampm.planner.routes import as_rows, read_footsteps  # imported here: NumPy is slow to load
+    from ampm.planner.routes import read_footsteps  # imported here: NumPy is slow to load
 
-    return {"footsteps": as_rows(*read_footsteps(path))}
+    return {"footsteps": read_footsteps(path)}
 
 
 def check_picture(path: Path) -> None:

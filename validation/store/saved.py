@@ -19,8 +19,8 @@ from ampm.description import BodyDescription
 from ampm.exceptions import AmpmError, InputError
 from ampm.parameters import RunParameters
 from ampm.planner.footstep_walk import plan_footstep_walk
-from ampm.planner.support import StepPlan
 from ampm.planner.step_planners import STEP_PLANNERS
+from ampm.planner.support import StepPlan
 from ampm.run_file import load_run
 from validation.store.folders import RUN_FILES
 from validation.store.json import dump_json

@@ -280,8 +280,8 @@ def plan_walk(
     Where anything but the number of steps differs from a preset's own gait, body and feet, the values that
     the request leaves open are found first and reported (:func:`ampm.run_file.changes`), for the AMPM's plan:
     the other planners of :data:`ampm.planner.step_planners.STEP_PLANNERS` have its footsteps, times and feet.
-    Over footsteps only another body than the human gets values found, those of its own gait. Any other planner
-    gets the request unchanged.
+    Over footsteps only another body than the human gets values found, those of its own gait. Any other
+    planner gets the request unchanged.
 
     Args:
         request: the gait.

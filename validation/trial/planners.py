@@ -31,8 +31,8 @@ def load_planner(text: str) -> "Planner":
         return TablePlanner(read_columns(path), path.name)
     if ":" not in text:
         raise InputError(
-            f"gait.planner = {text!r} is none of {', '.join(STEP_PLANNERS)}; take one of them, a table FILE.csv "
-            "or FILE.parquet, or MODULE:CLASS, for example mine:Planner.",
+            f"gait.planner = {text!r} is none of {', '.join(STEP_PLANNERS)}; take one of them, a table "
+            "FILE.csv or FILE.parquet, or MODULE:CLASS, for example mine:Planner.",
             key="gait.planner",
             value=text,
         )
