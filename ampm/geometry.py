@@ -1,14 +1,20 @@
-"""Convex hulls of a few points in the floor plane: support polygons and distances to their edges."""
+"""The floor plane: headings, support polygons and distances to their edges."""
 
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
 _BLOCK = 500  # sets at a time: their (k, k, n) arrays stay in the processor's cache
 _TINY = 1e-12  # points nearer than this are one, points farther right than this are right of a line [m]
+
+
+def rotations(heading: ArrayLike) -> Array:
+    """Axes along and across headings (...) [rad], by columns, shape (..., 2, 2)."""
+    c, s = np.cos(heading), np.sin(heading)
+    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
 
 
 def convex_hull(points: Array) -> Array:

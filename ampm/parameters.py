@@ -31,9 +31,9 @@ class GaitParameters(Section, section="gait"):
     planner: str = parameter(
         "ampm",
         "makes the plan: ampm, the paper's pendulum, continuous up to the acceleration; lipm, the plain "
-        "inverted pendulum at the same switching velocity (ZMP fixed under the foot, no moment, double support "
-        "at constant velocity; a_s, c_s and c_y play no part); ipm (the same pendulum), preview or dcm, with "
-        "the AMPM's footsteps and times; a table FILE.csv or FILE.parquet; or MODULE:CLASS",
+        "inverted pendulum at the same switching velocity (ZMP fixed under the foot, no moment, double "
+        "support at constant velocity; a_s, c_s and c_y play no part); ipm (the same pendulum), preview or "
+        "dcm, with the AMPM's footsteps and times; a table FILE.csv or FILE.parquet; or MODULE:CLASS",
         "1",
         min_length=1,
     )

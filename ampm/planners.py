@@ -1,18 +1,18 @@
 """Planners: from a run and a body to a complete walk."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from ampm.body.feasibility import check_body
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
 from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import RunParameters
+from ampm.planner.contacts import Footstep
 from ampm.planner.footstep_walk import plan_footstep_walk, stops
+from ampm.planner.replan import LiveWalk
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
@@ -62,14 +62,11 @@ def periodic_motion(steps: StepPlan, run: RunParameters, robot: Robot) -> WholeB
     return solve_motion(steps, run, robot)
 
 
-ENOUGH_ROWS = 200.0
-"""Rows of a table with which its walk is that of the plan that wrote it, within 5 % of the errors [1/s]."""
-
-
 class TablePlanner:
     """COM and ZMP of a table on its footsteps, see :mod:`ampm.planner.table`; the feet swing as the gait's.
 
-    Steps that repeat are walked with their periodic whole-body motion, others with a constant posture.
+    Steps that repeat are walked with their periodic whole-body motion, others with a constant posture. From
+    200 rows a second on, the walk is that of the plan that wrote the table, within 5 % of the errors.
 
     Args:
         table: columns by name, shape (N,) each.
@@ -89,26 +86,8 @@ class TablePlanner:
 
         Raises:
             InputError: the table makes no plan.
-            BodilyRefusal: the body cannot walk it; the way out of a table with few rows is more of them.
+            BodilyRefusal: the body cannot walk it.
         """
-        try:
-            return self._plan(run, robot)
-        except BodilyRefusal as error:
-            time = np.asarray(self.table["time"], dtype=np.float64)
-            rate = (time.size - 1) / (time[-1] - time[0])
-            way_out = error.way_out.replace("gait.", "the table's ")
-            if rate <= 0.99 * ENOUGH_ROWS:
-                way_out = f"give the table {ENOUGH_ROWS:g} rows a second or more, it has {rate:.3g}"
-            raise BodilyRefusal(
-                str(error).removesuffix(f"; {error.way_out}."),
-                reason=error.reason,
-                value=error.value,
-                limit=error.limit,
-                unit=error.unit,
-                way_out=way_out,
-            ) from error
-
-    def _plan(self, run: RunParameters, robot: Robot) -> WalkPlan:
         plan = table_plan(self.table, mass=run.body.mass, com_height=run.gait.com_height)
         lift_speed = plan.constants.l_s / plan.constants.single_support_duration
         feet = plan_feet(plan.contacts, run.foot, robot.description.sole, lift_speed)
@@ -130,9 +109,17 @@ SPREAD_ARMS = 0.25
 
 
 class FootstepPlanner:
-    """The walk over the footsteps of a run, see :mod:`ampm.planner.footsteps`, with a constant posture."""
+    """The walk over the footsteps of a run, see :mod:`ampm.planner.footsteps`, with a constant posture.
 
-    name = "footsteps"
+    Args:
+        changes: requests while walking, in their order: time [s], and footsteps from there on or None to
+            stop, see :meth:`ampm.planner.replan.LiveWalk.changed`.
+    """
+
+    def __init__(self, changes: Sequence[tuple[float, Sequence[Footstep] | None]] = ()) -> None:
+        self.changes = tuple(changes)
+        requests = [f"{'stop' if ahead is None else 'changed'} at {at:g} s" for at, ahead in self.changes]
+        self.name = ", ".join(["footsteps", *requests])
 
     def plan(self, run: RunParameters, robot: Robot) -> WalkPlan:
         """Plan the walk.
@@ -146,7 +133,13 @@ class FootstepPlanner:
         from ampm.body.constant_posture import ConstantPosture
         from ampm.body.walk_motion import check_walk
 
-        steps = plan_footstep_walk(run, robot.description)
+        if self.changes:
+            walk = LiveWalk.of(run, robot.description)
+            for at, ahead in self.changes:
+                walk = walk.changed(at, ahead)
+            steps = walk.steps
+        else:
+            steps = plan_footstep_walk(run, robot.description)
         for angle in (SPREAD_ARMS, 2.0 * SPREAD_ARMS):
             spread = run.replace({"body.arm_abduction": max(run.body.arm_abduction, angle)})
             posture = ConstantPosture(steps, spread, robot, stops(steps.contacts))

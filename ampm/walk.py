@@ -165,21 +165,6 @@ class Reference(NamedTuple):
         return self.centre[..., 4, :]
 
 
-def read_only(reference: Reference) -> Reference:
-    """The same reference, whose arrays cannot be written to."""
-    for array in _arrays(reference):
-        if isinstance(array, np.ndarray):
-            array.setflags(write=False)
-    return reference
-
-
-def _arrays(reference: Reference) -> Iterator[Any]:
-    """All arrays of a reference; its scalars at one instant."""
-    yield from (reference.time, reference.centre, reference.right_load, reference.jumps)
-    for part in (reference.feet, reference.contacts, reference.posture):
-        yield from part
-
-
 class Timing(NamedTuple):
     """Times by which a controller's references look ahead.
 
@@ -213,8 +198,17 @@ class ReferenceTable(Sequence[Reference]):
     """
 
     def __init__(self, rows: Reference) -> None:
-        self.rows = read_only(rows)
-        lengths = {len(array) for array in _arrays(rows)}
+        self.rows = rows
+        lengths = set()
+        for part in (
+            [rows.time, rows.centre, rows.right_load, rows.jumps],
+            rows.feet,
+            rows.contacts,
+            rows.posture,
+        ):
+            for array in part:
+                array.setflags(write=False)
+                lengths.add(len(array))
         if len(lengths) > 1:
             raise ValueError(f"arrays of {' and '.join(map(str, sorted(lengths)))} instants in one table")
 
@@ -291,7 +285,7 @@ class WalkPlan(StepPlan):
             InputError: a time lies outside the plan.
         """
         times = np.array(times, dtype=np.float64)
-        jumps = self._jump_near(times, timing.slope)
+        jumps = (np.abs(times[:, None] - self.jump_times) < timing.slope).any(axis=1)
         delay = 0.5 * timing.hold * (jumps if timing.slope else np.ones(len(times)))
         now = held = self._instants(times)
         if delay.any():
@@ -331,10 +325,6 @@ class WalkPlan(StepPlan):
                 ),
             )
         )
-
-    def _jump_near(self, times: Array, period: float) -> Flags:
-        """Whether the plan jumps within a period before or after each time, shape (T,)."""
-        return np.asarray((np.abs(times[:, None] - self.jump_times) < period).any(axis=1))
 
     def _instants(self, times: Array) -> _Instants:
         """Everything at times (T,) [s]; postures as compiled functions take them."""

@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
+from ampm.geometry import rotations
 from ampm.planner.contacts import PHASE_NAMES, STANCE_NAMES, Contacts
-from ampm.planner.pendulum import AffineLaw, LawState
+from ampm.planner.pendulum import LawState
 
 Array = NDArray[np.float64]
 
@@ -247,35 +248,27 @@ class CentroidalPlan(Brief):
     def _axes(self) -> Array | None:
         """Axes of the laws in world, by columns, shape (P, 2, 2); None if no phase has a heading."""
         heading = np.array([phase.heading for phase in self.phases])
-        c, s = np.cos(heading), np.sin(heading)
-        return np.moveaxis(np.array([[c, -s], [s, c]]), 2, 0) if heading.any() else None
+        return rotations(heading) if heading.any() else None
 
     @cached_property
     def _momenta(self) -> Array:
         return np.array([phase.angular_momentum for phase in self.phases])
 
     @cached_property
-    def _laws(self) -> AffineLaw | None:
-        """All laws as one law of arrays (P, 2), if all of them are affine."""
-        # Phases share few laws: each is unpacked once.
+    def _laws(self) -> tuple[list[Law], NDArray[np.intp]]:
+        """The different laws, and the number of that along either axis in every phase, shape (P, 2)."""
         laws = list({id(law): law for phase in self.phases for law in (phase.x, phase.y)}.values())
-        rows = [tuple(vars(law).values()) for law in laws if isinstance(law, AffineLaw)]
-        if len(rows) < len(laws):
-            return None
         number = {id(law): i for i, law in enumerate(laws)}
-        index = [[number[id(phase.x)], number[id(phase.y)]] for phase in self.phases]
-        return AffineLaw(*np.moveaxis(np.array(rows)[index], 2, 0))
+        return laws, np.array([[number[id(phase.x)], number[id(phase.y)]] for phase in self.phases])
 
     def _states(self, index: NDArray[np.intp], local: Array) -> LawState:
         """Both axes' laws at phases ``index`` and times since their starts, each field (N, 2)."""
-        if self._laws is not None:
-            return AffineLaw(*(value[index] for value in vars(self._laws).values())).evaluate(local[:, None])
-        states = LawState(*np.empty((len(LawState._fields), len(local), 2)))
-        for number in np.unique(index):
-            rows = index == number
-            for axis, law in enumerate((self.phases[number].x, self.phases[number].y)):
-                for whole, part in zip(states, law.evaluate(local[rows]), strict=True):
-                    whole[rows, axis] = part
+        laws, numbers = self._laws
+        states, used = LawState(*np.empty((len(LawState._fields), len(local), 2))), numbers[index]
+        for number in sorted(set(used.ravel().tolist())):
+            rows, axes = np.nonzero(used == number)
+            for whole, part in zip(states, laws[number].evaluate(local[rows]), strict=True):
+                whole[rows, axes] = part
         return states
 
     def _evaluate(self, index: NDArray[np.intp], local: Array) -> _Motion:

@@ -4,7 +4,6 @@ A walk is any list of phases over footsteps: single and double supports in any o
 Conventions: world x forward, y left, z up, floor z = 0.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from ampm.brief import Brief
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
+from ampm.geometry import rotations
 
 Side = Literal["left", "right"]
 
@@ -170,9 +170,7 @@ def footprint(sole: SoleGeometry, step: Footstep) -> NDArray[np.float64]:
     x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
     half = np.array([sole.heel_half_width, sole.ball_half_width, sole.tip_half_width])
     outline = np.column_stack([np.r_[x, x[::-1], x[0]], np.r_[half, -half[::-1], half[0]]])
-    c, s = math.cos(step.heading), math.sin(step.heading)
-    turned = np.column_stack([c * outline[:, 0] - s * outline[:, 1], s * outline[:, 0] + c * outline[:, 1]])
-    return turned + np.asarray(step.position[:2])
+    return outline @ rotations(step.heading).T + np.asarray(step.position[:2])
 
 
 def check_landing(number: int, landing: float, lifted: float, least: float) -> None:

@@ -10,17 +10,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ampm.exceptions import BodilyRefusal, InputError
-from ampm.geometry import hull_distance
+from ampm.geometry import hull_distance, rotations
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.blend import BlendLaw, shape
-from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
+from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, Law
 from ampm.planner.contacts import Contacts, Footstep, Phase, check_landing, footprint
 from ampm.planner.heights import uneven, vertical_laws
 from ampm.planner.pendulum import AffineLaw, double_support_root, solution
@@ -87,14 +87,13 @@ def plan_footsteps(
             momentum would turn the trunk too far.
     """
     walk = solve_walk(footsteps, gait, body, landings)
-    first_phases = _quarter_phases(walk.problem, 0.0, *_stand(walk.problem, walk.solved, 0), body.mass)
-    starts = walk.contacts.starts[1:]
-    phases = (*first_phases, *phases_between(starts, walk.supports, walk.problem, walk.solved, body.mass))
+    phases = _stand_phases(0.0, 0, walk.problem, walk.solved, body.mass)
+    phases += phases_between(walk.contacts.starts[1:], walk.supports, walk.problem, walk.solved, body.mass)
     if uneven(footsteps):
-        zmp = [_stand(walk.problem, walk.solved, end)[1].sum(axis=1) for end in (0, 1)]
+        zmp = [_stand_signal(walk.problem, walk.solved, end).sum(axis=1) for end in (0, 1)]
         laws = vertical_laws(footsteps, walk.supports, zmp, gait.com_height)
-        phases = tuple(phase._replace(z=law) for phase, law in zip(phases, laws, strict=True))
-    plan = replace(walk.nominal, contacts=walk.contacts, phases=phases)
+        phases = [phase._replace(z=law) for phase, law in zip(phases, laws, strict=True)]
+    plan = replace(walk.nominal, contacts=walk.contacts, phases=tuple(phases))
     _refuse(footsteps, walk, body, plan, first)
     return plan
 
@@ -204,10 +203,10 @@ def supports_of(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitPar
     blend = np.stack([np.full_like(double, along), across], axis=1)
     return Supports(
         place=np.array([step.position[:2] for step in standing]),
-        axes=_axes(heading),
+        axes=rotations(heading),
         single=single,
         double=double,
-        between=_axes(_mean_heading(heading)),
+        between=rotations(_mean_heading(heading)),
         blend=np.minimum(blend, _STEEPEST / double[:, None]),
     )
 
@@ -216,12 +215,6 @@ def _mean_heading(heading: Array) -> Array:
     """Mean of each heading and the next one [rad]."""
     turn = np.diff(heading)
     return np.asarray(heading[:-1] + 0.5 * (turn - 2.0 * math.pi * np.round(turn / (2.0 * math.pi))))
-
-
-def _axes(heading: Array) -> Array:
-    """Axes along and across headings, by columns, shape (n, 2, 2)."""
-    c, s = np.cos(heading), np.sin(heading)
-    return np.moveaxis(np.array([[c, -s], [s, c]]), 2, 0)
 
 
 def largest_inverse_a(supports: Supports, solved: Solution, sole: SoleGeometry) -> Array:
@@ -261,7 +254,7 @@ def trunk_tilt(supports: Supports, problem: Problem, solved: Solution) -> Array:
 
 def phases_between(
     starts: Array, supports: Supports, problem: Problem, solved: Solution, mass: float
-) -> tuple[CentroidalPhase, ...]:
+) -> list[CentroidalPhase]:
     """Phases of all supports from the first single support to the end.
 
     Args:
@@ -271,110 +264,125 @@ def phases_between(
         solved: its solution.
         mass: of the body [kg].
     """
-    w, place, n = problem.frequency, supports.place, len(supports.place)
-    # Single supports: the offset d moves the origin of the law off the foot.
-    zmp_slope = np.stack([solved.inverse_a, np.zeros(n)], axis=1)
-    slope = problem.slopes
-    rate = w**2 * (slope - zmp_slope)
-    v = _along(supports.axes, solved.state[:, 1])
-    moved = -(w**2) / rate * _along(supports.axes, solved.state[:, 4])
-    duration, k = np.broadcast_to(supports.single[:, None], rate.shape), np.sqrt(np.abs(rate))
-    begin = _along(supports.axes, solved.state[:, 0] - place) - moved
-    even, odd = solution(rate, begin, v / k, 0.5 * duration)
-    columns = rate, zmp_slope, slope, duration, even, odd / k, (zmp_slope - 1.0) * moved
-    single = [
-        [AffineLaw(*row) for row in zip(*both, strict=True)]
-        for both in zip(*(column.tolist() for column in columns), strict=True)
-    ]
-    phases = _as_phases(
-        starts[0::2], supports.single, place + times(supports.axes, moved), supports.axes, single,
-        solved.state[:, 2], mass,
-    )  # fmt: skip
-    # Double supports, from the middle between their feet.
-    origin = 0.5 * (place[:-1] + place[1:])
-    double = _blends(
-        w, supports.blend, supports.double, supports.between, origin, solved.end[:-1],
-        solved.signal[:-1, 1], solved.signal[1:, 0],
-    )  # fmt: skip
-    phases += _as_phases(
-        starts[1:-1:2], supports.double, origin, supports.between, double, solved.end[:-1, 2], mass
-    )
-    phases += _quarter_phases(problem, float(starts[-1]), *_stand(problem, solved, 1), mass)
-    return tuple(sorted(phases, key=lambda phase: phase.start))
+    times_of, place, phases = starts.tolist(), supports.place, []
+    for k, duration in enumerate(supports.single.tolist()):
+        slopes = np.array([[solved.inverse_a[k], 0.0], problem.slopes[k]])
+        axes, state = supports.axes[k], solved.state[k]
+        phases.append(
+            _single_phase(times_of[2 * k], duration, place[k], axes, slopes, state, problem.frequency, mass)
+        )
+        if k < len(place) - 1:
+            signal = np.stack([solved.signal[k, 1], solved.signal[k + 1, 0]])
+            blend = Blend(
+                times_of[2 * k + 1], float(supports.double[k]), supports.blend[k], supports.between[k], signal
+            )
+            phases.append(_blend_phase(blend, solved.end[k], problem.frequency, mass))
+    return phases + _stand_phases(times_of[-1], 1, problem, solved, mass)
 
 
-def _along(axes: Array, vectors: Array) -> Array:
-    """Components of vectors along axes, shape (n, 2)."""
-    return times(axes.swapaxes(1, 2), vectors)
-
-
-def _blends(
-    w: float, rate: Array, duration: Array, axes: Array, origin: Array, state: Array, begin: Array, end: Array
-) -> list[list[BlendLaw]]:
-    """Both laws of n blends, from (c, v, ...) and (r, q) at the begin to (r, q) at the end, all in world."""
-    values = [
-        rate,
-        np.broadcast_to(duration[:, None], rate.shape),
-        _along(axes, state[:, 0] - origin),
-        _along(axes, state[:, 1]),
-        np.stack([_along(axes, signal[:, 0] - origin) for signal in (begin, end)], axis=2),
-        np.stack([_along(axes, signal[:, 1]) for signal in (begin, end)], axis=2),
-    ]
-    columns = zip(*(value.tolist() for value in values), strict=True)
-    return [[BlendLaw(w, *row) for row in zip(*column, strict=True)] for column in columns]
-
-
-def _as_phases(
-    start: Array,
-    duration: Array,
-    origin: Array,
+def _single_phase(
+    start: float,
+    duration: float,
+    place: Array,
     axes: Array,
-    laws: Sequence[Sequence[Any]],
-    J: Array,
+    slopes: Array,
+    state: Array,
+    w: float,
     mass: float,
-) -> list[CentroidalPhase]:
-    """Phases of laws, with the angular momentum at their begin."""
-    momentum = mass * GRAVITY * np.stack([J[:, 1], -J[:, 0]], axis=1)
-    heading = np.arctan2(axes[:, 1, 0], axes[:, 0, 0])
-    rows = zip(*(value.tolist() for value in (start, duration, origin, momentum, heading)), laws, strict=True)
-    return [
-        CentroidalPhase(t, T, tuple(place), x, y, tuple(L), turn) for t, T, place, L, turn, (x, y) in rows
-    ]
+) -> CentroidalPhase:
+    """A single support; its offset d moves the origin of the law off the foot.
 
-
-def _stand(problem: Problem, solved: Solution, end: int) -> tuple[Array, Array]:
-    """(c, v, J) at the begin of the first (0) or last (1) double support; (r, q) at the ends of its quarters.
-
-    Shapes (3, 2) and (5, 2, 2).
+    Args:
+        start: [s].
+        duration: [s].
+        place: of the foot, shape (2,) [m].
+        axes: of the foot, by columns, shape (2, 2).
+        slopes: of ZMP and force line along both axes, shape (2, 2) [1].
+        state: (c, v, J, Theta, d) at the begin, shape (5, 2).
+        w: sqrt(g / H) [1/s].
+        mass: of the body [kg].
     """
+    zmp_slope, slope = slopes
+    rate = w**2 * (slope - zmp_slope)
+    moved = -(w**2) / rate * (state[4] @ axes)
+    k = np.sqrt(np.abs(rate))
+    even, odd = solution(rate, (state[0] - place) @ axes - moved, state[1] @ axes / k, 0.5 * duration)
+    columns = rate, zmp_slope, slope, np.full(2, duration), even, odd / k, (zmp_slope - 1.0) * moved
+    x, y = (AffineLaw(*values) for values in np.array(columns).T.tolist())
+    return _phase(start, duration, place + axes @ moved, axes, x, y, state[2], mass)
+
+
+class Blend(NamedTuple):
+    """A blend of both axes.
+
+    Attributes:
+        start, duration: [s].
+        rate: k along both axes, shape (2,) [1/s].
+        axes: by columns, shape (2, 2).
+        signal: (r, q) at begin and end, in world, shape (2, 2, 2) [m].
+    """
+
+    start: float
+    duration: float
+    rate: Array
+    axes: Array
+    signal: Array
+
+
+def _blend_phase(blend: Blend, state: Array, w: float, mass: float) -> CentroidalPhase:
+    """A phase of a blend, from (c, v, J, ...) at its begin, in world; its origin is between both points r."""
+    origin = blend.signal[:, 0].mean(axis=0)
+    position, velocity = (state[0] - origin) @ blend.axes, state[1] @ blend.axes
+    point, arm = (blend.signal[:, 0] - origin) @ blend.axes, blend.signal[:, 1] @ blend.axes
+    x, y = (
+        BlendLaw(
+            omega=w,
+            rate=float(blend.rate[i]),
+            duration=blend.duration,
+            position=float(position[i]),
+            velocity=float(velocity[i]),
+            force_point=tuple(point[:, i].tolist()),
+            moment_arm=tuple(arm[:, i].tolist()),
+        )
+        for i in (0, 1)
+    )
+    return _phase(blend.start, blend.duration, origin, blend.axes, x, y, state[2], mass)
+
+
+def _phase(
+    start: float, duration: float, origin: Array, axes: Array, x: Law, y: Law, J: Array, mass: float
+) -> CentroidalPhase:
+    """A phase of two laws, with the angular momentum at its begin."""
+    weight, heading = mass * GRAVITY, math.atan2(axes[1, 0], axes[0, 0])
+    momentum = float(weight * J[1]), float(-weight * J[0])
+    return CentroidalPhase(start, duration, (float(origin[0]), float(origin[1])), x, y, momentum, heading)
+
+
+def _stand_signal(problem: Problem, solved: Solution, end: int) -> Array:
+    """(r, q) at the ends of the quarters of the first (0) or last (1) double support, shape (5, 2, 2)."""
     (middle, one, two), rest, nothing = solved.nodes[end], problem.ends[end], np.zeros(2)
     r, q = solved.signal[-end, end]
     if end:
         point = [r, 0.5 * (r + middle), middle, 0.5 * (middle + rest), rest]
-        return solved.end[-1, :3], np.stack([point, [q, 0.5 * (q + one), one, two, nothing]], axis=1)
+        return np.stack([point, [q, 0.5 * (q + one), one, two, nothing]], axis=1)
     point = [rest, 0.5 * (rest + middle), middle, 0.5 * (middle + r), r]
-    arm = [nothing, one, two, 0.5 * (two + q), q]
-    return np.stack([rest, nothing, nothing]), np.stack([point, arm], axis=1)
+    return np.stack([point, [nothing, one, two, 0.5 * (two + q), q]], axis=1)
 
 
-def _quarter_phases(
-    problem: Problem, start: float, state: Array, signal: Array, mass: float
+def _stand_phases(
+    start: float, end: int, problem: Problem, solved: Solution, mass: float
 ) -> list[CentroidalPhase]:
-    """Phases of four linear blends in a row."""
-    part, axes, phases = 0.25 * SETTLING, np.eye(2)[None], []
-    origin = signal[[0, -1], 0].mean(axis=0)
+    """Four linear blends in a row: the first (0) or the last (1) double support."""
+    part, signal, phases = 0.25 * SETTLING, _stand_signal(problem, solved, end), []
+    state = solved.end[-1, :3] if end else np.stack([problem.ends[0], np.zeros(2), np.zeros(2)])
     for i in range(4):
-        laws = _blends(
-            problem.frequency, np.zeros((1, 2)), np.array([part]), axes, origin[None], state[None],
-            signal[None, i], signal[None, i + 1],
-        )  # fmt: skip
-        begin = np.array([start + i * part])
-        phases += _as_phases(begin, np.array([part]), origin[None], axes, laws, state[None, 2], mass)
-        ends = [law.evaluate(part) for law in laws[0]]
-        moved = np.array(
-            [[float(at.position), float(at.velocity), float(at.moment_arm_integral)] for at in ends]
-        )
-        state = moved.T + np.stack([origin, np.zeros(2), state[2]])
+        blend = Blend(start + i * part, part, np.zeros(2), np.eye(2), signal[i : i + 2])
+        phase = _blend_phase(blend, state, problem.frequency, mass)
+        phases.append(phase)
+        x, y = (law.evaluate(part) for law in (phase.x, phase.y))
+        gained = [[x.position, y.position], [x.velocity, y.velocity]]
+        gained.append([x.moment_arm_integral, y.moment_arm_integral])
+        state = np.array(gained) + np.stack([phase.origin, np.zeros(2), state[2]])
     return phases
 
 
@@ -389,24 +397,30 @@ def _refuse(
         raise BodilyRefusal(
             f"footstep {first - 1 + number}: the ZMP comes to {1e3 * margin:.3g} mm from the edge of the "
             f"flat soles, nearer than {1e3 * MARGIN:g} mm",
-            reason="zmp_margin_too_small", value=margin, limit=MARGIN, unit="m",
+            reason="zmp_margin_too_small",
+            value=margin,
+            limit=MARGIN,
+            unit="m",
             way_out="shorten or narrow the steps about it, or give them more time",
-        )  # fmt: skip
+        )
     tilt = trunk_tilt(walk.supports, walk.problem, walk.solved)
     worst = int(tilt.argmax())
     if not tilt[worst] <= LARGEST_TILT:
         raise BodilyRefusal(
             f"footstep {worst + 1 + first}: the angular momentum turns the trunk by about {tilt[worst]:.2g} "
             f"rad, more than {LARGEST_TILT:g} rad",
-            reason="trunk_tilt_too_large", value=float(tilt[worst]), limit=LARGEST_TILT, unit="rad",
+            reason="trunk_tilt_too_large",
+            value=float(tilt[worst]),
+            limit=LARGEST_TILT,
+            unit="rad",
             way_out="take gait.c_y and gait.c_s nearer to 1, or narrow the steps",
-        )  # fmt: skip
+        )
 
 
 def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: int = 1) -> None:
     """Refuse a foot that lands across the other one; ``first`` is the number of the first footstep."""
     place = np.array([step.position[:2] for step in footsteps])
-    axes = _axes(_mean_heading(np.array([step.heading for step in footsteps])))
+    axes = rotations(_mean_heading(np.array([step.heading for step in footsteps])))
     side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps[1:]])
     apart = side * (np.diff(place, axis=0) * axes[:, :, 1]).sum(axis=1)
     worst, least = int(apart.argmin()), 2.0 * sole.half_width + _BETWEEN_SOLES
@@ -414,9 +428,12 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: in
         raise BodilyRefusal(
             f"footstep {worst + 1 + first}: the {footsteps[worst + 1].foot} foot is {apart[worst]:.3g} m "
             f"aside of the other one, less than two soles take, {least:.3g} m",
-            reason="feet_too_close", value=float(apart[worst]), limit=least, unit="m",
+            reason="feet_too_close",
+            value=float(apart[worst]),
+            limit=least,
+            unit="m",
             way_out="put it further out on its own side",
-        )  # fmt: skip
+        )
 
 
 def _refuse_unreached(
@@ -428,7 +445,7 @@ def _refuse_unreached(
     """
     sole, place = body.sole, np.array([step.position[:2] for step in footsteps])
     heading = np.array([step.heading for step in footsteps])
-    lateral = _axes(_mean_heading(heading))[:, :, 1]
+    lateral = rotations(_mean_heading(heading))[:, :, 1]
     side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps])
     floor = np.array([step.position[2] for step in footsteps])
     height = np.full(2 * len(solved.end), plan.com_height)
@@ -442,7 +459,7 @@ def _refuse_unreached(
         hip = com + side[feet, None] * body.hip_half_width * across
         beyond = np.full(len(com), math.inf)
         for x in (sole.heel_x, sole.tip_x):
-            point = place[feet] + x * _axes(heading[feet])[:, :, 0]
+            point = place[feet] + x * rotations(heading[feet])[:, :, 0]
             away = np.sqrt(((point - hip) ** 2).sum(axis=1) + over**2)
             beyond = np.minimum(beyond, away - math.hypot(x - sole.ankle_x, sole.ankle_height))
         worst = int(beyond.argmax())
@@ -451,9 +468,12 @@ def _refuse_unreached(
             raise BodilyRefusal(
                 f"footstep {worst + first + number}: when the {step.foot} foot {moment}, its leg would have "
                 f"to be {beyond[worst]:.3g} m long, and is {body.leg_length:.3g} m",
-                reason="step_out_of_reach", value=float(beyond[worst]), limit=body.leg_length, unit="m",
+                reason="step_out_of_reach",
+                value=float(beyond[worst]),
+                limit=body.leg_length,
+                unit="m",
                 way_out="shorten the steps about it, or lower gait.com_height",
-            )  # fmt: skip
+            )
 
 
 def _least_margin(
@@ -462,14 +482,14 @@ def _least_margin(
     """Least distance of the ZMP from the edge of the flat soles, and the number of the footstep, from 1."""
     supports, problem, solved = walk.supports, walk.problem, walk.solved
     corners, climbs = footprint(sole, Footstep("left", (0.0, 0.0, 0.0)))[:-1], uneven(footsteps)
-    axes = _axes(np.array([step.heading for step in footsteps]))
+    axes = rotations(np.array([step.heading for step in footsteps]))
     outline = np.array([step.position[:2] for step in footsteps])[:, None] + times(axes[:, None], corners)
     both = np.concatenate([outline[:-1], outline[1:]], axis=1)
     # On a straight way the distance is least at an end; only the ZMP of a double support between two single
     # ones leaves the straight line.
     zmp = solved.signal.sum(axis=2)
     T = np.broadcast_to(supports.double[:, None], supports.blend.shape)
-    way = _along(supports.between, zmp[1:, 0] - zmp[:-1, 1])
+    way = times(supports.between.swapaxes(1, 2), zmp[1:, 0] - zmp[:-1, 1])
     middle = 0.5 * (zmp[:-1, 1] + zmp[1:, 0])
     starts, quarters = plan.contacts.starts, 0.25 * SETTLING * np.arange(5)
     checks: list[tuple[int, Array, Array, Array]] = []
@@ -478,7 +498,7 @@ def _least_margin(
         on_way = times(supports.between, way * shape(supports.blend, T, share * T).value)
         checks.append((2, both[1:-1], middle + on_way, starts[2:-1:2] + share * supports.double))
     for end, number, start in ((0, 2, 0.0), (1, len(footsteps), float(starts[-1]))):
-        points: Array = _stand(problem, solved, end)[1].sum(axis=1)
+        points: Array = _stand_signal(problem, solved, end).sum(axis=1)
         polygon: Array = np.tile(both[min(number - 2, len(both) - 1)], (len(points), 1, 1))
         checks.append((number, polygon, points, np.asarray(start + quarters)))
     least, at = math.inf, 0

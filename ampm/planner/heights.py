@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ampm.description import SoleGeometry
 from ampm.exceptions import BodilyRefusal
+from ampm.geometry import rotations
 from ampm.parameters import GRAVITY
 from ampm.planner.blend import BlendLaw, shape
 from ampm.planner.contacts import Footstep, footprint
@@ -124,7 +125,7 @@ class Ground:
             BodilyRefusal: footsteps of different heights are too near to each other for an edge.
         """
         heading, z = footsteps[0].heading, np.array([step.position[2] for step in footsteps])
-        outlines = np.stack([footprint(sole, step) for step in footsteps]) @ _axes(heading)
+        outlines = np.stack([footprint(sole, step) for step in footsteps]) @ rotations(heading)
         soles = np.stack([outlines.min(axis=1), outlines.max(axis=1)], axis=1)  # low and high of each
         starts = np.flatnonzero(np.diff(z, prepend=np.nan))
         parts: list[tuple[Array, float]] = []
@@ -155,15 +156,9 @@ class Ground:
 
     def at(self, points: Array, around: float = 0.0) -> Array:
         """Height of the floor at points (..., 2) [m], of the highest part within a distance, shape (...)."""
-        own = (points @ _axes(self.heading))[..., None, :]
+        own = (points @ rotations(self.heading))[..., None, :]
         inside = ((own > self.low - around) & (own < self.high + around)).all(axis=-1)
         return np.max(np.where(inside, self.height, self.base), axis=-1, initial=self.base)
-
-
-def _axes(heading: float) -> Array:
-    """Axes along and across a heading, by columns."""
-    c, s = math.cos(heading), math.sin(heading)
-    return np.array([[c, -s], [s, c]])
 
 
 def _around(boxes: Array) -> Array:
@@ -189,6 +184,9 @@ def _refuse_near(number: int, gap: float, rise: float) -> None:
         raise BodilyRefusal(
             f"footstep {number} is {gap:.3g} m from one that is {rise:.3g} m higher, nearer than "
             f"{2.0 * EDGE:g} m, so that no edge of the floor fits between them",
-            reason="no_room_for_edge", value=gap, limit=2.0 * EDGE, unit="m",
+            reason="no_room_for_edge",
+            value=gap,
+            limit=2.0 * EDGE,
+            unit="m",
             way_out="move them apart, or give them the same height",
-        )  # fmt: skip
+        )

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.description import BodyDescription
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner import footsteps as walks
 from ampm.planner.contacts import Contacts, Footstep
@@ -30,7 +30,6 @@ Array = NDArray[np.float64]
 
 LEAST_LEFT = 0.25
 """Least share of a swing that must be left to move its landing; after it the next step is moved [1]."""
-_FARTHEST = 0.35  # most by which a landing is moved, as a share of the leg's length [1]
 _TRIAL = 0.01  # displacement of the landing in the second and third solve [m]
 
 
@@ -83,7 +82,7 @@ class LiveWalk(NamedTuple):
         Raises:
             InputError: the time is before the last request, no number, or too late; or the footsteps do not
                 go on.
-            BodilyRefusal: the landing would have to move too far, or feet would cross.
+            BodilyRefusal: feet would cross.
         """
         old, run = self.walk.contacts, self.run
         k = self._swing(at)
@@ -183,17 +182,6 @@ class LiveWalk(NamedTuple):
                 break
             inverse_a = np.minimum(inverse_a, largest)
             slopes = 1.0 + share[:, None] * (slopes - 1.0)
-        distance, most = float(np.hypot(*by)), _FARTHEST * self.body.leg_length
-        if not distance <= most:
-            raise BodilyRefusal(
-                f"the request at {begin:.3f} s moves footstep {k + 3} by {distance:.3g} m, more than "
-                f"{most:.3g} m",
-                reason="change_out_of_reach",
-                value=distance,
-                limit=most,
-                unit="m",
-                way_out="walk slower, or ask for footsteps nearer to those before",
-            )
         return moved, problem, solved, by
 
 

@@ -187,7 +187,7 @@ def _dcm_step(steps: StepPlan, axis: _Axis, in_single: Array, in_double: Array) 
     moving = np.array([axis.begin, (axis.end - axis.begin) / single])
 
     def motion(time: Any, p: Array, growing: float, decaying: float) -> Array:
-        """Motion of ``u'' = w^2 (u - p)``, p at most cubic: ``u = p + p''/w^2 + A exp(w t) + B exp(-w t)``."""
+        """``u = p + p''/w^2 + A exp(w t) + B exp(-w t)`` solves ``u'' = w^2 (u - p)`` for p at most cubic."""
         middle = polynomial.polyadd(p, polynomial.polyder(p, 2) / w**2)
         up, down = growing * np.exp(w * time), decaying * np.exp(-w * time)
         position = polynomial.polyval(time, middle) + up + down

@@ -77,9 +77,12 @@ def _missing_height(contacts: Contacts, feet: FeetPlan, sole: SoleGeometry) -> A
             raise BodilyRefusal(
                 f"footstep {k + 3}: the {steps[k].foot} foot would have to swing {missing[k]:.2g} m higher "
                 f"than the gait's to pass the edge of the floor, more than {_HIGHEST:g} m",
-                reason="edge_in_the_way", value=float(missing[k]), limit=_HIGHEST, unit="m",
+                reason="edge_in_the_way",
+                value=float(missing[k]),
+                limit=_HIGHEST,
+                unit="m",
                 way_out="lengthen the steps about it, or take a lower one",
-            )  # fmt: skip
+            )
     return missing
 
 

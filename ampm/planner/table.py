@@ -132,7 +132,8 @@ def _contacts(times: Array, stance: NDArray[np.str_], left: Array, right: Array)
         right: the same of the right foot, shape (P, 2) [m].
     """
     places: dict[Side, Array] = {"left": left, "right": right}
-    phases, footsteps = [], []
+    phases: list[Phase] = []
+    footsteps: list[Footstep] = []
     for k, stands in enumerate(stance):
         standing: dict[Side, Footstep | None] = {"left": None, "right": None}
         for foot, place in places.items():
@@ -254,8 +255,8 @@ def mirrored(places: Array, steps: NDArray[Any], length: float) -> Array:
 def closed_step(steps: StepPlan) -> StepPlan:
     """The first step of a table whose steps repeat, with an end that is exactly its mirrored start.
 
-    A quintic closes the gap. L_x is then opposite at both ends, and L_y the same with zero mean over the step,
-    as a periodic step has.
+    A quintic closes the gap. L_x is then opposite at both ends, and L_y the same with zero mean over the
+    step, as a periodic step has.
     """
     duration, length, phase = steps.constants.step_duration, steps.contacts.step_length, steps.phases[0]
     laws, gained = [], []
@@ -266,10 +267,13 @@ def closed_step(steps: StepPlan) -> StepPlan:
         motion = np.array([state.position, state.velocity, state.acceleration])
         gap = sign * motion[:, 0] - motion[:, -1] + [shift, 0.0, 0.0]
         curve = quintic(np.zeros(3), gap, duration)
-        motion += [polynomial.polyval(times, polynomial.polyder(curve, order)) for order in range(3)]
+        position, velocity, acceleration = (
+            values + polynomial.polyval(times, polynomial.polyder(curve, order))
+            for order, values in enumerate(motion)
+        )
         gained.append(float(state.moment_arm_integral[-1]))
         drift = gained[-1] / duration if sign > 0.0 else 0.0
-        laws.append(SampledLaw(times, *motion, state.zmp, state.moment_arm - drift))
+        laws.append(SampledLaw(times, position, velocity, acceleration, state.zmp, state.moment_arm - drift))
     grid = np.linspace(0.0, duration, 1001)
     mean = float(np.trapezoid(laws[0].evaluate(grid).moment_arm_integral, grid)) / duration
     momentum = -0.5 * steps.weight * gained[1], steps.weight * mean
