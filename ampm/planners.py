@@ -88,6 +88,19 @@ class TablePlanner:
             InputError: the table makes no plan.
             BodilyRefusal: the body cannot walk it.
         """
+        try:
+            return self._plan(run, robot)
+        except BodilyRefusal as error:
+            raise BodilyRefusal(
+                str(error).removesuffix(f"; {error.way_out}."),
+                reason=error.reason,
+                value=error.value,
+                limit=error.limit,
+                unit=error.unit,
+                way_out="change the table, or give it 200 rows a second or more",
+            ) from error
+
+    def _plan(self, run: RunParameters, robot: Robot) -> WalkPlan:
         plan = table_plan(self.table, mass=run.body.mass, com_height=run.gait.com_height)
         lift_speed = plan.constants.l_s / plan.constants.single_support_duration
         feet = plan_feet(plan.contacts, run.foot, robot.description.sole, lift_speed)

@@ -58,7 +58,7 @@ def main() -> None:
             ("normal", gait("ipm-faster", "ipm", FASTER, like="ipm")),
             (
                 gait("flat-quick", "flat", RESTING, like="ipm"),
-                gait("flat-ipm", "flat", RESTING, "gait.model=ipm", like="ipm"),
+                gait("flat-ipm", "flat", RESTING, "gait.planner=lipm", like="ipm"),
             ),
         ]
         pairs = [

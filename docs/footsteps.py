@@ -49,8 +49,48 @@ def walks(length: float, width: float, climb: float) -> dict[str, list[Footstep]
     for seed in range(3):
         found[f"stones {seed}"] = routes.stones(10, 5.0 / 6.0 * length, width, seed=seed)
     for seed in range(2):
-        found[f"tour {seed}"] = routes.tour(50, 5.0 / 6.0 * length, width, seed=seed)
+        found[f"tour {seed}"] = tour(50, 5.0 / 6.0 * length, width, seed=seed)
     return found
+
+
+def tour(steps: int, length: float, width: float, *, seed: int = 0) -> list[Footstep]:
+    """Uneven steps ahead, arcs, turns in place, sidesteps and steps back, in any order.
+
+    Arcs have a radius of two steps. A step in place separates what goes ahead, aside and back.
+
+    Args:
+        steps: how many.
+        length: mean of the steps ahead [m].
+        width: lateral distance of the feet [m].
+        seed: of the order, the directions and the lengths.
+    """
+    generator = np.random.default_rng(seed)
+    frames: list[routes.Frame] = [(0.0, 0.0, 0.0)]
+    kinds: list[str] = []
+    while len(frames) < steps:
+        kinds = kinds or list(generator.permutation(["uneven", "arc", "turn", "aside", "back"]))
+        kind, way = kinds.pop(), float(generator.choice([-1.0, 1.0]))
+        for k in range(int(generator.integers(4, 9))):
+            swings = "right" if len(frames) % 2 else "left"  # the foot that this step moves
+            ahead = aside = turned = 0.0
+            if kind == "uneven":
+                ahead = length * (1.0 + 0.25 * generator.uniform(-1.0, 1.0))
+            elif kind == "arc":
+                ahead, turned = 0.8 * length, 0.4 * way
+            elif kind == "turn":
+                turned = 0.35 * way
+            elif kind == "back":
+                ahead = -0.6 * length
+            elif swings == ("left" if way > 0.0 else "right"):
+                aside = 0.4 * length * way
+            if k == 0:
+                ahead = aside = turned = 0.0
+            x, y, heading = frames[-1]
+            middle = heading + 0.5 * turned
+            x += ahead * math.cos(middle) - aside * math.sin(middle)
+            y += ahead * math.sin(middle) + aside * math.cos(middle)
+            frames.append((x, y, heading + turned))
+    return routes.route(frames[:steps], width, toe_out=routes.TOE_OUT)
 
 
 def bodies() -> Iterator[tuple[str, RunParameters, dict[str, list[Footstep]]]]:

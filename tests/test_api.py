@@ -13,7 +13,7 @@ import ampm
 import validation as val
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
-from ampm.planners import AmpmPeriodic
+from ampm.planners import PeriodicPlanner
 from ampm.walk import ControlOutput
 from validation.cli.app import Status, call
 
@@ -40,8 +40,11 @@ class Limp:
         return ControlOutput(self.torque)
 
 
-class Planner(AmpmPeriodic):
+class Planner:
     """A planner of a user's own."""
+
+    def plan(self, run, robot):
+        return PeriodicPlanner().plan(run, robot)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +86,7 @@ def test_users_code_cannot_change_arrays_of_body_plan_and_comparison(trial):
     robot, comparison = trial.planned.body.robot, trial.comparison
     arrays = [robot.torque_limit, robot.lower, robot.upper, robot.point_foot, *robot.leg_joints]
     arrays += [*comparison.rows.values(), comparison.momentum_z]
-    arrays += [trial.plan.jump_times, trial.plan.at(0.3).contacts.until_lift]
+    arrays += [trial.plan.jump_times, trial.plan.table([0.3])[0].contacts.until_lift]
     assert not any(array.flags.writeable for array in arrays)
 
 
@@ -120,26 +123,23 @@ class Broken:
     def update(self, state, touch, reference):
         return 1
 
-    def plan(self, request, begin=None):
+    def plan(self, run, robot):
         return 1
 
     def apply(self, time, plant):
         raise KeyError("gusts")
 
 
-class Slack(AmpmPeriodic):
+class Slack:
     """A planner whose posture gives what is no state of the body."""
 
     def __init__(self, change):
         self.change = change
 
-    def plan(self, request, begin=None):
-        plan = super().plan(request)
+    def plan(self, run, robot):
+        plan = PeriodicPlanner().plan(run, robot)
         sample = plan.posture.sample
-        posture: Any = SimpleNamespace(
-            angular_momentum_y_offset=plan.posture.angular_momentum_y_offset,
-            sample=lambda times: self.change(sample(times)),
-        )
+        posture: Any = SimpleNamespace(sample=lambda times: self.change(sample(times)))
         return replace(plan, posture=posture)
 
 

@@ -187,7 +187,7 @@ def test_samples_cannot_be_changed(plan):
     for item in fields(sample):
         assert not getattr(sample, item.name).flags.writeable
     with pytest.raises(ValueError):
-        plan.feet.left.path[0] = 0.0
+        plan.feet.left.curve[0] = 0.0
 
 
 def test_what_has_no_feet_is_refused():
@@ -296,6 +296,6 @@ def test_papers_swing_is_one_cubic_spline_through_its_highest_key_frame():
         )
     low, high = (point_motion(side, SOLE.ball_x)[2] for side in sides)
     np.testing.assert_allclose(low, high, atol=1e-5)  # the acceleration is continuous within the swing
-    coefficients = plan.feet.left.path
+    coefficients = plan.feet.left.curve[:, :3]
     np.testing.assert_array_equal(coefficients[..., 4:], 0.0)
-    np.testing.assert_array_equal(plan.feet.left.pitch[:, 4:], 0.0)
+    np.testing.assert_array_equal(plan.feet.left.curve[:, 3, 4:], 0.0)

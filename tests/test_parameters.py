@@ -39,7 +39,7 @@ def test_the_demos_of_one_figure_differ_in_one_parameter():
     assert min(pitch.step_length, low.step_length) > normal.gait.step_length
     assert pitch.c_y == low.c_y == 1.0
     ipm = load_run("ipm")
-    assert ipm.gait == normal.replace({"gait.model": "ipm", "gait.a_s": math.inf}).gait
+    assert ipm.gait == normal.replace({"gait.planner": "lipm"}).gait
     for section in ("body", "foot", "contact", "simulation", "solver"):
         assert getattr(ipm, section) == getattr(normal, section)
     changed = {k for k, v in ipm.controller if v != getattr(normal.controller, k)}

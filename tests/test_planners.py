@@ -1,13 +1,12 @@
 """Planners and postures: the periodic one, and one of a user's own, walked."""
 
-from typing import Any
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from ampm.body.motion import PeriodicPosture
 from ampm.exceptions import InputError
-from ampm.planners import AmpmPeriodic, PeriodicWalk, TablePlanner, WalkRequest
+from ampm.planners import PeriodicPlanner, TablePlanner
 from tests.solved import COARSE, motion_of, walk_of
 from tests.test_disturbances import example
 from tests.test_motion import same
@@ -19,29 +18,23 @@ UprightWalk = example("upright_walk").UprightWalk
 
 
 @pytest.fixture(scope="module")
-def request_of_walk():
-    return WalkRequest(walk_of(COARSE).run, walk_of(COARSE).robot)
+def inputs():
+    """Run and body."""
+    return walk_of(COARSE).run, walk_of(COARSE).robot
 
 
-def test_the_periodic_walk_is_the_plan_with_its_motion(request_of_walk):
-    plan, motion = AmpmPeriodic().plan(request_of_walk), motion_of(COARSE)
-    assert isinstance(plan, PeriodicWalk)
+def test_the_periodic_walk_is_the_plan_with_its_motion(inputs):
+    plan, motion = PeriodicPlanner().plan(*inputs), motion_of(COARSE)
+    assert isinstance(plan.posture, PeriodicPosture)
     assert same(plan.posture.motion, motion)
     assert plan.constants.angular_momentum_y_offset == motion.report.angular_momentum_y_offset
     assert plan.posture.report() == motion.report.as_dict()
     body = plan.posture.sample([0.1, 0.9])
-    assert body.q.tobytes() == motion.sample([0.1, 0.9], request_of_walk.robot).q.tobytes()
+    assert body.q.tobytes() == motion.sample([0.1, 0.9], inputs[1]).q.tobytes()
 
 
-def test_planners_of_a_whole_walk_take_no_boundary(request_of_walk):
-    begin: Any = object()
-    for planner in (AmpmPeriodic(), UprightWalk()):
-        with pytest.raises(InputError, match="boundary"):
-            planner.plan(request_of_walk, begin)
-
-
-def test_a_swaying_posture_begins_on_the_plan(request_of_walk):
-    plan, robot = UprightWalk().plan(request_of_walk), request_of_walk.robot
+def test_a_swaying_posture_begins_on_the_plan(inputs):
+    plan, robot = UprightWalk().plan(*inputs), inputs[1]
     begin = plan.posture.sample([0.0]).q[0]
     data = robot.model.createData()
     velocity = plan.posture.sample([0.0]).v[0]
@@ -52,8 +45,8 @@ def test_a_swaying_posture_begins_on_the_plan(request_of_walk):
     )
 
 
-def test_a_swaying_posture_is_near_the_periodic_motion(request_of_walk):
-    sway, orbit = UprightWalk().plan(request_of_walk), AmpmPeriodic().plan(request_of_walk)
+def test_a_swaying_posture_is_near_the_periodic_motion(inputs):
+    sway, orbit = UprightWalk().plan(*inputs), PeriodicPlanner().plan(*inputs)
     offset = orbit.constants.angular_momentum_y_offset
     assert sway.constants.angular_momentum_y_offset == pytest.approx(offset, rel=0.1)
     times = np.linspace(0.05, 2.0 * orbit.constants.step_duration, 40)

@@ -119,22 +119,6 @@ def test_tables_that_make_no_plan(change, words):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"zmp": np.zeros((3, 2))}, "shape"),
-        ({"com": np.full((401, 2), np.nan)}, "no numbers"),
-        ({"time": np.linspace(0.1, 10.1, 401)}, "ascend from 0"),
-        ({"time": np.linspace(0.0, 0.1, 401)}, "ascend from 0"),
-    ],
-)
-def test_arrays_that_make_no_plan(change, words):
-    time, contacts = np.linspace(0.0, 10.0, 401), planned(steps=1).contacts
-    given = {"time": time, "com": np.zeros((401, 2)), "zmp": np.zeros((401, 2)), "contacts": contacts}
-    with pytest.raises(InputError, match=words):
-        ampm.sampled_plan(**{**given, **change}, mass=60.0, com_height=0.865)
-
-
-@pytest.mark.parametrize(
     ("name", "content", "words"),
     [
         ("a.csv", "", "cannot be read as a table"),
@@ -160,7 +144,7 @@ def test_a_pipe_is_no_table(tmp_path):
 def test_a_table_of_few_rows_is_told_how_many_it_needs(tmp_path):
     run = ampm.load_run("normal", gait={"planner": "preview", "steps": STEPS})
     write_columns(table_of(plan_walk(Request("normal", run)).plan, 20.0), tmp_path / "plan.csv")
-    with pytest.raises(BodilyRefusal, match="give the table 200 rows a second or more, it has 20") as refused:
+    with pytest.raises(BodilyRefusal, match="or give it 200 rows a second or more") as refused:
         val.walk(run, planner=str(tmp_path / "plan.csv"))
     assert "a_s to" not in str(refused.value)
 
@@ -175,7 +159,7 @@ def test_keys_that_a_table_decides_are_reported(tmp_path, capsys):
 def test_a_refused_table_is_to_be_changed_itself(tmp_path):
     table = table_of(planned())
     write_columns({**table, "com_z": np.full(len(table["time"]), 1.2)}, tmp_path / "high.csv")
-    with pytest.raises(BodilyRefusal, match="lower the table's com_height"):
+    with pytest.raises(BodilyRefusal, match="change the table"):
         val.walk(planner=str(tmp_path / "high.csv"))
 
 

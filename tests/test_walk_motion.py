@@ -10,7 +10,7 @@ from ampm.exceptions import BodilyRefusal
 from ampm.parameters import RunParameters
 from ampm.planner import routes
 from ampm.planner.contacts import Footstep
-from ampm.planners import AmpmFootsteps, WalkRequest
+from ampm.planners import FootstepPlanner
 from tests.test_bodies import BIPED, run_of
 from tests.walk import assert_follows
 from validation.trial.plan import complete, load_request, make_body
@@ -27,7 +27,7 @@ def gait_of(source: str) -> RunParameters:
 
 def plan(run: RunParameters, footsteps: list[Footstep]) -> None:
     run = run.replace({}, footsteps=routes.as_rows(footsteps))
-    AmpmFootsteps().plan(WalkRequest(run=run, robot=make_body(run).robot))
+    FootstepPlanner().plan(run, make_body(run).robot)
 
 
 @pytest.mark.parametrize("footsteps", [routes.straight(4, 0.45, 0.2), routes.arc(5, 0.4, -1.0, 0.2)])

@@ -8,6 +8,9 @@ import numpy as np
 
 from ampm.body.robot import Gaps
 from ampm.description import SoleGeometry
+from ampm.planner import routes
+from ampm.planner.periodic import plan_gait
+from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
 from ampm.walk import UNSOLVED, PostureState, WalkPlan
@@ -39,10 +42,9 @@ SOLE = SoleGeometry(-0.107, 0.083, 0.151, 0.03, 0.045, 0.03, -0.042, 0.066)
 
 @dataclass(frozen=True)
 class PlannedMomentum:
-    """A posture of which only L_z is known, as a function of time; it needs no mean of L_y."""
+    """A posture of which only L_z is known, as a function of time."""
 
     momentum_z: Callable[[np.ndarray], np.ndarray]
-    angular_momentum_y_offset: float = 0.0
 
     def sample(self, times):
         times = np.asarray(times)
@@ -51,6 +53,17 @@ class PlannedMomentum:
 
     def report(self):
         return {}
+
+
+def stop_and_go(steps, length, run, pause=1.0, width=0.2):
+    """Equal steps ahead, a stand, as many again; and when each is reached [s], None but after the stand."""
+    constants = plan_gait(run.gait, run.body.mass).constants
+    places = [k * length for k in (*range(steps), *range(steps - 1, 2 * steps - 1))]
+    footsteps = routes.route([(x, 0.0, 0.0) for x in places], width)
+    landings = [None] * len(footsteps)
+    stopped = SETTLING + steps * constants.step_duration - constants.double_support_duration
+    landings[steps + 2] = stopped + 2.0 * SETTLING + pause + constants.single_support_duration
+    return footsteps, landings
 
 
 def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):

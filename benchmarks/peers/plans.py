@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ampm.geometry import Array, polygon_margin
-from ampm.planner.support import StepPlan, plan_steps
 from ampm.planner.step_planners import dcm_steps, preview_steps, reference_zmp, step_axes
+from ampm.planner.support import StepPlan, plan_steps
 from ampm.qp import DaqpBackend
 from benchmarks.clock import repeat
 from validation.trial.plan import load_request, make_body

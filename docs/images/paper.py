@@ -106,7 +106,7 @@ def walk(gait, *settings, steps=12):
 def planned(*settings):
     """A walk of ``normal`` with some settings, planned but not walked."""
     run = ampm.load_run("normal", settings).as_is()
-    return ampm.AmpmPeriodic().plan(ampm.WalkRequest(run, walk("normal").robot))
+    return ampm.PeriodicPlanner().plan(run, walk("normal").robot)
 
 
 def shade(axis, walk):
