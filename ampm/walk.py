@@ -443,18 +443,13 @@ class ControllerFactory(Protocol):
         ...
 
 
-def _both(feet: tuple[FootSample, FootSample], name: str) -> Any:
-    """One array of both feet, left first, shape (T, 2, ...)."""
-    return np.stack([getattr(foot, name) for foot in feet], axis=1)
-
-
 def _feet_state(feet: tuple[FootSample, FootSample], held: tuple[FootSample, FootSample]) -> FeetState:
     """Both feet as one; accelerations are those of ``held``."""
-    turning = np.stack([foot_turning(foot)[0] for foot in feet], axis=1)
-    changing = np.stack([foot_turning(foot)[1] for foot in held], axis=1)
+    both = list(zip(feet, held, strict=True))
+    linear = np.array([(now.position, now.velocity, later.acceleration) for now, later in both])
+    angular = np.array([(foot_turning(now)[0], foot_turning(later)[1]) for now, later in both])
+    toe = np.array([(now.toe, now.toe_velocity, later.toe_acceleration) for now, later in both])
+    rotation = np.stack([foot_rotation(foot.heading, foot.pitch) for foot in feet], axis=1)
     return FeetState.of(
-        np.stack([_both(feet, "position"), _both(feet, "velocity"), _both(held, "acceleration")], axis=2),
-        foot_rotation(_both(feet, "heading"), _both(feet, "pitch")),
-        np.stack([turning, changing], axis=2),
-        np.stack([_both(feet, "toe"), _both(feet, "toe_velocity"), _both(held, "toe_acceleration")], axis=2),
+        linear.transpose(2, 0, 1, 3), rotation, angular.transpose(2, 0, 1, 3), toe.transpose(2, 0, 1)
     )

@@ -179,7 +179,7 @@ class Short(Broken):
         ),
         ({"planner": Slack(lambda state: state._replace(v=np.nan * state.v))}, "'v' of its posture at 0 s"),
         ({"planner": Slack(lambda state: state._replace(trunk=state.q[:, :9]))}, "'trunk' .*must be 3 x 3"),
-        ({"planner": Slack(lambda state: state._replace(v=state.v[:-1]))}, "arrays of 1 and 2 instants"),
+        ({"planner": Slack(lambda state: state._replace(v=state.v[:-1]))}, "arrays of 0 and 1 instants"),
     ],
 )
 def test_errors_of_a_users_own_classes_are_one_sentence(options, words):

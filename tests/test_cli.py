@@ -113,7 +113,7 @@ def test_other_commands_than_the_trial_take_a_body(ampm):
         ("validate normal --controller mine --out out", "MODULE:CLASS"),
         ("validate normal --controller no_such_module:A --out out", "no_such_module"),
         ("validate normal --planner json:Planner --out out", "Planner"),
-        ("validate normal --planner kajita --out out", "none of ampm, ipm, preview, dcm;"),
+        ("validate normal --planner kajita --out out", "none of ampm, lipm, ipm, preview, dcm;"),
         ("validate normal --push chest,1,2 --out out", "SEGMENT"),
         ("validate normal --push chest,1,2,x,1,1 --out out", "SEGMENT"),
         ("validate normal --push chest,10,0,0,-0.5,-0.1 --out out", "-0.5"),

@@ -13,7 +13,6 @@ from ampm.planner.step_planners import (
     JERK_WEIGHT,
     SAMPLE_TIME,
     STEP_PLANNERS,
-    preview_gains,
     reference_zmp,
 )
 from ampm.planner.step_planners import step_axes as axes_of
@@ -114,43 +113,44 @@ def test_the_dcm_obeys_its_dynamics_and_its_recursion():
     )
 
 
-def test_preview_control_is_its_own_recursion_from_any_start():
-    """The periodic plan is what the servo of the paper comes to, with the sum of errors as its integrator."""
+def preview_gains(height, period):
+    """Cart-table A, B, C, and the servo's gains of error, state and preview (Kajita et al. 2003)."""
+    A = np.array([[1.0, period, 0.5 * period**2], [0.0, 1.0, period], [0.0, 0.0, 1.0]])
+    B = np.array([[period**3 / 6.0], [0.5 * period**2], [period]])
+    C = np.array([[1.0, 0.0, -height / GRAVITY]])
+    big_A, big_B = np.block([[np.ones((1, 1)), C @ A], [np.zeros((3, 1)), A]]), np.vstack([C @ B, B])
+    P = solve_discrete_are(big_A, big_B, np.diag([1.0, 0.0, 0.0, 0.0]), [[JERK_WEIGHT]])
+    scale = JERK_WEIGHT + (big_B.T @ P @ big_B)[0, 0]
+    of_state = big_B.T @ P @ np.vstack([C @ A, A]) / scale
+    closed = big_A - big_B @ (big_B.T @ P @ big_A) / scale
+    preview, ahead = [], -P @ np.eye(4)[:, 0]
+    for _ in range(round(6.4 / period)):
+        preview.append((big_B.T @ ahead)[0] / scale)
+        ahead = closed.T @ ahead
+    return A, B[:, 0], C[0], (big_B.T @ P)[0, 0] / scale, of_state[0], np.array(preview)
+
+
+def test_preview_control_is_what_the_papers_servo_comes_to():
+    """From any start, with the sum of errors as its integrator and 6.4 s of preview."""
     _, plan = plans("normal", "preview")
-    law, count = plan.phases[0].x, round(plan.constants.step_duration / SAMPLE_TIME)
+    count = round(plan.constants.step_duration / SAMPLE_TIME)
     period = plan.constants.step_duration / count
-    gains = preview_gains(plan.com_height, plan.gravity, period)
-    for axis, one in zip(axes_of(plans("normal", "ampm")[0]), (law, plan.phases[0].y), strict=True):
-        ahead, number = len(gains.preview), 20 * count
+    A, B, C, of_error, of_state, preview = preview_gains(plan.com_height, period)
+    for axis, law in zip(
+        axes_of(plans("normal", "ampm")[0]), (plan.phases[0].x, plan.phases[0].y), strict=True
+    ):
+        ahead, number = len(preview), 20 * count
         reference = reference_zmp(plan, axis, period * np.arange(number + ahead + 1))
         state, total, states = np.array([0.05, 0.1, 0.0]), 0.0, []
         for k in range(number):
             states.append(state)
-            total += gains.C @ state - reference[k]
-            jerk = -gains.feedback[0] * total - gains.feedback[1:] @ state
-            jerk -= gains.preview @ reference[k + 1 : k + 1 + ahead]
-            state = gains.A @ state + gains.B * jerk
-        position, velocity, acceleration = np.array(states[18 * count :]).T  # an even step, like the first
-        expected = one.position[:count] + (18 * axis.shift)
-        np.testing.assert_allclose(position[:count], expected, rtol=0.0, atol=1e-9)
-        np.testing.assert_allclose(velocity[:count], one.velocity[:count], rtol=0.0, atol=1e-9)
-        np.testing.assert_allclose(acceleration[:count], one.acceleration[:count], atol=1e-8)
-
-
-def test_gains_of_preview_control_are_the_papers():
-    """G_i, G_x and the first gain of the preview, from the Riccati equation (Kajita et al. 2003)."""
-    gains = preview_gains(0.814, GRAVITY, 0.005)
-    A, B = gains.in_errors()
-    weight = np.diag([1.0, 0.0, 0.0, 0.0])
-    P = solve_discrete_are(A, B[:, None], weight, [[JERK_WEIGHT]])
-    F = np.vstack([gains.C @ gains.A, gains.A])
-    scale = JERK_WEIGHT + B @ P @ B
-    np.testing.assert_allclose(gains.feedback[0], B @ P[:, 0] / scale, rtol=1e-9)
-    np.testing.assert_allclose(gains.feedback[1:], B @ P @ F / scale, rtol=1e-9)
-    assert gains.preview[0] == pytest.approx(-gains.feedback[0], rel=1e-9)
-    # All the gains of a ZMP at rest cancel those of a COM at rest over it.
-    assert gains.preview.sum() + gains.feedback[1] == pytest.approx(0.0, abs=1e-4 * gains.feedback[1])
-    assert abs(np.linalg.eigvals(A - np.outer(B, gains.feedback))).max() < 1.0
+            total += C @ state - reference[k]
+            jerk = -of_error * total - of_state @ state - preview @ reference[k + 1 : k + 1 + ahead]
+            state = A @ state + B * jerk
+        expected = np.array(states[18 * count : 19 * count]).T  # an even step, like the first
+        expected[0] -= 18 * axis.shift
+        motion = np.array([law.position, law.velocity, law.acceleration])[:, :count]
+        np.testing.assert_allclose(motion, expected, rtol=0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("planner", ["preview", "dcm", "ipm"])

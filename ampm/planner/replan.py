@@ -74,18 +74,19 @@ class LiveWalk(NamedTuple):
         A request in double support, or at the end of a swing, is met by the next swing.
 
         Args:
-            at: time of the request, not before the last one [s].
+            at: time of the request, not before the swing that met the last one [s].
             ahead: from the one on which the foot lands that swings, two or more, left and right in turn. All
                 of them are moved by the displacement with which velocities agree. None: the walk stops, the
                 other foot beside the next footstep; in the last swing this changes nothing.
 
         Raises:
-            InputError: the time is before the last request, no number, or too late; or the footsteps do not
-                go on.
+            InputError: the time is too early or too late, or the footsteps do not go on.
             BodilyRefusal: feet would cross.
         """
         old, run = self.walk.contacts, self.run
         k = self._swing(at)
+        if not at >= 0.0 or k < self.first:
+            raise InputError(f"a request at {at:g} s comes before the rest of the walk; ask later.", value=at)
         if ahead is None and k >= old.steps - 1:
             return self
         if k >= old.steps:
@@ -113,21 +114,15 @@ class LiveWalk(NamedTuple):
         new = walks.phases_between(starts, supports, problem, solved, self.body.mass)
         plan = replace(self.walk.nominal, contacts=contacts, phases=(*kept, *new))
         steps = with_feet(in_turn([(0.0, plan)]), run, self.body)
-        before, after, landed = self.steps.feet, steps.feet, float(contacts.starts[2 * k + 2])
-        left, right = (
-            _joined(before.left, after.left, begin, landed),
-            _joined(before.right, after.right, begin, landed),
-        )
+        before, after, until = self.steps.feet, steps.feet, float(contacts.starts[2 * k + 2])
+        left = _joined(before.left, after.left, begin, until)
+        right = _joined(before.right, after.right, begin, until)
         feet = FeetPlan(self.body.sole, left, right, steps.duration)
         walk = walks.Walk(self.walk.nominal, contacts, supports, problem, solved)
         return LiveWalk(run, self.body, replace(steps, feet=feet), walk, k, begin)
 
     def _swing(self, at: float) -> int:
         """Number of the swing that meets a request, from 0."""
-        if not at >= (self.begin if self.first else 0.0):
-            raise InputError(
-                f"a request at {at:g} s is not in the rest of the walk; give a later time.", value=at
-            )
         contacts, lead = self.walk.contacts, max(self.run.foot.heel_rise_lead, 0.0)
         single = contacts.starts[2::2] - contacts.starts[1::2]
         return int(np.searchsorted(contacts.starts[1::2] + (1.0 - LEAST_LEFT) * single - lead, at))

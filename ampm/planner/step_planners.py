@@ -13,7 +13,7 @@ need), here linearly in time, and rests in the frontal plane. In double support 
 
 - ``ipm``: the plain inverted pendulum at these times; its ZMP rests under the foot.
 - ``preview`` (Kajita et al., "Biped walking pattern generation by using preview control of zero-moment
-  point", ICRA 2003): linear in time in double support, too; the least jerk follows it.
+  point", ICRA 2003): linear in time in double support, too; the least change of jerk follows it.
 - ``dcm`` (Englsberger, Ott & Albu-Schaeffer, "Three-dimensional bipedal walking control based on divergent
   component of motion", IEEE T-RO 31(2), 2015): closed form in single support, a cubic in double support.
 
@@ -42,9 +42,6 @@ SAMPLE_TIME = 0.005
 """Sampling time of preview control [s], of Kajita et al.; adapted to a whole number of samples in a step."""
 DCM_SAMPLE_TIME = 0.001
 """Largest time between samples of a DCM plan, between which its ZMP is linear [s]."""
-PREVIEW_TIME = 3.2
-"""Time for which preview control sees the ZMP in advance [s]; with half of it, as in that paper, the ZMP
-stays 2.5 mm behind at 0.9 m/s."""
 JERK_WEIGHT = 1e-6
 """Weight R of the squared change of jerk over that of the squared ZMP error [s^6], of that paper."""
 
@@ -67,11 +64,6 @@ class _Axis(NamedTuple):
     def next(self) -> float:
         """ZMP at the start of the next single support [m]."""
         return self.sign * self.begin + self.shift
-
-    def returned(self, value: Array, step: NDArray[Any]) -> Array:
-        """A position of the first step in later ones."""
-        moved: Array = self.sign**step * value + step * self.shift
-        return moved
 
 
 def step_axes(steps: StepPlan) -> tuple[_Axis, _Axis]:
@@ -214,57 +206,6 @@ def _dcm_step(steps: StepPlan, axis: _Axis, in_single: Array, in_double: Array) 
 # ---------------------------------------------------------------------------------------------- preview
 
 
-class PreviewGains(NamedTuple):
-    """Cart-table in discrete time and the gains of its preview control, for the state x = (u, u', u'').
-
-    ``x(k+1) = A x(k) + B j(k)`` with the jerk j, ``p = C x``, and with ``e = p - p_ref``
-
-        j(k+1) - j(k) = -K (e(k+1), x(k+1) - x(k)) - sum over i of F_i (p_ref(k+1+i) - p_ref(k+i))
-
-    Attributes:
-        A, B, C: shapes (3, 3), (3,), (3,).
-        feedback: K, of the error and of the differences of the state, shape (4,).
-        preview: F_1, F_2, ..., shape (n,).
-    """
-
-    A: Array
-    B: Array
-    C: Array
-    feedback: Array
-    preview: Array
-
-    def in_errors(self) -> tuple[Array, Array]:
-        """A, (4, 4), and B, (4,), for the state (e(k), x(k) - x(k-1)) and the difference of the jerk."""
-        A = np.block([[np.ones((1, 1)), (self.C @ self.A)[None]], [np.zeros((3, 1)), self.A]])
-        return A, np.concatenate([[self.C @ self.B], self.B])
-
-
-def preview_gains(height: float, gravity: float, period: float) -> PreviewGains:
-    """Gains that minimise the sum of ``e^2 + R (j(k+1) - j(k))^2`` by the discrete Riccati equation.
-
-    Args:
-        height: of the COM [m].
-        gravity: [m/s^2].
-        period: sampling time [s].
-    """
-    from scipy.linalg import solve_discrete_are  # imported here: SciPy is slow to load
-
-    A = np.array([[1.0, period, 0.5 * period**2], [0.0, 1.0, period], [0.0, 0.0, 1.0]])
-    B = np.array([period**3 / 6.0, 0.5 * period**2, period])
-    C = np.array([1.0, 0.0, -height / gravity])
-    gains = PreviewGains(A, B, C, np.zeros(4), np.zeros(0))
-    error, (A_error, B_error) = np.array([1.0, 0.0, 0.0, 0.0]), gains.in_errors()
-    P = solve_discrete_are(A_error, B_error[:, None], np.outer(error, error), [[JERK_WEIGHT]])
-    scale = JERK_WEIGHT + B_error @ P @ B_error
-    feedback = B_error @ P @ A_error / scale
-    closed = A_error - np.outer(B_error, feedback)
-    preview, ahead = [], -P @ error
-    for _ in range(round(PREVIEW_TIME / period)):
-        preview.append(B_error @ ahead / scale)
-        ahead = closed.T @ ahead
-    return gains._replace(feedback=feedback, preview=np.array(preview))
-
-
 def preview_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:
     """Preview control of the cart-table along a ZMP that is linear in time in either phase.
 
@@ -273,10 +214,8 @@ def preview_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole:
     """
     steps = plan_steps(gait, mass, foot, sole)
     count = round(steps.constants.step_duration / SAMPLE_TIME)
-    period = steps.constants.step_duration / count
-    gains = preview_gains(steps.com_height, steps.gravity, period)
-    motions = [_preview_step(steps, axis, gains, count, period) for axis in step_axes(steps)]
-    return _repeated(steps, np.asarray(period * np.arange(count)), motions)
+    times = np.arange(count) * (steps.constants.step_duration / count)
+    return _repeated(steps, times, [_preview_step(steps, axis, times) for axis in step_axes(steps)])
 
 
 def reference_zmp(steps: StepPlan, axis: _Axis, times: Array) -> Array:
@@ -284,33 +223,34 @@ def reference_zmp(steps: StepPlan, axis: _Axis, times: Array) -> Array:
     step = np.floor(times / steps.constants.step_duration + 1e-9)
     knots = [0.0, steps.constants.single_support_duration, steps.constants.step_duration]
     local = np.interp(times - step * steps.constants.step_duration, knots, [axis.begin, axis.end, axis.next])
-    return axis.returned(local, step)
+    return np.asarray(axis.sign**step * local + step * axis.shift)
 
 
-def _preview_step(steps: StepPlan, axis: _Axis, gains: PreviewGains, count: int, period: float) -> Array:
-    """COM, velocity and acceleration at the samples of the periodic step, shape (3, count)."""
-    preview, (A, B) = gains.preview, gains.in_errors()
-    times = np.asarray(period * np.arange(count + len(preview) + 1), dtype=np.float64)
-    reference = reference_zmp(steps, axis, times)
-    change = np.diff(reference)
-    closed = A - np.outer(B, gains.feedback)
-    force = -np.outer([change[k : k + len(preview)] @ preview for k in range(count)], B)
-    force[:, 0] -= change[:count]
-    # State (e(k), x(k) - x(k-1)): it returns after ``count`` samples, and so does the sum of all forcing.
-    state = np.zeros(4)
-    for term in force:
-        state = closed @ state + term
-    state = np.linalg.solve(axis.sign * np.eye(4) - np.linalg.matrix_power(closed, count), state)
-    states = [state]
-    for term in force:
-        states.append(closed @ states[-1] + term)
-    # From the differences of x = (u, u', u'') over a sample: jerk, acceleration, velocity at its start.
-    error, moved, faster, pushed = np.array(states).T
-    jerk = pushed[1:] / period
-    acceleration = faster[1:] / period - 0.5 * period * jerk
-    velocity = moved[1:] / period - 0.5 * period * acceleration - period**2 / 6.0 * jerk
-    position = error[:-1] + reference[:count] - gains.C[2] * acceleration
-    return np.array([position, velocity, acceleration])
+def _preview_step(steps: StepPlan, axis: _Axis, times: Array) -> Array:
+    """COM, velocity and acceleration at N times of the periodic step, shape (3, N).
+
+    Preview control minimises the sum of ``e(k)^2 + R (j(k+1) - j(k))^2`` of the error of the ZMP and the
+    jerk, which is constant between samples. With all of a periodic reference in preview its walk is the
+    periodic motion with the least such sum: a linear problem in the first state and the jerks of a step.
+    """
+    count, period = len(times), times[1]
+    A = np.array([[1.0, period, 0.5 * period**2], [0.0, 1.0, period], [0.0, 0.0, 1.0]])
+    B = np.array([period**3 / 6.0, 0.5 * period**2, period])
+    # (u, u', u'') at every sample and at the step's end, as maps of the first state and all jerks.
+    states = np.zeros((count + 1, 3, 3 + count))
+    states[0] = np.eye(3, 3 + count)
+    for k in range(count):
+        states[k + 1] = A @ states[k]
+        states[k + 1, :, 3 + k] += B
+    returns = states[-1] - axis.sign * states[0]  # is the shift of the position
+    jerk = np.eye(count, 3 + count, 3)
+    change = np.vstack([jerk[1:], axis.sign * jerk[:1]]) - jerk
+    zmp = states[:-1, 0] - steps.com_height / steps.gravity * states[:-1, 2]
+    system = np.block(
+        [[zmp.T @ zmp + JERK_WEIGHT * change.T @ change, returns.T], [returns, np.zeros((3, 3))]]
+    )
+    right = np.concatenate([zmp.T @ reference_zmp(steps, axis, times), [axis.shift, 0.0, 0.0]])
+    return np.asarray((states[:-1] @ np.linalg.solve(system, right)[:-3]).T)
 
 
 StepPlanner = Callable[[GaitParameters, float, FootParameters, SoleGeometry], StepPlan]
