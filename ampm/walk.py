@@ -14,17 +14,15 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, overload
+from typing import Any, NamedTuple, Protocol, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ampm.parameters import RunParameters
 from ampm.planner.centroidal import PlanSample
 from ampm.planner.feet import FootSample, foot_rotation, foot_turning
 from ampm.planner.support import StepPlan
-
-if TYPE_CHECKING:
-    from ampm.parameters import RunParameters
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -228,12 +228,12 @@ def largest_velocity_change(
     else:
         stance = during.stance
     feet = [path.position[0] for path in plan.feet.sample(np.array([time]))]
-    own, swing = feet if stance == "left" else feet[::-1]
+    standing, swing = feet if stance == "left" else feet[::-1]
     heading = contacts.headings[max(index, 0)]
     along = np.array([float(np.cos(heading)), float(np.sin(heading))])
     across = np.array([-along[1], along[0]])
-    dcm = state.com[0, :2] + state.com_velocity[0, :2] / omega - own[:2]
-    apart = (swing - own)[:2]
+    dcm = state.com[0, :2] + state.com_velocity[0, :2] / omega - standing[:2]
+    apart = (swing - standing)[:2]
     least = reach.swing if double else max(reach.swing - (time - during.start), 0.0)
     forward, left = float(push.direction @ along), float(push.direction @ across)
     if abs(forward) > abs(left):

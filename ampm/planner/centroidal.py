@@ -223,8 +223,8 @@ class CentroidalPlan(Brief):
     @classmethod
     def of(cls, plan: CentroidalPlan, **more: Any) -> Self:
         """A plan of this class with the fields of another plan and further ones."""
-        own = {f.name for f in fields(cls)}
-        return cls(**{f.name: getattr(plan, f.name) for f in fields(plan) if f.name in own} | more)
+        names = {f.name for f in fields(plan)} & {f.name for f in fields(cls)}
+        return cls(**{name: getattr(plan, name) for name in names} | more)
 
     @property
     def duration(self) -> float:

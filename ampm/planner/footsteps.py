@@ -4,18 +4,17 @@ Every single support keeps the paper's law in the axes of its foot; every double
 one (:mod:`ampm.planner.blend`). One banded linear solve joins them (:mod:`ampm.planner.rest_to_rest`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from ampm.description import BodyDescription, SoleGeometry
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.geometry import hull_distance, rotations
 from ampm.parameters import GRAVITY, GaitParameters
@@ -35,9 +34,6 @@ from ampm.planner.rest_to_rest import (
     solve,
     times,
 )
-
-if TYPE_CHECKING:
-    from ampm.description import BodyDescription, SoleGeometry
 
 Array = NDArray[np.float64]
 

@@ -140,15 +140,16 @@ class Ground:
             parts.append((joined, height))
         parts = [part for part in parts if part[1] > z.min()]
         wide = [box + _AROUND * np.array([[-1.0], [1.0]]) for box, _ in parts]
-        for number, ((box, height), own) in enumerate(zip(parts, wide, strict=True)):
+        for number, ((box, height), part) in enumerate(zip(parts, wide, strict=True)):
             for other, at in parts[:number] + parts[number + 1 :]:
                 if at == height:
-                    _cut(own, box, *_apart(box, other), 0.5)
+                    side, gap = _apart(box, other)
+                    _cut(part, box, side, gap, 0.5)
             for step, (other, at) in enumerate(zip(soles, z.tolist(), strict=True), start=1):
                 if at < height:
                     side, gap = _apart(box, other)
                     _refuse_near(step, gap, height - at)
-                    _cut(own, box, side, EDGE, 1.0)
+                    _cut(part, box, side, EDGE, 1.0)
         corners = np.array(wide).reshape(-1, 2, 2)
         return cls(
             heading, float(z.min()), corners[:, 0], corners[:, 1], np.array([part[1] for part in parts])
@@ -156,8 +157,8 @@ class Ground:
 
     def at(self, points: Array, around: float = 0.0) -> Array:
         """Height of the floor at points (..., 2) [m], of the highest part within a distance, shape (...)."""
-        own = (points @ rotations(self.heading))[..., None, :]
-        inside = ((own > self.low - around) & (own < self.high + around)).all(axis=-1)
+        turned = (points @ rotations(self.heading))[..., None, :]
+        inside = ((turned > self.low - around) & (turned < self.high + around)).all(axis=-1)
         return np.max(np.where(inside, self.height, self.base), axis=-1, initial=self.base)
 
 

@@ -223,8 +223,7 @@ def solve(supports: Supports, problem: Problem, inverse_a: Array) -> Solution:
     entered = up[:, 12:18]
     if problem.begin is not None:
         # The state is given, but for the velocity that it lacks; only the first node is used.
-        given = problem.begin.ravel()
-        first, first_known = -np.eye(10), given[:8].copy()
+        first, first_known = -np.eye(10), problem.begin.ravel()[:8].copy()
         entered = np.eye(8, 6, -2) * ([1.0] * 2 + [0.0] * 4)
     last = down[:, :8] @ move[-1] + down[:, 8:12] @ leaving[-1]
     last_known = times(down[:, :8], moved[-1]) + times(down[:, 8:12], ended[-1])

@@ -214,7 +214,7 @@ def preview_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole:
     """
     steps = plan_steps(gait, mass, foot, sole)
     count = round(steps.constants.step_duration / SAMPLE_TIME)
-    times = np.arange(count) * (steps.constants.step_duration / count)
+    times = np.linspace(0.0, steps.constants.step_duration, count, endpoint=False)
     return _repeated(steps, times, [_preview_step(steps, axis, times) for axis in step_axes(steps)])
 
 

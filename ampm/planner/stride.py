@@ -211,7 +211,7 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
     durations may differ from step to step.
 
     Args:
-        contacts: single and double supports in turn, a double support last.
+        contacts: left and right footsteps, single and double supports in turn, a double support last.
         foot: key-frame timings and splines.
         sole: the sole's outline.
         roll: of every step.
@@ -265,9 +265,8 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
     segments.append(
         _Segment(steps + 1, landed + double - rise, PIVOT_BALL, (False, True, sole.has_toes), rising, rises)
     )
-    number = int(contacts.footsteps[0].foot == "right")  # the feet of even footsteps
     even, odd = _foot_path(segments, 0), _foot_path(segments, 1)
-    left, right = (odd, even) if number else (even, odd)
+    left, right = (even, odd) if contacts.footsteps[0].foot == "left" else (odd, even)
     return FeetPlan(sole, left, right, contacts.duration)
 
 
