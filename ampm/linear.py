@@ -1,4 +1,4 @@
-"""Small systems of equations, compiled: symmetric ones with their right-hand sides beside them."""
+"""Small sums and systems of equations, compiled: symmetric ones with their right-hand sides beside them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,6 +6,21 @@ from numpy.typing import NDArray
 from ampm.compiled import compiled
 
 Array = NDArray[np.float64]
+
+
+@compiled
+def add_scaled(a: Array, factor: float, b: Array, out: Array) -> None:
+    """``out = a + factor b``, vectors."""
+    for j in range(len(a)):
+        out[j] = a[j] + factor * b[j]
+
+
+@compiled
+def add_product(factor: float, matrix: Array, x: Array, out: Array) -> None:
+    """``out = out + factor matrix' x``."""
+    for j in range(len(x)):
+        for e in range(len(out)):
+            out[e] += factor * matrix[j, e] * x[j]
 
 
 @compiled

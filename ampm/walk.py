@@ -11,10 +11,9 @@ heel, ball, tip.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,53 +35,22 @@ class FeetState(NamedTuple):
     """Both feet at one instant; T instants have a leading axis.
 
     Attributes:
-        values: position, velocity and acceleration of the sole's reference point (9), rotation of the sole to
-            world by rows (9), angular velocity and acceleration (6), angle, velocity and acceleration of the
-            toe joint (3); shape (2, 27) [m, rad, s]. One row, so that a tick unpacks it at once.
+        position: of the soles' reference points, shape (2, 3) [m].
+        velocity: shape (2, 3) [m/s].
+        acceleration: shape (2, 3) [m/s^2].
+        rotation: of the soles to world, shape (2, 3, 3).
+        angular_velocity: shape (2, 3) [rad/s].
+        angular_acceleration: shape (2, 3) [rad/s^2].
+        toe: angle, velocity and acceleration of the toe joints, shape (2, 3) [rad, rad/s, rad/s^2].
     """
 
-    values: Array
-
-    @classmethod
-    def of(cls, linear: Array, rotation: Array, angular: Array, toe: Array) -> FeetState:
-        """From its parts, shapes (..., 2, 3, 3), (..., 2, 3, 3), (..., 2, 2, 3), (..., 2, 3)."""
-        parts = linear, rotation, angular, toe
-        return cls(np.concatenate([part.reshape(*toe.shape[:-1], -1) for part in parts], axis=-1))
-
-    @property
-    def position(self) -> Array:
-        """Of the soles' reference points, shape (2, 3) [m]."""
-        return self.values[..., 0:3]
-
-    @property
-    def velocity(self) -> Array:
-        """Shape (2, 3) [m/s]."""
-        return self.values[..., 3:6]
-
-    @property
-    def acceleration(self) -> Array:
-        """Shape (2, 3) [m/s^2]."""
-        return self.values[..., 6:9]
-
-    @property
-    def rotation(self) -> Array:
-        """Of the soles to world, shape (2, 3, 3)."""
-        return self.values[..., 9:18].reshape(*self.values.shape[:-1], 3, 3)
-
-    @property
-    def angular_velocity(self) -> Array:
-        """Shape (2, 3) [rad/s]."""
-        return self.values[..., 18:21]
-
-    @property
-    def angular_acceleration(self) -> Array:
-        """Shape (2, 3) [rad/s^2]."""
-        return self.values[..., 21:24]
-
-    @property
-    def toe(self) -> Array:
-        """Angle, velocity and acceleration of the toe joints, shape (2, 3) [rad, rad/s, rad/s^2]."""
-        return self.values[..., 24:27]
+    position: Array
+    velocity: Array
+    acceleration: Array
+    rotation: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+    toe: Array
 
 
 class ContactState(NamedTuple):
@@ -119,61 +87,164 @@ class PostureState(NamedTuple):
     tilt_window: Scalar = 0.0
 
 
-class Reference(NamedTuple):
-    """Reference of a controller at one instant; T instants have a leading axis.
+def reference_type(nq: int, nv: int) -> np.dtype[Any]:
+    """One row of a table of references, which a controller copies at once.
 
-    Attributes:
-        time: [s].
-        centre: rows com, com_velocity, com_acceleration, angular_momentum, moment, shape (5, 3).
-        right_load: share of the weight planned on the right foot [1].
-        feet: pose and motion of both feet.
-        jumps: whether the plan's acceleration jumps at this tick of a first-order hold, or at the last one.
-        contacts: which groups carry load.
-        posture: of the whole body.
+    Args:
+        nq: size of Pinocchio's configuration.
+        nv: size of its velocity.
+    """
+    feet = [(f"foot_{name}", float, (2, 3)) for name in FeetState._fields if name != "rotation"]
+    fields = [
+        ("time", float),
+        ("com", float, (3,)),
+        ("com_velocity", float, (3,)),
+        ("com_acceleration", float, (3,)),
+        ("angular_momentum", float, (3,)),
+        ("moment", float, (3,)),
+        ("right_load", float),
+        ("jumps", bool),
+        *feet,
+        ("foot_rotation", float, (2, 3, 3)),
+        ("planned", bool, (2, 3)),
+        ("due", bool, (2, 3)),
+        ("until_lift", float, (2, 3)),
+        ("q", float, (nq,)),
+        ("v", float, (nv,)),
+        ("acceleration", float, (nv,)),
+        ("trunk", float, (3, 3)),
+        ("tilt_window", float),
+    ]
+    return np.dtype(fields, align=True)
+
+
+class Reference:
+    """Reference of a controller at one instant; T instants have a leading axis, see :class:`ReferenceTable`.
+
+    Args:
+        row: of :func:`reference_type`; every property is a view of it.
     """
 
-    time: Scalar
-    centre: Array
-    right_load: Scalar
-    jumps: Scalar
-    feet: FeetState
-    contacts: ContactState
-    posture: PostureState
+    __slots__ = ("row",)
+
+    def __init__(self, row: Any) -> None:
+        self.row = row
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        time: ArrayLike,
+        com: ArrayLike,
+        com_velocity: ArrayLike,
+        com_acceleration: ArrayLike,
+        angular_momentum: ArrayLike,
+        moment: ArrayLike,
+        right_load: ArrayLike,
+        feet: FeetState,
+        contacts: ContactState,
+        posture: PostureState,
+        jumps: ArrayLike = False,
+    ) -> Self:
+        """Copy the parts into a new reference; T instants have a leading axis.
+
+        Args are the properties of this class.
+
+        Raises:
+            ValueError: a part has another shape, or another number of instants.
+        """
+        parts: dict[str, Any] = {
+            "time": time,
+            "com": com,
+            "com_velocity": com_velocity,
+            "com_acceleration": com_acceleration,
+            "angular_momentum": angular_momentum,
+            "moment": moment,
+            "right_load": right_load,
+            "jumps": jumps,
+            **{f"foot_{name}": part for name, part in feet._asdict().items()},
+            **contacts._asdict(),
+            **posture._asdict(),
+        }
+        del parts["angular_momentum_z"]  # is in the angular momentum
+        row = np.zeros(np.shape(time), reference_type(np.shape(posture.q)[-1], np.shape(posture.v)[-1]))
+        for name, part in parts.items():
+            if np.ndim(part) and np.shape(part) != row[name].shape:
+                raise ValueError(
+                    f"{name} of a reference has shape {np.shape(part)} and must have {row[name].shape}"
+                )
+            row[name] = part
+        return cls(row)
+
+    def replace(self, **fields: ArrayLike) -> Self:
+        """A copy with other values of some fields, by the names of :func:`reference_type`."""
+        row = np.array(self.row)
+        for name, value in fields.items():
+            row[name] = value
+        return type(self)(row)
+
+    @property
+    def time(self) -> Scalar:
+        """[s]."""
+        return self.row["time"]
 
     @property
     def com(self) -> Array:
         """Centre of mass, shape (3,) [m]."""
-        return self.centre[..., 0, :]
+        return self.row["com"]
 
     @property
     def com_velocity(self) -> Array:
         """Shape (3,) [m/s]."""
-        return self.centre[..., 1, :]
+        return self.row["com_velocity"]
 
     @property
     def com_acceleration(self) -> Array:
         """Shape (3,) [m/s^2]."""
-        return self.centre[..., 2, :]
+        return self.row["com_acceleration"]
 
     @property
     def angular_momentum(self) -> Array:
         """About the COM; x and y are the plan's, z the posture's, shape (3,) [N m s]."""
-        return self.centre[..., 3, :]
+        return self.row["angular_momentum"]
 
     @property
     def moment(self) -> Array:
         """Rate of the angular momentum, shape (3,) [N m]."""
-        return self.centre[..., 4, :]
+        return self.row["moment"]
 
+    @property
+    def right_load(self) -> Scalar:
+        """Share of the weight planned on the right foot [1]."""
+        return self.row["right_load"]
 
-def read_only(reference: Reference) -> Reference:
-    """The same reference, whose arrays cannot be written to."""
-    if reference.centre.flags.writeable:
-        for part in (reference[:-3], *reference[-3:]):
-            for array in part:
-                if isinstance(array, np.ndarray):
-                    array.setflags(write=False)
-    return reference
+    @property
+    def jumps(self) -> Scalar:
+        """Whether the plan's acceleration jumps at this tick of a first-order hold, or at the last one."""
+        return self.row["jumps"]
+
+    @property
+    def feet(self) -> FeetState:
+        """Pose and motion of both feet."""
+        return FeetState(*(self.row[f"foot_{name}"] for name in FeetState._fields))
+
+    @property
+    def contacts(self) -> ContactState:
+        """Which groups carry load."""
+        return ContactState(self.row["planned"], self.row["due"], self.row["until_lift"])
+
+    @property
+    def posture(self) -> PostureState:
+        """Of the whole body."""
+        row = self.row
+        return PostureState(
+            row["q"],
+            row["v"],
+            row["acceleration"],
+            row["trunk"],
+            row["angular_momentum"][..., 2],
+            row["tilt_window"],
+        )
 
 
 class Timing(NamedTuple):
@@ -198,51 +269,32 @@ SHARP = Timing()
 """No look-ahead."""
 
 
-class ReferenceTable(Sequence[Reference]):
-    """References at T instants, evaluated at once.
+class ReferenceTable(Reference):
+    """References at T instants, evaluated at once: arrays have a leading axis of T.
 
     Args:
-        rows: a reference whose arrays have a leading axis of T; they become read-only.
-
-    Raises:
-        ValueError: an array is shorter or longer; compiled functions would read beyond its end.
+        row: array of :func:`reference_type`, shape (T,); it becomes read-only.
     """
 
-    def __init__(self, rows: Reference) -> None:
-        *plain, feet, contacts, posture = self.rows = read_only(rows)
-        lengths = set(map(len, (*plain, *feet, *contacts, *posture)))
-        if len(lengths) > 1:
-            raise ValueError(f"arrays of {' and '.join(map(str, sorted(lengths)))} instants in one table")
+    __slots__ = ()
+
+    def __init__(self, row: Any) -> None:
+        row.setflags(write=False)
+        super().__init__(row)
 
     def __len__(self) -> int:
-        return len(self.rows.centre)
+        return len(self.row)
 
-    @overload
-    def __getitem__(self, k: int) -> Reference: ...
-    @overload
-    def __getitem__(self, k: slice) -> ReferenceTable: ...
-    def __getitem__(self, k: int | slice) -> Reference | ReferenceTable:
-        """The reference at tick k, in views of the table's arrays."""
-        *plain, feet, contacts, posture = self.rows
-        row = Reference._make(
-            (
-                *[array[k] for array in plain],
-                FeetState._make(array[k] for array in feet),
-                ContactState._make(array[k] for array in contacts),
-                PostureState._make(array[k] for array in posture),
-            )
-        )
-        return ReferenceTable(row) if isinstance(k, slice) else row
+    def __getitem__(self, k: int) -> Reference:
+        """The reference at tick k."""
+        return Reference(self.row[k])
 
     def __iter__(self) -> Iterator[Reference]:
-        """The references one after another, several times faster than by index."""
-        new = tuple.__new__  # a named tuple's own constructor costs more than the rest
-        time, centre, right_load, jumps, feet, contacts, posture = self.rows
-        plain = time.tolist(), centre, right_load.tolist(), jumps.tolist()
-        nested = [
-            map(partial(new, type(part)), zip(*part, strict=True)) for part in (feet, contacts, posture)
-        ]
-        return map(partial(new, Reference), zip(*plain, *nested, strict=True))
+        return map(Reference, self.row)
+
+    def part(self, start: int, stop: int) -> ReferenceTable:
+        """The references of ticks start ... stop - 1, without a copy."""
+        return ReferenceTable(self.row[start:stop])
 
 
 class Posture(Protocol):
@@ -299,18 +351,13 @@ class WalkPlan(StepPlan):
         around = np.unique(np.clip(around, min(time, 0.0), max(time, self.duration)))
         reference = self.table(around, timing)[int(np.searchsorted(around, time))]
         until = np.stack([path.until_lift(time) for path in (self.feet.left, self.feet.right)])
-        until.setflags(write=False)
-        return reference._replace(contacts=reference.contacts._replace(until_lift=until))
+        return reference.replace(until_lift=until)
 
     def _jump_near(self, times: Array, period: float) -> Flags:
         """Whether the plan jumps within a period before or after each time, shape (T,)."""
         if not (period and self.jump_times.size):
             return np.zeros(len(times), dtype=bool)
         return np.asarray((np.abs(times[:, None] - self.jump_times) < period).any(axis=1))
-
-    def _postures(self, times: Array) -> PostureState:
-        """States at times (T,) [s], as compiled functions take them."""
-        return PostureState(*(np.asarray(part, np.float64) for part in self.posture.sample(times)))
 
     def table(self, times: ArrayLike, timing: Timing = SHARP) -> ReferenceTable:
         """References at the ticks of a controller, ascending, shape (T,) [s].
@@ -321,7 +368,7 @@ class WalkPlan(StepPlan):
             InputError: a time lies outside the plan.
         """
         times = np.array(times, dtype=np.float64)
-        sample, feet, body = self.sample(times), self.feet.sample(times), self._postures(times)
+        sample, feet, body = self.sample(times), self.feet.sample(times), self.posture.sample(times)
         momentum_z = body.angular_momentum_z
         yaw_moment = np.gradient(momentum_z, times) if len(times) > 1 else np.zeros(len(times))
         held, held_feet, held_body = sample, feet, body
@@ -330,7 +377,7 @@ class WalkPlan(StepPlan):
             delay = 0.5 * timing.hold * (jumps if timing.slope else 1.0)
             middle = np.minimum(times + delay, self.duration)
             held, held_feet = self.sample(middle), self.feet.sample(middle)
-            held_body = self._postures(middle)
+            held_body = self.posture.sample(middle)
         contact = self.feet.contact(times)
         until_lift = self.feet.until_lift(times, contact)
 
@@ -338,28 +385,18 @@ class WalkPlan(StepPlan):
             """Contact now or at the end of a time span."""
             return contact | self.feet.contact(np.minimum(times + span, self.feet.duration))
 
-        return ReferenceTable(
-            Reference(
-                time=times,
-                centre=np.stack(
-                    [
-                        sample.com,
-                        sample.com_velocity,
-                        held.com_acceleration,
-                        np.hstack([sample.angular_momentum, momentum_z[:, None]]),
-                        np.hstack([held.moment, yaw_moment[:, None]]),
-                    ],
-                    axis=1,
-                ),
-                right_load=sample.right_load,
-                jumps=jumps,
-                feet=_feet_state(feet, held_feet),
-                contacts=ContactState(within(timing.lead), within(timing.early), until_lift),
-                posture=body._replace(
-                    acceleration=held_body.acceleration,
-                    tilt_window=np.broadcast_to(np.float64(body.tilt_window), times.shape),
-                ),
-            )
+        return ReferenceTable.of(
+            time=times,
+            com=sample.com,
+            com_velocity=sample.com_velocity,
+            com_acceleration=held.com_acceleration,
+            angular_momentum=np.hstack([sample.angular_momentum, momentum_z[:, None]]),
+            moment=np.hstack([held.moment, yaw_moment[:, None]]),
+            right_load=sample.right_load,
+            jumps=jumps,
+            feet=_feet_state(feet, held_feet),
+            contacts=ContactState(within(timing.lead), within(timing.early), until_lift),
+            posture=body._replace(acceleration=held_body.acceleration),
         )
 
 
@@ -490,9 +527,14 @@ def _feet_state(feet: tuple[FootSample, FootSample], held: tuple[FootSample, Foo
     """Both feet as one; accelerations are those of ``held``."""
     turning = np.stack([foot_turning(foot)[0] for foot in feet], axis=1)
     changing = np.stack([foot_turning(foot)[1] for foot in held], axis=1)
-    return FeetState.of(
-        np.stack([_both(feet, "position"), _both(feet, "velocity"), _both(held, "acceleration")], axis=2),
-        foot_rotation(_both(feet, "heading"), _both(feet, "pitch")),
-        np.stack([turning, changing], axis=2),
-        np.stack([_both(feet, "toe"), _both(feet, "toe_velocity"), _both(held, "toe_acceleration")], axis=2),
+    return FeetState(
+        position=_both(feet, "position"),
+        velocity=_both(feet, "velocity"),
+        acceleration=_both(held, "acceleration"),
+        rotation=foot_rotation(_both(feet, "heading"), _both(feet, "pitch")),
+        angular_velocity=turning,
+        angular_acceleration=changing,
+        toe=np.stack(
+            [_both(feet, "toe"), _both(feet, "toe_velocity"), _both(held, "toe_acceleration")], axis=2
+        ),
     )

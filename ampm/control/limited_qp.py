@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
 from ampm.compiled import compiled
-from ampm.control.wrench_qp import CondensedForm
+from ampm.control.contact_qp import ContactQP
+from ampm.control.workspace import Joints
 from ampm.qp import QPSettings, QPSolution, make_backend
 
 Array = NDArray[np.float64]
@@ -28,7 +29,7 @@ class LimitedForm:
         settings: of the solver.
         weights: posture weights, shape (nv,).
         rows: of the tasks.
-        condensed: supplies the force part of cost and constraints.
+        contact_qp: supplies the force part of cost and constraints.
     """
 
     TASK_COST = 1e-3
@@ -36,16 +37,16 @@ class LimitedForm:
     here, too."""
 
     def __init__(
-        self, backend: str, settings: QPSettings, weights: Array, rows: int, condensed: CondensedForm
+        self, backend: str, settings: QPSettings, weights: Array, rows: int, contact_qp: ContactQP
     ) -> None:
         nv = len(weights)
         self.nv, self.nu = nv, nv - 6
         self._weights = self.TASK_COST * weights
-        self._condensed = condensed
+        self._contact_qp = contact_qp
         self._soft = rows - 6
-        force_rows, force_unknowns = condensed.A.shape
+        force_rows, force_unknowns = contact_qp.problem.A.shape
         n = nv + force_unknowns + self._soft
-        self._phi = slice(nv, nv + condensed.forces)
+        self._phi = slice(nv, nv + contact_qp.forces)
         self._force_unknowns = slice(nv, nv + force_unknowns)
         start = 6 + force_rows + self._soft
         m = start + 2 * self.nu
@@ -58,14 +59,14 @@ class LimitedForm:
         self._torque_rows, self._joint_rows = slice(start, start + self.nu), slice(start + self.nu, m)
         self.A[self._joint_rows, 6:nv] = np.eye(self.nu)
         P_mask = np.eye(n, dtype=bool)
-        P_mask[self._force_unknowns, self._force_unknowns] = condensed.P_mask()
+        P_mask[self._force_unknowns, self._force_unknowns] = contact_qp.P_mask()
         self._backend = make_backend(backend, P_mask, self._A_mask(), settings)
 
     def _A_mask(self) -> NDArray[np.bool_]:
         mask = self.A != 0.0
         mask[self._dynamics, : self.nv] = True
-        mask[self._dynamics, self._phi] = self._condensed.A_mask()[:6, : self._condensed.forces]
-        mask[self._force_rows, self._force_unknowns] = self._condensed.A_mask()
+        mask[self._dynamics, self._phi] = self._contact_qp.A_mask()[:6, : self._contact_qp.forces]
+        mask[self._force_rows, self._force_unknowns] = self._contact_qp.A_mask()
         mask[self._task_rows, : self.nv] = True
         mask[self._task_rows, -self._soft :] = np.eye(self._soft, dtype=bool)
         mask[self._torque_rows, : self._phi.stop] = True
@@ -83,7 +84,7 @@ class LimitedForm:
         joint_lower: Array,
         joint_upper: Array,
     ) -> QPSolution:
-        """Solve with the condensed form's current forces, costs and wanted momentum.
+        """Solve with the contact QP's current forces, costs and wanted momentum.
 
         Args:
             rows: B, shape (R, nv).
@@ -99,7 +100,7 @@ class LimitedForm:
         Returns:
             Unknowns alpha, phi, slacks.
         """
-        c, nv = self._condensed, self.nv
+        c, nv = self._contact_qp.problem, self.nv
         self.P[self._force_unknowns, self._force_unknowns] = c.P
         self.q[:nv] = -self._weights * posture
         self.q[self._force_unknowns] = c.q
@@ -125,26 +126,21 @@ def braking_rate(room: float) -> float:
 
 
 @compiled
-def limit_broken(
-    q: Array, v: Array, acceleration: Array, torque: Array, torque_limit: Array, low: Array, high: Array
-) -> bool:
+def limit_broken(q: Array, v: Array, acceleration: Array, joints: Joints) -> bool:
     """Whether an answer breaks a torque limit, or makes a joint too fast to brake before its range ends.
 
     Args:
         q: Pinocchio configuration, shape (nq,).
         v: velocity, shape (nv,).
         acceleration: shape (nv,) [rad/s^2].
-        torque: shape (nu,) [N m].
-        torque_limit: shape (nu,) [N m].
-        low: lower ends of the joints' ranges, shape (nu,) [rad].
-        high: upper ends, shape (nu,) [rad].
+        joints: torques, their limits and the joints' ranges.
     """
-    for j in range(len(torque)):
+    for j in range(len(joints.torque)):
         rate = v[6 + j] + _BRAKE_TIME * acceleration[6 + j]
         if (
-            abs(torque[j]) > torque_limit[j]
-            or rate > braking_rate(high[j] - q[7 + j])
-            or -rate > braking_rate(q[7 + j] - low[j])
+            abs(joints.torque[j]) > joints.torque_limit[j]
+            or rate > braking_rate(joints.upper[j] - q[7 + j])
+            or -rate > braking_rate(q[7 + j] - joints.lower[j])
         ):
             return True
     return False
