@@ -47,7 +47,7 @@ def before(c: Workspace, stepper: Stepper, velocity_lag: float, load_age: float,
         Whether the QP is stated: the task rows are independent, and all numbers finite.
     """
     kinematics(c.body, c.motion, c.tasks, c.sensed, velocity_lag)
-    if c.stepping[0].active:
+    if c.stepping[0].enabled:
         follow(stepper, c.wanted, c.stepping[0])
     landing = contacts(c, first)
     command(c)

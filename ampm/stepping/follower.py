@@ -68,7 +68,7 @@ class Follower:
         omega = math.sqrt(c.body.gravity / plan.com_height)
         self.plan, self._timing, self._c, self._stepper = plan, timing, c, stepper._replace(omega=omega)
         self._walker, self._stepping = stepper.walker, c.stepping
-        self._stepping["active"], self._stepping["force_factor"] = True, 1.0
+        self._stepping["enabled"], self._stepping["force_factor"] = True, 1.0
         self._pass_time = bound(pass_time, (self._walker, stepper.tick))
         self._index, self._loaded, self._next = -1, -1, -math.inf
         self._starts = [*plan.contacts.starts.tolist(), math.inf]

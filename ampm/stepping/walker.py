@@ -19,8 +19,10 @@ from ampm.stepping.floor import (
 )
 from ampm.stepping.step_choice import dcm_ahead, plan_step, quintic_tick, ramp_share
 from ampm.stepping.stepper import Stepper
-from ampm.vectors import clip, cross, plus, put, vector
+from ampm.vectors import clip, cross, minus, plus, put, times, vector
 
+DISTURBED = 0.006
+"""Distance of the DCM from its plan beyond which the sole is shared [m]: twice that of an undisturbed walk."""
 OFF_PLACE, OFF_HEIGHT, OFF_TILT = 0.015, 0.0015, 0.008
 """How far from its plan a foot may stand before the walk leaves the plan [m, m, rad]."""
 LEVEL = 0.005
@@ -60,9 +62,10 @@ def follow(s: Stepper, wanted: Wanted, stepping: Any) -> None:
     """
     w = s.walker[0]
     feel(s)
-    w.away = 0.0
-    for axis in range(3):
-        w.away = max(w.away, abs(s.body.com[axis] - wanted.com[axis]))
+    off = minus(vector(s.body.com), vector(wanted.com))
+    w.away = max(abs(off[0]), abs(off[1]), abs(off[2]))
+    dcm = plus(off, times(1.0 / s.omega, minus(vector(s.rates), vector(wanted.com_velocity))))
+    stepping.active = stepping.off_plan or math.hypot(dcm[0], dcm[1]) > DISTURBED * s.size
     if stepping.off_plan:
         advance(s, wanted, stepping)
     else:
