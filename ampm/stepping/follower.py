@@ -68,19 +68,19 @@ class Follower:
         omega = math.sqrt(c.body.gravity / plan.com_height)
         self.plan, self._timing, self._c, self._stepper = plan, timing, c, stepper._replace(omega=omega)
         self._walker, self._stepping = stepper.walker, c.stepping
+        self._leaves, self._off_plan = self._walker["leaves"], self._stepping["off_plan"]
+        self._clock = self._walker["clock"]
         self._stepping["enabled"], self._stepping["force_factor"] = True, 1.0
         self._pass_time = bound(pass_time, (self._walker, stepper.tick))
         self._index, self._loaded, self._next = -1, -1, -math.inf
         self._starts = [*plan.contacts.starts.tolist(), math.inf]
-        self._origin = np.full(2, math.nan)  # of the references from the plan: a walk may be moved
+        self._origin = np.zeros(2)  # of the references from the plan: a walk may be moved
+        self._ahead: list[Curves] = []  # of the plan's phases
         end = plan.sample(np.array([plan.duration])).com_velocity
+        placements = plan.contacts.placements
+        self._across, self._headings = placements[:, 0] - placements[:, 1], plan.contacts.headings
         self._goes_on = bool(np.abs(end).max() > _STILL) and len(plan.contacts.phases) > _CYCLE
         self.handle = refer(self._stepper)
-
-    @property
-    def off_plan(self) -> bool:
-        """Whether the walk has left its plan."""
-        return bool(self._stepping["off_plan"][0])
 
     def begin(self, time: float, reference: Reference) -> Any:
         """Go to the phase of a tick, before it.
@@ -92,24 +92,25 @@ class Follower:
         Returns:
             Reference to the :class:`~ampm.stepping.stepper.Stepper` of this phase.
         """
-        if math.isnan(self._origin[0]):
+        if not self._ahead:
             moved = reference.com[:2] - self.plan.sample(np.array([time])).com[0, :2]
             self._origin = moved * (np.abs(moved) > 1e-9)
-        if self._walker["leaves"][0]:
+            self._ahead = self._look_ahead()
+        if self._leaves[0]:
             self._leave()
-        if self.off_plan:
+        if self._off_plan[0]:
             may_switch = self._goes_on or self._index + 1 < len(self.plan.contacts.phases)
             if self._pass_time() and may_switch:
                 self._switch()
                 if self._is_back():
                     self._return()
-        if self.off_plan:
+        if self._off_plan[0]:
             if self._loaded != self._index:
                 self._load()
         else:
             if time + 1e-9 >= self._next:
                 self._enter(max(bisect.bisect_right(self._starts, time + 1e-9) - 1, 0))
-            self._walker["clock"] = time - self._starts[self._index]
+            self._clock[0] = time - self._starts[self._index]
         return self.handle
 
     # ------------------------------------------------------------------ parts
@@ -139,16 +140,23 @@ class Follower:
         w["double"] = following.duration if following.kind == "double_support" else phase.duration
         w["stood"], w["waited"] = 0.0, 0.0
         self._index = index
-        if self.off_plan:
-            return
-        self._next = self._starts[index + 1]
-        sample = self.plan.sample(self._grid(phase, _COARSE))
+        if not self._off_plan[0]:
+            self._next = self._starts[index + 1]
+            self._take(self._ahead[index])
+            x, y, _ = self._across[index]
+            heading = self._headings[index]
+            w["width"] = abs(math.cos(heading) * y - math.sin(heading) * x)
+
+    def _look_ahead(self) -> list[Curves]:
+        """Curves of the plan's phases."""
+        phases = self.plan.contacts.phases
+        grids = np.concatenate([self._grid(phase, _COARSE) for phase in phases])
+        sample = self.plan.sample(grids)
         com = sample.com.copy()
         com[:, :2] += self._origin
-        self._take(self._curves(com, sample.com_velocity, sample.com_acceleration, sample.moment))
-        left, right = self.plan.contacts.placements[index, :, :2]
-        heading = self.plan.contacts.headings[index]
-        w["width"] = abs(math.cos(heading) * (left - right)[1] - math.sin(heading) * (left - right)[0])
+        curves = self._curves(com, sample.com_velocity, sample.com_acceleration, sample.moment)
+        parts = [range(k * _COARSE, (k + 1) * _COARSE) for k in range(len(phases))]
+        return [Curves(*(curve[part.start : part.stop] for curve in curves)) for part in parts]
 
     def _grid(self, phase: Phase, count: int) -> Array:
         """Instants of a phase, at its ends just within it, shape (count,) [s]."""
