@@ -83,7 +83,7 @@ class PostureState(NamedTuple):
     v: Array
     acceleration: Array
     trunk: Array
-    angular_momentum_z: Array
+    angular_momentum_z: Scalar
     tilt_window: Scalar = 0.0
 
 

@@ -69,8 +69,9 @@ class TrackingController:
             scaling=10,
         )
         self.limited = LimitedForm(solver.qp, limit_settings, weights, len(c.tasks.scale), self.contact_qp)
-        self._steps, self._follower = gains.stabilizer == "stepping", None
-        self._first, self._stepper = True, make_stepper(robot, c)
+        self._first, self._steps = True, gains.stabilizer == "stepping"
+        self._stepper = make_stepper(robot, c)
+        self._follower: Follower | None = None
         self._stepper_reference, reference = refer(self._stepper), refer(c)
         self._before = bound(before, (reference,), self._stepper_reference, 0.0, 0.0, True)
         self._after = bound(after, (reference,), True, True)

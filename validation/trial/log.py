@@ -17,20 +17,6 @@ from validation.trial.watch import zmp_gap
 Array = NDArray[np.float64]
 
 
-def _contact_views(data: mujoco.MjData) -> list[NDArray[Any]]:
-    """Geoms, address of the forces, frame, place and distance of contacts.
-
-    MuJoCo's own views have one row per present contact, so they would have to be taken at every step.
-    Contacts lie at the beginning of the simulation's arena; these views have as many rows as it can hold.
-    """
-    contact, views = data.contact, []
-    for name in ("geom", "efc_address", "frame", "pos", "dist"):
-        present = getattr(contact, name)
-        shape = (data.narena // present.strides[0], *present.shape[1:])
-        views.append(np.lib.stride_tricks.as_strided(present, shape, present.strides, writeable=False))
-    return views
-
-
 class Contacts(NamedTuple):
     """MuJoCo's contacts, as many rows as its memory can hold.
 
@@ -85,6 +71,28 @@ class Log(NamedTuple):
     touching: NDArray[np.bool_]
     levels: Array
     substeps: int
+
+
+def _contacts(data: mujoco.MjData, point_of_geom: NDArray[np.intp]) -> Contacts:
+    """Views of MuJoCo's contacts that hold for the whole walk.
+
+    MuJoCo's own views have one row per present contact, so they would have to be taken at every step.
+    Contacts lie at the beginning of the simulation's arena; these views have as many rows as it can hold.
+    """
+
+    def view(present: NDArray[Any]) -> NDArray[Any]:
+        shape = (data.narena // present.strides[0], *present.shape[1:])
+        return np.lib.stride_tricks.as_strided(present, shape, present.strides, writeable=False)
+
+    contact = data.contact
+    return Contacts(
+        geom=view(contact.geom),
+        address=view(contact.efc_address),
+        frame=view(contact.frame),
+        place=view(contact.pos),
+        distance=view(contact.dist),
+        point_of_geom=point_of_geom,
+    )
 
 
 @compiled
@@ -177,8 +185,8 @@ def floor_height(log: Log, k: int) -> float:
 def keep_command(log: Log, k: int, com: Array, zmp: Array, force: Array, momentum: Array) -> None:
     """Copy the command of the tick at step k.
 
-    A controller's ZMP is on z = 0; on a floor of several levels, that on the plane of the last step's contacts
-    is kept.
+    A controller's ZMP is on z = 0. On a floor of several levels, that on the plane of the last step's
+    contacts is kept.
     """
     record, height = log.record, 0.0
     if len(log.levels) > 1:
@@ -288,7 +296,7 @@ class RunLog:
                 com=data.sensor("com").data,
                 angular_momentum=data.sensor("angular_momentum").data,
             ),
-            contacts=Contacts(*_contact_views(data), points.of_geom),
+            contacts=_contacts(data, points.of_geom),
             sites=points.sites,
             normal_force=self.normal_force,
             touching=self.touching,

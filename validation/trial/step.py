@@ -77,7 +77,7 @@ def sense(body: Simulated, log: Log, contacts: int) -> None:
 
 @compiled
 def first_unusable(command: Command) -> int:
-    """Index of the first torque that is not finite, nu more for a rate, 2 nu for the COM; -1 if there is none."""
+    """Index of the first torque that is not finite, nu more for a rate, 2 nu for the COM; -1 for none."""
     count = len(command.torque)
     for j in range(count):
         if not math.isfinite(command.torque[j]):
@@ -115,7 +115,8 @@ def act(
         seconds: of its optimisation [s].
 
     Returns:
-        See :func:`first_unusable`: then nothing acts. Distance of the ZMP of the step before from its command [m].
+        See :func:`first_unusable`: then nothing acts. Distance of the ZMP of the step before from its
+        command [m].
     """
     unusable = first_unusable(command)
     if unusable >= 0:
