@@ -22,7 +22,7 @@ from ampm.stepping.stepper import Stepper
 from ampm.vectors import clip, cross, minus, plus, put, times, vector
 
 DISTURBED = 0.006
-"""Distance of the DCM from its plan beyond which the sole is shared [m]: twice that of an undisturbed walk."""
+"""Distance of the DCM from its plan from which the sole is shared [m]: twice that of an undisturbed walk."""
 OFF_PLACE, OFF_HEIGHT, OFF_TILT = 0.015, 0.0015, 0.008
 """How far from its plan a foot may stand before the walk leaves the plan [m, m, rad]."""
 LEVEL = 0.005

@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 from ampm.compiled import bound, refer
+from ampm.disturbance import DisturbanceParameters
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import steps_per_tick
 from ampm.planner.heights import uneven
@@ -206,9 +207,21 @@ def simulate(
     record = loop.run()
     if factory is not find_controller("ampm"):
         metadata["controller"] = name_of(factory)
+    elif run.controller.stabilizer == "fixed" and (
+        disturbances or run.disturbance != DisturbanceParameters()
+    ):
+        record = replace(record, outcome=_with_way_out(record.outcome))
     if disturbances:
         metadata["disturbances"] = "; ".join(str(disturbance) for disturbance in disturbances)
     return replace(record, metadata=metadata) if metadata else record
+
+
+def _with_way_out(outcome: Outcome) -> Outcome:
+    """The end of a disturbed walk, and what may survive it."""
+    if outcome.name is not OutcomeName.FELL:
+        return outcome
+    way_out = "--set controller.stabilizer=stepping may survive this disturbance"
+    return replace(outcome, cause=f"{outcome.cause}; {way_out}")
 
 
 def _tables(plan: WalkPlan, times: Array, timing: Timing) -> Iterator[ReferenceTable]:
