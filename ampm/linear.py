@@ -16,11 +16,19 @@ def add_scaled(a: Array, factor: float, b: Array, out: Array) -> None:
 
 
 @compiled
-def add_product(factor: float, matrix: Array, x: Array, out: Array) -> None:
-    """``out = out + factor matrix' x``."""
+def add_combination(factor: float, rows: Array, x: Array, out: Array) -> None:
+    """``out = out + factor rows' x``: x says how much of every row is added."""
     for j in range(len(x)):
         for e in range(len(out)):
-            out[e] += factor * matrix[j, e] * x[j]
+            out[e] += factor * rows[j, e] * x[j]
+
+
+@compiled
+def scale_matrix(matrix: Array, by_row: Array, by_column: Array, out: Array) -> None:
+    """``out = diag(by_row) matrix diag(by_column)``."""
+    for j in range(len(by_row)):
+        for e in range(len(by_column)):
+            out[j, e] = matrix[j, e] * (by_column[e] * by_row[j])
 
 
 @compiled

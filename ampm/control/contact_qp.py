@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ampm.compiled import compiled
 from ampm.control.forces import NORMAL_COST, TWIST_ARM
 from ampm.control.workspace import ANGULAR, TIP, Contact, Problem, Tasks
-from ampm.linear import add_gram, add_product, substitute, triangular
+from ampm.linear import add_combination, add_gram, substitute, triangular
 from ampm.qp import QPBackend, QPSettings, QPSolution, make_backend
 
 Array = NDArray[np.float64]
@@ -82,7 +82,7 @@ def eliminate_tasks(tasks: Tasks, posture: Array) -> bool:
         system[k, count + k] = 1.0
     add_gram(tasks.scaled, system)
     right = tasks.rhs.copy()
-    add_product(-1.0, tasks.scaled, posture, right)
+    add_combination(-1.0, tasks.scaled, posture, right)
     system[:, count + 6] = right
     if not triangular(system):
         return False

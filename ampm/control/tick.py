@@ -26,7 +26,7 @@ from ampm.control.stabilizer import command_wrench, rotation_error
 from ampm.control.tasks import HURRIED, SWING, posture_task, sole_task, toe_task
 from ampm.control.trunk import fed_back_tilt
 from ampm.control.workspace import Body, Motion, Sensed, Tasks, Workspace
-from ampm.linear import add_product, add_scaled
+from ampm.linear import add_combination, add_scaled, scale_matrix
 from ampm.stepping.stepper import Stepper
 from ampm.stepping.walker import follow
 from ampm.vectors import minus, multiply, plus, put, times, vector
@@ -93,7 +93,7 @@ def kinematics(body: Body, motion: Motion, tasks: Tasks, sensed: Sensed, velocit
     place_body(body.tree, body.link, body.feet, sensed.q, tasks.jacobian)
     task_drift(body.tree, body.link, body.feet, sensed.v, motion.now, motion.zero, tasks.drift)
     tasks.rates[:] = 0.0
-    add_product(1.0, tasks.jacobian, motion.now, tasks.rates)
+    add_combination(1.0, tasks.jacobian, motion.now, tasks.rates)
     from_root = times(1.0 / body.mass, vector(body.link[0].first))
     put(body.com, plus(vector(sensed.q), from_root))
     for i in range(len(body.feet)):
@@ -155,14 +155,9 @@ def tasks(c: Workspace) -> None:
 @compiled
 def scale(body: Body, motion: Motion, tasks: Tasks) -> None:
     """Units of the QP: accelerations in g, in the metric ``x = W_p^1/2 a / g`` of the posture weights."""
-    gravity = body.gravity
-    for j in range(len(motion.posture)):
-        motion.posture[j] *= motion.root_weight[j] / gravity
-        per_weight = 1.0 / motion.root_weight[j]
-        for e in range(len(tasks.scale)):
-            tasks.scaled[j, e] = tasks.jacobian[j, e] * (tasks.scale[e] * per_weight)
-    for e in range(len(tasks.scale)):
-        tasks.rhs[e] = tasks.scale[e] / gravity * (tasks.wanted[e] - tasks.drift[e])
+    motion.posture[:] = motion.posture * (motion.root_weight / body.gravity)
+    scale_matrix(tasks.jacobian, 1.0 / motion.root_weight, tasks.scale, tasks.scaled)
+    tasks.rhs[:] = tasks.scale / body.gravity * (tasks.wanted - tasks.drift)
 
 
 @compiled
@@ -172,9 +167,8 @@ def contact_qp(c: Workspace, landing: bool, load_age: float) -> None:
     feet, weight = len(body.feet), body.mass * body.gravity
     share_forces(feet, body.points, contact.forces, c.stepping[0].off_plan)
     wrench_map(feet, body.points, contact.wrench_map)
-    for axis in range(3):
-        contact.momentum[axis] = tasks.scale[axis] * wrench.force[axis] / weight
-        contact.momentum[3 + axis] = tasks.scale[3 + axis] * wrench.moment[axis] / weight
+    contact.momentum[:3] = tasks.scale[:3] * wrench.force / weight
+    contact.momentum[3:] = tasks.scale[3:6] * wrench.moment / weight
     if landing:
         since = 1.0 - load_age * c.gains.frequency if c.extrapolates else 0.0
         land(c.gains, body.points, weight, contact, since)
@@ -187,22 +181,15 @@ def contact_qp(c: Workspace, landing: bool, load_age: float) -> None:
 @compiled
 def accelerations(c: Workspace) -> None:
     """``a = g W_p^-1/2 (posture + scaled y (W f, 1))``, y the last seven columns of the system."""
-    motion, tasks, contact, gravity = c.motion, c.tasks, c.contact, c.body.gravity
+    motion, tasks, contact = c.motion, c.tasks, c.contact
     rows = len(tasks.system)
-    net, pull = np.empty(6), np.empty(rows)
-    for e in range(6):
-        net[e] = 0.0
-        for k in range(len(contact.solution)):
-            net[e] += contact.wrench_map[e, k] * contact.solution[k]
-    for e in range(rows):
-        pull[e] = tasks.system[e, rows + 6]
-        for k in range(6):
-            pull[e] += tasks.system[e, rows + k] * net[k]
-    for j in range(len(motion.posture)):
-        total = motion.posture[j]
-        for e in range(rows):
-            total += tasks.scaled[j, e] * pull[e]
-        motion.acceleration[j] = gravity * total / motion.root_weight[j]
+    net_wrench = np.zeros(6)
+    add_combination(1.0, contact.wrench_map.T, contact.solution, net_wrench)
+    pull = tasks.system[:, rows + 6].copy()
+    add_combination(1.0, tasks.system[:, rows : rows + 6].T, net_wrench, pull)
+    scaled = motion.posture.copy()
+    add_combination(1.0, tasks.scaled.T, pull, scaled)
+    motion.acceleration[:] = c.body.gravity * scaled / motion.root_weight
 
 
 @compiled
@@ -228,8 +215,7 @@ def torques(c: Workspace) -> None:
 def keep(c: Workspace, still: bool, first: bool) -> None:
     """Clip the torques to the motors' limits, give them their rates, and keep what the next tick needs."""
     joints, contact = c.joints, c.contact
-    for j in range(len(joints.torque)):
-        joints.torque[j] = min(max(joints.torque[j], -joints.torque_limit[j]), joints.torque_limit[j])
+    joints.torque[:] = np.minimum(np.maximum(joints.torque, -joints.torque_limit), joints.torque_limit)
     update_rate(joints, c.gains.frequency, contact.lines, still or first)
     joints.last_torque[:] = joints.torque
     if not first:
