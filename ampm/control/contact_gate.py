@@ -9,13 +9,8 @@ unless they alone hold the body.
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ampm.compiled import compiled
 from ampm.control.workspace import BALL, TIP, Contact, Wanted
-
-Array = NDArray[np.float64]
 
 OFF = 2
 """Ticks without touch after which a tip is off the floor."""

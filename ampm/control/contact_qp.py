@@ -12,7 +12,7 @@ in 24 unknowns: nine forces per foot of six points, and six slacks of the wanted
 serves all contact modes: a point without contact has zero bounds, so the sparsity pattern and the warm start
 survive every switch.
 
-When its answer breaks a torque or joint limit, :class:`LimitedForm` solves the whole problem with those
+When its answer breaks a torque or joint limit, :class:`LimitedQP` solves the whole problem with those
 limits as constraints: clipping torques afterwards would cause large ZMP errors.
 """
 
@@ -26,8 +26,7 @@ from ampm.control.forces import NORMAL_COST, TWIST_ARM
 from ampm.control.workspace import ANGULAR, TIP, Contact, Problem, Tasks
 from ampm.linear import add_combination, add_gram, substitute, triangular
 from ampm.qp import QPBackend, QPSettings, QPSolution, make_backend
-
-Array = NDArray[np.float64]
+from ampm.vectors import Array
 
 TANGENT_COST = 0.6
 """Regularisation of tangential forces and twists of a foot that carries the weight. It grows with one over

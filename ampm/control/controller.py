@@ -9,19 +9,19 @@ The controller is independent of the simulator.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.body.robot import Robot
 from ampm.compiled import bound, refer
 from ampm.control.contact_qp import ContactQP
 from ampm.control.forces import share_forces, without_closed
-from ampm.control.limited_qp import LimitedForm, acceleration_bounds
+from ampm.control.limited_qp import LimitedQP, acceleration_bounds
 from ampm.control.tick import after, before, keep, torques
 from ampm.control.workspace import make_workspace
 from ampm.parameters import RunParameters
 from ampm.qp import QPSettings, QPSolution, QPStatus
 from ampm.stepping.follower import Follower, make_stepper
+from ampm.vectors import Array
 from ampm.walk import (
     LIMITED,
     SOLVED,
@@ -34,8 +34,6 @@ from ampm.walk import (
     WalkPlan,
     reference_type,
 )
-
-Array = NDArray[np.float64]
 
 _END_SOFTNESS = 1e-2  # of the task of a toe that is at the end of its range
 
@@ -68,7 +66,7 @@ class TrackingController:
             alpha=1.6,
             scaling=10,
         )
-        self.limited = LimitedForm(solver.qp, limit_settings, weights, len(c.tasks.scale), self.contact_qp)
+        self.limited = LimitedQP(solver.qp, limit_settings, weights, len(c.tasks.scale), self.contact_qp)
         self._first, self._steps = True, gains.stabilizer == "stepping"
         self._stepper = make_stepper(robot, c)
         self._follower: Follower | None = None
@@ -181,17 +179,7 @@ class TrackingController:
             row, toe = foot["toe_row"], foot["toe"] - 6
             if row >= 0 and not low[toe] <= c.tasks.rhs[row] <= high[toe]:
                 softness[row] = _END_SOFTNESS  # an exact row would contradict the limit
-        limited = self.limited.solve(
-            c.tasks.scaled.T * c.motion.root_weight,
-            c.tasks.rhs,
-            c.contact.wrench_map,
-            softness[6:],
-            c.motion.posture / c.motion.root_weight,
-            torque_map / robot.torque_limit[:, None],
-            bias / robot.torque_limit,
-            low,
-            high,
-        )
+        limited = self.limited.solve(c, softness, torque_map, bias, robot)
         if limited.solved:
             c.motion.acceleration[:] = robot.gravity * limited.x[: robot.nv]
             c.contact.solution[:] = limited.x[robot.nv : robot.nv + forces]

@@ -8,14 +8,9 @@ Tangential forces are distributed over the points by their openings.
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ampm.compiled import compiled
 from ampm.control.workspace import ANGULAR, TIP
-from ampm.vectors import cross, put, times, vector
-
-Array = NDArray[np.float64]
+from ampm.vectors import Array, cross, put, times, vector
 
 TWIST_ARM = 0.1
 """Lever that turns a twisting moment into a force of the size of the others [m]."""

@@ -6,14 +6,9 @@ A constant torque lags by half a period: where the plan's ZMP moves by 7 mm in a
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ampm.compiled import compiled
 from ampm.control.workspace import Joints
 from ampm.vectors import clip
-
-Array = NDArray[np.float64]
 
 LARGEST_CHANGE = 0.03
 """Largest change of a torque in one tick that is extrapolated, as share of the motor's limit [1]. A larger

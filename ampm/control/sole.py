@@ -4,14 +4,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.control.workspace import Body, Command, Wanted
-from ampm.vectors import clip, put, times, vector
-
-Array = NDArray[np.float64]
-
+from ampm.vectors import Array, clip, put, times, vector
 
 OPEN = 0.2
 """Share of its force limit from which a point counts as support [1]."""
@@ -81,7 +77,7 @@ def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
         along: of the other point [m].
         across: of the other point [m].
     """
-    best, found, above, below = math.inf, (along, across), False, False
+    least, edge, above, below = math.inf, (along, across), False, False
     for i in range(len(sole)):
         for j in range(len(sole)):
             x, y = sole[i, 0] - along, ACROSS * (sole[i, 1] - across)
@@ -92,9 +88,9 @@ def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
             size = dx * dx + dy * dy
             part = clip(-(x * dx + y * dy) / size, 0.0, 1.0) if size > 0.0 else 0.0
             x, y = x + part * dx, y + part * dy
-            if x * x + y * y < best:
-                best, found = x * x + y * y, (along + x, across + y / ACROSS)
-    return (along, across) if above and below else found
+            if x * x + y * y < least:
+                least, edge = x * x + y * y, (along + x, across + y / ACROSS)
+    return (along, across) if above and below else edge
 
 
 @compiled

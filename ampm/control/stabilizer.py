@@ -2,14 +2,9 @@
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ampm.compiled import compiled
 from ampm.control.workspace import Body, Command, Wanted
-from ampm.vectors import Vector, column, cross, minus, plus, put, times, vector
-
-Array = NDArray[np.float64]
+from ampm.vectors import Array, Vector, column, cross, minus, plus, put, times, vector
 
 
 @compiled

@@ -6,15 +6,10 @@ all of them, 0 for rows that are met exactly.
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ampm.compiled import compiled
 from ampm.control.stabilizer import rotation_error
 from ampm.control.workspace import BALL, HEEL, TIP, Body, Wanted
-from ampm.vectors import ZERO, Vector, cross, minus, plus, put, times, vector
-
-Array = NDArray[np.float64]
+from ampm.vectors import ZERO, Array, Vector, cross, minus, plus, put, times, vector
 
 STANCE, SWING = 1e-8, 1e-4
 """Softness of a foot's acceleration task when it stands and when it swings, in the metric of the posture."""

@@ -7,14 +7,9 @@ over two steps is. The integral of this mean finds the mean angular momentum tha
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ampm.compiled import compiled
 from ampm.control.workspace import Tilt
-from ampm.vectors import Vector
-
-Array = NDArray[np.float64]
+from ampm.vectors import Array, Vector
 
 
 @compiled

@@ -10,13 +10,10 @@ Vectors are horizontal, in the axes of the standing foot: along, and to the left
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.stepping.stepper import Stepper
-from ampm.vectors import clip
-
-Array = NDArray[np.float64]
+from ampm.vectors import Array, clip
 
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
 """How far a step may be displaced [m]. All lengths and times here are those of a body of 1.70 m: lengths grow
