@@ -109,15 +109,30 @@ def _handle(parts: Any) -> Any:
 def _handle_of(parts: Any) -> Any:
     if not isinstance(parts, types.BaseNamedTuple):
         return None
-    values = {
-        name: f"_handle(parts.{name})" if isinstance(kind, types.BaseNamedTuple) else f"parts.{name}"
-        for name, kind in zip(parts.fields, parts, strict=True)
-    }
-    lines = ["def make(parts: Any) -> Any:", "    handle = new(kind)"]
-    lines += [f"    handle.{name} = {value}" for name, value in values.items()]
-    space = {"Any": Any, "new": structref.new, "kind": _handle_type(parts), "_handle": _handle}
-    exec("\n".join([*lines, "    return handle"]), space)
+    space = {"Any": Any, "new": structref.new}
+    lines = ["def make(parts: Any) -> Any:", *_lines(parts, "parts", "handle", space), "    return handle"]
+    exec("\n".join(lines), space)
     return space["make"]
+
+
+def _lines(kind: Any, source: str, target: str, space: dict[str, Any]) -> list[str]:
+    """Statements that make a reference to a named tuple of this type, and to those in it.
+
+    Args:
+        kind: numba's type of the named tuple.
+        source: expression of the named tuple.
+        target: variable of the reference.
+        space: names that the statements use, to which the types are added.
+    """
+    space[f"{target}_type"] = _handle_type(kind)
+    lines = [f"    {target} = new({target}_type)"]
+    for name, part in zip(kind.fields, kind, strict=True):
+        value = f"{source}.{name}"
+        if isinstance(part, types.BaseNamedTuple):
+            lines += _lines(part, value, f"{target}_{name}", space)
+            value = f"{target}_{name}"
+        lines.append(f"    {target}.{name} = {value}")
+    return lines
 
 
 def _handle_type(kind: Any) -> Any:

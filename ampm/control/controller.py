@@ -7,6 +7,7 @@ The controller is independent of the simulator.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from ampm.control.tick import after, before, keep, torques
 from ampm.control.workspace import make_workspace
 from ampm.parameters import RunParameters
 from ampm.qp import QPSettings, QPSolution, QPStatus
-from ampm.stepping.follower import Follower, make_stepper
+from ampm.stepping.follower import Follower
 from ampm.vectors import Array
 from ampm.walk import (
     LIMITED,
@@ -68,13 +69,13 @@ class TrackingController:
         )
         self.limited = LimitedQP(solver.qp, limit_settings, weights, len(c.tasks.scale), self.contact_qp)
         self._first, self._steps = True, gains.stabilizer == "stepping"
-        self._stepper = make_stepper(robot, c)
         self._follower: Follower | None = None
-        self._stepper_reference, reference = refer(self._stepper), refer(c)
-        self._before = bound(before, (reference,), self._stepper_reference, 0.0, 0.0, True)
-        self._after = bound(after, (reference,), True, True)
-        self._torques = bound(torques, (reference,))
-        self._keep = bound(keep, (reference,), True, True)
+        self._stepper: Any = None  # reference to that of the present phase
+        self._reference = refer(c)
+        self._before: Any = None
+        self._after = bound(after, (self._reference,), True, True)
+        self._torques = bound(torques, (self._reference,))
+        self._keep = bound(keep, (self._reference,), True, True)
 
     @property
     def acceleration(self) -> Array | None:
@@ -82,14 +83,20 @@ class TrackingController:
         return None if self._first else self.workspace.motion.last_acceleration
 
     def follow(self, plan: WalkPlan, timing: Timing) -> None:
-        """Take notice of the plan whose references will come, for a stabiliser that steps.
+        """Prepare for the references of a plan; a stabiliser that steps needs the plan.
 
         Args:
             plan: of the walk.
             timing: with which its references are made.
         """
         if self._steps:
-            self._follower = Follower(plan, timing, self.workspace, self._stepper)
+            self._follower = Follower(plan, timing, self.robot, self.workspace)
+            self._stepper = self._follower.handle
+        self._compile()
+
+    def _compile(self) -> None:
+        """Compile the first half of the tick, with the stepping stabiliser if it is used."""
+        self._before = bound(before, (self._reference,), self._stepper, 0.0, 0.0, True)
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One control tick.
@@ -107,13 +114,15 @@ class TrackingController:
         """
         c, first = self.workspace, self._first
         if self._follower is not None:
-            self._stepper_reference = self._follower.begin(state.time, reference)
+            self._stepper = self._follower.begin(state.time, reference)
         self._row[0] = reference.row
         c.sensed.q[:], c.sensed.v[:] = state.q, state.v
         c.sensed.normal_force[:], c.sensed.contact[:] = touch.normal_force, touch.contact
         if first:
             c.motion.last_acceleration[:] = c.wanted.acceleration
-        if self._before(self._stepper_reference, state.velocity_lag, touch.age, first):
+        if self._before is None:
+            self._compile()
+        if self._before(self._stepper, state.velocity_lag, touch.age, first):
             solution = self.contact_qp.solve()
             status = SOLVED if solution.solved else UNSOLVED
             c.contact.solution[:] = self._forces(solution)

@@ -33,12 +33,12 @@ from ampm.vectors import minus, multiply, plus, put, times, vector
 
 
 @compiled
-def before(c: Workspace, stepper: Stepper, velocity_lag: float, load_age: float, first: bool) -> bool:
+def before(c: Workspace, stepper: Stepper | None, velocity_lag: float, load_age: float, first: bool) -> bool:
     """From what is sensed and wanted to the QP of the contact forces.
 
     Args:
         c: all that the tick reads and writes.
-        stepper: of a walk that may leave its plan.
+        stepper: of a walk that may leave its plan; None for one that may not, and is not compiled then.
         velocity_lag: how much older the measured velocity is than the configuration [s].
         load_age: how old the measured normal forces are [s].
         first: whether this is the first tick of a run.
@@ -47,7 +47,7 @@ def before(c: Workspace, stepper: Stepper, velocity_lag: float, load_age: float,
         Whether the QP is stated: the task rows are independent, and all numbers finite.
     """
     kinematics(c.body, c.motion, c.tasks, c.sensed, velocity_lag)
-    if c.stepping[0].enabled:
+    if stepper is not None:
         follow(stepper, c.wanted, c.stepping[0])
     landing = contacts(c, first)
     command(c)

@@ -75,7 +75,6 @@ POINT = [
 """Fields of a sole point besides those of its frame; the left foot's points come first, as many per foot."""
 
 STEPPING = [
-    ("enabled", np.bool_),  # whether the stabiliser steps
     ("off_plan", np.bool_),  # whether the walk has left its plan
     ("active", np.bool_),  # whether it has, or is disturbed: COM and trunk share what the sole can give
     ("heading", np.float64, (2,)),  # cosine and sine of the standing foot's

@@ -28,12 +28,13 @@ BACK = 0.005  # distance from the plan within which a walk is on it again [m]
 _STILL = 0.05  # speed of a COM at rest [m/s]
 
 
-def make_stepper(robot: Robot, c: Workspace) -> Stepper:
-    """A stepper without a plan.
+def make_stepper(robot: Robot, c: Workspace, omega: float) -> Stepper:
+    """A stepper without a phase.
 
     Args:
         robot: the body, as the controller knows it.
         c: of the controller.
+        omega: of the pendulum [1/s].
     """
     walker = records(1, WALKER)
     walker["rate"] = walker["factor"] = walker["load"] = 1.0
@@ -43,7 +44,7 @@ def make_stepper(robot: Robot, c: Workspace) -> Stepper:
         body=c.body,
         contact=c.sensed.contact,
         rates=c.tasks.rates,
-        omega=1.0,
+        omega=omega,
         tick=1.0 / c.gains.frequency,
         size=robot.description.scale,
         foot_width=2.0 * robot.description.sole.half_width,
@@ -60,17 +61,17 @@ class Follower:
     Args:
         plan: of the walk.
         timing: look-ahead of the references.
+        robot: the body, as the controller knows it.
         c: of the controller.
-        stepper: without a plan.
     """
 
-    def __init__(self, plan: WalkPlan, timing: Timing, c: Workspace, stepper: Stepper) -> None:
-        omega = math.sqrt(c.body.gravity / plan.com_height)
-        self.plan, self._timing, self._c, self._stepper = plan, timing, c, stepper._replace(omega=omega)
+    def __init__(self, plan: WalkPlan, timing: Timing, robot: Robot, c: Workspace) -> None:
+        self.plan, self._timing, self._c = plan, timing, c
+        self._stepper = stepper = make_stepper(robot, c, math.sqrt(c.body.gravity / plan.com_height))
         self._walker, self._stepping = stepper.walker, c.stepping
         self._leaves, self._off_plan = self._walker["leaves"], self._stepping["off_plan"]
         self._clock = self._walker["clock"]
-        self._stepping["enabled"], self._stepping["force_factor"] = True, 1.0
+        self._stepping["force_factor"] = 1.0
         self._pass_time = bound(pass_time, (self._walker, stepper.tick))
         self._index, self._loaded, self._next = -1, -1, -math.inf
         self._starts = [*plan.contacts.starts.tolist(), math.inf]

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.compiled import compiled
+from ampm.compiled import compiled, refer
 from ampm.vectors import put, vector
 from validation.trial import spill
 from validation.trial.record import INTEGERS, SHAPES, shape_of
@@ -303,6 +303,7 @@ class RunLog:
             levels=np.array(levels),
             substeps=substeps,
         )
+        self.handle = refer(self.log)
 
     def start(self, data: mujoco.MjData) -> None:
         """Copy the state from which the first step starts."""
@@ -329,7 +330,7 @@ class RunLog:
         data.xfrc_applied[:], data.qacc_warmstart[:] = 0.0, 0.0
         data.ctrl[:] = self.torque[done - 1] if done else 0.0
         mujoco.mj_forward(self.model, data)
-        keep_instant(self.log, done)
+        keep_instant(self.handle, done)
         rows = {"K+1": done + 1, "K": done, "T": -(-done // self.substeps)}
         result: dict[str, Any] = {}
         for name in RunLog.__annotations__:

@@ -316,7 +316,7 @@ class ClosedLoop:
             scale=robot.description.scale,
             time_step=physics.time_step,
         )
-        body, said, log = refer(simulated), refer(command), refer(self.log.log)
+        body, said, log = refer(simulated), refer(command), self.log.handle
         self._touch = Touch(self.log.touching, self.log.normal_force, physics.time_step)
         self._sense = bound(sense, (body, log), 0)
         self._act = bound(act, (body, said, log), 0, 0, 0.0, 0, 0.0)
