@@ -11,15 +11,13 @@ import time
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import numba
 import numpy as np
 from numba import extending, types
 from numba.core import config, event
-from numba.core.imputils import lower_getattr_generic
-from numba.core.typing.templates import AttributeTemplate
+from numba.experimental import structref
 from platformdirs import user_cache_path
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -31,6 +29,7 @@ _SOURCES = (
     "ampm/vectors.py",
     "ampm/body/*.py",
     "ampm/control/*.py",
+    "ampm/stepping/*.py",
     "validation/trial/*.py",
 )
 
@@ -74,76 +73,78 @@ def bound(function: Any, fixed: Sequence[Any], *example: Any) -> Any:
     return partial(function, *fixed)
 
 
-class Bundle(SimpleNamespace):
-    """Arrays and numbers that a compiled function gets as one argument and reads as its attributes.
+@structref.register
+class HandleType(types.StructRef):
+    """Fields of a named tuple, by reference."""
 
-    As arguments of their own they would be unpacked at every call, 70 ns each. Compiled functions read their
-    headers where they are kept here, so the arrays must not be replaced, nor the numbers changed.
+
+class Handle(structref.StructRefProxy):
+    """The reference that :func:`refer` returns."""
+
+    __slots__ = ()
+
+
+structref.define_boxing(HandleType, Handle)
+
+
+def refer(parts: Any) -> Any:
+    """One reference to all fields of a named tuple, nested ones included.
+
+    Compiled functions read the fields by the same names. As an argument a named tuple is unpacked at every
+    call, 60 ns for each array; a reference is not. Arrays are shared; numbers are copied and stay. Python
+    cannot read a reference: keep the named tuple beside it. Under ``NUMBA_DISABLE_JIT=1`` it is its argument.
+
+    Args:
+        parts: a named tuple of arrays, numbers and such named tuples.
     """
-
-    def __init__(self, **parts: Any) -> None:
-        headers = np.array([word for part in parts.values() for word in _header(part)], dtype=np.int64)
-        kind = BundleType(tuple((name, numba.typeof(part)) for name, part in parts.items()))
-        place = headers.__array_interface__["data"][0]
-        self.__dict__.update(parts, _headers=headers, _address=place, _type=kind)
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        """The headers would stay those of the first."""
-        raise AttributeError(f"{name} is part of a bundle and cannot be replaced")
-
-    def __reduce__(self) -> Any:
-        """A copy would read the arrays at the addresses of the first."""
-        raise TypeError("a bundle has the addresses of its arrays and cannot be copied")
+    return parts if config.DISABLE_JIT else _refer_to(parts)
 
 
-def _header(part: Any) -> list[int]:
-    """What numba knows of an array, in the order of its ``ArrayModel``, or the bits of a number."""
-    if not isinstance(part, np.ndarray):
-        kind = np.float64 if isinstance(part, float) else np.int64
-        return [int(np.array(part, dtype=kind).view(np.int64))]
-    place = part.__array_interface__["data"][0]
-    return [0, 0, part.size, part.itemsize, place, *part.shape, *part.strides]
+def _handle(parts: Any) -> Any:
+    """The reference, in compiled code."""
+    return parts
 
 
-class BundleType(types.Type):
-    """Names and types of a bundle's parts."""
-
-    key: tuple[tuple[str, Any], ...] = ()
-
-    def __init__(self, parts: tuple[tuple[str, Any], ...]) -> None:
-        self.key, self.parts, offset = parts, {}, 0
-        for name, kind in parts:
-            self.parts[name] = kind, offset
-            offset += 5 + 2 * kind.ndim if isinstance(kind, types.Array) else 1
-        super().__init__(f"Bundle({hashlib.sha256(repr(parts).encode()).hexdigest()[:16]})")
+@extending.overload(_handle)
+def _handle_of(parts: Any) -> Any:
+    if not isinstance(parts, types.BaseNamedTuple):
+        return None
+    space = {"Any": Any, "new": structref.new}
+    lines = ["def make(parts: Any) -> Any:", *_lines(parts, "parts", "handle", space), "    return handle"]
+    exec("\n".join(lines), space)
+    return space["make"]
 
 
-extending.register_model(BundleType)(extending.models.OpaqueModel)
-extending.typeof_impl.register(Bundle)(lambda bundle, _: bundle._type)
+def _lines(kind: Any, source: str, target: str, space: dict[str, Any]) -> list[str]:
+    """Statements that make a reference to a named tuple of this type, and to those in it.
+
+    Args:
+        kind: numba's type of the named tuple.
+        source: expression of the named tuple.
+        target: variable of the reference.
+        space: names that the statements use, to which the types are added.
+    """
+    space[f"{target}_type"] = _handle_type(kind)
+    lines = [f"    {target} = new({target}_type)"]
+    for name, part in zip(kind.fields, kind, strict=True):
+        value = f"{source}.{name}"
+        if isinstance(part, types.BaseNamedTuple):
+            lines += _lines(part, value, f"{target}_{name}", space)
+            value = f"{target}_{name}"
+        lines.append(f"    {target}.{name} = {value}")
+    return lines
 
 
-@extending.infer_getattr
-class _Part(AttributeTemplate):
-    key = BundleType
-
-    def generic_resolve(self, bundle: BundleType, name: str) -> Any:
-        return bundle.parts[name][0] if name in bundle.parts else None
-
-
-@lower_getattr_generic(BundleType)
-def _part(context: Any, builder: Any, bundle: BundleType, value: Any, name: str) -> Any:
-    kind, offset = bundle.parts[name]
-    place = builder.gep(value, [context.get_constant(types.intp, 8 * offset)])
-    place = builder.bitcast(place, context.get_data_type(kind).as_pointer())
-    return context.unpack_value(builder, kind, place)
+def _handle_type(kind: Any) -> Any:
+    """Type of the reference to a named tuple of this type; of anything else the type itself."""
+    if not isinstance(kind, types.BaseNamedTuple):
+        return types.unliteral(kind)
+    return HandleType([(name, _handle_type(part)) for name, part in zip(kind.fields, kind, strict=True)])
 
 
-@extending.unbox(BundleType)
-def _address(_: Any, bundle: Any, context: Any) -> Any:
-    address = context.pyapi.object_getattr_string(bundle, "_address")
-    place = context.pyapi.long_as_voidptr(address)
-    context.pyapi.decref(address)
-    return extending.NativeValue(place)
+@compiled
+def _refer_to(parts: Any) -> Any:
+    return _handle(parts)
 
 
 def records(shape: int | tuple[int, ...], fields: Sequence[Any]) -> Any:

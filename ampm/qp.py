@@ -16,7 +16,7 @@ import osqp
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
-from ampm.compiled import Bundle, bound, compiled
+from ampm.compiled import bound, compiled, refer
 from ampm.exceptions import InputError, SolverError
 
 Array = NDArray[np.float64]
@@ -94,7 +94,7 @@ class QPBackend(Protocol):
     """Interface of a solver for controller and inverse kinematics."""
 
     def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
-        """Solve with new numbers.
+        """Solve with new numbers, arrays of float64.
 
         Args:
             P: symmetric positive semidefinite cost matrix, dense, shape (n, n).
@@ -120,13 +120,32 @@ class _Pattern:
         return sparse.csc_matrix((values, csc.indices, csc.indptr), shape=csc.shape)
 
 
+class SparseValues(NamedTuple):
+    """A problem as OSQP takes it.
+
+    Attributes:
+        P_places: places of the values of P in the dense matrix, in sparse order.
+        A_places: the same of A.
+        P: values of the upper triangle.
+        A: values.
+        lower: finite, shape (m,).
+        upper: finite, shape (m,).
+    """
+
+    P_places: NDArray[np.intp]
+    A_places: NDArray[np.intp]
+    P: Array
+    A: Array
+    lower: Array
+    upper: Array
+
+
 @compiled
-def gather(own: Any, P: Array, A: Array, lower: Array, upper: Array) -> bool:
+def gather(values: SparseValues, P: Array, A: Array, lower: Array, upper: Array) -> bool:
     """Take matrices to their values in sparse order, and bounds to finite ones.
 
     Args:
-        own: ``P_places``, ``A_places``, of the values in memory; written: ``P_values``, ``A_values``, and the
-            bounds ``low`` and ``high``.
+        values: written.
         P: dense, C-contiguous.
         A: dense, C-contiguous.
         lower: shape (m,).
@@ -135,15 +154,14 @@ def gather(own: Any, P: Array, A: Array, lower: Array, upper: Array) -> bool:
     Returns:
         Whether no lower bound is above its upper one.
     """
-    costs, rows, P_values, A_values = P.reshape(-1), A.reshape(-1), own.P_values, own.A_values
-    P_places, A_places, low, high = own.P_places, own.A_places, own.low, own.high
-    for i in range(len(P_places)):
-        P_values[i] = costs[P_places[i]]
-    for i in range(len(A_places)):
-        A_values[i] = rows[A_places[i]]
+    costs, rows = P.reshape(-1), A.reshape(-1)
+    for i in range(len(values.P)):
+        values.P[i] = costs[values.P_places[i]]
+    for i in range(len(values.A)):
+        values.A[i] = rows[values.A_places[i]]
     ordered = True
     for i in range(len(lower)):
-        low[i], high[i] = max(lower[i], -_INFINITY), min(upper[i], _INFINITY)
+        values.lower[i], values.upper[i] = max(lower[i], -_INFINITY), min(upper[i], _INFINITY)
         if lower[i] > upper[i]:
             ordered = False
     return ordered
@@ -160,13 +178,16 @@ class OsqpBackend:
 
     def __init__(self, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings) -> None:
         self._P, self._A = _Pattern(np.triu(P_mask)), _Pattern(A_mask)
-        P_values, A_values = np.empty(self._P.gather.size), np.empty(self._A.gather.size)
-        low, high = np.empty((2, len(A_mask)))
-        self._own = Bundle(
-            P_places=self._P.gather, A_places=self._A.gather, P_values=P_values, A_values=A_values,
-            low=low, high=high,
-        )  # fmt: skip
-        self._gather = bound(gather, (self._own,), np.empty((1, 1)), np.empty((1, 1)), low, high)
+        self._values = SparseValues(
+            self._P.gather,
+            self._A.gather,
+            np.empty(self._P.gather.size),
+            np.empty(self._A.gather.size),
+            np.empty(len(A_mask)),
+            np.empty(len(A_mask)),
+        )
+        matrix, vector = np.empty((1, 1)), np.empty(1)
+        self._gather = bound(gather, (refer(self._values),), matrix, matrix, vector, vector)
         self._settings = settings
         self._solver: Any = None
 
@@ -178,9 +199,8 @@ class OsqpBackend:
             KeyboardInterrupt: the user interrupted the solve.
         """
         start = time.perf_counter()
-        problem = [np.ascontiguousarray(part, np.float64) for part in (P, A, lower, upper)]
-        P, A, lower, upper = problem
-        if not self._gather(*problem):
+        P, A = np.ascontiguousarray(P), np.ascontiguousarray(A)
+        if not self._gather(P, A, np.ascontiguousarray(lower), np.ascontiguousarray(upper)):
             # OSQP would keep the last bounds and solve with those.
             gap = float((lower - upper).max())
             return QPSolution(
@@ -190,9 +210,9 @@ class OsqpBackend:
         if solver is None:
             solver = self._solver = self._setup(P, q, A, lower, upper)
         else:
-            own = self._own
-            solver.update_data_vec(q=q, l=own.low, u=own.high)
-            solver.update_data_mat(P_x=own.P_values, P_i=None, A_x=own.A_values, A_i=None)
+            values = self._values
+            solver.update_data_vec(q=q, l=values.lower, u=values.upper)
+            solver.update_data_mat(P_x=values.P, P_i=None, A_x=values.A, A_i=None)
         solver.solve()
         x = np.array(solver.solution.x, dtype=np.float64)
         seconds = time.perf_counter() - start

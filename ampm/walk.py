@@ -11,10 +11,9 @@ heel, ball, tip.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, NamedTuple, Protocol, overload
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,53 +32,22 @@ class FeetState(NamedTuple):
     """Both feet at one instant; T instants have a leading axis.
 
     Attributes:
-        values: position, velocity and acceleration of the sole's reference point (9), rotation of the sole to
-            world by rows (9), angular velocity and acceleration (6), angle, velocity and acceleration of the
-            toe joint (3); shape (2, 27) [m, rad, s]. One row, so that a tick unpacks it at once.
+        position: of the soles' reference points, shape (2, 3) [m].
+        velocity: shape (2, 3) [m/s].
+        acceleration: shape (2, 3) [m/s^2].
+        rotation: of the soles to world, shape (2, 3, 3).
+        angular_velocity: shape (2, 3) [rad/s].
+        angular_acceleration: shape (2, 3) [rad/s^2].
+        toe: angle, velocity and acceleration of the toe joints, shape (2, 3) [rad, rad/s, rad/s^2].
     """
 
-    values: Array
-
-    @classmethod
-    def of(cls, linear: Array, rotation: Array, angular: Array, toe: Array) -> FeetState:
-        """From its parts, shapes (..., 2, 3, 3), (..., 2, 3, 3), (..., 2, 2, 3), (..., 2, 3)."""
-        parts = linear, rotation, angular, toe
-        return cls(np.concatenate([part.reshape(*toe.shape[:-1], -1) for part in parts], axis=-1))
-
-    @property
-    def position(self) -> Array:
-        """Of the soles' reference points, shape (2, 3) [m]."""
-        return self.values[..., 0:3]
-
-    @property
-    def velocity(self) -> Array:
-        """Shape (2, 3) [m/s]."""
-        return self.values[..., 3:6]
-
-    @property
-    def acceleration(self) -> Array:
-        """Shape (2, 3) [m/s^2]."""
-        return self.values[..., 6:9]
-
-    @property
-    def rotation(self) -> Array:
-        """Of the soles to world, shape (2, 3, 3)."""
-        return self.values[..., 9:18].reshape(*self.values.shape[:-1], 3, 3)
-
-    @property
-    def angular_velocity(self) -> Array:
-        """Shape (2, 3) [rad/s]."""
-        return self.values[..., 18:21]
-
-    @property
-    def angular_acceleration(self) -> Array:
-        """Shape (2, 3) [rad/s^2]."""
-        return self.values[..., 21:24]
-
-    @property
-    def toe(self) -> Array:
-        """Angle, velocity and acceleration of the toe joints, shape (2, 3) [rad, rad/s, rad/s^2]."""
-        return self.values[..., 24:27]
+    position: Array
+    velocity: Array
+    acceleration: Array
+    rotation: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+    toe: Array
 
 
 class ContactState(NamedTuple):
@@ -112,55 +80,168 @@ class PostureState(NamedTuple):
     v: Array
     acceleration: Array
     trunk: Array
-    angular_momentum_z: Array
+    angular_momentum_z: Scalar
     tilt_window: Scalar = 0.0
 
 
-class Reference(NamedTuple):
-    """Reference of a controller at one instant; T instants have a leading axis.
+def reference_type(nq: int, nv: int) -> np.dtype[Any]:
+    """One row of a table of references, which a controller copies at once.
 
-    Attributes:
-        time: [s].
-        centre: rows com, com_velocity, com_acceleration, angular_momentum, moment, shape (5, 3).
-        right_load: share of the weight planned on the right foot [1].
-        feet: pose and motion of both feet.
-        jumps: whether the plan's acceleration jumps at this tick of a first-order hold, or at the last one.
-        contacts: which groups carry load.
-        posture: of the whole body.
+    Args:
+        nq: size of Pinocchio's configuration.
+        nv: size of its velocity.
+    """
+    feet = [(f"foot_{name}", float, (2, 3)) for name in FeetState._fields if name != "rotation"]
+    fields = [
+        ("time", float),
+        ("com", float, (3,)),
+        ("com_velocity", float, (3,)),
+        ("com_acceleration", float, (3,)),
+        ("angular_momentum", float, (3,)),
+        ("moment", float, (3,)),
+        ("right_load", float),
+        ("jumps", bool),
+        *feet,
+        ("foot_rotation", float, (2, 3, 3)),
+        ("planned", bool, (2, 3)),
+        ("due", bool, (2, 3)),
+        ("until_lift", float, (2, 3)),
+        ("q", float, (nq,)),
+        ("v", float, (nv,)),
+        ("acceleration", float, (nv,)),
+        ("trunk", float, (3, 3)),
+        ("tilt_window", float),
+    ]
+    return np.dtype(fields, align=True)
+
+
+class Reference:
+    """Reference of a controller at one instant; T instants have a leading axis, see :class:`ReferenceTable`.
+
+    Args:
+        row: of :func:`reference_type`; every property is a view of it.
     """
 
-    time: Scalar
-    centre: Array
-    right_load: Scalar
-    jumps: Scalar
-    feet: FeetState
-    contacts: ContactState
-    posture: PostureState
+    __slots__ = ("row",)
+
+    def __init__(self, row: Any) -> None:
+        self.row = row
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        time: ArrayLike,
+        com: ArrayLike,
+        com_velocity: ArrayLike,
+        com_acceleration: ArrayLike,
+        angular_momentum: ArrayLike,
+        moment: ArrayLike,
+        right_load: ArrayLike,
+        feet: FeetState,
+        contacts: ContactState,
+        posture: PostureState,
+        jumps: ArrayLike = False,
+    ) -> Self:
+        """Copy the parts into a new reference; T instants have a leading axis.
+
+        Args are the properties of this class.
+
+        Raises:
+            ValueError: a part has another shape, or another number of instants.
+        """
+        parts: dict[str, Any] = {
+            "time": time,
+            "com": com,
+            "com_velocity": com_velocity,
+            "com_acceleration": com_acceleration,
+            "angular_momentum": angular_momentum,
+            "moment": moment,
+            "right_load": right_load,
+            "jumps": jumps,
+            **{f"foot_{name}": part for name, part in feet._asdict().items()},
+            **contacts._asdict(),
+            **posture._asdict(),
+        }
+        del parts["angular_momentum_z"]  # is in the angular momentum
+        row = np.zeros(np.shape(time), reference_type(np.shape(posture.q)[-1], np.shape(posture.v)[-1]))
+        for name, part in parts.items():
+            if np.ndim(part) and np.shape(part) != row[name].shape:
+                raise ValueError(
+                    f"{name} of a reference has shape {np.shape(part)} and must have {row[name].shape}"
+                )
+            row[name] = part
+        return cls(row)
+
+    def replace(self, **fields: ArrayLike) -> Self:
+        """A copy with other values of some fields, by the names of :func:`reference_type`."""
+        row = np.array(self.row)
+        for name, value in fields.items():
+            row[name] = value
+        return type(self)(row)
+
+    @property
+    def time(self) -> Scalar:
+        """[s]."""
+        return self.row["time"]
 
     @property
     def com(self) -> Array:
         """Centre of mass, shape (3,) [m]."""
-        return self.centre[..., 0, :]
+        return self.row["com"]
 
     @property
     def com_velocity(self) -> Array:
         """Shape (3,) [m/s]."""
-        return self.centre[..., 1, :]
+        return self.row["com_velocity"]
 
     @property
     def com_acceleration(self) -> Array:
         """Shape (3,) [m/s^2]."""
-        return self.centre[..., 2, :]
+        return self.row["com_acceleration"]
 
     @property
     def angular_momentum(self) -> Array:
         """About the COM; x and y are the plan's, z the posture's, shape (3,) [N m s]."""
-        return self.centre[..., 3, :]
+        return self.row["angular_momentum"]
 
     @property
     def moment(self) -> Array:
         """Rate of the angular momentum, shape (3,) [N m]."""
-        return self.centre[..., 4, :]
+        return self.row["moment"]
+
+    @property
+    def right_load(self) -> Scalar:
+        """Share of the weight planned on the right foot [1]."""
+        return self.row["right_load"]
+
+    @property
+    def jumps(self) -> Scalar:
+        """Whether the plan's acceleration jumps at this tick of a first-order hold, or at the last one."""
+        return self.row["jumps"]
+
+    @property
+    def feet(self) -> FeetState:
+        """Pose and motion of both feet."""
+        return FeetState(*(self.row[f"foot_{name}"] for name in FeetState._fields))
+
+    @property
+    def contacts(self) -> ContactState:
+        """Which groups carry load."""
+        return ContactState(self.row["planned"], self.row["due"], self.row["until_lift"])
+
+    @property
+    def posture(self) -> PostureState:
+        """Of the whole body."""
+        row = self.row
+        return PostureState(
+            row["q"],
+            row["v"],
+            row["acceleration"],
+            row["trunk"],
+            row["angular_momentum"][..., 2],
+            row["tilt_window"],
+        )
 
 
 class Timing(NamedTuple):
@@ -185,62 +266,32 @@ SHARP = Timing()
 """No look-ahead."""
 
 
-class ReferenceTable(Sequence[Reference]):
-    """References at T instants, evaluated at once.
+class ReferenceTable(Reference):
+    """References at T instants, evaluated at once: arrays have a leading axis of T.
 
     Args:
-        rows: a reference whose arrays have a leading axis of T; they become read-only.
-
-    Raises:
-        ValueError: an array is shorter or longer; compiled functions would read beyond its end.
+        row: array of :func:`reference_type`, shape (T,); it becomes read-only.
     """
 
-    def __init__(self, rows: Reference) -> None:
-        self.rows = rows
-        lengths = set()
-        for part in (
-            [rows.time, rows.centre, rows.right_load, rows.jumps],
-            rows.feet,
-            rows.contacts,
-            rows.posture,
-        ):
-            for array in part:
-                array.setflags(write=False)
-                lengths.add(len(array))
-        if len(lengths) > 1:
-            raise ValueError(f"arrays of {' and '.join(map(str, sorted(lengths)))} instants in one table")
+    __slots__ = ()
+
+    def __init__(self, row: Any) -> None:
+        row.setflags(write=False)
+        super().__init__(row)
 
     def __len__(self) -> int:
-        return len(self.rows.centre)
+        return len(self.row)
 
-    @overload
-    def __getitem__(self, k: int) -> Reference: ...
-    @overload
-    def __getitem__(self, k: slice) -> ReferenceTable: ...
-    def __getitem__(self, k: int | slice) -> Reference | ReferenceTable:
-        """The reference at tick k, in views of the table's arrays."""
-        rows = self.rows
-        row = Reference(
-            time=rows.time[k],
-            centre=rows.centre[k],
-            right_load=rows.right_load[k],
-            jumps=rows.jumps[k],
-            feet=FeetState._make(array[k] for array in rows.feet),
-            contacts=ContactState._make(array[k] for array in rows.contacts),
-            posture=PostureState._make(array[k] for array in rows.posture),
-        )
-        return ReferenceTable(row) if isinstance(k, slice) else row
+    def __getitem__(self, k: int) -> Reference:
+        """The reference at tick k."""
+        return Reference(self.row[k])
 
     def __iter__(self) -> Iterator[Reference]:
-        """The references one after another, several times faster than by index."""
-        new = tuple.__new__  # a named tuple's own constructor costs more than the rest
-        rows = self.rows
-        plain = rows.time.tolist(), rows.centre, rows.right_load.tolist(), rows.jumps.tolist()
-        feet, contacts, posture = (
-            map(partial(new, type(part)), zip(*part, strict=True))
-            for part in (rows.feet, rows.contacts, rows.posture)
-        )
-        return map(partial(new, Reference), zip(*plain, feet, contacts, posture, strict=True))
+        return map(Reference, self.row)
+
+    def part(self, start: int, stop: int) -> ReferenceTable:
+        """The references of ticks start ... stop - 1, without a copy."""
+        return ReferenceTable(self.row[start:stop])
 
 
 class Posture(Protocol):
@@ -296,38 +347,27 @@ class WalkPlan(StepPlan):
             """Contact now or at the end of a time span."""
             return contact | self.feet.contact(np.minimum(times + span, self.feet.duration))
 
-        return ReferenceTable(
-            Reference(
-                time=times,
-                centre=np.stack(
-                    [
-                        now.plan.com,
-                        now.plan.com_velocity,
-                        held.plan.com_acceleration,
-                        np.hstack([now.plan.angular_momentum, momentum_z[:, None]]),
-                        np.hstack([held.plan.moment, yaw_moment[:, None]]),
-                    ],
-                    axis=1,
-                ),
-                right_load=now.plan.right_load,
-                jumps=jumps,
-                feet=_feet_state(now.feet, held.feet),
-                contacts=ContactState(
-                    planned=within(timing.lead),
-                    due=within(timing.early),
-                    until_lift=self.feet.until_lift(times, contact),
-                ),
-                posture=now.posture._replace(
-                    acceleration=held.posture.acceleration,
-                    tilt_window=np.broadcast_to(now.posture.tilt_window, times.shape),
-                ),
-            )
+        return ReferenceTable.of(
+            time=times,
+            com=now.plan.com,
+            com_velocity=now.plan.com_velocity,
+            com_acceleration=held.plan.com_acceleration,
+            angular_momentum=np.hstack([now.plan.angular_momentum, momentum_z[:, None]]),
+            moment=np.hstack([held.plan.moment, yaw_moment[:, None]]),
+            right_load=now.plan.right_load,
+            jumps=jumps,
+            feet=_feet_state(now.feet, held.feet),
+            contacts=ContactState(
+                planned=within(timing.lead),
+                due=within(timing.early),
+                until_lift=self.feet.until_lift(times, contact),
+            ),
+            posture=now.posture._replace(acceleration=held.posture.acceleration),
         )
 
     def _instants(self, times: Array) -> _Instants:
-        """Everything at times (T,) [s]; postures as compiled functions take them."""
-        posture = PostureState(*(np.asarray(part, np.float64) for part in self.posture.sample(times)))
-        return _Instants(self.sample(times), self.feet.sample(times), posture)
+        """Everything at times (T,) [s]."""
+        return _Instants(self.sample(times), self.feet.sample(times), self.posture.sample(times))
 
 
 class _Instants(NamedTuple):
@@ -441,13 +481,23 @@ class ControllerFactory(Protocol):
         ...
 
 
+def _both(feet: tuple[FootSample, FootSample], name: str) -> Any:
+    """One array of both feet, left first, shape (T, 2, ...)."""
+    return np.stack([getattr(foot, name) for foot in feet], axis=1)
+
+
 def _feet_state(feet: tuple[FootSample, FootSample], held: tuple[FootSample, FootSample]) -> FeetState:
     """Both feet as one; accelerations are those of ``held``."""
-    both = list(zip(feet, held, strict=True))
-    linear = np.array([(now.position, now.velocity, later.acceleration) for now, later in both])
-    angular = np.array([(foot_turning(now)[0], foot_turning(later)[1]) for now, later in both])
-    toe = np.array([(now.toe, now.toe_velocity, later.toe_acceleration) for now, later in both])
-    rotation = np.stack([foot_rotation(foot.heading, foot.pitch) for foot in feet], axis=1)
-    return FeetState.of(
-        linear.transpose(2, 0, 1, 3), rotation, angular.transpose(2, 0, 1, 3), toe.transpose(2, 0, 1)
+    turning = np.stack([foot_turning(foot)[0] for foot in feet], axis=1)
+    changing = np.stack([foot_turning(foot)[1] for foot in held], axis=1)
+    return FeetState(
+        position=_both(feet, "position"),
+        velocity=_both(feet, "velocity"),
+        acceleration=_both(held, "acceleration"),
+        rotation=foot_rotation(_both(feet, "heading"), _both(feet, "pitch")),
+        angular_velocity=turning,
+        angular_acceleration=changing,
+        toe=np.stack(
+            [_both(feet, "toe"), _both(feet, "toe_velocity"), _both(held, "toe_acceleration")], axis=2
+        ),
     )

@@ -9,13 +9,8 @@ unless they alone hold the body.
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ampm.compiled import compiled
-from ampm.control.records import BALL, CHANGE, PHI, TIP
-
-Array = NDArray[np.float64]
+from ampm.control.workspace import BALL, TIP, Contact, Wanted
 
 OFF = 2
 """Ticks without touch after which a tip is off the floor."""
@@ -23,36 +18,29 @@ OFF = 2
 
 @compiled
 def update_gate(
-    planned: NDArray[np.bool_],
-    due: NDArray[np.bool_],
-    until_lift: NDArray[np.float64],
-    rate: float,
-    ramp: float,
-    first: bool,
-    strict: bool,
-    points: Any,
-    lines: Any,
+    wanted: Wanted, gains: Any, first: bool, close_lifted_tips: bool, points: Any, lines: Any
 ) -> bool:
     """Advance the lines by one tick, and give the points their openings.
 
     Args:
-        planned: lines planned in contact, shape (F, 3).
-        due: planned in contact now or shortly, shape (F, 3).
-        until_lift: time until the line lifts off, shape (F, 3) [s].
-        rate: by which a line opens in a tick [1].
-        ramp: time in which a line closes before its lift-off [s].
+        wanted: which lines are planned in contact, due, and until when.
+        gains: ``contact_ramp``, the time in which a line opens, and closes before its lift-off [s].
         first: a run starts standing on the planned points.
-        strict: tips off the floor carry no force: that of a toe that a torque has lifted would keep it there.
+        close_lifted_tips: tips off the floor carry no force, or that of a toe that a torque has lifted would
+            keep it there.
         points: that touch.
         lines: of the last tick.
 
     Returns:
         Whether any line touches or has opened that has not fully opened.
     """
+    ramp = gains.contact_ramp
+    rate = 1.0 / (gains.frequency * ramp)
     for foot in range(len(lines)):
         for group in range(3):
             line = lines[foot, group]
-            line.planned, line.due, line.touching = planned[foot, group], due[foot, group], False
+            line.planned, line.due = wanted.planned[foot, group], wanted.due[foot, group]
+            line.touching = False
             if first:
                 line.touched, line.opening = line.planned, 1.0 if line.planned else 0.0
     for i in range(len(points)):
@@ -62,14 +50,15 @@ def update_gate(
     for foot in range(len(lines)):
         for group in range(3):
             line = lines[foot, group]
+            until_lift = wanted.until_lift[foot, group]
             held = line.due and (line.touched or line.touching)
             if group == TIP:  # a loaded tip would keep the ball off the floor
                 held = held and lines[foot, BALL].touched
             line.touched = held
             line.opening = min(line.opening + rate, 1.0) if held else 0.0
-            line.limit = min(line.opening, until_lift[foot, group] / ramp)
+            line.limit = min(line.opening, until_lift / ramp)
             line.off = 0 if line.touching else line.off + 1
-            if strict and group == TIP and line.off > OFF and until_lift[foot, group] > ramp:
+            if close_lifted_tips and group == TIP and line.off > OFF and until_lift > ramp:
                 line.limit = 0.0
             supported = supported or line.limit > 0.0
             if line.opening < 1.0 and (line.touching or line.opening > 0.0):
@@ -85,16 +74,7 @@ def update_gate(
 
 
 @compiled
-def land(
-    gain: Any,
-    feet: int,
-    points: Any,
-    weight: float,
-    phi: Array,
-    since: float,
-    wrench: Array,
-    momentum: Array,
-) -> None:
+def land(gains: Any, points: Any, weight: float, contact: Contact, since: float) -> None:
     """Account for points of landing lines, whose forces differ from those commanded.
 
     The floor pushes as the foot arrives. The QP takes a share of this force as given, their least force, and
@@ -106,24 +86,21 @@ def land(
     is the commanded one.
 
     Args:
-        gain: of the controller.
-        feet: number of feet.
+        gains: of the controller.
         points: open to a share.
         weight: of the body [N].
-        phi: forces of the last tick and their change, shape (2, U) [m g].
+        contact: forces of the last tick; the expected forces are taken from its wanted momentum.
         since: time between the last tick and the sensed forces, in ticks [1].
-        wrench: W, shape (6, U).
-        momentum: wanted momentum rate plus weight; the expected forces are taken from it, shape (6,).
     """
     for i in range(len(points)):
         point, unknown = points[i], 3 * points[i].foot + i
-        given = gain.landing_share / weight * point.sensed if point.touching and point.opening < 1.0 else 0.0
+        least = gains.landing_share / weight * point.sensed if point.touching and point.opening < 1.0 else 0.0
         if 0.0 < point.opening < 1.0:
             if point.line != TIP:
-                given = max(given, gain.landing_force)
-            asked = phi[PHI, unknown] + since * phi[CHANGE, unknown]
-            missing = gain.landing_compensation * (point.sensed / weight - asked)
+                least = max(least, gains.landing_force)
+            asked = contact.forces[unknown] + since * contact.change[unknown]
+            missing = gains.landing_compensation * (point.sensed / weight - asked)
             for e in range(6):
-                momentum[e] -= wrench[e, unknown] * missing
-        point.least = max(point.least, given)
+                contact.momentum[e] -= contact.wrench_map[e, unknown] * missing
+        point.least = max(point.least, least)
         point.largest = max(point.largest, point.least)

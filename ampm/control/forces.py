@@ -8,17 +8,9 @@ Tangential forces are distributed over the points by their openings.
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ampm.compiled import compiled
-from ampm.control.records import TIP
-from ampm.vectors import cross, put, times, vector
-
-Array = NDArray[np.float64]
-
-ANGULAR = 3.0
-"""Scale of the angular momentum rows [1/m]."""
+from ampm.control.workspace import ANGULAR, TIP
+from ampm.vectors import Array, cross, put, times, vector
 
 TWIST_ARM = 0.1
 """Lever that turns a twisting moment into a force of the size of the others [m]."""
@@ -51,10 +43,10 @@ def share_forces(feet: int, points: Any, phi: Array, by_load: bool) -> None:
     """
     per_foot = len(points) // feet
     for foot in range(feet):
-        own = points[per_foot * foot : per_foot * (foot + 1)]
+        soles = points[per_foot * foot : per_foot * (foot + 1)]
         loads = total = 0.0
         for i in range(per_foot):
-            point = own[i]
+            point = soles[i]
             point.share = max(point.limit, _LEAST_OPENING)
             total += point.share
             loads += point.share if point.line != TIP else 0.0
@@ -63,12 +55,12 @@ def share_forces(feet: int, points: Any, phi: Array, by_load: bool) -> None:
         if by_load:
             total = 0.0
             for i in range(per_foot):
-                own[i].largest = max(LARGEST_PUSHED * own[i].limit, own[i].least)
-                own[i].share = max(phi[(per_foot + 3) * foot + i], _LEAST_OPENING)
-                total += own[i].share
+                soles[i].largest = max(LARGEST_PUSHED * soles[i].limit, soles[i].least)
+                soles[i].share = max(phi[(per_foot + 3) * foot + i], _LEAST_OPENING)
+                total += soles[i].share
         x = y = 0.0
         for i in range(per_foot):
-            point = own[i]
+            point = soles[i]
             point.load_gradient = (
                 -NORMAL_COST * max(point.limit, _LEAST_OPENING) / loads if point.line != TIP else 0.0
             )
@@ -77,14 +69,14 @@ def share_forces(feet: int, points: Any, phi: Array, by_load: bool) -> None:
             y += point.share * point.arm[1]
         turning = 0.0
         for i in range(per_foot):
-            point = own[i]
+            point = soles[i]
             dx, dy = point.arm[0] - x, point.arm[1] - y
             point.lever = math.hypot(dx, dy)
             point.twist[0], point.twist[1] = -point.share * dy, point.share * dx
             turning += point.twist[1] * dx - point.twist[0] * dy
         for i in range(per_foot):
-            own[i].twist[0] *= TWIST_ARM / turning
-            own[i].twist[1] *= TWIST_ARM / turning
+            soles[i].twist[0] *= TWIST_ARM / turning
+            soles[i].twist[1] *= TWIST_ARM / turning
 
 
 @compiled

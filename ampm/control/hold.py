@@ -6,12 +6,9 @@ A constant torque lags by half a period: where the plan's ZMP moves by 7 mm in a
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ampm.compiled import compiled
-
-Array = NDArray[np.float64]
+from ampm.control.workspace import Joints
+from ampm.vectors import clip
 
 LARGEST_CHANGE = 0.03
 """Largest change of a torque in one tick that is extrapolated, as share of the motor's limit [1]. A larger
@@ -19,9 +16,7 @@ one is the response to an event, such as a landing, and is not repeated in the n
 
 
 @compiled
-def update_rate(
-    torque: Array, last: Array, limit: Array, frequency: float, lines: Any, still: bool, rate: Array
-) -> None:
+def update_rate(joints: Joints, frequency: float, lines: Any, still: bool) -> None:
     """Rates of the torques until the next tick, from those until this one.
 
     The rate is the last difference over the period, with three exceptions. It is limited by
@@ -30,13 +25,10 @@ def update_rate(
     hold.
 
     Args:
-        torque: of this tick, shape (nu,) [N m].
-        last: of the last tick, shape (nu,) [N m].
-        limit: of the motors, shape (nu,) [N m].
+        joints: torques of this tick and of the last one, and limits; the rate is written.
         frequency: of the ticks [1/s].
         lines: of this tick; they keep what of the contact determines the slope of the torque.
         still: this is the first tick, or the plan jumps in this tick or has jumped in the last one.
-        rate: shape (nu,) [N m/s].
     """
     same = True
     for foot in range(len(lines)):
@@ -45,9 +37,10 @@ def update_rate(
             opening = line.touching and 0.0 < line.opening < 1.0
             same = same and line.planned == line.was_planned and opening == line.was_opening
             line.was_planned, line.was_opening = line.planned, opening
-    for j in range(len(torque)):
-        largest = LARGEST_CHANGE * limit[j]
+    for j in range(len(joints.torque)):
+        largest = LARGEST_CHANGE * joints.torque_limit[j]
+        change = joints.torque[j] - joints.last_torque[j]
         if still:
-            rate[j] = 0.0
+            joints.rate[j] = 0.0
         elif same:
-            rate[j] = min(max(torque[j] - last[j], -largest), largest) * frequency
+            joints.rate[j] = clip(change, -largest, largest) * frequency

@@ -6,21 +6,20 @@ A joint may run towards the end of its range as fast as it can still brake befor
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
 from ampm.compiled import compiled
-from ampm.control.wrench_qp import CondensedForm
+from ampm.control.contact_qp import ContactQP
+from ampm.control.workspace import Joints, Problem, Workspace
 from ampm.qp import QPSettings, QPSolution, make_backend
-
-Array = NDArray[np.float64]
+from ampm.vectors import Array
 
 _BRAKE = 500.0  # deceleration with which a joint may run towards its limit [rad/s^2]
 _BRAKE_TIME = 0.01  # time in which a joint that runs faster is slowed down [s]
 _LARGEST = 200.0  # largest acceleration that brings back a joint far outside [g]
 
 
-class LimitedForm:
+class LimitedQP:
     """The whole problem, torque and joint limits as constraints: accelerations, forces, slacks.
 
     Args:
@@ -28,7 +27,7 @@ class LimitedForm:
         settings: of the solver.
         weights: posture weights, shape (nv,).
         rows: of the tasks.
-        condensed: supplies the force part of cost and constraints.
+        contact_qp: supplies the force part of cost and constraints.
     """
 
     TASK_COST = 1e-3
@@ -36,86 +35,66 @@ class LimitedForm:
     here, too."""
 
     def __init__(
-        self, backend: str, settings: QPSettings, weights: Array, rows: int, condensed: CondensedForm
+        self, backend: str, settings: QPSettings, weights: Array, rows: int, contact_qp: ContactQP
     ) -> None:
-        nv = len(weights)
-        self.nv, self.nu = nv, nv - 6
-        self._weights = self.TASK_COST * weights
-        self._condensed = condensed
-        self._soft = rows - 6
-        force_rows, force_unknowns = condensed.A.shape
-        n = nv + force_unknowns + self._soft
-        self._phi = slice(nv, nv + condensed.forces)
-        self._force_unknowns = slice(nv, nv + force_unknowns)
-        start = 6 + force_rows + self._soft
-        m = start + 2 * self.nu
-        self.P, self.q = np.zeros((n, n)), np.zeros(n)
-        self.A, self.lower, self.upper = np.zeros((m, n)), np.zeros(m), np.zeros(m)
-        self.P[np.arange(nv), np.arange(nv)] = self._weights
-        self.P[-self._soft :, -self._soft :] = self.TASK_COST * np.eye(self._soft)
-        self._dynamics, self._force_rows = slice(0, 6), slice(6, 6 + force_rows)
-        self._task_rows = slice(6 + force_rows, start)
-        self._torque_rows, self._joint_rows = slice(start, start + self.nu), slice(start + self.nu, m)
-        self.A[self._joint_rows, 6:nv] = np.eye(self.nu)
-        P_mask = np.eye(n, dtype=bool)
-        P_mask[self._force_unknowns, self._force_unknowns] = condensed.P_mask()
-        self._backend = make_backend(backend, P_mask, self._A_mask(), settings)
-
-    def _A_mask(self) -> NDArray[np.bool_]:
-        mask = self.A != 0.0
-        mask[self._dynamics, : self.nv] = True
-        mask[self._dynamics, self._phi] = self._condensed.A_mask()[:6, : self._condensed.forces]
-        mask[self._force_rows, self._force_unknowns] = self._condensed.A_mask()
-        mask[self._task_rows, : self.nv] = True
-        mask[self._task_rows, -self._soft :] = np.eye(self._soft, dtype=bool)
-        mask[self._torque_rows, : self._phi.stop] = True
-        return mask
+        nv, nu, soft = len(weights), len(weights) - 6, rows - 6
+        force_rows, force_unknowns = contact_qp.problem.A.shape
+        n, task_rows = nv + force_unknowns + soft, 6 + force_rows
+        m = task_rows + soft + 2 * nu
+        self._contact_qp, self._weights = contact_qp, self.TASK_COST * weights
+        # Unknowns: accelerations, forces and their slacks, slacks of the soft tasks.
+        self._accelerations, self._forces = slice(nv), slice(nv, nv + contact_qp.forces)
+        self._force_unknowns, self._slacks = slice(nv, nv + force_unknowns), slice(n - soft, n)
+        # Rows: momentum, forces, soft tasks, torques, joint rates.
+        self._momentum, self._force_rows = slice(6), slice(6, task_rows)
+        self._tasks = slice(task_rows, task_rows + soft)
+        self._torques, self._joints = slice(m - 2 * nu, m - nu), slice(m - nu, m)
+        self.problem = Problem(np.zeros((n, n)), np.zeros(n), np.zeros((m, n)), np.zeros(m), np.zeros(m))
+        P, A = self.problem.P, self.problem.A
+        P[self._accelerations, self._accelerations] = np.diag(self._weights)
+        P[self._slacks, self._slacks] = self.TASK_COST * np.eye(soft)
+        A[self._joints, 6:nv] = np.eye(nu)
+        P_mask, A_mask = P != 0.0, A != 0.0
+        P_mask[self._force_unknowns, self._force_unknowns] = contact_qp.P_mask()
+        A_mask[self._momentum, self._accelerations] = A_mask[self._tasks, self._accelerations] = True
+        A_mask[self._momentum, self._forces] = contact_qp.A_mask()[:6, : contact_qp.forces]
+        A_mask[self._force_rows, self._force_unknowns] = contact_qp.A_mask()
+        A_mask[self._tasks, self._slacks] = np.eye(soft, dtype=bool)
+        A_mask[self._torques, self._accelerations] = A_mask[self._torques, self._forces] = True
+        self._backend = make_backend(backend, P_mask, A_mask, settings)
 
     def solve(
-        self,
-        rows: Array,
-        offset: Array,
-        wrench: Array,
-        softness: Array,
-        posture: Array,
-        torque_map: Array,
-        torque_bias: Array,
-        joint_lower: Array,
-        joint_upper: Array,
+        self, c: Workspace, softness: Array, torque_map: Array, bias: Array, robot: Robot
     ) -> QPSolution:
-        """Solve with the condensed form's current forces, costs and wanted momentum.
+        """Solve with the contact QP's forces, costs and wanted momentum of this tick.
 
         Args:
-            rows: B, shape (R, nv).
-            offset: right-hand side of the rows: the first six without forces, shape (R,).
-            wrench: W, shape (6, U).
-            softness: of the rows of feet and toes, shape (R - 6,).
-            posture: wanted accelerations, shape (nv,) [g].
-            torque_map: torques over the limit per unit of (alpha, phi), shape (nu, nv + U).
-            torque_bias: torques over the limit at zero, shape (nu,).
-            joint_lower: least accelerations of the hinges, shape (nu,) [g].
-            joint_upper: largest ones, shape (nu,) [g].
+            c: of a tick whose contact QP is stated.
+            softness: of the task rows, shape (R,).
+            torque_map: torques per unit of (acceleration / g, forces), shape (nu, nv + U) [N m].
+            bias: torques at zero, shape (nu,) [N m].
+            robot: its joint ranges.
 
         Returns:
-            Unknowns alpha, phi, slacks.
+            Unknowns: accelerations [g], forces and their slacks, slacks of the soft tasks.
         """
-        c, nv = self._condensed, self.nv
-        self.P[self._force_unknowns, self._force_unknowns] = c.P
-        self.q[:nv] = -self._weights * posture
-        self.q[self._force_unknowns] = c.q
-        A, lower, upper = self.A, self.lower, self.upper
-        A[self._dynamics, :nv], A[self._dynamics, self._phi] = rows[:6], -wrench
-        A[self._force_rows, self._force_unknowns] = c.A
-        A[self._task_rows, :nv] = rows[6:]
-        np.fill_diagonal(A[self._task_rows, -self._soft :], np.sqrt(softness))
-        A[self._torque_rows, : self._phi.stop] = torque_map
-        lower[self._dynamics] = upper[self._dynamics] = offset[:6]
-        lower[self._force_rows], upper[self._force_rows] = c.lower, c.upper
-        lower[self._task_rows] = upper[self._task_rows] = offset[6:]
-        lower[self._torque_rows] = -1.0 - torque_bias
-        upper[self._torque_rows] = 1.0 - torque_bias
-        lower[self._joint_rows], upper[self._joint_rows] = joint_lower, joint_upper
-        return self._backend.solve(self.P, self.q, A, lower, upper)
+        forces, limit, rows = self._contact_qp.problem, c.joints.torque_limit, c.tasks.scaled.T
+        P, q, A, lower, upper = self.problem
+        P[self._force_unknowns, self._force_unknowns] = forces.P
+        q[self._accelerations] = -self._weights * (c.motion.posture / c.motion.root_weight)
+        q[self._force_unknowns] = forces.q
+        A[self._momentum, self._accelerations] = rows[:6] * c.motion.root_weight
+        A[self._momentum, self._forces] = -c.contact.wrench_map
+        A[self._force_rows, self._force_unknowns] = forces.A
+        A[self._tasks, self._accelerations] = rows[6:] * c.motion.root_weight
+        np.fill_diagonal(A[self._tasks, self._slacks], np.sqrt(softness[6:]))
+        A[self._torques, : self._forces.stop] = torque_map / limit[:, None]
+        lower[self._momentum] = upper[self._momentum] = c.tasks.rhs[:6]
+        lower[self._force_rows], upper[self._force_rows] = forces.lower, forces.upper
+        lower[self._tasks] = upper[self._tasks] = c.tasks.rhs[6:]
+        lower[self._torques], upper[self._torques] = -1.0 - bias / limit, 1.0 - bias / limit
+        lower[self._joints], upper[self._joints] = acceleration_bounds(robot, c.sensed.q, c.sensed.v)
+        return self._backend.solve(*self.problem)
 
 
 @compiled
@@ -125,26 +104,21 @@ def braking_rate(room: float) -> float:
 
 
 @compiled
-def limit_broken(
-    q: Array, v: Array, acceleration: Array, torque: Array, torque_limit: Array, low: Array, high: Array
-) -> bool:
+def limit_broken(q: Array, v: Array, acceleration: Array, joints: Joints) -> bool:
     """Whether an answer breaks a torque limit, or makes a joint too fast to brake before its range ends.
 
     Args:
         q: Pinocchio configuration, shape (nq,).
         v: velocity, shape (nv,).
         acceleration: shape (nv,) [rad/s^2].
-        torque: shape (nu,) [N m].
-        torque_limit: shape (nu,) [N m].
-        low: lower ends of the joints' ranges, shape (nu,) [rad].
-        high: upper ends, shape (nu,) [rad].
+        joints: torques, their limits and the joints' ranges.
     """
-    for j in range(len(torque)):
+    for j in range(len(joints.torque)):
         rate = v[6 + j] + _BRAKE_TIME * acceleration[6 + j]
         if (
-            abs(torque[j]) > torque_limit[j]
-            or rate > braking_rate(high[j] - q[7 + j])
-            or -rate > braking_rate(q[7 + j] - low[j])
+            abs(joints.torque[j]) > joints.torque_limit[j]
+            or rate > braking_rate(joints.upper[j] - q[7 + j])
+            or -rate > braking_rate(q[7 + j] - joints.lower[j])
         ):
             return True
     return False

@@ -4,13 +4,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.compiled import compiled
-from ampm.vectors import clip
-
-Array = NDArray[np.float64]
-
+from ampm.control.workspace import Body, Command, Wanted
+from ampm.vectors import Array, clip, put, times, vector
 
 OPEN = 0.2
 """Share of its force limit from which a point counts as support [1]."""
@@ -80,7 +77,7 @@ def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
         along: of the other point [m].
         across: of the other point [m].
     """
-    best, found, above, below = math.inf, (along, across), False, False
+    least, edge, above, below = math.inf, (along, across), False, False
     for i in range(len(sole)):
         for j in range(len(sole)):
             x, y = sole[i, 0] - along, ACROSS * (sole[i, 1] - across)
@@ -91,77 +88,73 @@ def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
             size = dx * dx + dy * dy
             part = clip(-(x * dx + y * dy) / size, 0.0, 1.0) if size > 0.0 else 0.0
             x, y = x + part * dx, y + part * dy
-            if x * x + y * y < best:
-                best, found = x * x + y * y, (along + x, across + y / ACROSS)
-    return (along, across) if above and below else found
+            if x * x + y * y < least:
+                least, edge = x * x + y * y, (along + x, across + y / ACROSS)
+    return (along, across) if above and below else edge
 
 
 @compiled
-def share_sole(
-    gravity: float, share: Array, centre: Array, com: Array, points: Any, command: Array, mass: float
-) -> None:
+def share_sole(body: Body, stepping: Any, wanted: Wanted, command: Command) -> None:
     """Share what the soles can give between COM and trunk; the command is untouched where they give it all.
 
+    With ``r = c - (z / (g + zdd)) cdd``, the ZMP of the command is r plus the arm of its moment. The feedback
+    of the COM is a shift of r, that of angular momentum and trunk a shift of the arm.
+
     Args:
-        gravity: [m/s^2].
-        share: axes of the foot (cos, sin), height of the floor [m], whether the COM comes first, the factor
-            of the force that holds the COM's height, and whether the walk is off the plan [1], shape (6,).
-        centre: of the :class:`~ampm.walk.Reference` followed, shape (5, 3).
-        com: measured, shape (3,) [m].
-        points: with their limits of this tick.
-        command: of :func:`~ampm.control.stabilizer.command_wrench`, which is changed, shape (11,).
-        mass: [kg].
+        body: placed, its points with their limits of this tick.
+        stepping: entry of :data:`~ampm.control.workspace.STEPPING`.
+        wanted: COM and momentum of the plan followed.
+        command: of :func:`~ampm.control.stabilizer.command_wrench`, which is changed.
     """
-    if share[4] != 1.0:
-        for axis in range(3):
-            command[axis] *= share[4]
-    fz = command[2]
-    if fz < 0.2 * mass * gravity:  # nearly falling: the ZMP means nothing
+    com, force, moment = body.com, command.force, command.moment
+    if stepping.force_factor != 1.0:
+        put(force, times(stepping.force_factor, vector(force)))
+    if force[2] < 0.2 * body.mass * body.gravity:  # nearly falling: the ZMP means nothing
         return
-    height = com[2] - share[2]
-    planned_z = (centre[0, 2] - share[2]) / (gravity + centre[2, 2])
-    weight = mass * (gravity + centre[2, 2])
-    r = np.empty(2), np.empty(2)  # planned, commanded
-    arm = np.empty(2), np.empty(2)  # the same of ZMP - r
-    for axis in range(2):
-        r[0][axis] = centre[0, axis] - planned_z * centre[2, axis]
-        r[1][axis] = com[axis] - height * command[axis] / fz
-    arm[0][0], arm[0][1] = -centre[4, 1] / weight, centre[4, 0] / weight
-    arm[1][0], arm[1][1] = -command[4] / fz, command[3] / fz
-    places = np.empty((len(points), 2))
-    sole = places[: open_points(points, com, share[0], share[1], places)]
+    cos, sin = stepping.heading[0], stepping.heading[1]
+    places = np.empty((len(body.points), 2))
+    sole = places[: open_points(body.points, com, cos, sin, places)]
     if len(sole) == 0:
         return
-    axes = (share[0], share[1]), (-share[1], share[0])
-    planned, d, m = np.empty(2), np.empty(2), np.empty(2)
+    height = com[2] - stepping.floor
+    down = body.gravity + wanted.com_acceleration[2]
+    planned_r, planned_arm, r_shift, arm_shift = np.empty(2), np.empty(2), np.empty(2), np.empty(2)
+    planned_arm[0] = -wanted.moment[1] / (body.mass * down)
+    planned_arm[1] = wanted.moment[0] / (body.mass * down)
+    arm_shift[0] = -moment[1] / force[2] - planned_arm[0]
+    arm_shift[1] = moment[0] / force[2] - planned_arm[1]
     for axis in range(2):
-        x, y = axes[axis]
-        planned[axis] = x * (r[0][0] + arm[0][0]) + y * (r[0][1] + arm[0][1])
-        d[axis] = x * (r[1][0] - r[0][0]) + y * (r[1][1] - r[0][1])
-        m[axis] = x * (arm[1][0] - arm[0][0]) + y * (arm[1][1] - arm[0][1])
-    wanted = planned + d + m
-    held = nearest(sole, wanted[0], wanted[1]) if share[5] > 0.0 else (math.nan, math.nan)
-    change_r, change_m = np.zeros(2), np.zeros(2)
-    changed = False
+        lean = (wanted.com[2] - stepping.floor) / down
+        planned_r[axis] = wanted.com[axis] - lean * wanted.com_acceleration[axis]
+        r_shift[axis] = com[axis] - height * force[axis] / force[2] - planned_r[axis]
+    # In the axes of the foot.
+    planned = turned_axes(planned_r + planned_arm, cos, sin)
+    r_wanted, arm_wanted = turned_axes(r_shift, cos, sin), turned_axes(arm_shift, cos, sin)
+    zmp = planned + r_wanted + arm_wanted
+    held = nearest(sole, zmp[0], zmp[1]) if stepping.off_plan else (math.nan, math.nan)
+    r_change, arm_change = np.zeros(2), np.zeros(2)
     for axis in range(2):
         low, high = sole[:, axis].min() - planned[axis], sole[:, axis].max() - planned[axis]
-        if not share[5]:
+        if not stepping.off_plan:
             low, high = min(low, 0.0), max(high, 0.0)
-        elif held[axis] > wanted[axis]:
+        elif held[axis] > zmp[axis]:
             low = held[axis] - planned[axis]
-        elif held[axis] < wanted[axis]:
+        elif held[axis] < zmp[axis]:
             high = held[axis] - planned[axis]
-        dd, mm = share_axis(d[axis], m[axis], low, high, share[3] > 0.0)
-        if dd != d[axis] or mm != m[axis]:
-            changed = True
-            for k in range(2):
-                change_r[k] += axes[axis][k] * (dd - d[axis])
-                change_m[k] += axes[axis][k] * (mm - m[axis])
-    if not changed:
+        r_given, arm_given = share_axis(r_wanted[axis], arm_wanted[axis], low, high, stepping.com_first)
+        r_change[axis], arm_change[axis] = r_given - r_wanted[axis], arm_given - arm_wanted[axis]
+    if not (r_change.any() or arm_change.any()):
         return
+    r_change, arm_change = turned_axes(r_change, cos, -sin), turned_axes(arm_change, cos, -sin)
     for axis in range(2):
-        command[axis] -= change_r[axis] * fz / height
-    command[3] += change_m[1] * fz
-    command[4] -= change_m[0] * fz
-    command[9] = com[0] - (com[2] * command[0] + command[4]) / fz
-    command[10] = com[1] - (com[2] * command[1] - command[3]) / fz
+        force[axis] -= r_change[axis] * force[2] / height
+    moment[0] += arm_change[1] * force[2]
+    moment[1] -= arm_change[0] * force[2]
+    command.zmp[0] = com[0] - (com[2] * force[0] + moment[1]) / force[2]
+    command.zmp[1] = com[1] - (com[2] * force[1] - moment[0]) / force[2]
+
+
+@compiled
+def turned_axes(a: Array, cos: float, sin: float) -> Array:
+    """Components of a horizontal vector along and across a heading, shape (2,)."""
+    return np.array([cos * a[0] + sin * a[1], -sin * a[0] + cos * a[1]])

@@ -2,13 +2,9 @@
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ampm.compiled import compiled
-from ampm.vectors import Vector, column, cross, minus, plus, put, times, vector
-
-Array = NDArray[np.float64]
+from ampm.control.workspace import Body, Command, Wanted
+from ampm.vectors import Array, Vector, column, cross, minus, plus, put, times, vector
 
 
 @compiled
@@ -25,14 +21,7 @@ def rotation_error(wanted: Array, actual: Array) -> Vector:
 
 @compiled
 def command_wrench(
-    gains: Any,
-    mass: float,
-    gravity: float,
-    centre: Array,
-    tilt: Vector,
-    com: Vector,
-    rates: Array,
-    out: Array,
+    gains: Any, body: Body, wanted: Wanted, tilt: Vector, rates: Array, command: Command
 ) -> None:
     """Net ground wrench: the plan's, plus feedback of COM, momentum and trunk.
 
@@ -46,24 +35,23 @@ def command_wrench(
 
     Args:
         gains: of the controller.
-        mass: [kg].
-        gravity: [m/s^2].
-        centre: of the :class:`~ampm.walk.Reference`, shape (5, 3).
+        body: placed.
+        wanted: COM, momentum and their rates of the plan.
         tilt: rotation from the trunk to the planned one [rad].
-        com: [m].
         rates: momentum and angular momentum over the mass, shape (6, ...).
-        out: f [N], n [N m], L_wanted [N m s] and the ZMP on the floor of this wrench [m], shape (11,).
+        command: f, n, L_wanted and the ZMP on the floor of this wrench, which are written.
     """
-    gain = gains[0]
-    planned, velocity, acceleration = vector(centre[0]), vector(centre[1]), vector(centre[2])
-    force = plus(acceleration, (0.0, 0.0, gravity))
-    force = plus(force, times(gain.com_damping, minus(velocity, vector(rates[0:3]))))
-    force = times(mass, plus(force, times(gain.com_stiffness, minus(planned, com))))
-    wanted = plus(vector(centre[3]), times(gain.trunk_gain, (tilt[0], tilt[1], 0.0)))
-    momentum = times(mass, vector(rates[3:6]))
-    moment = plus(vector(centre[4]), times(gain.momentum_gain, minus(wanted, momentum)))
-    put(out[0:3], force)
-    put(out[3:6], moment)
-    put(out[6:9], wanted)
-    out[9] = com[0] - (com[2] * force[0] + moment[1]) / force[2]
-    out[10] = com[1] - (com[2] * force[1] - moment[0]) / force[2]
+    mass, com = body.mass, vector(body.com)
+    force = plus(vector(wanted.com_acceleration), (0.0, 0.0, body.gravity))
+    off_rate = minus(vector(wanted.com_velocity), vector(rates[0:3]))
+    force = plus(force, times(gains.com_damping, off_rate))
+    force = times(mass, plus(force, times(gains.com_stiffness, minus(vector(wanted.com), com))))
+    upright = times(gains.trunk_gain, (tilt[0], tilt[1], 0.0))
+    momentum = plus(vector(wanted.angular_momentum), upright)
+    error = minus(momentum, times(mass, vector(rates[3:6])))
+    moment = plus(vector(wanted.moment), times(gains.momentum_gain, error))
+    put(command.force, force)
+    put(command.moment, moment)
+    put(command.angular_momentum, momentum)
+    command.zmp[0] = com[0] - (com[2] * force[0] + moment[1]) / force[2]
+    command.zmp[1] = com[1] - (com[2] * force[1] - moment[0]) / force[2]

@@ -1,190 +1,224 @@
-"""One control tick as compiled functions: :func:`observe` and :func:`prepare` before the QP, :func:`respond`
-after it.
+"""One control tick: :func:`before` the QP of the contact forces, and :func:`after` it.
 
-:class:`ampm.control.controller.TrackingController` owns the arrays, ``own``, and calls them.
+With task rows B (momentum over the mass, soles, toes), accelerations a, contact forces f, their wrench map W:
+
+    momentum      B_c a + drift_c = W f - g e_z        exact
+    soles, toes   B_f a + drift_f ~ wanted             with a softness
+    posture       a ~ wanted                           in the metric of the posture weights
+    wrench        W f ~ command                        the QP's cost, under friction and unilateral contact
+
+:func:`before` eliminates ``a = map @ W f + bias`` and states the QP in f. :func:`after` takes a and, by
+inverse dynamics, the torques from f. Task-space inverse dynamics of this kind: Wensing & Orin, ICRA 2013; Del
+Prete & Mansard, T-RO 2016; reduced on the contact forces: Herzog et al., Autonomous Robots 2016.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from ampm.body.rigid_body import (
-    joint_torques,
-    passive_torques,
-    place_body,
-    place_of,
-    task_drift,
-)
+from ampm.body.rigid_body import joint_torques, passive_torques, place_body, place_of, task_drift
 from ampm.compiled import compiled
 from ampm.control.contact_gate import land, update_gate
+from ampm.control.contact_qp import eliminate_tasks, fill_qp
 from ampm.control.forces import point_forces, share_forces, wrench_map
 from ampm.control.hold import update_rate
 from ampm.control.limited_qp import limit_broken
-from ampm.control.records import CHANGE, PHI
 from ampm.control.sole import share_sole
 from ampm.control.stabilizer import command_wrench, rotation_error
-from ampm.control.tasks import HURRIED, SWING, foot_task, posture_task, toe_task
+from ampm.control.tasks import HURRIED, SWING, posture_task, sole_task, toe_task
 from ampm.control.trunk import fed_back_tilt
-from ampm.control.wrench_qp import L_Z, eliminate, fill_qp
+from ampm.control.workspace import Body, Motion, Sensed, Tasks, Workspace
+from ampm.linear import add_combination, add_scaled, scale_matrix
+from ampm.stepping.stepper import Stepper
+from ampm.stepping.walker import follow
 from ampm.vectors import minus, multiply, plus, put, times, vector
 
-Array = NDArray[np.float64]
 
-V, NOW, LAST, STILL, POSTURE, ALPHA, PASSIVE = range(7)
-"""Rows of ``motion``, shape (7, nv): measured velocity, the same at the instant of q, the last tick's
-acceleration [m/s^2], zeros, wanted acceleration in the metric of the posture [g], this tick's [m/s^2], torque
-that overcomes the passive ones [N m]."""
+@compiled
+def before(c: Workspace, stepper: Stepper | None, velocity_lag: float, load_age: float, first: bool) -> bool:
+    """From what is sensed and wanted to the QP of the contact forces.
 
-SCALE, RATES, DRIFT, WANTED, SOFTNESS, RHS = range(6)
-"""Rows of ``tasks``, shape (6, R): scale in the QP, rate, drift, wanted acceleration, softness, right-hand
-side of the elimination."""
+    Args:
+        c: all that the tick reads and writes.
+        stepper: of a walk that may leave its plan; None for one that may not, and is not compiled then.
+        velocity_lag: how much older the measured velocity is than the configuration [s].
+        load_age: how old the measured normal forces are [s].
+        first: whether this is the first tick of a run.
 
-LIMIT, LOW, HIGH, TORQUE, RATE = range(5)
-"""Rows of ``hinges``, shape (5, nu): torque limit [N m], range [rad], last torque [N m], its rate [N m/s]."""
+    Returns:
+        Whether the QP is stated: the task rows are independent, and all numbers finite.
+    """
+    kinematics(c.body, c.motion, c.tasks, c.sensed, velocity_lag)
+    if stepper is not None:
+        follow(stepper, c.wanted, c.stepping[0])
+    landing = contacts(c, first)
+    command(c)
+    tasks(c)
+    scale(c.body, c.motion, c.tasks)
+    if not eliminate_tasks(c.tasks, c.motion.posture):
+        return False
+    contact_qp(c, landing, load_age)
+    return True
 
 
 @compiled
-def observe(own: Any, lag: float) -> None:
-    """The body of this tick: places, task Jacobian and rates, of a velocity that is so old [s]."""
-    tree, link, feet, points, q, motion = own.tree, own.link, own.feet, own.points, own.q, own.motion
-    tasks, columns, com = own.tasks, own.columns, own.com
-    v, now, last, still = motion[V], motion[NOW], motion[LAST], motion[STILL]
-    rates, drift = tasks[RATES], tasks[DRIFT]
-    for j in range(len(v)):
-        now[j] = v[j] + lag * last[j]
-    place_body(tree, link, feet, q, columns)
-    task_drift(tree, link, feet, v, now, still, drift)
-    rates[:] = 0.0
-    for j in range(len(v)):
-        for e in range(len(rates)):
-            rates[e] += columns[j, e] * now[j]
-    from_root = times(1.0 / link[0].mass, vector(link[0].first))
-    put(com, plus((q[0], q[1], q[2]), from_root))
-    for i in range(len(feet)):
-        put(feet[i].place, minus(place_of(link, feet[i]), from_root))
-        multiply(link[feet[i].joint].turn, feet[i].turn, feet[i].pose)
-    for i in range(len(points)):
-        put(points[i].arm, minus(place_of(link, points[i]), from_root))
+def after(c: Workspace, still: bool, first: bool) -> bool:
+    """From the contact forces to the torques.
+
+    Args:
+        c: all that the tick reads and writes; ``c.contact.solution`` are the forces.
+        still: whether the torque is held until the next tick, as the plan jumps.
+        first: whether this is the first tick of a run.
+
+    Returns:
+        Whether the torques and joint rates are within their limits; if not, nothing is kept.
+    """
+    accelerations(c)
+    torques(c)
+    if limit_broken(c.sensed.q, c.sensed.v, c.motion.acceleration, c.joints):
+        return False
+    keep(c, still, first)
+    return True
+
+
+# ------------------------------------------------------------------------------ before the QP
 
 
 @compiled
-def prepare(own: Any, age: float, first: bool, right_load: float, tilt_window: float) -> bool:
-    """One tick from the body to the QP, which it fills in; false if that has no solution or no finite one."""
-    link, feet, points, lines, gains = own.link, own.feet, own.points, own.lines, own.gains
-    gravity, root_weight, q, motion, tasks = own.gravity, own.root_weight, own.q, own.motion, own.tasks
-    columns, share, scaled, system, phi = own.columns, own.share, own.scaled, own.system, own.phi
-    wrench, command, posture_trunk = own.wrench, own.command, own.posture_trunk
-    v, now, posture = motion[V], motion[NOW], motion[POSTURE]
-    rates, drift, wanted, softness = tasks[RATES], tasks[DRIFT], tasks[WANTED], tasks[SOFTNESS]
-    for i in range(len(points)):
-        points[i].sensed, points[i].touching = own.sensed[i], own.touching[i]
-    passive_torques(own.passive, q, v, own.posture_v, motion[PASSIVE, 6:])
-    mass, com = link[0].mass, vector(own.com)
+def kinematics(body: Body, motion: Motion, tasks: Tasks, sensed: Sensed, velocity_lag: float) -> None:
+    """Places, task Jacobian B' and rates B v, drift and COM of the measured state.
 
-    # What is wanted.
+    A velocity that is older than the configuration is brought to its instant: ``v + lag a``, with the
+    acceleration commanded at the last tick.
+    """
+    add_scaled(sensed.v, velocity_lag, motion.last_acceleration, motion.now)
+    place_body(body.tree, body.link, body.feet, sensed.q, tasks.jacobian)
+    task_drift(body.tree, body.link, body.feet, sensed.v, motion.now, motion.zero, tasks.drift)
+    tasks.rates[:] = 0.0
+    add_combination(1.0, tasks.jacobian, motion.now, tasks.rates)
+    from_root = times(1.0 / body.mass, vector(body.link[0].first))
+    put(body.com, plus(vector(sensed.q), from_root))
+    for i in range(len(body.feet)):
+        foot = body.feet[i]
+        put(foot.place, minus(place_of(body.link, foot), from_root))
+        multiply(body.link[foot.joint].turn, foot.turn, foot.pose)
+    for i in range(len(body.points)):
+        put(body.points[i].arm, minus(place_of(body.link, body.points[i]), from_root))
+
+
+@compiled
+def contacts(c: Workspace, first: bool) -> bool:
+    """Which sole points may carry force; whether any of them has just touched down."""
+    points, stepping = c.body.points, c.stepping[0]
+    for i in range(len(points)):
+        points[i].sensed, points[i].touching = c.sensed.normal_force[i], c.sensed.contact[i]
+    close_lifted_tips = stepping.active and not stepping.off_plan
+    return update_gate(c.wanted, c.gains, first, close_lifted_tips, points, c.contact.lines)
+
+
+@compiled
+def command(c: Workspace) -> None:
+    """The net wrench of the ground: the plan's, plus feedback of COM, momentum and trunk."""
+    body, wanted, stepping = c.body, c.wanted, c.stepping[0]
+    trunk = body.trunk[0]
     pose = np.empty((3, 3))
-    multiply(link[own.trunk[0].joint].turn, own.trunk[0].turn, pose)
-    tilt = rotation_error(posture_trunk, pose)
-    tilt = fed_back_tilt(gains, tilt, posture_trunk, tilt_window, own.past, own.memory)
-    command_wrench(gains, mass, gravity, own.centre, tilt, com, rates, command)
-    gain = gains[0]
-    rate = 1.0 / (gain.frequency * gain.contact_ramp)
-    steps = share[0] != 0.0 or share[1] != 0.0
-    strict = steps and share[5] == 0.0
-    contacts = own.planned, own.due, own.until_lift
-    landing = update_gate(*contacts, rate, gain.contact_ramp, first, strict, points, lines)
-    if steps:
-        share_sole(gravity, share, own.centre, own.com, points, command, mass)
-    put(wanted[0:3], (0.0, 0.0, -gravity))  # the momentum rate without contact forces; the QP adds them
-    wanted[3:6] = 0.0
-    softness[:] = 0.0
-    per_foot = len(points) // len(feet)
-    for i in range(len(feet)):
-        foot, held, rows = feet[i], points[per_foot * i : per_foot * (i + 1)], slice(6 + 6 * i, 12 + 6 * i)
-        task = own.feet_values[i], rates[rows], wanted[rows]
-        soft = foot_task(gains, foot, lines[i], held, com, *task)
-        softness[rows] = HURRIED if soft == SWING and share[5] > 0.0 else soft
+    multiply(body.link[trunk.joint].turn, trunk.turn, pose)
+    error = rotation_error(wanted.trunk, pose)
+    tilt = fed_back_tilt(c.gains, error, wanted.trunk, wanted.tilt_window[0], c.tilt)
+    command_wrench(c.gains, body, wanted, tilt, c.tasks.rates, c.command)
+    if stepping.active:
+        share_sole(body, stepping, wanted, c.command)
+
+
+@compiled
+def tasks(c: Workspace) -> None:
+    """Accelerations wanted of momentum, soles, toes and posture.
+
+    Of the momentum those without contact forces: the QP adds the forces.
+    """
+    body, tasks, wanted = c.body, c.tasks, c.wanted
+    tasks.softness[:] = 0.0
+    tasks.wanted[:6] = 0.0
+    tasks.wanted[2] = -body.gravity
+    for i in range(len(body.feet)):
+        foot, rows = body.feet[i], slice(6 + 6 * i, 12 + 6 * i)
+        softness = sole_task(
+            c.gains, body, i, c.contact.lines[i], wanted, tasks.rates[rows], tasks.wanted[rows]
+        )
+        hurried = softness == SWING and c.stepping[0].off_plan
+        tasks.softness[rows] = HURRIED if hurried else softness
         if foot.toe_row >= 0:
-            state = q[foot.toe + 1], rates[foot.toe_row]
-            wanted[foot.toe_row] = toe_task(gains, own.feet_values[i], *state)
-    posture_task(gains, q, now, own.posture_q, own.posture_v, own.posture_a, posture)
+            angle, rate = c.sensed.q[foot.toe + 1], tasks.rates[foot.toe_row]
+            tasks.wanted[foot.toe_row] = toe_task(c.gains, wanted.foot_toe[i], angle, rate)
+    posture_task(c.gains, c.sensed.q, c.motion.now, wanted, c.motion.posture)
+    passive_torques(body.passive, c.sensed.q, c.sensed.v, wanted.v, c.motion.passive_torque)
 
-    # In units of the QP.
-    for j in range(len(v)):
-        posture[j] *= root_weight[j] / gravity
-        per_weight = 1.0 / root_weight[j]
-        for e in range(len(drift)):
-            scaled[j, e] = columns[j, e] * (tasks[SCALE, e] * per_weight)
-    for e in range(len(drift)):
-        tasks[RHS, e] = tasks[SCALE, e] / gravity * (wanted[e] - drift[e])
-    if not eliminate(scaled, softness, tasks[RHS], posture, system):
-        return False
-    share_forces(len(feet), points, phi[PHI], share[5] > 0.0)
-    wrench_map(len(feet), points, wrench)
-    weight, momentum = mass * gravity, np.empty(6)
-    for e in range(6):
-        momentum[e] = tasks[SCALE, e] * command[e] / weight
+
+@compiled
+def scale(body: Body, motion: Motion, tasks: Tasks) -> None:
+    """Units of the QP: accelerations in g, in the metric ``x = W_p^1/2 a / g`` of the posture weights."""
+    motion.posture[:] = motion.posture * (motion.root_weight / body.gravity)
+    scale_matrix(tasks.jacobian, 1.0 / motion.root_weight, tasks.scale, tasks.scaled)
+    tasks.rhs[:] = tasks.scale / body.gravity * (tasks.wanted - tasks.drift)
+
+
+@compiled
+def contact_qp(c: Workspace, landing: bool, load_age: float) -> None:
+    """The QP in the contact forces: the wanted momentum rate, friction, shares and limits of the points."""
+    body, contact, tasks, wrench = c.body, c.contact, c.tasks, c.command
+    feet, weight = len(body.feet), body.mass * body.gravity
+    share_forces(feet, body.points, contact.forces, c.stepping[0].off_plan)
+    wrench_map(feet, body.points, contact.wrench_map)
+    contact.momentum[:3] = tasks.scale[:3] * wrench.force / weight
+    contact.momentum[3:] = tasks.scale[3:6] * wrench.moment / weight
     if landing:
-        since = 1.0 - age * gain.frequency if own.extrapolates else 0.0
-        land(gain, len(feet), points, weight, phi, since, wrench, momentum)
-    yaw = system[L_Z, len(drift) + L_Z], system[L_Z, len(drift) + 6]
-    qp = own.P, own.gradient, own.A, own.lower, own.upper
-    fill_qp(len(feet), points, wrench, momentum, right_load, *yaw, gain.friction, *qp)
-    return True
+        since = 1.0 - load_age * c.gains.frequency if c.extrapolates else 0.0
+        land(c.gains, body.points, weight, contact, since)
+    fill_qp(feet, body.points, contact, tasks.system, c.wanted.right_load[0], c.gains.friction, c.problem)
+
+
+# ------------------------------------------------------------------------------ after the QP
 
 
 @compiled
-def respond(own: Any, still: bool, first: bool, torque: Array, point_force: Array) -> bool:
-    """Accelerations and torques of the forces found; false, with nothing kept, if they break a limit."""
-    gravity, root_weight, motion, hinges = own.gravity, own.root_weight, own.motion, own.hinges
-    scaled, system, wrench, forces = own.scaled, own.system, own.wrench, own.forces
-    rows, posture, alpha = len(system), motion[POSTURE], motion[ALPHA]
-    total = np.empty(rows)  # per task, what the net wrench and the tasks themselves add
-    net = np.empty(6)
-    for e in range(6):
-        net[e] = 0.0
-        for k in range(len(forces)):
-            net[e] += wrench[e, k] * forces[k]
-    for e in range(rows):
-        total[e] = system[e, rows + 6]
-        for k in range(6):
-            total[e] += system[e, rows + k] * net[k]
-    for j in range(len(alpha)):
-        pull = posture[j]
-        for e in range(rows):
-            pull += scaled[j, e] * total[e]
-        alpha[j] = gravity * pull / root_weight[j]
-    torques(own, forces, torque, point_force)
-    limits = hinges[LIMIT], hinges[LOW], hinges[HIGH]
-    if limit_broken(own.q, motion[V], alpha, torque, *limits):
-        return False
-    keep(own, forces, still, first, torque)
-    return True
+def accelerations(c: Workspace) -> None:
+    """``a = g W_p^-1/2 (posture + scaled y (W f, 1))``, y the last seven columns of the system."""
+    motion, tasks, contact = c.motion, c.tasks, c.contact
+    rows = len(tasks.system)
+    net_wrench = np.zeros(6)
+    add_combination(1.0, contact.wrench_map.T, contact.solution, net_wrench)
+    pull = tasks.system[:, rows + 6].copy()
+    add_combination(1.0, tasks.system[:, rows : rows + 6].T, net_wrench, pull)
+    scaled = motion.posture.copy()
+    add_combination(1.0, tasks.scaled.T, pull, scaled)
+    motion.acceleration[:] = c.body.gravity * scaled / motion.root_weight
 
 
 @compiled
-def torques(own: Any, forces: Array, torque: Array, point_force: Array) -> None:
-    """Joint torques of accelerations and force unknowns [m g], and the forces at the points [N]."""
-    link, points, motion, gravity = own.link, own.points, own.motion, own.gravity
-    point_forces(len(own.feet), points, forces, link[0].mass * gravity, point_force)
-    moved = motion[V], motion[ALPHA], gravity
-    joint_torques(own.tree, own.armature, link, *moved, points, point_force, torque)
-    for j in range(len(torque)):
-        torque[j] += motion[PASSIVE, 6 + j]
+def torques(c: Workspace) -> None:
+    """Inverse dynamics of the accelerations under the contact forces, and what passive joints take."""
+    body, motion, force, torque = c.body, c.motion, c.contact.point_force, c.joints.torque
+    point_forces(len(body.feet), body.points, c.contact.solution, body.mass * body.gravity, force)
+    joint_torques(
+        body.tree,
+        body.armature,
+        body.link,
+        c.sensed.v,
+        motion.acceleration,
+        body.gravity,
+        body.points,
+        force,
+        torque,
+    )
+    add_scaled(torque, 1.0, motion.passive_torque, torque)
 
 
 @compiled
-def keep(own: Any, forces: Array, still: bool, first: bool, torque: Array) -> None:
+def keep(c: Workspace, still: bool, first: bool) -> None:
     """Clip the torques to the motors' limits, give them their rates, and keep what the next tick needs."""
-    hinges, phi, motion = own.hinges, own.phi, own.motion
-    for j in range(len(torque)):
-        torque[j] = min(max(torque[j], -hinges[LIMIT, j]), hinges[LIMIT, j])
-    last = hinges[TORQUE]
-    update_rate(torque, last, hinges[LIMIT], own.gains[0].frequency, own.lines, still or first, hinges[RATE])
-    last[:] = torque
-    for k in range(len(forces)):
-        if not first:
-            phi[CHANGE, k] = forces[k] - phi[PHI, k]
-        phi[PHI, k] = forces[k]
-    motion[LAST] = motion[ALPHA]
+    joints, contact = c.joints, c.contact
+    joints.torque[:] = np.minimum(np.maximum(joints.torque, -joints.torque_limit), joints.torque_limit)
+    update_rate(joints, c.gains.frequency, contact.lines, still or first)
+    joints.last_torque[:] = joints.torque
+    if not first:
+        contact.change[:] = contact.solution - contact.forces
+    contact.forces[:] = contact.solution
+    c.motion.last_acceleration[:] = c.motion.acceleration

@@ -7,26 +7,13 @@ over two steps is. The integral of this mean finds the mean angular momentum tha
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ampm.compiled import compiled
-from ampm.vectors import Vector
-
-Array = NDArray[np.float64]
-
-LONGEST = 4.0
-"""Longest time over which a tilt is averaged [s]."""
-
-NEXT, LONGEST_SINCE, ALONG, ACROSS = range(4)
-"""Entries of the memory's state: next row, longest window since it opened [ticks], integral of the mean about
-the axes along and across the heading [rad s]."""
+from ampm.control.workspace import Tilt
+from ampm.vectors import Array, Vector
 
 
 @compiled
-def fed_back_tilt(
-    gains: Any, tilt: Vector, trunk: Array, window: float, past: Array, memory: Array
-) -> Vector:
+def fed_back_tilt(gains: Any, tilt: Vector, trunk: Array, window: float, memory: Tilt) -> Vector:
     """Tilt to be fed back, in world axes [rad].
 
     The time before the window first opens counts as upright. As a window closes, mean and integral fade into
@@ -36,32 +23,33 @@ def fed_back_tilt(
         gains: of the controller.
         tilt: rotation from the trunk to the planned one, in world axes [rad].
         trunk: the planned one to world, whose first axis is the heading, shape (3, 3).
-        window: time over which to average, up to :data:`LONGEST` [s]; 0: the tilt of the instant.
-        past: tilts of the last ticks along and across the heading, shape (M, 2) [rad].
-        memory: see :data:`NEXT`, shape (4,).
+        window: time over which to average, up to :data:`~ampm.control.workspace.LONGEST` [s]; 0: the tilt
+            of the instant.
+        memory: tilts of the last ticks, their integral, and how long the window has been open.
     """
-    gain = gains[0]
-    count = min(round(window * gain.frequency), len(past))
+    past, integral = memory.past, memory.integral
+    count = min(round(window * gains.frequency), len(past))
     if count == 0:
-        if memory[LONGEST_SINCE] > 0.0:
+        if memory.longest[0] > 0:
             past[:] = 0.0
-            memory[:] = 0.0
+            integral[:] = 0.0
+            memory.longest[0] = memory.next_row[0] = 0
         return tilt
-    longest = int(max(memory[LONGEST_SINCE], count))
+    longest = max(memory.longest[0], count)
     length = math.sqrt(trunk[0, 0] ** 2 + trunk[1, 0] ** 2)
     c, s = trunk[0, 0] / length, trunk[1, 0] / length
-    row = int(memory[NEXT])
+    row = memory.next_row[0]
     past[row, 0], past[row, 1] = c * tilt[0] + s * tilt[1], c * tilt[1] - s * tilt[0]
     along = across = 0.0
     for k in range(longest):  # a negative row counts from the end
         along += past[row - k, 0]
         across += past[row - k, 1]
     along, across = along / longest, across / longest
-    memory[ALONG] += along / gain.frequency
-    memory[ACROSS] += across / gain.frequency
-    memory[NEXT], memory[LONGEST_SINCE] = (row + 1) % len(past), longest
-    along += gain.trunk_integral * memory[ALONG]
-    across += gain.trunk_integral * memory[ACROSS]
+    integral[0] += along / gains.frequency
+    integral[1] += across / gains.frequency
+    memory.next_row[0], memory.longest[0] = (row + 1) % len(past), longest
+    along += gains.trunk_integral * integral[0]
+    across += gains.trunk_integral * integral[1]
     share = count / longest
     rest = 1.0 - share
     return (

@@ -19,7 +19,7 @@ from ampm.exceptions import BodilyRefusal
 from ampm.geometry import Array
 from ampm.parameters import ControllerParameters, RunParameters
 from ampm.planner.feet import TIP
-from ampm.walk import ContactState, FeetState, PostureState, Reference, ReferenceTable
+from ampm.walk import ContactState, FeetState, PostureState, Reference
 from models.scene import BodyModel
 from validation.measure.measure import StandingCheck, measure, standing_check
 from validation.trial.bridge import to_pinocchio
@@ -54,28 +54,27 @@ def stand(run: RunParameters, body_model: BodyModel) -> SimulationRecord:
     feet = 0.5 * run.gait.step_width * np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
     q = _posture(robot, run, np.vstack([com, feet]))
     still = np.zeros(robot.nv)
-    centre, linear, contact = np.zeros((1, 5, 3)), np.zeros((1, 2, 3, 3)), np.ones((1, 2, 3), dtype=bool)
-    contact[..., TIP] = robot.description.sole.has_toes
-    centre[:, 0], linear[..., 0, :] = com, feet
-    level, angular, toe = np.eye(3)[None, None].repeat(2, axis=1), np.zeros((1, 2, 2, 3)), np.zeros((1, 2, 3))
-    none, posture = np.zeros(1), (q[None], still[None], still[None], robot.trunk_rotations(q[None]))
-    table = ReferenceTable(
-        Reference(
-            time=none,
-            centre=centre,
-            right_load=np.full(1, 0.5),
-            jumps=np.zeros(1, dtype=bool),
-            feet=FeetState.of(linear, level, angular, toe),
-            contacts=ContactState(contact, contact, np.full((1, 2, 3), np.inf)),
-            posture=PostureState(*posture, none, none),
-        )
+    contact, both = np.ones((2, 3), dtype=bool), np.zeros((2, 3))
+    contact[:, TIP] = robot.description.sole.has_toes
+    level = np.stack([np.eye(3), np.eye(3)])
+    reference = Reference.of(
+        time=0.0,
+        com=com,
+        com_velocity=np.zeros(3),
+        com_acceleration=np.zeros(3),
+        angular_momentum=np.zeros(3),
+        moment=np.zeros(3),
+        right_load=0.5,
+        feet=FeetState(feet, both, both, level, both, both, both),
+        contacts=ContactState(contact, contact, np.full((2, 3), np.inf)),
+        posture=PostureState(q, still, still, robot.trunk_rotations(q[None])[0], 0.0),
     )
     start = q.copy()
     start[2] -= run.simulation.start_depth
     physics.place(start, still)
     duration = _duration(robot.description)
     controller, steps = TrackingController(robot, run), round(duration / physics.time_step)
-    return ClosedLoop(physics, controller, repeat(table), run, np.array([duration]), steps, None).run()
+    return ClosedLoop(physics, controller, repeat(reference), run, np.array([duration]), steps).run()
 
 
 def weigh(run: RunParameters, body_model: BodyModel, robot: Robot) -> StandingCheck:

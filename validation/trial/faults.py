@@ -39,7 +39,7 @@ class FaultyController:
         self._bias = fault.torque_bias * signs.choice([-1.0, 1.0], robot.nu)
         sensing, actuation = fault.delays(run.controller.frequency)
         self._sensed: deque[tuple[Array, Array, Touch]] = deque(maxlen=1 + sensing)
-        self._given: deque[tuple[Array, Array | None]] = deque(maxlen=1 + actuation)
+        self._commanded: deque[tuple[Array, Array | None]] = deque(maxlen=1 + actuation)
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One tick: the controller's, from what is sensed; the torques are those that act."""
@@ -49,12 +49,13 @@ class FaultyController:
             q[_ROOT + 1 :] += fault.angle_noise * random.standard_normal(len(q) - _ROOT - 1)
         if fault.rate_noise:
             v[_ROOT:] += fault.rate_noise * random.standard_normal(len(v) - _ROOT)
-        self._sensed.append((q, v, touch))
+        sensed = touch._replace(contact=touch.contact.copy(), normal_force=touch.normal_force.copy())
+        self._sensed.append((q, v, sensed))
         q, v, touch = self._sensed[0]
         output = self.controller.update(state._replace(q=q.copy(), v=v.copy()), touch, reference)
         rate = None if output.rate is None else np.array(output.rate)
-        self._given.append((np.array(output.torque), rate))
-        torque, rate = self._given[0]
+        self._commanded.append((np.array(output.torque), rate))
+        torque, rate = self._commanded[0]
         if fault.torque_bias:
             torque = np.clip(torque + self._bias, -self._limit, self._limit)
         return output._replace(torque=torque, rate=rate)

@@ -1,134 +1,211 @@
 """Log of a running walk: the record's own arrays, filled step by step."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from collections import namedtuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from ampm.compiled import Bundle, compiled
+from ampm.compiled import compiled, refer
 from ampm.vectors import put, vector
 from validation.trial import spill
-from validation.trial.record import INTEGERS, SHAPES, shape_of, support_height
+from validation.trial.record import INTEGERS, SHAPES, shape_of
 from validation.trial.watch import zmp_gap
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.walk import ControlOutput
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
-def _contact_views(data: mujoco.MjData) -> list[NDArray[Any]]:
-    """Geoms, address of the forces, frame, place and distance of contacts.
+class Contacts(NamedTuple):
+    """MuJoCo's contacts, as many rows as its memory can hold.
+
+    Attributes:
+        geom: both geoms. MuJoCo sorts them by type: a floor that is a plane comes first, a box last.
+        address: of the contact's first force, along the normal, -1 for none: two along the tangents follow.
+        frame: normal and tangents.
+        place: [m].
+        distance: negative where they overlap [m].
+        point_of_geom: sole point of every geom, -1 for none: a sphere, with one contact at most.
+    """
+
+    geom: NDArray[np.int32]
+    address: NDArray[np.int32]
+    frame: Array
+    place: Array
+    distance: Array
+    point_of_geom: NDArray[np.intp]
+
+
+class SimulatedData(NamedTuple):
+    """Views of MuJoCo's data; sensors of COM [m] and angular momentum [N m s]."""
+
+    qpos: Array
+    qvel: Array
+    ctrl: Array
+    site_place: Array
+    site_rotation: Array
+    com: Array
+    angular_momentum: Array
+
+
+class Log(NamedTuple):
+    """What compiled functions keep of a run.
+
+    Attributes:
+        record: arrays of :class:`RunLog` under their names.
+        simulated: by MuJoCo.
+        contacts: by MuJoCo.
+        sites: of sole points and, last, of the two soles.
+        normal_force: of every sole point in the last step, shape (P,) [N].
+        touching: sole points that touch, shape (P,).
+        levels: heights of the floor's surfaces if there are several [m].
+        substeps: steps of a control tick.
+    """
+
+    record: Any
+    simulated: SimulatedData
+    contacts: Contacts
+    sites: NDArray[np.intp]
+    normal_force: Array
+    touching: NDArray[np.bool_]
+    levels: Array
+    substeps: int
+
+
+def _contacts(data: mujoco.MjData, point_of_geom: NDArray[np.intp]) -> Contacts:
+    """Views of MuJoCo's contacts that hold for the whole walk.
 
     MuJoCo's own views have one row per present contact, so they would have to be taken at every step.
     Contacts lie at the beginning of the simulation's arena; these views have as many rows as it can hold.
     """
-    contact, views = data.contact, []
-    for name in ("geom", "efc_address", "frame", "pos", "dist"):
-        present = getattr(contact, name)
+
+    def view(present: NDArray[Any]) -> NDArray[Any]:
         shape = (data.narena // present.strides[0], *present.shape[1:])
-        views.append(np.lib.stride_tricks.as_strided(present, shape, present.strides, writeable=False))
-    return views
+        return np.lib.stride_tricks.as_strided(present, shape, present.strides, writeable=False)
+
+    contact = data.contact
+    return Contacts(
+        geom=view(contact.geom),
+        address=view(contact.efc_address),
+        frame=view(contact.frame),
+        place=view(contact.pos),
+        distance=view(contact.dist),
+        point_of_geom=point_of_geom,
+    )
 
 
 @compiled
-def read_touch(own: Any, contacts: int) -> None:
-    """Read which sole points are in contact, after ``mj_step1``; arguments as in :func:`keep_step`."""
-    geom, of_geom, touching = own.geom, own.of_geom, own.touching
-    touching[:] = False
+def point_in(contacts: Contacts, i: int) -> int:
+    """Sole point of contact i, -1 for none."""
+    geom, of_geom = contacts.geom, contacts.point_of_geom
+    return max(of_geom[geom[i, 0]], of_geom[geom[i, 1]])
+
+
+@compiled
+def read_touch(log: Log, contacts: int) -> None:
+    """Read which sole points are in contact, after ``mj_step1``."""
+    log.touching[:] = False
     for i in range(contacts):
-        point = max(of_geom[geom[i, 0]], of_geom[geom[i, 1]])
+        point = point_in(log.contacts, i)
         if point >= 0:
-            touching[point] = True
+            log.touching[point] = True
 
 
 @compiled
-def keep_instant(own: Any, k: int) -> None:
-    """Copy the places of sole points and soles, COM and angular momentum at t_k.
-
-    Arguments as in :func:`keep_step`.
-    """
-    points = own.point_place.shape[1]
+def keep_instant(log: Log, k: int) -> None:
+    """Copy the places of sole points and soles, COM and angular momentum at t_k."""
+    record, simulated = log.record, log.simulated
+    points = record.point_place.shape[1]
     for i in range(points):  # a row copied as an array takes ten times as long
-        put(own.point_place[k, i], vector(own.site_place[own.sites[i]]))
+        put(record.point_place[k, i], vector(simulated.site_place[log.sites[i]]))
     for i in range(2):
-        sole = own.sites[points + i]
-        put(own.foot_position[k, i], vector(own.site_place[sole]))
+        sole = log.sites[points + i]
+        put(record.foot_position[k, i], vector(simulated.site_place[sole]))
         for axis in range(3):
-            own.foot_forward[k, i, axis] = own.site_rotation[sole, 3 * axis]
-    put(own.com[k], vector(own.sensed_com))
-    put(own.angular_momentum[k], vector(own.sensed_momentum))
+            record.foot_forward[k, i, axis] = simulated.site_rotation[sole, 3 * axis]
+    put(record.com[k], vector(simulated.com))
+    put(record.angular_momentum[k], vector(simulated.angular_momentum))
 
 
 @compiled
-def keep_step(own: Any, k: int, contacts: int, efc_force: Array) -> None:
+def keep_step(log: Log, k: int, contacts: int, efc_force: Array) -> None:
     """Copy places, contacts and torques of step k, and the state after it.
 
     Args:
-        own: arrays of the simulation, and of the log by step, under the names of a record. Others:
-            ``geom``, both geoms of the contacts: MuJoCo sorts them by type, a floor that is a plane comes
-            first, a box last; ``of_geom``, sole point of every geom, -1 for none: a sphere, with one contact
-            at most; ``address`` of the contacts' first force, along the normal, -1 for none: two along the
-            tangents follow; ``frame`` of the contacts, normal and tangents; ``place`` [m]; ``distance``,
-            negative where they overlap [m]; ``normal_force`` [N] and ``touching`` by sole point; ``sites`` of
-            sole points and, last, of the two soles; ``sensed_com`` [m], ``sensed_momentum`` [N m s].
+        log: of the run.
         k: step.
         contacts: how many there are.
         efc_force: forces of all constraints.
     """
-    keep_instant(own, k)
-    of_geom, geom, address, frame = own.of_geom, own.geom, own.address, own.frame
-    point_force, point_position = own.point_force, own.point_position
-    normal_force, distance = own.normal_force, own.distance
+    keep_instant(log, k)
+    record, normal_force = log.record, log.normal_force
     for p in range(len(normal_force)):
-        put(point_position[k, p], vector(own.point_place[k, p]))
-    own.torque[k] = own.ctrl
+        put(record.point_position[k, p], vector(record.point_place[k, p]))
+    record.torque[k] = log.simulated.ctrl
     normal_force[:] = 0.0
     for i in range(contacts):
-        p, first = max(of_geom[geom[i, 0]], of_geom[geom[i, 1]]), address[i]
+        p, first = point_in(log.contacts, i), log.contacts.address[i]
         if p >= 0 and first >= 0:
-            side = 1.0 if of_geom[geom[i, 1]] >= 0 else -1.0  # the force acts on the second geom
+            # The force acts on the second geom.
+            side = 1.0 if log.contacts.point_of_geom[log.contacts.geom[i, 1]] >= 0 else -1.0
+            frame = log.contacts.frame[i]
             for axis in range(3):
-                point_force[k, p, axis] = side * (
-                    efc_force[first] * frame[i, axis]
-                    + efc_force[first + 1] * frame[i, 3 + axis]
-                    + efc_force[first + 2] * frame[i, 6 + axis]
+                record.point_force[k, p, axis] = side * (
+                    efc_force[first] * frame[axis]
+                    + efc_force[first + 1] * frame[3 + axis]
+                    + efc_force[first + 2] * frame[6 + axis]
                 )
-                if distance[i] < 0.0:
-                    point_position[k, p, axis] = own.place[i, axis]
-            own.point_penetration[k, p] = -distance[i]
+            if log.contacts.distance[i] < 0.0:
+                put(record.point_position[k, p], vector(log.contacts.place[i]))
+            record.point_penetration[k, p] = -log.contacts.distance[i]
             normal_force[p] = efc_force[first]
-    own.q[k + 1] = own.qpos
-    own.qd[k + 1] = own.qvel
+    record.q[k + 1] = log.simulated.qpos
+    record.qd[k + 1] = log.simulated.qvel
 
 
 @compiled
-def keep_command(
-    own: Any, k: int, com: Array, rate: Array, zmp: Array, force: Array, momentum: Array, status: int,
-    residual: float, iterations: int, seconds: float,
-) -> None:  # fmt: skip
-    """Copy the command of the tick at step k; ``own`` as in :func:`keep_step`."""
-    for i in range(k, min(k + own.substeps, len(own.torque))):
-        put(own.command_com[i], vector(com))
-        own.command_zmp[i, 0], own.command_zmp[i, 1] = zmp[0], zmp[1]
-        put(own.command_force[i], vector(force))
-        put(own.command_angular_momentum[i], vector(momentum))
-    tick = k // own.substeps
-    for j in range(own.torque_rate.shape[1]):
-        own.torque_rate[tick, j] = rate[j]
-    own.qp_status[tick], own.qp_residual[tick] = status, residual
-    own.qp_iterations[tick], own.qp_time[tick] = iterations, seconds
+def floor_height(log: Log, k: int) -> float:
+    """Height of the floor under the contacts of the step before k, averaged by their loads [m].
+
+    Each contact counts as one on the surface nearest to it; the lowest one where there is no load.
+    """
+    load = height = 0.0
+    for p in range(len(log.normal_force)):
+        place, nearest = log.record.point_position[max(k - 1, 0), p, 2], log.levels[0]
+        for level in log.levels:
+            if abs(place - level) < abs(place - nearest):
+                nearest = level
+        load += log.normal_force[p]
+        height += log.normal_force[p] * nearest
+    return height / load if load > 0.0 else log.levels[0]
 
 
 @compiled
-def gap_of(own: Any, k: int) -> float:
-    """Distance of the ZMP of the step before k from the commanded one [m]; see :func:`keep_step`."""
-    return zmp_gap(own.normal_force, own.point_position[k - 1], own.command_zmp[k - 1])
+def keep_command(log: Log, k: int, com: Array, zmp: Array, force: Array, momentum: Array) -> None:
+    """Copy the command of the tick at step k.
+
+    A controller's ZMP is on z = 0. On a floor of several levels, that on the plane of the last step's
+    contacts is kept.
+    """
+    record, height = log.record, 0.0
+    if len(log.levels) > 1:
+        height = floor_height(log, k)
+    for i in range(k, min(k + log.substeps, len(record.torque))):
+        put(record.command_com[i], vector(com))
+        for axis in range(2):
+            record.command_zmp[i, axis] = zmp[axis]
+            if height != 0.0:
+                record.command_zmp[i, axis] += height * force[axis] / force[2]
+        put(record.command_force[i], vector(force))
+        put(record.command_angular_momentum[i], vector(momentum))
+
+
+@compiled
+def zmp_gap_before(log: Log, k: int) -> float:
+    """Distance of the ZMP of the step before k from the commanded one [m]."""
+    place, command = log.record.point_position[k - 1], log.record.command_zmp[k - 1]
+    return zmp_gap(log.normal_force, place, command)
 
 
 class SolePoints:
@@ -158,6 +235,7 @@ class RunLog:
         data: its state, of which views are kept.
         points: the P sole points, and both soles.
         substeps: steps of a control tick.
+        levels: heights of the floor's surfaces [m].
     """
 
     q: Array
@@ -188,9 +266,9 @@ class RunLog:
         data: mujoco.MjData,
         points: SolePoints,
         substeps: int,
+        levels: Sequence[float] = (0.0,),
     ) -> None:
         self.model, self.substeps = model, substeps
-        self.metadata: dict[str, str] = {}
         sizes = {
             "K": steps,
             "K+1": steps + 1,
@@ -205,47 +283,31 @@ class RunLog:
             setattr(self, name, spill.zeros(shape_of(name, sizes), INTEGERS.get(name, np.float64)))
         self.external: dict[str, Array] = {}
         # All that is read and written at every step, as views that are taken once.
-        geom, address, frame, place, distance = _contact_views(data)
-        self.touching = np.zeros(len(points.names), dtype=bool)
-        self.normal_force = np.zeros(len(points.names))
-        recorded = {name: getattr(self, name) for name in RunLog.__annotations__}
-        self.own = Bundle(
-            **recorded,
-            geom=geom,
-            address=address,
-            frame=frame,
-            place=place,
-            distance=distance,
-            of_geom=points.of_geom,
+        names = tuple(RunLog.__annotations__)
+        self.touching, self.normal_force = np.zeros(sizes["P"], dtype=bool), np.zeros(sizes["P"])
+        self.log = Log(
+            record=namedtuple("Recorded", names)(*(getattr(self, name) for name in names)),
+            simulated=SimulatedData(
+                qpos=data.qpos,
+                qvel=data.qvel,
+                ctrl=data.ctrl,
+                site_place=data.site_xpos,
+                site_rotation=data.site_xmat,
+                com=data.sensor("com").data,
+                angular_momentum=data.sensor("angular_momentum").data,
+            ),
+            contacts=_contacts(data, points.of_geom),
+            sites=points.sites,
             normal_force=self.normal_force,
             touching=self.touching,
-            ctrl=data.ctrl,
-            qpos=data.qpos,
-            qvel=data.qvel,
-            site_place=data.site_xpos,
-            site_rotation=data.site_xmat,
-            sites=points.sites,
-            sensed_com=data.sensor("com").data,
-            sensed_momentum=data.sensor("angular_momentum").data,
+            levels=np.array(levels),
             substeps=substeps,
         )
-        self._unknown = np.full(max(model.nu, 3), np.nan)
+        self.handle = refer(self.log)
 
     def start(self, data: mujoco.MjData) -> None:
         """Copy the state from which the first step starts."""
         self.q[0], self.qd[0] = data.qpos, data.qvel
-
-    def command(self, k: int, output: ControlOutput) -> Iterable[Array]:
-        """Rate, ZMP, force and angular momentum of the tick at step k, NaN where there is none.
-
-        A controller's ZMP is on z = 0; this is that on the plane of the last step's contacts.
-        """
-        rate, zmp, force, momentum = output.rate, output.zmp, output.force, output.angular_momentum
-        if self.metadata and zmp is not None:
-            height = self.point_position[max(k - 1, 0), :, 2]
-            floor = support_height(self.metadata, height, self.normal_force)
-            zmp = None if force is None else np.asarray(zmp) + floor * np.asarray(force[:2]) / force[2]
-        return [self._unknown if part is None else part for part in (rate, zmp, force, momentum)]
 
     def keep_pushes(self, k: int, pushes: Mapping[str, Array]) -> None:
         """Copy force, moment and point of every segment that is pushed in step k, shape (9,)."""
@@ -268,7 +330,7 @@ class RunLog:
         data.xfrc_applied[:], data.qacc_warmstart[:] = 0.0, 0.0
         data.ctrl[:] = self.torque[done - 1] if done else 0.0
         mujoco.mj_forward(self.model, data)
-        keep_instant(self.own, done)
+        keep_instant(self.handle, done)
         rows = {"K+1": done + 1, "K": done, "T": -(-done // self.substeps)}
         result: dict[str, Any] = {}
         for name in RunLog.__annotations__:

@@ -27,13 +27,11 @@ _PLACES = (
 
 def moved_table(table: ReferenceTable, along: float) -> ReferenceTable:
     """References of which all places are moved along x [m]."""
-    rows = table.rows
-    centre, values, q = rows.centre.copy(), rows.feet.values.copy(), rows.posture.q.copy()
-    centre[:, 0, 0] += along
-    values[:, :, 0] += along
-    q[:, 0] += along
-    feet, posture = rows.feet._replace(values=values), rows.posture._replace(q=q)
-    return ReferenceTable(rows._replace(centre=centre, feet=feet, posture=posture))
+    row = table.row.copy()
+    row["com"][:, 0] += along
+    row["foot_position"][:, :, 0] += along
+    row["q"][:, 0] += along
+    return ReferenceTable(row)
 
 
 def moved_record(record: SimulationRecord, along: float) -> SimulationRecord:

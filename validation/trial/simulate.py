@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import TYPE_CHECKING, Any
@@ -17,12 +17,21 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from ampm.compiled import Bundle, bound
-from ampm.control.controller import TrackingController
+from ampm.compiled import bound, refer
+from ampm.disturbance import DisturbanceParameters
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import steps_per_tick
 from ampm.planner.heights import uneven
-from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, State, Timing, Touch
+from ampm.walk import (
+    LIMITED,
+    SOLVED,
+    UNSOLVED,
+    ControlOutput,
+    State,
+    Timing,
+    Touch,
+    reference_type,
+)
 from validation.trial import spill
 from validation.trial.bridge import to_mujoco
 from validation.trial.controllers import find_controller, name_of
@@ -34,7 +43,7 @@ from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import FLOOR, SimulationRecord
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
-from validation.trial.tick import OwnTick, act, end_step, sense
+from validation.trial.step import Command, Simulated, act, end_step, sense
 from validation.trial.users import UsersCode, UsersError
 from validation.trial.watch import End, Stance, Watch
 
@@ -173,24 +182,46 @@ def simulate(
     q[2] += run.disturbance.floor_height - run.simulation.start_depth
     physics.place(q, started(start.v, run.disturbance))
     factory = controller or find_controller(run.controller.name)
-    own = factory is TrackingController
-    with contextlib.nullcontext() if own else UsersCode("controller", factory):
+    with UsersCode("controller", factory):
         known = physics.robot if scene is body else make_robot(body.compile(), body.description)
         follower = factory(known, run.undisturbed)
         if hasattr(follower, "follow"):
             follower.follow(plan, timing)
         follower = behind_faults(follower, run, known)
-    loop = ClosedLoop(
-        physics, follower, chain([first], tables), run, step_ends, total, progress, disturbances
-    )
+    levels, metadata = [0.0], {}
     if uneven(plan.contacts.footsteps):
-        heights = sorted({step.position[2] for step in plan.contacts.footsteps})
-        loop.log.metadata[FLOOR] = " ".join(map(repr, heights))
+        levels = sorted({step.position[2] for step in plan.contacts.footsteps})
+        metadata[FLOOR] = " ".join(map(repr, levels))
+    references = chain(first, chain.from_iterable(tables))
+    loop = ClosedLoop(
+        physics,
+        follower,
+        references,
+        run,
+        step_ends,
+        total,
+        levels=levels,
+        disturbances=disturbances,
+        progress=progress,
+    )
     record = loop.run()
-    metadata = loop.log.metadata | ({} if own else {"controller": name_of(factory)})
+    if factory is not find_controller("ampm"):
+        metadata["controller"] = name_of(factory)
+    elif run.controller.stabilizer == "fixed" and (
+        disturbances or run.disturbance != DisturbanceParameters()
+    ):
+        record = replace(record, outcome=_with_way_out(record.outcome))
     if disturbances:
         metadata["disturbances"] = "; ".join(str(disturbance) for disturbance in disturbances)
     return replace(record, metadata=metadata) if metadata else record
+
+
+def _with_way_out(outcome: Outcome) -> Outcome:
+    """The end of a disturbed walk, and what may survive it."""
+    if outcome.name is not OutcomeName.FELL:
+        return outcome
+    way_out = "--set controller.stabilizer=stepping may survive this disturbance"
+    return replace(outcome, cause=f"{outcome.cause}; {way_out}")
 
 
 def _tables(plan: WalkPlan, times: Array, timing: Timing) -> Iterator[ReferenceTable]:
@@ -199,15 +230,22 @@ def _tables(plan: WalkPlan, times: Array, timing: Timing) -> Iterator[ReferenceT
         before = min(start, 1)  # rates of change need the ticks on both sides
         with UsersCode("planner", type(plan.posture)):
             table = plan.table(times[start - before : start + _TICKS + 1], timing)
-        yield table[before : before + _TICKS]
+        yield table.part(before, before + _TICKS)
 
 
-def _numbers(what: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Finite numbers of a shape, from a user's class."""
-    array = np.asarray(value, np.float64)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise ValueError(f"{what} has shape {array.shape}, or is not finite; it must have {shape}")
-    return array
+def _copy(what: str, value: Any, out: Array) -> None:
+    """Copy what a controller returns, None as NaN.
+
+    Raises:
+        ValueError: it has another shape.
+    """
+    if value is None:
+        out[...] = np.nan
+        return
+    shape = value.shape if isinstance(value, np.ndarray) else np.shape(value)
+    if shape != out.shape:
+        raise ValueError(f"{what} has shape {shape} and must have {out.shape}")
+    out[...] = value
 
 
 class ClosedLoop:
@@ -216,59 +254,73 @@ class ClosedLoop:
     Args:
         physics: placed at the start.
         controller: at its first tick.
-        tables: references, one for each control tick.
+        references: one for each control tick.
         run: parameters.
         step_ends: when each step ends, to count those completed, shape (steps,) [s].
         total: simulation steps.
-        progress: called with (simulation steps done, all) now and then.
+        levels: heights of the floor's surfaces [m].
         disturbances: external forces.
+        progress: called with (simulation steps done, all) now and then.
 
     Attributes:
-        own: views of the simulation for compiled functions, with the last tick's torque, rate and plan.
+        command: of the last tick.
     """
 
     def __init__(
         self,
         physics: Physics,
         controller: Controller,
-        tables: Iterable[ReferenceTable],
+        references: Iterator[Reference],
         run: RunParameters,
         step_ends: NDArray[np.float64],
         total: int,
-        progress: Callable[[int, int], None] | None = None,
+        *,
+        levels: Sequence[float] = (0.0,),
         disturbances: Sequence[Disturbance] = (),
+        progress: Callable[[int, int], None] | None = None,
     ) -> None:
         self.disturbances = [(item, UsersCode("disturbance", item)) for item in disturbances]
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
         self.plant.segment(run.disturbance.push_segment)  # refused also without a force
-        self.physics, self.controller, self.tables = physics, controller, iter(tables)
-        self.table = next(self.tables)
-        self.references = chain(self.table, chain.from_iterable(self.tables))
-        self.own_tick: OwnTick | None = None
+        self.physics, self.controller, self.references = physics, controller, references
         behind = controller.controller if isinstance(controller, FaultyController) else controller
-        self.is_ours = type(behind) is TrackingController
         self.users_code = UsersCode("controller", behind)
         self.step_ends, self.total, self.progress = step_ends, total, progress
-        self.log = RunLog(total, physics.model, physics.data, physics.points, physics.substeps)
-        self.log.start(physics.data)
-        scale, data = physics.robot.description.scale, physics.data
-        self.watch = Watch(run.controller.unsolved_limit, scale)
+        data, robot = physics.data, physics.robot
+        self.log = RunLog(total, physics.model, data, physics.points, physics.substeps, levels)
+        self.log.start(data)
+        self.watch = Watch(run.controller.unsolved_limit, robot.description.scale)
         self.warnings = data.warning.number[_BAD_STATE]  # a view
-        (torque, rate), limit = np.zeros((2, physics.robot.nu)), physics.robot.torque_limit.copy()
-        planned = np.zeros((4, 3))  # COM, trunk and soles
-        self.stance = Stance(physics.com, physics.trunk, physics.soles, planned[0], planned[1], planned[2:])
-        self.own = Bundle(
-            torque=torque, rate=rate, limit=limit, ctrl=data.ctrl, planned=planned, com=physics.com,
-            trunk=physics.trunk, scale=scale, warnings=self.warnings,
-            time_step=physics.time_step, qpos=data.qpos, qvel=data.qvel, q=physics.q, v=physics.v,
-            root_rotation=physics.root_rotation, point_force=np.zeros((len(physics.points.names), 3)),
-            no_rate=np.full(physics.robot.nu, np.nan),
-        )  # fmt: skip
-        own, row, table = (self.own, self.log.own), np.zeros(1), np.zeros((1, 1))
-        table.setflags(write=False)  # as those of a plan
-        self.sense = bound(sense, own, 0)
-        self.act = bound(act, own, 0, *[table] * 3, *[row] * 5, 0, 0.0, 0, 0.0)
-        self.end_step = bound(end_step, own, 0, 0, data.efc_force)
+        self._row = np.zeros(1, reference_type(robot.nq, robot.nv))
+        self.command = command = Command(
+            torque=np.zeros(robot.nu),
+            rate=np.zeros(robot.nu),
+            force=np.zeros(3),
+            zmp=np.zeros(2),
+            angular_momentum=np.zeros(3),
+            com=self._row["com"][0],
+            trunk=self._row["trunk"][0],
+            soles=self._row["foot_position"][0],
+        )
+        self.stance = Stance(
+            physics.com, physics.trunk, physics.soles, command.com, command.trunk[:, 2], command.soles
+        )
+        simulated = Simulated(
+            q=physics.q,
+            v=physics.v,
+            root_rotation=physics.root_rotation,
+            com=physics.com,
+            trunk=physics.trunk,
+            warnings=self.warnings,
+            torque_limit=robot.torque_limit.copy(),
+            scale=robot.description.scale,
+            time_step=physics.time_step,
+        )
+        body, said, log = refer(simulated), refer(command), self.log.handle
+        self._touch = Touch(self.log.touching, self.log.normal_force, physics.time_step)
+        self._sense = bound(sense, (body, log), 0)
+        self._act = bound(act, (body, said, log), 0, 0, 0.0, 0, 0.0)
+        self._end_step = bound(end_step, (body, said, log), 0, 0, data.efc_force)
 
     def run(self) -> SimulationRecord:
         """Step to the end of the run; an interrupt or a user's error ends it, and the record is kept.
@@ -293,7 +345,7 @@ class ClosedLoop:
             refused = done * self.physics.time_step
             end = End(OutcomeName.INFEASIBLE, f"the solver refused the QP at {refused:.3f} s: {error}")
         except InputError as error:
-            # In the first step nothing is lost. The machine's faults are none of the walk.
+            # In the first step nothing is lost. Machine errors do not count as failures of the walk.
             if not done or isinstance(error.__cause__, MemoryError | OSError):
                 raise
             logging.getLogger("ampm").debug("The walk ends.", exc_info=True)
@@ -322,7 +374,7 @@ class ClosedLoop:
             mujoco.mj_step2(model, data)
         if k % spill.ROWS == 0:
             spill.release()
-        if self.end_step(k, data.ncon, data.efc_force):
+        if self._end_step(k, data.ncon, data.efc_force):
             return end
         if self.warnings.any():
             return self.watch.blown_up(time)
@@ -338,76 +390,42 @@ class ClosedLoop:
 
     def tick(self, k: int, time: float) -> End | None:
         """One control tick; whether the walk is over."""
-        if self.own_tick is None:
-            reference = next(self.references)
-            output = self._update(time, reference)
-            if k == 0 and not self.log.metadata:  # on stones, its ZMP is shifted in Python
-                self.own_tick = OwnTick.of(self.controller, self.own, self.log.own, self.table, self.tables)
-        else:
-            answer = self.own_tick(k, self.physics.data.ncon)
-            if isinstance(answer, float):
-                return self.watch.check(time, self.stance, SOLVED, gap=answer)
-            output, reference = answer
-        if output.reference is not None:
-            reference = output.reference
-        planned = reference.centre, reference.posture.trunk, reference.feet.values
-        given = *planned, output.torque, *self.log.command(k, output)
-        arrays = [np.ascontiguousarray(part, np.float64) for part in given]
-        status, residual = output.status, output.residual
-        solution = status, residual, output.iterations, output.seconds
-        gap = self.act(k, *arrays, *solution)
-        limit = self._worst_joint(output) if status == LIMITED else ""
+        physics, command = self.physics, self.command
+        self._sense(physics.data.ncon)
+        reference = next(self.references)
+        state = State(time, physics.q, physics.v, 0.5 * physics.time_step)
+        with self.users_code:
+            output = self.controller.update(state, self._touch, reference)
+            if not isinstance(output, ControlOutput):
+                raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
+            _copy("torque", output.torque, command.torque)
+            _copy("rate", output.rate, command.rate)
+            _copy("force", output.force, command.force)
+            _copy("zmp", output.zmp, command.zmp)
+            _copy("angular_momentum", output.angular_momentum, command.angular_momentum)
+            self._row[0] = reference.row if output.reference is None else output.reference.row
+            status, residual, iterations = int(output.status), float(output.residual), int(output.iterations)
+            if status not in (SOLVED, LIMITED, UNSOLVED) or not 0 <= iterations <= _MOST_ITERATIONS:
+                raise ValueError(f"status {status} or iterations {iterations} are none")
+            unusable, gap = self._act(k, status, residual, iterations, float(output.seconds))
+            if unusable >= 0:
+                raise ValueError(self._unusable(unusable))
+        limit = self._worst_joint() if status == LIMITED else ""
         return self.watch.check(time, self.stance, status, gap=gap, residual=residual, limit=limit)
 
-    def _update(self, time: float, reference: Reference) -> ControlOutput:
-        """A tick of any controller."""
-        physics, log = self.physics, self.log
-        self.sense(physics.data.ncon)
-        state = State(time, physics.q, physics.v, 0.5 * physics.time_step)
-        touch = Touch(log.touching.copy(), log.normal_force.copy(), physics.time_step)
-        if self.is_ours:
-            return self.controller.update(state, touch, reference)
-        with self.users_code:
-            return self._checked(self.controller.update(state, touch, reference))
+    def _unusable(self, index: int) -> str:
+        """What :func:`~validation.trial.step.act` could not use, in words."""
+        names, command = self.physics.robot.joint_names, self.command
+        what, joint = divmod(index, len(names))
+        if what == 2:
+            return f"the COM of its reference is {command.com}"
+        values = (command.torque, command.rate)[what]
+        return f"{('torque', 'rate')[what]} of {names[joint]} is {values[joint]}"
 
-    def _checked(self, output: ControlOutput) -> ControlOutput:
-        """Output of a user's controller, if it can be applied."""
-        if not isinstance(output, ControlOutput):
-            raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
-        torque = np.asarray(output.torque, dtype=np.float64)
-        for what, values in (("torque", torque), ("rate", output.rate)):
-            if values is None:
-                continue
-            if np.shape(values) != self.own.torque.shape:
-                raise ValueError(f"{what} of shape {np.shape(values)}, not {self.own.torque.shape}")
-            if (bad := ~np.isfinite(values)).any():
-                worst = int(np.argmax(bad))
-                raise ValueError(f"{what} of {self.physics.robot.joint_names[worst]} is {values[worst]}")
-        limit = self.physics.robot.torque_limit
-        known: dict[str, Any] = {"torque": np.clip(torque, -limit, limit)}  # as the motors do
-        for name, size in (("force", 3), ("zmp", 2), ("angular_momentum", 3), ("rate", len(limit))):
-            if (value := getattr(output, name)) is not None:
-                known[name] = np.empty(size)
-                known[name][:] = value
-        if (followed := output.reference) is not None:
-            centre = _numbers("centre of its reference", followed.centre, (5, 3))
-            trunk = _numbers("trunk of its reference", followed.posture.trunk, (3, 3))
-            feet = followed.feet._replace(
-                values=_numbers("feet of its reference", followed.feet.values, (2, 27))
-            )
-            posture = followed.posture._replace(trunk=trunk)
-            known["reference"] = followed._replace(centre=centre, posture=posture, feet=feet)
-        status, iterations = int(output.status), int(output.iterations)
-        if status not in (SOLVED, LIMITED, UNSOLVED) or not 0 <= iterations <= _MOST_ITERATIONS:
-            raise ValueError(f"status {status} or iterations {iterations} are none")
-        known |= {"status": status, "iterations": iterations}
-        known |= {"residual": float(output.residual), "seconds": float(output.seconds)}
-        return output._replace(**known)
-
-    def _worst_joint(self, output: ControlOutput) -> str:
+    def _worst_joint(self) -> str:
         """The joint closest to its torque limit."""
         robot = self.physics.robot
-        share = np.abs(output.torque) / robot.torque_limit
+        share = np.abs(self.command.torque) / robot.torque_limit
         worst = int(np.argmax(share))
         return f"{robot.joint_names[worst]} at {share[worst]:.0%} of its torque"
 

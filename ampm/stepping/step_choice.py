@@ -8,15 +8,12 @@ Vectors are horizontal, in the axes of the standing foot: along, and to the left
 """
 
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.compiled import compiled
-from ampm.vectors import clip
-
-Array = NDArray[np.float64]
+from ampm.stepping.stepper import Stepper
+from ampm.vectors import Array, clip
 
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
 """How far a step may be displaced [m]. All lengths and times here are those of a body of 1.70 m: lengths grow
@@ -125,20 +122,6 @@ def quintic_tick(motion: Array, target: Array, remaining: float, tick: float) ->
         motion[2, axis] = a + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5))
 
 
-class Curves(NamedTuple):
-    """Horizontal curves of a phase at equal intervals, shapes (n, 2) [m].
-
-    Attributes:
-        r: ``c - cdd / omega^2``.
-        xi: DCM.
-        zmp: ZMP.
-    """
-
-    r: Array
-    xi: Array
-    zmp: Array
-
-
 @compiled
 def mean_zmp(zmp: Array, begin: float, x: float) -> tuple[float, float]:
     """Mean ZMP of the rest of a phase by its weight ``exp(-omega t)`` in the DCM.
@@ -158,11 +141,7 @@ def mean_zmp(zmp: Array, begin: float, x: float) -> tuple[float, float]:
 
 @compiled
 def plan_step(
-    w: Any,
-    omega: float,
-    size: float,
-    foot_width: float,
-    curves: Curves,
+    s: Stepper,
     begin: float,
     rest: float,
     reference: Array,
@@ -180,11 +159,7 @@ def plan_step(
     easy, steps return to the places and times of the plan; else a cost weighs displacement, time and limits.
 
     Args:
-        w: the walker; ``step``, ``excess``, ``factor`` and ``choice`` are replaced.
-        omega: [1/s].
-        size: of the body, of which a stature of 1.70 m is one [1].
-        foot_width: [m].
-        curves: of the phase, planned.
+        s: of whose walker ``step``, ``excess``, ``factor`` and ``choice`` are replaced.
         begin: where its rest begins, in intervals.
         rest: planned time until the switch [s].
         reference: planned DCM now, shape (2,) [m].
@@ -196,6 +171,7 @@ def plan_step(
         sin: of the standing foot's heading.
         chooses_time: whether the time may be changed.
     """
+    w, curves, omega, size = s.walker[0], s.curves, s.omega, s.size
     shift, side = w.shift[w.stance], 1.0 if w.stance == 1 else -1.0
     ahead_from, shortest = sole[1] - sole[0] + GAP * size, SHORTEST * math.sqrt(size)
     ramp, cost, most = ramp_share(omega * w.double), math.inf, RETURN_MOST * size
@@ -225,7 +201,7 @@ def plan_step(
         left = step_change(error_y, decay, ramp, min(low, 0.0), max(high, 0.0))
         wider = side * (OVERSHOOT * left + back_y)
         u = clip(forward, -size * BACKWARD, size * FORWARD)
-        narrowest = (BESIDE if abs(length + u) < ahead_from else IN_LINE) * foot_width + NEAR * size
+        narrowest = (BESIDE if abs(length + u) < ahead_from else IN_LINE) * s.foot_width + NEAR * size
         v = clip(wider, min(narrowest - width, 0.0), size * WIDER)
         beyond = abs(forward - u) + abs(wider - v)
         price = max(abs(u) - size * EASY_LENGTH, 0.0) + max(abs(v) - size * EASY_WIDTH, 0.0)

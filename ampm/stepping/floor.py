@@ -1,16 +1,11 @@
 """The floor as the feet find it: touches, heights and slopes, and what they say of a walk."""
 
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from ampm.compiled import compiled
-from ampm.control.records import TIP
-from ampm.vectors import clip
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from ampm.control.workspace import TIP, Array
+from ampm.stepping.stepper import Stepper
+from ampm.vectors import clip, column, dot
 
 SINK = 0.00075
 """How far a sole sinks into the floor under load [m]."""
@@ -32,68 +27,40 @@ GRACE = 0.016
 """Time that a foot may be late before the clock waits for it [s]."""
 
 
-class Sensed(NamedTuple):
-    """The body of this tick.
-
-    Attributes:
-        feet: records of both feet.
-        points: records of the sole points.
-        touching: shape (P,).
-        com: shape (3,) [m].
-        rates: momentum and angular momentum over the mass, shape (6, ...).
-        mass: [kg].
-        omega: [1/s].
-        gravity: [m/s^2].
-        tick: control period [s].
-        size: of the body, of which a stature of 1.70 m is one [1].
-        foot_width: [m].
-    """
-
-    feet: Any
-    points: Any
-    touching: Flags
-    com: Array
-    rates: Array
-    mass: float
-    omega: float
-    gravity: float
-    tick: float
-    size: float
-    foot_width: float
-
-
 @compiled
-def feel(w: Any, body: Sensed) -> None:
+def feel(s: Stepper) -> None:
     """Count the ticks for which every foot has stood, and note where its points touched."""
-    for i in range(len(body.points)):
-        if body.touching[i] and not body.points[i].touching:
-            body.points[i].floor = body.com[2] + body.points[i].arm[2]
+    w, points = s.walker[0], s.body.points
+    for i in range(len(points)):
+        if s.contact[i] and not points[i].touching:
+            points[i].floor = s.body.com[2] + points[i].arm[2]
     for foot in range(2):
         touched = False
-        for i in range(len(body.points)):
-            touched = touched or (body.points[i].foot == foot and body.touching[i])
-        touched = touched and body.feet[foot].pose[2, 2] >= TIPPED
+        for i in range(len(points)):
+            touched = touched or (points[i].foot == foot and s.contact[i])
+        touched = touched and s.body.feet[foot].pose[2, 2] >= TIPPED
         w.touches[foot] = w.touches[foot] + 1 if touched else 0
-    w.stood += body.tick
+    w.stood += s.tick
 
 
 @compiled
-def floor_under(body: Sensed, foot: int) -> tuple[float, float, float]:
+def floor_under(s: Stepper, foot: int) -> tuple[float, float, float]:
     """Height of the floor at a sole's reference point, with its slopes dz/dx and dz/dy [m, 1, 1].
 
     It is the sole's own plane, :data:`SINK` higher; where a point is deeper in the floor, the plane through
-    the heights at which the points touched.
+    the heights at which the points touched, by least squares.
     """
-    at, pose = body.feet[foot].place, body.feet[foot].pose
+    com, at, pose = s.body.com, s.body.feet[foot].place, s.body.feet[foot].pose
     n = x = y = z = xx = xy = yy = xz = yz = deepest = 0.0
-    for i in range(len(body.points)):
-        point = body.points[i]
-        if point.foot == foot and body.touching[i]:
+    for i in range(len(s.body.points)):
+        point = s.body.points[i]
+        if point.foot == foot and s.contact[i]:
             dx, dy, floor = point.arm[0] - at[0], point.arm[1] - at[1], point.floor
-            deepest = max(deepest, floor - body.com[2] - point.arm[2])
-            n, x, y, z, xx, xy = n + 1.0, x + dx, y + dy, z + floor, xx + dx * dx, xy + dx * dy
-            yy, xz, yz = yy + dy * dy, xz + dx * floor, yz + dy * floor
-    height, slope = body.com[2] + at[2] + SINK, (-pose[0, 2] / pose[2, 2], -pose[1, 2] / pose[2, 2])
+            deepest = max(deepest, floor - com[2] - point.arm[2])
+            n, x, y, z = n + 1.0, x + dx, y + dy, z + floor
+            xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
+            xz, yz = xz + dx * floor, yz + dy * floor
+    height, slope = com[2] + at[2] + SINK, (-pose[0, 2] / pose[2, 2], -pose[1, 2] / pose[2, 2])
     if deepest < DEEP_IN:
         return height, slope[0], slope[1]
     x, y, z = x / n, y / n, z / n
@@ -106,42 +73,43 @@ def floor_under(body: Sensed, foot: int) -> tuple[float, float, float]:
 
 
 @compiled
-def step_up(body: Sensed, foot: int, planned: Array, floor: float) -> float:
+def step_up(s: Stepper, foot: int, position: Array, rotation: Array, floor: float) -> float:
     """How much higher than planned the floor is under a foot that touches [m].
 
     Args:
-        body: of this tick.
+        s: the stepper.
         foot: 0 or 1.
-        planned: its reference, shape (27,).
+        position: planned, of the sole's reference point, shape (3,) [m].
+        rotation: planned, of the sole to world, shape (3, 3).
         floor: height of the reference point as the phase ends [m].
     """
-    pose, agreement = body.feet[foot].pose, 0.0
-    for axis in range(3):
-        agreement += pose[axis, 2] * planned[11 + 3 * axis]
-    if agreement >= AS_PLANNED:
-        return floor_under(body, foot)[0] - planned[2]
+    pose = s.body.feet[foot].pose
+    if dot(column(pose, 2), column(rotation, 2)) >= AS_PLANNED:
+        return floor_under(s, foot)[0] - position[2]
     count, height = 0, 0.0
-    for i in range(len(body.points)):
-        if body.points[i].foot == foot and body.touching[i]:
-            count, height = count + 1, height + body.points[i].floor
+    for i in range(len(s.body.points)):
+        if s.body.points[i].foot == foot and s.contact[i]:
+            count, height = count + 1, height + s.body.points[i].floor
     return height / count - floor
 
 
 @compiled
-def lifted(w: Any, body: Sensed, height: float) -> float:
+def force_factor(s: Stepper, height: float) -> float:
     """Factor of the commanded force, by the integral of the COM's height under its reference [m]."""
-    low = clip(height - body.com[2], -DEEP, DEEP)
+    w = s.walker[0]
+    low = clip(height - s.body.com[2], -DEEP, DEEP)
     if w.load != 1.0 or abs(low) > SANK:
-        w.load = clip(w.load + LIFT * body.omega**3 / body.gravity * low * body.tick, 0.9, 1.1)
+        w.load = clip(w.load + LIFT * s.omega**3 / s.body.gravity * low * s.tick, 0.9, 1.1)
     return float(w.load)
 
 
 @compiled
-def stands_flat(w: Any, body: Sensed) -> bool:
+def stands_flat(s: Stepper) -> bool:
     """Whether the foot that stands alone has done so for a while, on all points of heel and ball."""
-    for i in range(len(body.points)):
-        point = body.points[i]
-        if point.foot == w.stance and point.line != TIP and not body.touching[i]:
+    w = s.walker[0]
+    for i in range(len(s.body.points)):
+        point = s.body.points[i]
+        if point.foot == w.stance and point.line != TIP and not s.contact[i]:
             return False
     return bool(w.single and w.stood > 0.04 and w.clock < 0.7 * w.duration)
 

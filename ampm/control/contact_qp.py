@@ -12,7 +12,7 @@ in 24 unknowns: nine forces per foot of six points, and six slacks of the wanted
 serves all contact modes: a point without contact has zero bounds, so the sparsity pattern and the warm start
 survive every switch.
 
-When its answer breaks a torque or joint limit, :class:`LimitedForm` solves the whole problem with those
+When its answer breaks a torque or joint limit, :class:`LimitedQP` solves the whole problem with those
 limits as constraints: clipping torques afterwards would cause large ZMP errors.
 """
 
@@ -22,12 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.compiled import compiled
-from ampm.control.forces import ANGULAR, NORMAL_COST, TWIST_ARM
-from ampm.control.records import TIP
-from ampm.linear import add_gram, substitute, triangular
+from ampm.control.forces import NORMAL_COST, TWIST_ARM
+from ampm.control.workspace import ANGULAR, TIP, Contact, Problem, Tasks
+from ampm.linear import add_combination, add_gram, substitute, triangular
 from ampm.qp import QPBackend, QPSettings, QPSolution, make_backend
-
-Array = NDArray[np.float64]
+from ampm.vectors import Array
 
 TANGENT_COST = 0.6
 """Regularisation of tangential forces and twists of a foot that carries the weight. It grows with one over
@@ -63,21 +62,27 @@ _CONE = np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 1], [0,
 
 
 @compiled
-def eliminate(scaled: Array, softness: Array, rhs: Array, posture: Array, system: Array) -> bool:
+def eliminate_tasks(tasks: Tasks, posture: Array) -> bool:
     """Solve ``(B W^-1 B' + softness) y = r`` for unit net wrenches and for the rows themselves.
 
     Args:
-        scaled: transposed task rows in the metric of the posture, shape (nv, R).
-        softness: shape (R,).
-        rhs: wanted accelerations less drift; the first six without contact forces, shape (R,) [g].
+        tasks: scaled rows, softness and right-hand side. The last seven columns of ``system`` become y. The
+            accelerations of a net wrench w are ``W^-1/2 (posture + scaled y (w, 1))``.
         posture: wanted accelerations in the metric of the posture, shape (nv,) [g].
-        system: its last seven columns are y, shape (R, R + 7). The accelerations of a net wrench w are
-            ``W^-1/2 (posture + scaled y (w, 1))``.
 
     Returns:
         Whether there is a solution: the rows are independent, and all numbers finite.
     """
-    _set_up(scaled, softness, rhs, posture, system)
+    system, count = tasks.system, len(tasks.rhs)
+    system[:] = 0.0
+    for e in range(count):
+        system[e, e] = tasks.softness[e]
+    for k in range(6):
+        system[k, count + k] = 1.0
+    add_gram(tasks.scaled, system)
+    right = tasks.rhs.copy()
+    add_combination(-1.0, tasks.scaled, posture, right)
+    system[:, count + 6] = right
     if not triangular(system):
         return False
     substitute(system)
@@ -85,58 +90,30 @@ def eliminate(scaled: Array, softness: Array, rhs: Array, posture: Array, system
 
 
 @compiled
-def _set_up(scaled: Array, softness: Array, rhs: Array, posture: Array, system: Array) -> None:
-    """Write matrix and right-hand sides."""
-    count = len(rhs)
-    system[:] = 0.0
-    for e in range(count):
-        system[e, e] = softness[e]
-    for k in range(6):
-        system[k, count + k] = 1.0
-    add_gram(scaled, system)
-    right = rhs.copy()
-    for j in range(len(scaled)):
-        for e in range(count):
-            right[e] -= scaled[j, e] * posture[j]
-    system[:, count + 6] = right
-
-
-@compiled
 def fill_qp(
     feet: int,
     points: Any,
-    wrench: Array,
-    wanted: Array,
+    contact: Contact,
+    system: Array,
     right_load: float,
-    yaw_curvature: float,
-    yaw_gradient: float,
     friction: float,
-    P: Array,
-    q: Array,
-    A: Array,
-    lower: Array,
-    upper: Array,
+    problem: Problem,
 ) -> None:
     """Fill in what changes from tick to tick.
 
     Args:
         feet: number of feet.
         points: their limits and shares.
-        wrench: W, shape (6, U).
-        wanted: momentum rate plus weight, [m g] and ANGULAR [m g m], shape (6,).
+        contact: wrench map and wanted momentum rate plus weight, [m g] and ANGULAR [m g m].
+        system: of :func:`eliminate_tasks`; it has the posture's cost over the vertical moment.
         right_load: planned share of the right foot [1].
-        yaw_curvature: of the posture's cost over the vertical moment.
-        yaw_gradient: of the same at no moment.
         friction: coefficient that the forces may use [1].
-        P: cost of the QP.
-        q: its gradient at zero.
-        A: its constraints.
-        lower: their lower bounds.
-        upper: their upper bounds.
+        problem: written.
     """
-    per_foot = len(points) // feet
+    P, q, A, lower, upper = problem.P, problem.q, problem.A, problem.lower, problem.upper
+    per_foot, rows = len(points) // feet, len(system)
     unknowns, first = per_foot + 3, 6 + 6 * feet
-    yaw = wrench[L_Z]
+    yaw, yaw_curvature, yaw_gradient = contact.wrench_map[L_Z], system[L_Z, rows + L_Z], system[L_Z, rows + 6]
     for foot in range(feet):
         load = right_load if foot else 1.0 - right_load
         for i in range(unknowns * foot + per_foot, unknowns * (foot + 1)):
@@ -154,12 +131,12 @@ def fill_qp(
                 A[row, unknown] = -TWIST_SHARE * friction / TWIST_ARM * point.lever
             lower[first + per_foot * foot + i] = point.least
             upper[first + per_foot * foot + i] = point.largest
-    A[:6, : unknowns * feet] = wrench
-    lower[:6] = wanted
-    upper[:6] = wanted
+    A[:6, : unknowns * feet] = contact.wrench_map
+    lower[:6] = contact.momentum
+    upper[:6] = contact.momentum
 
 
-class CondensedForm:
+class ContactQP:
     """The QP in the contact forces: its matrices, and a backend.
 
     Args:
@@ -179,29 +156,29 @@ class CondensedForm:
         base = np.ones(size)
         base[self.normals] = np.where(lines.ravel() == TIP, TIP_COST, NORMAL_COST)
         base[self._tangents] = TANGENT_COST
-        self.P, self.q, self.A = np.diag(base), np.zeros(size), np.zeros((rows, size))
-        self.lower, self.upper = np.full(rows, -np.inf), np.zeros(rows)
+        P, A = np.diag(base), np.zeros((rows, size))
+        self.problem = Problem(P, np.zeros(size), A, np.full(rows, -np.inf), np.zeros(rows))
         self._right = slice(unknowns, unknowns + per_foot)
-        self.P[self._right, self._right] += LOAD_COST
-        self.A[np.arange(6), self.forces + np.arange(6)] = -MOMENTUM_SLACK
+        P[self._right, self._right] += LOAD_COST
+        A[np.arange(6), self.forces + np.arange(6)] = -MOMENTUM_SLACK
         for foot in range(feet):
             cone = slice(6 + 6 * foot, 12 + 6 * foot)
-            self.A[cone, by_foot[foot, :per_foot]] = -friction
-            self.A[cone, by_foot[foot, per_foot:]] = _CONE
-        self.A[rows - lines.size + np.arange(lines.size), self.normals] = 1.0
-        self.lower[-lines.size :] = 0.0
+            A[cone, by_foot[foot, :per_foot]] = -friction
+            A[cone, by_foot[foot, per_foot:]] = _CONE
+        A[rows - lines.size + np.arange(lines.size), self.normals] = 1.0
+        self.problem.lower[-lines.size :] = 0.0
         self.backend: QPBackend = make_backend(backend, self.P_mask(), self.A_mask(), settings)
 
     def P_mask(self) -> NDArray[np.bool_]:
         """Where the cost matrix may ever be other than zero."""
-        mask = np.eye(len(self.q), dtype=bool)
+        mask = np.eye(len(self.problem.q), dtype=bool)
         mask[np.ix_(self._tangents, self._tangents)] = True
         mask[self._right, self._right] = True
         return mask
 
     def A_mask(self) -> NDArray[np.bool_]:
         """Where the constraint matrix may ever be other than zero."""
-        mask = self.A != 0.0
+        mask = self.problem.A != 0.0
         mask[2:5, self.normals] = True
         for x, y, twist in self._tangents.reshape(-1, 3):
             mask[[0, 4, 5], x] = mask[[1, 3, 5], y] = mask[3:6, twist] = True
@@ -209,4 +186,4 @@ class CondensedForm:
 
     def solve(self) -> QPSolution:
         """Solve what :func:`fill_qp` filled in: first the forces, then six slacks."""
-        return self.backend.solve(self.P, self.q, self.A, self.lower, self.upper)
+        return self.backend.solve(*self.problem)
