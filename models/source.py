@@ -1,5 +1,6 @@
 """Description file of a body, and the compiled model of its source: MJCF or URDF, of a file or a package."""
 
+import ctypes
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -19,6 +20,7 @@ FOLDER = Path(__file__).with_name("bodies")
 """Description files of the bodies that are known by name."""
 DRAWN = 1 << 30
 """``conaffinity`` of a mesh that is drawn and does not collide."""
+_ALL_DIGITS = 17  # of a float64
 _HULL_POINTS = 64  # most of a mesh's convex hull
 _MESHES = (".stl", ".obj", ".msh")  # that MuJoCo reads
 Names = Annotated[
@@ -159,7 +161,7 @@ def write_body(path: Path, source: mujoco.MjSpec | str, **description: Any) -> P
             raise InputError(
                 f"the model {spec.modelname!r} cannot be compiled ({why}); correct it."
             ) from None
-        path.with_name(source).write_text(spec.to_xml(), encoding="utf-8")
+        path.with_name(source).write_text(_exact_xml(spec), encoding="utf-8")
     BodyFile(source=source, **description)
     text = tomli_w.dumps({"body": {"source": source, **description}})
     path.write_text(text, encoding="utf-8")
@@ -211,6 +213,7 @@ def compiled_source(path: Path) -> tuple[mujoco.MjModel, dict[str, float]]:
         else:
             spec = mujoco.MjSpec.from_file(str(path))
             _drop_missing_meshes(spec)
+            _drop_textures(spec)
         for mesh in spec.meshes:
             mesh.maxhullvert = _HULL_POINTS
         for geom in spec.geoms:
@@ -284,6 +287,25 @@ def _drop_missing_meshes(spec: mujoco.MjSpec) -> None:
             spec.delete(geom)
     for mesh in missing:
         spec.delete(mesh)
+
+
+def _drop_textures(spec: mujoco.MjSpec) -> None:
+    """Drop textures: to generate them takes most of the time to compile, and no body shows them."""
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for texture in list(spec.textures):
+        spec.delete(texture)
+
+
+def _exact_xml(spec: mujoco.MjSpec) -> str:
+    """MJCF of a compiled spec with all digits; MuJoCo writes six unless its library is told otherwise."""
+    library = ctypes.CDLL(mujoco._functions.__file__)
+    digits = library._mjPRIVATE__get_xml_precision()
+    library._mjPRIVATE__set_xml_precision(_ALL_DIGITS)
+    try:
+        return str(spec.to_xml())
+    finally:
+        library._mjPRIVATE__set_xml_precision(digits)
 
 
 def by_pattern(table: Angles, joint: str, own: float) -> float:

@@ -12,7 +12,7 @@ from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import BodyParameters, RunParameters
 from models.build import build_body
 from models.scene import BodyModel
-from models.source import body_path, read_body_file, source_path, write_body
+from models.source import body_path, compiled_source, read_body_file, source_path, write_body
 from validation.run import body_check
 from validation.trial.plan import make_body
 
@@ -278,6 +278,30 @@ def test_a_model_in_memory_is_a_source(tmp_path: Path) -> None:
     spec.body("chest").mass = 0.0
     with pytest.raises(InputError, match="cannot be compiled"):
         write_body(tmp_path / "bad.toml", spec, sole=SOLE, **NAMES)
+
+
+def test_a_model_in_memory_is_written_with_all_digits(tmp_path: Path) -> None:
+    spec = mujoco.MjSpec.from_string(load(EXAMPLES / "biped.toml").xml)
+    spec.body("chest").pos[2] += 1e-9 / 3.0
+    write_body(tmp_path / "mine.toml", spec, sole=SOLE, **NAMES)
+    written = mujoco.MjModel.from_xml_path(str(tmp_path / "mine.xml"))
+    assert bits(written) == bits(spec.compile())
+
+
+def bits(model: mujoco.MjModel) -> bytes:
+    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes()
+
+
+def test_textures_are_not_needed(tmp_path: Path) -> None:
+    text = (
+        '<asset><texture name="t" type="2d" file="missing.png"/><material name="m" texture="t"/></asset>'
+        '<worldbody><body><geom size="1" material="m"/></body></worldbody>'
+    )
+    (tmp_path / "model.xml").write_text(f"<mujoco>{text}</mujoco>", encoding="utf-8")
+    model, _ = compiled_source(tmp_path / "model.xml")
+    assert (model.ntex, model.nmat, model.ngeom) == (0, 1, 1)
 
 
 def test_reach_grows_until_nothing_walks(monkeypatch: pytest.MonkeyPatch) -> None:
