@@ -15,12 +15,12 @@ class InputError(AmpmError):
 
     Attributes:
         details: for programs, those that are known of ``key``, ``value``, ``limit`` (in words), ``way_out``,
-            and of an unknown name the ``nearest`` known one.
+            and of an unknown name the ``nearest`` known one. What is None is left out.
     """
 
     def __init__(self, message: str = "", **details: Any) -> None:
         super().__init__(message)
-        self.details = details
+        self.details = {name: value for name, value in details.items() if value is not None}
 
 
 class RefusedGait(AmpmError):

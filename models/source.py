@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN
-from ampm.section import Real, Section, check_table, nearest, read_toml
+from ampm.section import Real, Section, read_toml, unknown
 
 FOLDER = Path(__file__).with_name("bodies")
 """Description files of the bodies that are known by name."""
@@ -89,6 +89,10 @@ class BodyFile(Section, section="body"):
         return left, right
 
 
+class _File(Section):
+    body: BodyFile = Field(description="the only table, with its own tables such as [body.sole]")
+
+
 def known_bodies() -> tuple[str, ...]:
     """Names of the bodies that are known."""
     return HUMAN, *sorted(path.stem for path in FOLDER.glob("*.toml"))
@@ -111,14 +115,7 @@ def body_path(source: str) -> Path:
         )
     if path.is_file():
         return path
-    found = nearest(source, known_bodies())
-    hint = f"did you mean {found['nearest']!r}? " if found else ""
-    raise InputError(
-        f"there is neither a body nor a file {source!r}; {hint}known are {', '.join(known_bodies())}.",
-        key="body.source",
-        value=source,
-        **found,
-    )
+    raise unknown(source, known_bodies(), "body or file", key="body.source", value=source)
 
 
 def read_body_file(path: Path) -> BodyFile:
@@ -127,10 +124,7 @@ def read_body_file(path: Path) -> BodyFile:
     Raises:
         InputError: it is no TOML, or a key is unknown, missing or bad.
     """
-    table = read_toml(path)
-    if table.keys() != {"body"}:
-        raise InputError(f"{path} must have one table, [body], with its own tables such as [body.sole].")
-    return BodyFile(**check_table("body", table["body"]))
+    return _File(**read_toml(path)).body
 
 
 def write_body(path: Path, source: mujoco.MjSpec | str, **description: Any) -> Path:

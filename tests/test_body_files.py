@@ -131,7 +131,7 @@ def test_a_coupled_joint_that_is_locked_is_no_trouble(tmp_path: Path) -> None:
 def test_a_file_that_is_no_description_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a model; give its description"):
         load(EXAMPLES / "biped.urdf")
-    with pytest.raises(InputError, match="body = 3 is no section of keys"):
+    with pytest.raises(InputError, match="body = 3 must be a section of keys"):
         load(write(tmp_path, toml="body = 3"))
 
 
