@@ -54,11 +54,11 @@ class LegDescription:
     hip: tuple[str, ...]  # joints, chain order
     knee: str  # flexion
     ankle: tuple[str, ...]  # joints, chain order
-    toe: str | None  # extension, the hinge between the foot's two segments
     foot_segment: str  # carries heel and ball
-    toe_segment: str | None  # carries the toe tip
     sole_frame: str  # site at the foot's reference point, fixed to the foot segment
     sole_points: tuple[str, ...]  # sites: heel left/right, ball left/right and, with toes, tip left/right
+    toe: str | None = None  # extension, the hinge between the foot's two segments
+    toe_segment: str | None = None  # carries the toe tip
     straight_knee: float = 0.0  # angle [rad]
     knee_sign: float = 1.0  # 1 if the knee's angle grows in flexion, else -1
 

@@ -14,17 +14,8 @@ import numpy as np
 from ampm.description import BodyDescription, LegDescription, SoleGeometry
 from ampm.parameters import GRAVITY, BodyParameters, ContactParameters, SimulationParameters
 from models import anthropometry as table
-from models.scene import (
-    SIDES,
-    BodyModel,
-    Inertial,
-    add,
-    add_motors,
-    add_sole_points,
-    fill,
-    new_scene,
-    to_xml,
-)
+from models import scene
+from models.scene import BodyModel, Inertial, add
 
 Vector = tuple[float, float, float]
 Colour = tuple[float, float, float, float]
@@ -50,7 +41,7 @@ def sole_geometry(height: float) -> SoleGeometry:
 def _joint(name: str) -> tuple[tuple[float, float], float]:
     """Range [rad] and share of torque [1] of a hinge; a right limb's roll and yaw are mirrored."""
     side, _, rest = name.partition("_")
-    low, high, torque = table.JOINTS[rest if side in SIDES else name]
+    low, high, torque = table.JOINTS[rest if side in scene.SIDES else name]
     if side == "right" and not rest.endswith("pitch"):
         low, high = 0.0 - high, 0.0 - low
     return (low, high), torque
@@ -66,7 +57,7 @@ class _Builder:
         # The table adds up to 100.00 %; dividing by the sum keeps the total exact whatever is edited there.
         self.table_mass = self.mass / table.TOTAL_MASS_SHARE
         self.sole = sole_geometry(self.height)
-        self.model, self.pelvis = new_scene("human", "pelvis", self.height, contact, simulation)
+        self.model, self.pelvis = scene.new_scene("human", "pelvis", self.height, contact, simulation)
 
     def _inertial(self, row: table.Segment, length: float, com: Vector) -> Inertial:
         """Inertial of a table row for a segment of a length [m] with its COM [m]; z is the long axis."""
@@ -75,7 +66,7 @@ class _Builder:
         return Inertial(mass, np.array(com), mass * np.diag(np.square(radii)))
 
     def _segment(self, on: Element, name: str, pos: Any, inertial: Inertial) -> Element:
-        return fill(add(on, "body", name=name), pos, inertial)
+        return scene.fill(add(on, "body", name=name), pos, inertial)
 
     def _limb(self, on: Element, name: str, pos: Any, row: table.Segment, length: float) -> Element:
         """Add a segment of one table row, which runs downward from its origin."""
@@ -95,11 +86,11 @@ class _Builder:
 
     def build(self) -> BodyModel:
         waist, chest = self._trunk()
-        left_leg, right_leg = map(self._leg, SIDES)
-        left_arm, right_arm = map(self._arm, SIDES)
+        left_leg, right_leg = map(self._leg, scene.SIDES)
+        left_arm, right_arm = map(self._arm, scene.SIDES)
         names = [joint.get("name", "") for joint in self.model.iter("joint")]
         limits = tuple((name, _joint(name)[1] * self.mass * GRAVITY * self.height) for name in names)
-        add_motors(self.model, limits)
+        scene.add_motors(self.model, limits)
         description = BodyDescription(
             height=self.height,
             mass=self.mass,
@@ -122,7 +113,7 @@ class _Builder:
             torque_limits=limits,
             spread=(("left_shoulder_roll", 1.0), ("right_shoulder_roll", -1.0)),
         )
-        return BodyModel(to_xml(self.model), description)
+        return BodyModel(scene.to_xml(self.model), description)
 
     def _trunk(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Hinges of waist and chest."""
@@ -136,7 +127,7 @@ class _Builder:
             """Rows run downward, but the frames of the trunk are at the lower end."""
             return self._inertial(row, length, (0, 0, (1 - row.com) * length))
 
-        pelvis = fill(self.pelvis, (0, 0, table.HIP_HEIGHT * h), upward(table.LOWER_TRUNK, lower))
+        pelvis = scene.fill(self.pelvis, (0, 0, table.HIP_HEIGHT * h), upward(table.LOWER_TRUNK, lower))
         self._ellipsoid(pelvis, (0, 0, 0.035 * h), (0.068 * h, 0.099 * h, 0.062 * h), _TROUSERS)
 
         abdomen = self._segment(pelvis, "abdomen", (0, 0, lower), upward(table.MIDDLE_TRUNK, middle))
@@ -205,7 +196,7 @@ class _Builder:
         pos = (0.5 * length, 0, 0.5 * thickness + 0.001)
         add(toe, "geom", type="box", pos=pos, size=size, rgba=_TOE_CAP)
 
-        points = add_sole_points(side, sole, [(foot, -to_ankle), (foot, -to_ankle), (toe, -to_toe)])
+        points = scene.add_sole_points(side, sole, [(foot, -to_ankle), (foot, -to_ankle), (toe, -to_toe)])
         return LegDescription(
             hip=hip,
             knee=knee,
@@ -276,7 +267,6 @@ def build(body: BodyParameters, contact: ContactParameters, simulation: Simulati
         simulation: ``time_step`` [s] and ``integrator``.
 
     Returns:
-        MJCF text and description. At ``q = 0`` the body stands upright with hanging arms, its hips at x = 0
-        and its soles on the floor.
+        At ``q = 0`` it stands upright with hanging arms, its hips at x = 0 and its soles on the floor.
     """
     return _Builder(body, contact, simulation).build()

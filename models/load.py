@@ -6,7 +6,6 @@ of the world, x where the feet point.
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
@@ -18,36 +17,23 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import ContactParameters, SimulationParameters
 from models import anthropometry as table
-from models.scene import SIDES, BodyModel, add, add_motors, add_sole_points, fill, new_scene, to_xml
-from models.source import BodyFile, compiled_source, source_path
+from models import scene
+from models.scene import BodyModel, add
 from models.tree import Segment, Tree
 
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
 _THIN = 0.005  # least half axis of a segment's shape [m]
 _TRUNK_FRAME = "trunk_axes"
 _OURS = frozenset(
-    {"root", "imu", "universe", _TRUNK_FRAME, *(f"{side}_sole" for side in SIDES)}
-    | {f"{side}_{group}_{edge}" for side in SIDES for group in SOLE_POINT_GROUPS for edge in SIDES}
+    {"root", "imu", "universe", _TRUNK_FRAME, *(f"{side}_sole" for side in scene.SIDES)}
+    | {
+        f"{side}_{group}_{edge}"
+        for side in scene.SIDES
+        for group in SOLE_POINT_GROUPS
+        for edge in scene.SIDES
+    }
 )
 """Names of joints and frames that are added."""
-
-
-def load_body(
-    file: BodyFile, folder: Path, contact: ContactParameters, simulation: SimulationParameters
-) -> BodyModel:
-    """Build the body of a description file.
-
-    Args:
-        file: contents of the description file.
-        folder: where the file lies.
-        contact: stiffness and friction of the soles on the floor.
-        simulation: ``time_step`` [s] and ``integrator``.
-
-    Raises:
-        InputError: the source is missing or cannot be simulated, or the description does not fit it.
-    """
-    model, speeds = compiled_source(source_path(file.source, folder))
-    return _Writer(Tree(file, model, speeds)).write(contact, simulation)
 
 
 class _Leg(NamedTuple):
@@ -64,7 +50,7 @@ class _Leg(NamedTuple):
         return [*self.hip, self.knee, *self.ankle]
 
 
-class _Writer:
+class Writer:
     """Writes the MJCF of a tree, and derives its description."""
 
     def __init__(self, tree: Tree) -> None:
@@ -185,9 +171,7 @@ class _Writer:
             hip=self._named(leg.hip),
             knee=joint.name,
             ankle=self._named(leg.ankle),
-            toe=None,
             foot_segment=self.names[leg.foot],
-            toe_segment=None,
             sole_frame=f"{side}_sole",
             sole_points=points,
             straight_knee=straight,
@@ -243,7 +227,7 @@ class _Writer:
         floor = float(self.place[left_leg.foot, 2]) + outline.bottom
         com_height, hip_height = com_z - floor, float(self._along(left_leg.hip, 1)[2]) - floor
         height = com_height / (table.HIP_HEIGHT + table.COM_OVER_HIP)
-        model, root = new_scene("body", self.names[0], height, contact, simulation)
+        model, root = scene.new_scene("body", self.names[0], height, contact, simulation)
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
         next(model.iter("flag")).set("eulerdamp", "disable")
         segments: list[Element] = []
@@ -252,23 +236,23 @@ class _Writer:
             if segments:
                 element = add(segments[segment.parent], "body", name=name)
                 place = segment.place - tree.segments[segment.parent].place
-            fill(element, place, segment.inertial)
+            scene.fill(element, place, segment.inertial)
             _add_joints(element, segment)
             _add_shapes(next(model.iter("asset")), element, name, segment)
             segments.append(element)
-        turn = _quaternion(self.turn[self.trunk].T)
+        turn = scene.quaternion(self.turn[self.trunk].T)
         add(segments[self.trunk], "site", name=_TRUNK_FRAME, quat=turn)
         add(segments[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].inertial.com, quat=turn)
         legs = []
-        for side, leg, sign in zip(SIDES, self.legs, (1.0, -1.0), strict=True):
+        for side, leg, sign in zip(scene.SIDES, self.legs, (1.0, -1.0), strict=True):
             to_foot = self.turn[leg.foot].T
             origin = to_foot @ np.array([outline.reference, sign * outline.middle, outline.bottom])
-            quat = _quaternion(to_foot)
+            quat = scene.quaternion(to_foot)
             add(segments[leg.foot], "site", name=f"{side}_sole", pos=origin, quat=quat)
-            points = add_sole_points(side, sole, [(segments[leg.foot], origin)] * 2, quat)
+            points = scene.add_sole_points(side, sole, [(segments[leg.foot], origin)] * 2, quat)
             legs.append(self._leg(leg, side, points))
         limits = tuple((hinge.name, hinge.effort) for hinge in tree.hinges)
-        add_motors(model, limits)
+        scene.add_motors(model, limits)
         description = BodyDescription(
             height=height,
             mass=mass,
@@ -302,7 +286,7 @@ class _Writer:
                 if hinge.damping or hinge.stiffness or hinge.friction
             ),
         )
-        return BodyModel(to_xml(model), description, tree.findings)
+        return BodyModel(scene.to_xml(model), description, tree.findings)
 
     def _check(self) -> None:
         """Refuse a body that cannot be simulated or steered."""
@@ -323,7 +307,7 @@ class _Writer:
         light = [segment.name for segment in self.tree.segments if not segment.inertial.mass > 0.0]
         weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]
         loose = [hinges[k].name for k in of_legs if not math.isfinite(hinges[k].high - hinges[k].low)]
-        short = [side for side, leg in zip(SIDES, self.legs, strict=True) if len(leg.joints) < 6]
+        short = [side for side, leg in zip(scene.SIDES, self.legs, strict=True) if len(leg.joints) < 6]
         for names, what, way_out in (
             (below, "joints below a foot", "weld them with lock"),
             (resting, "joints of a leg in rest", "leave them out, as legs follow the gait"),
@@ -380,10 +364,4 @@ def _inertial_shape(segment: Segment) -> dict[str, Any]:
     axes[:, 2] *= np.linalg.det(axes)
     squares = 2.5 * (moments.sum() - 2.0 * moments) / segment.inertial.mass
     size = np.sqrt(np.maximum(squares, _THIN**2))
-    return {"type": "ellipsoid", "pos": segment.inertial.com, "quat": _quaternion(axes), "size": size}
-
-
-def _quaternion(matrix: Array) -> Array:
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(matrix).ravel())
-    return quaternion
+    return {"type": "ellipsoid", "pos": segment.inertial.com, "quat": scene.quaternion(axes), "size": size}

@@ -27,32 +27,19 @@ _SCENE = Path(__file__).with_name("scene.xml")
 
 @dataclass(frozen=True)
 class Findings:
-    """How far the source of a body is from its mirror image, and what it lacks.
+    """How far the source of a body is from its mirror image, and what it lacks."""
 
-    Attributes:
-        place: largest distance of a joint from its image's image [m].
-        com: the same of a segment's COM, times its share of the mass [m].
-        mass: largest difference of two masses [kg].
-        bare: number of segments without a shape.
-    """
-
-    place: float = 0.0
-    com: float = 0.0
-    mass: float = 0.0
-    bare: int = 0
+    place: float = 0.0  # largest distance of a joint from its image's image [m]
+    com: float = 0.0  # the same of a segment's COM, times its share of the mass [m]
+    mass: float = 0.0  # largest difference of two masses [kg]
+    bare: int = 0  # number of segments without a shape
 
 
 @dataclass(frozen=True)
 class BodyModel:
-    """A body ready to be simulated.
+    """A body ready to be simulated."""
 
-    Attributes:
-        xml: MJCF text, complete in itself.
-        description: which joint, sole and segment is what.
-        findings: what its source is like.
-    """
-
-    xml: str
+    xml: str  # MJCF, complete in itself
     description: BodyDescription
     findings: Findings = Findings()
 
@@ -133,21 +120,13 @@ def new_scene(
 
 
 def add(parent: Element, tag: str, **attributes: Any) -> Element:
-    """A new element of MJCF.
-
-    Args:
-        parent: of the element.
-        tag: its name.
-        attributes: texts, truths, numbers or vectors of numbers; ``class_`` is ``class``.
-    """
+    """A new element of MJCF, with texts, numbers or vectors of numbers; ``class_`` is ``class``."""
     return SubElement(parent, tag, {key.rstrip("_"): _text(value) for key, value in attributes.items()})
 
 
 def _text(value: Any) -> str:
     if isinstance(value, str):
         return value
-    if isinstance(value, bool):
-        return str(value).lower()
     return " ".join(f"{number:.{_DIGITS}g}" for number in np.atleast_1d(value))
 
 
@@ -187,6 +166,13 @@ def add_sole_points(
             add(segment, "geom", name=name, class_="point", pos=centre)
             points.append(name)
     return tuple(points)
+
+
+def quaternion(matrix: Array) -> Array:
+    """Unit quaternion, w first, shape (4,), of a rotation matrix."""
+    result = np.zeros(4)
+    mujoco.mju_mat2Quat(result, np.ascontiguousarray(matrix).ravel())
+    return result
 
 
 def _rotated(quat: Any, vector: tuple[float, float, float]) -> Array:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import mujoco
 import tomli_w
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import Field
 
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN
@@ -22,27 +22,14 @@ DRAWN = 1 << 30
 """``conaffinity`` of a mesh that is drawn and does not collide."""
 _ALL_DIGITS = 17  # of a float64
 _HULL_POINTS = 64  # most of a mesh's convex hull
+_URDF_OPTIONS = """<mujoco>
+  <compiler discardvisual="false" fusestatic="false" balanceinertia="false" strippath="false"/>
+</mujoco>"""
 _MESHES = (".stl", ".obj", ".msh")  # that MuJoCo reads
-Names = Annotated[
-    tuple[str, ...], BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
-]
+Names = Annotated[tuple[str, ...], Field(strict=False)]  # also a list
 Angles = Mapping[str, Real]
-
-
-def _patterns(value: Any) -> Any:
-    """Refuse what is no regular expression."""
-    for pattern in value if isinstance(value, Mapping | tuple) else ():
-        try:
-            re.compile(pattern)
-        except re.error as error:
-            raise ValueError(
-                f"must have regular expressions only, and {pattern!r} is none ({error})"
-            ) from None
-    return value
-
-
-Patterns = Annotated[Names, AfterValidator(_patterns)]
-ByPattern = Annotated[Mapping[str, Annotated[Real, Field(ge=0)]], AfterValidator(_patterns)]
+Patterns = Annotated[tuple[re.Pattern[str], ...], Field(strict=False)]
+ByPattern = Mapping[re.Pattern[str], Annotated[Real, Field(ge=0)]]
 
 
 class SoleSection(Section, section="sole"):
@@ -144,21 +131,16 @@ def write_body(path: Path, source: mujoco.MjSpec | str, **description: Any) -> P
     path = Path(path)
     if isinstance(source, mujoco.MjSpec):
         spec, source = source.copy(), f"{path.stem}.xml"
-        folder = Path(spec.modelfiledir or ".") / (spec.meshdir or "")
         for mesh in spec.meshes:
-            mesh.file = str((folder / mesh.file).resolve()) if mesh.file else mesh.file
+            mesh.file = str(_mesh_file(spec, mesh).resolve()) if mesh.file else ""
         spec.meshdir = ""
         try:
             spec.compile()
         except (ValueError, mujoco.FatalError) as error:
-            why = " ".join(str(error).split())
-            raise InputError(
-                f"the model {spec.modelname!r} cannot be compiled ({why}); correct it."
-            ) from None
+            raise _refusal(spec.modelname, error) from None
         path.with_name(source).write_text(_exact_xml(spec), encoding="utf-8")
     BodyFile(source=source, **description)
-    text = tomli_w.dumps({"body": {"source": source, **description}})
-    path.write_text(text, encoding="utf-8")
+    path.write_text(tomli_w.dumps({"body": {"source": source, **description}}), encoding="utf-8")
     return path
 
 
@@ -215,8 +197,11 @@ def compiled_source(path: Path) -> tuple[mujoco.MjModel, dict[str, float]]:
                 geom.conaffinity = DRAWN  # else MuJoCo makes no hull of it
         return spec.compile(), speeds
     except (OSError, ValueError, ET.ParseError, mujoco.FatalError) as error:
-        why = " ".join(str(error).split())
-        raise InputError(f"the model {str(path)!r} cannot be read ({why}); correct it.") from None
+        raise _refusal(str(path), error) from None
+
+
+def _refusal(model: str, error: Exception) -> InputError:
+    return InputError(f"the model {model!r} cannot be compiled ({' '.join(str(error).split())}); correct it.")
 
 
 def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:
@@ -237,15 +222,7 @@ def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:
             raise ValueError(f"names of a {kind} used twice: {', '.join(twice)}")
     for old in tree.findall("mujoco"):
         tree.remove(old)
-    options = ET.SubElement(tree, "mujoco")
-    ET.SubElement(
-        options,
-        "compiler",
-        discardvisual="false",
-        fusestatic="false",
-        balanceinertia="false",
-        strippath="false",
-    )
+    tree.append(ET.fromstring(_URDF_OPTIONS))
     return {
         joint.get("name", ""): float(limit.get("velocity", "inf"))
         for joint in tree.iter("joint")
@@ -269,18 +246,17 @@ def _mesh_path(name: str, path: Path) -> Path | None:
 
 def _drop_missing_meshes(spec: mujoco.MjSpec) -> None:
     """Drop meshes whose files are not there: some packages have models without them."""
-    folder = Path(spec.modelfiledir or ".")
-    missing = [
-        mesh
-        for mesh in spec.meshes
-        if mesh.file and not (folder / (spec.meshdir or "") / mesh.file).is_file()
-    ]
+    missing = [mesh for mesh in spec.meshes if mesh.file and not _mesh_file(spec, mesh).is_file()]
     names = {mesh.name or Path(mesh.file).stem for mesh in missing}
     for geom in list(spec.geoms):
         if geom.meshname in names:
             spec.delete(geom)
     for mesh in missing:
         spec.delete(mesh)
+
+
+def _mesh_file(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> Path:
+    return Path(spec.modelfiledir or ".", spec.meshdir or "", mesh.file)
 
 
 def _drop_textures(spec: mujoco.MjSpec) -> None:
@@ -302,7 +278,7 @@ def _exact_xml(spec: mujoco.MjSpec) -> str:
         library._mjPRIVATE__set_xml_precision(digits)
 
 
-def by_pattern(table: Angles, joint: str, own: float) -> float:
-    """Value of the last pattern that matches a joint's whole name; its own if none does."""
-    found = [value for pattern, value in table.items() if re.fullmatch(pattern, joint)]
-    return found[-1] if found else own
+def by_pattern(table: ByPattern, joint: str, default: float) -> float:
+    """Value of the last pattern that matches a joint's whole name."""
+    values = [value for pattern, value in table.items() if pattern.fullmatch(joint)]
+    return values[-1] if values else default

@@ -4,7 +4,6 @@ Left and right are made mirror images, which a periodic motion needs, by the mea
 """
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,7 +14,8 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from models.scene import Findings, Inertial
+from ampm.section import unknown
+from models.scene import Findings, Inertial, quaternion
 from models.source import DRAWN, BodyFile, by_pattern
 
 _MIRROR = np.array([1.0, -1.0, 1.0])  # of a vector; of an axis of rotation with the opposite sign
@@ -122,9 +122,10 @@ class Tree:
         names = [model.joint(j).name for j in range(model.njnt)]
         for key in ("lock", "armature", "effort", "speed", "damping", "stiffness", "friction"):
             for pattern in getattr(self.file, key):
-                if not any(re.fullmatch(pattern, name) for name in names):
+                if not any(map(pattern.fullmatch, names)):
                     raise InputError(
-                        f"{key} has {pattern!r}, which matches no joint; take names of {', '.join(names)}.",
+                        f"{key} has {pattern.pattern!r}, which matches no joint; take names of "
+                        f"{', '.join(names)}.",
                         key=f"body.{key}",
                     )
 
@@ -137,7 +138,7 @@ class Tree:
         return not all(self._is_locked(model.joint(end).name) for end in ends)
 
     def _is_locked(self, joint: str) -> bool:
-        return any(re.fullmatch(pattern, joint) for pattern in self.file.lock)
+        return any(pattern.fullmatch(joint) for pattern in self.file.lock)
 
     def body(self, name: str, role: str) -> int:
         """Number of a segment of the source.
@@ -147,10 +148,8 @@ class Tree:
         """
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, name)
         if number < 0:
-            names = ", ".join(self.model.body(i).name for i in range(1, self.model.nbody))
-            raise InputError(
-                f"the model has no segment {name!r} for {role}; take one of {names}.", key=f"body.{role}"
-            )
+            known = (self.model.body(i).name for i in range(1, self.model.nbody))
+            raise unknown(name, known, f"segment for {role}", key=f"body.{role}")
         return int(number)
 
     def joint(self, name: str, role: str) -> int:
@@ -160,10 +159,7 @@ class Tree:
             InputError: there is none of this name.
         """
         if name not in self.index:
-            raise InputError(
-                f"the model has no joint {name!r} for {role}; take one of {', '.join(self.index)}.",
-                key=f"body.{role}",
-            )
+            raise unknown(name, self.index, f"joint for {role}", key=f"body.{role}")
         return self.index[name]
 
     def _vector(self, vector: Array) -> Array:
@@ -231,8 +227,7 @@ class Tree:
         solid, drawn = every[collide], every[~collide]
         for geom in (drawn if self._extent(solid) < _SMALL * self._extent(drawn) else solid).tolist():
             place = self._vector(self.data.geom_xpos[geom] - self.origin) - segment.place
-            quat = np.zeros(4)
-            mujoco.mju_mat2Quat(quat, (self.align @ self.data.geom_xmat[geom].reshape(3, 3)).ravel())
+            quat = quaternion(self.align @ self.data.geom_xmat[geom].reshape(3, 3))
             shape: dict[str, Any] = {"type": kinds[geom], "pos": place, "quat": quat}
             if kinds[geom] == "mesh":
                 shape["vertex"] = _hull(model, int(model.geom_dataid[geom]))

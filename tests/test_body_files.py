@@ -64,10 +64,10 @@ def replaced(old: str, new: str, count: int = -1) -> Callable[[str], str]:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ('root = "hip"', "no segment 'hip' for root"),
+        ('root = "hip"', "unknown segment for root 'hip'"),
         ('root = "chest"', "'l_foot' does not hang on the root 'chest'"),
         ('trunk = "l_shank"', "the trunk hangs on a leg"),
-        ('knee = "{side}_nee"', "no joint 'l_nee' for knee"),
+        ('knee = "{side}_nee"', "unknown joint for knee 'l_nee'; did you mean 'l_knee'"),
         ('knee = "{side}_ankle_roll"', "'l_ankle_roll' is not amid the joints from root to the l foot"),
         ('lock = ["l_ankle_roll"]', "the segment 'r_foot' has no mirror image"),
         ('sides = ["r", "l"]', "the knee 'r_knee' bends forward"),
@@ -76,7 +76,7 @@ def replaced(old: str, new: str, count: int = -1) -> Callable[[str], str]:
         ('source = "no-such-package:x.urdf"', "is not installed"),
         ("source = 3", r"body\.source = 3 must be"),
         ('lock = [".*_ankle_roll"]', "legs of less than six joints"),
-        ('lock = ["("]', "must have regular expressions only"),
+        ('lock = ["("]', "must be a valid regular expression"),
         ('[body.effort]\n".*_knee" = 0.0', "without a torque limit: l_knee, r_knee"),
         ('[body.effort]\n".*_nee" = 9.0', "effort has '.*_nee', which matches no joint"),
         ('[body.damping]\n".*" = -1.0', "must be at least 0"),
@@ -154,15 +154,15 @@ def test_bad_sole_is_refused(old: str, new: str, message: str, tmp_path: Path) -
     [
         (replaced('<mass value="4"/>', '<mass value="6"/>', 1), "left and right differ by 2 kg in masses"),
         (replaced('<mass value="0.5"/>', '<mass value="0"/>'), "mass and inertia of moving bodies"),
-        (replaced('<mass value="4"/>', '<mass value="heavy"/>'), "cannot be read"),
+        (replaced('<mass value="4"/>', '<mass value="heavy"/>'), "cannot be compiled"),
         (replaced('"r_knee"', '"l_knee"'), "names of a joint used twice: l_knee"),
         (replaced('<link name="r_shank">', '<link name="l_shank">'), "names of a link used twice: l_shank"),
         (replaced('"waist_yaw"', '"root"'), "joints with names of ours: root"),
         (replaced('name="waist_yaw" type="revolute"', 'name="waist_yaw" type="prismatic"'), "is no hinge"),
         (replaced('effort="180"', 'effort="0"'), "without a torque limit: l_knee, r_knee"),
         (with_toes, "joints below a foot: l_toe, r_toe; weld them with lock"),
-        (lambda text: text[:500], "cannot be read"),
-        (lambda _: "", "cannot be read"),
+        (lambda text: text[:500], "cannot be compiled"),
+        (lambda _: "", "cannot be compiled"),
     ],
 )
 def test_broken_model_is_refused(change: Callable[[str], str], message: str, tmp_path: Path) -> None:
