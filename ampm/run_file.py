@@ -64,9 +64,9 @@ def _read_source(source: str | Path) -> dict[str, Any]:
         raise unknown(str(source), PRESETS, "preset or file", value=str(source)) from None
     for section, key in (("body", "source"), ("gait", "planner")):
         values = table.get(section)
-        if isinstance(values, dict) and Path(str(values.get(key, ""))).suffix:
-            path = Path(source).parent / values[key]
-            values[key] = str(path.resolve()) if path.is_file() else values[key]
+        name = values.get(key) if isinstance(values, dict) else None
+        if isinstance(name, str) and Path(name).suffix and (path := Path(source).parent / name).is_file():
+            table[section][key] = str(path.resolve())
     return table
 
 

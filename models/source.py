@@ -211,11 +211,11 @@ def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:
             mesh = element.find("geometry/mesh")
             if mesh is None:
                 continue
-            found = _mesh_path(mesh.get("filename", ""), path)
-            if found is None or found.suffix.lower() not in _MESHES:
+            file = _mesh_path(mesh.get("filename", ""), path)
+            if file is None or file.suffix.lower() not in _MESHES:
                 link.remove(element)
             else:
-                mesh.set("filename", str(found))
+                mesh.set("filename", str(file))
     for kind in ("link", "joint"):
         names = [element.get("name", "") for element in tree.findall(kind)]
         if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -234,13 +234,13 @@ def _mesh_path(name: str, path: Path) -> Path | None:
     """File of a mesh of a URDF: of a ROS package, that of a folder above the URDF; None if there is none."""
     plain = name.removeprefix("file://")
     if not plain.startswith("package://"):
-        found = path.parent / plain
-        return found.resolve() if found.is_file() else None
+        file = path.parent / plain
+        return file.resolve() if file.is_file() else None
     package, _, rest = plain.removeprefix("package://").partition("/")
     for folder in path.resolve().parents:
-        for found in (folder / package / rest, folder / rest):
-            if found.is_file():
-                return found
+        for file in (folder / package / rest, folder / rest):
+            if file.is_file():
+                return file
     return None
 
 
