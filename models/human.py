@@ -21,7 +21,6 @@ Vector = tuple[float, float, float]
 Colour = tuple[float, float, float, float]
 
 _AXES = {"roll": (1, 0, 0), "pitch": (0, 1, 0), "yaw": (0, 0, 1)}
-
 _TRUNK_JOINTS = ("yaw", "roll", "pitch")
 _BALL_JOINTS = ("pitch", "roll", "yaw")
 

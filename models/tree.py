@@ -306,8 +306,7 @@ class Tree:
             masses.append(abs(two.mass - one.mass))
             segment.place = 0.5 * (here.place + place)
             segment.inertial = Inertial(mass, 0.5 * (one.com + com), 0.5 * (one.inertia + inertia))
-        heights = [segment.place[2] for segment in self.segments]
-        near = _ALIKE * float(max(heights) - min(heights))
+        near = _ALIKE * float(np.ptp([segment.place[2] for segment in self.segments]))
         for value, limit, unit, what in (
             (max(far), near, "m", "places of joints"),
             (max(coms), near, "m", "the COM of one of their segments, as it moves that of the body"),
