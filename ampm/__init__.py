@@ -18,7 +18,6 @@ from ampm.exceptions import (
     RefusedGait,
     SolverError,
 )
-from ampm.presets import preset_names
 
 if TYPE_CHECKING:
     from ampm.parameters import GaitParameters, RunParameters
@@ -26,30 +25,30 @@ if TYPE_CHECKING:
     from ampm.planner.contacts import Contacts, Footstep, Phase
     from ampm.planner.footsteps import plan_footsteps
     from ampm.planners import FootstepPlanner, PeriodicPlanner, TablePlanner
+    from ampm.presets import preset_names
     from ampm.run_file import dump_run, load_run
     from ampm.walk import Controller, ControlOutput, Planner, Posture, Reference, State, Touch, WalkPlan
 
 __version__ = "0.1.0"
 
-_MODULES = {
-    "ampm.parameters": ("GaitParameters", "RunParameters"),
-    "ampm.planner.centroidal": ("CentroidalPlan", "Law"),
-    "ampm.planner.contacts": ("Contacts", "Footstep", "Phase"),
-    "ampm.planner.footsteps": ("plan_footsteps",),
-    "ampm.planners": ("FootstepPlanner", "PeriodicPlanner", "TablePlanner"),
-    "ampm.run_file": ("dump_run", "load_run"),
-    "ampm.walk": (
-        "ControlOutput",
-        "Controller",
-        "Planner",
-        "Posture",
-        "Reference",
-        "State",
-        "Touch",
-        "WalkPlan",
-    ),
-}
-# Imported when first read: NumPy and pydantic would delay 'ampm --help' by a tenth of a second each.
+__all__ = ["__version__", "plan", "preset_names"]
+__all__ += ["AmpmError", "BodilyRefusal", "InputError", "MathematicalRefusal", "RefusedGait", "SolverError"]
+__all__ += ["GaitParameters", "RunParameters", "dump_run", "load_run"]
+__all__ += ["CentroidalPlan", "Contacts", "Footstep", "Law", "Phase", "plan_footsteps"]
+__all__ += ["ControlOutput", "Controller", "Planner", "Posture", "Reference", "State", "Touch", "WalkPlan"]
+__all__ += ["FootstepPlanner", "PeriodicPlanner", "TablePlanner"]
+
+_MODULES = (
+    "presets",
+    "parameters",
+    "run_file",
+    "planner.contacts",
+    "planner.centroidal",
+    "planner.footsteps",
+    "walk",
+    "planners",
+)
+"""Imported when a name is first read: NumPy and pydantic would delay 'ampm --help' by .1 s each."""
 
 
 def plan(run: RunParameters | str | Path) -> CentroidalPlan:
@@ -72,45 +71,12 @@ def plan(run: RunParameters | str | Path) -> CentroidalPlan:
 
 
 def __getattr__(name: str) -> Any:
-    for module, names in _MODULES.items():
-        if name in names:
-            return getattr(import_module(module), name)
+    if name in __all__:
+        for path in _MODULES:
+            if hasattr(module := import_module(f"ampm.{path}"), name):
+                return getattr(module, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
-
-
-__all__ = [
-    "AmpmError",
-    "BodilyRefusal",
-    "CentroidalPlan",
-    "Contacts",
-    "ControlOutput",
-    "Controller",
-    "Footstep",
-    "FootstepPlanner",
-    "GaitParameters",
-    "InputError",
-    "Law",
-    "MathematicalRefusal",
-    "PeriodicPlanner",
-    "Phase",
-    "Planner",
-    "Posture",
-    "Reference",
-    "RefusedGait",
-    "RunParameters",
-    "SolverError",
-    "State",
-    "TablePlanner",
-    "Touch",
-    "WalkPlan",
-    "__version__",
-    "dump_run",
-    "load_run",
-    "plan",
-    "plan_footsteps",
-    "preset_names",
-]

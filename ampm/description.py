@@ -15,31 +15,21 @@ _STATURE = 1.70  # of the human for whom lengths of the controller were chosen [
 
 @dataclass(frozen=True)
 class SoleGeometry:
-    """Outline of one sole in the foot's sole frame: x forward, y left, z up, origin on the sole.
+    """Outline of one sole in the foot's sole frame: x forward, y left, z up, origin on the sole; in m.
 
     The origin is the foot's *reference point*, from which the planner measures x in single support.
     The toe axis lies in the sole plane, on the line of the ball points. The ball of a foot without toes is
     its front edge, and ``tip_x`` is ``ball_x``.
-
-    Attributes:
-        heel_x: x of the two heel points [m], negative.
-        ball_x: x of the two ball points and of the toe axis [m].
-        tip_x: x of the two toe-tip points [m].
-        heel_half_width: half the distance of the heel points [m].
-        ball_half_width: half the distance of the ball points [m].
-        tip_half_width: half the distance of the tip points [m].
-        ankle_x: x of the ankle's flexion axis [m].
-        ankle_height: height of the ankle's flexion axis over the sole [m].
     """
 
-    heel_x: float
-    ball_x: float
-    tip_x: float
-    heel_half_width: float
+    heel_x: float  # of the two heel points, negative
+    ball_x: float  # of the two ball points and of the toe axis
+    tip_x: float  # of the two toe-tip points
+    heel_half_width: float  # half the distance of the heel points
     ball_half_width: float
     tip_half_width: float
-    ankle_x: float
-    ankle_height: float
+    ankle_x: float  # of the ankle's flexion axis
+    ankle_height: float  # of that axis over the sole
 
     @property
     def has_toes(self) -> bool:
@@ -59,31 +49,18 @@ class SoleGeometry:
 
 @dataclass(frozen=True)
 class LegDescription:
-    """Names of one leg's joints, segments and frames, hip to toe.
+    """Names of one leg's joints, segments and frames, hip to toe; a foot without toes has none of the toe."""
 
-    Attributes:
-        hip: hip joints in chain order.
-        knee: knee flexion.
-        ankle: ankle joints in chain order.
-        toe: toe extension, the hinge between the foot's two segments; None of a foot without toes.
-        foot_segment: segment that carries heel and ball.
-        toe_segment: segment that carries the toe tip; None of a foot without toes.
-        sole_frame: site at the foot's reference point, fixed to the foot segment.
-        sole_points: sites: heel left/right, ball left/right and, with toes, tip left/right.
-        straight_knee: angle of the straight knee [rad].
-        knee_sign: 1 if the knee's angle grows in flexion, else -1.
-    """
-
-    hip: tuple[str, ...]
-    knee: str
-    ankle: tuple[str, ...]
-    toe: str | None
-    foot_segment: str
-    toe_segment: str | None
-    sole_frame: str
-    sole_points: tuple[str, ...]
-    straight_knee: float = 0.0
-    knee_sign: float = 1.0
+    hip: tuple[str, ...]  # joints, chain order
+    knee: str  # flexion
+    ankle: tuple[str, ...]  # joints, chain order
+    foot_segment: str  # carries heel and ball
+    sole_frame: str  # site at the foot's reference point, fixed to the foot segment
+    sole_points: tuple[str, ...]  # sites: heel left/right, ball left/right and, with toes, tip left/right
+    toe: str | None = None  # extension, the hinge between the foot's two segments
+    toe_segment: str | None = None  # carries the toe tip
+    straight_knee: float = 0.0  # angle [rad]
+    knee_sign: float = 1.0  # 1 if the knee's angle grows in flexion, else -1
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -98,21 +75,13 @@ class LegDescription:
 
 @dataclass(frozen=True)
 class Passive:
-    """Torque that a hinge has without its motor: ``-damping v - stiffness (q - spring) - friction sign(v)``.
-
-    Attributes:
-        joint: its name.
-        damping: [N m s/rad].
-        stiffness: [N m/rad].
-        spring: angle at which the spring is at rest [rad].
-        friction: dry friction [N m].
-    """
+    """Torque of a hinge without its motor: ``-damping v - stiffness (q - spring) - friction sign(v)``."""
 
     joint: str
-    damping: float
-    stiffness: float
-    spring: float
-    friction: float
+    damping: float  # [N m s/rad]
+    stiffness: float  # [N m/rad]
+    spring: float  # angle at which the spring is at rest [rad]
+    friction: float  # dry [N m]
 
 
 @dataclass(frozen=True)
@@ -120,55 +89,32 @@ class BodyDescription:
     """Roles of a body's joints, segments and frames.
 
     With the root's frame along the world's axes the body faces +x, upright; so do the trunk's frame and those
-    of the soles in the neutral posture.
-
-    Attributes:
-        height: stature [m]; of another body than a human that of a human whose COM stands as high.
-        mass: total mass [kg].
-        root_segment: the segment that the free joint moves (pelvis).
-        trunk_segment: segment whose pitch is the trunk's lean (thorax).
-        trunk_frame: frame of the trunk: the segment itself, or a site on it.
-        left_leg, right_leg: the legs.
-        waist: joints between pelvis and abdomen, chain order.
-        chest: joints between abdomen and thorax, chain order.
-        left_arm, right_arm: joints of the arms, chain order.
-        head: joints that are of no other group.
-        sole: outline of one sole, the same for both feet.
-        hip_height: height of the hip centres over the sole when standing straight [m].
-        hip_half_width: half the distance of the hip centres [m].
-        leg_length: hip centre to ankle with a straight knee [m].
-        com_over_hip: height of the COM over the hip centres when standing straight [m].
-        mirror: (joint, mirrored joint, sign) for every hinge: reflection in the sagittal plane.
-        torque_limits: (joint, largest torque [N m]) for every actuated hinge, in actuator order.
-        spread: (joint, sign) of the hinges that ``body.arm_abduction`` turns at rest.
-        rest: (joint, angle [rad]) at rest, of those that do not rest at 0, inside of their limits.
-        speed_limits: (joint, largest speed [rad/s]) of the hinges that have a limit.
-        passive: of the hinges that have passive torques.
+    of the soles in the neutral posture. Heights are over the sole, of the body that stands straight.
     """
 
-    height: float
-    mass: float
-    root_segment: str
-    trunk_segment: str
-    trunk_frame: str
+    height: float  # stature [m]; of another body than a human that of a human whose COM stands as high
+    mass: float  # total [kg]
+    root_segment: str  # that the free joint moves (pelvis)
+    trunk_segment: str  # whose pitch is the trunk's lean (thorax)
+    trunk_frame: str  # the trunk segment itself, or a site on it
     left_leg: LegDescription
     right_leg: LegDescription
-    waist: tuple[str, ...]
-    chest: tuple[str, ...]
-    left_arm: tuple[str, ...]
+    waist: tuple[str, ...]  # joints between pelvis and abdomen, chain order
+    chest: tuple[str, ...]  # joints between abdomen and thorax, chain order
+    left_arm: tuple[str, ...]  # joints, chain order
     right_arm: tuple[str, ...]
-    head: tuple[str, ...]
-    sole: SoleGeometry
-    hip_height: float
-    hip_half_width: float
-    leg_length: float
-    com_over_hip: float
-    mirror: tuple[tuple[str, str, float], ...]
-    torque_limits: tuple[tuple[str, float], ...]
-    spread: tuple[tuple[str, float], ...] = ()
-    rest: tuple[tuple[str, float], ...] = ()
-    speed_limits: tuple[tuple[str, float], ...] = ()
-    passive: tuple[Passive, ...] = ()
+    head: tuple[str, ...]  # joints that are of no other group
+    sole: SoleGeometry  # the same for both feet
+    hip_height: float  # of the hip centres [m]
+    hip_half_width: float  # half the distance of the hip centres [m]
+    leg_length: float  # hip centre to ankle with a straight knee [m]
+    com_over_hip: float  # height of the COM over the hip centres [m]
+    mirror: tuple[tuple[str, str, float], ...]  # (joint, its image in the sagittal plane, sign), every hinge
+    torque_limits: tuple[tuple[str, float], ...]  # (joint, largest torque [N m]), in actuator order
+    spread: tuple[tuple[str, float], ...] = ()  # (joint, sign) that body.arm_abduction turns at rest
+    rest: tuple[tuple[str, float], ...] = ()  # (joint, angle [rad]) of those that do not rest at 0
+    speed_limits: tuple[tuple[str, float], ...] = ()  # (joint, largest speed [rad/s]), where there is a limit
+    passive: tuple[Passive, ...] = ()  # of the hinges that have passive torques
 
     @property
     def legs(self) -> tuple[LegDescription, LegDescription]:

@@ -15,24 +15,16 @@ class InputError(AmpmError):
 
     Attributes:
         details: for programs, those that are known of ``key``, ``value``, ``limit`` (in words), ``way_out``,
-            and of an unknown name the ``nearest`` known one.
+            and of an unknown name the ``nearest`` known one. What is None is left out.
     """
 
     def __init__(self, message: str = "", **details: Any) -> None:
         super().__init__(message)
-        self.details = details
+        self.details = {name: value for name, value in details.items() if value is not None}
 
 
 class RefusedGait(AmpmError):
-    """A well-formed gait that cannot be walked.
-
-    Attributes:
-        reason: short name of the limit that was passed, for tables (``"switching_velocity_too_low"``).
-        value: the offending value, in ``unit``.
-        limit: the limit that it passed, in ``unit``.
-        unit: SI unit of both, ``"1"`` if they have none.
-        way_out: what the user can change.
-    """
+    """A well-formed gait that cannot be walked."""
 
     kind = "refused"
 
@@ -40,11 +32,11 @@ class RefusedGait(AmpmError):
         self, message: str, *, reason: str, value: float, limit: float, unit: str, way_out: str
     ) -> None:
         super().__init__(f"{message}; {way_out}.")
-        self.reason = reason
+        self.reason = reason  # short name of the limit, for tables ("switching_velocity_too_low")
         self.value = value
-        self.limit = limit
-        self.unit = unit
-        self.way_out = way_out
+        self.limit = limit  # that the value passed
+        self.unit = unit  # SI, of value and limit; "1" if they have none
+        self.way_out = way_out  # what the user can change
 
 
 class MathematicalRefusal(RefusedGait):

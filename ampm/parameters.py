@@ -3,26 +3,28 @@
 Keys are namespaced (``gait.step_length``); :mod:`ampm.run_file` reads and writes them.
 """
 
-from __future__ import annotations
-
-import operator
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_serializer, model_validator
+from pydantic import Field, model_validator
 
-from ampm.disturbance import DisturbanceParameters
 from ampm.exceptions import InputError
-from ampm.section import Real, RealOrInf, Section, Whole, check_table, parameter, unknown
+from ampm.section import Real, RealOrInf, Section, Whole, parameter, unknown
 
 GRAVITY = 9.81
 """Gravitational acceleration of the paper [m/s^2]."""
-
-
 HUMAN = "human"
 """Name of the default body, which has any stature and mass."""
+OPEN = "open"
+"""Marks what a gait may leave open, to be found for the rest: all others define the gait."""
+Open = Annotated[Real, OPEN]
+
+
+def whole(number: float) -> int | None:
+    """The whole number that a number is but for rounding, or None."""
+    nearest = round(number)
+    return nearest if abs(number - nearest) <= 1e-9 * max(1.0, number) else None
 
 
 class GaitParameters(Section, section="gait"):
@@ -34,51 +36,48 @@ class GaitParameters(Section, section="gait"):
         "inverted pendulum at the same switching velocity (ZMP fixed under the foot, no moment, double "
         "support at constant velocity; a_s, c_s and c_y play no part); ipm (the same pendulum), preview or "
         "dcm, with the AMPM's footsteps and times; a table FILE.csv or FILE.parquet; or MODULE:CLASS",
-        "1",
         min_length=1,
     )
-    com_height: Real = parameter(0.865, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
+    com_height: Open = parameter(0.865, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
     step_length: Real = parameter(
         0.6, "distance of successive footprints of opposite feet along x (2 (l_s + l_d))", "m", gt=0, le=100
     )
     switching_velocity: Real = parameter(
         1.0, "forward speed of the COM at every switch of support (v0)", "m/s", gt=0, le=100
     )
-    single_support_ratio: Real = parameter(
-        0.79, "share of the COM's travel that falls in single support (l_s / (l_s + l_d))", "1", gt=0, lt=1
+    single_support_ratio: Open = parameter(
+        0.79, "share of the COM's travel that falls in single support (l_s / (l_s + l_d))", gt=0, lt=1
     )
-    a_s: RealOrInf = parameter(
-        2.63, "COM travel over ZMP travel in single support; inf holds the ZMP still", "1", gt=0
+    a_s: Annotated[RealOrInf, OPEN] = parameter(
+        2.63, "COM travel over ZMP travel in single support; inf holds the ZMP still", gt=0
     )
     c_s: Real = parameter(
-        1.0, "slope of the force line over the COM in single support; 1 passes through the COM", "1", le=100
+        1.0, "slope of the force line over the COM in single support; 1 passes through the COM", le=100
     )
     c_y: Real = parameter(
-        1.0, "slope of the force line in the frontal plane; 1 passes through the COM", "1", le=100
+        1.0, "slope of the force line in the frontal plane; 1 passes through the COM", le=100
     )
-    step_width: Real = parameter(0.18, "lateral distance of the feet (2 (s + beta))", "m", gt=0, le=100)
-    steps: Whole = parameter(30, "number of steps", "1", ge=1, le=100_000)
+    step_width: Open = parameter(0.18, "lateral distance of the feet (2 (s + beta))", "m", gt=0, le=100)
+    steps: Whole = parameter(30, "number of steps", ge=1, le=100_000)
 
 
 class BodyParameters(Section, section="body"):
     """The walking body."""
 
     source: str = parameter(
-        HUMAN, "the body: a name that 'ampm body list' shows, or its description (TOML)", "1", min_length=1
+        HUMAN, "the body: a name that 'ampm body list' shows, or its description (TOML)", min_length=1
     )
-    height: Real = parameter(1.70, "stature; of another body than the human it follows", "m", ge=0.2, le=3)
-    mass: Real = parameter(60.0, "total mass; of another body than the human it follows", "kg", ge=1, le=1000)
-    lean: Real = parameter(
-        0.0, "mean pitch of the trunk over a step, forward positive", "rad", ge=-0.5, le=0.5
-    )
-    arm_abduction: Real = parameter(
+    height: Real = parameter(1.70, "stature; another body has its own", "m", ge=0.2, le=3)
+    mass: Real = parameter(60.0, "total mass; another body has its own", "kg", ge=1, le=1000)
+    lean: Open = parameter(0.0, "mean pitch of the trunk, forward positive", "rad", ge=-0.5, le=0.5)
+    arm_abduction: Open = parameter(
         0.1, "angle by which the arms are spread sideways at rest; 0: they hang", "rad", ge=0, le=1.2
     )
     arm_abduction_roll: Real = parameter(
         0.36, "further angle times (1 - c_y)^2, as the trunk rolls and the arms must pass", "rad", ge=0, le=2
     )
-    angular_momentum_z: Literal["free", "zero"] = parameter(
-        "free", "angular momentum about the vertical: free with yaw held by posture, or held at zero", "1"
+    angular_momentum_z: Annotated[Literal["free", "zero"], OPEN] = parameter(
+        "free", "angular momentum about the vertical: free with yaw held by posture, or held at zero"
     )
     posture_stiffness: Real = parameter(
         100.0, "elastic constant of the upright posture in the inverse kinematics (k)", "1/s^2", gt=0, le=1e5
@@ -92,57 +91,45 @@ class FootParameters(Section, section="foot"):
     """Key-frames of the feet: initial contact, full contact, heel rise, toe off."""
 
     schedule: Literal["flat", "roll"] = parameter(
-        "roll", "flat: no heel rise before lift-off; roll: heel strike, flat, heel rise, toe off", "1"
+        "roll", "flat: no heel rise before lift-off; roll: heel strike, flat, heel rise, toe off"
     )
     swing: Literal["quintic", "paper"] = parameter(
         "quintic",
         "quintic: continuous up to the acceleration; paper: cubic splines, the foot lifts at l_s / T_swing "
         "at once and lands at rest (swing_lag and heel_strike_rate play no part)",
-        "1",
     )
     v_swing_of: Literal["ball", "ankle"] = parameter(
         "ball",
         "point that leaves at l_s / T_swing with swing = paper: the ball, which has rested, or the ankle, to "
         "which a rising heel gives that speed (toe_off_rate plays no part; schedule = roll only)",
-        "1",
     )
-    swing_height: Real = parameter(0.05, "extra lift of the foot at mid swing", "m", ge=0, le=0.5)
-    swing_lag: Real = parameter(
-        0.08, "how far the foot lags behind at mid swing, as share of its travel", "1", ge=-0.2, le=0.3
+    swing_height: Open = parameter(0.05, "extra lift of the foot at mid swing", "m", ge=0, le=0.5)
+    swing_lag: Open = parameter(
+        0.08, "how far the foot lags behind at mid swing, as share of its travel", ge=-0.2, le=0.3
     )
-    heel_strike_angle: Real = parameter(
-        0.2, "pitch of the foot, toes up, at initial contact", "rad", ge=0, le=0.8
+    heel_strike_angle: Open = parameter(0.2, "pitch of the foot at heel strike, toes up", "rad", ge=0, le=0.8)
+    heel_strike_rate: Open = parameter(3.0, "downward speed of the toes at heel strike", "rad/s", ge=0, le=20)
+    full_contact: Open = parameter(
+        0.9, "share of the double support after which the front foot is flat", gt=0, le=1
     )
-    heel_strike_rate: Real = parameter(
-        3.0, "speed at which the toes come down at initial contact", "rad/s", ge=0, le=20
+    heel_rise_lead: Open = parameter(
+        0.0, "lead of the heel rise before the double support; negative: a delay", "s", ge=-1, le=1
     )
-    full_contact: Real = parameter(
-        0.9, "share of the double support after which the front foot is flat", "1", gt=0, le=1
-    )
-    heel_rise_lead: Real = parameter(
-        0.0,
-        "time by which the heel rise begins before the double support; negative: after it has begun",
-        "s",
-        ge=-1,
-        le=1,
-    )
-    toe_off_angle: Real = parameter(0.45, "pitch of the foot, heel up, at toe off", "rad", ge=0, le=1.2)
-    toe_off_rate: Real = parameter(6.5, "speed at which the heel rises at toe off", "rad/s", ge=0, le=30)
-    toe_return: Real = parameter(
-        0.8, "share of the swing in which the toe joint straightens", "1", gt=0, le=1
-    )
+    toe_off_angle: Open = parameter(0.45, "pitch of the foot, heel up, at toe off", "rad", ge=0, le=1.2)
+    toe_off_rate: Open = parameter(6.5, "speed at which the heel rises at toe off", "rad/s", ge=0, le=30)
+    toe_return: Open = parameter(0.8, "share of the swing in which the toes straighten", gt=0, le=1)
 
 
 class ContactParameters(Section, section="contact"):
     """Contact of the sole points with the floor (MuJoCo's soft contact model)."""
 
     time_constant: Real = parameter(0.015, "time constant of a contact", "s", gt=0, le=1)
-    damping_ratio: Real = parameter(1.0, "damping ratio of a contact", "1", gt=0, le=10)
-    impedance_min: Real = parameter(0.6, "constraint impedance at zero penetration", "1", gt=0, lt=1)
-    impedance_max: Real = parameter(0.95, "constraint impedance at full penetration", "1", gt=0, lt=1)
+    damping_ratio: Real = parameter(1.0, "damping ratio of a contact", gt=0, le=10)
+    impedance_min: Real = parameter(0.6, "constraint impedance at zero penetration", gt=0, lt=1)
+    impedance_max: Real = parameter(0.95, "constraint impedance at full penetration", gt=0, lt=1)
     impedance_width: Real = parameter(0.001, "penetration over which the impedance rises", "m", gt=0, le=0.1)
-    friction: Real = parameter(0.8, "sliding friction of soles and floor", "1", gt=0, le=10)
-    impratio: Real = parameter(10.0, "ratio of frictional to normal impedance", "1", gt=0, le=1000)
+    friction: Real = parameter(0.8, "sliding friction of soles and floor", gt=0, le=10)
+    impratio: Real = parameter(10.0, "ratio of frictional to normal impedance", gt=0, le=1000)
 
 
 def _stiffness(default: float, description: str) -> Any:
@@ -159,70 +146,50 @@ class ControllerParameters(Section, section="controller"):
     """The torque-level tracking controller; another one reads what it needs of these."""
 
     name: str = parameter(
-        "ampm", "controller: ampm, joint-pd, the name of an installed one, or MODULE:CLASS", "1", min_length=1
+        "ampm", "controller: ampm, joint-pd, the name of an installed one, or MODULE:CLASS", min_length=1
     )
     frequency: Real = parameter(500.0, "control ticks per second", "Hz", ge=20, le=10_000)
     hold: Literal["first-order", "zero-order"] = parameter(
         "first-order",
         "torque between two ticks: first-order goes on with the slope of the last tick, zero-order is held",
-        "1",
     )
     stabilizer: Literal["fixed", "stepping"] = parameter(
         "fixed",
         "what keeps the body up: fixed follows the plan's footsteps and times, stepping changes them where "
         "the standing sole is not enough",
-        "1",
     )
-    friction: Real = parameter(
-        0.75, "friction that the controller allows itself, in any direction", "1", gt=0, le=10
-    )
+    friction: Real = parameter(0.75, "friction that the controller allows itself", gt=0, le=10)
     com_stiffness: Real = _stiffness(60.0, "feedback from COM position to its acceleration")
     com_damping: Real = _damping(15.0, "feedback from COM velocity to its acceleration")
     momentum_gain: Real = _damping(15.0, "feedback from angular momentum to its rate")
     trunk_gain: Real = parameter(
-        3.0,
-        "slow feedback from trunk pitch and roll to the commanded angular momentum",
-        "N m s/rad",
-        ge=0,
-        le=1e3,
+        3.0, "slow feedback from trunk tilt to the commanded angular momentum", "N m s/rad", ge=0, le=1e3
     )
     trunk_integral: Real = parameter(
-        0.33,
-        "share of the trunk's mean tilt that is added to it in a second, where the posture is constant",
-        "1/s",
-        ge=0,
-        le=10,
+        0.33, "rate at which the trunk's mean tilt is added to it, for a constant posture", "1/s", ge=0, le=10
     )
     posture_stiffness: Real = _stiffness(900.0, "feedback from posture to its acceleration")
     posture_damping: Real = _damping(60.0, "feedback from posture rate to its acceleration")
-    swing_stiffness: Real = _stiffness(400.0, "feedback from the swing foot's pose to its acceleration")
-    swing_damping: Real = _damping(40.0, "feedback from the swing foot's velocity to its acceleration")
+    swing_stiffness: Open = _stiffness(400.0, "feedback from the swing foot's pose to its acceleration")
+    swing_damping: Open = _damping(40.0, "feedback from the swing foot's velocity to its acceleration")
     stance_damping: Real = _damping(50.0, "feedback from the stance foot's velocity to its acceleration")
-    roll_stiffness: Real = _stiffness(
-        1500.0, "feedback from the pose of a foot that rolls on heel or toes to its rotation"
-    )
-    roll_damping: Real = _damping(
-        80.0, "feedback from the rate of a foot that rolls on heel or toes to its rotation"
-    )
+    roll_stiffness: Real = _stiffness(1500.0, "feedback from the pose of a rolling foot to its rotation")
+    roll_damping: Real = _damping(80.0, "feedback from the rate of a rolling foot to its rotation")
     touchdown_damping: Real = _damping(200.0, "how fast a late foot takes up the touch-down velocity")
     contact_ramp: Real = parameter(
-        0.04,
-        "time in which a point's force limit opens after touch-down and closes before lift-off",
-        "s",
-        gt=0,
-        le=1,
+        0.04, "time in which a point's force limit opens at touch-down, closes at lift-off", "s", gt=0, le=1
     )
     landing_share: Real = parameter(
-        0.6, "share of a landing foot's sensed force that the QP takes as given", "1", ge=0, le=1
+        0.6, "share of a landing foot's sensed force that the QP takes as given", ge=0, le=1
     )
     landing_force: Real = parameter(
-        0.006, "least force of a sole point that lands, as share of the weight", "1", ge=0, le=0.1
+        0.006, "least force of a sole point that lands, as share of the weight", ge=0, le=0.1
     )
     landing_compensation: Real = parameter(
-        0.3, "share of what a landing foot fails to carry that the other foot makes up for", "1", ge=0, le=1
+        0.3, "share of what a landing foot fails to carry that the other foot makes up for", ge=0, le=1
     )
     landing_yield: Real = parameter(
-        0.5, "share of its own vertical acceleration that a landing foot is left with", "1", ge=0, le=1
+        0.5, "share of its own vertical acceleration that a landing foot is left with", ge=0, le=1
     )
     touchdown_lead: Real = parameter(
         0.0, "time before its planned contact from which a foot is let down", "s", ge=0, le=0.2
@@ -233,12 +200,8 @@ class ControllerParameters(Section, section="controller"):
     roll_down_bias: Real = parameter(
         0.004, "how much later than planned the front foot's ball comes down, as pitch", "rad", ge=0, le=0.1
     )
-    touchdown_velocity: Real = parameter(
-        0.05, "speed at which a foot that is late closes in on the floor", "m/s", ge=0, le=2
-    )
-    touchdown_rate: Real = parameter(
-        1.0, "rate at which a sole that is late turns to the floor", "rad/s", ge=0, le=20
-    )
+    touchdown_velocity: Real = parameter(0.05, "speed of a late foot towards the floor", "m/s", ge=0, le=2)
+    touchdown_rate: Real = parameter(1.0, "rate of a late sole's turn to the floor", "rad/s", ge=0, le=20)
     unsolved_limit: Real = parameter(
         0.05, "time for which the QP may stay unsolved before the run ends as infeasible", "s", gt=0, le=10
     )
@@ -248,87 +211,113 @@ class SimulationParameters(Section, section="simulation"):
     """The physics engine."""
 
     time_step: Real = parameter(0.0005, "time step of the physics", "s", gt=0, le=0.05)
-    integrator: Literal["Euler", "implicitfast"] = parameter("Euler", "integrator of the physics", "1")
+    integrator: Literal["Euler", "implicitfast"] = parameter("Euler", "integrator of the physics")
     start_depth: Real = parameter(
-        0.001,
-        "depth at which the soles start under the floor, so that they carry weight at once",
-        "m",
-        ge=0,
-        le=0.01,
+        0.001, "depth at which the soles start under the floor, to carry weight", "m", ge=0, le=0.01
     )
 
 
 class SolverParameters(Section, section="solver"):
     """Numerical solvers and grids."""
 
-    qp: Literal["osqp", "daqp"] = parameter("osqp", "solver of the controller's quadratic programme", "1")
-    tolerance: Real = parameter(
-        5e-5, "tolerance of the controller's QP, forces in body weights", "1", gt=0, le=1e-2
+    qp: Literal["osqp", "daqp"] = parameter("osqp", "solver of the controller's quadratic programme")
+    tolerance: Real = parameter(5e-5, "tolerance of the QP, forces in body weights", gt=0, le=1e-2)
+    max_iterations: Whole = parameter(4000, "iterations after which a QP is unsolved", ge=10, le=100_000)
+    ik_time_step: Real = parameter(0.002, "largest step of the inverse kinematics' grid", "s", gt=0, le=0.05)
+
+
+class DisturbanceParameters(Section, section="disturbance"):
+    """Differences of the simulated world and body from those that planner and controller know.
+
+    Plan and controller are made from ``RunParameters.undisturbed``, so they get no information on it. All
+    keys combine; with their defaults nothing is disturbed.
+    """
+
+    seed: Whole = parameter(0, "seed of all random numbers below", ge=0, le=2**31 - 1)
+    start_velocity: Real = parameter(
+        0.0, "standard deviation of the root's velocity at the start, each axis", "m/s", ge=0, le=1
     )
-    max_iterations: Whole = parameter(
-        4000, "iterations after which a QP counts as unsolved", "1", ge=10, le=100_000
+    push_segment: str = parameter(
+        "chest", "segment that is pushed at its centre of mass; com: that of the body", min_length=1
     )
-    ik_time_step: Real = parameter(
-        0.002,
-        "largest step of the inverse kinematics' grid, which divides both phases exactly",
-        "s",
-        gt=0,
-        le=0.05,
+    push_x: Real = parameter(0.0, "force of the push along x", "N", ge=-1e5, le=1e5)
+    push_y: Real = parameter(0.0, "force of the push along y", "N", ge=-1e5, le=1e5)
+    push_z: Real = parameter(0.0, "force of the push along z", "N", ge=-1e5, le=1e5)
+    push_at: Real = parameter(1.0, "time at which the push begins", "s", ge=0, le=1e5)
+    push_duration: Real = parameter(0.1, "duration of the push", "s", gt=0, le=1e5)
+    floor_height: Real = parameter(0.0, "height of the floor; the body starts on it", "m", ge=-0.5, le=0.5)
+    step_height: Real = parameter(
+        0.0, "height of the floor under one footstep over the rest", "m", ge=-0.5, le=0.5
     )
+    step_number: Whole = parameter(
+        4, "number of that footstep; the walk starts from 1 and 2", ge=3, le=100_000
+    )
+    slope_along: Real = parameter(
+        0.0, "slope of the floor along the walk after footstep 2; positive: front up", "rad", ge=-0.3, le=0.3
+    )
+    slope_across: Real = parameter(
+        0.0, "slope of the floor across the walk after footstep 2; positive: left up", "rad", ge=-0.3, le=0.3
+    )
+    origin: Real = parameter(
+        0.0, "distance along x by which the walk is moved from the world's origin", "m", ge=-1e6, le=1e6
+    )
+    friction_factor: Real = parameter(1.0, "friction of the floor over contact.friction", gt=0, le=100)
+    softness_factor: Real = parameter(
+        1.0, "time constant of contacts over contact.time_constant", ge=1, le=100
+    )
+    mass_segment: str = parameter(
+        "all", "segments of mass_change, separated by commas, or all; chest: the trunk", min_length=1
+    )
+    mass_change: Real = parameter(0.0, "relative change of their mass and inertia", ge=-0.9, le=10)
+    joint_damping: Real = parameter(0.0, "further damping of every joint", "N m s/rad", ge=0, le=1e3)
+    sensing_delay: Real = parameter(
+        0.0, "delay of sensed state and contact, in whole ticks of the controller", "s", ge=0, le=0.2
+    )
+    actuation_delay: Real = parameter(0.0, "delay of the torques, likewise", "s", ge=0, le=0.2)
+    angle_noise: Real = parameter(
+        0.0, "standard deviation of white noise on sensed joint angles, at every tick", "rad", ge=0, le=0.5
+    )
+    rate_noise: Real = parameter(
+        0.0, "standard deviation of white noise on sensed joint rates, at every tick", "rad/s", ge=0, le=50
+    )
+    torque_bias: Real = parameter(
+        0.0, "constant error of every motor's torque; its signs are random", "N m", ge=0, le=1e3
+    )
+
+    def delays(self, frequency: float) -> tuple[int, int]:
+        """Delays of sensing and actuation in ticks of a controller [Hz].
+
+        Raises:
+            InputError: one is no whole number.
+        """
+        sensing, actuation = self.sensing_delay * frequency, self.actuation_delay * frequency
+        for key, ticks in (("sensing_delay", sensing), ("actuation_delay", actuation)):
+            if whole(ticks) is None:
+                raise InputError(
+                    f"disturbance.{key} = {ticks / frequency:g} s is no multiple of the controller's tick of "
+                    f"{1.0 / frequency:g} s; choose for example {round(ticks) / frequency:.12g}.",
+                    key=f"disturbance.{key}",
+                    value=ticks / frequency,
+                )
+        return round(sensing), round(actuation)
 
 
 class FootstepParameters(Section, section="footsteps"):
     """One placement of a foot."""
 
-    foot: Literal["left", "right"] = parameter(..., "which foot", "1")
+    foot: Literal["left", "right"] = parameter(..., "which foot")
     x: Real = parameter(..., "place of the sole's reference point, forward", "m", ge=-1e4, le=1e4)
     y: Real = parameter(..., "place of the sole's reference point, to the left", "m", ge=-1e4, le=1e4)
     heading: Real = parameter(0.0, "yaw of the foot, to the left positive", "rad", ge=-1e3, le=1e3)
     z: Real = parameter(0.0, "height of the floor there", "m", ge=-10, le=10)
     time: Real | None = parameter(
-        None, "when the foot lands; left out: by the gait's durations", "s", ge=0, le=1e6
+        None,
+        "when the foot lands; left out: by the gait's durations",
+        "s",
+        ge=0,
+        le=1e6,
+        exclude_if=lambda time: time is None,
     )
-
-
-@dataclass(frozen=True)
-class Relation:
-    """A limit of one key that depends on another: ``key >= factor * other``, or ``<=``.
-
-    Attributes:
-        key: what is limited.
-        comparison: ``ge`` or ``le``.
-        factor: of the other key [1].
-        other: in the same unit.
-        way_out: what can be changed.
-    """
-
-    key: str
-    comparison: Literal["ge", "le"]
-    factor: float
-    other: str
-    way_out: str
-
-    def holds(self, value: Any, other: Any) -> Any:
-        """Whether it holds, for numbers or arrays of them."""
-        return getattr(operator, self.comparison)(value, self.factor * other)
-
-    def error(self, value: float, other: float) -> InputError:
-        """Message where it does not hold."""
-        words = {"ge": "at least", "le": "at most"}[self.comparison]
-        factor = "" if self.factor == 1.0 else f"{self.factor:g} times "
-        limit = f"must be {words} {factor}{self.other} = {self.factor * other:g}"
-        message = f"{self.key} = {value:g} {limit}; {self.way_out}."
-        return InputError(message, key=self.key, value=value, limit=limit, way_out=self.way_out)
-
-
-RELATIONS = (
-    # MuJoCo would raise a shorter time constant silently.
-    Relation(
-        "contact.time_constant", "ge", 2.0, "simulation.time_step", "raise it or lower simulation.time_step"
-    ),
-    Relation("contact.impedance_min", "le", 1.0, "contact.impedance_max", "exchange them"),
-)
-"""Limits between keys."""
 
 
 class RunParameters(Section):
@@ -342,29 +331,32 @@ class RunParameters(Section):
     simulation: SimulationParameters = Field(default_factory=SimulationParameters)
     solver: SolverParameters = Field(default_factory=SolverParameters)
     disturbance: DisturbanceParameters = Field(default_factory=DisturbanceParameters)
-    footsteps: Annotated[
-        tuple[FootstepParameters, ...],
-        BeforeValidator(lambda rows: tuple(rows) if isinstance(rows, list) else rows),
-    ] = Field((), description="places to walk over, from rest to rest; none: the periodic gait")
-
-    @model_serializer(mode="wrap")
-    def _plain(self, dump: Any) -> dict[str, Any]:
-        table: dict[str, Any] = dump(self)
-        rows = table.pop("footsteps", ())
-        if rows:
-            plain = {"z": 0.0, "time": None}
-            table["footsteps"] = [
-                {key: value for key, value in row.items() if key not in plain or value != plain[key]}
-                for row in rows
-            ]
-        return table
+    footsteps: tuple[FootstepParameters, ...] = Field(
+        (),
+        description="places to walk over, from rest to rest; none: the periodic gait",
+        strict=False,  # a list is fine
+        exclude_if=lambda rows: not rows,
+    )
 
     @model_validator(mode="after")
-    def _check(self) -> RunParameters:
-        for relation in RELATIONS:
-            value, other = self.value(relation.key), self.value(relation.other)
-            if not relation.holds(value, other):
-                raise relation.error(value, other)
+    def _check(self) -> "RunParameters":
+        """Refuse keys that do not go together."""
+        contact, least = self.contact, 2.0 * self.simulation.time_step
+        if contact.time_constant < least:  # MuJoCo would raise it silently
+            raise InputError(
+                f"contact.time_constant = {contact.time_constant:g} s must be at least 2 times "
+                f"simulation.time_step = {least:g} s; raise it or lower simulation.time_step.",
+                key="contact.time_constant",
+                value=contact.time_constant,
+            )
+        if contact.impedance_min > contact.impedance_max:
+            raise InputError(
+                f"contact.impedance_min = {contact.impedance_min:g} must be at most contact.impedance_max = "
+                f"{contact.impedance_max:g}; exchange them.",
+                key="contact.impedance_min",
+                value=contact.impedance_min,
+                way_out="exchange them",
+            )
         self.disturbance.delays(self.controller.frequency)
         return self
 
@@ -379,7 +371,7 @@ class RunParameters(Section):
         section, _, name = key.partition(".")
         return getattr(getattr(self, section), name)
 
-    def replace(self, values: Mapping[str, Any], **more: Any) -> RunParameters:
+    def replace(self, values: Mapping[str, Any], **more: Any) -> "RunParameters":
         """Copy with some namespaced keys changed, validated like any other input.
 
         Args:
@@ -391,11 +383,12 @@ class RunParameters(Section):
         """
         table = self.model_dump() | more
         for key, value in values.items():
-            assign(table, key, value)
+            section, name = split_key(key)
+            table[section][name] = value
         return RunParameters(**table).giving(self.given | values.keys())
 
     @property
-    def undisturbed(self) -> RunParameters:
+    def undisturbed(self) -> "RunParameters":
         """The run as planner and controller know it: without its section ``disturbance``."""
         return self.model_copy(update={"disturbance": DisturbanceParameters()})
 
@@ -403,48 +396,29 @@ class RunParameters(Section):
     def given(self) -> frozenset[str]:
         """Keys whose values stay; those of :data:`OPEN_KEYS` that are not among them may be found."""
         return frozenset(
-            f"{section}.{key}"
-            for section in self.model_fields_set & SECTIONS.keys()
-            for key in getattr(self, section).model_fields_set
+            f"{section}.{key}" for section in SECTIONS for key in getattr(self, section).model_fields_set
         )
 
-    def as_is(self) -> RunParameters:
+    def as_is(self) -> "RunParameters":
         """The same values, all of which count as given: nothing is left to be found."""
         return self.giving(keys())
 
-    def giving(self, keys: Iterable[str]) -> RunParameters:
+    def giving(self, given: Iterable[str]) -> "RunParameters":
         """The same values, of which these keys count as given."""
-        names: dict[str, set[str]] = {}
-        for section, _, name in (key.partition(".") for key in keys):
-            names.setdefault(section, set()).add(name)
+        kept = set(given)
         sections = {
-            name: type(section).model_construct(names.get(name, set()), **section.model_dump())
-            for name, section in self
-            if name in SECTIONS
+            name: kind.model_construct(
+                {key for key in kind.model_fields if f"{name}.{key}" in kept}, **dict(getattr(self, name))
+            )
+            for name, kind in SECTIONS.items()
         }
-        return RunParameters.model_construct(set(names), **sections, footsteps=self.footsteps)
+        return self.model_copy(update=sections)
 
+    @classmethod
+    def known_keys(cls) -> list[str]:
+        """Sections, and all namespaced keys."""
+        return [*cls.model_fields, *keys()]
 
-def assign(table: dict[str, Any], key: str, value: Any) -> None:
-    """Set one namespaced key in a table of sections.
-
-    Raises:
-        InputError: there is no such key, or its section is no table.
-    """
-    section, _, name = key.partition(".")
-    if key not in keys():
-        raise unknown_key(key)
-    table[section] = {**check_table(section, table.get(section, {})), name: value}
-
-
-OPEN_KEYS = (
-    "gait.single_support_ratio", "gait.a_s", "gait.com_height", "gait.step_width", "body.lean",
-    "body.arm_abduction", "body.angular_momentum_z", "foot.toe_off_angle", "foot.toe_off_rate",
-    "foot.toe_return", "foot.heel_strike_angle", "foot.heel_strike_rate", "foot.full_contact",
-    "foot.heel_rise_lead", "foot.swing_height", "foot.swing_lag", "controller.swing_stiffness",
-    "controller.swing_damping",
-)  # fmt: skip
-"""What a gait may leave open, to be found for the rest: all others define the gait."""
 
 SECTIONS: Mapping[str, type[Section]] = {
     name: type(section) for name, section in RunParameters() if isinstance(section, Section)
@@ -458,9 +432,25 @@ def keys() -> tuple[str, ...]:
     return tuple(f"{name}.{key}" for name, section in SECTIONS.items() for key in section.model_fields)
 
 
-def unknown_key(key: str) -> InputError:
-    """Error about a key that no run has."""
-    return unknown(key, keys())
+OPEN_KEYS = tuple(
+    f"{name}.{key}"
+    for name, section in SECTIONS.items()
+    for key, field in section.model_fields.items()
+    if OPEN in field.metadata
+)
+"""Keys that a gait may leave open, to be found for the rest."""
+
+
+def split_key(key: str) -> tuple[str, str]:
+    """Section and name of a namespaced key.
+
+    Raises:
+        InputError: there is no such key; the nearest is named.
+    """
+    if key not in keys():
+        raise unknown(key, keys())
+    section, _, name = key.partition(".")
+    return section, name
 
 
 def steps_per_tick(frequency: float, time_step: float) -> int:
@@ -474,14 +464,14 @@ def steps_per_tick(frequency: float, time_step: float) -> int:
         InputError: it is no whole number.
     """
     ratio = 1.0 / (frequency * time_step)
-    steps = round(ratio)
-    if steps < 1 or abs(ratio - steps) > 1e-9 * ratio:
-        fitting = f"choose for example controller.frequency = {1.0 / (max(1, steps) * time_step):.12g}"
+    steps = whole(ratio)
+    if not steps:
+        way_out = f"choose for example controller.frequency = {1.0 / (max(1, round(ratio)) * time_step):.12g}"
         raise InputError(
             f"controller.frequency = {frequency:g} Hz gives a tick every {ratio:.4g} time steps of "
-            f"{time_step:g} s; it must be a whole number: {fitting}.",
+            f"{time_step:g} s; it must be a whole number: {way_out}.",
             key="controller.frequency",
             value=frequency,
-            way_out=fitting,
+            way_out=way_out,
         )
     return steps

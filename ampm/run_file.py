@@ -1,7 +1,5 @@
 """Runs as TOML files: read from presets, files and settings; written to one file that gives the same bits."""
 
-import math
-import operator
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -12,9 +10,9 @@ from typing import Any, Literal, get_args, get_origin
 import tomli_w
 
 from ampm.exceptions import InputError
-from ampm.parameters import OPEN_KEYS, SECTIONS, RunParameters, assign, keys, unknown_key
+from ampm.parameters import OPEN_KEYS, SECTIONS, RunParameters, keys, split_key
 from ampm.presets import PRESETS
-from ampm.section import check_table, nearest, parse_toml, read_toml, unit_of, unknown
+from ampm.section import parse_toml, read_toml, unit_of, unknown
 
 
 def load_run(
@@ -38,21 +36,22 @@ def load_run(
     Raises:
         InputError: no such preset or file, no valid TOML, an unknown key or a bad value.
     """
-    table: dict[str, Any] = {}
-    own: dict[str, Any] = {}  # of the user
-    _merge(table, {} if source is None else _read_source(source))
-    if source is not None and source not in PRESETS:
-        _place_files(table, Path(source).parent)
+    table = {} if source is None else _read_source(source)
+    asked: dict[str, Any] = {}
     for setting in [settings] if isinstance(settings, str) else settings:
-        assign(own, *_parsed(setting))
-    _merge(own, sections)
-    about = _keys_of(table) - set(OPEN_KEYS if source in PRESETS else ())
-    _merge(table, own)
-    return RunParameters(**table).giving(about | _keys_of(own))
+        key, value = _parsed(setting)
+        section, name = split_key(key)
+        asked.setdefault(section, {})[name] = value
+    asked = _merged(asked, sections)
+    run = RunParameters(**_merged(table, asked))
+    if source not in PRESETS:
+        return run
+    named = {f"{name}.{key}" for name in asked.keys() & SECTIONS.keys() for key in asked[name]}
+    return run.giving(run.given - set(OPEN_KEYS) | named)
 
 
 def _read_source(source: str | Path) -> dict[str, Any]:
-    """Table of a preset or of a TOML file.
+    """Table of a preset or of a TOML file, in which files beside it have absolute paths.
 
     Raises:
         InputError: there is neither; or what is there is no readable TOML.
@@ -60,13 +59,27 @@ def _read_source(source: str | Path) -> dict[str, Any]:
     if source in PRESETS:
         return read_toml(resources.files("ampm").joinpath("presets", f"{source}.toml"))
     try:
-        return read_toml(Path(source))
+        table = read_toml(Path(source))
     except (FileNotFoundError, NotADirectoryError):
-        similar = nearest(str(source), PRESETS)
-        hint = f"did you mean {similar['nearest']!r}? " if similar else ""
-        known = ", ".join(PRESETS)
-        message = f"there is neither a preset nor a file {str(source)!r}; {hint}known are {known}."
-        raise InputError(message, value=str(source), **similar) from None
+        raise unknown(str(source), PRESETS, "preset or file", value=str(source)) from None
+    for section, key in (("body", "source"), ("gait", "planner")):
+        values = table.get(section)
+        name = values.get(key) if isinstance(values, dict) else None
+        if isinstance(name, str) and Path(name).suffix and (path := Path(source).parent / name).is_file():
+            table[section][key] = str(path.resolve())
+    return table
+
+
+def _merged(table: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
+    """A table of sections with the keys of another one; what is no section is left for the refusal."""
+    merged = dict(table)
+    for name, values in more.items():
+        old = table.get(name, {})
+        if isinstance(values, Mapping):
+            merged[name] = {**old, **values} if isinstance(old, Mapping) else old
+        else:
+            merged[name] = values
+    return merged
 
 
 def changes(run: RunParameters) -> dict[str, Any]:
@@ -92,31 +105,6 @@ def _presets() -> tuple[RunParameters, ...]:
     return tuple(map(load_run, PRESETS))
 
 
-def _keys_of(table: Mapping[str, Mapping[str, Any]]) -> set[str]:
-    return {f"{name}.{key}" for name, section in table.items() if name in SECTIONS for key in section}
-
-
-def _merge(table: dict[str, Any], sections: Mapping[str, Any]) -> None:
-    """Set the keys of some sections."""
-    for name, section in sections.items():
-        if name == "footsteps":
-            table[name] = section
-            continue
-        if name not in RunParameters.model_fields:
-            what = "section" if isinstance(section, Mapping) else "key"
-            raise unknown(name, RunParameters.model_fields if what == "section" else keys(), what)
-        for key, value in check_table(name, section).items():
-            assign(table, f"{name}.{key}", value)
-
-
-def _place_files(table: Mapping[str, Any], folder: Path) -> None:
-    """Make paths of a body's or a plan's file absolute that are of this folder."""
-    for section, key in (("body", "source"), ("gait", "planner")):
-        value = table.get(section, {}).get(key)
-        if isinstance(value, str) and Path(value).suffix and (folder / value).is_file():
-            table[section][key] = str((folder / value).resolve())
-
-
 def dump_run(run: RunParameters) -> str:
     """TOML text of a run that :func:`load_run` reads back bit-exactly."""
     return tomli_w.dumps(run.model_dump())
@@ -124,43 +112,15 @@ def dump_run(run: RunParameters) -> str:
 
 @dataclass(frozen=True)
 class KeyInfo:
-    """One key of a run.
+    """One key of a run."""
 
-    Attributes:
-        key: namespaced name.
-        meaning: in words.
-        unit: SI unit, ``"1"`` if it has none.
-        default: its value where it is not given.
-        kind: type of its values.
-        options: values of a text, empty for numbers and for a text that is free.
-        bounds: limits by comparison (``gt``, ``ge``, ``lt``, ``le``), those that there are.
-        finite: whether infinity is refused.
-    """
-
-    key: str
+    key: str  # namespaced
     meaning: str
-    unit: str
+    unit: str  # SI, "1" if it has none
     default: float | int | str
     kind: Literal["float", "int", "text"]
-    options: tuple[str, ...]
-    bounds: Mapping[str, float]
-    finite: bool
-
-    @property
-    def range(self) -> str:
-        """Bounds or options as text."""
-        signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
-        bounds = [f"{signs[name]} {limit:g}" for name, limit in self.bounds.items()]
-        return ", ".join(bounds) or " | ".join(self.options)
-
-    def inside(self, values: Any) -> Any:
-        """Which numbers of an array are within the bounds, same shape."""
-        good = values == values  # no NaN
-        if self.finite:
-            good &= abs(values) < math.inf
-        for comparison, limit in self.bounds.items():
-            good &= getattr(operator, comparison)(values, limit)
-        return good
+    options: tuple[str, ...]  # values of a text; empty for numbers and for a text that is free
+    range: str  # bounds or options, for people
 
     def convert(self, value: Any) -> float | int | str:
         """A value of TOML as this key has it, within its bounds or not.
@@ -175,10 +135,9 @@ class KeyInfo:
         elif self.kind == "int":
             good, wanted = is_number and value % 1 == 0, "a whole number"
         else:
-            good, wanted = is_number and not math.isnan(value), "a number"
+            good, wanted = is_number and value == value, "a number"
         if not good:
-            limit = f"must be {wanted}"
-            raise InputError(f"{self.key} = {value!r} {limit}.", key=self.key, value=value, limit=limit)
+            raise InputError(f"{self.key} = {value!r} must be {wanted}.", key=self.key, value=value)
         return {"text": str, "int": int, "float": float}[self.kind](value)
 
 
@@ -192,17 +151,15 @@ def key_info(key: str) -> KeyInfo:
     Raises:
         InputError: there is none of this name; the nearest is named.
     """
-    if key not in keys():
-        raise unknown_key(key)
-    section, _, name = key.partition(".")
+    section, name = split_key(key)
     field = SECTIONS[section].model_fields[name]
     options = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
-    bounds = {
-        name: getattr(item, name)
+    bounds = [
+        f"{sign} {getattr(item, comparison):g}"
         for item in field.metadata
-        for name in ("gt", "ge", "lt", "le")
-        if getattr(item, name, None) is not None
-    }
+        for comparison, sign in (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
+        if getattr(item, comparison, None) is not None
+    ]
     return KeyInfo(
         key=key,
         meaning=str(field.description),
@@ -210,8 +167,7 @@ def key_info(key: str) -> KeyInfo:
         default=field.default,
         kind="text" if options or field.annotation is str else "int" if field.annotation is int else "float",
         options=options,
-        bounds=bounds,
-        finite=any(getattr(item, "allow_inf_nan", None) is False for item in field.metadata),
+        range=", ".join(bounds) or " | ".join(options),
     )
 
 

@@ -15,14 +15,12 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from ampm.exceptions import InputError
 
-LARGEST_FILE = 20_000_000
-"""Most characters of a TOML file that is read."""
 _MOST_LISTED = 12  # known names that are listed when none resembles the unknown one
 
 
 def _not_nan(value: float) -> float:
     if math.isnan(value):
-        raise ValueError("must be a number")
+        raise ValueError("it should be a number")
     return value
 
 
@@ -52,12 +50,18 @@ class Section(BaseModel):
         try:
             super().__init__(**values)
         except ValidationError as error:
-            raise input_error(error, type(self)) from None
+            raise _input_error(error, type(self)) from None
+
+    @classmethod
+    def known_keys(cls) -> list[str]:
+        """Names that an unknown one is compared to."""
+        names = [field.alias or name for name, field in cls.model_fields.items()]
+        return [f"{cls.section}.{name}" for name in names] if cls.section else names
 
 
-def parameter(default: Any, description: str, unit: str, **bounds: Any) -> Any:
-    """A field of a section with its default, meaning, SI unit and bounds."""
-    return Field(default, description=description, json_schema_extra={"unit": unit}, **bounds)
+def parameter(default: Any, description: str, unit: str = "1", **options: Any) -> Any:
+    """A field of a section with its default, meaning, SI unit, and options such as bounds."""
+    return Field(default, description=description, json_schema_extra={"unit": unit}, **options)
 
 
 def unit_of(field: Any) -> str:
@@ -66,80 +70,58 @@ def unit_of(field: Any) -> str:
     return str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
 
 
-def nearest(name: str, known: Iterable[str]) -> dict[str, str]:
-    """``{"nearest": ...}`` of the known names, the same leaf or section first; empty if none resembles."""
-    lower, known = name.lower(), tuple(known)
-    section, _, leaf = lower.rpartition(".")
-    same_leaf = {k: k for k in known if k.rpartition(".")[2] == leaf}
-    same_section = {k.rpartition(".")[2]: k for k in known if section and k.startswith(f"{section}.")}
-    if same_leaf:
-        return {"nearest": difflib.get_close_matches(lower, same_leaf, 1, 0.0)[0]}
-    pool = same_section or {k: k for k in known}
-    close = difflib.get_close_matches(leaf if same_section else lower, pool, 1)
-    return {"nearest": pool[close[0]]} if close else {}
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """The known name that resembles a name most, those with the same last part first; None if none does."""
+    known, leaf = tuple(known), name.lower().rpartition(".")[2]
+    same = [other for other in known if other.rpartition(".")[2] == leaf]
+    close = difflib.get_close_matches(name.lower(), same or known, 1, 0.0 if same else 0.7)
+    return close[0] if close else None
 
 
-def unknown(name: str, known: Iterable[str], what: str = "key") -> InputError:
+def unknown(name: str, known: Iterable[str], what: str = "key", **details: Any) -> InputError:
     """Error about an unknown name, with the nearest of the known ones, or all if they are few."""
     known = tuple(known)
-    found = nearest(name, known)
-    if found:
-        hint = f"did you mean {found['nearest']!r}?"
+    similar = nearest(name, known)
+    hint = way_out = "'ampm keys' lists all."
+    if similar:
+        hint, way_out = f"did you mean {similar!r}?", f"write {similar}"
     elif len(known) <= _MOST_LISTED:
-        hint = f"known are {', '.join(known)}."
-    else:
-        hint = "'ampm keys' lists all."
-    way_out = f"write {found['nearest']}" if found else hint
-    return InputError(f"unknown {what} {name!r}; {hint}", key=name, way_out=way_out, **found)
+        hint = way_out = f"known are {', '.join(known)}."
+    details = {"key": name, "way_out": way_out, "nearest": similar} | details
+    return InputError(f"unknown {what} {name!r}; {hint}", **details)
 
 
-_LIMITS = {
-    "greater_than": ("gt", "must be greater than"),
-    "greater_than_equal": ("ge", "must be at least"),
-    "less_than": ("lt", "must be less than"),
-    "less_than_equal": ("le", "must be at most"),
-}
-_KINDS = {
-    "int_type": "must be a whole number",
-    "float_type": "must be a number",
-    "finite_number": "must be a finite number",
-    "model_type": "must be a table of keys",
-}
-
-
-def input_error(error: ValidationError, model: type[Section]) -> InputError:
+def _input_error(error: ValidationError, model: type[Section]) -> InputError:
     """Translate the first failure of a validation into one sentence: key, value, limit, way out."""
     detail = error.errors()[0]
     location = [str(part) for part in detail["loc"]]
     key = ".".join([model.section, *location] if model.section else location)
-    kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
-    known = {field.alias or name: field for name, field in model.model_fields.items()}
+    kind, value = detail["type"], detail.get("input")
     if kind == "extra_forbidden":
-        return unknown(key, [f"{model.section}.{name}".lstrip(".") for name in known])
-    field = known.get(location[0]) if location else None
-    if field is None:
-        return InputError(f"{key} = {reprlib.repr(value)} {_KINDS['model_type']}.", key=key, value=value)
+        return unknown(key, model.known_keys(), "section" if isinstance(value, Mapping) else "key")
+    field = {field.alias or name: field for name, field in model.model_fields.items()}[location[0]]
     meaning = f" Meaning: {field.description}." if field.description else ""
     if kind == "missing":
         return InputError(f"{key} is missing; write {key} = ...{meaning}", key=key, way_out=f"write {key}")
     unit = "" if unit_of(field) == "1" else f" {unit_of(field)}"
-    if kind in _LIMITS:
-        name, words = _LIMITS[kind]
-        limit = f"{words} {context[name]:g}{unit}"
-    elif kind == "literal_error":
-        limit = f"must be one of {context['expected']}"
-    elif kind == "value_error":
-        limit = str(context["error"])
-    else:  # pydantic's own words: "Input should be a valid string"
-        limit = _KINDS.get(kind) or f"must {detail['msg'].partition(' should ')[2]}"
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    given = f"{value:g}{unit}" if is_number and abs(value) < 1e300 else reprlib.repr(value)
-    details = {"key": key, "value": value, "limit": limit}
-    if field.default is None or field.is_required() or field.default_factory is not None:
-        return InputError(f"{key} = {given} {limit}.{meaning}", **details)
-    default = f"{field.default:g}{unit}" if isinstance(field.default, float) else repr(field.default)
-    way_out = f"the default is {default}"
-    return InputError(f"{key} = {given} {limit}; {way_out}.{meaning}", way_out=way_out, **details)
+    limit = "must " + detail["msg"].partition(" should ")[2]  # "Input should be a valid string"
+    if kind.startswith(("greater_than", "less_than")):
+        limit = limit.replace("greater than or equal to", "at least").replace(
+            "less than or equal to", "at most"
+        )
+        limit += unit
+    way_out = None
+    if kind == "model_type":
+        limit, way_out = "must be a section of keys", f"write [{key}] and its keys below it"
+    elif isinstance(field.default, float | int | str):
+        way_out = f"the default is {_with_unit(field.default, unit)}"
+    sentence = f"{key} = {_with_unit(value, unit)} {limit}{f'; {way_out}' if way_out else ''}.{meaning}"
+    return InputError(sentence, key=key, value=value, limit=limit, way_out=way_out)
+
+
+def _with_unit(value: Any, unit: str) -> str:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+    return f"{value:g}{unit}" if is_number else reprlib.repr(value)
 
 
 def read_toml(path: Traversable) -> dict[str, Any]:
@@ -147,14 +129,10 @@ def read_toml(path: Traversable) -> dict[str, Any]:
 
     Raises:
         FileNotFoundError, NotADirectoryError: there is no such file.
-        InputError: it cannot be read, is too large, or is no valid TOML.
+        InputError: it cannot be read, or is no valid TOML.
     """
     try:
-        with path.open(encoding="utf-8-sig") as file:
-            text = file.read(LARGEST_FILE)
-            if file.read(1):
-                message = f"the file {str(path)!r} has more than {LARGEST_FILE} characters; give a TOML file."
-                raise InputError(message)
+        text = path.read_text(encoding="utf-8-sig")
     except (FileNotFoundError, NotADirectoryError):
         raise
     except (OSError, ValueError) as error:  # no UTF-8, or a zero byte in its name
@@ -175,16 +153,3 @@ def parse_toml(text: str, what: str) -> dict[str, Any]:
         raise InputError(f"{what} is nested too deeply; write plain tables and keys.") from None
     except ValueError as error:  # TOMLDecodeError, and integers of thousands of digits
         raise InputError(f"{what} is no valid TOML: {error}; correct that line.") from None
-
-
-def check_table(name: str, value: Any) -> Mapping[str, Any]:
-    """A section's table.
-
-    Raises:
-        InputError: it is something else.
-    """
-    if isinstance(value, Mapping):
-        return value
-    way_out = f"write [{name}] and its keys below it"
-    message = f"{name} = {reprlib.repr(value)} is no section of keys; {way_out}."
-    raise InputError(message, key=name, value=value, way_out=way_out)

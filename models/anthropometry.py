@@ -27,53 +27,40 @@ DE_LEVA_STATURE = 1.741
 
 @dataclass(frozen=True)
 class Segment:
-    """One row of DE_LEVA, table 4 (males).
+    """One row of DE_LEVA, table 4 (males)."""
 
-    Attributes:
-        mass: share of the body's mass [1].
-        length: distance of the two endpoints, as a share of stature [1].
-        com: distance of the centre of mass from the first endpoint, as a share of the length [1].
-        radii: radii of gyration about the sagittal (fore-aft), transverse (left-right) and longitudinal axis
-            through the centre of mass, as shares of the length [1].
-    """
-
-    mass: float
-    length: float
-    com: float
-    radii: tuple[float, float, float]
+    mass: float  # share of the body's mass [1]
+    length: float  # distance of the two endpoints, as a share of stature [1]
+    com: float  # distance of the COM from the first endpoint, as a share of the length [1]
+    radii: tuple[float, float, float]  # of gyration about sagittal, transverse, long axis, shares of length
 
 
-def _row(
-    mass: float, length_mm: float, com: float, sagittal: float, transverse: float, longitudinal: float
-) -> Segment:
+def _row(mass: float, length: float, com: float, radii: tuple[float, float, float]) -> Segment:
     """A row as printed: mass, com and radii in per cent, length in mm."""
-    return Segment(
-        mass / 100.0,
-        length_mm / 1000.0 / DE_LEVA_STATURE,
-        com / 100.0,
-        (sagittal / 100.0, transverse / 100.0, longitudinal / 100.0),
-    )
+    sagittal, transverse, longitudinal = (radius / 100.0 for radius in radii)
+    length = length / 1000.0 / DE_LEVA_STATURE
+    return Segment(mass / 100.0, length, com / 100.0, (sagittal, transverse, longitudinal))
 
 
-HEAD = _row(6.94, 242.9, 50.02, 30.3, 31.5, 26.1)
+HEAD = _row(6.94, 242.9, 50.02, (30.3, 31.5, 26.1))
 """Vertex to cervicale."""
-UPPER_TRUNK = _row(15.96, 242.1, 50.66, 50.5, 32.0, 46.5)
+UPPER_TRUNK = _row(15.96, 242.1, 50.66, (50.5, 32.0, 46.5))
 """Cervicale to xiphion."""
-MIDDLE_TRUNK = _row(16.33, 215.5, 45.02, 48.2, 38.3, 46.8)
+MIDDLE_TRUNK = _row(16.33, 215.5, 45.02, (48.2, 38.3, 46.8))
 """Xiphion to omphalion."""
-LOWER_TRUNK = _row(11.17, 145.7, 61.15, 61.5, 55.1, 58.7)
+LOWER_TRUNK = _row(11.17, 145.7, 61.15, (61.5, 55.1, 58.7))
 """Omphalion to the middle of the hip centres."""
-UPPER_ARM = _row(2.71, 281.7, 57.72, 28.5, 26.9, 15.8)
+UPPER_ARM = _row(2.71, 281.7, 57.72, (28.5, 26.9, 15.8))
 """Shoulder to elbow centre."""
-FOREARM = _row(1.62, 268.9, 45.74, 27.6, 26.5, 12.1)
+FOREARM = _row(1.62, 268.9, 45.74, (27.6, 26.5, 12.1))
 """Elbow to wrist centre."""
-HAND = _row(0.61, 86.2, 79.00, 62.8, 51.3, 40.1)
+HAND = _row(0.61, 86.2, 79.00, (62.8, 51.3, 40.1))
 """Wrist centre to the third knuckle."""
-THIGH = _row(14.16, 422.2, 40.95, 32.9, 32.9, 14.9)
+THIGH = _row(14.16, 422.2, 40.95, (32.9, 32.9, 14.9))
 """Hip to knee centre."""
-SHANK = _row(4.33, 440.3, 43.95, 25.1, 24.6, 10.2)
+SHANK = _row(4.33, 440.3, 43.95, (25.1, 24.6, 10.2))
 """Knee to ankle centre."""
-FOOT = _row(1.37, 258.1, 44.15, 25.7, 24.5, 12.4)
+FOOT = _row(1.37, 258.1, 44.15, (25.7, 24.5, 12.4))
 """Heel to tip of the longest toe; the longitudinal axis points forward, the sagittal one upward."""
 TOTAL_MASS_SHARE = (
     HEAD.mass

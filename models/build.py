@@ -2,10 +2,10 @@
 
 from ampm.parameters import HUMAN, BodyParameters, ContactParameters, SimulationParameters
 from models import human
-from models.load import load_body
+from models.load import Writer
 from models.scene import BodyModel
-from models.source import body_path, read_body_file
-from models.tree import Findings
+from models.source import body_path, compiled_source, read_body_file, source_path
+from models.tree import Tree
 
 
 def build_body(
@@ -18,16 +18,7 @@ def build_body(
     """
     if body.source == HUMAN:
         return human.build(body, contact, simulation)
-    return load(body, contact, simulation)[0]
-
-
-def load(
-    body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters
-) -> tuple[BodyModel, Findings]:
-    """Another body than the human, and how far its source is from its mirror image.
-
-    Raises:
-        InputError: as :func:`build_body`.
-    """
     path = body_path(body.source)
-    return load_body(read_body_file(path), path.parent, contact, simulation)
+    file = read_body_file(path)
+    model, speeds = compiled_source(source_path(file.source, path.parent))
+    return Writer(Tree(file, model, speeds)).write(contact, simulation)

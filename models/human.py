@@ -5,39 +5,22 @@ inertial; visual geometry has neither mass nor contact. Only the twelve points u
 and only with the floor.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from ampm.description import BodyDescription, LegDescription, SoleGeometry
-from ampm.geometry import Array
-from ampm.parameters import BodyParameters, ContactParameters, SimulationParameters
+from ampm.parameters import GRAVITY, BodyParameters, ContactParameters, SimulationParameters
 from models import anthropometry as table
-from models.scene import (
-    GRAVITY,
-    BodyModel,
-    add,
-    add_motors,
-    add_root,
-    add_segment,
-    add_sensors,
-    add_sole_points,
-    joint_order,
-    new_scene,
-    to_xml,
-)
-
-SIDES = ("left", "right")
+from models import scene
+from models.scene import BodyModel, Inertial, add
 
 Vector = tuple[float, float, float]
 Colour = tuple[float, float, float, float]
 
 _AXES = {"roll": (1, 0, 0), "pitch": (0, 1, 0), "yaw": (0, 0, 1)}
-
 _TRUNK_JOINTS = ("yaw", "roll", "pitch")
 _BALL_JOINTS = ("pitch", "roll", "yaw")
 
@@ -49,56 +32,6 @@ _SHOE = (0.55, 0.16, 0.14, 1.0)
 _TOE_CAP = (0.72, 0.30, 0.24, 1.0)
 
 
-@dataclass(frozen=True)
-class _Inertial:
-    """Mass [kg], centre of mass in the segment's frame (3,) [m], inertia about it (3, 3) [kg m^2]."""
-
-    mass: float
-    com: Array
-    inertia: Array
-
-    def about(self, point: Array) -> Array:
-        """Inertia (3, 3) about ``point`` (3,) of the same frame [kg m^2]."""
-        r = self.com - point
-        return self.inertia + self.mass * ((r * r).sum() * np.eye(3) - np.outer(r, r))
-
-    def plus(self, other: _Inertial) -> _Inertial:
-        """Both bodies taken together."""
-        mass = self.mass + other.mass
-        com = (self.mass * self.com + other.mass * other.com) / mass
-        return _Inertial(mass, com, self.about(com) + other.about(com))
-
-    def seen_from(self, point: Array) -> _Inertial:
-        """The same body in a frame with its origin at ``point`` (3,) [m]."""
-        return replace(self, com=self.com - point)
-
-    def minus(self, part: _Inertial) -> _Inertial:
-        """The remainder when ``part`` is cut off."""
-        mass = self.mass - part.mass
-        com = (self.mass * self.com - part.mass * part.com) / mass
-        return _Inertial(mass, com, self.about(com) - part.about(com))
-
-
-def _inertial(
-    segment: table.Segment, body_mass: float, length: float, com: Vector, *, forward: bool = False
-) -> _Inertial:
-    """Inertial of a table row for a segment of ``length`` [m] with its centre of mass at ``com`` [m].
-
-    The longitudinal axis is z, or x if ``forward``; then the sagittal axis points up.
-    """
-    sagittal, transverse, longitudinal = (radius * length for radius in segment.radii)
-    radii = (longitudinal, transverse, sagittal) if forward else (sagittal, transverse, longitudinal)
-    mass = segment.mass * body_mass
-    return _Inertial(mass, np.array(com), mass * np.diag(np.square(radii)))
-
-
-def _box_inertial(mass: float, com: Vector, size: Vector) -> _Inertial:
-    """Inertial of a homogeneous box with the edge lengths ``size`` [m]."""
-    x, y, z = size
-    inertia = mass / 12.0 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y])
-    return _Inertial(mass, np.array(com), inertia)
-
-
 def sole_geometry(height: float) -> SoleGeometry:
     """Outline of the sole of a body of stature ``height`` [m]."""
     return SoleGeometry(**{name: share * height for name, share in table.SOLE.items()})
@@ -107,7 +40,7 @@ def sole_geometry(height: float) -> SoleGeometry:
 def _joint(name: str) -> tuple[tuple[float, float], float]:
     """Range [rad] and share of torque [1] of a hinge; a right limb's roll and yaw are mirrored."""
     side, _, rest = name.partition("_")
-    low, high, torque = table.JOINTS[rest if side in SIDES else name]
+    low, high, torque = table.JOINTS[rest if side in scene.SIDES else name]
     if side == "right" and not rest.endswith("pitch"):
         low, high = 0.0 - high, 0.0 - low
     return (low, high), torque
@@ -119,29 +52,24 @@ class _Builder:
     def __init__(
         self, body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters
     ) -> None:
-        self.height = float(body.height)
-        self.mass = float(body.mass)
+        self.height, self.mass = body.height, body.mass
         # The table adds up to 100.00 %; dividing by the sum keeps the total exact whatever is edited there.
         self.table_mass = self.mass / table.TOTAL_MASS_SHARE
         self.sole = sole_geometry(self.height)
-        self.root = new_scene("human", self.height, contact, simulation)
-        # De Leva's trunk, set upon Winter's hip, would make the body 1.6 % too tall.
-        rows = (table.HEAD, table.UPPER_TRUNK, table.MIDDLE_TRUNK, table.LOWER_TRUNK)
-        trunk = sum(row.length for row in rows)
-        self.trunk_scale = (1.0 - table.HIP_HEIGHT) / trunk * self.height
+        self.model, self.pelvis = scene.new_scene("human", "pelvis", self.height, contact, simulation)
 
-    def _body(self, on: Element, name: str, pos: Vector, inertial: _Inertial) -> Element:
-        return add_segment(on, name, pos, inertial.mass, inertial.com, inertial.inertia)
+    def _inertial(self, row: table.Segment, length: float, com: Vector) -> Inertial:
+        """Inertial of a table row for a segment of a length [m] with its COM [m]; z is the long axis."""
+        mass = row.mass * self.table_mass
+        radii = np.array(row.radii) * length
+        return Inertial(mass, np.array(com), mass * np.diag(np.square(radii)))
 
-    def _segment(
-        self, on: Element, name: str, pos: Vector, row: table.Segment, length: float, *, upward: bool = False
-    ) -> Element:
-        """Add a segment of one table row; rows run downward, the frames of the trunk are at the lower end."""
-        return self._body(on, name, pos, self._inertial(row, length, upward=upward))
+    def _segment(self, on: Element, name: str, pos: Any, inertial: Inertial) -> Element:
+        return scene.fill(add(on, "body", name=name), pos, inertial)
 
-    def _inertial(self, row: table.Segment, length: float, *, upward: bool = False) -> _Inertial:
-        com = (1 - row.com) * length if upward else -row.com * length
-        return _inertial(row, self.table_mass, length, (0, 0, com))
+    def _limb(self, on: Element, name: str, pos: Any, row: table.Segment, length: float) -> Element:
+        """Add a segment of one table row, which runs downward from its origin."""
+        return self._segment(on, name, pos, self._inertial(row, length, (0, 0, -row.com * length)))
 
     def _hinges(self, body: Element, prefix: str, kinds: tuple[str, ...]) -> tuple[str, ...]:
         names = tuple(f"{prefix}_{kind}" for kind in kinds)
@@ -152,21 +80,16 @@ class _Builder:
     def _capsule(self, body: Element, start: Vector, end: Vector, radius: float, rgba: Colour) -> None:
         add(body, "geom", type="capsule", fromto=(*start, *end), size=radius, rgba=rgba)
 
-    def _limb(self, body: Element, length: float, radius: float, rgba: Colour) -> None:
-        self._capsule(body, (0, 0, 0), (0, 0, -length), radius, rgba)
-
     def _ellipsoid(self, body: Element, pos: Any, size: Vector, rgba: Colour) -> None:
         add(body, "geom", type="ellipsoid", pos=pos, size=size, rgba=rgba)
 
     def build(self) -> BodyModel:
         waist, chest = self._trunk()
-        left_leg, right_leg = map(self._leg, SIDES)
-        left_arm, right_arm = map(self._arm, SIDES)
-        add_sensors(self.root, "pelvis")
-        limits = tuple(
-            (name, _joint(name)[1] * self.mass * GRAVITY * self.height) for name in joint_order(self.root)
-        )
-        add_motors(self.root, limits)
+        left_leg, right_leg = map(self._leg, scene.SIDES)
+        left_arm, right_arm = map(self._arm, scene.SIDES)
+        names = [joint.get("name", "") for joint in self.model.iter("joint")]
+        limits = tuple((name, _joint(name)[1] * self.mass * GRAVITY * self.height) for name in names)
+        scene.add_motors(self.model, limits)
         description = BodyDescription(
             height=self.height,
             mass=self.mass,
@@ -185,30 +108,34 @@ class _Builder:
             hip_half_width=table.HIP_HALF_WIDTH * self.height,
             leg_length=(table.HIP_HEIGHT - table.ANKLE_HEIGHT) * self.height,
             com_over_hip=table.COM_OVER_HIP * self.height,
-            mirror=tuple(_mirrored(name) for name, _ in limits),
+            mirror=tuple(map(_mirrored, names)),
             torque_limits=limits,
             spread=(("left_shoulder_roll", 1.0), ("right_shoulder_roll", -1.0)),
         )
-        return BodyModel(to_xml(self.root), description)
+        return BodyModel(scene.to_xml(self.model), description)
 
     def _trunk(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Hinges of waist and chest."""
-        h, scale = self.height, self.trunk_scale
-        lower, middle = table.LOWER_TRUNK.length * scale, table.MIDDLE_TRUNK.length * scale
-        upper, head = table.UPPER_TRUNK.length * scale, table.HEAD.length * scale
-        hips = (0, 0, table.HIP_HEIGHT * h)
-        world = next(self.root.iter("worldbody"))
-        pelvis = self._segment(world, "pelvis", hips, table.LOWER_TRUNK, lower, upward=True)
-        add_root(pelvis)
+        h = self.height
+        # De Leva's trunk, set upon Winter's hip, would make the body 1.6 % too tall.
+        rows = (table.HEAD, table.UPPER_TRUNK, table.MIDDLE_TRUNK, table.LOWER_TRUNK)
+        scale = (1.0 - table.HIP_HEIGHT) / sum(row.length for row in rows) * h
+        head, upper, middle, lower = (row.length * scale for row in rows)
+
+        def upward(row: table.Segment, length: float) -> Inertial:
+            """Rows run downward, but the frames of the trunk are at the lower end."""
+            return self._inertial(row, length, (0, 0, (1 - row.com) * length))
+
+        pelvis = scene.fill(self.pelvis, (0, 0, table.HIP_HEIGHT * h), upward(table.LOWER_TRUNK, lower))
         self._ellipsoid(pelvis, (0, 0, 0.035 * h), (0.068 * h, 0.099 * h, 0.062 * h), _TROUSERS)
 
-        abdomen = self._segment(pelvis, "abdomen", (0, 0, lower), table.MIDDLE_TRUNK, middle, upward=True)
+        abdomen = self._segment(pelvis, "abdomen", (0, 0, lower), upward(table.MIDDLE_TRUNK, middle))
         waist = self._hinges(abdomen, "waist", _TRUNK_JOINTS)
         self._ellipsoid(abdomen, (0, 0, 0.45 * middle), (0.062 * h, 0.088 * h, 0.105 * h), _SHIRT)
 
-        skull = _inertial(table.HEAD, self.table_mass, head, (0, 0, upper + (1 - table.HEAD.com) * head))
-        both = self._inertial(table.UPPER_TRUNK, upper, upward=True).plus(skull)
-        thorax = self._body(abdomen, "thorax", (0, 0, middle), both)
+        skull = self._inertial(table.HEAD, head, (0, 0, upper + (1 - table.HEAD.com) * head))
+        both = upward(table.UPPER_TRUNK, upper).plus(skull)
+        thorax = self._segment(abdomen, "thorax", (0, 0, middle), both)
         chest = self._hinges(thorax, "chest", _TRUNK_JOINTS)
         self._ellipsoid(thorax, (0, 0, 0.40 * upper), (0.068 * h, 0.102 * h, 0.112 * h), _SHIRT)
         shoulder_z = table.SHOULDER_HEIGHT * h - table.HIP_HEIGHT * h - lower - middle
@@ -221,7 +148,7 @@ class _Builder:
         nose = (0.064 * h, 0, upper + 0.46 * head)
         self._ellipsoid(thorax, nose, (0.010 * h, 0.007 * h, 0.013 * h), _SKIN)
         add(thorax, "site", name="imu", pos=(0, 0, 0.5 * upper))
-        self.pelvis, self.thorax, self.shoulder_z = pelvis, thorax, shoulder_z
+        self.thorax, self.shoulder_z = thorax, shoulder_z
         return waist, chest
 
     def _leg(self, side: str) -> LegDescription:
@@ -232,23 +159,23 @@ class _Builder:
         rgba = _LEFT_SHADE if side == "left" else _TROUSERS
 
         socket = (0, sign * table.HIP_HALF_WIDTH * h, 0)
-        thigh = self._segment(self.pelvis, f"{side}_thigh", socket, table.THIGH, thigh_length)
+        thigh = self._limb(self.pelvis, f"{side}_thigh", socket, table.THIGH, thigh_length)
         hip = self._hinges(thigh, f"{side}_hip", _BALL_JOINTS)
-        self._limb(thigh, thigh_length, 0.035 * h, rgba)
+        self._capsule(thigh, (0, 0, 0), (0, 0, -thigh_length), 0.035 * h, rgba)
         self._ellipsoid(
             thigh, (0, 0, -0.36 * thigh_length), (0.051 * h, 0.044 * h, 0.46 * thigh_length), rgba
         )
 
-        shank = self._segment(thigh, f"{side}_shank", (0, 0, -thigh_length), table.SHANK, shank_length)
+        shank = self._limb(thigh, f"{side}_shank", (0, 0, -thigh_length), table.SHANK, shank_length)
         (knee,) = self._hinges(shank, f"{side}_knee", ("pitch",))
-        self._limb(shank, 0.97 * shank_length, 0.023 * h, rgba)
+        self._capsule(shank, (0, 0, 0), (0, 0, -0.97 * shank_length), 0.023 * h, rgba)
         belly = (-0.010 * h, 0, -0.30 * shank_length)
         self._ellipsoid(shank, belly, (0.034 * h, 0.033 * h, 0.32 * shank_length), rgba)
 
-        foot_inertial, toe_inertial = self._foot_inertials()
         to_ankle = np.array([sole.ankle_x, 0.0, sole.ankle_height])  # of the foot's frame, in the sole frame
-        foot_inertial = foot_inertial.seen_from(to_ankle)
-        foot = self._body(shank, f"{side}_foot", (0, 0, -shank_length), foot_inertial)
+        to_toe = np.array([sole.ball_x, 0.0, 0.0])
+        foot_inertial, toe_inertial = self._foot_inertials()
+        foot = self._segment(shank, f"{side}_foot", (0, 0, -shank_length), foot_inertial.seen_from(to_ankle))
         ankle = self._hinges(foot, f"{side}_ankle", ("pitch", "roll"))
         add(foot, "site", name=f"{side}_sole", pos=-to_ankle)
         back, front = sole.heel_x - 0.004 * h, sole.ball_x
@@ -260,8 +187,7 @@ class _Builder:
         size = (0.46 * (front - back), 0.8 * sole.ball_half_width, 0.46 * sole.ankle_height)
         self._ellipsoid(foot, pos, size, _SHOE)
 
-        to_toe = np.array([sole.ball_x, 0.0, 0.0])
-        toe = self._body(foot, f"{side}_toe", tuple(to_toe - to_ankle), toe_inertial.seen_from(to_toe))
+        toe = self._segment(foot, f"{side}_toe", to_toe - to_ankle, toe_inertial.seen_from(to_toe))
         (toe_joint,) = self._hinges(toe, f"{side}_toe", ("pitch",))
         add(toe, "site", name=f"{side}_toe_axis")
         length = sole.tip_x - sole.ball_x + 0.003 * h
@@ -269,7 +195,7 @@ class _Builder:
         pos = (0.5 * length, 0, 0.5 * thickness + 0.001)
         add(toe, "geom", type="box", pos=pos, size=size, rgba=_TOE_CAP)
 
-        points = add_sole_points(side, sole, [(foot, -to_ankle), (foot, -to_ankle), (toe, -to_toe)])
+        points = scene.add_sole_points(side, sole, [(foot, -to_ankle), (foot, -to_ankle), (toe, -to_toe)])
         return LegDescription(
             hip=hip,
             knee=knee,
@@ -281,26 +207,21 @@ class _Builder:
             sole_points=points,
         )
 
-    def _foot_inertials(self) -> tuple[_Inertial, _Inertial]:
+    def _foot_inertials(self) -> tuple[Inertial, Inertial]:
         """Inertials of foot and toes in the sole frame.
 
         The toes are a homogeneous box in front of the toe axis with DELP's share of the mass; the rest is cut
         so that both together have exactly the mass, centre of mass and inertia of DE_LEVA's foot.
         """
         h, sole = self.height, self.sole
-        whole = _inertial(
-            table.FOOT,
-            self.table_mass,
-            sole.length,
-            (sole.heel_x + table.FOOT.com * sole.length, 0, table.FOOT_COM_HEIGHT * sole.ankle_height),
-            forward=True,
-        )
-        thickness = table.TOE_THICKNESS * h
-        toes = _box_inertial(
-            table.TOE_MASS_SHARE * whole.mass,
-            (0.5 * (sole.ball_x + sole.tip_x), 0, 0.5 * thickness),
-            (sole.tip_x - sole.ball_x, 2.0 * sole.tip_half_width, thickness),
-        )
+        com = (sole.heel_x + table.FOOT.com * sole.length, 0, table.FOOT_COM_HEIGHT * sole.ankle_height)
+        # The row's longitudinal axis points forward, the sagittal one upward.
+        row = replace(table.FOOT, radii=table.FOOT.radii[::-1])
+        whole = self._inertial(row, sole.length, com)
+        x, y, z = sole.tip_x - sole.ball_x, 2.0 * sole.tip_half_width, table.TOE_THICKNESS * h
+        mass = table.TOE_MASS_SHARE * whole.mass
+        box = mass / 12.0 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y])
+        toes = Inertial(mass, np.array([0.5 * (sole.ball_x + sole.tip_x), 0, 0.5 * z]), box)
         return whole.minus(toes), toes
 
     def _arm(self, side: str) -> tuple[str, ...]:
@@ -309,21 +230,21 @@ class _Builder:
         upper_length, fore_length = table.UPPER_ARM.length * h, table.FOREARM.length * h
         hand_length = table.HAND.length * h
         shoulder = (0, sign * table.SHOULDER_HALF_WIDTH * h, self.shoulder_z)
-        upper = self._segment(self.thorax, f"{side}_upper_arm", shoulder, table.UPPER_ARM, upper_length)
+        upper = self._limb(self.thorax, f"{side}_upper_arm", shoulder, table.UPPER_ARM, upper_length)
         joints = list(self._hinges(upper, f"{side}_shoulder", _BALL_JOINTS))
         self._capsule(upper, (0, 0, -0.3 * upper_length), (0, 0, -upper_length), 0.023 * h, _SKIN)
         self._ellipsoid(
             upper, (0, 0, -0.26 * upper_length), (0.034 * h, 0.032 * h, 0.40 * upper_length), _SHIRT
         )
-        fore = self._segment(upper, f"{side}_forearm", (0, 0, -upper_length), table.FOREARM, fore_length)
+        fore = self._limb(upper, f"{side}_forearm", (0, 0, -upper_length), table.FOREARM, fore_length)
         joints += self._hinges(fore, f"{side}_elbow", ("pitch", "yaw"))
-        self._limb(fore, 0.98 * fore_length, 0.017 * h, _SKIN)
+        self._capsule(fore, (0, 0, 0), (0, 0, -0.98 * fore_length), 0.017 * h, _SKIN)
         self._ellipsoid(fore, (0, 0, -0.28 * fore_length), (0.025 * h, 0.024 * h, 0.34 * fore_length), _SKIN)
         # The row's radii belong to a hand whose palm faces forward; here it faces the thigh, so the fore-aft
         # and left-right radii change places.
         sagittal, transverse, longitudinal = table.HAND.radii
         hand_row = replace(table.HAND, radii=(transverse, sagittal, longitudinal))
-        hand = self._segment(fore, f"{side}_hand", (0, 0, -fore_length), hand_row, hand_length)
+        hand = self._limb(fore, f"{side}_hand", (0, 0, -fore_length), hand_row, hand_length)
         joints += self._hinges(hand, f"{side}_wrist", ("pitch", "roll"))
         self._ellipsoid(hand, (0, 0, -0.9 * hand_length), (0.024 * h, 0.009 * h, 0.054 * h), _SKIN)
         return tuple(joints)
@@ -345,7 +266,6 @@ def build(body: BodyParameters, contact: ContactParameters, simulation: Simulati
         simulation: ``time_step`` [s] and ``integrator``.
 
     Returns:
-        MJCF text and description. At ``q = 0`` the body stands upright with hanging arms, its hips at x = 0
-        and its soles on the floor.
+        At ``q = 0`` it stands upright with hanging arms, its hips at x = 0 and its soles on the floor.
     """
     return _Builder(body, contact, simulation).build()

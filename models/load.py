@@ -5,10 +5,8 @@ of the world, x where the feet point.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
 import mujoco
@@ -19,70 +17,60 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import ContactParameters, SimulationParameters
 from models import anthropometry as table
-from models.scene import (
-    BodyModel,
-    add,
-    add_motors,
-    add_root,
-    add_segment,
-    add_sensors,
-    add_sole_points,
-    joint_order,
-    new_scene,
-    to_xml,
-)
-from models.source import BodyFile, compiled_source, source_path
-from models.tree import Findings, Segment, Tree
+from models import scene
+from models.scene import BodyModel, add
+from models.tree import Segment, Tree
 
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
 _THIN = 0.005  # least half axis of a segment's shape [m]
 _TRUNK_FRAME = "trunk_axes"
-_SIDES = ("left", "right")
 _OURS = frozenset(
-    {"root", "imu", "universe", _TRUNK_FRAME, *(f"{side}_sole" for side in _SIDES)}
-    | {f"{side}_{group}_{edge}" for side in _SIDES for group in SOLE_POINT_GROUPS for edge in _SIDES}
+    {"root", "imu", "universe", _TRUNK_FRAME, *(f"{side}_sole" for side in scene.SIDES)}
+    | {
+        f"{side}_{group}_{edge}"
+        for side in scene.SIDES
+        for group in SOLE_POINT_GROUPS
+        for edge in scene.SIDES
+    }
 )
 """Names of joints and frames that are added."""
 
 
-def load_body(
-    file: BodyFile, folder: Path, contact: ContactParameters, simulation: SimulationParameters
-) -> tuple[BodyModel, Findings]:
-    """Build the body of a description file.
+class _Leg(NamedTuple):
+    """Numbers of the hinges from trunk to knee and from knee to foot, and of the foot's segment."""
 
-    Args:
-        file: contents of the description file.
-        folder: where the file lies.
-        contact: stiffness and friction of the soles on the floor.
-        simulation: ``time_step`` [s] and ``integrator``.
+    hip: list[int]
+    knee: int
+    ankle: list[int]
+    foot: int
 
-    Raises:
-        InputError: the source is missing or cannot be simulated, or the description does not fit it.
-    """
-    model, speeds = compiled_source(source_path(file.source, folder))
-    tree = Tree(file, model, speeds)
-    asymmetry = tree.symmetrise()
-    bare = tuple(segment.name for segment in tree.segments if not segment.shapes)
-    return _Writer(tree).write(contact, simulation), replace(asymmetry, bare=bare)
+    @property
+    def joints(self) -> list[int]:
+        """Root to foot."""
+        return [*self.hip, self.knee, *self.ankle]
 
 
-class _Writer:
+class Writer:
     """Writes the MJCF of a tree, and derives its description."""
 
     def __init__(self, tree: Tree) -> None:
         self.tree, self.file = tree, tree.file
-        names = {joint.name for joint in tree.hinges}  # Pinocchio has one set of names for all
-        if taken := sorted(names & _OURS):
+        self.hinges = [hinge.name for hinge in tree.hinges]
+        if taken := sorted(_OURS.intersection(self.hinges)):
             raise InputError(f"the model has joints with names of ours: {', '.join(taken)}; rename them.")
-        names |= _OURS
+        names = _OURS.union(self.hinges)  # Pinocchio has one set of names for all
         self.names = [f"{s.name}_segment" if s.name in names else s.name for s in tree.segments]
-        self.neutral = np.array([self.file.neutral.get(joint.name, 0.0) for joint in tree.hinges])
-        # A neutral angle that is given for one side holds for the other.
-        for i, k in enumerate(tree.images):
-            if tree.hinges[i].name not in self.file.neutral and tree.hinges[k].name in self.file.neutral:
-                self.neutral[i] = tree.signs[i] * self.neutral[k]
+        self.neutral = np.array([self._angle(self.file.neutral, k, 0.0) for k in range(len(self.hinges))])
         self._place()
         self._find_legs()
+        self._find_arms()
+
+    def _angle(self, angles: Mapping[str, float], hinge: int, default: float) -> float:
+        """Angle of a hinge in a table [rad]; one that is for one side holds for both."""
+        image = self.tree.images[hinge]
+        if self.hinges[hinge] in angles or self.hinges[image] not in angles:
+            return angles.get(self.hinges[hinge], default)
+        return float(self.tree.signs[hinge]) * angles[self.hinges[image]]
 
     def _place(self) -> None:
         """Places and turns of segments, anchors and axes of hinges in the neutral posture."""
@@ -113,105 +101,87 @@ class _Writer:
 
     def _path(self, segment: int) -> list[int]:
         """Hinges from the root to a segment."""
-        tree, found = self.tree, []
-        while segment >= 0:
-            found += [k for k, owner in enumerate(tree.segment_of) if owner == segment][::-1]
-            segment = tree.segments[segment].parent
-        return found[::-1]
+        if segment < 0:
+            return []
+        here = [k for k, owner in enumerate(self.tree.segment_of) if owner == segment]
+        return self._path(self.tree.segments[segment].parent) + here
 
     def _find_legs(self) -> None:
         tree, file = self.tree, self.file
-        self.feet = [tree.of_body[body] for body in tree.feet]
-        paths = [self._path(foot) for foot in self.feet]
-        shared = [k for k in paths[0] if k in paths[1]]
-        self.legs = [[k for k in path if k not in shared] for path in paths]
-        self.knees = [tree.joint(name, "knee") for name in file.sided(file.knee)]
-        self.trunk = tree.of_body[tree.body(file.trunk, "trunk")]
-        to_trunk = [k for k in self._path(self.trunk) if k not in shared]
-        self.trunk_joints = shared + to_trunk
-        for side, leg, knee in zip(file.sides, self.legs, self.knees, strict=True):
-            if knee not in leg[1:-1]:
+        feet = [tree.of_body[body] for body in tree.feet]
+        left, right = (self._path(foot) for foot in feet)
+        shared = [k for k in left if k in right]
+        self.legs: list[_Leg] = []
+        for foot, name, side in zip(feet, file.sided(file.knee), file.sides, strict=True):
+            knee = tree.joint(name, "knee")
+            joints = [k for k in self._path(foot) if k not in shared]
+            if knee not in joints[1:-1]:
                 raise InputError(
-                    f"the knee {tree.hinges[knee].name!r} is not amid the joints from root to the {side} "
-                    "foot; correct knee, foot or sides in the body's description.",
+                    f"the knee {name!r} is not amid the joints from root to the {side} foot; correct knee, "
+                    "foot or sides in the body's description.",
                     key="body.knee",
                 )
-        if set(self.trunk_joints) & set(self.legs[0] + self.legs[1]):
+            at = joints.index(knee)
+            self.legs.append(_Leg(joints[:at], knee, joints[at + 1 :], foot))
+        self.trunk = tree.of_body[tree.body(file.trunk, "trunk")]
+        self.trunk_joints = shared + [k for k in self._path(self.trunk) if k not in shared]
+        if set(self.trunk_joints) & set(self.legs[0].joints + self.legs[1].joints):
             raise InputError(
                 "the trunk hangs on a leg; correct trunk in the body's description.", key="body.trunk"
             )
-        of_none = set(range(len(tree.hinges))) - set(self.trunk_joints) - set(self.legs[0] + self.legs[1])
-        self.arms: tuple[list[int], list[int], list[int]] = ([], [], [])
-        for k in sorted(of_none):
-            if tree.images[k] == k:
-                self.arms[2].append(k)
-            else:
-                self.arms[0 if self.anchor[k, 1] > self.anchor[tree.images[k], 1] else 1].append(k)
 
-    def _is_below(self, segment: int, hinge: int) -> bool:
-        """Whether a hinge turns what hangs on a segment."""
-        below = self.tree.segments[self.tree.segment_of[hinge]].parent
-        while below >= 0 and below != segment:
-            below = self.tree.segments[below].parent
-        return below == segment
+    def _find_arms(self) -> None:
+        """Hinges of left arm, right arm, and those that are of no group."""
+        legs_and_trunk = {*self.trunk_joints, *self.legs[0].joints, *self.legs[1].joints}
+        self.arms: tuple[list[int], list[int], list[int]] = ([], [], [])
+        for k, image in enumerate(self.tree.images):
+            if k in legs_and_trunk:
+                continue
+            is_right = self.anchor[k, 1] <= self.anchor[image, 1]
+            self.arms[2 if image == k else int(is_right)].append(k)
 
     def _along(self, joints: Sequence[int], axis: int) -> Array:
         """Anchor of the hinge that turns most about an axis of the world, shape (3,) [m]."""
         return np.asarray(self.anchor[max(joints, key=lambda k: abs(self.axis[k, axis]))])
 
-    def _straight(self, knee: int, hip: Array, ankle: Array) -> tuple[float, float]:
+    def _straight(self, leg: _Leg) -> tuple[float, float]:
         """Angle of the straight knee [rad], and the length of the leg [m]."""
-        axis, centre = self.axis[knee], self.anchor[knee]
-        upper, lower = hip - centre, ankle - centre
+        axis, centre = self.axis[leg.knee], self.anchor[leg.knee]
+        upper, lower = self._along(leg.hip, 1) - centre, self._along(leg.ankle, 1) - centre
         along = float((upper - lower) @ axis)
         upper, lower = upper - (upper @ axis) * axis, lower - (lower @ axis) * axis
         angle = math.atan2(float(np.cross(lower, -upper) @ axis), float(lower @ -upper))
         length = math.hypot(float(np.linalg.norm(upper) + np.linalg.norm(lower)), along)
-        return float(self.neutral[knee]) + angle, length
+        return float(self.neutral[leg.knee]) + angle, length
 
-    def _leg(self, foot: int, points: tuple[str, ...]) -> LegDescription:
-        tree, leg, knee = self.tree, self.legs[foot], self.knees[foot]
-        before, after = leg[: leg.index(knee)], leg[leg.index(knee) + 1 :]
-        straight, _ = self._straight(knee, self._along(before, 1), self._along(after, 1))
-        joint, names = tree.hinges[knee], [hinge.name for hinge in tree.hinges]
+    def _named(self, joints: Sequence[int]) -> tuple[str, ...]:
+        return tuple(self.hinges[k] for k in joints)
+
+    def _leg(self, leg: _Leg, side: str, points: tuple[str, ...]) -> LegDescription:
+        straight, _ = self._straight(leg)
+        joint = self.tree.hinges[leg.knee]
         sign = 1.0 if joint.high - straight > straight - joint.low else -1.0
-        if not sign * self.axis[knee, 1] > 0.0:
+        if not sign * self.axis[leg.knee, 1] > 0.0:
             raise InputError(
                 f"the knee {joint.name!r} bends forward; exchange sides in the body's description, or "
                 "correct the range of the joint.",
                 key="body.sides",
             )
         return LegDescription(
-            hip=tuple(names[k] for k in before),
+            hip=self._named(leg.hip),
             knee=joint.name,
-            ankle=tuple(names[k] for k in after),
-            toe=None,
-            foot_segment=self.names[self.feet[foot]],
-            toe_segment=None,
-            sole_frame=f"{('left', 'right')[foot]}_sole",
+            ankle=self._named(leg.ankle),
+            foot_segment=self.names[leg.foot],
+            sole_frame=f"{side}_sole",
             sole_points=points,
             straight_knee=straight,
             knee_sign=sign,
         )
 
-    # ---------------------------------------------------------------------------------------------- result
-
-    def write(self, contact: ContactParameters, simulation: SimulationParameters) -> BodyModel:
-        """MJCF and description."""
-        tree, outline, foot = self.tree, self.file.sole, self.feet[0]
-        self._check()
-        if not outline.heel < outline.front:
-            raise InputError(
-                f"sole.heel = {outline.heel:g} must be less than sole.front = {outline.front:g}: x is "
-                "forward; correct the outline.",
-                key="body.sole",
-            )
-        parts = zip(tree.segments, self.place, self.turn, strict=True)
-        mass = sum(segment.mass for segment in tree.segments)
-        com_z = sum(part.mass * float((place + turn @ part.com)[2]) for part, place, turn in parts) / mass
-        floor = float(self.place[foot, 2]) + outline.bottom
-        before, after = self._hip(0), self._ankle(0)
-        hip, ankle = self._along(before, 1), self._along(after, 1)
+    def _sole(self) -> SoleGeometry:
+        """Outline of the sole from its reference point."""
+        outline, leg = self.file.sole, self.legs[0]
+        hip, ankle, foot = self._along(leg.hip, 1), self._along(leg.ankle, 1), self.place[leg.foot]
         sole = SoleGeometry(
             heel_x=outline.heel - outline.reference,
             ball_x=outline.front - outline.reference,
@@ -219,48 +189,70 @@ class _Writer:
             heel_half_width=outline.heel_half_width,
             ball_half_width=outline.front_half_width,
             tip_half_width=outline.front_half_width,
-            ankle_x=float(ankle[0] - self.place[foot, 0]) - outline.reference,
-            ankle_height=float(ankle[2]) - floor,
+            ankle_x=float(ankle[0] - foot[0]) - outline.reference,
+            ankle_height=float(ankle[2]) - (float(foot[2]) + outline.bottom),
         )
-        com_height, hip_height = com_z - floor, float(hip[2]) - floor
-        if not sole.ankle_height > 0.0:
-            raise InputError(
+        longest, length = max(sole.length, 2.0 * sole.half_width, sole.ankle_height), float(hip[2] - ankle[2])
+        for is_right, message in (
+            (
+                outline.heel < outline.front,
+                f"sole.heel = {outline.heel:g} must be less than sole.front = {outline.front:g}: x is "
+                "forward; correct the outline.",
+            ),
+            (
+                sole.ankle_height > 0.0,
                 f"sole.bottom = {outline.bottom:g} is {-sole.ankle_height:g} m over the ankle; measure it "
                 "from the foot's origin, z upwards.",
-                key="body.sole",
-            )
-        longest = max(sole.length, 2.0 * sole.half_width, sole.ankle_height)
-        if longest > float(hip[2] - ankle[2]):
-            raise InputError(
-                f"a side of the sole, {longest:g} m, is longer than the leg, {hip[2] - ankle[2]:.4g} m; give "
-                "the outline in metres, and the model, too.",
-                key="body.sole",
-            )
+            ),
+            (
+                longest <= length,
+                f"a side of the sole, {longest:g} m, is longer than the leg, {length:.4g} m; give the "
+                "outline in metres, and the model, too.",
+            ),
+        ):
+            if not is_right:
+                raise InputError(message, key="body.sole")
+        return sole
+
+    # ---------------------------------------------------------------------------------------------- result
+
+    def write(self, contact: ContactParameters, simulation: SimulationParameters) -> BodyModel:
+        """MJCF and description."""
+        self._check()
+        tree, sole = self.tree, self._sole()
+        outline, left_leg = self.file.sole, self.legs[0]
+        parts = zip([segment.inertial for segment in tree.segments], self.place, self.turn, strict=True)
+        mass = sum(segment.inertial.mass for segment in tree.segments)
+        com_z = sum(part.mass * float((place + turn @ part.com)[2]) for part, place, turn in parts) / mass
+        floor = float(self.place[left_leg.foot, 2]) + outline.bottom
+        com_height, hip_height = com_z - floor, float(self._along(left_leg.hip, 1)[2]) - floor
         height = com_height / (table.HIP_HEIGHT + table.COM_OVER_HIP)
-        root = new_scene("body", height, contact, simulation)
+        model, root = scene.new_scene("body", self.names[0], height, contact, simulation)
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
-        next(root.iter("flag")).set("eulerdamp", "disable")
-        bodies: list[Element] = []
-        for i, segment in enumerate(tree.segments):
-            parent = bodies[segment.parent] if i else next(root.iter("worldbody"))
-            bodies.append(self._segment(next(root.iter("asset")), parent, i, -floor))
-        turn = _quaternion(self.turn[self.trunk].T)
-        add(bodies[self.trunk], "site", name=_TRUNK_FRAME, quat=turn)
-        add(bodies[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].com, quat=turn)
-        legs: list[LegDescription] = []
-        for side, number, sign in zip(_SIDES, self.feet, (1.0, -1.0), strict=True):
-            to_foot = self.turn[number].T
+        next(model.iter("flag")).set("eulerdamp", "disable")
+        segments: list[Element] = []
+        for name, segment in zip(self.names, tree.segments, strict=True):
+            element, place = root, np.array([0.0, 0.0, -floor])
+            if segments:
+                element = add(segments[segment.parent], "body", name=name)
+                place = segment.place - tree.segments[segment.parent].place
+            scene.fill(element, place, segment.inertial)
+            _add_joints(element, segment)
+            _add_shapes(next(model.iter("asset")), element, name, segment)
+            segments.append(element)
+        turn = scene.quaternion(self.turn[self.trunk].T)
+        add(segments[self.trunk], "site", name=_TRUNK_FRAME, quat=turn)
+        add(segments[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].inertial.com, quat=turn)
+        legs = []
+        for side, leg, sign in zip(scene.SIDES, self.legs, (1.0, -1.0), strict=True):
+            to_foot = self.turn[leg.foot].T
             origin = to_foot @ np.array([outline.reference, sign * outline.middle, outline.bottom])
-            quat = _quaternion(to_foot)
-            add(bodies[number], "site", name=f"{side}_sole", pos=origin, quat=quat)
-            points = add_sole_points(side, sole, [(bodies[number], origin)] * 2, quat)
-            legs.append(self._leg(len(legs), points))
-        order = joint_order(root)
-        hinges = {hinge.name: hinge for hinge in tree.hinges}
-        limits = tuple((name, hinges[name].effort) for name in order)
-        add_motors(root, limits)
-        add_sensors(root, self.names[0])
-        left, right, middle = (tuple(tree.hinges[k].name for k in group) for group in self.arms)
+            quat = scene.quaternion(to_foot)
+            add(segments[leg.foot], "site", name=f"{side}_sole", pos=origin, quat=quat)
+            points = scene.add_sole_points(side, sole, [(segments[leg.foot], origin)] * 2, quat)
+            legs.append(self._leg(leg, side, points))
+        limits = tuple((hinge.name, hinge.effort) for hinge in tree.hinges)
+        scene.add_motors(model, limits)
         description = BodyDescription(
             height=height,
             mass=mass,
@@ -269,56 +261,53 @@ class _Writer:
             trunk_frame=_TRUNK_FRAME,
             left_leg=legs[0],
             right_leg=legs[1],
-            waist=tuple(tree.hinges[k].name for k in self.trunk_joints),
+            waist=self._named(self.trunk_joints),
             chest=(),
-            left_arm=left,
-            right_arm=right,
-            head=middle,
+            left_arm=self._named(self.arms[0]),
+            right_arm=self._named(self.arms[1]),
+            head=self._named(self.arms[2]),
             sole=sole,
             hip_height=hip_height,
-            hip_half_width=abs(float(self._along(before, 0)[1])),
-            leg_length=self._straight(self.knees[0], hip, ankle)[1],
+            hip_half_width=abs(float(self._along(left_leg.hip, 0)[1])),
+            leg_length=self._straight(left_leg)[1],
             com_over_hip=com_height - hip_height,
             mirror=tuple(
-                (hinge.name, tree.hinges[image].name, float(sign))
-                for hinge, image, sign in zip(tree.hinges, tree.images, tree.signs, strict=True)
+                (name, self.hinges[image], float(sign))
+                for name, image, sign in zip(self.hinges, tree.images, tree.signs, strict=True)
             ),
             torque_limits=limits,
             rest=self._rest(),
             speed_limits=tuple(
-                (name, hinges[name].speed) for name in order if math.isfinite(hinges[name].speed)
+                (hinge.name, hinge.speed) for hinge in tree.hinges if math.isfinite(hinge.speed)
             ),
             passive=tuple(
-                Passive(name, hinge.damping, hinge.stiffness, hinge.spring, hinge.friction)
-                for name, hinge in ((name, hinges[name]) for name in order)
+                Passive(hinge.name, hinge.damping, hinge.stiffness, hinge.spring, hinge.friction)
+                for hinge in tree.hinges
                 if hinge.damping or hinge.stiffness or hinge.friction
             ),
         )
-        return BodyModel(to_xml(root), description)
+        return BodyModel(scene.to_xml(model), description, tree.findings)
 
     def _check(self) -> None:
         """Refuse a body that cannot be simulated or steered."""
-        tree = self.tree
-        light = [segment.name for segment in tree.segments if not segment.mass > 0.0]
-        weak = [hinge.name for hinge in tree.hinges if not 0.0 < hinge.effort < math.inf]
-        loose = [
-            hinge.name
-            for leg in self.legs
-            for k in leg
-            if not math.isfinite((hinge := tree.hinges[k]).high - hinge.low)
-        ]
-        short = [side for side, leg in zip(_SIDES, self.legs, strict=True) if len(leg) < 6]
-        below = [
-            hinge.name for k, hinge in enumerate(tree.hinges) for foot in self.feet if self._is_below(foot, k)
-        ]
-        inner = [tree.hinges[k].name for leg in self.legs for k in leg]
-        resting = [name for name in self.file.rest if name in inner]
+        hinges, of_legs = self.tree.hinges, self.legs[0].joints + self.legs[1].joints
+        ends = {leg.foot for leg in self.legs}
+        below: list[str] = []
+        for i, segment in enumerate(self.tree.segments):
+            if segment.parent in ends:
+                ends.add(i)
+                below += [hinge.name for hinge in segment.joints]
+        resting = [self.hinges[k] for k in of_legs if self.hinges[k] in self.file.rest]
+        angles = dict(self._rest())
         outside = [
-            f"{hinge.name} = {angle:g}"
-            for name, angle in self._rest()
-            for hinge in tree.hinges
-            if hinge.name == name and not hinge.low <= angle <= hinge.high
+            f"{hinge.name} = {angles[hinge.name]:g}"
+            for hinge in hinges
+            if hinge.name in angles and not hinge.low <= angles[hinge.name] <= hinge.high
         ]
+        light = [segment.name for segment in self.tree.segments if not segment.inertial.mass > 0.0]
+        weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]
+        loose = [hinges[k].name for k in of_legs if not math.isfinite(hinges[k].high - hinges[k].low)]
+        short = [side for side, leg in zip(scene.SIDES, self.legs, strict=True) if len(leg.joints) < 6]
         for names, what, way_out in (
             (below, "joints below a foot", "weld them with lock"),
             (resting, "joints of a leg in rest", "leave them out, as legs follow the gait"),
@@ -331,61 +320,48 @@ class _Writer:
             if names:
                 raise InputError(f"the body has {what}: {', '.join(names)}; {way_out}.")
 
-    def _segment(self, asset: Element, parent: Element, i: int, height: float) -> Element:
-        """Write one segment, and its meshes as assets; the root at a height [m]."""
-        segment, base = self.tree.segments[i], self.tree.segments[max(self.tree.segments[i].parent, 0)]
-        place = segment.place - base.place if i else np.array([0.0, 0.0, height])
-        body = add_segment(parent, self.names[i], place, segment.mass, segment.com, segment.inertia)
-        if not i:
-            add_root(body)
-        for hinge in segment.joints:
-            values: dict[str, Any] = {"range": (hinge.low, hinge.high)}
-            if not math.isfinite(hinge.high - hinge.low):
-                values = {}
-            if hinge.stiffness:
-                values |= {"stiffness": hinge.stiffness, "springref": hinge.spring}
-            add(
-                body, "joint", name=hinge.name, type="hinge", pos=hinge.anchor, axis=hinge.axis,
-                armature=hinge.armature, damping=hinge.damping, frictionloss=hinge.friction, **values,
-            )  # fmt: skip
-        for number, shape in enumerate(segment.shapes or [_inertial_shape(segment)]):
-            values = dict(shape)
-            if "vertex" in shape:
-                values["mesh"] = f"{self.names[i]}_{number}"
-                add(asset, "mesh", name=values["mesh"], vertex=values.pop("vertex").ravel())
-            add(body, "geom", rgba=_COLOUR, **values)
-        return body
-
     def _rest(self) -> tuple[tuple[str, float], ...]:
-        """Angles at rest of hinges that do not rest at 0; one that is given for one side holds for both."""
-        tree, found = self.tree, {}
-        for k, hinge in enumerate(tree.hinges):
-            image, sign = tree.hinges[tree.images[k]].name, float(tree.signs[k])
-            if hinge.name in self.file.rest:
-                found[hinge.name] = self.file.rest[hinge.name]
-            elif image in self.file.rest:
-                found[hinge.name] = sign * self.file.rest[image]
-            elif self.neutral[k]:
-                found[hinge.name] = float(self.neutral[k])
-        return tuple(found.items())
+        """Angles at rest of hinges that do not rest at 0 [rad]."""
+        angles = (self._angle(self.file.rest, k, float(angle)) for k, angle in enumerate(self.neutral))
+        return tuple((name, angle) for name, angle in zip(self.hinges, angles, strict=True) if angle)
 
-    def _hip(self, foot: int) -> list[int]:
-        return self.legs[foot][: self.legs[foot].index(self.knees[foot])]
 
-    def _ankle(self, foot: int) -> list[int]:
-        return self.legs[foot][self.legs[foot].index(self.knees[foot]) + 1 :]
+def _add_joints(element: Element, segment: Segment) -> None:
+    """Write the hinges of a segment."""
+    for hinge in segment.joints:
+        values: dict[str, Any] = {}
+        if math.isfinite(hinge.high - hinge.low):
+            values["range"] = (hinge.low, hinge.high)
+        if hinge.stiffness:
+            values |= {"stiffness": hinge.stiffness, "springref": hinge.spring}
+        add(
+            element,
+            "joint",
+            name=hinge.name,
+            type="hinge",
+            pos=hinge.anchor,
+            axis=hinge.axis,
+            armature=hinge.armature,
+            damping=hinge.damping,
+            frictionloss=hinge.friction,
+            **values,
+        )
+
+
+def _add_shapes(asset: Element, element: Element, name: str, segment: Segment) -> None:
+    """Write the shapes of a segment, its meshes as assets."""
+    for number, shape in enumerate(segment.shapes or [_inertial_shape(segment)]):
+        values = dict(shape)
+        if "vertex" in shape:
+            values["mesh"] = f"{name}_{number}"
+            add(asset, "mesh", name=values["mesh"], vertex=values.pop("vertex").ravel())
+        add(element, "geom", rgba=_COLOUR, **values)
 
 
 def _inertial_shape(segment: Segment) -> dict[str, Any]:
     """The ellipsoid of equal density with the mass and the inertia of a segment that has no shape."""
-    moments, axes = np.linalg.eigh(segment.inertia)
+    moments, axes = np.linalg.eigh(segment.inertial.inertia)
     axes[:, 2] *= np.linalg.det(axes)
-    squares = 2.5 * (moments.sum() - 2.0 * moments) / segment.mass
+    squares = 2.5 * (moments.sum() - 2.0 * moments) / segment.inertial.mass
     size = np.sqrt(np.maximum(squares, _THIN**2))
-    return {"type": "ellipsoid", "pos": segment.com, "quat": _quaternion(axes), "size": size}
-
-
-def _quaternion(matrix: Array) -> Array:
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(matrix).ravel())
-    return quaternion
+    return {"type": "ellipsoid", "pos": segment.inertial.com, "quat": scene.quaternion(axes), "size": size}

@@ -1,8 +1,8 @@
-"""What every body is built into: floor, contact, sole points, motors and sensors, written as MJCF."""
+"""What every body is built into: floor, contact, sole points and motors, written as MJCF."""
 
 import copy
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,30 +13,35 @@ import numpy as np
 
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription, SoleGeometry
 from ampm.geometry import Array
-from ampm.parameters import ContactParameters, SimulationParameters
+from ampm.parameters import GRAVITY, ContactParameters, SimulationParameters
 
-GRAVITY = 9.81
-"""Gravity [m/s^2], as in the paper."""
+SIDES = ("left", "right")
 SOLE_POINT_RADIUS = 0.00001
 """Radius of the spheres that touch the floor [m]."""
 
 # Twelve digits: legible, the same text on every platform, and 1e-11 kg at most in the total mass.
 _DIGITS = 12
 _SCENE = Path(__file__).with_name("scene.xml")
-"""MJCF without a body; words in braces differ from run to run."""
+"""MJCF with a root segment that is empty; words in braces differ from run to run."""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """How far the source of a body is from its mirror image, and what it lacks."""
+
+    place: float = 0.0  # largest distance of a joint from its image's image [m]
+    com: float = 0.0  # the same of a segment's COM, times its share of the mass [m]
+    mass: float = 0.0  # largest difference of two masses [kg]
+    bare: int = 0  # number of segments without a shape
 
 
 @dataclass(frozen=True)
 class BodyModel:
-    """A body ready to be simulated.
+    """A body ready to be simulated."""
 
-    Attributes:
-        xml: MJCF text, complete in itself.
-        description: which joint, sole and segment is what.
-    """
-
-    xml: str
+    xml: str  # MJCF, complete in itself
     description: BodyDescription
+    findings: Findings = Findings()
 
     def compile(self) -> mujoco.MjModel:
         """Return the compiled MuJoCo model; every call a copy of its own."""
@@ -48,142 +53,142 @@ def _compiled(xml: str) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(xml)
 
 
+@dataclass(frozen=True)
+class Inertial:
+    """Mass [kg], COM in some frame, shape (3,) [m], and inertia about the COM, shape (3, 3) [kg m^2]."""
+
+    mass: float
+    com: Array
+    inertia: Array
+
+    def about(self, point: Array) -> Array:
+        """Inertia about a point of the same frame, shape (3, 3) [kg m^2] (parallel axes)."""
+        r = self.com - point
+        return self.inertia + self.mass * ((r * r).sum() * np.eye(3) - np.outer(r, r))
+
+    def plus(self, other: "Inertial") -> "Inertial":
+        """Both bodies taken together."""
+        mass = self.mass + other.mass
+        com = (self.mass * self.com + other.mass * other.com) / mass
+        return Inertial(mass, com, self.about(com) + other.about(com))
+
+    def minus(self, part: "Inertial") -> "Inertial":
+        """The remainder when a part is cut off."""
+        mass = self.mass - part.mass
+        com = (self.mass * self.com - part.mass * part.com) / mass
+        return Inertial(mass, com, self.about(com) - part.about(com))
+
+    def seen_from(self, point: Array) -> "Inertial":
+        """The same in a frame with its origin at a point, shape (3,) [m]."""
+        return replace(self, com=self.com - point)
+
+
 def new_scene(
-    name: str, height: float, contact: ContactParameters, simulation: SimulationParameters
-) -> Element:
-    """A model with options, floor and the class of touching points, but without a body.
+    name: str, root: str, height: float, contact: ContactParameters, simulation: SimulationParameters
+) -> tuple[Element, Element]:
+    """A model with options, floor, sensors, and an empty root segment that moves freely.
 
     Args:
         name: of the model.
+        root: name of the root segment.
         height: of the body, for the camera [m].
         contact: stiffness and friction of the soles on the floor.
         simulation: ``time_step`` [s] and ``integrator``.
+
+    Returns:
+        The model and its root segment.
     """
-    impedance = contact.impedance_min, contact.impedance_max, contact.impedance_width
-    return fromstring(
+    model = fromstring(
         _SCENE.read_text(encoding="utf-8").format(
-            name=name, time_step=_text(simulation.time_step), integrator=simulation.integrator,
-            gravity=GRAVITY, impratio=_text(contact.impratio), middle=_text(0.5 * height),
-            friction=_text(contact.friction), impedance=_text(impedance),
+            name=name,
+            time_step=_text(simulation.time_step),
+            integrator=simulation.integrator,
+            gravity=GRAVITY,
+            impratio=_text(contact.impratio),
+            middle=_text(0.5 * height),
+            friction=_text(contact.friction),
+            impedance=_text((contact.impedance_min, contact.impedance_max, contact.impedance_width)),
             stiffness=_text((contact.time_constant, contact.damping_ratio)),
+            radius=SOLE_POINT_RADIUS,
         )
-    )  # fmt: skip
+    )
+    segment = next(model.iter("body"))
+    segment.set("name", root)
+    for sensor in next(model.iter("sensor")):
+        sensor.set("body", root)
+    return model, segment
 
 
 def add(parent: Element, tag: str, **attributes: Any) -> Element:
-    """A new element of MJCF.
-
-    Args:
-        parent: of the element.
-        tag: its name.
-        attributes: texts, truths, numbers or vectors of numbers; ``class_`` is ``class``.
-    """
+    """A new element of MJCF, with texts, numbers or vectors of numbers; ``class_`` is ``class``."""
     return SubElement(parent, tag, {key.rstrip("_"): _text(value) for key, value in attributes.items()})
 
 
 def _text(value: Any) -> str:
     if isinstance(value, str):
         return value
-    if isinstance(value, bool):
-        return str(value).lower()
     return " ".join(f"{number:.{_DIGITS}g}" for number in np.atleast_1d(value))
 
 
-def add_segment(parent: Element, name: str, pos: Any, mass: float, com: Array, inertia: Array) -> Element:
-    """A body with its mass [kg], its COM [m] and its inertia about that, (3, 3) [kg m^2]."""
-    body = add(parent, "body", name=name, pos=pos)
-    values: dict[str, Any] = {"mass": mass, "pos": com}
-    i = inertia
+def fill(segment: Element, pos: Any, inertial: Inertial) -> Element:
+    """Give a segment its place in the axes of the one that it hangs on, shape (3,) [m], and its mass."""
+    segment.set("pos", _text(pos))
+    values: dict[str, Any] = {"mass": inertial.mass, "pos": inertial.com}
+    i = inertial.inertia
     if np.abs(i - np.diag(np.diag(i))).max() > 0.0:
         values["fullinertia"] = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
     else:
         values["diaginertia"] = np.diag(i)
-    add(body, "inertial", **values)
-    return body
-
-
-def add_root(body: Element) -> None:
-    """Make a body the free root, and let light and cameras follow it."""
-    add(body, "freejoint", name="root")
-    # A light that follows the body: a fixed one casts grainy shadows on a large floor.
-    add(
-        body, "light", name="lamp", mode="trackcom", pos=(1.2, -1.6, 3.2), dir=(-0.33, 0.42, -1), cutoff=75,
-        exponent=0, castshadow=True, diffuse=(0.5, 0.5, 0.5), specular=(0.1, 0.1, 0.1),
-    )  # fmt: skip
-    for name, pos, xyaxes in (
-        ("side", (0.0, -3.2, 0.1), (1, 0, 0, 0, 0.03, 1)),
-        ("front", (3.2, 0.0, 0.1), (0, 1, 0, -0.03, 0, 1)),
-        ("oblique", (2.3, -2.3, 0.5), (0.707, 0.707, 0, -0.13, 0.13, 1)),
-    ):
-        add(body, "camera", name=name, mode="trackcom", pos=pos, xyaxes=xyaxes)
+    add(segment, "inertial", **values)
+    return segment
 
 
 def add_sole_points(
-    side: str, sole: SoleGeometry, segments: Sequence[tuple[Element, Any]], quat: Any = None
+    side: str, sole: SoleGeometry, segments: Sequence[tuple[Element, Any]], quat: Any = (1.0, 0.0, 0.0, 0.0)
 ) -> tuple[str, ...]:
     """Points that touch the floor, and their sites; their names.
 
     Args:
         side: of the foot.
         sole: its outline.
-        segments: for heel, ball and, with toes, tip the body that has the points, and the place of the
+        segments: for heel, ball and, with toes, tip the segment that has the points, and the place of the
             reference point in its axes, shape (3,) [m].
-        quat: turn of the sole's axes to those of the body, None for none.
+        quat: turn of the sole's axes to those of the segments.
     """
     points = []
-    for group, (body, origin) in zip(SOLE_POINT_GROUPS, segments, strict=False):
+    for group, (segment, origin) in zip(SOLE_POINT_GROUPS, segments, strict=False):
         x, half_width = getattr(sole, f"{group}_x"), getattr(sole, f"{group}_half_width")
-        for edge, edge_sign in (("left", 1.0), ("right", -1.0)):
+        for edge, sign in (("left", 1.0), ("right", -1.0)):
             name = f"{side}_{group}_{edge}"
-            pos, up = np.array([x, edge_sign * half_width, 0.0]), np.array([0, 0, SOLE_POINT_RADIUS])
-            if quat is not None:
-                pos, up = _rotated(quat, pos), _rotated(quat, up)
-            add(body, "site", name=name, pos=origin + pos)
-            # The sphere stands on the site, so the point that touches the floor is the site.
-            add(
-                body, "geom", name=name, class_="contact", type="sphere", size=SOLE_POINT_RADIUS,
-                pos=origin + pos + up, contype=0, conaffinity=1, rgba=(0.1, 0.1, 0.1, 1),
-            )  # fmt: skip
+            pos = origin + _rotated(quat, (x, sign * half_width, 0.0))
+            centre = pos + _rotated(quat, (0.0, 0.0, SOLE_POINT_RADIUS))
+            add(segment, "site", name=name, pos=pos)
+            add(segment, "geom", name=name, class_="point", pos=centre)
             points.append(name)
     return tuple(points)
 
 
-def _rotated(quat: Any, vector: Array) -> Array:
-    result = np.zeros(3)
-    mujoco.mju_rotVecQuat(result, vector, np.asarray(quat, dtype=np.float64))
+def quaternion(matrix: Array) -> Array:
+    """Unit quaternion, w first, shape (4,), of a rotation matrix."""
+    result = np.zeros(4)
+    mujoco.mju_mat2Quat(result, np.ascontiguousarray(matrix).ravel())
     return result
 
 
-def joint_order(root: Element) -> list[str]:
-    """Hinges in MuJoCo's joint order, which is depth first."""
-    return [joint.get("name", "") for joint in root.iter("joint")]
+def _rotated(quat: Any, vector: tuple[float, float, float]) -> Array:
+    result = np.zeros(3)
+    mujoco.mju_rotVecQuat(result, np.array(vector), np.asarray(quat, dtype=np.float64))
+    return result
 
 
-def add_motors(root: Element, limits: Iterable[tuple[str, float]]) -> None:
+def add_motors(model: Element, limits: Iterable[tuple[str, float]]) -> None:
     """A motor for every hinge, by its largest torque [N m]."""
-    actuator = next(root.iter("actuator"))
+    actuator = next(model.iter("actuator"))
     for name, limit in limits:
-        both = (-limit, limit)
-        add(
-            actuator, "motor", name=name, joint=name, gear=1, ctrllimited=True, ctrlrange=both,
-            forcelimited=True, forcerange=both,
-        )  # fmt: skip
+        add(actuator, "motor", name=name, joint=name, ctrlrange=(-limit, limit), forcerange=(-limit, limit))
 
 
-def add_sensors(root: Element, pelvis: str) -> None:
-    """The sensors that a run reads: of the site ``imu``, of COM and angular momentum, of all hinges."""
-    sensor = next(root.iter("sensor"))
-    add(sensor, "accelerometer", name="imu_accelerometer", site="imu")
-    add(sensor, "gyro", name="imu_gyro", site="imu")
-    add(sensor, "framequat", name="imu_orientation", objtype="site", objname="imu")
-    add(sensor, "subtreecom", name="com", body=pelvis)
-    add(sensor, "subtreeangmom", name="angular_momentum", body=pelvis)
-    for name in joint_order(root):
-        add(sensor, "jointpos", name=f"{name}_position", joint=name)
-        add(sensor, "jointvel", name=f"{name}_velocity", joint=name)
-
-
-def to_xml(root: Element) -> str:
+def to_xml(model: Element) -> str:
     """MJCF text of a model."""
-    indent(root)
-    return tostring(root, encoding="unicode") + "\n"
+    indent(model)
+    return tostring(model, encoding="unicode") + "\n"

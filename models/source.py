@@ -1,5 +1,6 @@
 """Description file of a body, and the compiled model of its source: MJCF or URDF, of a file or a package."""
 
+import ctypes
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -9,38 +10,26 @@ from typing import Annotated, Any
 
 import mujoco
 import tomli_w
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import Field
 
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN
-from ampm.section import Real, Section, check_table, nearest, read_toml
+from ampm.section import Real, Section, read_toml, unknown
 
 FOLDER = Path(__file__).with_name("bodies")
 """Description files of the bodies that are known by name."""
 DRAWN = 1 << 30
 """``conaffinity`` of a mesh that is drawn and does not collide."""
+_ALL_DIGITS = 17  # of a float64
 _HULL_POINTS = 64  # most of a mesh's convex hull
+_URDF_OPTIONS = """<mujoco>
+  <compiler discardvisual="false" fusestatic="false" balanceinertia="false" strippath="false"/>
+</mujoco>"""
 _MESHES = (".stl", ".obj", ".msh")  # that MuJoCo reads
-Names = Annotated[
-    tuple[str, ...], BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
-]
+Names = Annotated[tuple[str, ...], Field(strict=False)]  # also a list
 Angles = Mapping[str, Real]
-
-
-def _patterns(value: Any) -> Any:
-    """Refuse what is no regular expression."""
-    for pattern in value if isinstance(value, Mapping | tuple) else ():
-        try:
-            re.compile(pattern)
-        except re.error as error:
-            raise ValueError(
-                f"must have regular expressions only, and {pattern!r} is none ({error})"
-            ) from None
-    return value
-
-
-Patterns = Annotated[Names, AfterValidator(_patterns)]
-ByPattern = Annotated[Mapping[str, Annotated[Real, Field(ge=0)]], AfterValidator(_patterns)]
+Patterns = Annotated[tuple[re.Pattern[str], ...], Field(strict=False)]
+ByPattern = Mapping[re.Pattern[str], Annotated[Real, Field(ge=0)]]
 
 
 class SoleSection(Section, section="sole"):
@@ -87,6 +76,10 @@ class BodyFile(Section, section="body"):
         return left, right
 
 
+class _File(Section):
+    body: BodyFile = Field(description="the only table, with its own tables such as [body.sole]")
+
+
 def known_bodies() -> tuple[str, ...]:
     """Names of the bodies that are known."""
     return HUMAN, *sorted(path.stem for path in FOLDER.glob("*.toml"))
@@ -109,14 +102,7 @@ def body_path(source: str) -> Path:
         )
     if path.is_file():
         return path
-    found = nearest(source, known_bodies())
-    hint = f"did you mean {found['nearest']!r}? " if found else ""
-    raise InputError(
-        f"there is neither a body nor a file {source!r}; {hint}known are {', '.join(known_bodies())}.",
-        key="body.source",
-        value=source,
-        **found,
-    )
+    raise unknown(source, known_bodies(), "body or file", key="body.source", value=source)
 
 
 def read_body_file(path: Path) -> BodyFile:
@@ -125,10 +111,7 @@ def read_body_file(path: Path) -> BodyFile:
     Raises:
         InputError: it is no TOML, or a key is unknown, missing or bad.
     """
-    table = read_toml(path)
-    if table.keys() != {"body"}:
-        raise InputError(f"{path} must have one table, [body], with its own tables such as [body.sole].")
-    return BodyFile(**check_table("body", table["body"]))
+    return _File(**read_toml(path)).body
 
 
 def write_body(path: Path, source: mujoco.MjSpec | str, **description: Any) -> Path:
@@ -148,21 +131,16 @@ def write_body(path: Path, source: mujoco.MjSpec | str, **description: Any) -> P
     path = Path(path)
     if isinstance(source, mujoco.MjSpec):
         spec, source = source.copy(), f"{path.stem}.xml"
-        folder = Path(spec.modelfiledir or ".") / (spec.meshdir or "")
         for mesh in spec.meshes:
-            mesh.file = str((folder / mesh.file).resolve()) if mesh.file else mesh.file
+            mesh.file = str(_mesh_file(spec, mesh).resolve()) if mesh.file else ""
         spec.meshdir = ""
         try:
             spec.compile()
         except (ValueError, mujoco.FatalError) as error:
-            why = " ".join(str(error).split())
-            raise InputError(
-                f"the model {spec.modelname!r} cannot be compiled ({why}); correct it."
-            ) from None
-        path.with_name(source).write_text(spec.to_xml(), encoding="utf-8")
+            raise _refusal(spec.modelname, error) from None
+        path.with_name(source).write_text(_exact_xml(spec), encoding="utf-8")
     BodyFile(source=source, **description)
-    text = tomli_w.dumps({"body": {"source": source, **description}})
-    path.write_text(text, encoding="utf-8")
+    path.write_text(tomli_w.dumps({"body": {"source": source, **description}}), encoding="utf-8")
     return path
 
 
@@ -211,6 +189,7 @@ def compiled_source(path: Path) -> tuple[mujoco.MjModel, dict[str, float]]:
         else:
             spec = mujoco.MjSpec.from_file(str(path))
             _drop_missing_meshes(spec)
+            _drop_textures(spec)
         for mesh in spec.meshes:
             mesh.maxhullvert = _HULL_POINTS
         for geom in spec.geoms:
@@ -218,8 +197,11 @@ def compiled_source(path: Path) -> tuple[mujoco.MjModel, dict[str, float]]:
                 geom.conaffinity = DRAWN  # else MuJoCo makes no hull of it
         return spec.compile(), speeds
     except (OSError, ValueError, ET.ParseError, mujoco.FatalError) as error:
-        why = " ".join(str(error).split())
-        raise InputError(f"the model {str(path)!r} cannot be read ({why}); correct it.") from None
+        raise _refusal(str(path), error) from None
+
+
+def _refusal(model: str, error: Exception) -> InputError:
+    return InputError(f"the model {model!r} cannot be compiled ({' '.join(str(error).split())}); correct it.")
 
 
 def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:
@@ -229,26 +211,18 @@ def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:
             mesh = element.find("geometry/mesh")
             if mesh is None:
                 continue
-            found = _mesh_path(mesh.get("filename", ""), path)
-            if found is None or found.suffix.lower() not in _MESHES:
+            file = _mesh_path(mesh.get("filename", ""), path)
+            if file is None or file.suffix.lower() not in _MESHES:
                 link.remove(element)
             else:
-                mesh.set("filename", str(found))
+                mesh.set("filename", str(file))
     for kind in ("link", "joint"):
         names = [element.get("name", "") for element in tree.findall(kind)]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise ValueError(f"names of a {kind} used twice: {', '.join(twice)}")
     for old in tree.findall("mujoco"):
         tree.remove(old)
-    options = ET.SubElement(tree, "mujoco")
-    ET.SubElement(
-        options,
-        "compiler",
-        discardvisual="false",
-        fusestatic="false",
-        balanceinertia="false",
-        strippath="false",
-    )
+    tree.append(ET.fromstring(_URDF_OPTIONS))
     return {
         joint.get("name", ""): float(limit.get("velocity", "inf"))
         for joint in tree.iter("joint")
@@ -260,24 +234,19 @@ def _mesh_path(name: str, path: Path) -> Path | None:
     """File of a mesh of a URDF: of a ROS package, that of a folder above the URDF; None if there is none."""
     plain = name.removeprefix("file://")
     if not plain.startswith("package://"):
-        found = path.parent / plain
-        return found.resolve() if found.is_file() else None
+        file = path.parent / plain
+        return file.resolve() if file.is_file() else None
     package, _, rest = plain.removeprefix("package://").partition("/")
     for folder in path.resolve().parents:
-        for found in (folder / package / rest, folder / rest):
-            if found.is_file():
-                return found
+        for file in (folder / package / rest, folder / rest):
+            if file.is_file():
+                return file
     return None
 
 
 def _drop_missing_meshes(spec: mujoco.MjSpec) -> None:
     """Drop meshes whose files are not there: some packages have models without them."""
-    folder = Path(spec.modelfiledir or ".")
-    missing = [
-        mesh
-        for mesh in spec.meshes
-        if mesh.file and not (folder / (spec.meshdir or "") / mesh.file).is_file()
-    ]
+    missing = [mesh for mesh in spec.meshes if mesh.file and not _mesh_file(spec, mesh).is_file()]
     names = {mesh.name or Path(mesh.file).stem for mesh in missing}
     for geom in list(spec.geoms):
         if geom.meshname in names:
@@ -286,7 +255,30 @@ def _drop_missing_meshes(spec: mujoco.MjSpec) -> None:
         spec.delete(mesh)
 
 
-def by_pattern(table: Angles, joint: str, own: float) -> float:
-    """Value of the last pattern that matches a joint's whole name; its own if none does."""
-    found = [value for pattern, value in table.items() if re.fullmatch(pattern, joint)]
-    return found[-1] if found else own
+def _mesh_file(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> Path:
+    return Path(spec.modelfiledir or ".", spec.meshdir or "", mesh.file)
+
+
+def _drop_textures(spec: mujoco.MjSpec) -> None:
+    """Drop textures: to generate them takes most of the time to compile, and no body shows them."""
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for texture in list(spec.textures):
+        spec.delete(texture)
+
+
+def _exact_xml(spec: mujoco.MjSpec) -> str:
+    """MJCF of a compiled spec with all digits; MuJoCo writes six unless its library is told otherwise."""
+    library = ctypes.CDLL(mujoco._functions.__file__)
+    digits = library._mjPRIVATE__get_xml_precision()
+    library._mjPRIVATE__set_xml_precision(_ALL_DIGITS)
+    try:
+        return str(spec.to_xml())
+    finally:
+        library._mjPRIVATE__set_xml_precision(digits)
+
+
+def by_pattern(table: ByPattern, joint: str, default: float) -> float:
+    """Value of the last pattern that matches a joint's whole name."""
+    values = [value for pattern, value in table.items() if pattern.fullmatch(joint)]
+    return values[-1] if values else default

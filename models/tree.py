@@ -1,13 +1,9 @@
 """The segments of a compiled source at joint angles of 0, in axes of the world, and their mirror image.
 
-Left and right are made mirror images, which a periodic motion needs, by the mean of both;
-:class:`Findings` says how far they were from it.
+Left and right are made mirror images, which a periodic motion needs, by the mean of both.
 """
 
-from __future__ import annotations
-
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -18,6 +14,8 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
+from ampm.section import unknown
+from models.scene import Findings, Inertial, quaternion
 from models.source import DRAWN, BodyFile, by_pattern
 
 _MIRROR = np.array([1.0, -1.0, 1.0])  # of a vector; of an axis of rotation with the opposite sign
@@ -28,13 +26,16 @@ _SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3, "m
 """Drawn shapes and how many sizes they have."""
 _DROPPED = {
     "springs, dampers or dry friction of tendons": (
-        "tendon_stiffness", "tendon_stiffnesspoly",
-        "tendon_damping", "tendon_dampingpoly", "tendon_frictionloss",
+        "tendon_stiffness",
+        "tendon_stiffnesspoly",
+        "tendon_damping",
+        "tendon_dampingpoly",
+        "tendon_frictionloss",
     ),
     "springs or dampers that are not linear": ("jnt_stiffnesspoly", "dof_dampingpoly"),
     "dampers of motors": ("actuator_damping", "actuator_dampingpoly"),
     "segments without their weight (gravcomp)": ("body_gravcomp",),
-}  # fmt: skip
+}
 """Passive forces that no joint has, and the fields of a model that have them."""
 _SMALL = 0.5  # extent of what collides over that of what is drawn: less are points that touch the floor [1]
 _DIGITS = 5  # of the points of a hull [m]
@@ -66,69 +67,67 @@ class Segment:
     parent: int
     place: Array  # from the root's origin
     joints: list[Hinge]
-    mass: float = 0.0
-    com: Array = field(default_factory=lambda: np.zeros(3))
-    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    inertial: Inertial = field(default_factory=lambda: Inertial(0.0, np.zeros(3), np.zeros((3, 3))))
     shapes: list[dict[str, Any]] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Findings:
-    """How far the source is from its mirror image, and what it lacks.
-
-    Attributes:
-        place: largest distance of a joint from its image's image [m].
-        com: the same of a segment's COM, times its share of the mass [m].
-        mass: largest difference of two masses [kg].
-        axis: largest angle between an axis and its image [rad].
-        bare: segments without a shape.
-    """
-
-    place: float = 0.0
-    com: float = 0.0
-    mass: float = 0.0
-    axis: float = 0.0
-    bare: tuple[str, ...] = ()
-
-    def or_more(self, **values: float) -> Findings:
-        """The larger of both."""
-        return replace(self, **{name: max(value, getattr(self, name)) for name, value in values.items()})
 
 
 class Tree:
     """The segments of a compiled source."""
 
     def __init__(self, file: BodyFile, model: mujoco.MjModel, speeds: Mapping[str, float]) -> None:
-        self.file, self.model = file, model
-        for what, names in _DROPPED.items():
-            if any(getattr(model, name).any() for name in names):
-                raise InputError(f"the model has {what}, which a body cannot have; remove them from it.")
-        if any(self._couples(number) for number in np.flatnonzero(model.eq_active0).tolist()):
-            raise InputError(
-                "the model has closed loops or coupled joints; lock these joints or remove them."
-            )
-        self.speeds, self.efforts = speeds, _motor_limits(model)
-        self.root = self.body(file.root, "root")
+        self.file, self.model, self.speeds = file, model, speeds
+        self._check_source()
+        self.efforts = _motor_limits(model)
+        root = self.body(file.root, "root")
         self.feet = [self.body(name, "foot") for name in file.sided(file.foot)]
         self.data = mujoco.MjData(model)
         mujoco.mj_resetData(model, self.data)
         self.data.qpos[model.jnt_qposadr[model.jnt_type == _HINGE]] = 0.0
         mujoco.mj_kinematics(model, self.data)
         left, right = self.data.xpos[self.feet]
-        if not math.hypot(*(left - right)[:2]) > 0.0:
+        distance = math.hypot(*(left - right)[:2])
+        if not distance > 0.0:
             raise InputError("both feet are at one place; correct foot and sides in the body's description.")
-        x, y = (left - right)[:2] / math.hypot(*(left - right)[:2])
+        x, y = (left - right)[:2] / distance
         self.align = np.array([[y, -x, 0.0], [x, y, 0.0], [0.0, 0.0, 1.0]])  # left foot towards +y
+        self.origin = self.data.xpos[root]
         self.segments: list[Segment] = []
         self.of_body: dict[int, int] = {}
-        self._read(self.root, -1)
+        self._read(root, -1)
+        for foot in self.feet:
+            if foot not in self.of_body:
+                raise InputError(
+                    f"the foot {model.body(foot).name!r} does not hang on the root {file.root!r}; correct "
+                    "root in the body's description.",
+                    key="body.root",
+                )
         self.hinges = [joint for segment in self.segments for joint in segment.joints]
         self.index = {joint.name: i for i, joint in enumerate(self.hinges)}
         self.segment_of = [i for i, segment in enumerate(self.segments) for _ in segment.joints]
-        self._check_tables()
-        for table_name in ("neutral", "rest"):
-            for name in getattr(file, table_name):
-                self.joint(name, table_name)
+        for role, angles in (("neutral", file.neutral), ("rest", file.rest)):
+            for name in angles:
+                self.joint(name, role)
+        self.findings = self._symmetrise()
+
+    def _check_source(self) -> None:
+        """Refuse forces and couplings that a body cannot have, and patterns that match nothing."""
+        model = self.model
+        for what, fields in _DROPPED.items():
+            if any(getattr(model, name).any() for name in fields):
+                raise InputError(f"the model has {what}, which a body cannot have; remove them from it.")
+        if any(self._couples(number) for number in np.flatnonzero(model.eq_active0).tolist()):
+            raise InputError(
+                "the model has closed loops or coupled joints; lock these joints or remove them."
+            )
+        names = [model.joint(j).name for j in range(model.njnt)]
+        for key in ("lock", "armature", "effort", "speed", "damping", "stiffness", "friction"):
+            for pattern in getattr(self.file, key):
+                if not any(map(pattern.fullmatch, names)):
+                    raise InputError(
+                        f"{key} has {pattern.pattern!r}, which matches no joint; take names of "
+                        f"{', '.join(names)}.",
+                        key=f"body.{key}",
+                    )
 
     def _couples(self, number: int) -> bool:
         """Whether an equality couples joints that move."""
@@ -136,26 +135,10 @@ class Tree:
         if model.eq_type[number] != mujoco.mjtEq.mjEQ_JOINT:
             return True
         ends = [int(end) for end in (model.eq_obj1id[number], model.eq_obj2id[number]) if end >= 0]
-        lock = dict.fromkeys(self.file.lock, 1.0)
-        return not all(by_pattern(lock, model.joint(end).name, 0.0) for end in ends)
+        return not all(self._is_locked(model.joint(end).name) for end in ends)
 
-    def _check_tables(self) -> None:
-        """Refuse feet that hang elsewhere, and patterns that match nothing."""
-        for foot in self.feet:
-            if foot not in self.of_body:
-                raise InputError(
-                    f"the foot {self.model.body(foot).name!r} does not hang on the root {self.file.root!r}; "
-                    "correct root in the body's description.",
-                    key="body.root",
-                )
-        names = [self.model.joint(j).name for j in range(self.model.njnt)]
-        for key in ("lock", "armature", "effort", "speed", "damping", "stiffness", "friction"):
-            for pattern in getattr(self.file, key):
-                if not any(re.fullmatch(pattern, name) for name in names):
-                    raise InputError(
-                        f"{key} has {pattern!r}, which matches no joint; take names of {', '.join(names)}.",
-                        key=f"body.{key}",
-                    )
+    def _is_locked(self, joint: str) -> bool:
+        return any(pattern.fullmatch(joint) for pattern in self.file.lock)
 
     def body(self, name: str, role: str) -> int:
         """Number of a segment of the source.
@@ -165,10 +148,8 @@ class Tree:
         """
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, name)
         if number < 0:
-            names = ", ".join(self.model.body(i).name for i in range(1, self.model.nbody))
-            raise InputError(
-                f"the model has no segment {name!r} for {role}; take one of {names}.", key=f"body.{role}"
-            )
+            known = (self.model.body(i).name for i in range(1, self.model.nbody))
+            raise unknown(name, known, f"segment for {role}", key=f"body.{role}")
         return int(number)
 
     def joint(self, name: str, role: str) -> int:
@@ -178,10 +159,7 @@ class Tree:
             InputError: there is none of this name.
         """
         if name not in self.index:
-            raise InputError(
-                f"the model has no joint {name!r} for {role}; take one of {', '.join(self.index)}.",
-                key=f"body.{role}",
-            )
+            raise unknown(name, self.index, f"joint for {role}", key=f"body.{role}")
         return self.index[name]
 
     def _vector(self, vector: Array) -> Array:
@@ -190,8 +168,8 @@ class Tree:
     def _read(self, body: int, parent: int) -> None:
         """Add a body and all that hangs on it."""
         joints = self._joints(body)
-        if joints or body == self.root:
-            place = self._vector(self.data.xpos[body] - self.data.xpos[self.root])
+        if joints or parent < 0:
+            place = self._vector(self.data.xpos[body] - self.origin)
             self.segments.append(Segment(self.model.body(body).name, parent, place, joints))
             parent = len(self.segments) - 1
         self.of_body[body] = parent
@@ -202,49 +180,40 @@ class Tree:
                 self._read(child, parent)
 
     def _joints(self, body: int) -> list[Hinge]:
-        model, file, found = self.model, self.file, []
+        model, file, hinges = self.model, self.file, []
         first = int(model.body_jntadr[body])
         for j in range(first, first + int(model.body_jntnum[body])):
             name, kind, dof = model.joint(j).name, int(model.jnt_type[j]), int(model.jnt_dofadr[j])
-            locked = by_pattern(dict.fromkeys(file.lock, 1.0), name, 0.0)
-            if (kind == _FREE and body == self.root) or locked:
+            if (kind == _FREE and not self.segments) or self._is_locked(name):
                 continue
             if kind != _HINGE:
                 raise InputError(f"the joint {name!r} is no hinge; lock it or take a model of hinges.")
             low, high = model.jnt_range[j] if model.jnt_limited[j] else (-math.inf, math.inf)
-            own = {
-                key: by_pattern(getattr(file, key), name, value)
-                for key, value in (
-                    ("effort", self.efforts.get(j, math.inf)),
-                    ("speed", self.speeds.get(name, math.inf)),
-                    ("armature", float(model.dof_armature[dof])),
-                    ("damping", float(model.dof_damping[dof])),
-                    ("stiffness", float(model.jnt_stiffness[j])),
-                    ("friction", float(model.dof_frictionloss[dof])),
+            hinges.append(
+                Hinge(
+                    name=name,
+                    anchor=self._vector(self.data.xanchor[j] - self.data.xpos[body]),
+                    axis=self._vector(self.data.xaxis[j]),
+                    low=float(low),
+                    high=float(high),
+                    effort=by_pattern(file.effort, name, self.efforts.get(j, math.inf)),
+                    speed=by_pattern(file.speed, name, self.speeds.get(name, math.inf)),
+                    armature=by_pattern(file.armature, name, float(model.dof_armature[dof])),
+                    damping=by_pattern(file.damping, name, float(model.dof_damping[dof])),
+                    stiffness=by_pattern(file.stiffness, name, float(model.jnt_stiffness[j])),
+                    spring=float(model.qpos_spring[model.jnt_qposadr[j]]),
+                    friction=by_pattern(file.friction, name, float(model.dof_frictionloss[dof])),
                 )
-            }
-            spring = float(model.qpos_spring[model.jnt_qposadr[j]])
-            anchor = self._vector(self.data.xanchor[j] - self.data.xpos[body])
-            axis = self._vector(self.data.xaxis[j])
-            found.append(Hinge(name, anchor, axis, float(low), float(high), spring=spring, **own))
-        return found
+            )
+        return hinges
 
     def _add_mass(self, body: int, segment: Segment) -> None:
         mass = float(self.model.body_mass[body])
-        if mass == 0.0:
-            return
-        turn = self.align @ self.data.ximat[body].reshape(3, 3)
-        com = self._vector(self.data.xipos[body] - self.data.xpos[self.root]) - segment.place
-        inertia = turn @ np.diag(self.model.body_inertia[body]) @ turn.T
-        total = segment.mass + mass
-        both = (segment.mass * segment.com + mass * com) / total
-        segment.inertia = (
-            segment.inertia
-            + inertia
-            + _point_inertia(segment.mass, segment.com - both)
-            + _point_inertia(mass, com - both)
-        )
-        segment.mass, segment.com = total, both
+        if mass > 0.0:
+            turn = self.align @ self.data.ximat[body].reshape(3, 3)
+            com = self._vector(self.data.xipos[body] - self.origin) - segment.place
+            inertia = turn @ np.diag(self.model.body_inertia[body]) @ turn.T
+            segment.inertial = segment.inertial.plus(Inertial(mass, com, inertia))
 
     def _add_shapes(self, body: int, segment: Segment) -> None:
         """What collides, or what is drawn if that is much larger; meshes as their convex hulls."""
@@ -257,9 +226,8 @@ class Tree:
         collide = (model.geom_contype[every] != 0) | (model.geom_conaffinity[every] & ~DRAWN != 0)
         solid, drawn = every[collide], every[~collide]
         for geom in (drawn if self._extent(solid) < _SMALL * self._extent(drawn) else solid).tolist():
-            place = self._vector(self.data.geom_xpos[geom] - self.data.xpos[self.root]) - segment.place
-            quat = np.zeros(4)
-            mujoco.mju_mat2Quat(quat, (self.align @ self.data.geom_xmat[geom].reshape(3, 3)).ravel())
+            place = self._vector(self.data.geom_xpos[geom] - self.origin) - segment.place
+            quat = quaternion(self.align @ self.data.geom_xmat[geom].reshape(3, 3))
             shape: dict[str, Any] = {"type": kinds[geom], "pos": place, "quat": quat}
             if kinds[geom] == "mesh":
                 shape["vertex"] = _hull(model, int(model.geom_dataid[geom]))
@@ -288,71 +256,70 @@ class Tree:
                 start = name.find(one, start + 1)
         return name
 
-    def symmetrise(self) -> Findings:
+    def _symmetrise(self) -> Findings:
         """Make left and right mirror images, and say how far they were from it.
 
         Raises:
             InputError: they are no images at all.
         """
-        images = [self.index[self.mirrored(joint.name)] for joint in self.hinges]
-        self.signs = np.empty(len(images))
+        self.images = [self.index[self.mirrored(joint.name)] for joint in self.hinges]
+        self.signs = np.empty(len(self.images))
         before = [replace(joint) for joint in self.hinges]
-        most = Findings()
-        for i, (joint, image) in enumerate(zip(before, (before[k] for k in images), strict=True)):
+        far, angles = [0.0], [0.0]
+        for i, (mean, joint) in enumerate(zip(self.hinges, before, strict=True)):
+            image = before[self.images[i]]
             axis = -_MIRROR * image.axis
-            self.signs[i] = 1.0 if axis @ joint.axis > 0.0 else -1.0
-            axis = self.signs[i] * axis
-            anchor = _MIRROR * image.anchor
-            angle = math.acos(min(1.0, float(axis @ joint.axis)))
-            most = most.or_more(place=_gap(anchor, joint.anchor), axis=angle)
-            mean, own = joint.axis + axis, self.hinges[i]
-            own.axis, own.anchor = mean / np.linalg.norm(mean), 0.5 * (joint.anchor + anchor)
+            sign = 1.0 if axis @ joint.axis > 0.0 else -1.0
+            axis, anchor = sign * axis, _MIRROR * image.anchor
+            far.append(_gap(anchor, joint.anchor))
+            angles.append(math.acos(min(1.0, float(axis @ joint.axis))))
+            mean.axis = (joint.axis + axis) / np.linalg.norm(joint.axis + axis)
+            mean.anchor = 0.5 * (joint.anchor + anchor)
             for name in ("effort", "armature", "damping", "stiffness", "friction"):
-                setattr(own, name, 0.5 * (getattr(joint, name) + getattr(image, name)))
-            own.speed = min(joint.speed, image.speed)
+                setattr(mean, name, 0.5 * (getattr(joint, name) + getattr(image, name)))
+            mean.spring = 0.5 * (joint.spring + sign * image.spring)
+            mean.speed = min(joint.speed, image.speed)
             place = self.segments[self.segment_of[i]].place + joint.anchor
-            if images[i] != i and place[1] < 0.0:  # the ranges are those of the left side
-                ends = self.signs[i] * image.low, self.signs[i] * image.high
-                own.low, own.high = float(min(ends)), float(max(ends))
-            own.spring = 0.5 * (joint.spring + float(self.signs[i]) * image.spring)
-        self.images = images
+            if self.images[i] != i and place[1] < 0.0:  # the ranges are those of the left side
+                mean.low, mean.high = sorted((sign * image.low, sign * image.high))
+            self.signs[i] = sign
         pairs = [0] * len(self.segments)
-        for i, k in enumerate(images):
+        for i, k in enumerate(self.images):
             pairs[self.segment_of[i]] = self.segment_of[k]
         old = [replace(segment) for segment in self.segments]
-        total = sum(segment.mass for segment in old)
-        for i, segment in enumerate(self.segments):
-            here, other = old[i], old[pairs[i]]
-            if i and pairs[here.parent] != other.parent:
+        total = sum(segment.inertial.mass for segment in old)
+        coms, masses = [0.0], [0.0]
+        for segment, here, pair in zip(self.segments, old, pairs, strict=True):
+            other = old[pair]
+            if here.parent >= 0 and pairs[here.parent] != other.parent:
                 what = "has no mirror image" if here.name == other.name else f"is no image of {other.name!r}"
                 raise InputError(
                     f"the segment {here.name!r} {what}; correct sides in the body's description, or lock the "
                     "joints of both sides."
                 )
-            place, com = _MIRROR * other.place, _MIRROR * other.com
-            inertia = np.outer(_MIRROR, _MIRROR) * other.inertia
-            far, share = _gap(com, here.com), (here.mass + other.mass) / (2.0 * total)
-            difference = abs(other.mass - here.mass)
-            most = most.or_more(place=_gap(place, here.place), com=share * far, mass=difference)
-            segment.place, segment.com = 0.5 * (here.place + place), 0.5 * (here.com + com)
-            segment.mass, segment.inertia = 0.5 * (here.mass + other.mass), 0.5 * (here.inertia + inertia)
-        size = self._size()
+            one, two = here.inertial, other.inertial
+            place, com = _MIRROR * other.place, _MIRROR * two.com
+            inertia = np.outer(_MIRROR, _MIRROR) * two.inertia
+            mass = 0.5 * (one.mass + two.mass)
+            far.append(_gap(place, here.place))
+            coms.append(mass / total * _gap(com, one.com))
+            masses.append(abs(two.mass - one.mass))
+            segment.place = 0.5 * (here.place + place)
+            segment.inertial = Inertial(mass, 0.5 * (one.com + com), 0.5 * (one.inertia + inertia))
+        near = _ALIKE * float(np.ptp([segment.place[2] for segment in self.segments]))
         for value, limit, unit, what in (
-            (most.place, _ALIKE * size, "m", "places of joints"),
-            (most.com, _ALIKE * size, "m", "the COM of one of their segments, as it moves that of the body"),
-            (most.mass, _ALIKE * total, "kg", "masses"),
-            (most.axis, _UNLIKE, "rad", "axes of joints"),
+            (max(far), near, "m", "places of joints"),
+            (max(coms), near, "m", "the COM of one of their segments, as it moves that of the body"),
+            (max(masses), _ALIKE * total, "kg", "masses"),
+            (max(angles), _UNLIKE, "rad", "axes of joints"),
         ):
             if not value <= limit:
                 raise InputError(
                     f"left and right differ by {value:.3g} {unit} in {what}, and may by {limit:.3g} {unit}; "
                     "a periodic walk needs a symmetric body: correct the model, or sides in its description."
                 )
-        return most
-
-    def _size(self) -> float:
-        heights = [segment.place[2] for segment in self.segments]
-        return float(max(heights) - min(heights))
+        bare = sum(not segment.shapes for segment in self.segments)
+        return Findings(max(far), max(coms), max(masses), bare)
 
 
 def _hull(model: mujoco.MjModel, mesh: int) -> Array:
@@ -361,10 +328,6 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
     count = int(model.mesh_graph[start])
     points = model.mesh_graph[start + 2 + count : start + 2 + 2 * count] + model.mesh_vertadr[mesh]
     return np.asarray(np.round(model.mesh_vert[points], _DIGITS), dtype=np.float64)
-
-
-def _point_inertia(mass: float, at: Array) -> Array:
-    return np.asarray(mass * (at @ at * np.eye(3) - np.outer(at, at)))
 
 
 def _gap(a: Array, b: Array) -> float:

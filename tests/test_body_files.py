@@ -12,7 +12,7 @@ from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import BodyParameters, RunParameters
 from models.build import build_body
 from models.scene import BodyModel
-from models.source import body_path, read_body_file, source_path, write_body
+from models.source import body_path, compiled_source, read_body_file, source_path, write_body
 from validation.run import body_check
 from validation.trial.plan import make_body
 
@@ -64,10 +64,10 @@ def replaced(old: str, new: str, count: int = -1) -> Callable[[str], str]:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ('root = "hip"', "no segment 'hip' for root"),
+        ('root = "hip"', "unknown segment for root 'hip'"),
         ('root = "chest"', "'l_foot' does not hang on the root 'chest'"),
         ('trunk = "l_shank"', "the trunk hangs on a leg"),
-        ('knee = "{side}_nee"', "no joint 'l_nee' for knee"),
+        ('knee = "{side}_nee"', "unknown joint for knee 'l_nee'; did you mean 'l_knee'"),
         ('knee = "{side}_ankle_roll"', "'l_ankle_roll' is not amid the joints from root to the l foot"),
         ('lock = ["l_ankle_roll"]', "the segment 'r_foot' has no mirror image"),
         ('sides = ["r", "l"]', "the knee 'r_knee' bends forward"),
@@ -76,7 +76,7 @@ def replaced(old: str, new: str, count: int = -1) -> Callable[[str], str]:
         ('source = "no-such-package:x.urdf"', "is not installed"),
         ("source = 3", r"body\.source = 3 must be"),
         ('lock = [".*_ankle_roll"]', "legs of less than six joints"),
-        ('lock = ["("]', "must have regular expressions only"),
+        ('lock = ["("]', "must be a valid regular expression"),
         ('[body.effort]\n".*_knee" = 0.0', "without a torque limit: l_knee, r_knee"),
         ('[body.effort]\n".*_nee" = 9.0', "effort has '.*_nee', which matches no joint"),
         ('[body.damping]\n".*" = -1.0', "must be at least 0"),
@@ -131,7 +131,7 @@ def test_a_coupled_joint_that_is_locked_is_no_trouble(tmp_path: Path) -> None:
 def test_a_file_that_is_no_description_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a model; give its description"):
         load(EXAMPLES / "biped.urdf")
-    with pytest.raises(InputError, match="body = 3 is no section of keys"):
+    with pytest.raises(InputError, match="body = 3 must be a section of keys"):
         load(write(tmp_path, toml="body = 3"))
 
 
@@ -154,15 +154,15 @@ def test_bad_sole_is_refused(old: str, new: str, message: str, tmp_path: Path) -
     [
         (replaced('<mass value="4"/>', '<mass value="6"/>', 1), "left and right differ by 2 kg in masses"),
         (replaced('<mass value="0.5"/>', '<mass value="0"/>'), "mass and inertia of moving bodies"),
-        (replaced('<mass value="4"/>', '<mass value="heavy"/>'), "cannot be read"),
+        (replaced('<mass value="4"/>', '<mass value="heavy"/>'), "cannot be compiled"),
         (replaced('"r_knee"', '"l_knee"'), "names of a joint used twice: l_knee"),
         (replaced('<link name="r_shank">', '<link name="l_shank">'), "names of a link used twice: l_shank"),
         (replaced('"waist_yaw"', '"root"'), "joints with names of ours: root"),
         (replaced('name="waist_yaw" type="revolute"', 'name="waist_yaw" type="prismatic"'), "is no hinge"),
         (replaced('effort="180"', 'effort="0"'), "without a torque limit: l_knee, r_knee"),
         (with_toes, "joints below a foot: l_toe, r_toe; weld them with lock"),
-        (lambda text: text[:500], "cannot be read"),
-        (lambda _: "", "cannot be read"),
+        (lambda text: text[:500], "cannot be compiled"),
+        (lambda _: "", "cannot be compiled"),
     ],
 )
 def test_broken_model_is_refused(change: Callable[[str], str], message: str, tmp_path: Path) -> None:
@@ -278,6 +278,30 @@ def test_a_model_in_memory_is_a_source(tmp_path: Path) -> None:
     spec.body("chest").mass = 0.0
     with pytest.raises(InputError, match="cannot be compiled"):
         write_body(tmp_path / "bad.toml", spec, sole=SOLE, **NAMES)
+
+
+def test_a_model_in_memory_is_written_with_all_digits(tmp_path: Path) -> None:
+    spec = mujoco.MjSpec.from_string(load(EXAMPLES / "biped.toml").xml)
+    spec.body("chest").pos[2] += 1e-9 / 3.0
+    write_body(tmp_path / "mine.toml", spec, sole=SOLE, **NAMES)
+    written = mujoco.MjModel.from_xml_path(str(tmp_path / "mine.xml"))
+    assert bits(written) == bits(spec.compile())
+
+
+def bits(model: mujoco.MjModel) -> bytes:
+    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes()
+
+
+def test_textures_are_not_needed(tmp_path: Path) -> None:
+    text = (
+        '<asset><texture name="t" type="2d" file="missing.png"/><material name="m" texture="t"/></asset>'
+        '<worldbody><body><geom size="1" material="m"/></body></worldbody>'
+    )
+    (tmp_path / "model.xml").write_text(f"<mujoco>{text}</mujoco>", encoding="utf-8")
+    model, _ = compiled_source(tmp_path / "model.xml")
+    assert (model.ntex, model.nmat, model.ngeom) == (0, 1, 1)
 
 
 def test_reach_grows_until_nothing_walks(monkeypatch: pytest.MonkeyPatch) -> None:

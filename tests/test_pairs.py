@@ -176,7 +176,7 @@ def test_a_study_must_be_of_both_gaits(folders, tmp_path, ampm):
         (("RUN", "RUN"), {"settings": ["gait.steps=3"]}, "already walked"),
         (("RUN", "RUN"), {"choices": {"controller": ["ampm"]}}, "already walked"),
         (("RUN", "EMPTY"), {}, "no folder of a finished run"),
-        (("normal", "nowhere"), {}, "neither a preset nor a file"),
+        (("normal", "nowhere"), {}, "unknown preset or file"),
         (("normal", None), {"choices": {"planner": ["ampm", "absent.csv"]}}, "absent.csv"),
         (("RUN", "RUN"), {"uncertainty": [Path("absent.json")]}, "absent.json"),
     ],

@@ -126,12 +126,12 @@ STEP = "gait.step_length"
         ("gait.a_s=-3", "gait.a_s", {"limit": "must be greater than 0"}),
         ("gait.single_support_ratio=1", "gait.single_support_ratio", {"limit": "must be less than 1"}),
         ("gait.steps=0", "gait.steps", {"limit": "must be at least 1"}),
-        ("gait.steps=2.5", "gait.steps", {"value": 2.5, "limit": "must be a whole number"}),
+        ("gait.steps=2.5", "gait.steps", {"value": 2.5, "limit": "must be a valid integer"}),
         ("gait.steps=1" + 400 * "0", "gait.steps", {"limit": "must be at most 100000"}),
-        ("gait.com_height=tall", "gait.com_height", {"value": "tall", "limit": "must be a number"}),
-        ("gait.com_height=true", "gait.com_height", {"limit": "must be a number"}),
-        ("gait.com_height=1" + 400 * "0", "gait.com_height", {"limit": "must be a number"}),
-        ("foot.schedule=rol", "foot.schedule", {"limit": "must be one of 'flat' or 'roll'"}),
+        ("gait.com_height=tall", "gait.com_height", {"value": "tall", "limit": "must be a valid number"}),
+        ("gait.com_height=true", "gait.com_height", {"limit": "must be a valid number"}),
+        ("gait.com_height=1" + 400 * "0", "gait.com_height", {"limit": "must be a valid number"}),
+        ("foot.schedule=rol", "foot.schedule", {"limit": "must be 'flat' or 'roll'"}),
         ("body.mass=1e-12", "body.mass", {"limit": "must be at least 1 kg"}),
         ("contact.time_constant=0.0009", "contact.time_constant", {"value": 0.0009}),
         ("simulation.time_step=0.008", "contact.time_constant", {}),
@@ -158,7 +158,7 @@ def test_a_bad_setting_is_known_to_programs(setting, key, details):
         ("gait = 3\n", r"write \[gait\]"),
         ("a = " + 100_000 * "[", "nested too deeply"),
         ("[gait]\nsteps = " + 5000 * "9", "no valid TOML"),
-        ("[gait]\nc_s = " + 300 * "[" + 300 * "]", "must be a number"),
+        ("[gait]\nc_s = " + 300 * "[" + 300 * "]", "must be a valid number"),
     ],
 )
 def test_a_bad_file_says_where(text, words, tmp_path):
@@ -168,20 +168,15 @@ def test_a_bad_file_says_where(text, words, tmp_path):
         load_run(path, ["gait.c_y=1"])
 
 
-def test_a_file_that_is_none(tmp_path, monkeypatch):
+def test_a_file_that_is_none(tmp_path):
     for source, words in (
-        ("norml", r"did you mean 'normal'\?.*normal, momentum, flat, roll"),
-        (tmp_path / "none.toml", "neither a preset nor a file"),
+        ("norml", r"did you mean 'normal'\?"),
+        (tmp_path / "none.toml", "unknown preset or file .*known are normal, momentum"),
         (tmp_path, "cannot be read"),
         ("zero\0byte", "cannot be read"),
     ):
         with pytest.raises(InputError, match=words):
             load_run(source)
-    path = tmp_path / "large.toml"
-    path.write_text("[gait]\nsteps = 4\n", encoding="utf-8")
-    monkeypatch.setattr("ampm.section.LARGEST_FILE", 10)
-    with pytest.raises(InputError, match="more than 10"):
-        load_run(path)
 
 
 def test_settings_are_texts_or_keywords():

@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 _PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.items())
-_SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 
 
 @app.command(epilog=f"Presets.\n\n{_PRESET_LINES}")
@@ -261,14 +260,13 @@ def describe_keys(request: Request) -> list[dict[str, Any]]:
     described = []
     for info in map(key_info, keys()):
         section, name = info.key.split(".")
-        limits = [f"{_SIGNS[comparison]} {limit:g}" for comparison, limit in info.bounds.items()]
         described.append(
             {
                 "key": info.key,
                 "value": values[section][name],
                 "default": info.default,
                 "unit": "" if info.unit == "1" else info.unit,
-                "bounds": ", ".join(limits) or " | ".join(info.options),
+                "bounds": info.range,
                 "meaning": info.meaning,
             }
         )

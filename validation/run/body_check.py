@@ -12,11 +12,10 @@ import pinocchio as pin
 from ampm.body.feasibility import joint_groups
 from ampm.body.robot import Robot
 from ampm.exceptions import RefusedGait
-from ampm.parameters import GRAVITY, HUMAN, BodyParameters, RunParameters
+from ampm.parameters import GRAVITY, BodyParameters, RunParameters
 from ampm.tune.gait_limits import step_torques
 from ampm.tune.refusal import NoFeasibleChoice
-from models.build import load
-from models.tree import Findings
+from models.scene import Findings
 from validation.progress import Progress
 from validation.trial.bridge import pinocchio_model, to_mujoco
 from validation.trial.plan import PlannedWalk, load_request, make_body, tune_walk
@@ -73,10 +72,9 @@ def check(
     """
     progress = progress or Progress()
     run = RunParameters(body=BodyParameters(source=source))
-    findings = Findings() if source == HUMAN else load(run.body, run.contact, run.simulation)[1]
     with progress.stage("body"):
         body = make_body(run)
-    robot, model = body.robot, body.model.compile()
+    findings, robot, model = body.model.findings, body.robot, body.model.compile()
     facts = _facts(robot, model, findings)
     notes = _notes(robot, findings, facts[_FEET][0])
     torque, gait = dict[str, float](), dict[str, float]()
@@ -239,7 +237,7 @@ def _notes(robot: Robot, findings: Findings, off: float = 0.0) -> tuple[str, ...
         notes.append("No joint has a speed limit: speeds are not judged.")
     if findings.bare:
         notes.append(
-            f"{len(findings.bare)} segments have no shape: clearance is that of ellipsoids of their inertia."
+            f"{findings.bare} segments have no shape: clearance is that of ellipsoids of their inertia."
         )
     if max(findings.place, findings.com, findings.mass) > 1e-6:
         notes.append("Left and right differ in the source: the mean of both walks.")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from ampm.description import BodyDescription
-    from ampm.disturbance import DisturbanceParameters
+    from ampm.parameters import DisturbanceParameters
 
     Array = NDArray[np.float64]
 

@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.body.robot import Robot
-    from ampm.disturbance import DisturbanceParameters
-    from ampm.parameters import RunParameters
+    from ampm.parameters import DisturbanceParameters, RunParameters
     from ampm.walk import Controller
 
     Array = NDArray[np.float64]

@@ -15,8 +15,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ampm.disturbance import DisturbanceParameters
 from ampm.exceptions import InputError
+from ampm.parameters import DisturbanceParameters
 from ampm.planner.contacts import footprint
 from ampm.planner.heights import Ground, uneven
 

@@ -18,9 +18,8 @@ import mujoco
 import numpy as np
 
 from ampm.compiled import bound, refer
-from ampm.disturbance import DisturbanceParameters
 from ampm.exceptions import InputError, SolverError
-from ampm.parameters import steps_per_tick
+from ampm.parameters import DisturbanceParameters, steps_per_tick
 from ampm.planner.heights import uneven
 from ampm.walk import (
     LIMITED,

@@ -446,5 +446,6 @@ def dump_sweep(definition: SweepDefinition) -> str:
     if definition.gait not in PRESETS or definition.base != load_run(definition.gait):
         base = definition.base
         kept = base.given | {key for key in keys() if base.value(key) != key_info(key).default}
-        table["base"] = base.giving(kept).model_dump(exclude_unset=True)
+        sections = base.giving(kept).model_dump(exclude_unset=True)
+        table["base"] = {name: section for name, section in sections.items() if section}
     return tomli_w.dumps(table)
