@@ -95,7 +95,9 @@ def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
 
 @compiled
 def share_sole(body: Body, stepping: Any, wanted: Wanted, command: Command) -> None:
-    """Share what the soles can give between COM and trunk; the command is untouched where they give it all.
+    """Share what the soles can give between COM and trunk, off the plan or disturbed.
+
+    The command is untouched where they give it all.
 
     With ``r = c - (z / (g + zdd)) cdd``, the ZMP of the command is r plus the arm of its moment. The feedback
     of the COM is a shift of r, that of angular momentum and trunk a shift of the arm.
@@ -106,6 +108,8 @@ def share_sole(body: Body, stepping: Any, wanted: Wanted, command: Command) -> N
         wanted: COM and momentum of the plan followed.
         command: of :func:`~ampm.control.stabilizer.command_wrench`, which is changed.
     """
+    if not stepping.active:
+        return
     com, force, moment = body.com, command.force, command.moment
     if stepping.force_factor != 1.0:
         put(force, times(stepping.force_factor, vector(force)))

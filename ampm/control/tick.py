@@ -50,7 +50,7 @@ def before(c: Workspace, stepper: Stepper | None, velocity_lag: float, load_age:
     if stepper is not None:
         follow(stepper, c.wanted, c.stepping[0])
     landing = contacts(c, first)
-    command(c)
+    command(c, stepper)
     tasks(c)
     scale(c.body, c.motion, c.tasks)
     if not eliminate_tasks(c.tasks, c.motion.posture):
@@ -115,17 +115,17 @@ def contacts(c: Workspace, first: bool) -> bool:
 
 
 @compiled
-def command(c: Workspace) -> None:
+def command(c: Workspace, stepper: Stepper | None) -> None:
     """The net wrench of the ground: the plan's, plus feedback of COM, momentum and trunk."""
-    body, wanted, stepping = c.body, c.wanted, c.stepping[0]
+    body, wanted = c.body, c.wanted
     trunk = body.trunk[0]
     pose = np.empty((3, 3))
     multiply(body.link[trunk.joint].turn, trunk.turn, pose)
     error = rotation_error(wanted.trunk, pose)
     tilt = fed_back_tilt(c.gains, error, wanted.trunk, wanted.tilt_window[0], c.tilt)
     command_wrench(c.gains, body, wanted, tilt, c.tasks.rates, c.command)
-    if stepping.active:
-        share_sole(body, stepping, wanted, c.command)
+    if stepper is not None:
+        share_sole(body, c.stepping[0], wanted, c.command)
 
 
 @compiled
