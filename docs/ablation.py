@@ -70,8 +70,10 @@ VARIANTS: Mapping[str, Mapping[str, float | NDArray[np.float64]]] = {
 def row(variant: str) -> list[str]:
     """Pushes survived, and ZMP RMSE of the others; constants are set before anything is compiled."""
     for name, value in VARIANTS[variant].items():
-        module, _, constant = name.rpartition(".")
-        setattr(import_module(f"ampm.{module}"), constant, value)
+        path, _, constant = name.rpartition(".")
+        module = import_module(f"ampm.{path}")
+        getattr(module, constant)  # a name that is none would change nothing
+        setattr(module, constant, value)
     name = "fixed" if variant == "fixed" else "stepping"
     run = load_run("normal", controller={"stabilizer": name}, gait={"steps": PUSH_STEP + 2})
     planned = plan_walk(Request("normal", run))
