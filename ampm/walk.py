@@ -175,7 +175,7 @@ class Reference:
 
     def replace(self, **fields: ArrayLike) -> Self:
         """A copy with other values of some fields, by the names of :func:`reference_type`."""
-        row = np.array(self.row)
+        row = self.row.copy()  # np.array() would share the memory of one row
         for name, value in fields.items():
             row[name] = value
         return type(self)(row)

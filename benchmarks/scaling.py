@@ -4,8 +4,6 @@ A trial of every length runs in a process of its own. Ticks are those of one sho
 its states, contacts and references again, of a body with more hinges or with more points under each foot.
 """
 
-from __future__ import annotations
-
 import csv
 import time
 from collections.abc import Iterator, Sequence
@@ -21,7 +19,7 @@ from matplotlib.ticker import NullFormatter
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
 from ampm.parameters import RunParameters
-from ampm.walk import PostureState, Reference, State, Touch
+from ampm.walk import Reference, State, Touch, reference_type
 from benchmarks.clock import least
 from benchmarks.recording import run_alone
 from benchmarks.sweeping import bare_runs
@@ -36,9 +34,14 @@ DATA, PICTURE = DOCS / "data" / "scaling.csv", DOCS / "images" / "scaling.svg"
 TIME_STEPS = (0.0005, 0.002)
 """Of the physics [s]; the default's first."""
 TITLES = {
-    "time": "Steps: time", "memory": "Steps: memory", "disk": "Steps: disk", "hinges": "Degrees of freedom",
-    "points": "Points of contact", "rate": "Control rate", "workers": "Workers",
-}  # fmt: skip
+    "time": "Steps: time",
+    "memory": "Steps: memory",
+    "disk": "Steps: disk",
+    "hinges": "Degrees of freedom",
+    "points": "Points of contact",
+    "rate": "Control rate",
+    "workers": "Workers",
+}
 """Panels in their order."""
 LOGARITHMIC = ("time", "memory", "disk", "points")
 MEMORY, DISK = 1000.0, 200.0
@@ -91,6 +94,14 @@ class Row(NamedTuple):
     y_unit: str
 
 
+class Tick(NamedTuple):
+    """Arguments of a control tick."""
+
+    state: State
+    touch: Touch
+    reference: Reference
+
+
 def measure_scaling(gait: str, sizes: Sizes, progress: Progress) -> list[Row]:
     """Measure everything.
 
@@ -116,12 +127,12 @@ def _over_steps(gait: str, counts: Sequence[int], progress: Progress) -> Iterato
         for steps in counts:
             run = _changed(gait, f"gait.steps={steps}", f"simulation.time_step={time_step}")
             with progress.stage(f"{steps} steps at {1e3 * time_step:g} ms"):
-                found = run_alone(run)
+                cost = run_alone(run)
             series, at = f"time step {1e3 * time_step:g} ms", (float(steps), "walking steps")
-            seconds = sum(found[part] for part in STAGES)
+            seconds = sum(cost[part] for part in STAGES)
             yield Row("time", series, *at, seconds, "time of a trial [s]")
-            yield Row("memory", series, *at, found["memory_peak"], "memory peak [MB]")
-            yield Row("disk", series, *at, found["folder"] / 1e6, "disk [MB]")
+            yield Row("memory", series, *at, cost["memory_peak"], "memory peak [MB]")
+            yield Row("disk", series, *at, cost["folder"] / 1e6, "disk [MB]")
 
 
 def _over_hinges_and_points(gait: str, sizes: Sizes, progress: Progress) -> Iterator[Row]:
@@ -177,21 +188,14 @@ def _over_workers(gait: str, sizes: Sizes, progress: Progress) -> Iterator[Row]:
 # ------------------------------------------------------------------------------------------- ticks
 
 
-class Tick(NamedTuple):
-    """Arguments of a control tick."""
-
-    state: State
-    touch: Touch
-    reference: Reference
-
-
 def _ticks_of(run: RunParameters) -> tuple[Robot, list[Tick]]:
     """Body and ticks of a walk."""
     planned, ticks = plan_walk(Request("scaling", run)), []
 
     class Listener(TrackingController):
         def update(self, state: State, touch: Touch, reference: Reference) -> Any:
-            ticks.append(Tick(state._replace(q=state.q.copy(), v=state.v.copy()), touch, reference))
+            sensed = touch._replace(contact=touch.contact.copy(), normal_force=touch.normal_force.copy())
+            ticks.append(Tick(state._replace(q=state.q.copy(), v=state.v.copy()), sensed, reference))
             return super().update(state, touch, reference)
 
     simulate(planned.plan, planned.run, planned.body.model, controller=Listener)
@@ -215,7 +219,7 @@ def with_points(robot: Robot, count: int) -> tuple[Robot, np.ndarray]:
     """The body with ``count`` points under each foot, evenly along heel, ball and tip.
 
     Returns:
-        The body, and for each of its points the nearest one of the given body.
+        The body, and for each of its points the nearest one of ``robot``.
     """
     model, body = robot.model.copy(), Robot(robot.model, robot.description, robot.shapes)
     frames, foot, group, nearest = [], [], [], []
@@ -240,10 +244,11 @@ def _longer(tick: Tick, count: int) -> Tick:
     def more(array: np.ndarray) -> np.ndarray:
         return np.concatenate([array, np.zeros(count)])
 
-    state, touch, reference = tick
-    q, v, acceleration, *rest = reference.posture
-    posture = PostureState(more(q), more(v), more(acceleration), *rest)
-    return Tick(state._replace(q=more(state.q), v=more(state.v)), touch, reference._replace(posture=posture))
+    state = tick.state._replace(q=more(tick.state.q), v=more(tick.state.v))
+    shorter, row = tick.reference.row, np.zeros((), reference_type(len(state.q), len(state.v)))
+    for name in shorter.dtype.names:
+        row[name] = more(shorter[name]) if name in ("q", "v", "acceleration") else shorter[name]
+    return Tick(state, tick.touch, Reference(row))
 
 
 def _spread(tick: Tick, of: np.ndarray) -> Tick:

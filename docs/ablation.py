@@ -42,24 +42,38 @@ VARIANTS: Mapping[str, Mapping[str, float | NDArray[np.float64]]] = {
     "stepping": {},
     "fixed": {},
     "places as planned": {
-        "stepping.FORWARD": 0.0, "stepping.BACKWARD": 0.0, "stepping.WIDER": 0.0, "stepping.NARROWEST": 1.0,
-        "stepping.IN_LINE": 1.0,
+        "stepping.step_choice.FORWARD": 0.0,
+        "stepping.step_choice.BACKWARD": 0.0,
+        "stepping.step_choice.WIDER": 0.0,
+        "stepping.step_choice.BESIDE": 10.0,
+        "stepping.step_choice.IN_LINE": 10.0,
     },
-    "times as planned": {"stepping.TIMES": np.ones(1), "stepping.CATCH_UP": 0.0, "walker.HASTE_FROM": 10.0},
-    "touch-down as planned": {"walker.EARLY": 10.0, "walker.GRACE": 10.0},
-    "no return to the plan": {"stepping.RETURN": 0.0, "stepping.CATCH_UP": 0.0, "live.BACK": 0.0},
-    "COM not at the floor's height": {"walker.HEIGHT_RATE": 0.0},
-    "sole not shared": {"sole.OPEN": 10.0},
-    "height not integrated": {"walker.LIFT": 0.0},
-    "tilt of a sole taken for the floor's": {"walker.DEEP_IN": 10.0},
-}  # fmt: skip
+    "times as planned": {
+        "stepping.step_choice.TIMES": np.ones(1),
+        "stepping.step_choice.CATCH_UP": 0.0,
+        "stepping.walker.HASTE_FROM": 10.0,
+    },
+    "touch-down as planned": {"stepping.floor.EARLY": 10.0, "stepping.floor.GRACE": 10.0},
+    "no return to the plan": {
+        "stepping.step_choice.RETURN": 0.0,
+        "stepping.step_choice.CATCH_UP": 0.0,
+        "stepping.follower.BACK": 0.0,
+    },
+    "COM not at the floor's height": {"stepping.walker.HEIGHT_RATE": 0.0},
+    "sole not shared": {"control.sole.OPEN": 10.0},
+    "height not integrated": {"stepping.floor.LIFT": 0.0},
+    "tilt of a sole taken for the floor's": {"stepping.floor.DEEP_IN": 10.0},
+}
+"""Constants of a variant, by module and name."""
 
 
 def row(variant: str) -> list[str]:
     """Pushes survived, and ZMP RMSE of the others; constants are set before anything is compiled."""
     for name, value in VARIANTS[variant].items():
-        module, _, constant = name.partition(".")
-        setattr(import_module(f"ampm.control.{module}"), constant, value)
+        path, _, constant = name.rpartition(".")
+        module = import_module(f"ampm.{path}")
+        getattr(module, constant)  # a name that is none would change nothing
+        setattr(module, constant, value)
     name = "fixed" if variant == "fixed" else "stepping"
     run = load_run("normal", controller={"stabilizer": name}, gait={"steps": PUSH_STEP + 2})
     planned = plan_walk(Request("normal", run))
@@ -79,8 +93,8 @@ def row(variant: str) -> list[str]:
             row = walk(cell, value, 0)
             x, y = row["zmp"]
             walks.append((cell.name, row["cause"].partition(":")[0] or f"{1e3 * x:.1f}, {1e3 * y:.1f}"))
-    found = dict(walks)
-    return [str(count), *(found[name] for name in OTHERS)]
+    errors = dict(walks)
+    return [str(count), *(errors[name] for name in OTHERS)]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -94,8 +108,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with tempfile.TemporaryDirectory() as cache:
             environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
             command = [sys.executable, __file__, variant]
-            found = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
-        rows.append((variant, *json.loads(found.stdout.splitlines()[-1])))
+            answer = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+        rows.append((variant, *json.loads(answer.stdout.splitlines()[-1])))
         print(*rows[-1], sep=" | ", flush=True)  # noqa: T201
     header = (
         "variant",

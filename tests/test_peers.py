@@ -121,7 +121,7 @@ def test_the_bodys_description_for_others_is_the_same_body():
         np.testing.assert_allclose(pose.rotation, terms.sole_turn[foot], rtol=0.0, atol=1e-12)
     times = walk.plan.contacts.step_ends[1]
     assert len(given["com"]) == int(times / 0.05)
-    states = walk.plan.table(0.05 * np.arange(1, len(given["com"]) + 1)).rows.posture.q
+    states = walk.plan.table(0.05 * np.arange(1, len(given["com"]) + 1)).posture.q
     assert max(body.errors(robot, given, states)) < 1e-6
     assert body.errors(robot, given, states[:1] + np.eye(robot.nq)[:1] * 1e-3)[0] == pytest.approx(
         1e-3, rel=1e-3

@@ -55,8 +55,8 @@ def sole_corners(robot: Robot) -> Array:
     points = list(zip(robot.point_frames, robot.point_foot, robot.point_group, strict=True))
     for foot, sole in enumerate(robot.sole_frames):
         back = frames[sole].placement.inverse()
-        own = [point for point, of, group in points if of == foot and group < _TIP]
-        corners.append([(back * frames[point].placement).translation for point in own])
+        flat = [point for point, of, group in points if of == foot and group < _TIP]
+        corners.append([(back * frames[point].placement).translation for point in flat])
     return np.array(corners)
 
 
@@ -94,7 +94,7 @@ def references(walk: PlannedWalk, time_step: float) -> dict[str, Any]:
     """
     robot, duration = walk.body.robot, walk.plan.contacts.step_ends[1]
     times = np.arange(0.0, duration, time_step)
-    rows = walk.plan.table(times).rows
+    plan = walk.plan.table(times)
     return {
         "urdf": urdf_of(robot),
         "mjcf": walk.body.model.xml,
@@ -102,21 +102,21 @@ def references(walk: PlannedWalk, time_step: float) -> dict[str, Any]:
         "soles": np.array([robot.model.frames[frame].name for frame in robot.sole_frames]),
         "trunk_frame": robot.model.frames[robot.trunk_frame].name,
         "time_step": time_step,
-        "q": rows.posture.q[0],
-        "com": rows.com[1:],
-        "place": rows.feet.position[1:],
-        "turn": rows.feet.rotation[1:],
-        "trunk": rows.posture.trunk[1:],
+        "q": plan.posture.q[0],
+        "com": plan.com[1:],
+        "place": plan.feet.position[1:],
+        "turn": plan.feet.rotation[1:],
+        "trunk": plan.posture.trunk[1:],
     }
 
 
-def errors(robot: Robot, given: dict[str, Any], q: Array) -> tuple[float, float, float]:
+def errors(robot: Robot, targets: dict[str, Any], q: Array) -> tuple[float, float, float]:
     """Largest distances of COM and soles [m], and rotation of the soles [rad], from their targets."""
     com, place, turn = 0.0, 0.0, 0.0
     for k, configuration in enumerate(q):
         terms = robot.jacobian(configuration)
-        com = max(com, float(np.linalg.norm(terms.com - given["com"][k])))
-        place = max(place, float(np.linalg.norm(terms.sole - given["place"][k], axis=1).max()))
-        rotations = np.einsum("fij,fik->fjk", terms.sole_turn, given["turn"][k])
+        com = max(com, float(np.linalg.norm(terms.com - targets["com"][k])))
+        place = max(place, float(np.linalg.norm(terms.sole - targets["place"][k], axis=1).max()))
+        rotations = np.einsum("fij,fik->fjk", terms.sole_turn, targets["turn"][k])
         turn = max(turn, *(float(np.linalg.norm(pin.log3(rotation))) for rotation in rotations))
     return com, place, turn

@@ -96,9 +96,15 @@ def compare(tasks: Sequence[str], *, install: bool, progress: Progress) -> list[
 
 
 def _measured(
-    what: str, names: Iterable[str], script: str, arrays: dict[str, Any], entries: list[Entry],
-    *, install: bool, progress: Progress,
-) -> Iterator[tuple[str, dict[str, Any]]]:  # fmt: skip
+    what: str,
+    names: Iterable[str],
+    script: str,
+    arrays: dict[str, Any],
+    entries: list[Entry],
+    *,
+    install: bool,
+    progress: Progress,
+) -> Iterator[tuple[str, dict[str, Any]]]:
     """Name and answer of every library that can be measured; the others get an entry with the reason."""
     for name in names:
         with progress.stage(f"{what} by {name}"):

@@ -8,7 +8,6 @@ import pinocchio as pin
 
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
-from ampm.control.tick import LAST
 from ampm.geometry import Array
 from ampm.walk import ControlOutput, PostureState, Reference, State, Touch
 from benchmarks.clock import least
@@ -46,11 +45,14 @@ def record(progress: Progress) -> tuple[Robot, dict[str, Any]]:
         "time_step": 1.0 / gains.frequency,
         "gains": np.array(
             [
-                gains.swing_stiffness, gains.swing_damping, gains.stance_damping,
-                gains.posture_stiffness, gains.posture_damping,
+                gains.swing_stiffness,
+                gains.swing_damping,
+                gains.stance_damping,
+                gains.posture_stiffness,
+                gains.posture_damping,
             ]
         ),
-    }  # fmt: skip
+    }
 
 
 def _walk(walk: PlannedWalk) -> tuple[list[dict[str, Any]], list[float]]:
@@ -63,15 +65,15 @@ def _walk(walk: PlannedWalk) -> tuple[list[dict[str, Any]], list[float]]:
             start = time.perf_counter()
             output = super().update(state, touch, reference)
             seconds.append(time.perf_counter() - start)
-            force, feet, posture = self._command[:3], reference.feet, reference.posture
+            command, feet, posture = self.workspace.command, reference.feet, reference.posture
             turning = _trunk_rates(self.robot, posture)
             planned = reference.contacts.planned[:, :2].all(axis=1)  # heel and ball
             ticks.append(
                 {
                     "q": state.q.copy(),
                     "v": state.v.copy(),
-                    "com_a": force / self.robot.mass - [0.0, 0.0, self.robot.gravity],
-                    "moment": self._command[3:6].copy(),
+                    "com_a": command.force / self.robot.mass - [0.0, 0.0, self.robot.gravity],
+                    "moment": command.moment.copy(),
                     "com": reference.com,
                     "place": feet.position,
                     "turn": feet.rotation,
@@ -84,8 +86,8 @@ def _walk(walk: PlannedWalk) -> tuple[list[dict[str, Any]], list[float]]:
                     "posture_v": posture.v[6:],
                     "posture_a": posture.acceleration[6:],
                     "contact": planned & touch.contact.reshape(2, -1).any(axis=1),
-                    "acceleration": self._motion[LAST].copy(),
-                    "torque": output.torque,
+                    "acceleration": self.workspace.motion.acceleration.copy(),
+                    "torque": output.torque.copy(),
                 }
             )
             return output

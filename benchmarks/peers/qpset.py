@@ -1,6 +1,6 @@
 """The control QPs of recorded walks as one small file; ``docs/benchmarks.md`` has its format."""
 
-from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,10 +8,10 @@ import numpy as np
 
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
-from ampm.control.forces import ANGULAR
+from ampm.control.workspace import ANGULAR, Problem
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
-from ampm.qp import QPSolution
+from ampm.qp import QPBackend, QPSolution
 from validation.progress import Progress
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.simulate import simulate
@@ -61,13 +61,12 @@ def accuracy(problems: dict[str, Array], x: Array, y: Array) -> Accuracy:
     error = weight[:, None, None] * (x - problems["x"])[:, :forces].reshape(len(x), 2, -1)
     error[:, :, -1] = 0.0  # the twist is no force
     shift = _zmp(problems, x) - _zmp(problems, problems["x"])
-    found = (
-        outside.max(axis=1).clip(0.0),
-        np.abs(gradient).max(axis=1),
-        np.abs(error).max(axis=(1, 2)),
-        np.hypot(*shift.T),
+    return Accuracy(
+        primal=np.nan_to_num(outside.max(axis=1).clip(0.0), nan=np.inf),
+        dual=np.nan_to_num(np.abs(gradient).max(axis=1), nan=np.inf),
+        force=np.nan_to_num(np.abs(error).max(axis=(1, 2)), nan=np.inf),
+        zmp=np.nan_to_num(np.hypot(*shift.T), nan=np.inf),
     )
-    return Accuracy(*(np.nan_to_num(value, nan=np.inf) for value in found))
 
 
 def _zmp(problems: dict[str, Array], x: Array) -> Array:
@@ -87,51 +86,54 @@ def record_set(progress: Progress, gaits: tuple[str, ...] = GAITS, ticks: int = 
     """Walk, and keep every QP as the controller hands it to its solver, with a reference solution.
 
     Raises:
-        RuntimeError: the recorded problems, solved again in a new workspace, do not give the controller's own
+        RuntimeError: the recorded problems, solved again in a new workspace, do not give the controller's
             solutions to the bit, or a reference solution leaves a residual of 1e-8.
     """
     parts = [_walk(gait, ticks, progress) for gait in gaits]
     problems = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     problems["sequence"] = np.repeat(np.arange(len(gaits)), ticks)
-    found = [_reference(*problem) for problem in zip(*(problems[name] for name in "PqAlu"), strict=True)]
-    problems["x"], problems["y"] = (np.stack(values) for values in zip(*found, strict=True))
+    answers = [_reference(*problem) for problem in zip(*(problems[name] for name in "PqAlu"), strict=True)]
+    problems["x"], problems["y"] = (np.stack(values) for values in zip(*answers, strict=True))
     worst = max(float(error.max()) for error in accuracy(problems, problems["x"], problems["y"])[:2])
     if not worst < _EXACT:
         raise RuntimeError(f"a reference solution leaves a residual of {worst:.2g}, more than {_EXACT:g}")
     return problems
 
 
+@dataclass
+class _Recorder:
+    """A backend that keeps its problems and answers."""
+
+    backend: QPBackend
+    problems: list[Problem] = field(default_factory=list)
+    answers: list[Array] = field(default_factory=list)
+
+    def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
+        """See :class:`ampm.qp.QPBackend`."""
+        self.problems.append(Problem(P.copy(), q.copy(), A.copy(), lower.copy(), upper.copy()))
+        solution = self.backend.solve(P, q, A, lower, upper)
+        self.answers.append(solution.x)
+        return solution
+
+
 def _walk(gait: str, ticks: int, progress: Progress) -> dict[str, Array]:
     """The first QPs of a walk."""
     walk = plan_walk(load_request(gait, ["gait.steps=4", "solver.qp=osqp"]), progress)
-    kept: list[tuple[Array, ...]] = []
-    found: list[Array] = []
+    recorders: list[_Recorder] = []
 
     def recorded(robot: Robot, run: RunParameters) -> TrackingController:
         controller = TrackingController(robot, run)
-        qp = controller.condensed
-        solve: Callable[[], QPSolution] = qp.solve
-
-        def kept_solve() -> QPSolution:
-            kept.append(tuple(array.copy() for array in (qp.P, qp.q, qp.A, qp.lower, qp.upper)))
-            solution = solve()
-            found.append(solution.x)
-            return solution
-
-        setattr(qp, "solve", kept_solve)  # noqa: B010  # which a type checker would not let pass otherwise
+        recorders.append(_Recorder(controller.contact_qp.backend))
+        controller.contact_qp.backend = recorders[0]
         return controller
 
     with progress.stage(f"{gait}: {ticks} control QPs"):
         simulate(walk.plan, walk.run, walk.body.model, controller=recorded)
-        again = TrackingController(walk.body.robot, walk.run).condensed
-        for problem, x in zip(kept, found, strict=True):
-            for own, values in zip(
-                (again.P, again.q, again.A, again.lower, again.upper), problem, strict=True
-            ):
-                own[:] = values
-            if not np.array_equal(again.solve().x, x):
+        fresh, kept = TrackingController(walk.body.robot, walk.run).contact_qp.backend, recorders[0]
+        for problem, answer in zip(kept.problems, kept.answers, strict=True):
+            if not np.array_equal(fresh.solve(*problem).x, answer):
                 raise RuntimeError(f"{gait}: a recorded QP has another solution than the controller's")
-    problems = [np.stack(values[:ticks]) for values in zip(*kept, strict=True)]
+    problems = [np.stack(values[:ticks]) for values in zip(*kept.problems, strict=True)]
     return dict(zip("PqAlu", problems, strict=True)) | {
         "time": np.arange(ticks) / walk.run.controller.frequency,
         "weight": np.array([walk.plan.weight]),

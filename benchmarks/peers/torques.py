@@ -87,9 +87,10 @@ class Tsid(Dynamics):
         self.com, self.momentum = tsid.TaskComEquality("com", robot), tsid.TaskAMEquality("momentum", robot)
         self.posture = tsid.TaskJointPosture("posture", robot)
         for task, size, stiff, damped in (
-            (self.com, 3, 0.0, 0.0), (self.momentum, 3, 0.0, 0.0),
+            (self.com, 3, 0.0, 0.0),
+            (self.momentum, 3, 0.0, 0.0),
             (self.posture, len(self.hinges), gains[3], gains[4]),
-        ):  # fmt: skip
+        ):
             task.setKp(stiff * np.ones(size))
             task.setKd(damped * np.ones(size))
         work.addMotionTask(self.com, MOMENTUM, 1, 0.0)

@@ -3,8 +3,6 @@
 ampm validate normal --controller controller_template:MyController
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ampm.body.robot import Robot

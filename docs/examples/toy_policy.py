@@ -7,8 +7,6 @@ It needs the package onnx. A policy that was trained in ``validation.environment
 one input (the observation in one row, float32), one output (the action in one row).
 """
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -3,8 +3,6 @@
 ampm validate flat --controller docs.examples.tsid_controller:TsidController
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 
@@ -63,15 +61,15 @@ class TsidController:
         self.contacts, self.points = [], []
         pyramid, up = gain.friction / np.sqrt(2.0), np.array([0.0, 0.0, 1.0])
         for foot, name in enumerate(soles):
-            own = np.flatnonzero((robot.point_foot == foot) & (robot.point_group < 2))  # heel and ball
+            flat = np.flatnonzero((robot.point_foot == foot) & (robot.point_group < 2))  # heel and ball
             sole = model.frames[robot.sole_frames[foot]].placement
-            places = [model.frames[robot.point_frames[k]].placement for k in own]
+            places = [model.frames[robot.point_frames[k]].placement for k in flat]
             corners = np.array([sole.actInv(place).translation for place in places]).T
             contact = tsid.Contact6d(f"{name}_contact", body, name, corners, up, pyramid, 0.0, 1.0)
             contact.setKp(np.zeros(6))
             contact.setKd(np.full(6, gain.stance_damping))
             self.contacts.append(contact)
-            self.points.append(own)
+            self.points.append(flat)
         self.solver, self.size = tsid.SolverHQuadProgFast("qp"), (0, 0, 0)
         self.stands, self.opening = [False, False], [0.0, 0.0]  # the latter is a share of the weight
         self.torque, self.acceleration = np.zeros(robot.nu), np.zeros(robot.nv)
@@ -97,20 +95,20 @@ class TsidController:
             self.solver.resize(*size)
             self.size = size
         start = time.perf_counter()
-        found = self.solver.solve(problem)
+        answer = self.solver.solve(problem)
         seconds = time.perf_counter() - start
-        if found.status != 0:
+        if answer.status != 0:
             return ControlOutput(self.torque, status=UNSOLVED, seconds=seconds)
-        self.acceleration = self.work.getAccelerations(found)
+        self.acceleration = self.work.getAccelerations(answer)
         damping, stiffness, rest, friction = robot.passive.T  # of hinges, which TSID does not know
         passive = damping * v[6:] + stiffness * (q[7:] - rest) + friction * np.sign(posture.v[6:])
         limit = robot.torque_limit
-        self.torque = np.clip(self.work.getActuatorForces(found) + passive, -limit, limit)
+        self.torque = np.clip(self.work.getActuatorForces(answer) + passive, -limit, limit)
         force = np.zeros((len(robot.point_frames), 3))
         for foot, frame in enumerate(robot.sole_frames):
             if self.stands[foot]:
-                own = self.work.getContactForce(self.contacts[foot].name, found).reshape(-1, 3)
-                force[self.points[foot]] = own @ places[frame].rotation.T
+                in_sole = self.work.getContactForce(self.contacts[foot].name, answer).reshape(-1, 3)
+                force[self.points[foot]] = in_sole @ places[frame].rotation.T
         net, point = force.sum(axis=0), np.array([places[frame].translation for frame in robot.point_frames])
         zmp = force[:, 2] @ point[:, :2] / net[2] if net[2] > 0.0 else None
         status = LIMITED if (np.abs(self.torque) > 0.999 * limit).any() else SOLVED
@@ -131,9 +129,11 @@ class TsidController:
         share = min(self.opening[foot], plan.contacts.until_lift[foot, :2].min() / gain.contact_ramp)
         contact.setMaxNormalForce(share * self.robot.mass * self.robot.gravity)
         self.work.updateTaskWeight(task.name, 0.0 if stands else FOOT)
-        row = plan.feet.values[foot]  # position and its rates, rotation by rows, rates of turning
-        pose = [*row[:3], *row[9:18].reshape(3, 3).T.flat]
-        task.setReference(_sample(pose, [*row[3:6], *row[18:21]], [*row[6:9], *row[21:24]]))
+        feet = plan.feet
+        pose = [*feet.position[foot], *feet.rotation[foot].T.flat]
+        velocity = [*feet.velocity[foot], *feet.angular_velocity[foot]]
+        acceleration = [*feet.acceleration[foot], *feet.angular_acceleration[foot]]
+        task.setReference(_sample(pose, velocity, acceleration))
 
 
 def _sample(*parts: Any) -> Any:

@@ -7,8 +7,6 @@ trial = val.walk(ampm.load_run("normal"), disturbances=[Wind((0.0, 8.0, 0.0), un
 print(trial)
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The built-in controller behind motors that take torques in steps of 0.1 N m."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ampm.control.controller import TrackingController
