@@ -23,8 +23,8 @@ def load_run(
     ``load_run("momentum", gait={"c_y": 0.6})`` and ``load_run("momentum", ["gait.c_y=0.6"])`` are the same.
 
     Values that settings, sections and a file give are kept. The values of :data:`ampm.parameters.OPEN_KEYS`
-    that a preset has, or that are left at their defaults, are open: planning a walk finds them where anything
-    else was changed (:func:`changes`), unless the run is taken :meth:`~ampm.parameters.RunParameters.as_is`.
+    that a preset has, or that are left at their defaults, are open: planning a walk that is no preset's finds
+    them (:func:`leaves_open`), unless the run is taken :meth:`~ampm.parameters.RunParameters.as_is`.
 
     Args:
         source: name of a preset, path of a TOML file, or None for the defaults. Files that a file names and
@@ -82,22 +82,21 @@ def _merged(table: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]
     return merged
 
 
-def changes(run: RunParameters) -> dict[str, Any]:
-    """Keys and values by which a run differs from all presets; open values are found only if there are any.
+def leaves_open(run: RunParameters) -> bool:
+    """Whether planning finds values of :data:`ampm.parameters.OPEN_KEYS` for a run.
 
-    Those of gait, body and feet except the number of steps, relative to the nearest preset. Empty for a
-    preset's own walk, for a run that leaves nothing open, and for the plain inverted pendulum (``lipm``),
-    whose ZMP jumps for any values of the open keys.
+    A preset's own gait, body and feet are walked as they are, with any number of steps and any planner; of
+    all others what is not set is found. Nothing is found for the plain inverted pendulum (``lipm``), whose
+    ZMP jumps for any values.
     """
     if run.gait.planner == "lipm" or run.given >= set(OPEN_KEYS):
-        return {}
-    values = {
-        key: run.value(key)
-        for key in keys()
-        if key.startswith(("gait.", "body.", "foot.")) and key not in ("gait.steps", "gait.planner")
-    }
-    found = [{key: value for key, value in values.items() if value != own.value(key)} for own in _presets()]
-    return min(found, key=len)
+        return False
+    return all(_own_walk(run) != _own_walk(preset) for preset in _presets())
+
+
+def _own_walk(run: RunParameters) -> dict[str, Any]:
+    """Values of gait, body and feet."""
+    return run.model_dump(include={"gait", "body", "foot"}, exclude={"gait": {"steps", "planner"}})
 
 
 @cache

@@ -6,20 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from ampm.body.feasibility import check_body
-from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory
+from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.body.motion import WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
+from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import step_grid, step_reference
-from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.planners import periodic_walk
-from benchmarks.clock import Line, Samples, least, repeat
+from benchmarks.clock import Line, Samples, repeat
 from benchmarks.recording import time_recording
 from benchmarks.walking import time_walk
 from validation.progress import Progress
@@ -121,30 +119,19 @@ def run_benchmarks(
 
 
 def time_ik(
-    run: RunParameters, robot: Robot, plan: StepPlan, motion: WholeBodyMotion, *, draft: bool = False
+    run: RunParameters, robot: Robot, plan: StepPlan, motion: WholeBodyMotion
 ) -> tuple[Samples, StepTrajectory]:
-    """Times of the ticks of one step of the inverse kinematics [s], and the step.
+    """Mean time of a tick over one step of the inverse kinematics [s], once per step, and the step.
 
-    A tick is drift correction, QP and integration; a draft does without the QP where no limit binds, in one
-    compiled loop: of it the mean over the step is known.
+    A tick is drift correction, accelerations and integration; all ticks of a step are one compiled loop.
     """
-    kinematics = _TimedKinematics(robot, run)
+    kinematics = InverseKinematics(robot, run)
+    offset = motion.report.angular_momentum_y_offset / robot.mass
     reference = step_reference(plan, step_grid(plan, run.solver.ik_time_step))
-    start = motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset
-    rounds = []
-    for _ in range(_STEPS):
-        kinematics.times, began = [], time.perf_counter()
-        step = kinematics.integrate(reference, *start, draft=draft)
-        mean = (time.perf_counter() - began) / (len(reference.time) - 1)
-        rounds.append(np.array([mean]) if draft else np.diff(kinematics.times))
-    return least(rounds), step
+    reference = reference.with_angular_momentum_y(offset)
 
+    def walk() -> StepTrajectory:
+        return kinematics.integrate(reference, motion.q[0], motion.v[0])
 
-class _TimedKinematics(InverseKinematics):
-    """Records the time at which each tick reaches its QP; two such times are one tick apart."""
-
-    times: list[float]
-
-    def _minimise(self, *arguments: Any) -> Array:
-        self.times.append(time.perf_counter())
-        return super()._minimise(*arguments)
+    step, ticks = walk(), len(reference.time) - 1
+    return [seconds / ticks for seconds in repeat(walk, _STEPS)], step

@@ -8,7 +8,7 @@ import pytest
 from rerun.chunk import RrdReader
 from scipy.optimize import lsq_linear
 
-from ampm.body.feasibility import CLEARANCE
+from ampm.body.limits import CLEARANCE
 from ampm.exceptions import BodilyRefusal
 from ampm.run_file import load_run
 from models.human import build

@@ -413,7 +413,7 @@ def test_e18_some_weight_is_needed_on_every_coordinate():
     free = null_space(at.jacobian)  # accelerations that Eq. 11 leaves open
     named = np.concatenate([np.arange(3, 6), at.robot.trunk_joints])  # loins and chest, in the widest sense
     assert free.shape[1] - np.linalg.matrix_rank(free[named]) > 5  # directions without a cost
-    weights = InverseKinematics(at.robot, at.run).weights[:, None]
+    weights = InverseKinematics(at.robot, at.run).body.weight[:, None]
     assert np.linalg.eigvalsh(free.T @ (weights * free)).min() > 1e-6
 
 
@@ -424,7 +424,8 @@ def continued(steps, constant):
     q, v = at.motion.q[0], at.motion.v[0]
     pitches: list[float] = []
     for _ in range(steps):
-        step = ik.integrate(reference, q, v, constant(pitches), draft=True)
+        offset = constant(pitches) / at.robot.mass
+        step = ik.integrate(reference.with_angular_momentum_y(offset), q, v)
         q, v = at.robot.mirror_q(step.q[-1], -at.motion.step_length), at.robot.mirror_v(step.v[-1])
         pitches.append(float(np.trapezoid(step.trunk_pitch, reference.time) / reference.time[-1]))
     return np.array(pitches)

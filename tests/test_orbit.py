@@ -1,6 +1,5 @@
 """The periodic step: does it return, its constant of L_y, how unstable it is, what when there is none."""
 
-import json
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +9,6 @@ import pytest
 
 from ampm.body import feasibility, orbit, return_map
 from ampm.body.inverse_kinematics import Unreachable
-from ampm.body.motion import MotionReport
 from ampm.body.orbit import solve_motion
 from ampm.body.step_reference import step_reference
 from ampm.exceptions import BodilyRefusal, InputError
@@ -108,7 +106,6 @@ def test_report_is_about_this_motion(settings):
         assert named[least.where][motion.time == least.time] == least.value
     assert report.constraint_position < 1e-3
     assert report.constraint_acceleration < 1e-10
-    assert MotionReport.from_dict(json.loads(json.dumps(report.as_dict()))) == report
 
 
 def test_constant_of_l_y_is_not_zero_and_depends_on_l_z_and_lean():
@@ -143,12 +140,12 @@ def test_multipliers_are_eigenvalues_of_the_return_map(change, slow):
     run, plan, robot = walk_of(*settings)
     motion = motion_of(*settings)
     ik = orbit.InverseKinematics(robot, run)
-    reference = step_reference(plan, motion.time)
     offset, nv, h = motion.report.angular_momentum_y_offset, robot.nv, 1e-6
+    reference = step_reference(plan, motion.time).with_angular_momentum_y(offset / robot.mass)
 
     def returned(dq, dv):
         q = pin.integrate(robot.model, motion.q[0], dq)
-        end = ik.integrate(reference, q, motion.v[0] + dv, offset, draft=True)
+        end = ik.integrate(reference, q, motion.v[0] + dv)
         q = robot.mirror_q(end.q[-1], -motion.step_length)
         return np.concatenate([pin.difference(robot.model, motion.q[0], q), robot.mirror_v(end.v[-1])])
 
@@ -170,22 +167,19 @@ def test_multipliers_are_eigenvalues_of_the_return_map(change, slow):
 # ---------------------------------------------------------- search and refusals
 
 
-def test_search_goes_by_way_of_easier_gaits(monkeypatch):
-    """With the standing start taken away, the same orbit is found from a lower COM without momentum."""
+def test_search_goes_by_way_of_a_lower_com(monkeypatch):
+    """With the standing start taken away, the same orbit is found from the one with a lower COM."""
     settings = GAITS["momentum"]
     guess = orbit.StepMap.guess
     wanted = walk_of(*settings).run.gait.com_height
 
-    def only_eased(step_map):
+    def only_lowered(step_map):
         if step_map.reference.position[0, 0, 2] == wanted:
             raise Unreachable(0.0, "nothing", 0.0, 0.0, "1")
         return guess(step_map)
 
-    monkeypatch.setattr(orbit.StepMap, "guess", only_eased)
-    told: list[str] = []
-    motion = solve(*settings, progress=told.append)
-    direct = motion_of(*settings)
-    assert any("of the way" in line for line in told)
+    monkeypatch.setattr(orbit.StepMap, "guess", only_lowered)
+    motion, direct = solve(*settings), motion_of(*settings)
     np.testing.assert_allclose(motion.q, direct.q, atol=1e-7)
     offset = direct.report.angular_momentum_y_offset
     assert motion.report.angular_momentum_y_offset == pytest.approx(offset, abs=1e-7)
@@ -209,8 +203,8 @@ def test_out_of_reach_names_the_instant_and_a_height_that_works():
     refusal = caught.value
     assert (refusal.reason, refusal.value) == ("no_periodic_motion", 0.94)
     assert 0.8 < refusal.limit < 0.94
-    assert "gait.com_height below" in str(refusal)
-    lower = solve(COARSE, f"gait.com_height={refusal.limit - 0.01}")
+    assert "lower gait.com_height" in str(refusal)
+    lower = solve(COARSE, f"gait.com_height={refusal.limit}")
     assert lower.report.residual <= 1e-8
 
 

@@ -1,5 +1,7 @@
 """Planners and postures: the periodic one, and one of a user's own, walked."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -28,12 +30,12 @@ def test_the_periodic_walk_is_the_plan_with_its_motion(inputs):
     assert isinstance(plan.posture, PeriodicPosture)
     assert same(plan.posture.motion, motion)
     assert plan.constants.angular_momentum_y_offset == motion.report.angular_momentum_y_offset
-    assert plan.posture.report() == motion.report.as_dict()
+    assert plan.posture.report() == asdict(motion.report)
     body = plan.posture.sample([0.1, 0.9])
     assert body.q.tobytes() == motion.sample([0.1, 0.9], inputs[1]).q.tobytes()
 
 
-def test_a_swaying_posture_begins_on_the_plan(inputs):
+def test_a_constant_posture_begins_on_the_plan(inputs):
     plan, robot = UprightWalk().plan(*inputs), inputs[1]
     begin = plan.posture.sample([0.0]).q[0]
     data = robot.model.createData()
@@ -45,24 +47,6 @@ def test_a_swaying_posture_begins_on_the_plan(inputs):
     )
 
 
-def test_a_swaying_posture_is_near_the_periodic_motion(inputs):
-    sway, orbit = UprightWalk().plan(*inputs), PeriodicPlanner().plan(*inputs)
-    offset = orbit.constants.angular_momentum_y_offset
-    assert sway.constants.angular_momentum_y_offset == pytest.approx(offset, rel=0.1)
-    times = np.linspace(0.05, 2.0 * orbit.constants.step_duration, 40)
-    pitch = [-np.arcsin(plan.posture.sample(times).trunk[:, 2, 0]) for plan in (sway, orbit)]
-    assert np.ptp(pitch[0]) > 0.15  # [rad]; in the orbit the waist turns as well
-    assert abs(pitch[0].mean()) < 0.02
-    assert np.corrcoef(pitch)[0, 1] > 0.95
-    sway = sway.posture.sway
-    np.testing.assert_allclose(sway[0], sway[-1], rtol=0.0, atol=1e-9)  # it repeats
-
-
-def test_a_sway_of_one_step_is_refused():
-    with pytest.raises(InputError, match=r"gait\.steps of at least 2"):
-        plan_walk(load_request("normal", ["gait.steps=1"]), planner=UprightWalk())
-
-
 def test_a_table_planner_takes_columns():
     with pytest.raises(InputError, match="columns, not a file"):
         TablePlanner("plan.csv")  # type: ignore[arg-type]
@@ -70,17 +54,16 @@ def test_a_table_planner_takes_columns():
 
 @pytest.mark.parametrize(
     ("gait", "steps", "largest"),
-    [("normal", 4, 0.75e-3), *(pytest.param(*case, marks=pytest.mark.slow) for case in
-     (("normal", 30, 0.65e-3), ("momentum", 100, 0.74e-3)))],
-)  # fmt: skip
-def test_a_gait_walks_with_a_swaying_posture(gait, steps, largest):
+    [("normal", 4, 1.2e-3), pytest.param("momentum", 100, 1.0e-3, marks=pytest.mark.slow)],
+)
+def test_a_gait_walks_with_a_constant_posture(gait, steps, largest):
     settings = [f"gait.steps={steps}"]
     walked = walk_planned(plan_walk(load_request(gait, settings), planner=UprightWalk()))
     assert walked.record.outcome.completed, walked.record.outcome.cause
     metrics = walked.metrics
     assert metrics["zmp_x_rmse"].value < largest
-    assert metrics["zmp_y_rmse"].value < 0.4e-3
-    with pytest.raises(InputError, match="SwayingPosture"):
+    assert metrics["zmp_y_rmse"].value < 0.7e-3
+    with pytest.raises(InputError, match="ConstantPosture"):
         _ = walked.planned.motion
 
 

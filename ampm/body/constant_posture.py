@@ -41,8 +41,6 @@ class ConstantPosture:
         BodilyRefusal: the body cannot take the plan's first instant.
     """
 
-    angular_momentum_y_offset = 0.0
-
     def __init__(
         self, plan: StepPlan, run: RunParameters, robot: Robot, stops: Sequence[tuple[float, float]] = ()
     ) -> None:
@@ -54,7 +52,7 @@ class ConstantPosture:
             reference = reference.turned(heading)
         try:
             upright = ik.upright(reference, 0, standing(ik, reference))
-            q, v = ik.project(reference, 0, upright, np.zeros(robot.nv), 0.0)
+            q, v = ik.project(reference, 0, upright, np.zeros(robot.nv))
         except Unreachable as error:
             raise BodilyRefusal(
                 f"the body cannot stand as the walk begins: {error}",

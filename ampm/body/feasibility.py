@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ampm.body.limits import (
+    AT_LEAST,
+    AT_MOST,
+    CLEARANCE,
+    KNEE_MINIMUM,
+    LEG_ALLOWANCE,
+    ROLL_TOLERANCE,
+    Limit,
+    check,
+)
 from ampm.description import BodyDescription
-from ampm.exceptions import BodilyRefusal
 from ampm.geometry import Array
 from ampm.planner.feet import HEEL
 from ampm.planner.support import StepPlan
@@ -20,16 +27,6 @@ if TYPE_CHECKING:
 
 FLOOR_TOLERANCE = 1e-6
 """Depth under the floor that rounding may give a planned sole point [m]."""
-ROLL_TOLERANCE = 0.005
-"""Largest distance of the ZMP behind the ball at heel rise [m]: the ZMP covers it in a few milliseconds, in
-which the heel rises by less than the millimetre that a soft contact yields."""
-LEG_ALLOWANCE = 0.02
-"""Reach beyond the straight leg that the pelvis can add, as a share of the leg's length [1]. This early check
-refuses only what no rotation of the pelvis can correct; the inverse kinematics decides the rest."""
-KNEE_MINIMUM = 0.1
-"""Least flexion of a knee [rad]: a straighter one can hardly change the hip's height."""
-CLEARANCE = 0.010
-"""Least distance of arms from legs, trunk and each other, and of leg from leg [m]."""
 RETURN_TOLERANCE = 1e-8
 """Largest difference of a motion's mirrored end from its start [rad, m, rad/s, m/s]."""
 
@@ -42,62 +39,6 @@ _JOINT_WAYS_OUT = {
     "arms": "bring gait.c_s and gait.c_y nearer to 1",
 }
 _INSTANTS = 200  # samples per phase, for values without a closed-form extremum
-
-
-AT_MOST, AT_LEAST = -math.inf, math.inf
-"""Targets of a limit that is only checked, not searched for."""
-
-
-@dataclass(frozen=True)
-class Limit:
-    """One limit of body, floor or formula.
-
-    Attributes:
-        what: the measured quantity; in a check, a clause that also names the fault.
-        unit: of value, bound and target.
-        bound: hard limit.
-        target: target of a search; beyond ``bound`` on the allowed side.
-        reason: short name for tables.
-        way_out: what the user can change.
-        tolerance: by how much a check lets a value exceed the bound.
-    """
-
-    what: str
-    unit: str
-    bound: float
-    target: float
-    reason: str
-    way_out: str = ""
-    tolerance: float = 0.0
-
-    def margin(self, value: float) -> float:
-        """Normalised margin: 0 at the bound, 1 at the target, negative beyond the bound [1]."""
-        return (value - self.bound) / (self.target - self.bound)
-
-    def broken(self, value: float) -> bool:
-        """Whether a value is beyond bound and tolerance, or no number."""
-        beyond = value - self.bound if self.target < self.bound else self.bound - value
-        return not beyond <= self.tolerance
-
-    def rule(self, digits: int = 3) -> str:
-        """The bound in words, with its unit."""
-        side = "at most" if self.target < self.bound else "at least"
-        return f"{side} {self.quantity(self.bound, digits)}"
-
-    def quantity(self, value: float, digits: int) -> str:
-        """A value with its unit."""
-        return f"{value:.{digits}g}" + ("" if self.unit == "1" else f" {self.unit}")
-
-    def refusal(self, value: float, also: str = "") -> BodilyRefusal:
-        """The error; ``also`` is appended to the way out."""
-        return BodilyRefusal(
-            f"{self.what} is {self.quantity(value, 4)} and must be {self.rule(4)}",
-            reason=self.reason,
-            value=value,
-            limit=self.bound,
-            unit=self.unit,
-            way_out=self.way_out + also,
-        )
 
 
 def check_body(plan: StepPlan, description: BodyDescription) -> None:
@@ -145,14 +86,14 @@ def check_motion(report: MotionReport, description: BodyDescription) -> None:
     bend = "lower gait.com_height, shorten gait.step_length or raise foot.toe_off_angle"
     group = next((name for name, names in joint_groups(description).items() if joint.where in names), "")
     way_out = _JOINT_WAYS_OUT.get(group, LESS)
-    for value, limit in (
-        (report.residual, Limit(turn, "rad", RETURN_TOLERANCE, AT_MOST, "no_periodic_motion", LESS)),
-        (knee.value, Limit(straight, "rad", KNEE_MINIMUM, AT_LEAST, "knee_too_straight", bend)),
-        (joint.value, Limit(past, "rad", 0.0, AT_LEAST, "joint_limits", way_out)),
-        (parts.value, Limit(near, "m", CLEARANCE, AT_LEAST, "self_collision", spread)),
-    ):
-        if limit.broken(value):
-            raise limit.refusal(value)
+    check(
+        [
+            (Limit(turn, "rad", RETURN_TOLERANCE, AT_MOST, "no_periodic_motion", LESS), report.residual),
+            (Limit(straight, "rad", KNEE_MINIMUM, AT_LEAST, "knee_too_straight", bend), knee.value),
+            (Limit(past, "rad", 0.0, AT_LEAST, "joint_limits", way_out), joint.value),
+            (Limit(near, "m", CLEARANCE, AT_LEAST, "self_collision", spread), parts.value),
+        ]
+    )
 
 
 def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> Iterator[tuple[Limit, float]]:

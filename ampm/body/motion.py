@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
@@ -72,15 +71,6 @@ class MotionReport:
     clearance: Extreme = field(metadata={"unit": "m"})
     acceleration_jump: float = field(metadata={"unit": "rad/s²"})
     evaluations: int = field(metadata={"unit": "1"})
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> MotionReport:
-        """Inverse of :meth:`as_dict`, from JSON values."""
-        return TypeAdapter(cls).validate_python(values)
 
 
 MOTION_UNITS: Mapping[str, str] = {
@@ -196,14 +186,9 @@ class PeriodicPosture(Brief):
     motion: WholeBodyMotion
     robot: Robot
 
-    @property
-    def angular_momentum_y_offset(self) -> float:
-        """Mean of L_y over a step that makes it periodic [N m s]."""
-        return self.motion.report.angular_momentum_y_offset
-
     def report(self) -> dict[str, Any]:
         """Values of the periodic motion, see :class:`MotionReport`."""
-        return self.motion.report.as_dict()
+        return asdict(self.motion.report)
 
     def sample(self, times: ArrayLike) -> PostureState:
         """States at ``times``, shape (T,) [s]; see :meth:`WholeBodyMotion.sample`."""

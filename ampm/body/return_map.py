@@ -4,21 +4,19 @@ Only a few modes of the map are slow. Newton's method therefore evaluates the Ja
 on a small Krylov space and takes it as minus the identity elsewhere.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
-from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory, Unreachable
+from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
+from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import StepReference
 
-if TYPE_CHECKING:
-    from ampm.geometry import Array
+Array = NDArray[np.float64]
 
 MULTIPLIERS = 4
 """How many multipliers of the return map are reported."""
@@ -28,24 +26,36 @@ _OFFSET_SCALE = 1.0  # likewise for the constant of L_y [1/(N m s)]
 _MAX_STEP = 0.5  # of a Newton step, in scaled units
 _DIFFERENCE = 1e-5  # step of finite differences, in scaled units
 _KRYLOV = 10  # largest dimension of the Krylov space
+_LEFT = 0.9  # share of the residual after a step above which the Jacobian, ten steps, is built anew [1]
+_DROPS = (0.06, 0.1)  # by how much the COM of a body of 1.70 m is lowered for another start [m]
+_LOWER_TOLERANCE = 1e-5  # of the step with a lower COM [rad, m, rad/s, m/s]
 
 
 class StepMap:
     """The mirrored one-step map of one reference, in scaled unknowns ``z``.
 
-    ``z`` holds the start configuration as a tangent vector at ``origin``, the start velocity and the constant
-    of L_y, each times ``scale``.
+    ``z`` holds the start configuration as a tangent vector at a body that stands upright at the planned COM,
+    the start velocity and the constant of L_y, each times ``scale``.
+
+    Args:
+        ik: integrates the step.
+        reference: the step.
+        step_length: [m].
+        lean: mean pitch of the trunk over the step [rad].
     """
 
     def __init__(
-        self, ik: InverseKinematics, reference: StepReference, origin: Array, step_length: float, lean: float
+        self, ik: InverseKinematics, reference: StepReference, step_length: float, lean: float
     ) -> None:
-        self.ik, self.reference, self.origin = ik, reference, origin
+        self.ik, self.reference, self.origin = ik, reference, standing(ik, reference)
         self.step_length, self.lean = step_length, lean
-        self.draft = True
         nv = self.ik.robot.nv
         self.n = 2 * nv + 1
         self.scale = np.concatenate([np.ones(nv), np.full(nv, _VELOCITY_SCALE), [_OFFSET_SCALE]])
+
+    def lowered(self, drop: float) -> "StepMap":
+        """The map of the same step with the COM lower by ``drop`` [m]."""
+        return StepMap(self.ik, self.reference.lowered(drop), self.step_length, self.lean)
 
     def encode(self, q: Array, v: Array, offset: float) -> Array:
         """Unknowns of a start state and a constant of L_y [N m s]."""
@@ -63,13 +73,17 @@ class StepMap:
         Raises:
             Unreachable: the body cannot follow.
         """
-        return self.ik.integrate(self.reference, *self.decode(z), draft=self.draft)
+        q, v, offset = self.decode(z)
+        return self.ik.integrate(self._with(offset), q, v)
+
+    def _with(self, offset: float) -> StepReference:
+        """The reference with a constant of L_y [N m s]."""
+        return self.reference.with_angular_momentum_y(offset / self.ik.robot.mass)
 
     def returned(self, trajectory: StepTrajectory, offset: float) -> Array:
         """Unknowns of the step's mirrored end."""
         robot = self.ik.robot
-        q = robot.mirror_q(trajectory.q[-1])
-        q[0] -= self.step_length
+        q = robot.mirror_q(trajectory.q[-1], -self.step_length)
         return self.encode(q, robot.mirror_v(trajectory.v[-1]), offset)
 
     def mean_pitch(self, trajectory: StepTrajectory) -> float:
@@ -98,7 +112,7 @@ class StepMap:
         # The usual L_y of a human of 60 kg and 1.70 m, which scales as m (g h^3)^1/2.
         nv, offset = robot.nv, 0.4 * (body.mass / 60.0) * body.scale**1.5
         q = self.ik.upright(self.reference, 0, self.origin)
-        q, v = self.ik.project(self.reference, 0, q, np.zeros(nv), offset)
+        q, v = self.ik.project(self._with(offset), 0, q, np.zeros(nv))
         z = self.encode(q, v, offset)
         for _ in range(5):
             trajectory = self.step(z)
@@ -119,6 +133,34 @@ def standing(ik: InverseKinematics, reference: StepReference) -> Array:
     return q
 
 
+class BroydenInverse:
+    """Inverse of a Jacobian that is minus the identity off a small known space, with Broyden's updates.
+
+    Args:
+        basis: orthonormal vectors, shape (k, n).
+        images: of the Jacobian, shape (k, n).
+    """
+
+    def __init__(self, basis: Array, images: Array) -> None:
+        self._updates: list[tuple[Array, Array]] = []
+        for direction, image in zip(basis, images, strict=True):
+            self.update(direction, image)
+
+    def __call__(self, value: Array) -> Array:
+        """The inverse times a residual, shape (n,)."""
+        out = -value
+        for left, right in self._updates:
+            out = out + left * (right @ out)
+        return out
+
+    def update(self, step: Array, change: Array) -> None:
+        """Make the inverse map ``change`` to ``step``."""
+        image = self(change)
+        denominator = float(step @ image)
+        if abs(denominator) > 1e-300:
+            self._updates.append(((step - image) / denominator, step))
+
+
 @dataclass
 class Orbit:
     """A periodic step: a fixed point of one map.
@@ -135,17 +177,16 @@ class Orbit:
     z: Array
     trajectory: StepTrajectory
     offset: float
-    inverse: _BroydenInverse | None
+    inverse: BroydenInverse | None
 
 
 def newton(
     step_map: StepMap,
     z: Array,
     tolerance: float,
-    inverse: _BroydenInverse | None = None,
+    inverse: BroydenInverse | None = None,
     *,
-    rebuilds: int = 8,
-    left: float = 0.3,
+    rebuilds: int = 4,
     report: Callable[[str], None] | None = None,
 ) -> Orbit:
     """Fixed point of a map near ``z``.
@@ -156,7 +197,6 @@ def newton(
         tolerance: of the residual [rad, m, rad/s, m/s].
         inverse: of the Jacobian at a neighbour; built here if it is missing or too inaccurate.
         rebuilds: how many times it may be built.
-        left: share of the residual after a step above which it is built anew [1]; a building costs ten steps.
         report: called with a line of text before every step.
 
     Raises:
@@ -198,7 +238,7 @@ def newton(
                 raise cause or stalled(best)
             inverse = None
             continue
-        if damping == 1.0 and size < left * best:
+        if damping == 1.0 and size < _LEFT * best:
             inverse.update(trial - z, new - value)
         else:
             inverse = None
@@ -206,7 +246,36 @@ def newton(
     return Orbit(step_map.reference, z, trajectory, float(z[-1] / step_map.scale[-1]), inverse)
 
 
-def _approximate_inverse(step_map: StepMap, z: Array, value: Array) -> _BroydenInverse:
+def start_orbit(step_map: StepMap, tolerance: float, report: Callable[[str], None] | None = None) -> Orbit:
+    """Fixed point of a map from a body that stands upright, else from the periodic step with a lower COM.
+
+    Args:
+        step_map: the map.
+        tolerance: of the residual [rad, m, rad/s, m/s].
+        report: called with a line of text before every step.
+
+    Raises:
+        Unreachable: none was found; ``drop`` is by how much lower the COM of one is.
+    """
+    try:
+        return newton(step_map, step_map.guess(), tolerance, report=report)
+    except Unreachable as error:
+        cause = error
+    for drop in (step_map.ik.robot.description.scale * drop for drop in _DROPS):
+        lower = step_map.lowered(drop)
+        try:
+            orbit = newton(lower, lower.guess(), max(tolerance, _LOWER_TOLERANCE), report=report)
+        except Unreachable:
+            continue
+        try:
+            return newton(step_map, orbit.z, tolerance, orbit.inverse, report=report)
+        except Unreachable as error:
+            error.drop = drop
+            raise
+    raise cause
+
+
+def _approximate_inverse(step_map: StepMap, z: Array, value: Array) -> BroydenInverse:
     """Inverse Jacobian from directional differences along a Krylov space grown from the residual."""
     basis, images = np.zeros((_KRYLOV, step_map.n)), np.zeros((_KRYLOV, step_map.n))
     direction = np.zeros(step_map.n)
@@ -230,7 +299,7 @@ def _approximate_inverse(step_map: StepMap, z: Array, value: Array) -> _BroydenI
         if norm < 1e-12:
             break
         direction = direction / norm
-    return _BroydenInverse(basis[:used], images[:used])
+    return BroydenInverse(basis[:used], images[:used])
 
 
 def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, float], ...]:
@@ -265,30 +334,3 @@ def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, f
 
 def _length(a: Array) -> float:
     return math.sqrt(a @ a)
-
-
-class _BroydenInverse:
-    """Inverse of a Jacobian that is minus the identity off a small known space, with Broyden's updates.
-
-    Args:
-        basis: orthonormal vectors, shape (k, n).
-        images: of the Jacobian, shape (k, n).
-    """
-
-    def __init__(self, basis: Array, images: Array) -> None:
-        self._updates: list[tuple[Array, Array]] = []
-        for direction, image in zip(basis, images, strict=True):
-            self.update(direction, image)
-
-    def __call__(self, value: Array) -> Array:
-        out = -value
-        for left, right in self._updates:
-            out = out + left * (right @ out)
-        return out
-
-    def update(self, step: Array, change: Array) -> None:
-        """Make the inverse map ``change`` to ``step``."""
-        image = self(change)
-        denominator = float(step @ image)
-        if abs(denominator) > 1e-300:
-            self._updates.append(((step - image) / denominator, step))

@@ -15,17 +15,19 @@ Coordinates are Pinocchio's, which builds the tree and is compared with in the t
 quaternion (x, y, z, w) and hinges; v the root's velocity and rate in its own axes, and the hinges' rates.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled, records
 from ampm.exceptions import InputError
 from ampm.vectors import (
     ZERO,
+    Vector,
     column,
     cross,
     dot,
@@ -40,17 +42,9 @@ from ampm.vectors import (
     vector,
 )
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import pinocchio as pin
-    from numpy.typing import NDArray
-
-    from ampm.vectors import Vector
-
-    Array = NDArray[np.float64]
-    Records = Any
-    """Structured array, whose entries numba and a record array give as attributes."""
+Array = NDArray[np.float64]
+Records = Any
+"""Structured array, whose entries numba and a record array give as attributes."""
 
 _STILL = 0.05  # rate at which dry friction begins to have a direction [rad/s]
 _VECTOR, _MATRIX = (np.float64, (3,)), (np.float64, (3, 3))
@@ -127,12 +121,12 @@ def _hinge_axis(joint: Any) -> Array | None:
 def frames_of(model: pin.Model, frames: Sequence[int], more: Sequence[Any] = ()) -> Records:
     """Frames of a Pinocchio model by their numbers, one entry each, which may have more fields."""
     # The further fields come first: numba takes an entry with more fields at its end for one with fewer.
-    found = records(len(frames), [*more, *FRAME])
+    entries = records(len(frames), [*more, *FRAME])
     for i, frame in enumerate(frames):
         source = model.frames[frame]
-        found["joint"][i] = source.parentJoint - 1
-        found["offset"][i], found["turn"][i] = source.placement.translation, source.placement.rotation
-    return found
+        entries["joint"][i] = source.parentJoint - 1
+        entries["offset"][i], entries["turn"][i] = source.placement.translation, source.placement.rotation
+    return entries
 
 
 @compiled
@@ -164,17 +158,14 @@ def sum_inertia(tree: Records, link: Records) -> None:
             for r in range(3):
                 row = here.turn[r, 0], here.turn[r, 1], here.turn[r, 2]
                 put(here.own[r], turned(here.turn, turned(joint.inertia, row)))
-            for r in range(3):
-                for s in range(3):
-                    here.inertia[r, s] = here.own[r, s] - m * c[r] * c[s]
+            for r in range(3):  # about O: own + m (c . c - c c')
+                put(here.inertia[r], minus(vector(here.own[r]), times(m * c[r], c)))
                 here.inertia[r, r] += m * dot(c, c)
     for i in range(len(tree) - 1, 0, -1):
         here, base = link[i], link[tree[i].parent]
         base.mass += here.mass
         put(base.first, plus(vector(base.first), vector(here.first)))
-        for r in range(3):
-            for s in range(3):
-                base.inertia[r, s] += here.inertia[r, s]
+        base.inertia[:] += here.inertia
 
 
 @compiled
@@ -442,13 +433,7 @@ class RigidBody:
         toes: velocity indices of the toe joints.
     """
 
-    def __init__(
-        self,
-        model: pin.Model,
-        soles: Sequence[int],
-        trunk: int,
-        toes: NDArray[np.intp],
-    ) -> None:
+    def __init__(self, model: pin.Model, soles: Sequence[int], trunk: int, toes: NDArray[np.intp]) -> None:
         self.tree, self.armature = tree_of(model), np.array(model.armature)
         self.link = records(len(self.tree), LINK)
         self.soles, self.trunk = frames_of(model, soles), frames_of(model, [trunk])

@@ -36,14 +36,28 @@ class TaskTerms(NamedTuple):
         com: COM in world, shape (3,) [m].
         sole: places of both soles in world, shape (2, 3) [m].
         sole_turn: their rotations to world, shape (2, 3, 3).
-        trunk: rotation of the trunk segment to world, shape (3, 3).
     """
 
     jacobian: Array
     com: Array
     sole: Array
     sole_turn: Array
-    trunk: Array
+
+
+class Unsupported(NamedTuple):
+    """What a motion needs; a ground force takes from the torques by its part of ``jacobian``.
+
+    Attributes:
+        jacobian: columns of the hinges, see :class:`TaskTerms`, shape (T, R, nu).
+        torque: of the hinges without any contact, dampers, springs and dry friction included, (T, nu) [N m].
+        force: of the floor on the body, in world, shape (T, 3) [N].
+        moment: of the same about the world's origin, shape (T, 3) [N m].
+    """
+
+    jacobian: Array
+    torque: Array
+    force: Array
+    moment: Array
 
 
 class Gaps(NamedTuple):
@@ -116,8 +130,8 @@ class Robot:
         self._mirror_index, self._mirror_sign = self._mirror_map()
         self.passive = np.zeros((self.nu, 4))
         for item in description.passive:
-            own = item.damping, item.stiffness, item.spring, item.friction
-            self.passive[self.velocity_indices((item.joint,)) - 6] = own
+            values = item.damping, item.stiffness, item.spring, item.friction
+            self.passive[self.velocity_indices((item.joint,)) - 6] = values
         limits = model.lowerPositionLimit[7:], model.upperPositionLimit[7:], model.effortLimit[6:]
         self.lower, self.upper, self.torque_limit = map(np.array, limits)
         for value in vars(self).values():
@@ -188,21 +202,16 @@ class Robot:
 
     def mirror_q(self, q: Array, advance: float = 0.0) -> Array:
         """Reflect configurations (..., nq) in the plane y = 0 and move them by ``advance`` along x [m]."""
-        out = np.empty_like(q)
-        out[..., 0] = q[..., 0] + advance
-        out[..., 1] = -q[..., 1]
-        out[..., 2] = q[..., 2]
-        out[..., 3] = -q[..., 3]  # quaternion x, y, z, w: roll and yaw turn the other way
-        out[..., 4] = q[..., 4]
-        out[..., 5] = -q[..., 5]
-        out[..., 6] = q[..., 6]
+        out = q.copy()
+        out[..., [1, 3, 5]] *= -1.0  # y, and of the quaternion x, y, z, w roll and yaw
+        out[..., 0] += advance
         out[..., 7:] = self.mirror_joints(q[..., 7:])
         return out
 
     def mirror_v(self, v: Array) -> Array:
         """Reflect velocities or accelerations (..., nv), root part in the root's own axes."""
-        out = np.empty_like(v)
-        out[..., :6] = v[..., :6] * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+        out = v.copy()
+        out[..., [1, 3, 5]] *= -1.0
         out[..., 6:] = self.mirror_joints(v[..., 6:])
         return out
 
@@ -220,10 +229,8 @@ class Robot:
         """Task Jacobian and poses at a configuration, shape (nq,)."""
         body = self.rigid_body
         body.place(q)
-        (place, turn), (_, trunk) = body.places(body.soles), body.places(body.trunk)
-        return TaskTerms(
-            np.ascontiguousarray(body.columns.T), q[:3] + body.com, q[:3] + place, turn, trunk[0]
-        )
+        place, turn = body.places(body.soles)
+        return TaskTerms(np.ascontiguousarray(body.columns.T), q[:3] + body.com, q[:3] + place, turn)
 
     def drift(self, q: Array, v: Array) -> Array:
         """``d(jacobian)/dt v`` at (q, v), shape (R,)."""
@@ -231,21 +238,28 @@ class Robot:
         body.place(q)
         return body.drift(v, v)
 
-    def floor_wrench(self, terms: TaskTerms, q: Array, torque: Array, foot: int) -> Array:
-        """Force and moment about a sole, in world axes, that relieve the root of its part of a torque.
+    def unsupported(self, q: Array, v: Array, acceleration: Array) -> Unsupported:
+        """What a motion needs of motors and floor, by inverse dynamics (Newton and Euler).
 
         Args:
-            terms: of the configuration.
-            q: configuration, shape (nq,).
-            torque: that a motion needs without contacts, shape (nv,) [N, N m].
-            foot: 0 left, 1 right.
-
-        Returns:
-            Shape (6,) [N, N m].
+            q: configurations, shape (T, nq).
+            v: shape (T, nv).
+            acceleration: shape (T, nv).
         """
-        turn = terms.jacobian[6:9, :3]
-        force, moment = turn @ torque[:3], turn @ torque[3:6]
-        return np.concatenate([force, moment - np.cross(terms.sole[foot] - q[:3], force)])
+        # Loads numba, which a plan with a known motion does without.
+        from ampm.body.rigid_body import passive_torques
+
+        count = len(q)
+        jacobian, torque = np.empty((count, self.task_rows, self.nu)), np.empty((count, self.nu))
+        force, moment = np.empty((2, count, 3))
+        for k in range(count):
+            rows = self.jacobian(q[k]).jacobian
+            total = pin.rnea(self.model, self.data, q[k], v[k], acceleration[k])
+            passive_torques(self.passive, q[k], v[k], v[k], torque[k])
+            torque[k] += total[6:]
+            turn = rows[6:9, :3]  # of the root to world
+            jacobian[k], force[k], moment[k] = rows[:, 6:], turn @ total[:3], turn @ total[3:6]
+        return Unsupported(jacobian, torque, force, moment + np.cross(q[:, :3], force))
 
     def trunk_rotations(self, q: Array) -> Array:
         """Rotation of the trunk segment to world at configurations (T, nq), shape (T, 3, 3)."""

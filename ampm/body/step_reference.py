@@ -1,92 +1,72 @@
 """Tasks of a body over one step of a plan, on a grid of times."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ampm.body.robot import TASK_ROWS
 from ampm.planner.feet import foot_rotation, foot_turning
+from ampm.planner.support import StepPlan
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+Array = NDArray[np.float64]
 
-    from ampm.geometry import Array
-    from ampm.planner.support import StepPlan
+_L_Y = 4  # row of the angular momentum about y
 
 
-@dataclass(frozen=True)
-class StepReference:
-    """Tasks at the n + 1 times of a step's grid.
+class StepReference(NamedTuple):
+    """Tasks at the n + 1 times of a step's grid; F = 2 soles, T toe joints, R = 18 + T rows.
 
     Attributes:
         time: shape (n+1,) [s], the first step of the plan.
-        position: com, left sole, right sole, shape (n+1, 3, 3) [m].
-        velocity: the task velocities in the order of the task rows, shape (n+1, R).
-        acceleration: the same for accelerations, shape (n+1, R).
-        pitch: pitch of left and right foot, shape (n+1, 2) [rad].
-        heading: of left and right foot, shape (n+1, 2) [rad].
-        toe: angles of left and right toe joint, shape (n+1, 2) [rad].
+        position: com, left sole, right sole, shape (n+1, 1 + F, 3) [m].
+        rotation: of the soles to world, shape (n+1, F, 3, 3).
+        toe: angles of the toe joints, shape (n+1, 2) [rad].
+        velocity: of the tasks in the order of their rows, shape (n+1, R).
+        acceleration: likewise, shape (n+1, R).
     """
 
     time: Array
     position: Array
+    rotation: Array
+    toe: Array
     velocity: Array
     acceleration: Array
-    pitch: Array
-    heading: Array
-    toe: Array
 
-    def __post_init__(self) -> None:
-        for value in vars(self).values():
-            value.setflags(write=False)
-
-    @cached_property
-    def rotation(self) -> Array:
-        """Orientation of left and right sole, shape (n+1, 2, 3, 3)."""
-        rotation = foot_rotation(self.heading, self.pitch)
-        rotation.setflags(write=False)
-        return rotation
-
-    def eased(self, drop: float, share: float) -> StepReference:
-        """The same step with the COM lower by ``drop`` [m] and only a ``share`` [1] of the angular momentum.
-
-        It is easier for legs and trunk; feet and times are the same.
-        """
-        position, velocity = self.position.copy(), self.velocity.copy()
-        acceleration = self.acceleration.copy()
+    def lowered(self, drop: float) -> "StepReference":
+        """The same step with the COM lower by ``drop`` [m], which is easier for the legs."""
+        position = self.position.copy()
         position[:, 0, 2] -= drop
-        velocity[:, 3:6] *= share
-        acceleration[:, 3:6] *= share
-        return replace(self, position=position, velocity=velocity, acceleration=acceleration)
+        return self._replace(position=position)
 
-    def turned(self, heading: ArrayLike) -> StepReference:
+    def with_angular_momentum_y(self, constant: float) -> "StepReference":
+        """The same step with a constant more of L_y over the mass [m^2/s]."""
+        velocity = self.velocity.copy()
+        velocity[:, _L_Y] += constant
+        return self._replace(velocity=velocity)
+
+    def turned(self, heading: ArrayLike) -> "StepReference":
         """The same tasks in axes that are turned about the vertical by one or n + 1 angles [rad]."""
         angle = np.reshape(heading, -1)
-        back = np.zeros((len(angle), 3, 3))
-        back[:, 0, 0] = back[:, 1, 1] = np.cos(angle)
-        back[:, 1, 0] = np.sin(angle)
-        back[:, 0, 1] = -back[:, 1, 0]
-        back[:, 2, 2] = 1.0
+        turn = np.zeros((len(angle), 3, 3))
+        turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
+        turn[:, 1, 0] = np.sin(angle)
+        turn[:, 0, 1] = -turn[:, 1, 0]
+        turn[:, 2, 2] = 1.0
         velocity, acceleration = self.velocity.copy(), self.acceleration.copy()
         for rows in (velocity, acceleration):
             vectors = rows[:, :TASK_ROWS].reshape(len(rows), -1, 3)
-            rows[:, :TASK_ROWS] = (vectors @ back).reshape(len(rows), -1)
-        feet = self.heading - angle[:, None]
-        return replace(
-            self,
-            position=self.position @ back,
+            rows[:, :TASK_ROWS] = (vectors @ turn).reshape(len(rows), -1)
+        return self._replace(
+            position=self.position @ turn,
+            rotation=turn.swapaxes(1, 2)[:, None] @ self.rotation,
             velocity=velocity,
             acceleration=acceleration,
-            heading=feet,
         )
 
-    def part(self, rows: slice) -> StepReference:
+    def part(self, rows: slice) -> "StepReference":
         """Some of the times."""
-        return StepReference(**{item.name: getattr(self, item.name)[rows] for item in fields(self)})
+        return StepReference._make(values[rows] for values in self)
 
 
 def step_grid(plan: StepPlan, largest_step: float) -> Array:
@@ -107,13 +87,11 @@ def step_reference(plan: StepPlan, time: Array) -> StepReference:
     feet, mass = plan.feet.sample(time), plan.mass
     sample = plan.with_angular_momentum_offset(0.0).sample(time)
     n, has_toes = len(time), plan.feet.sole.has_toes
-    position, (velocity, acceleration) = np.zeros((n, 3, 3)), np.zeros((2, n, TASK_ROWS + 2 * has_toes))
-    position[:, 0] = sample.com
+    velocity, acceleration = np.zeros((2, n, TASK_ROWS + 2 * has_toes))
     velocity[:, 0:3], acceleration[:, 0:3] = sample.com_velocity, sample.com_acceleration
     velocity[:, 3:5], acceleration[:, 3:5] = sample.angular_momentum / mass, sample.moment / mass
     for foot, motion in enumerate(feet):
         row = 6 + 6 * foot
-        position[:, 1 + foot] = motion.position
         velocity[:, row : row + 3], acceleration[:, row : row + 3] = motion.velocity, motion.acceleration
         velocity[:, row + 3 : row + 6], acceleration[:, row + 3 : row + 6] = foot_turning(motion)
         if has_toes:
@@ -121,10 +99,9 @@ def step_reference(plan: StepPlan, time: Array) -> StepReference:
             velocity[:, row], acceleration[:, row] = motion.toe_velocity, motion.toe_acceleration
     return StepReference(
         time=np.array(time),
-        position=position,
+        position=np.stack([sample.com, *(foot.position for foot in feet)], axis=1),
+        rotation=np.stack([foot_rotation(foot.heading, foot.pitch) for foot in feet], axis=1),
+        toe=np.stack([foot.toe for foot in feet], axis=1),
         velocity=velocity,
         acceleration=acceleration,
-        pitch=np.stack([f.pitch for f in feet], axis=1),
-        heading=np.stack([f.heading for f in feet], axis=1),
-        toe=np.stack([f.toe for f in feet], axis=1),
     )

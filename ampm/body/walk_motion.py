@@ -5,7 +5,7 @@ the walk.
 """
 
 import math
-from dataclasses import replace
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -13,12 +13,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ampm.body.constant_posture import ConstantPosture, turned
-from ampm.body.feasibility import CLEARANCE, joint_groups
-from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory, Unreachable
-from ampm.body.rigid_body import passive_torques
+from ampm.body.feasibility import joint_groups
+from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
+from ampm.body.limits import AT_LEAST, AT_MOST, CLEARANCE, Limit, check
 from ampm.body.robot import Robot
+from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import StepReference, step_reference
-from ampm.exceptions import BodilyRefusal
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
 
@@ -85,84 +85,14 @@ def check_walk(plan: StepPlan, posture: ConstantPosture, run: RunParameters, rob
         BodilyRefusal: ``joint_limits``, ``leg_too_short``, ``self_collision``, ``arm_collision``,
             ``speed_limits`` or ``torque_limits``.
     """
-    _check_ranges(plan, posture, run, robot)
-    walk = _follow(plan, posture, run, robot)
-    contacts, step = plan.contacts, plan.constants.step_duration
-    swings = contacts.starts[contacts.kind_codes == 0]
-
-    def footstep(time: float) -> str:
-        return f"footstep {max(int(np.searchsorted(swings, time + 1e-6, side='right')), 1) + 2}"
-
-    for begin, _, cause in walk.lost:
-        lost = sum(end - start for start, end, _ in walk.lost if begin <= start < begin + step)
-        if lost > _LOST:
-            raise BodilyRefusal(
-                f"{footstep(begin)}: {cause.what} from {begin:.3f} s on, for {lost:.2g} s of a step, longer "
-                f"than {_LOST:g} s",
-                reason="leg_too_short", value=lost, limit=_LOST, unit="s",
-                way_out="shorten or narrow the steps about it, or lower gait.com_height",
-            )  # fmt: skip
-    k = int(walk.gap.argmin())
-    time = float(walk.time[max(2 * k - 2, 0)])
-    if walk.gap[k] < CLEARANCE + _NEARER:
-        arms = any(part in walk.parts[k] for part in ("arm", "hand", "elbow", "wrist"))
-        raise BodilyRefusal(
-            f"{footstep(time)}: {walk.parts[k]} come within {1e3 * walk.gap[k]:.3g} mm at "
-            f"{time:.3f} s, nearer than {1e3 * (CLEARANCE + _NEARER):g} mm",
-            reason="arm_collision" if arms else "self_collision",
-            value=float(walk.gap[k]), limit=CLEARANCE + _NEARER, unit="m",
-            way_out=("raise body.arm_abduction, or " if robot.description.spread else "")
-            + "shorten or narrow the steps about it" if arms
-            else "turn the toes out, by 0.1 rad for example, put the feet further apart, or turn less",
-        )  # fmt: skip
-    fastest = np.full(robot.nu, math.inf)
-    for name, speed in robot.description.speed_limits:
-        fastest[robot.velocity_indices((name,)) - 6] = speed
-    k, joint = _largest(np.abs(walk.rate) / fastest)
-    name, rate = robot.joint_names[joint], float(abs(walk.rate[k, joint]))
-    if rate > fastest[joint]:
-        raise BodilyRefusal(
-            f"{footstep(walk.time[k])}: {name} would turn at {rate:.4g} rad/s at {walk.time[k]:.3f} s, "
-            f"faster than its limit, {fastest[joint]:.4g} rad/s",
-            reason="speed_limits", value=rate, limit=float(fastest[joint]), unit="rad/s",
-            way_out="shorten the steps about it, or give them more time",
-        )  # fmt: skip
-    mean = _means(walk.time, np.minimum(walk.share, _SPIKE), _WINDOW)
-    k, joint = _largest(mean)
-    if mean[k, joint] > _MOST:
-        name = robot.joint_names[joint]
-        group = next((g for g, names in joint_groups(robot.description).items() if name in names), "")
-        raise BodilyRefusal(
-            f"{footstep(walk.time[k])}: {name} would need {mean[k, joint]:.3g} of its torque for "
-            f"{1e3 * _WINDOW:g} ms from {walk.time[k]:.3f} s on, more than {_MOST:g}",
-            reason="torque_limits", value=float(mean[k, joint]), limit=_MOST, unit="1",
-            way_out=_WAYS_OUT.get(group, "shorten the steps about it, or take lower ones"),
-        )  # fmt: skip
-    first = np.searchsorted(walk.time, swings)
-    mean = _means(walk.time, walk.beyond, _LONG)
-    lacking = _LONG * _means(walk.time, np.maximum(np.minimum(walk.share, _SPIKE) - 1.0, 0.0), _LONG)
-    lacking[:, np.concatenate(robot.leg_joints) - 6] = 0.0
-    worst = [np.maximum.reduceat(values, first) for values in (mean, lacking)]
-    angle, lack = (values.max(axis=1) for values in worst)
-    burden = angle / _ANKLE + lack / _LACK
-    k = int(burden.argmax())
-    if burden[k] > 1.0:
-        ankles = angle[k] / _ANKLE > lack[k] / _LACK
-        ankle, other = (robot.joint_names[int(values[k].argmax())] for values in worst)
-        what = f"{ankle} would be {angle[k]:.2g} rad beyond its range for {1e3 * _LONG:g} ms"
-        also = f"{other} would lack {lack[k]:.2g} s of its torque"
-        both = " and ".join([what] * bool(angle[k]) + [also] * bool(lack[k]))
-        raise BodilyRefusal(
-            f"footstep {k + 3}: {both}, {burden[k]:.3g} times what the walk makes up for, "
-            f"{_ANKLE:g} rad or {_LACK:g} s",
-            reason="joint_limits" if ankles else "torque_limits", value=float(burden[k]), limit=1.0, unit="1",
-            way_out="shorten the steps about it, or put the feet nearer to each other" if ankles
-            else "shorten the steps about it, or take lower ones",
-        )  # fmt: skip
+    check([_range_limit(plan, posture, run, robot)])
+    check(_walk_limits(plan, _follow(plan, posture, run, robot), robot))
 
 
-def _check_ranges(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot: Robot) -> None:
-    """Refuse footsteps at which a joint of the upright body is too far beyond its range.
+def _range_limit(
+    plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot: Robot
+) -> tuple[Limit, float]:
+    """How far a joint of the upright body is beyond its range, at most, in the swings.
 
     Instants that a leg does not reach are left out: a pelvis that tilts may reach them.
     """
@@ -176,20 +106,79 @@ def _check_ranges(plan: StepPlan, posture: ConstantPosture, run: RunParameters, 
     for index, place in enumerate(reference.position):
         q[:3] += place[0] - robot.jacobian(q).com
         try:
-            found = ik.upright(reference, index, q)
+            upright = ik.upright(reference, index, q)
         except Unreachable:
             continue
-        beyond[index] = np.maximum(robot.lower - found[7:], found[7:] - robot.upper)
-        q = found.copy()
+        beyond[index] = np.maximum(robot.lower - upright[7:], upright[7:] - robot.upper)
+        q = upright.copy()
         q[3:7] = 0.0, 0.0, 0.0, 1.0
     row, joint = divmod(int(beyond.argmax()), robot.nu)
-    if beyond[row, joint] > _BEYOND:
-        raise BodilyRefusal(
-            f"footstep {row // _INSTANTS + 3}: {robot.joint_names[joint]} would be "
-            f"{beyond[row, joint]:.2g} rad beyond its range at {times[row]:.3f} s, more than {_BEYOND:g} rad",
-            reason="joint_limits", value=float(beyond[row, joint]), limit=_BEYOND, unit="rad",
-            way_out="shorten the steps about it, put the feet nearer to each other, or raise gait.com_height",
-        )  # fmt: skip
+    where = f"footstep {row // _INSTANTS + 3}: at {times[row]:.3f} s {robot.joint_names[joint]}"
+    what = f"{where} would pass its range: its angle beyond it"
+    less = "shorten the steps about it, put the feet nearer to each other, or raise gait.com_height"
+    return Limit(what, "rad", _BEYOND, AT_MOST, "joint_limits", less), float(beyond[row, joint])
+
+
+def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tuple[Limit, float]]:
+    """Limits and values of a followed walk, those first that make others meaningless."""
+    contacts, step = plan.contacts, plan.constants.step_duration
+    swings, shorten = contacts.starts[contacts.kind_codes == 0], "shorten the steps about it"
+
+    def at(time: float) -> str:
+        footstep = max(int(np.searchsorted(swings, time + 1e-6, side="right")), 1) + 2
+        return f"footstep {footstep}: at {time:.3f} s"
+
+    for begin, _, cause in walk.lost:
+        lost = sum(end - start for start, end, _ in walk.lost if begin <= start < begin + step)
+        what = f"{at(begin)} {cause.what}; the time of the step in which it does not"
+        less = "shorten or narrow the steps about it, or lower gait.com_height"
+        yield Limit(what, "s", _LOST, AT_MOST, "leg_too_short", less), lost
+
+    k = int(walk.gap.argmin())
+    what = f"{at(float(walk.time[max(2 * k - 2, 0)]))} {walk.parts[k]} come too close: their distance"
+    reason = "self_collision"
+    less = "turn the toes out, by 0.1 rad for example, put the feet further apart, or turn less"
+    if any(part in walk.parts[k] for part in ("arm", "hand", "elbow", "wrist")):
+        wider = "raise body.arm_abduction, or " if robot.description.spread else ""
+        reason, less = "arm_collision", f"{wider}shorten or narrow the steps about it"
+    yield Limit(what, "m", CLEARANCE + _NEARER, AT_LEAST, reason, less), float(walk.gap[k])
+
+    fastest = np.full(robot.nu, math.inf)
+    for name, speed in robot.description.speed_limits:
+        fastest[robot.velocity_indices((name,)) - 6] = speed
+    k, joint = _largest(np.abs(walk.rate) / fastest)
+    what = f"{at(walk.time[k])} {robot.joint_names[joint]} would turn too fast: its rate"
+    limit = Limit(
+        what, "rad/s", float(fastest[joint]), AT_MOST, "speed_limits", f"{shorten}, or give them more time"
+    )
+    yield limit, float(abs(walk.rate[k, joint]))
+
+    mean = _means(walk.time, np.minimum(walk.share, _SPIKE), _WINDOW)
+    k, joint = _largest(mean)
+    name = robot.joint_names[joint]
+    group = next((g for g, names in joint_groups(robot.description).items() if name in names), "")
+    what = f"{at(walk.time[k])} {name} is too weak: its torque over its limit, mean of {1e3 * _WINDOW:g} ms,"
+    less = _WAYS_OUT.get(group, f"{shorten}, or take lower ones")
+    yield Limit(what, "1", _MOST, AT_MOST, "torque_limits", less), float(mean[k, joint])
+
+    first = np.searchsorted(walk.time, swings)
+    mean = _means(walk.time, walk.beyond, _LONG)
+    lacking = _LONG * _means(walk.time, np.maximum(np.minimum(walk.share, _SPIKE) - 1.0, 0.0), _LONG)
+    lacking[:, np.concatenate(robot.leg_joints) - 6] = 0.0
+    worst = [np.maximum.reduceat(values, first) for values in (mean, lacking)]
+    angle, lack = (values.max(axis=1) for values in worst)
+    burden = angle / _ANKLE + lack / _LACK
+    k = int(burden.argmax())
+    ankle, other = (robot.joint_names[int(values[k].argmax())] for values in worst)
+    what = (
+        f"footstep {k + 3}: for {1e3 * _LONG:g} ms {ankle} would be {angle[k]:.2g} rad beyond its range, and "
+        f"{other} would lack {lack[k]:.2g} s of its torque: the sum of their shares of {_ANKLE:g} rad and "
+        f"{_LACK:g} s"
+    )
+    ankles = angle[k] / _ANKLE > lack[k] / _LACK
+    reason = "joint_limits" if ankles else "torque_limits"
+    less = f"{shorten}, or " + ("put the feet nearer to each other" if ankles else "take lower ones")
+    yield Limit(what, "1", 1.0, AT_MOST, reason, less), float(burden[k])
 
 
 def _largest(values: Array) -> tuple[int, int]:
@@ -233,12 +222,13 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
     time[:, -1] -= 1e-9  # before a foot lifts
     time = time.ravel()
     heading, turning, bend = posture.heading(0.5 * (edges[1:] + edges[:-1]))
-    lead = (ik.damping * turning + bend) / ik.stiffness  # the pull of a posture at rest lags
+    lead = (ik.body.damping * turning + bend) / ik.body.stiffness  # the pull of a posture at rest lags
     heading = heading + lead
     reference = step_reference(plan, time).turned(np.repeat(heading, nodes))
     share, rate, beyond = np.full((3, len(time), robot.nu), np.nan)
     lost, window = [], 2.0 * plan.constants.step_duration
-    tilts, (integral, tilt, given), axes = np.zeros((len(length), 2)), np.zeros((3, 2)), 0.0
+    tilts, axes = np.zeros((len(length), 2)), 0.0
+    integral, tilt, momentum = np.zeros((3, 2))
     configurations = [posture.start[0][None]]
     q, v = posture.start
     for k, part in enumerate(length):
@@ -250,22 +240,22 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
         wanted = gains.trunk_gain * (mean + gains.trunk_integral * integral) / robot.mass
         piece = reference.part(rows)
         velocity = piece.velocity.copy()
-        given += (1.0 - math.exp(-gains.momentum_gain * part)) * (wanted - given)
-        velocity[:, 3:5] -= given @ _turn(lead[k])
-        piece = replace(piece, velocity=velocity)
+        momentum = momentum + (1.0 - math.exp(-gains.momentum_gain * part)) * (wanted - momentum)
+        velocity[:, 3:5] -= momentum @ _turn(lead[k])
+        piece = piece._replace(velocity=velocity)
         try:
-            found = ik.integrate(piece, q, v, 0.0, draft=True)
+            step = ik.integrate(piece, q, v)
         except Unreachable as error:
             lost.append((float(edges[k]), float(edges[k + 1]), error))
             q, v = _upright(ik, piece, posture, robot)
         else:
-            q, v = found.q[-1], found.v[-1]
+            q, v = step.q[-1], step.v[-1]
             tilt = pin.log3(robot.trunk_rotations(q[None])[0] @ posture.trunk.T)[:2] @ _turn(-lead[k])
-            rate[rows], angle = found.v[:, 6:], found.q[:, 7:]
+            rate[rows], angle = step.v[:, 6:], step.q[:, 7:]
             out = np.maximum(robot.lower - angle, angle - robot.upper)
             beyond[rows] = np.where(ankles, np.maximum(out, 0.0), 0.0)
-            configurations += [] if lost else [found.q[::2]]
-            share[rows] = _shares(found, int(stance[k]), robot)
+            configurations += [] if lost else [step.q[::2]]
+            share[rows] = _shares(step, piece, int(stance[k]), robot)
         tilts[k] = tilt
     gaps = robot.shapes.gaps(np.concatenate(configurations))
     return _Followed(time, share, rate, beyond, gaps.distance, gaps.parts, lost)
@@ -284,24 +274,20 @@ def _upright(
     end, still, q = len(piece.time) - 1, np.zeros(robot.nv), posture.q.copy()
     q[:3] += piece.position[end, 0] - robot.jacobian(q).com
     try:
-        return ik.project(piece, end, ik.upright(piece, end, q), still, 0.0)
+        return ik.project(piece, end, ik.upright(piece, end, q), still)
     except Unreachable:
         return q, still
 
 
-def _shares(found: StepTrajectory, stance: int, robot: Robot) -> Array:
+def _shares(step: StepTrajectory, piece: StepReference, stance: int, robot: Robot) -> Array:
     """Torques over their limits on the foot that stands, 0 or 1; on both feet those of the legs are NaN."""
-    torque, own = np.empty((len(found.q), robot.nu)), np.empty(robot.nu)
-    for k, (q, v, a) in enumerate(zip(found.q, found.v, found.acceleration, strict=True)):
-        total = pin.rnea(robot.model, robot.data, q, v, a)
-        passive_torques(robot.passive, q, v, v, own)
-        torque[k] = total[6:] + own
-        if stance < 2:
-            terms = robot.jacobian(q)
-            rows = terms.jacobian[6 + 6 * stance : 12 + 6 * stance, 6:]
-            wrench = robot.floor_wrench(terms, q, total, stance)
-            wrench[5] = -(wrench[:2] @ wrench[3:5]) / wrench[2]  # a sole does not twist the floor
-            torque[k] -= rows.T @ wrench
-    if stance == 2:
+    jacobian, torque, force, moment = robot.unsupported(step.q, step.v, step.acceleration)
+    if stance < 2:
+        moment = moment - np.cross(piece.position[:, 1 + stance], force)
+        # A sole does not twist the floor.
+        moment[:, 2] = -(force[:, :2] * moment[:, :2]).sum(axis=1) / force[:, 2]
+        rows = jacobian[:, 6 + 6 * stance : 12 + 6 * stance]
+        torque -= np.einsum("ki,kij->kj", np.hstack([force, moment]), rows)
+    else:
         torque[:, np.concatenate(robot.leg_joints) - 6] = np.nan
     return np.abs(torque) / robot.torque_limit

@@ -1,16 +1,10 @@
 """What a gait is about, by formula, for a body of any size; the rest is found."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
+from ampm.description import BodyDescription
 from ampm.exceptions import InputError
-from ampm.parameters import GRAVITY, ControllerParameters
-
-if TYPE_CHECKING:
-    from ampm.description import BodyDescription
-    from ampm.parameters import RunParameters
+from ampm.parameters import GRAVITY, ControllerParameters, RunParameters
 
 _STEP = 0.3  # length of a step over the height of the hips [1]
 _PACE = 0.15  # speed at the switch over the square root of g times the height of the hips [1]
@@ -23,7 +17,7 @@ _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foo
 def first_gait(run: RunParameters, description: BodyDescription) -> RunParameters:
     """The run of another body than the human with its mass and height, and a gait of its size.
 
-    Values that are given stay; those of :data:`ampm.parameters.OPEN_KEYS` stay open. What it returns is
+    Values that are set stay; those of :data:`ampm.parameters.OPEN_KEYS` stay open. What it returns is
     returned unchanged.
 
     Args:
@@ -31,7 +25,7 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
         description: of the body that ``body.source`` names.
 
     Raises:
-        InputError: mass or height are given, and not those of the body.
+        InputError: mass or height are set, and not those of the body.
     """
     for key, value in (("body.mass", description.mass), ("body.height", description.height)):
         if key in run.given and run.value(key) != value:
@@ -41,20 +35,20 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
                 key=key,
                 value=run.value(key),
             )
-    hips, own = description.hip_height, ControllerParameters()
+    hips, usual = description.hip_height, ControllerParameters()
     sized = {
         "gait.step_length": _STEP * hips,
         "gait.switching_velocity": _PACE * math.sqrt(GRAVITY * hips),
         "gait.c_y": _C_Y,
         # Angular momentum of a tilting trunk, as m h^2 of a human of 60 kg and 1.70 m.
-        "controller.trunk_gain": own.trunk_gain * description.mass / 60.0 * description.scale**2,
+        "controller.trunk_gain": usual.trunk_gain * description.mass / 60.0 * description.scale**2,
         # Rotors make the feet of robots heavy: they land softly.
-        "controller.touchdown_velocity": _SOFT * own.touchdown_velocity,
-        "controller.touchdown_rate": _SOFT * own.touchdown_rate,
-        "controller.touchdown_damping": _SLOW * own.touchdown_damping,
+        "controller.touchdown_velocity": _SOFT * usual.touchdown_velocity,
+        "controller.touchdown_rate": _SOFT * usual.touchdown_rate,
+        "controller.touchdown_damping": _SLOW * usual.touchdown_damping,
         # The swing of a short leg is quick.
-        "controller.swing_stiffness": own.swing_stiffness * _HIPS / hips,
-        "controller.swing_damping": own.swing_damping * math.sqrt(_HIPS / hips),
+        "controller.swing_stiffness": usual.swing_stiffness * _HIPS / hips,
+        "controller.swing_damping": usual.swing_damping * math.sqrt(_HIPS / hips),
     }
     free = {key: value for key, value in sized.items() if key not in run.given}
     body = {"body.mass": description.mass, "body.height": description.height}

@@ -1,27 +1,23 @@
 """Free choices of a gait, "set manually" in the paper: their ranges, and a first guess."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import brentq
 
 from ampm.body.feasibility import leg_extension
+from ampm.body.limits import LIMITS, RISE_TOLERANCE
+from ampm.description import BodyDescription
 from ampm.exceptions import MathematicalRefusal, RefusedGait
 from ampm.geometry import Array, polygon_margin
 from ampm.parameters import OPEN_KEYS, GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.periodic import plan_gait
 from ampm.planner.support import StepPlan, plan_steps
-from ampm.tune.gait_limits import LIMITS, RISE_TOLERANCE, mid_stance_share, step_instants
-
-if TYPE_CHECKING:
-    from ampm.description import BodyDescription
+from ampm.tune.gait_limits import mid_stance_share, step_instants
 
 _STATURE = 1.70  # of the body on which the guess was made [m]
 _HIP_HALF_WIDTH = 0.05  # of that body, as a share of stature [1]
@@ -108,41 +104,15 @@ class FreeChoices:
             _RANGE["roll"].upper, _NEAR_END * min(-self.sole.heel_x, self.sole.tip_x) / self.sole.ball_x
         )
 
-    def easy(self) -> tuple[GaitParameters, ...]:
-        """Easy neighbours: without momentum, and then with a step of medium length and duration."""
-        gait, h = self.run.gait, self.description.height
-        step = float(np.clip(gait.step_length, 0.12 * h, 0.33 * h))
-        speed = step / float(np.clip(step / gait.switching_velocity, 0.45, 0.75))
-        plain = gait.model_copy(update={"c_s": 1.0, "c_y": 1.0})
-        return plain, plain.model_copy(update={"step_length": step, "switching_velocity": speed})
-
-    def between(self, easy: GaitParameters, share: float) -> FreeChoices:
-        """The same space for a gait that is only a share of the way from an easy one [1]."""
-        names, gait = ("step_length", "switching_velocity", "c_s", "c_y"), self.run.gait
-        there = {
-            f"gait.{name}": (1.0 - share) * getattr(easy, name) + share * getattr(gait, name)
-            for name in names
-        }
-        return FreeChoices(self.run.replace(there), self.fixed, self.description)
-
     def lowered(self, x: Array, drop: float) -> Array:
-        """``x`` with the COM lower by ``drop`` [statures], within its range."""
-        x, j = x.copy(), self.names.index("height")
-        x[j] = max(self.lower[j], x[j] - drop)
+        """``x`` with the COM lower by ``drop`` [statures], within its range, if it is free."""
+        x = x.copy()
+        if "height" in self.names:
+            j = self.names.index("height")
+            x[j] = max(self.lower[j], x[j] - drop)
         return x
 
-    def passing(self, x: Array) -> Array:
-        """``x`` with share of single support and roll of the guess, with which the COM passes.
-
-        Raises:
-            MathematicalRefusal: there are none.
-        """
-        guess, x = self.guess(), x.copy()
-        for name in {"ratio", "roll"} & set(self.names):
-            x[self.names.index(name)] = guess[name]
-        return x
-
-    def found(self, run: RunParameters) -> dict[str, float | str]:
+    def values(self, run: RunParameters) -> dict[str, float | str]:
         """Free keys and their values in a run with choices."""
         idle = {_RANGE[name].key for name in self.useless}
         if self.flat:
@@ -170,11 +140,15 @@ class FreeChoices:
             },
         )
         plan = plan_gait(run.gait, run.body.mass)
-        own, swing = self.run.controller, plan.constants.single_support_duration
-        faster = max(1.0, _SWING_RATE / (swing * math.sqrt(max(own.swing_stiffness, 1.0))))
-        gains = own.swing_stiffness * faster**2, own.swing_damping * faster
-        keys = "controller.swing_stiffness", "controller.swing_damping"
-        run = self._replaced(run, dict(zip(keys, gains, strict=True)))
+        gains, swing = self.run.controller, plan.constants.single_support_duration
+        faster = max(1.0, _SWING_RATE / (swing * math.sqrt(max(gains.swing_stiffness, 1.0))))
+        run = self._replaced(
+            run,
+            {
+                "controller.swing_stiffness": gains.swing_stiffness * faster**2,
+                "controller.swing_damping": gains.swing_damping * faster,
+            },
+        )
         if self.flat:
             return run
         lead = self._kept("foot.heel_rise_lead", _heel_rise_lead(plan, ball))
@@ -213,7 +187,7 @@ class FreeChoices:
             if key not in self.fixed:
                 section, _, name = key.partition(".")
                 sections.setdefault(section, {})[name] = value
-        changed = {name: getattr(run, name).model_copy(update=own) for name, own in sections.items()}
+        changed = {name: getattr(run, name).model_copy(update=new) for name, new in sections.items()}
         return run.model_copy(update=changed)
 
     def _kept(self, key: str, value: float) -> float:
@@ -257,7 +231,7 @@ class FreeChoices:
 
     def _set_down(self, choice: dict[str, float]) -> dict[str, float]:
         """Bring the front foot down before the ZMP needs more of it than its heel, and not too fast."""
-        best, found = -math.inf, choice
+        best, best_choice = -math.inf, choice
         for down in (choice["down"], 0.7, 0.5, 0.35, 0.2) if "down" in self.names else (choice["down"],):
             trial = {**choice, "down": down}
             try:
@@ -270,10 +244,10 @@ class FreeChoices:
             times, double = step_instants(plan)
             margin = float(plan.zmp_margin(times[double]).min())
             if margin > best:
-                best, found = margin, trial
+                best, best_choice = margin, trial
             if margin >= LIMITS["zmp_double"].target:
                 break
-        return found
+        return best_choice
 
     def _steps(self, choice: Mapping[str, float]) -> StepPlan:
         run = self.parameters(choice)

@@ -4,29 +4,25 @@ The steps are solved on a coarse grid, each from a neighbour's. Its number of in
 values of an orbit change smoothly from plan to plan.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio as pin
+from numpy.typing import NDArray
 
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
-from ampm.body.return_map import Orbit, StepMap, newton, standing
-from ampm.body.step_reference import StepReference, phase_grid, step_reference
+from ampm.body.limits import LIMITS
+from ampm.body.return_map import Orbit, StepMap, newton, start_orbit
+from ampm.body.robot import Robot
+from ampm.body.step_reference import phase_grid, step_reference
 from ampm.exceptions import InputError, RefusedGait
+from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
-from ampm.tune.gait_limits import LIMITS, least, orbit_margins, plan_margins
+from ampm.tune.free_choices import FreeChoices
+from ampm.tune.gait_limits import least, orbit_margins, plan_margins
 
-if TYPE_CHECKING:
-    from ampm.body.motion import WholeBodyMotion
-    from ampm.body.robot import Robot
-    from ampm.geometry import Array
-    from ampm.parameters import RunParameters
-    from ampm.tune.free_choices import FreeChoices
+Array = NDArray[np.float64]
 
 ENOUGH = 0.9
 """Share of the target margins at which a search ends [1]."""
@@ -34,8 +30,8 @@ _NODES = (32, 14)  # intervals of the grid in single and double support
 _TOLERANCE = 1e-4  # of a periodic step [rad, m, rad/s, m/s]
 _DIFFERENCE = 0.015  # step of finite differences, as a share of a choice's range
 _PULL = 0.06  # weight of the distance to the guess
-_TRIES = 30  # most steps of one search
-_RADIUS, _LEAST_RADIUS = 0.3, 0.02  # trust region at first, and that at which a search ends [slacks]
+_TRIES, _MOST_CHOICES = 30, 140  # steps and choices after which a search ends
+_RADIUS, _LEAST_RADIUS = 0.3, 0.02  # trust region at first, and that at which slopes are renewed [slacks]
 _LITTLE = 0.02  # share of the residuals' squares that is worth another step
 _PROGRESS = 0.8  # what must be left of them at most to compute the slopes again
 
@@ -47,32 +43,13 @@ class RoughOrbits:
         robot: the body.
         run: posture gains and the choice for L_z, the same for all plans.
         nodes: intervals of the grid in single and in double support.
-        budget: integrated steps after which a search ends.
     """
 
-    def __init__(
-        self, robot: Robot, run: RunParameters, nodes: tuple[int, int] = _NODES, budget: float = math.inf
-    ) -> None:
-        self.robot, self.nodes, self.budget = robot, nodes, budget
-        self.ik = InverseKinematics(robot, run)
-
-    def difference(self, a: Orbit, b: Orbit) -> Array:
-        """Difference between two orbits.
-
-        Returns:
-            (2 nv + 1,) tangent of the start configuration, both bodies brought to one place, change of the
-            start velocity, and of the constant of L_y [N m s].
-        """
-        tangent = pin.difference(self.robot.model, _moved(a, b.reference), b.trajectory.q[0])
-        return np.concatenate([tangent, b.trajectory.v[0] - a.trajectory.v[0], [b.offset - a.offset]])
+    def __init__(self, robot: Robot, run: RunParameters, nodes: tuple[int, int] = _NODES) -> None:
+        self.robot, self.nodes, self.ik = robot, nodes, InverseKinematics(robot, run)
 
     def solve(
-        self,
-        plan: StepPlan,
-        run: RunParameters,
-        near: Orbit | None = None,
-        shift: Array | None = None,
-        motion: WholeBodyMotion | None = None,
+        self, plan: StepPlan, run: RunParameters, near: Orbit | None = None, shift: Array | float = 0.0
     ) -> Orbit:
         """The periodic step of a plan.
 
@@ -80,29 +57,17 @@ class RoughOrbits:
             plan: centroidal motion and feet.
             run: supplies lean and rest of the arms.
             near: orbit of a similar plan; without it, Newton begins from a body that stands upright.
-            shift: expected difference from ``near``, see :meth:`difference`.
-            motion: the same plan's, on a fine grid, to begin from instead.
+            shift: expected change of the unknowns from ``near``.
 
         Raises:
             Unreachable: there is none, or none was found.
         """
         self.ik.spread_arms(run)
         reference = step_reference(plan, phase_grid(plan, *self.nodes))
-        origin, length = standing(self.ik, reference), plan.contacts.step_length
-        step_map = StepMap(self.ik, reference, origin, length, run.body.lean)
-        inverse = None
-        if motion is not None:
-            z = step_map.encode(motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset)
-        elif near is None:
-            z = step_map.guess()
-        else:
-            q, v, offset = _moved(near, reference), near.trajectory.v[0], near.offset
-            if shift is not None:
-                nv = self.robot.nv
-                q = pin.integrate(self.robot.model, q, shift[:nv])
-                v, offset = v + shift[nv:-1], offset + shift[-1]
-            z, inverse = step_map.encode(q, v, offset), near.inverse
-        return newton(step_map, z, _TOLERANCE, inverse, rebuilds=1 if near else 4, left=0.9)
+        step_map = StepMap(self.ik, reference, plan.contacts.step_length, run.body.lean)
+        if near is None:
+            return start_orbit(step_map, _TOLERANCE)
+        return newton(step_map, near.z + shift, _TOLERANCE, near.inverse, rebuilds=1)
 
 
 @dataclass
@@ -135,6 +100,10 @@ class Candidate:
         """Least normalised margin; minus infinity where there is no periodic step."""
         return -math.inf if self.orbit is None else min(self.margins().values())
 
+    def state(self) -> Array:
+        """Margins and unknowns of the periodic step, which the search takes as linear in the choices."""
+        return self.detail if self.orbit is None else np.concatenate([self.detail, self.orbit.z])
+
 
 class ChoiceSearch:
     """Least squares over one space.
@@ -145,84 +114,62 @@ class ChoiceSearch:
 
     Args:
         space: the free choices.
-        base: the guess, for the values that are not free, and for the distance to it.
         orbits: solver of periodic steps of the body.
         report: called with a line of text now and then.
-        slopes: as known from a search nearby, shape (limits + orbit, choices), per slack.
 
     Attributes:
         candidates: all choices that were evaluated.
-        near: the one whose orbit is the start for others.
+
+    Raises:
+        MathematicalRefusal: there is no guess.
     """
 
-    def __init__(
-        self,
-        space: FreeChoices,
-        base: Mapping[str, float],
-        orbits: RoughOrbits,
-        report: Callable[[str], None],
-        slopes: Array | None = None,
-    ) -> None:
-        self.space, self.base, self.orbits, self.report = space, base, orbits, report
-        self.guess = np.clip([base[name] for name in space.names], space.lower, space.upper)
+    def __init__(self, space: FreeChoices, orbits: RoughOrbits, report: Callable[[str], None]) -> None:
+        self.space, self.orbits, self.report = space, orbits, report
+        self.base: Mapping[str, float] = space.guess()
+        self.guess = np.clip([self.base[name] for name in space.names], space.lower, space.upper)
         self.candidates: list[Candidate] = []
-        self.near: Candidate | None = None
-        self.slopes = slopes
-        self._kept: dict[bytes, Candidate] = {}
+        self._slopes: Array | None = None  # of the states, shape (limits + orbit, choices), per slack
 
-    def elsewhere(self, space: FreeChoices, base: Mapping[str, float]) -> ChoiceSearch:
-        """A search over another space that shares orbits and the slopes that are known."""
-        slopes = None if self.slopes is None else self.slopes.copy()
-        return ChoiceSearch(space, base, self.orbits, self.report, slopes)
+    def best(self) -> Candidate:
+        """The candidate with the widest least margin, the last one where none has a periodic step."""
+        return max(reversed(self.candidates), key=Candidate.worst)
 
-    def best_with_orbit(self) -> Candidate | None:
-        """The candidate with the widest least margin, of those that have a periodic step."""
-        walked = [candidate for candidate in self.candidates if candidate.orbit is not None]
-        return max(walked, key=Candidate.worst, default=None)
-
-    def evaluate(self, x: Array, near: Candidate | None, *, again: bool = False) -> Candidate:
-        """Evaluate one choice, from the orbit of another; ``again`` to evaluate it from another orbit."""
-        kept = self._kept.get(x.tobytes())
-        if kept is not None and not (again and kept.orbit is None):
-            return kept
+    def evaluate(self, x: Array, near: Candidate | None = None) -> Candidate:
+        """Evaluate one choice, from the orbit of another if there is one."""
         candidate = self._judged(np.array(x), near)
-        self._kept[x.tobytes()] = candidate
         self.candidates.append(candidate)
         return candidate
 
     def _judged(self, x: Array, near: Candidate | None) -> Candidate:
-        space = self.space
+        space, orbits = self.space, self.orbits
         try:
             run = space.parameters({**self.base, **dict(zip(space.names, x.tolist(), strict=True))})
             gait = run.gait.model_copy(update={"steps": 2})
             plan = plan_steps(gait, run.body.mass, run.foot, space.sole)
-        except (RefusedGait, InputError):  # given values may not fit those tried
+        except (RefusedGait, InputError):  # values that were set may not fit those tried
             return Candidate(x, space.run)
         values = plan_margins(plan, run, space.description)
         try:
-            orbit = self._orbit(x, plan, run, near)
+            if near is None or near.orbit is None:
+                orbit = orbits.solve(plan, run)
+            else:
+                step = (x - near.x) / space.slack
+                shift = 0.0 if self._slopes is None else self._slopes[len(near.detail) :] @ step
+                orbit = orbits.solve(plan, run, near.orbit, shift)
         except Unreachable as error:
             return Candidate(x, run, plan, least(values), why=error)
-        values |= orbit_margins(orbit, plan, self.orbits.robot)
+        values |= orbit_margins(orbit, plan, orbits.robot)
         detail = [LIMITS[name].margin(value) for name, every in values.items() for value in every.tolist()]
         return Candidate(x, run, plan, least(values), np.array(detail), orbit)
-
-    def _orbit(self, x: Array, plan: StepPlan, run: RunParameters, near: Candidate | None) -> Orbit:
-        """The orbit of a choice, starting from its prediction by the slopes, or from the neighbour.
-
-        Raises:
-            Unreachable: there is none, or none was found.
-        """
-        if near is None:
-            return self.orbits.solve(plan, run)
-        step = (x - near.x) / self.space.slack
-        shift = None if self.slopes is None else self.slopes[len(near.detail) :] @ step
-        return self.orbits.solve(plan, run, near.orbit, shift)
 
     def minimise(
         self, start: Candidate, *, wanted: float = 1.0, pull: float = _PULL, enough: float = ENOUGH
     ) -> Candidate:
-        """Least squares from a choice that has an orbit.
+        """Least squares from a choice that has an orbit, by Gauss and Newton in a trust region.
+
+        Slopes are computed again where they promise no progress any more, unless there has been little since
+        they were computed last: then the search ends.
 
         Args:
             start: the choice.
@@ -233,8 +180,7 @@ class ChoiceSearch:
         Returns:
             The candidate with the least residuals.
         """
-        space, here, radius, misses = self.space, start, _RADIUS, 0
-        stale, fresh, at_slopes = False, False, math.inf
+        space, here, radius, stale, cost_at_slopes = self.space, start, _RADIUS, False, math.inf
 
         def away(candidate: Candidate) -> Array:
             return pull * (candidate.x - self.guess) / space.slack
@@ -245,93 +191,53 @@ class ChoiceSearch:
             return float((_missing(candidate.detail, wanted) ** 2).sum() + (away(candidate) ** 2).sum())
 
         for _ in range(_TRIES):
-            self.near, before = here, cost(here)
-            if here.worst() >= enough or self.orbits.ik.integrations >= self.orbits.budget:
+            before = cost(here)
+            if here.worst() >= enough or len(self.candidates) >= _MOST_CHOICES:
                 break
-            if stale or self.slopes is None:
-                if before > _PROGRESS * at_slopes:
+            if stale or self._slopes is None:
+                if before > _PROGRESS * cost_at_slopes:
                     break
-                self.slopes = self._differences(here)
-                stale, fresh, at_slopes = False, True, before
+                self._slopes = self._differences(here)
+                radius, stale, cost_at_slopes = _RADIUS, False, before
             bounds = (
                 np.maximum((space.lower - here.x) / space.slack, -radius),
                 np.minimum((space.upper - here.x) / space.slack, radius),
             )
-            slopes = self.slopes[: len(here.detail)]
+            slopes = self._slopes[: len(here.detail)]
             step, expected = _linear_step(here.detail, slopes, away(here), pull, wanted, bounds)
             if expected < _LITTLE * before:
-                if fresh:
-                    break
                 stale = True
                 continue
             trial = self.evaluate(here.x + step * space.slack, here)
-            gain = (before - cost(trial)) / expected
             self.report(f"worst margin {trial.worst():.2f} after {len(self.candidates)} choices")
+            gain = (before - cost(trial)) / expected
             if gain > -1.0:
-                missed = self._change(here, trial) - self.slopes @ step
-                self.slopes = self.slopes + np.outer(missed, step / (step @ step))  # Broyden
+                missed = trial.state() - here.state() - self._slopes @ step
+                self._slopes = self._slopes + np.outer(missed, step / (step @ step))  # Broyden
             if gain > 0.75:
                 radius *= 2.0
             elif gain < 0.25:
                 radius = 0.4 * float(np.abs(step).max())
-            if gain > 0.0:
-                here, fresh, misses = trial, False, 0
-            else:
-                misses += 1
-            if radius < _LEAST_RADIUS:
-                if fresh:
-                    break
-                radius = _RADIUS
-                stale = True
-            stale = stale or (misses > 1 and not fresh)
+            here = trial if gain > 0.0 else here
+            stale = radius < _LEAST_RADIUS
         return here
-
-    def _change(self, here: Candidate, there: Candidate) -> Array:
-        """Change of margins and orbit from one choice to another."""
-        a, b = here.orbit, there.orbit
-        turned = np.empty(0) if a is None or b is None else self.orbits.difference(a, b)
-        return np.concatenate([there.detail - here.detail, turned])
 
     def _differences(self, here: Candidate) -> Array:
         """Slopes by differences, per slack; zero where a choice has no periodic step on either side."""
-        space, x = self.space, here.x
-        slopes = np.zeros((len(here.detail) + 2 * self.orbits.robot.nv + 1, len(x)))
+        space, x, state = self.space, here.x, here.state()
+        slopes = np.zeros((len(state), len(x)))
         for j in range(len(x)):
             step = _DIFFERENCE * (space.upper[j] - space.lower[j])
-            for sign in (1.0, -1.0) if x[j] + step <= space.upper[j] else (-1.0,):
+            for change in (step, -step):
                 moved = x.copy()
-                moved[j] += sign * step
+                moved[j] += change
                 if not space.lower[j] <= moved[j] <= space.upper[j]:
                     continue
                 candidate = self.evaluate(moved, here)
                 if candidate.orbit is not None:
-                    slopes[:, j] = self._change(here, candidate) * (space.slack[j] / (sign * step))
+                    slopes[:, j] = (candidate.state() - state) * (space.slack[j] / change)
                     break
         return slopes
-
-
-@dataclass
-class Approach:
-    """Result of the continuation from an easy neighbour.
-
-    Attributes:
-        share: of the way [1].
-        search: at that place.
-        candidate: the choice there.
-        why: what ended it.
-    """
-
-    share: float
-    search: ChoiceSearch
-    candidate: Candidate
-    why: Unreachable | None = None
-
-
-def _moved(orbit: Orbit, reference: StepReference) -> Array:
-    """Start configuration of an orbit, moved to where another reference has its COM."""
-    q = orbit.trajectory.q[0].copy()
-    q[:3] += reference.position[0, 0] - orbit.reference.position[0, 0]
-    return q
 
 
 def _linear_step(
@@ -359,9 +265,8 @@ def _linear_step(
         new = residuals(moved)
         before, after = r @ r, new @ new
         if after < before:
-            small = after > 0.999 * before
             step, r, damping = moved, new, 0.3 * damping
-            if small:
+            if after > 0.999 * before:
                 break
         else:
             damping *= 5.0

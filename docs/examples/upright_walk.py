@@ -3,9 +3,9 @@
 trial = val.walk(run, planner=UprightWalk())
 """
 
+from ampm.body.constant_posture import ConstantPosture
 from ampm.body.feasibility import check_body
 from ampm.body.robot import Robot
-from ampm.body.swaying_posture import SwayingPosture
 from ampm.parameters import RunParameters
 from ampm.planner.support import plan_steps
 from ampm.walk import WalkPlan
@@ -22,6 +22,4 @@ class UprightWalk:
         """
         steps = plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
         check_body(steps, robot.description)
-        posture = SwayingPosture(steps, run, robot)
-        steps = steps.with_angular_momentum_offset(posture.angular_momentum_y_offset)
-        return WalkPlan.of(steps, posture=posture)
+        return WalkPlan.of(steps, posture=ConstantPosture(steps, run, robot))

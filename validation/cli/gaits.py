@@ -161,7 +161,7 @@ def describe_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | No
         "residuals": plan.residuals(),
         "zmp_margin": None if walk is None else walk.zmp_margin,
         "motion": None if walk is None else walk.plan.posture.report(),
-        "found": None if tuned is None else dict(tuned.found),
+        "found": None if tuned is None else dict(tuned.values),
         "margins": None if tuned is None else _described_margins(tuned),
     }
 
@@ -189,7 +189,7 @@ def plan_tables(
         notes.append(f"closest parts of the body: {1000 * clearance['value']:.1f} mm ({clearance['where']})")
     tables = [Table(f"plan of {request.title}", ("constant", ">value", "unit", "meaning"), rows, notes)]
     if walk is not None and walk.tuned is not None:
-        found = [(key, format_value(value)) for key, value in walk.tuned.found.items()]
+        found = [(key, format_value(value)) for key, value in walk.tuned.values.items()]
         notes = ["tightest margins:", *(f"  {text}" for text in _margins(walk.tuned)[:4])]
         tables.append(Table(f"found for {request.name}", ("key", ">value"), found, notes))
     if whole_motion:
@@ -215,7 +215,7 @@ def _motion_table(name: str, report: Mapping[str, Any]) -> Table:
 
 def _margins(tuned: Tuned) -> list[str]:
     """Every margin as text, the tightest first."""
-    from ampm.tune.gait_limits import LIMITS
+    from ampm.body.limits import LIMITS
 
     items = sorted(tuned.margins.items(), key=lambda item: LIMITS[item[0]].margin(item[1]))
     return [f"{LIMITS[n].what}: {LIMITS[n].quantity(value, 3)}, {LIMITS[n].rule()}" for n, value in items]
@@ -223,7 +223,7 @@ def _margins(tuned: Tuned) -> list[str]:
 
 def _described_margins(tuned: Tuned) -> dict[str, dict[str, Any]]:
     """Every margin as a JSON object."""
-    from ampm.tune.gait_limits import LIMITS
+    from ampm.body.limits import LIMITS
 
     described = {}
     for name, value in tuned.margins.items():

@@ -84,7 +84,7 @@ def validate(
     Where a preset's gait or body is changed, what it leaves open (heights, timing, angles of the feet) is
     found for the change, and printed; what is given stays.
     """
-    from ampm.run_file import changes
+    from ampm.run_file import leaves_open
     from validation.judge import profiles
     from validation.judge.uncertainty import load_uncertainty, matching
     from validation.run import validate as run
@@ -101,7 +101,7 @@ def validate(
     ]
     known = [load_uncertainty(path) for path in uncertainty or ()]
     for request in requests if known else ():  # before any walks
-        if not changes(request.run):
+        if not leaves_open(request.run):
             matching(known, request)
     pushes = [parse_push(text) for text in push or ()]
     targets = run.targets(requests, out, force=force)

@@ -31,7 +31,7 @@ from typing import Any, Literal, overload
 
 import numpy as np
 
-from ampm.body.feasibility import CLEARANCE
+from ampm.body.limits import CLEARANCE
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.walk import UNSOLVED

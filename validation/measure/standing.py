@@ -104,10 +104,8 @@ def _duration(description: BodyDescription) -> float:
 def _posture(robot: Robot, run: RunParameters, places: Array) -> Array:
     """Upright configuration with COM and both soles in their places, shape (3, 3) [m]; shape (nq,)."""
     ik, still = InverseKinematics(robot, run), np.zeros((1, robot.task_rows))
-    reference = StepReference(
-        time=np.zeros(1), position=places[None], velocity=still, acceleration=still,
-        pitch=np.zeros((1, 2)), heading=np.zeros((1, 2)), toe=np.zeros((1, 2)),
-    )  # fmt: skip
+    level = np.tile(np.eye(3), (1, 2, 1, 1))
+    reference = StepReference(np.zeros(1), places[None], level, np.zeros((1, 2)), still, still)
     try:
         return ik.upright(reference, 0, standing(ik, reference))
     except Unreachable as error:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ampm.body.feasibility import CLEARANCE
+from ampm.body.limits import CLEARANCE
 from ampm.description import SOLE_POINT_GROUPS
 from ampm.geometry import Array
 from ampm.planner.contacts import footprint

@@ -20,7 +20,7 @@ from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import HUMAN, OPEN_KEYS, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
-from ampm.run_file import changes, load_run
+from ampm.run_file import leaves_open, load_run
 from validation.progress import Progress
 from validation.trial.controllers import CONTROLLERS, find_controller
 from validation.trial.planners import check_planner, load_planner
@@ -226,7 +226,7 @@ def check_formula(request: Request) -> None:
     Raises:
         MathematicalRefusal: it has none.
     """
-    if not changes(request.run) or request.run.gait.c_y <= 0.0:
+    if not leaves_open(request.run) or request.run.gait.c_y <= 0.0:
         with _way_out(request.run):
             plan_gait(request.run.gait, request.run.body.mass)
 
@@ -277,11 +277,11 @@ def plan_walk(
 ) -> PlannedWalk:
     """Plan a walk with its body.
 
-    Where anything but the number of steps differs from a preset's own gait, body and feet, the values that
-    the request leaves open are found first and reported (:func:`ampm.run_file.changes`), for the AMPM's plan:
-    the other planners of :data:`ampm.planner.step_planners.STEP_PLANNERS` have its footsteps, times and feet.
-    Over footsteps only another body than the human gets values found, those of its own gait. Any other
-    planner gets the request unchanged.
+    Where gait, body and feet are those of no preset, the values that the request leaves open are found first
+    and reported (:func:`ampm.run_file.leaves_open`), for the AMPM's plan: the other planners of
+    :data:`ampm.planner.step_planners.STEP_PLANNERS` have its footsteps, times and feet. Over footsteps only
+    another body than the human gets values found, those of its own gait. Any other planner gets the request
+    unchanged.
 
     Args:
         request: the gait.
@@ -298,7 +298,7 @@ def plan_walk(
 
     if planner is None and run.footsteps and run.gait.planner == "ampm":
         planner = FootstepPlanner()
-        if run.body.source != HUMAN and changes(run):  # height and feet are those of the body's own gait
+        if run.body.source != HUMAN and leaves_open(run):  # height and feet are those of the body's own gait
             request = tune_walk(replace(request, run=run.replace({}, footsteps=())), progress).request
             request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
             run = request.run
@@ -314,7 +314,7 @@ def plan_walk(
     body = None
     if periodic:
         name = "" if name == "ampm" else name
-        if changes(run):
+        if leaves_open(run):
             tuned = tune_walk(request, progress)
             if not name:
                 return tuned
@@ -371,8 +371,8 @@ def tune_walk(request: Request, progress: Progress | None = None) -> PlannedWalk
     with progress.stage(f"{request.name}: what is left open") as stage:
         body = make_body(run)
         tuned = tune(run, body.robot, progress=stage.note)
-    if changed := changes(run):
-        progress.say(f"{request.name}: {_found(run, tuned, changed)}")
+    if leaves_open(run):
+        progress.say(f"{request.title}: {_summary(run, tuned)}")
     return PlannedWalk(replace(request, run=tuned.run), tuned.plan, body, tuned=tuned)
 
 
@@ -382,21 +382,20 @@ def complete(request: Request, progress: Progress | None = None) -> Request:
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: as :func:`tune_walk`.
     """
-    return tune_walk(request, progress).request if changes(request.run) else request
+    return tune_walk(request, progress).request if leaves_open(request.run) else request
 
 
-def _found(run: RunParameters, tuned: Tuned, changed: Mapping[str, Any]) -> str:
-    """One line: changed values, and found values with the values before."""
+def _summary(run: RunParameters, tuned: Tuned) -> str:
+    """One line: the values found, with the values before in brackets."""
 
     def text(value: float | str) -> str:
         return value if isinstance(value, str) else f"{value:.3g}"
 
-    found = [
+    items = [
         f"{key} {text(value)} ({text(run.value(key))})"
-        for key, value in tuned.found.items()
+        for key, value in tuned.values.items()
         if value != run.value(key)
     ]
-    begin = f"{', '.join(f'{key} = {text(value)}' for key, value in changed.items())} changed"
-    if not found:
-        return f"{begin}: what is left open fits as it is"
-    return f"{begin}: found {', '.join(found)}; --as-is keeps the values in brackets"
+    if not items:
+        return "what is left open fits as it is"
+    return f"found {', '.join(items)}; --as-is keeps the values in brackets"

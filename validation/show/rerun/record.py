@@ -24,7 +24,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ampm.body.feasibility import CLEARANCE
+from ampm.body.limits import CLEARANCE
 from ampm.body.robot import Gaps
 from ampm.geometry import Array, convex_hull
 from ampm.planner.contacts import footprint
