@@ -141,6 +141,13 @@ class SparseValues(NamedTuple):
 
 
 @compiled
+def _take(dense: Array, places: NDArray[np.intp], out: Array) -> None:
+    """Copy some entries."""
+    for i in range(len(places)):
+        out[i] = dense[places[i]]
+
+
+@compiled
 def gather(values: SparseValues, P: Array, A: Array, lower: Array, upper: Array) -> bool:
     """Take matrices to their values in sparse order, and bounds to finite ones.
 
@@ -154,14 +161,11 @@ def gather(values: SparseValues, P: Array, A: Array, lower: Array, upper: Array)
     Returns:
         Whether no lower bound is above its upper one.
     """
-    costs, rows = P.reshape(-1), A.reshape(-1)
-    for i in range(len(values.P)):
-        values.P[i] = costs[values.P_places[i]]
-    for i in range(len(values.A)):
-        values.A[i] = rows[values.A_places[i]]
-    ordered = True
+    _take(P.reshape(-1), values.P_places, values.P)
+    _take(A.reshape(-1), values.A_places, values.A)
+    ordered, low, high = True, values.lower, values.upper
     for i in range(len(lower)):
-        values.lower[i], values.upper[i] = max(lower[i], -_INFINITY), min(upper[i], _INFINITY)
+        low[i], high[i] = max(lower[i], -_INFINITY), min(upper[i], _INFINITY)
         if lower[i] > upper[i]:
             ordered = False
     return ordered

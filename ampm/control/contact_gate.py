@@ -34,12 +34,12 @@ def update_gate(
     Returns:
         Whether any line touches or has opened that has not fully opened.
     """
-    ramp = gains.contact_ramp
+    ramp, planned, due, until = gains.contact_ramp, wanted.planned, wanted.due, wanted.until_lift
     rate = 1.0 / (gains.frequency * ramp)
     for foot in range(len(lines)):
         for group in range(3):
             line = lines[foot, group]
-            line.planned, line.due = wanted.planned[foot, group], wanted.due[foot, group]
+            line.planned, line.due = planned[foot, group], due[foot, group]
             line.touching = False
             if first:
                 line.touched, line.opening = line.planned, 1.0 if line.planned else 0.0
@@ -50,7 +50,7 @@ def update_gate(
     for foot in range(len(lines)):
         for group in range(3):
             line = lines[foot, group]
-            until_lift = wanted.until_lift[foot, group]
+            until_lift = until[foot, group]
             held = line.due and (line.touched or line.touching)
             if group == TIP:  # a loaded tip would keep the ball off the floor
                 held = held and lines[foot, BALL].touched
@@ -92,15 +92,16 @@ def land(gains: Any, points: Any, weight: float, contact: Contact, since: float)
         contact: forces of the last tick; the expected forces are taken from its wanted momentum.
         since: time between the last tick and the sensed forces, in ticks [1].
     """
+    forces, change, momentum = contact.forces, contact.change, contact.momentum
     for i in range(len(points)):
         point, unknown = points[i], 3 * points[i].foot + i
         least = gains.landing_share / weight * point.sensed if point.touching and point.opening < 1.0 else 0.0
         if 0.0 < point.opening < 1.0:
             if point.line != TIP:
                 least = max(least, gains.landing_force)
-            asked = contact.forces[unknown] + since * contact.change[unknown]
+            asked = forces[unknown] + since * change[unknown]
             missing = gains.landing_compensation * (point.sensed / weight - asked)
             for e in range(6):
-                contact.momentum[e] -= contact.wrench_map[e, unknown] * missing
+                momentum[e] -= contact.wrench_map[e, unknown] * missing
         point.least = max(point.least, least)
         point.largest = max(point.largest, point.least)

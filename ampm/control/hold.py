@@ -37,10 +37,10 @@ def update_rate(joints: Joints, frequency: float, lines: Any, still: bool) -> No
             opening = line.touching and 0.0 < line.opening < 1.0
             same = same and line.planned == line.was_planned and opening == line.was_opening
             line.was_planned, line.was_opening = line.planned, opening
-    for j in range(len(joints.torque)):
-        largest = LARGEST_CHANGE * joints.torque_limit[j]
-        change = joints.torque[j] - joints.last_torque[j]
+    torque, last, limit, rate = joints.torque, joints.last_torque, joints.torque_limit, joints.rate
+    for j in range(len(torque)):
+        largest = LARGEST_CHANGE * limit[j]
         if still:
-            joints.rate[j] = 0.0
+            rate[j] = 0.0
         elif same:
-            joints.rate[j] = clip(change, -largest, largest) * frequency
+            rate[j] = clip(torque[j] - last[j], -largest, largest) * frequency

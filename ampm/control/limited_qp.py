@@ -113,12 +113,13 @@ def limit_broken(q: Array, v: Array, acceleration: Array, joints: Joints) -> boo
         acceleration: shape (nv,) [rad/s^2].
         joints: torques, their limits and the joints' ranges.
     """
-    for j in range(len(joints.torque)):
+    torque, limit, lower, upper = joints.torque, joints.torque_limit, joints.lower, joints.upper
+    for j in range(len(torque)):
         rate = v[6 + j] + _BRAKE_TIME * acceleration[6 + j]
         if (
-            abs(joints.torque[j]) > joints.torque_limit[j]
-            or rate > braking_rate(joints.upper[j] - q[7 + j])
-            or -rate > braking_rate(q[7 + j] - joints.lower[j])
+            abs(torque[j]) > limit[j]
+            or rate > braking_rate(upper[j] - q[7 + j])
+            or -rate > braking_rate(q[7 + j] - lower[j])
         ):
             return True
     return False

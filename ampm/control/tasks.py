@@ -164,12 +164,14 @@ def posture_task(gains: Any, q: Array, now: Array, wanted: Wanted, acceleration:
         wanted: configuration, velocity and acceleration of the plan.
         acceleration: written, shape (nv,) [m/s^2, rad/s^2].
     """
+    damping, stiffness = gains.posture_damping, gains.posture_stiffness
+    planned_q, planned_v, planned_a = wanted.q, wanted.v, wanted.acceleration
     for j in range(len(now)):
-        acceleration[j] = wanted.acceleration[j] + gains.posture_damping * (wanted.v[j] - now[j])
+        acceleration[j] = planned_a[j] + damping * (planned_v[j] - now[j])
         if j >= 6:
-            acceleration[j] += gains.posture_stiffness * (wanted.q[j + 1] - q[j + 1])
+            acceleration[j] += stiffness * (planned_q[j + 1] - q[j + 1])
     # Root rotation: small-angle error in the root's axes, from the quaternions' product.
-    here, planned = (q[3], q[4], q[5]), (wanted.q[3], wanted.q[4], wanted.q[5])
-    error = plus(minus(times(q[6], planned), times(wanted.q[6], here)), cross(planned, here))
+    here, planned = vector(q[3:6]), vector(planned_q[3:6])
+    error = plus(minus(times(q[6], planned), times(planned_q[6], here)), cross(planned, here))
     for k in range(3):
-        acceleration[3 + k] += 2.0 * gains.posture_stiffness * error[k]
+        acceleration[3 + k] += 2.0 * stiffness * error[k]

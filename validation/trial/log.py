@@ -96,36 +96,36 @@ def _contacts(data: mujoco.MjData, point_of_geom: NDArray[np.intp]) -> Contacts:
 
 
 @compiled
-def point_in(contacts: Contacts, i: int) -> int:
-    """Sole point of contact i, -1 for none."""
-    geom, of_geom = contacts.geom, contacts.point_of_geom
-    return max(of_geom[geom[i, 0]], of_geom[geom[i, 1]])
+def point_of(geoms: NDArray[np.int32], of_geom: NDArray[np.intp]) -> int:
+    """Sole point of a contact by its two geoms, -1 for none."""
+    return max(of_geom[geoms[0]], of_geom[geoms[1]])
 
 
 @compiled
 def read_touch(log: Log, contacts: int) -> None:
     """Read which sole points are in contact, after ``mj_step1``."""
-    log.touching[:] = False
+    touching, geom, of_geom = log.touching, log.contacts.geom, log.contacts.point_of_geom
+    touching[:] = False
     for i in range(contacts):
-        point = point_in(log.contacts, i)
+        point = point_of(geom[i], of_geom)
         if point >= 0:
-            log.touching[point] = True
+            touching[point] = True
 
 
 @compiled
 def keep_instant(log: Log, k: int) -> None:
     """Copy the places of sole points and soles, COM and angular momentum at t_k."""
-    record, simulated = log.record, log.simulated
-    points = record.point_place.shape[1]
+    record, sites, place = log.record, log.sites, log.simulated.site_place
+    point_place, foot_position = record.point_place[k], record.foot_position[k]
+    points = len(point_place)
     for i in range(points):  # a row copied as an array takes ten times as long
-        put(record.point_place[k, i], vector(simulated.site_place[log.sites[i]]))
+        put(point_place[i], vector(place[sites[i]]))
     for i in range(2):
-        sole = log.sites[points + i]
-        put(record.foot_position[k, i], vector(simulated.site_place[sole]))
-        for axis in range(3):
-            record.foot_forward[k, i, axis] = simulated.site_rotation[sole, 3 * axis]
-    put(record.com[k], vector(simulated.com))
-    put(record.angular_momentum[k], vector(simulated.angular_momentum))
+        put(foot_position[i], vector(place[sites[points + i]]))
+        rotation = log.simulated.site_rotation[sites[points + i]]
+        put(record.foot_forward[k, i], (rotation[0], rotation[3], rotation[6]))
+    put(record.com[k], vector(log.simulated.com))
+    put(record.angular_momentum[k], vector(log.simulated.angular_momentum))
 
 
 @compiled
@@ -139,26 +139,27 @@ def keep_step(log: Log, k: int, contacts: int, efc_force: Array) -> None:
         efc_force: forces of all constraints.
     """
     keep_instant(log, k)
-    record, normal_force = log.record, log.normal_force
-    for p in range(len(normal_force)):
-        put(record.point_position[k, p], vector(record.point_place[k, p]))
+    record, touch, normal_force = log.record, log.contacts, log.normal_force
+    geom, of_geom, address, frame = touch.geom, touch.point_of_geom, touch.address, touch.frame
+    force, position, place = record.point_force[k], record.point_position[k], record.point_place[k]
+    for p in range(len(place)):
+        put(position[p], vector(place[p]))
     record.torque[k] = log.simulated.ctrl
     normal_force[:] = 0.0
     for i in range(contacts):
-        p, first = point_in(log.contacts, i), log.contacts.address[i]
+        p, first = point_of(geom[i], of_geom), address[i]
         if p >= 0 and first >= 0:
-            # The force acts on the second geom.
-            side = 1.0 if log.contacts.point_of_geom[log.contacts.geom[i, 1]] >= 0 else -1.0
-            frame = log.contacts.frame[i]
+            side = 1.0 if of_geom[geom[i, 1]] >= 0 else -1.0  # the force acts on the second geom
             for axis in range(3):
-                record.point_force[k, p, axis] = side * (
-                    efc_force[first] * frame[axis]
-                    + efc_force[first + 1] * frame[3 + axis]
-                    + efc_force[first + 2] * frame[6 + axis]
+                force[p, axis] = side * (
+                    efc_force[first] * frame[i, axis]
+                    + efc_force[first + 1] * frame[i, 3 + axis]
+                    + efc_force[first + 2] * frame[i, 6 + axis]
                 )
-            if log.contacts.distance[i] < 0.0:
-                put(record.point_position[k, p], vector(log.contacts.place[i]))
-            record.point_penetration[k, p] = -log.contacts.distance[i]
+            distance = touch.distance[i]
+            if distance < 0.0:
+                put(position[p], vector(touch.place[i]))
+            record.point_penetration[k, p] = -distance
             normal_force[p] = efc_force[first]
     record.q[k + 1] = log.simulated.qpos
     record.qd[k + 1] = log.simulated.qvel

@@ -78,12 +78,11 @@ def sense(body: Simulated, log: Log, contacts: int) -> None:
 @compiled
 def first_unusable(command: Command) -> int:
     """Index of the first torque that is not finite, nu more for a rate, 2 nu for the COM; -1 for none."""
-    count = len(command.torque)
+    torque, rate, count = command.torque, command.rate, len(command.torque)
     for j in range(count):
-        if not math.isfinite(command.torque[j]):
+        if not math.isfinite(torque[j]):
             return j
-        rate = command.rate[j]
-        if math.isinf(rate) or math.isnan(rate) != math.isnan(command.rate[0]):
+        if math.isinf(rate[j]) or math.isnan(rate[j]) != math.isnan(rate[0]):
             return count + j
     for axis in range(3):
         if not math.isfinite(command.com[axis]):
@@ -121,10 +120,9 @@ def act(
     unusable = first_unusable(command)
     if unusable >= 0:
         return unusable, 0.0
-    limit = body.torque_limit
+    torque, limit, ctrl = command.torque, body.torque_limit, log.simulated.ctrl
     for j in range(len(limit)):
-        command.torque[j] = min(max(command.torque[j], -limit[j]), limit[j])
-        log.simulated.ctrl[j] = command.torque[j]
+        ctrl[j] = torque[j] = min(max(torque[j], -limit[j]), limit[j])
     tick = k // log.substeps
     keep_command(log, k, command.com, command.zmp, command.force, command.angular_momentum)
     log.record.torque_rate[tick] = command.rate
