@@ -123,9 +123,11 @@ class TrackingController:
         if self._before is None:
             self._compile()
         if self._before(self._stepper, state.velocity_lag, touch.age, first):
-            solution = self.contact_qp.solve()
-            status = SOLVED if solution.solved else UNSOLVED
-            c.contact.solution[:] = self._forces(solution)
+            solution, status = self.contact_qp.solve(), SOLVED
+            if solution.solved:
+                c.contact.solution[:] = solution.x[: self.contact_qp.forces]
+            else:
+                c.contact.solution[:], status = self._last_iterate(solution), UNSOLVED
             if not self._after(c.wanted.jumps[0], first):
                 solution, status = self._solve_limited(solution, status)
         else:
@@ -142,17 +144,21 @@ class TrackingController:
             solution.iterations,
             solution.seconds,
             c.joints.rate if c.extrapolates else None,
-            Reference(self._row[0]) if c.stepping["off_plan"][0] else None,
+            self._followed() if self._follower is not None else None,
         )
+
+    def _followed(self) -> Reference | None:
+        """The reference of a walk that has left its plan; None on the plan."""
+        return Reference(self._row[0]) if self.workspace.stepping["off_plan"][0] else None
 
     # ------------------------------------------------------------------ the QP has no or no good solution
 
-    def _forces(self, solution: QPSolution) -> Array:
-        """Contact forces of a solution, shape (U,) [m g]; those of the last tick where it has none.
+    def _last_iterate(self, solution: QPSolution) -> Array:
+        """Contact forces of an unsolved QP, shape (U,) [m g]; those of the last tick if it is infeasible.
 
-        An unsolved QP gives its last iterate: the accelerations follow the dynamics in any case.
+        The accelerations follow the dynamics in any case.
         """
-        if solution.solved or (solution.status != QPStatus.INFEASIBLE and np.isfinite(solution.x).all()):
+        if solution.status != QPStatus.INFEASIBLE and np.isfinite(solution.x).all():
             return solution.x[: self.contact_qp.forces]
         c = self.workspace
         return without_closed(len(c.body.feet), c.body.points, c.contact.forces)

@@ -239,12 +239,11 @@ def _copy(what: str, value: Any, out: Array) -> None:
         ValueError: it has another shape.
     """
     if value is None:
-        out[...] = np.nan
-        return
-    shape = value.shape if isinstance(value, np.ndarray) else np.shape(value)
-    if shape != out.shape:
+        out.fill(np.nan)
+    elif (shape := getattr(value, "shape", None) or np.shape(value)) != out.shape:
         raise ValueError(f"{what} has shape {shape} and must have {out.shape}")
-    out[...] = value
+    else:
+        out[:] = value
 
 
 class ClosedLoop:
