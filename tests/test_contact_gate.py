@@ -5,12 +5,14 @@ import pytest
 
 from ampm.compiled import records
 from ampm.control.contact_gate import update_gate
-from ampm.control.records import BALL, HEEL, LINE, TIP, points_of
-from ampm.walk import ContactState
+from ampm.control.workspace import BALL, HEEL, LINE, TIP, gains_of, points_of, wanted_of
+from ampm.parameters import ControllerParameters
+from ampm.walk import ContactState, reference_type
 from tests.solved import COARSE, walk_of
 
-PERIOD, RAMP = 0.002, 0.04
-RATE = PERIOD / RAMP
+GAINS = gains_of(ControllerParameters())
+RAMP = GAINS.contact_ramp
+RATE = 1.0 / (GAINS.frequency * RAMP)
 NEVER = np.full((2, 3), np.inf)
 ALL = np.ones((2, 3), dtype=bool)
 AIR = np.array([[False] * 3, [True] * 3])  # the left foot swings
@@ -25,14 +27,14 @@ class Gate:
     """Lines and points of a body."""
 
     def __init__(self, robot):
-        self.lines, self.points = records((2, 3), LINE), points_of(robot)
-        self.first = True
+        self.lines, self.points, self.first = records((2, 3), LINE), points_of(robot), True
+        self.wanted = wanted_of(np.zeros(1, reference_type(robot.nq, robot.nv)))
 
-    def update(self, reference, sensed, strict=False):
+    def update(self, contacts, sensed, close_lifted_tips=False):
         self.points["touching"] = sensed
-        planned, due, until = reference
-        state = self.first, strict, self.points, self.lines
-        self.landing = update_gate(planned, due, until, RATE, RAMP, *state)
+        for name, value in contacts._asdict().items():
+            getattr(self.wanted, name)[:] = value
+        self.landing = update_gate(self.wanted, GAINS, self.first, close_lifted_tips, self.points, self.lines)
         self.first = False
 
     def limits(self, foot=0):
@@ -71,14 +73,14 @@ def test_a_run_starts_on_what_is_planned(robot):
 def test_a_tip_off_the_floor_can_carry_no_force_if_that_is_asked_for(gate, robot):
     stands = ContactState(AIR, AIR, NEVER)
     on, off = (0, 1, 2), (0, 1)
-    for sensed, strict, tip in (
+    for sensed, close_lifted_tips, tip in (
         (off, True, 1),
         (off, True, 1),
         (off, False, 1),
         (off, True, 0),
         (on, True, 1),
     ):
-        gate.update(stands, touch(robot, right=sensed), strict)
+        gate.update(stands, touch(robot, right=sensed), close_lifted_tips)
         assert gate.limits(1) == [1.0, 1.0, tip]
 
 

@@ -8,7 +8,7 @@ import pytest
 from ampm.compiled import records
 from ampm.control.controller import TrackingController
 from ampm.control.hold import LARGEST_CHANGE, update_rate
-from ampm.control.records import LINE
+from ampm.control.workspace import LINE, Joints
 from ampm.run_file import load_run
 from ampm.walk import ControlOutput, Touch
 from validation.judge.metrics import METRICS
@@ -28,16 +28,18 @@ class Hold:
     """Rates from tick to tick."""
 
     def __init__(self):
-        self.lines, self.last, self.now, self.first = records((2, 3), LINE), np.zeros(2), np.zeros(2), True
+        self.lines, self.first = records((2, 3), LINE), True
+        self.joints = Joints(*np.zeros((6, 2)))._replace(torque_limit=LIMIT)
         for name in ("planned", "touching", "opening"):
             self.lines[name][1] = 1.0
 
     def rate(self, torque, heel, jumps):
         for name, value in zip(("planned", "touching", "opening"), heel, strict=True):
             self.lines[name][0, 0] = value
-        update_rate(torque, self.last, LIMIT, 1.0 / PERIOD, self.lines, jumps or self.first, self.now)
-        self.last, self.first = torque, False
-        return self.now.copy()
+        self.joints.torque[:] = torque
+        update_rate(self.joints, 1.0 / PERIOD, self.lines, jumps or self.first)
+        self.joints.last_torque[:], self.first = torque, False
+        return self.joints.rate.copy()
 
 
 @pytest.fixture

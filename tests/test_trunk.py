@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from ampm.control.records import gains_of
-from ampm.control.trunk import LONGEST, LONGEST_SINCE, fed_back_tilt
+from ampm.control.trunk import fed_back_tilt
+from ampm.control.workspace import LONGEST, Tilt, gains_of
 from ampm.parameters import ControllerParameters
 
 FREQUENCY, INTEGRAL = 100.0, 0.5
@@ -17,20 +17,20 @@ class Feedback:
 
     def __init__(self, integral=INTEGRAL):
         self.gains = gains_of(ControllerParameters(frequency=FREQUENCY, trunk_integral=integral))
-        self.past, self.memory = np.zeros((math.ceil(LONGEST * FREQUENCY), 2)), np.zeros(4)
+        past = np.zeros((math.ceil(LONGEST * FREQUENCY), 2))
+        self.memory = Tilt(past, np.zeros(2), *np.zeros((2, 1), dtype=np.int64))
 
     def __call__(self, tilt, window, heading=0.0):
         c, s = math.cos(heading), math.sin(heading)
         trunk = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        return np.array(fed_back_tilt(self.gains, tilt, trunk, window, self.past, self.memory))
+        return np.array(fed_back_tilt(self.gains, tilt, trunk, window, self.memory))
 
 
 def test_without_a_window_the_tilt_is_that_of_the_instant():
     feedback = Feedback()
     for tilt in ((0.1, -0.2, 0.3), (0.0, 0.05, 0.0)):
         np.testing.assert_array_equal(feedback(tilt, 0.0), tilt)
-    assert not feedback.memory.any()
-    assert not feedback.past.any()
+    assert not any(array.any() for array in feedback.memory)
 
 
 def test_a_swing_of_one_period_is_no_tilt_and_its_mean_is():
@@ -53,7 +53,7 @@ def test_the_integral_of_the_mean_is_added_and_closes_with_the_window():
         got = feedback((-tilt, 0.0, 0.0), k / FREQUENCY)
     assert got[0] == pytest.approx(-tilt, abs=0.1 * tilt)
     np.testing.assert_array_equal(feedback((0.3, 0.0, 0.0), 0.0), [0.3, 0.0, 0.0])
-    assert feedback.memory[LONGEST_SINCE] == 0.0
+    assert feedback.memory.longest == 0
 
 
 def test_a_turning_body_is_averaged_in_its_own_axes():
@@ -71,4 +71,4 @@ def test_a_turning_body_is_averaged_in_its_own_axes():
 def test_a_window_beyond_the_memory_is_cut():
     feedback = Feedback()
     feedback((0.1, 0.0, 0.0), 10.0 * LONGEST)
-    assert feedback.memory[LONGEST_SINCE] == len(feedback.past)
+    assert feedback.memory.longest == len(feedback.memory.past)

@@ -1,0 +1,166 @@
+"""The QP of the contact forces: what it gives, and limits that it keeps. Its matrices: ``test_tick``."""
+
+import numpy as np
+import pytest
+
+from ampm.compiled import records
+from ampm.control.contact_qp import L_Z, MOMENTUM_SLACK, TWIST_SHARE, ContactQP, fill_qp
+from ampm.control.forces import (
+    LARGEST_NORMAL,
+    LEAST_NORMAL,
+    TWIST_ARM,
+    share_forces,
+    without_closed,
+    wrench_map,
+)
+from ampm.control.workspace import ANGULAR, LINE, POINT, Contact
+from ampm.qp import QPSettings
+
+POINTS = 6
+FOOT = POINTS + 3
+FORCES = 2 * FOOT
+LINES = np.tile(np.repeat([0, 1, 2], 2), (2, 1))
+SEEDS = range(4)
+FRICTION = 0.6
+UPRIGHT = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # a wrench that carries the weight
+X = np.array([-0.1, -0.1, 0.08, 0.08, 0.15, 0.15])
+Y = np.array([0.03, -0.03, 0.045, -0.045, 0.03, -0.03])
+
+
+def stance(seed):
+    """Sole points about the COM and openings of two feet on the floor, one half open."""
+    rng = np.random.default_rng(seed)
+    arm = np.empty((2, POINTS, 3))
+    for foot, (x, y) in enumerate([(0.1, 0.09), (-0.2, -0.09)]):
+        arm[foot] = np.column_stack([X + x, Y + y, np.full(POINTS, -0.88)])
+    arm += rng.normal(scale=0.01, size=arm.shape)
+    return arm, np.concatenate([np.ones(POINTS), np.repeat(rng.uniform(0.0, 1.0, 3), 2)])
+
+
+def soles(arm, opening):
+    """Points with their shares."""
+    points = records(2 * POINTS, POINT)
+    points["foot"], points["line"] = np.repeat([0, 1], POINTS), LINES.ravel()
+    points["arm"], points["limit"] = arm.reshape(-1, 3), opening
+    share_forces(2, points, np.zeros(FORCES), False)
+    return points
+
+
+def wrench_of(points):
+    """Net wrench per unknown, shape (6, U)."""
+    wrench = np.empty((6, FORCES))
+    wrench_map(2, points, wrench)
+    return wrench
+
+
+def contact_qp(solver="daqp", tolerance=1e-9):
+    return ContactQP(solver, QPSettings(tolerance=tolerance, max_iterations=20_000), FRICTION, LINES)
+
+
+def fill(qp, points, momentum=UPRIGHT, least=0.0, load=0.4, yaw=(0.2, -0.03)):
+    """Fill in a QP: ``yaw`` are curvature and gradient of the posture's cost over the vertical moment."""
+    points["least"] = np.maximum(points["least"], least)
+    points["largest"] = np.maximum(points["largest"], points["least"])
+    forces = np.zeros((3, FORCES))
+    lines, wrench, by_point = records((2, 3), LINE), wrench_of(points), np.zeros((2 * POINTS, 3))
+    contact = Contact(lines, *forces, wrench_map=wrench, momentum=np.array(momentum), point_force=by_point)
+    system = np.zeros((20, 27))
+    system[L_Z, 20 + L_Z], system[L_Z, 26] = yaw
+    fill_qp(2, points, contact, system, load, FRICTION, qp.problem)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_forces_at_closed_points_are_dropped_within_the_friction(seed):
+    def still_open(phi, opening):
+        points = records(2 * POINTS, POINT)
+        points["limit"] = opening
+        return without_closed(2, points, phi)
+
+    rng = np.random.default_rng(seed)
+    phi, opening = rng.uniform(0.1, 1.0, FORCES), np.ones(2 * POINTS)
+    phi[[6, 7, 8, 15, 16, 17]] *= 0.1
+    np.testing.assert_array_equal(still_open(phi, opening), phi)
+    opening[[0, 1, 8]] = 0.0
+    kept = still_open(phi, opening).reshape(2, FOOT)
+    assert kept[0, 0] == kept[0, 1] == kept[1, 2] == 0.0
+    before = phi.reshape(2, FOOT)
+    ratio = before[:, POINTS:] / before[:, :POINTS].sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(kept[:, POINTS:] / kept[:, :POINTS].sum(axis=1, keepdims=True), ratio)
+    assert (still_open(phi, np.zeros(12)) == 0.0).all()
+    assert (still_open(np.zeros(18), np.ones(12)) == 0.0).all()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_wanted_wrench_is_given_where_it_can_be(seed):
+    """That of forces shared as planned: hardly any slack, but for the yaw, which has little weight."""
+    rng, (arm, opening), qp = np.random.default_rng(seed), stance(seed), contact_qp()
+    points = soles(arm, opening)
+    wrench, share = wrench_of(points), np.maximum(opening.reshape(2, POINTS)[:, :4], 1e-3)
+    phi = np.zeros((2, FOOT))
+    phi[:, :4] = np.array([[0.6], [0.4]]) * share / share.sum(axis=1, keepdims=True)
+    phi[:, 6:8] = 0.02 * rng.normal(size=(2, 2))
+    wanted = wrench @ phi.ravel()
+    fill(qp, points, wanted)
+    solution = qp.solve()
+    assert solution.solved
+    got = wrench @ solution.x[:FORCES]
+    np.testing.assert_allclose(got[:5], wanted[:5], atol=5e-4)
+    np.testing.assert_allclose(got - MOMENTUM_SLACK * solution.x[FORCES:], wanted, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("solver", ["daqp", "osqp"])
+def test_forces_stay_within_friction_and_ramps_whatever_is_asked(seed, solver):
+    rng, (arm, opening) = np.random.default_rng(100 + seed), stance(seed)
+    qp, slack = contact_qp(solver, 1e-6), 1e-5
+    for _ in range(5):
+        fill(qp, soles(arm, opening), UPRIGHT + rng.normal(size=6))
+        solution = qp.solve()
+        assert solution.solved
+        for foot, phi in enumerate(solution.x[:FORCES].reshape(2, FOOT)):
+            normal, total = phi[:POINTS], phi[:POINTS].sum()
+            ramp = opening[POINTS * foot : POINTS * (foot + 1)]
+            assert (normal >= LEAST_NORMAL * ramp - slack).all()
+            assert (normal <= np.maximum(LARGEST_NORMAL, LEAST_NORMAL) * ramp + slack).all()
+            assert np.hypot(*phi[6:8]) <= np.abs(phi[6:8]).sum() <= FRICTION * total + slack
+            share = np.maximum(ramp, 1e-3) / np.maximum(ramp, 1e-3).sum()
+            lever = np.linalg.norm(arm[foot, :, :2] - share @ arm[foot, :, :2], axis=1)
+            assert abs(phi[8]) * TWIST_ARM <= TWIST_SHARE * FRICTION * normal @ lever + slack
+
+
+def test_closed_feet_carry_nothing_and_landing_points_what_they_sense():
+    qp, points = contact_qp(), soles(stance(0)[0], np.array([1.0] * 6 + [0.0] * 6))
+    fill(qp, points, load=0.0, yaw=(0.1, 0.0))
+    np.testing.assert_allclose(qp.solve().x[FOOT : 2 * FOOT], 0.0, rtol=0.0, atol=1e-9)
+    landing = np.zeros(12)
+    landing[6:8] = 0.03, 0.05
+    fill(qp, points, least=landing, load=0.0, yaw=(0.1, 0.0))
+    np.testing.assert_allclose(qp.solve().x[FOOT : FOOT + POINTS], landing[6:], rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("load", [0.0, 0.3, 1.0])
+def test_load_goes_where_it_is_planned_if_the_wrench_leaves_it_open(load):
+    """With the wanted moment of that very load, both agree to the last gram."""
+    qp, arm = contact_qp(), stance(0)[0]
+    normal = np.zeros((2, 6, 3))
+    normal[0, :4, 2], normal[1, :4, 2] = 0.25 * (1.0 - load), 0.25 * load
+    moment = ANGULAR * np.cross(arm, normal).sum(axis=(0, 1))
+    fill(qp, soles(arm, np.ones(12)), [*normal.sum(axis=(0, 1)), *moment], load=load, yaw=(0.1, 0.0))
+    by_foot = qp.solve().x[:FORCES].reshape(2, FOOT)[:, :POINTS].sum(axis=1)
+    np.testing.assert_allclose(by_foot, [1.0 - load, load], atol=0.03)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_qp_keeps_its_sparsity_and_nothing_of_the_tick_before(seed):
+    """But the twist's linear force, which is zero but for rounding."""
+    (arm, opening), used, new = stance(seed), contact_qp(), contact_qp()
+    fill(used, soles(arm, 1.0 - opening), 0.5 * UPRIGHT, 0.02, 0.9, (0.3, 0.1))
+    for qp in (used, new):
+        fill(qp, soles(arm, opening))
+    for one, other in zip(used.problem, new.problem, strict=True):
+        np.testing.assert_array_equal(one, other)
+    P, A = used.problem.P, used.problem.A
+    np.testing.assert_allclose(P, P.T, rtol=0.0, atol=1e-15)
+    assert np.linalg.eigvalsh(P).min() > 0.1
+    assert not P[~used.P_mask()].any()
+    assert np.abs(A[~used.A_mask()]).max() < 1e-15
