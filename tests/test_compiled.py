@@ -1,10 +1,10 @@
 """Compiled functions: compiled once per machine, with one message; the same bits in every process."""
 
-import copy
 import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -26,15 +26,6 @@ record, motion, sample = trial.record, trial.plan.posture.motion, trial.plan.sam
 arrays = sample.com, sample.zmp, motion.q, motion.acceleration, record.q, record.torque, record.point_force
 print(*(hashlib.sha256(array.tobytes()).hexdigest() for array in arrays))
 print({name: metric.value for name, metric in trial.metrics.items()})
-"""
-STAND = """
-import sys
-import ampm, numpy
-from validation.measure import standing
-from validation.trial.plan import make_body
-standing.DURATION = 0.04
-run = ampm.load_run("normal")
-numpy.save(sys.argv[1], standing.stand(run, make_body(run).model).torque)
 """
 
 
@@ -69,33 +60,33 @@ print(seconds["walk"])
     assert float(run(code, tmp_path)[0]) < 0.05
 
 
-@pytest.mark.slow
-def test_plain_python_gives_the_same_torques(tmp_path):
-    """Of a body that is put down: inverse kinematics, control ticks and their record."""
-    for name, plain in (("compiled", "0"), ("plain", "1")):
-        run(STAND, compiled.folder().parent, str(tmp_path / name), NUMBA_DISABLE_JIT=plain)
-    here, there = (np.load(tmp_path / f"{name}.npy") for name in ("compiled", "plain"))
-    assert len(here) >= 20
-    np.testing.assert_allclose(there, here, atol=1e-6)
+class Inner(NamedTuple):
+    grid: Any
+    count: int
 
 
-def test_a_bundle_hands_over_its_parts_under_their_names():
+class Parts(NamedTuple):
+    rows: Any
+    inner: Inner
+    scale: float
+    on: bool
+
+
+def test_a_reference_hands_over_the_fields_of_nested_tuples_by_their_names():
     @compiled.compiled
-    def use(own, more):
-        for i in range(len(own.rows)):
-            own.rows[i].place[1] = own.grid[i, 0]
-        own.grid[1, 0] = own.scale * own.count + more
-        return own.on
+    def use(parts, more):
+        for i in range(len(parts.rows)):
+            parts.rows[i].place[1] = parts.inner.grid[i, 0]
+        parts.inner.grid[1, 0] = parts.scale * parts.inner.count + more
+        return parts.on
 
     rows, grid = compiled.records(2, [("name", np.int64), ("place", np.float64, (3,))]), np.ones((2, 4))
-    own = compiled.Bundle(rows=rows, grid=grid[:, ::2], scale=0.5, count=3, on=True)
-    assert compiled.bound(use, (own,), 1.0)(2.0) is True
+    handle = compiled.refer(Parts(rows=rows, inner=Inner(grid=grid[:, ::2], count=3), scale=0.5, on=True))
+    assert compiled.bound(use, (handle,), 1.0)(2.0) is True
     assert grid.tolist() == [[1.0] * 4, [3.5, 1.0, 1.0, 1.0]]
     assert rows["place"][:, 1].tolist() == [1.0, 1.0]
-    with pytest.raises(TypeError, match="address"):
-        copy.copy(own)
-    with pytest.raises(AttributeError, match="replaced"):
-        own.grid = grid
+    assert use(handle, 3.0) is True
+    assert grid[1, 0] == 4.5
 
 
 def test_other_sources_are_compiled_anew(tmp_path, monkeypatch):

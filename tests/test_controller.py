@@ -6,19 +6,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
-from ampm.control.forces import ANGULAR
 from ampm.control.limited_qp import acceleration_bounds, limit_broken
-from ampm.control.records import TIP
-from ampm.control.tasks import STANCE, SWING
-from ampm.control.tick import ALPHA, POSTURE, WANTED, torques
-from ampm.control.wrench_qp import LEAST_LOAD, TANGENT_COST, YAW_COST
+from ampm.control.workspace import TIP, Joints
 from ampm.planners import periodic_walk
 from ampm.qp import BACKENDS
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, State, Timing, Touch
-from tests.solved import COARSE, motion_of, simulated, walk_of
+from tests import twins
+from tests.solved import COARSE, motion_of, walk_of
 
 INSTANTS = (0.2, 0.62, 0.66, 0.9)
 """Single support, both feet in the double support, the other single support [s]."""
@@ -64,18 +60,8 @@ def tick(time, *overrides, shift=0.0, weaker=1.0, solver="daqp"):
 
 
 def dynamics(it, q, v, output):
-    """``M qdd + h - sum J' f`` from point forces at the points' own frames, shape (nv,) [N, N m]."""
-    robot = it.robot
-    model, data = robot.model, robot.model.createData()
-    mass = pin.crba(model, data, q)
-    mass = np.triu(mass) + np.triu(mass, 1).T
-    total = mass @ it.acceleration + pin.nle(model, data, q, v)
-    pin.computeJointJacobians(model, data, q)
-    pin.updateFramePlacements(model, data)
-    for frame, force in zip(robot.point_frames, output.point_force, strict=True):
-        jacobian = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        total -= jacobian[:3].T @ force
-    return total
+    """Torques of root and hinges that its accelerations need under its forces, shape (nv,) [N, N m]."""
+    return twins.inverse_dynamics(it.robot, q, v, it.acceleration, output.point_force)
 
 
 @pytest.mark.parametrize("time", INSTANTS)
@@ -86,23 +72,6 @@ def test_torques_forces_and_accelerations_obey_the_dynamics(time, shift):
     total = dynamics(it, q, v, output)
     np.testing.assert_allclose(total[:6], 0.0, atol=1e-6)  # nothing but the floor holds the root
     np.testing.assert_allclose(total[6:], output.torque, rtol=0.0, atol=1e-9)
-
-
-def test_torques_of_a_walk_are_pinocchios():
-    checked = []
-
-    class Checked(TrackingController):
-        def update(self, state, touch, reference):
-            output = super().update(state, touch, reference)
-            total = dynamics(self, state.q, state.v, output)
-            np.testing.assert_allclose(total[:6], 0.0, atol=1e-7)
-            np.testing.assert_allclose(total[6:], output.torque, rtol=0.0, atol=1e-9)
-            checked.append(state.time)
-            return output
-
-    record = simulated(steps=1, controller=Checked)
-    assert record.outcome.completed
-    assert len(checked) == len(record.tick_time) > 300
 
 
 def test_a_body_without_toes_and_with_four_points_a_foot_obeys_the_dynamics():
@@ -168,7 +137,7 @@ def test_the_other_foot_makes_up_for_what_a_landing_foot_does_not_carry(miss):
         )
         lost = gains.landing_compensation * (force - asked)[heel] * row
         asked = output.point_force[:, 2].copy()
-    assert 0.0 < it._lines[1, 0]["opening"] < 1.0
+    assert 0.0 < it.workspace.contact.lines[1, 0]["opening"] < 1.0
     total = output.point_force[:, 2].sum() + lost.sum()
     assert lost.sum() == pytest.approx(-2.0 * gains.landing_compensation * miss)
     assert total == pytest.approx(output.force[2], abs=0.5)
@@ -182,47 +151,6 @@ def test_on_the_orbit_the_plan_is_asked_for_as_it_is():
         np.testing.assert_allclose(output.angular_momentum, ref.angular_momentum, atol=1e-4)
         planned = 60.0 * (ref.com_acceleration + np.array([0.0, 0.0, 9.81]))
         np.testing.assert_allclose(output.force, planned, atol=1.0)
-
-
-@pytest.mark.parametrize("time", INSTANTS)
-def test_condensed_answer_is_that_of_the_whole_problem(time):
-    """Accelerations of the forces found, and the price of yaw, by a dense KKT system of all accelerations."""
-    it, q, v, _ = tick(time, shift=0.005)
-    robot, g = it.robot, it.robot.gravity
-    weights = robot.by_group(POSTURE_WEIGHTS)
-    ref = reference(time)
-    stands = ref.contacts.planned.any(axis=1)
-    soft = np.concatenate([np.repeat(np.where(stands, STANCE, SWING), 6), np.full(2, 1e-12)])
-    rows = robot.jacobian(q).jacobian * np.repeat([1.0, ANGULAR, 1.0], [3, 3, robot.task_rows - 6])[:, None]
-    scale = np.repeat([1.0, ANGULAR, 1.0], [3, 3, robot.task_rows - 6])
-    rhs = scale * (it._tasks[WANTED] - robot.drift(q, v)) / g
-    posture = it._motion[POSTURE] / np.sqrt(weights)
-
-    def accelerations(wrench):
-        """Closest to posture and foot tasks of all those that a net wrench gives."""
-        target = rhs[:6] + wrench
-        hessian = np.diag(weights) + (rows[6:].T / soft) @ rows[6:]
-        kkt = np.block([[hessian, rows[:6].T], [rows[:6], np.zeros((6, 6))]])
-        linear = weights * posture + (rows[6:].T / soft) @ rhs[6:]
-        alpha = np.linalg.solve(kkt, np.concatenate([linear, target]))[:40]
-        lost = alpha - posture, rows[6:] @ alpha - rhs[6:]
-        return alpha, 0.5 * (weights * lost[0] ** 2).sum() + 0.5 * (lost[1] ** 2 / soft).sum()
-
-    wrench = it._wrench @ it.phi
-    np.testing.assert_allclose(it.acceleration / g, accelerations(wrench)[0], atol=2e-4)
-    # The price of yaw that the QP was told of: curvature and gradient of the cost left over.
-    unit = np.eye(6)[5]
-    (_, up), (_, mid), (_, down) = (accelerations(s * unit) for s in (1.0, 0.0, -1.0))
-    row = it._wrench[5, [6, 7, 8, 15, 16, 17]]
-    tangent = np.ix_([6, 7, 8, 15, 16, 17], [6, 7, 8, 15, 16, 17])
-    loads = np.maximum([1.0 - ref.right_load, ref.right_load], LEAST_LOAD)
-    block = it.condensed.P[tangent] - np.diag(np.repeat(TANGENT_COST / loads, 3))
-    np.testing.assert_allclose(
-        block, YAW_COST * (up - 2 * mid + down) * np.outer(row, row), rtol=1e-3, atol=1e-9
-    )
-    np.testing.assert_allclose(
-        it.condensed.q[[6, 7, 8, 15, 16, 17]], YAW_COST * 0.5 * (up - down) * row, rtol=2e-3, atol=1e-7
-    )
 
 
 def test_feedback_pushes_back():
@@ -270,16 +198,17 @@ def test_with_less_torque_the_limits_are_kept_and_the_dynamics_too(time, solver)
 
 
 def test_torque_map_is_affine_and_exact():
-    it = tick(0.62)[0]
+    it, q, v, _ = tick(0.62)
+    c, rng = it.workspace, np.random.default_rng(0)
     torque_map, bias = it._torque_map()
-    rng, direct, force = np.random.default_rng(0), np.empty(34), np.empty((12, 3))
     for _ in range(3):
-        alpha, phi = rng.normal(size=40), rng.normal(size=18)
-        it._motion[ALPHA] = it.robot.gravity * alpha
-        torques(it.own, phi, direct, force)
-        np.testing.assert_allclose(
-            torque_map @ np.concatenate([alpha, phi]) + bias, direct, rtol=0.0, atol=1e-9
-        )
+        alpha = rng.normal(size=40)
+        c.motion.acceleration[:], c.contact.solution[:] = it.robot.gravity * alpha, rng.normal(size=18)
+        it._torques()
+        total = twins.inverse_dynamics(it.robot, q, v, c.motion.acceleration, c.contact.point_force)
+        expected = total[6:] + c.motion.passive_torque
+        mapped = torque_map @ [*alpha, *c.contact.solution] + bias
+        np.testing.assert_allclose(mapped, expected, rtol=0.0, atol=1e-9)
 
 
 def test_joints_may_only_run_as_fast_as_they_can_brake():
@@ -287,15 +216,16 @@ def test_joints_may_only_run_as_fast_as_they_can_brake():
     middle = pin.neutral(robot.model)
     middle[7:] = 0.5 * (robot.lower + robot.upper)
     still, free = np.zeros(40), np.zeros(34)
-    limits = robot.torque_limit, robot.lower, robot.upper
-    assert not limit_broken(middle, still, still, free, *limits)
-    assert limit_broken(middle, still, still, np.eye(34)[3] * 1.001 * robot.torque_limit, *limits)
+    joints = Joints(free, free, free, robot.torque_limit, robot.lower, robot.upper)
+    strong = joints._replace(torque=1.001 * robot.torque_limit * np.eye(34)[3])
+    assert not limit_broken(middle, still, still, joints)
+    assert limit_broken(middle, still, still, strong)
     near = middle.copy()
     near[10] = robot.upper[3] - 0.001  # from 1 rad/s on it cannot brake at 500 rad/s^2 within that
     for rate, breaks in ((0.99, False), (1.01, True), (-5.0, False)):
         v = np.zeros(40)
         v[9] = rate
-        assert limit_broken(near, v, still, free, *limits) is breaks
+        assert limit_broken(near, v, still, joints) is breaks
         low, high = acceleration_bounds(robot, near, v)
         assert bool(high[3] < 0.0) is breaks
         assert (low <= high).all()
@@ -316,41 +246,25 @@ def test_a_state_that_is_no_number_gives_no_torque_and_is_told():
     assert (output.torque == 0.0).all()
 
 
-def test_dependent_rows_hold_the_last_command(monkeypatch):
-    it, q, v, before = tick(0.3)
-    phi, acceleration, prepare = it.phi.copy(), it.acceleration.copy(), it._prepare
-    monkeypatch.setattr(it, "_prepare", lambda *given: prepare(*given) and False)
+def test_dependent_rows_hold_the_last_command():
+    it, q, v, output = tick(0.3)
+    c, torque = it.workspace, output.torque.copy()
+    forces, acceleration = c.contact.forces.copy(), it.acceleration.copy()
+    c.motion.root_weight[:] = np.inf  # nothing moves: the task rows are zero
     output = it.update(State(0.302, q, v), touch(0.3), reference(0.3, 1))
     assert output.status == UNSOLVED
-    np.testing.assert_allclose(it.phi, phi, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(c.contact.forces, forces, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(it.acceleration, acceleration)
-    np.testing.assert_allclose(output.torque, before.torque, atol=1e-6)
+    np.testing.assert_allclose(output.torque, torque, atol=1e-6)
 
 
 def test_what_comes_from_outside_may_be_lists_other_types_or_views():
-    """Compiled code reads the arrays of a tick as they are in memory."""
+    """A tick copies them into arrays of its own."""
     _, q, v, _ = tick(0.3)
     now, sensed = reference(0.3), touch(0.3)
-    odd = now._replace(
-        centre=now.centre.tolist(),
-        feet=now.feet._replace(values=np.asfortranarray(now.feet.values)),
-        contacts=now.contacts._replace(until_lift=now.contacts.until_lift.astype(">f8")),
-        posture=now.posture._replace(v=np.repeat(now.posture.v, 2)[::2]),
-    )
     lists = Touch(sensed.contact.astype(int).tolist(), sensed.normal_force.astype(np.float32), sensed.age)
     expected = controller().update(State(0.3, q, v), sensed, now)
-    for given in (now, odd):
-        output = controller().update(State(0.3, q.tolist(), v[None]), lists, given)
-        np.testing.assert_array_equal(output.torque, expected.torque)
+    output = controller().update(State(0.3, q.tolist(), np.repeat(v, 2)[::2]), lists, now)
+    np.testing.assert_array_equal(output.torque, expected.torque)
     with pytest.raises(ValueError, match="shape"):
         controller().update(State(0.3, q[:-1], v), sensed, now)
-
-
-def test_ticks_do_not_depend_on_what_was_kept_of_earlier_outputs():
-    """Outputs own their arrays: a later tick must not write into them."""
-    it, q, v, output = tick(0.3)
-    kept = [np.array(part) for part in output[:5]]
-    moved = State(0.302, pin.integrate(it.robot.model, q, np.full(40, 0.01)), 0.9 * v)
-    it.update(moved, Touch(np.ones(12, bool), np.ones(12)), reference(0.3, 1))
-    for part, copy in zip(output[:5], kept, strict=True):
-        np.testing.assert_array_equal(part, copy)

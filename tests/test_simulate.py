@@ -7,11 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from ampm.control import limited_qp, wrench_qp
-from ampm.control.controller import TrackingController
+from ampm.control import contact_qp, limited_qp
 from ampm.exceptions import InputError, SolverError
-from ampm.qp import BACKENDS, QPSolution, QPStatus, make_backend
-from ampm.walk import LIMITED, SOLVED, UNSOLVED, ReferenceTable, WalkPlan
+from ampm.qp import QPSolution, QPStatus, make_backend
+from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from models.scene import BodyModel
 from tests.records import first_difference, stored
 from tests.solved import COARSE, body_of, motion_of, walk_of
@@ -73,8 +72,8 @@ def spoil(monkeypatch):
             backend = make_backend(*arguments)
             return Spoilt(backend, how, ticks) if len(made) - 1 == which else backend
 
-        for form in (wrench_qp, limited_qp):
-            monkeypatch.setattr(form, "make_backend", make)
+        for module in (contact_qp, limited_qp):
+            monkeypatch.setattr(module, "make_backend", make)
 
     return install
 
@@ -344,46 +343,6 @@ def test_an_interrupt_keeps_whole_steps(monkeypatch, spoil, tmp_path, where, at)
     else:
         monkeypatch.setattr(mujoco, "mj_step2", stop_late)
     check_interrupted(walk(progress=progress), at, tmp_path)
-
-
-class InParts(TrackingController):
-    """Our controller through its ``update``."""
-
-
-def missing_for_a_tick(table):
-    """References of a planner whose acceleration is no number at .2 s."""
-
-    def spoilt(plan, times, timing):
-        rows = table(plan, times, timing).rows
-        acceleration = rows.posture.acceleration.copy()
-        acceleration[np.abs(rows.time - 0.2) < 1e-4] = np.nan
-        return ReferenceTable(rows._replace(posture=rows.posture._replace(acceleration=acceleration)))
-
-    return spoilt
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("solver", BACKENDS)
-def test_our_own_tick_is_that_of_update(monkeypatch, solver):
-    """Also across tables, where there is no QP, or no solution, and where its answer breaks a limit."""
-    monkeypatch.setattr(WalkPlan, "table", missing_for_a_tick(WalkPlan.table))
-    settings = f"solver.qp={solver}", "solver.max_iterations=60", "solver.tolerance=3e-4"
-    monkeypatch.setattr(simulation, "_TICKS", 37)
-    one, other = (walk(*settings, body=weaker(0.8), controller=it) for it in (None, InParts))
-    assert one.qp_status[100] == UNSOLVED
-    assert {LIMITED, SOLVED} <= set(one.qp_status.tolist())
-    assert first_difference(one, other) is None
-
-
-def test_a_replaced_update_makes_every_tick(monkeypatch):
-    calls, update = [], TrackingController.update
-
-    def counted(*given):
-        calls.append(given)
-        return update(*given)
-
-    monkeypatch.setattr(TrackingController, "update", counted)
-    assert walk(steps=1).tick_time.size == len(calls)
 
 
 def test_a_fall_between_control_ticks_is_noticed():
