@@ -466,8 +466,8 @@ class Controller(Protocol):
         """One tick.
 
         Args:
-            state: the measured state; its arrays are overwritten by the next tick.
-            touch: what the soles sense.
+            state: the measured state.
+            touch: what the soles sense; the next tick overwrites its arrays and those of the state.
             reference: what is planned at this instant.
         """
         ...

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 import pytest
 
@@ -72,7 +73,10 @@ class Parts(NamedTuple):
     on: bool
 
 
-def test_a_reference_hands_over_the_fields_of_nested_tuples_by_their_names():
+def test_a_reference_hands_over_the_fields_of_nested_tuples_by_their_names(monkeypatch):
+    # Not kept on disk: other processes could not load types of this module.
+    monkeypatch.setattr(compiled, "_refer_to", numba.njit(compiled._refer_to.py_func))
+
     @compiled.compiled
     def use(parts, more):
         for i in range(len(parts.rows)):

@@ -144,7 +144,9 @@ def poor(delay, noise):
             self.kept, self.rng = [], np.random.default_rng(1)
 
         def update(self, state, touch, reference):
-            self.kept.append(touch)
+            self.kept.append(
+                touch._replace(contact=touch.contact.copy(), normal_force=touch.normal_force.copy())
+            )
             old = self.kept[max(0, len(self.kept) - 1 - delay)]
             force = old.normal_force + noise * self.rng.normal(size=12) * (old.normal_force > 0.0)
             age = touch.age + delay * PERIOD

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from ampm.compiled import records
-from ampm.control.floor import Sensed, feel, lifted, step_up
-from ampm.control.records import FOOT, POINT
 from ampm.control.sole import ACROSS, nearest, share_axis
-from ampm.control.stepping import Curves, dcm_ahead, plan_step, quintic_tick, ramp_share, step_change
-from ampm.control.walker import WALKER
+from ampm.control.workspace import FOOT, POINT, Body
 from ampm.planner import routes
+from ampm.stepping.floor import feel, force_factor, step_up
+from ampm.stepping.step_choice import dcm_ahead, plan_step, quintic_tick, ramp_share, step_change
+from ampm.stepping.stepper import WALKER, Curves, Stepper
 from tests.records import first_difference
 from validation.run.walk import walk_planned
 from validation.trial.disturbances import Push
@@ -63,6 +63,14 @@ def phase(duration=0.55, count=401):
     return t, r, xi
 
 
+def stepper(**fields):
+    """A stepper of which only some fields matter."""
+    none = np.empty(0)
+    body = Body(*[none] * 7, com=np.array([0.0, 0.0, 0.87]), mass=60.0, gravity=9.81)
+    fields = {"body": body, "contact": np.empty(0, dtype=bool), "omega": OMEGA, "tick": 0.002, **fields}
+    return Stepper(**{**dict.fromkeys(Stepper._fields, none), "walker": records(1, WALKER), **fields})
+
+
 @pytest.mark.parametrize("begin", [0, 123, 390])
 def test_the_dcm_ahead_is_the_plans_own_where_the_time_is_not_changed(begin):
     t, r, xi = phase()
@@ -93,16 +101,18 @@ def test_a_smaller_body_steps_as_a_larger_one_does_in_its_own_lengths_and_times(
     steps = []
     for size in (1.0, 0.78):
         t, r, xi = phase()
-        curves = Curves(size * r, size * xi, size * r)
-        walker = records(1, WALKER)
+        s = stepper(
+            omega=OMEGA / math.sqrt(size),
+            size=size,
+            foot_width=size * 0.08,
+            curves=Curves(size * r, size * xi, size * r),
+        )
+        walker = s.walker
         walker["factor"], walker["choice"], walker["stance"] = 1.0, -1, 0
         walker["duration"], walker["double"] = math.sqrt(size) * t[-1], math.sqrt(size) * 0.12
-        reached, rest = xi[160] + push, math.sqrt(size) * (t[-1] - t[160])
-        sole, omega = size * np.array([-0.08, 0.14, -0.04, 0.04]), OMEGA / math.sqrt(size)
-        plan_step(
-            walker[0], omega, size, size * 0.08, curves, 160.0, rest, size * xi[160], size * reached,
-            sole, size * 0.5, size * 0.2, 1.0, 0.0, True,
-        )  # fmt: skip
+        sole, rest = size * np.array([-0.08, 0.14, -0.04, 0.04]), math.sqrt(size) * (t[-1] - t[160])
+        planned, reached = size * xi[160], size * (xi[160] + push)
+        plan_step(s, 160.0, rest, planned, reached, sole, size * 0.5, size * 0.2, 1.0, 0.0, True)
         steps.append((*walker["step"][0] / size, walker["factor"][0], walker["excess"][0] / size))
     assert math.hypot(*steps[0][:2]) > 0.01 or push == (0.05, 0.01)
     assert steps[1] == pytest.approx(steps[0], abs=1e-9)
@@ -256,35 +266,28 @@ def test_a_softer_floor_and_other_masses_are_survived(disturbance, zmp_x):
 def test_a_foot_that_is_tilted_tells_the_floors_height_by_its_points_and_lands_only_near_level(
     tilt, lands, tolerance
 ):
-    com, floor, tip = np.array([0.0, 0.0, 0.87]), 0.02, 0.12
-    feet, points, walker = records(2, FOOT), records(2, POINT), records(1, WALKER)
+    height, floor, tip, touching = 0.87, 0.02, 0.12, np.array([False, True])
+    feet, points = records(2, FOOT), records(2, POINT)
     feet["pose"] = np.eye(3)
     c, s = math.cos(tilt), math.sin(tilt)  # toes down, the tip on a floor that is 20 mm higher than planned
     feet["pose"][1] = [[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]
-    feet["place"][1] = [0.1, -0.1, floor + s * tip - com[2]]
+    feet["place"][1] = [0.1, -0.1, floor + s * tip - height]
     points["foot"] = 0, 1
-    points["arm"][1] = [0.1 + c * tip, -0.1, floor - com[2]]
-    touching = np.array([False, True])
-    body = Sensed(feet, points, touching, com, np.zeros(0), 60.0, OMEGA, 9.81, 0.002, 1.0, 0.08)
-    feel(walker[0], body)
-    assert (walker["touches"][0, 1] > 0) == lands
-    points["touching"] = touching
-    planned = np.zeros(27)
-    planned[9:18] = np.eye(3).ravel()
-    assert step_up(body, 1, planned, 0.0) == pytest.approx(floor, abs=tolerance)
+    points["arm"][1] = [0.1 + c * tip, -0.1, floor - height]
+    it = stepper(contact=touching)
+    it = it._replace(body=it.body._replace(feet=feet, points=points))
+    feel(it)
+    assert (it.walker["touches"][0, 1] > 0) == lands
+    assert step_up(it, 1, np.zeros(3), np.eye(3), 0.0) == pytest.approx(floor, abs=tolerance)
 
 
 def test_a_com_that_sinks_for_lack_of_force_is_brought_back_to_its_height():
-    walker, none = records(1, WALKER), np.empty(0)
-    touching = np.empty(0, dtype=bool)
-    walker["load"] = 1.0
-    com, tick, speed = np.array([0.0, 0.0, 0.87]), 0.002, 0.0
-    body = Sensed(none, none, touching, com, none, 60.0, OMEGA, 9.81, tick, 1.0, 0.08)
-    below = []
+    it, speed, below = stepper(), 0.0, []
+    it.walker["load"], com = 1.0, it.body.com
     for _ in range(4000):  # 3 % too little force, beside the controller's own spring and damper
-        force = lifted(walker[0], body, 0.87) - 1.03
-        speed += tick * (9.81 * force - 60.0 * (com[2] - 0.87) - 15.0 * speed)
-        com[2] += tick * speed
+        force = force_factor(it, 0.87) - 1.03
+        speed += it.tick * (9.81 * force - 60.0 * (com[2] - 0.87) - 15.0 * speed)
+        com[2] += it.tick * speed
         below.append(0.87 - com[2])
     assert max(below) > 0.003
     assert abs(below[-1]) < 0.1 * max(below)
