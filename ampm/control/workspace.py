@@ -425,7 +425,11 @@ def points_of(robot: Robot) -> Any:
     return points
 
 
+_NUMBERS = [key for key, value in ControllerParameters() if isinstance(value, float)]
+Gains: Any = namedtuple("Gains", _NUMBERS)  # type: ignore[misc]
+"""The numbers among the parameters. Code for a class of a function would be compiled by every process."""
+
+
 def gains_of(gains: ControllerParameters) -> Any:
-    """The numbers among the parameters, as a named tuple."""
-    numbers = {name: value for name, value in gains if isinstance(value, float)}
-    return namedtuple("Gains", numbers)(**numbers)
+    """The :class:`Gains` of a controller's parameters."""
+    return Gains(*(getattr(gains, name) for name in _NUMBERS))

@@ -284,10 +284,9 @@ class RunLog:
             setattr(self, name, spill.zeros(shape_of(name, sizes), INTEGERS.get(name, np.float64)))
         self.external: dict[str, Array] = {}
         # All that is read and written at every step, as views that are taken once.
-        names = tuple(RunLog.__annotations__)
         self.touching, self.normal_force = np.zeros(sizes["P"], dtype=bool), np.zeros(sizes["P"])
         self.log = Log(
-            record=namedtuple("Recorded", names)(*(getattr(self, name) for name in names)),
+            record=Recorded(*(getattr(self, name) for name in RunLog.__annotations__)),
             simulated=SimulatedData(
                 qpos=data.qpos,
                 qvel=data.qvel,
@@ -344,3 +343,7 @@ class RunLog:
             result |= {f"external_{name}": part for name, part in parts.items()}
             result["external_segments"] = tuple(self.external)
         return result
+
+
+Recorded: Any = namedtuple("Recorded", list(RunLog.__annotations__))  # type: ignore[misc]
+"""Arrays of a record. Code for a class of a function would be compiled by every process."""
