@@ -63,7 +63,7 @@ print(seconds["walk"])
 
 class Inner(NamedTuple):
     grid: Any
-    count: int
+    number: int
 
 
 class Parts(NamedTuple):
@@ -75,17 +75,17 @@ class Parts(NamedTuple):
 
 def test_a_reference_hands_over_the_fields_of_nested_tuples_by_their_names(monkeypatch):
     # Not kept on disk: other processes could not load types of this module.
-    monkeypatch.setattr(compiled, "_refer_to", numba.njit(compiled._refer_to.py_func))
+    monkeypatch.setattr(compiled, "_refer_to", numba.njit(lambda parts: compiled._handle(parts)))
 
     @compiled.compiled
     def use(parts, more):
         for i in range(len(parts.rows)):
             parts.rows[i].place[1] = parts.inner.grid[i, 0]
-        parts.inner.grid[1, 0] = parts.scale * parts.inner.count + more
+        parts.inner.grid[1, 0] = parts.scale * parts.inner.number + more
         return parts.on
 
     rows, grid = compiled.records(2, [("name", np.int64), ("place", np.float64, (3,))]), np.ones((2, 4))
-    handle = compiled.refer(Parts(rows=rows, inner=Inner(grid=grid[:, ::2], count=3), scale=0.5, on=True))
+    handle = compiled.refer(Parts(rows=rows, inner=Inner(grid=grid[:, ::2], number=3), scale=0.5, on=True))
     assert compiled.bound(use, (handle,), 1.0)(2.0) is True
     assert grid.tolist() == [[1.0] * 4, [3.5, 1.0, 1.0, 1.0]]
     assert rows["place"][:, 1].tolist() == [1.0, 1.0]

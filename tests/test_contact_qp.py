@@ -61,9 +61,9 @@ def fill(qp, points, momentum=UPRIGHT, least=0.0, load=0.4, yaw=(0.2, -0.03)):
     """Fill in a QP: ``yaw`` are curvature and gradient of the posture's cost over the vertical moment."""
     points["least"] = np.maximum(points["least"], least)
     points["largest"] = np.maximum(points["largest"], points["least"])
-    forces = np.zeros((3, FORCES))
-    lines, wrench, by_point = records((2, 3), LINE), wrench_of(points), np.zeros((2 * POINTS, 3))
-    contact = Contact(lines, *forces, wrench_map=wrench, momentum=np.array(momentum), point_force=by_point)
+    none = np.empty(0)
+    lines, by_point = records((2, 3), LINE), np.zeros((2 * POINTS, 3))
+    contact = Contact(lines, none, none, none, wrench_of(points), np.array(momentum), by_point)
     system = np.zeros((20, 27))
     system[L_Z, 20 + L_Z], system[L_Z, 26] = yaw
     fill_qp(2, points, contact, system, load, FRICTION, qp.problem)

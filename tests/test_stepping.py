@@ -66,7 +66,7 @@ def phase(duration=0.55, count=401):
 def stepper(**fields):
     """A stepper of which only some fields matter."""
     none = np.empty(0)
-    body = Body(*[none] * 7, com=np.array([0.0, 0.0, 0.87]), mass=60.0, gravity=9.81)
+    body = Body(none, none, none, none, none, none, none, np.array([0.0, 0.0, 0.87]), 60.0, 9.81)
     fields = {"body": body, "contact": np.empty(0, dtype=bool), "omega": OMEGA, "tick": 0.002, **fields}
     return Stepper(**{**dict.fromkeys(Stepper._fields, none), "walker": records(1, WALKER), **fields})
 

@@ -15,10 +15,10 @@ from numba.core import config
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.compiled import refer
 from ampm.control.controller import TrackingController
+from ampm.control.sole import share_sole
 from ampm.control.tick import after, before, keep
 from ampm.control.workspace import BALL, HEEL, TIP, Workspace, gains_of
 from ampm.parameters import BodyParameters, RunParameters
-from ampm.stepping.follower import make_stepper
 from tests import twins
 from validation.trial.plan import make_body
 
@@ -43,6 +43,7 @@ class Tick(NamedTuple):
     velocity_lag: float
     load_age: float
     tilt: Any
+    command: Any  # before the sole was shared
     broken: bool
 
 
@@ -100,14 +101,16 @@ def ticks(source, count=TICKS):
     gains = run.controller.model_copy(update=chosen)
     controller = TrackingController(robot, run.model_copy(update={"controller": gains}))
     c = controller.workspace
-    handle, stepper = refer(c), refer(make_stepper(robot, c))
+    handle, parts = refer(c), (refer(c.body), c.stepping[0], refer(c.wanted), refer(c.command))
     tilt, done = twins.MeanTilt(c.gains), []
     for k in range(count):
         randomise(c, robot, rng, k)
         first, still = k == 0, k % 9 == 0
         velocity_lag, load_age = 0.0005 * (k % 2), 0.001
         old = copied(c)
-        assert before(handle, stepper, velocity_lag, load_age, first)
+        assert before(handle, None, velocity_lag, load_age, first)
+        command = copied(c.command)
+        share_sole(*parts)
         c.contact.solution[:] = old.contact.solution
         kept = after(handle, still, first)
         if not kept:
@@ -116,7 +119,9 @@ def ticks(source, count=TICKS):
             c.wanted.trunk, twins.frames(robot, c.sensed.q, [robot.trunk_frame])[1][0]
         )
         fed_back = tilt.update(error, c.wanted.trunk, float(c.wanted.tilt_window[0]))
-        done.append(Tick(robot, old, copied(c), first, still, velocity_lag, load_age, fed_back, not kept))
+        done.append(
+            Tick(robot, old, copied(c), first, still, velocity_lag, load_age, fed_back, command, not kept)
+        )
     return done
 
 
@@ -161,29 +166,23 @@ def test_contact_gate(walked):
             np.testing.assert_array_equal(points[name], lines[name][points["foot"], points["line"]])
 
 
-def expected_command(it):
-    """Force, moment, angular momentum; whether the sole was shared."""
-    force, moment, momentum = twins.command_wrench(it.c, it.tilt)
-    if not it.c.stepping[0]["active"]:
-        return force, moment, momentum, False
-    shared_force, shared_moment = twins.shared(it.c, force, moment)
-    scaled = it.c.stepping[0]["force_factor"] * force
-    return (
-        shared_force,
-        shared_moment,
-        momentum,
-        not (np.allclose(shared_force, scaled) and np.allclose(shared_moment, moment)),
-    )
-
-
-def test_command_with_the_trunks_mean_tilt_and_what_the_sole_can_give(walked):
+def test_command_with_the_trunks_mean_tilt(walked):
     for it in walked:
-        force, moment, momentum, shared = expected_command(it)
-        close(it.c.command.force, force)
-        close(it.c.command.moment, moment)
-        close(it.c.command.angular_momentum, momentum)
-        if shared or it.c.stepping[0]["force_factor"] == 1.0:
-            close(it.c.command.zmp, twins.zmp(it.c.body.com, force, moment))
+        force, moment, momentum = twins.command_wrench(it.c, it.tilt)
+        close(it.command.force, force)
+        close(it.command.moment, moment)
+        close(it.command.angular_momentum, momentum)
+        close(it.command.zmp, twins.zmp(it.c.body.com, force, moment))
+
+
+def test_what_the_sole_can_give(walked):
+    for it in walked:
+        command = it.c.command
+        force, moment, changed = twins.shared(it.c, it.command.force, it.command.moment)
+        close(command.force, force)
+        close(command.moment, moment)
+        zmp = twins.zmp(it.c.body.com, force, moment) if changed else it.command.zmp
+        close(command.zmp, zmp)
 
 
 def test_tasks_of_soles_toes_and_posture(walked):
@@ -234,7 +233,7 @@ def test_matrices_of_the_qp(walked):
         close(c.contact.wrench_map, twins.wrench_map(c, by_point))
         landing = twins.gate(it.c, it.old, it.c.contact.lines["touching"], it.first, False)[1]
         limits = twins.bounds(c, it.old, landing, it.load_age)
-        expected = twins.qp(c, by_point, lever, limits, yaw[5], yaw[6])
+        expected = twins.qp(c, it.command, by_point, lever, limits, yaw[5], yaw[6])
         for actual, matrix in zip(c.problem, expected, strict=True):
             close(actual, matrix)
 
@@ -286,13 +285,13 @@ def test_the_random_ticks_reach_every_case(source):
             ("swing", ~on.any(axis=1)),
             ("tips", (lines["limit"][:, TIP] > 0.0) | (not has_tip)),
             ("lands", (lines["opening"] > 0.0) & (lines["opening"] < 1.0)),
-            ("shared", expected_command(it)[3]),
+            ("shared", it.c.command.zmp != it.command.zmp),
             ("off", it.c.stepping["off_plan"]),
             ("broken", it.broken),
             ("kept", not it.broken),
             ("rate", it.c.joints.rate != 0.0),
         ):
-            seen[name] += np.any(case)
+            seen[name] += bool(np.any(case))
     assert min(seen.values()) > 1, seen
 
 

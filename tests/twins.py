@@ -112,7 +112,7 @@ class MeanTilt:
         """The tilt that is fed back."""
         ticks = min(round(window * self.gains.frequency), math.ceil(LONGEST * self.gains.frequency))
         if ticks == 0:
-            self.__init__(self.gains)
+            self.past, self.integral, self.longest = [], np.zeros(2), 0
             return tilt
         x = trunk[:2, 0] / np.linalg.norm(trunk[:2, 0])
         axes = np.array([x, [-x[1], x[0]]])
@@ -141,12 +141,14 @@ def zmp(com, force, moment):
 
 
 def shared(c, force, moment):
-    """Force and moment that the sole can give: see :func:`ampm.control.sole.share_sole`."""
+    """Force and moment that the sole can give, and whether these are others than wanted."""
     state, wanted, com, m = c.stepping[0], c.wanted, c.body.com, c.body.mass
+    if not state["active"]:
+        return force, moment, False
     force = state["force_factor"] * force
     points = (com + c.body.points["arm"])[c.body.points["limit"] > sole.OPEN, :2]
     if force[2] < 0.2 * m * c.body.gravity or not len(points):
-        return force, moment
+        return force, moment, False
     cos, sin = state["heading"]
     axes = np.array([[cos, sin], [-sin, cos]])
     points, down = points @ axes.T, c.body.gravity + wanted.com_acceleration[2]
@@ -171,7 +173,8 @@ def shared(c, force, moment):
     )
     force = force - np.array([*(axes.T @ (r - r_shift)) * force[2] / height, 0.0])
     change = axes.T @ (arm - arm_shift) * force[2]
-    return force, moment + np.array([change[1], -change[0], 0.0])
+    changed = (r != r_shift).any() or (arm != arm_shift).any()
+    return force, moment + np.array([change[1], -change[0], 0.0]), changed
 
 
 def share_axis(r, arm, low, high, com_first):
@@ -342,7 +345,7 @@ def bounds(c, old, landing, load_age):
     return least, np.maximum(largest, least), missing
 
 
-def qp(c, by_point, lever, limits, curvature, gradient):
+def qp(c, command, by_point, lever, limits, curvature, gradient):
     """P, q, A, lower, upper of the contact forces and six slacks.
 
     The costs: slacks, forces, the feet's load, and the vertical moment, of which ``curvature`` and
@@ -376,7 +379,7 @@ def qp(c, by_point, lever, limits, curvature, gradient):
             rows.append(row[None])
     rows.append(np.eye(unknowns + 6)[normal])
     least, largest, missing = limits
-    momentum = SCALE * np.hstack([c.command.force, c.command.moment]) / (c.body.mass * c.body.gravity)
+    momentum = SCALE * np.hstack([command.force, command.moment]) / (c.body.mass * c.body.gravity)
     momentum = momentum - wrench[:, normal] @ missing
     lower = np.hstack([momentum, np.full(6 * feet, -np.inf), least])
     return P, q, np.vstack(rows), lower, np.hstack([momentum, np.zeros(6 * feet), largest])
