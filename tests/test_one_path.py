@@ -1,0 +1,55 @@
+"""One way through a tick: whoever controls the body, and whatever disturbs it."""
+
+import numpy as np
+import pytest
+
+from ampm.control.controller import TrackingController
+from ampm.control.joint_pd import JointPD
+from tests.records import first_difference
+from tests.solved import simulated
+from validation.trial.faults import FaultyController
+from validation.trial.simulate import ClosedLoop
+
+
+class Ours(TrackingController):
+    """Our controller by an ``update`` of its own."""
+
+    def update(self, state, touch, reference):
+        return super().update(state, touch, reference)
+
+
+@pytest.mark.parametrize(
+    ("settings", "options", "kind"),
+    [
+        ((), {}, TrackingController),
+        ((), {"controller": Ours}, Ours),
+        ((), {"controller": JointPD}, JointPD),
+        (("disturbance.sensing_delay=0.002",), {}, FaultyController),
+        (("disturbance.step_height=0.002", "disturbance.step_number=3"), {}, TrackingController),
+        (("controller.stabilizer=stepping",), {}, TrackingController),
+    ],
+    ids=["ours", "a subclass", "a user's", "faults", "stones", "stepping"],
+)
+def test_every_tick_is_one_call_of_update_in_the_loops_tick(monkeypatch, settings, options, kind):
+    ticks, updates, tick, update = [], [], ClosedLoop.tick, kind.update
+
+    def counted_tick(self, k, time):
+        assert type(self.controller) is kind
+        ticks.append(k)
+        return tick(self, k, time)
+
+    def counted_update(self, state, touch, reference):
+        updates.append(state.time)
+        return update(self, state, touch, reference)
+
+    monkeypatch.setattr(ClosedLoop, "tick", counted_tick)
+    monkeypatch.setattr(kind, "update", counted_update)
+    record = simulated(*settings, steps=1, **options)
+    assert ticks == list(range(0, record.steps, record.substeps))
+    np.testing.assert_array_equal(updates, record.tick_time)
+
+
+def test_a_subclass_walks_to_the_same_bits():
+    one, other = (simulated(controller=controller) for controller in (None, Ours))
+    assert one.outcome.completed
+    assert first_difference(one, other) is None
