@@ -115,7 +115,7 @@ def test_time_until_lift_off():
                 expected = min(TIMES[lifts[lifts > k]]) - TIMES[k]
                 assert until[k, foot, group] == pytest.approx(expected, abs=1e-12)
             else:  # after the last tick
-                exact = plan().table(TIMES[k : k + 1]).rows.contacts.until_lift[0, foot, group]
+                exact = plan().table(TIMES[k : k + 1]).contacts.until_lift[0, foot, group]
                 found = until[k, foot, group]
                 assert found == exact or exact - 1e-9 <= found < exact + 0.002
 

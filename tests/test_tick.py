@@ -71,8 +71,8 @@ def randomise(c, robot, rng, k):
     wanted.foot_position[:], wanted.foot_rotation[:] = places, turns
     wanted.trunk[:] = twins.frames(robot, wanted.q, [robot.trunk_frame])[1][0]
     wanted.right_load[:] = rng.choice([0.0, 0.3, 1.0])
-    wanted.tilt_window[:] = rng.choice([0.02, 0.03, 0.05, 9.0]) if k % 8 else 0.0
-    wanted.until_lift[:] = rng.choice([np.inf, 0.02, 0.0], size=(2, 3), p=[0.8, 0.15, 0.05])
+    wanted.tilt_window[:] = 0.0 if k % 50 < 2 else rng.choice([0.02, 0.03]) if k < 100 else 9.0
+    wanted.until_lift[:] = rng.choice([np.inf, 0.06, 0.02, 0.0], size=(2, 3), p=[0.7, 0.1, 0.1, 0.1])
     if k % 6 == 0:
         wanted.planned[:] = rng.random((2, 3)) < rng.choice([0.0, 0.6, 1.0], size=(2, 1))
         wanted.due[:] = wanted.planned | (rng.random((2, 3)) < rng.choice([0.0, 0.3], size=(2, 1)))
