@@ -12,10 +12,9 @@ from scipy.integrate import solve_ivp
 
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import GaitParameters
-from ampm.planner.closed_form import ClosedForm
+from ampm.planner.closed_form import RESIDUAL_LIMIT
 from ampm.planner.contacts import Contacts, Footstep, Phase
 from ampm.planner.periodic import plan_gait
-from ampm.planner.rules import RESIDUAL_LIMIT, RULES
 
 G, MASS = 9.81, 60.0
 GOLDEN = GaitParameters(
@@ -292,7 +291,7 @@ def test_the_plain_pendulum_states_its_jumps_and_is_not_refused_for_them():
         ({"c_y": -0.5}, "c_y_not_positive", -0.5, 0.0, "0.4"),
         (
             {"c_s": 0.251, "c_y": 100.0, "switching_velocity": 0.024},
-            "single_support_too_long", 1021.2, 600.0, "lower gait.c_y",
+            "ill_conditioned", math.inf, 1e-9, "raise gait.switching_velocity",
         ),
         ({"c_y": 5e-324}, "ill_conditioned", math.inf, 1e-9, "gait.c_y"),
     ],
@@ -359,12 +358,10 @@ def check_plan_or_refusal(parameters):
     except MathematicalRefusal as caught:
         refusal = caught
     else:
-        with np.errstate(all="ignore"):
-            bound = ClosedForm.of(parameters).rounding
         residuals = plan.residuals()
         if parameters.planner == "lipm":  # its acceleration and ZMP jump at every switch
             residuals = replace(residuals, acceleration=0.0, zmp=0.0)
-        assert residuals.largest <= bound <= RESIDUAL_LIMIT
+        assert residuals.largest <= RESIDUAL_LIMIT
         s = plan.sample(np.linspace(0.0, plan.duration, 60))
         for name in "com com_velocity com_acceleration zmp force moment angular_momentum".split():
             assert np.isfinite(getattr(s, name)).all(), name
@@ -381,7 +378,8 @@ def test_gaits_at_every_threshold_are_refused_by_every_rule():
     enough = least / math.sqrt(1.0 - 0.2**2)
     ulps = range(-3, 4)
     longest = {"c_s": 0.251, "switching_velocity": 0.024}
-    angle = ClosedForm.of(changed(**longest, c_y=1.0)).time_constants
+    single = plan_gait(changed(**longest, c_y=1.0), MASS).constants.single_support_duration
+    angle = math.sqrt(G / 0.88) * single
     edges: list[dict[str, Any]] = [
         {"switching_velocity": s + k * math.ulp(s)} for s in (least, enough) for k in ulps
     ]
@@ -390,7 +388,10 @@ def test_gaits_at_every_threshold_are_refused_by_every_rule():
     edges += [{**longest, "c_y": (600.0 / angle) ** 2 * (1.0 + k * 2e-16)} for k in range(-4, 5)]
     edges += [{"com_height": 10.0**-k, "switching_velocity": 99.0} for k in range(3, 12)]
     found = {reason_of(changed(**edge)) for edge in edges}
-    assert found == {"accepted", *(rule.reason for rule in RULES)}
+    assert found == {
+        "accepted", "single_support_not_driven", "c_y_not_positive", "switching_velocity_too_low",
+        "mid_stance_too_slow", "ill_conditioned",
+    }  # fmt: skip
 
 
 def reason_of(gait):

@@ -5,15 +5,12 @@ t = 0 is the start of the first single support, on the left foot, whose referenc
 
 import math
 
-import numpy as np
-
 from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY, GaitParameters
-from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
-from ampm.planner.closed_form import ClosedForm
+from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
+from ampm.planner.closed_form import StepLaws, step_laws
 from ampm.planner.contacts import Contacts, Footstep, Phase
 from ampm.planner.pendulum import AffineLaw, odd_double_integral, position_integral
-from ampm.planner.rules import refusal_of
 
 
 def plan_gait(gait: GaitParameters, mass: float) -> CentroidalPlan:
@@ -37,17 +34,7 @@ def plan_with_next_step(gait: GaitParameters, mass: float) -> tuple[CentroidalPl
     """:func:`plan_gait`, and the contacts of the walk with one more step."""
     if not (math.isfinite(mass) and mass > 0.0):
         raise InputError(f"the mass is {mass:g} kg; it must be a finite number greater than 0 kg.")
-    one = ClosedForm.of(gait)
-    with np.errstate(all="ignore"):  # what overflows is refused by the last rule
-        refusal = refusal_of(one)
-    if refusal:
-        raise refusal
-    return _assemble(gait, float(mass), one)
-
-
-def _numbers(law: AffineLaw) -> AffineLaw:
-    """A law of plain floats."""
-    return AffineLaw(*(float(value) for value in vars(law).values()))
+    return _assemble(gait, float(mass), step_laws(gait))
 
 
 def _mirrored(law: AffineLaw) -> AffineLaw:
@@ -57,13 +44,10 @@ def _mirrored(law: AffineLaw) -> AffineLaw:
     )
 
 
-def _assemble(gait: GaitParameters, mass: float, one: ClosedForm) -> tuple[CentroidalPlan, Contacts]:
+def _assemble(gait: GaitParameters, mass: float, first: StepLaws) -> tuple[CentroidalPlan, Contacts]:
     """Plan of the closed form over its footsteps."""
-    sagittal, frontal = one.sagittal, one.frontal
-    single_x, double_x, single, double = map(
-        _numbers, (sagittal.single, sagittal.double, frontal.single, frontal.double)
-    )
-    t_ss, t_ds = single_x.duration, double_x.duration
+    constants, single_x, double_x, single, double = first
+    t_ss, t_ds = constants.single_support_duration, constants.double_support_duration
     step, length, w = t_ss + t_ds, gait.step_length, 0.5 * gait.step_width
     weight = mass * GRAVITY
 
@@ -89,17 +73,6 @@ def _assemble(gait: GaitParameters, mass: float, one: ClosedForm) -> tuple[Centr
                 start + t_ss, t_ds, (x + 0.5 * length, 0.0), double_x, double_y, (gained, start_y)
             ),
         ]
-    constants = PlanConstants(
-        **{name: float(getattr(sagittal, name)) for name in ("l_s", "l_d", "a_d", "c_d")},
-        inverse_a_s=float(one.inverse_a_s),
-        single_support_duration=t_ss,
-        double_support_duration=t_ds,
-        s=float(frontal.s),
-        beta=float(frontal.beta),
-        lateral_switching_velocity=float(frontal.velocity),
-        mean_velocity=length / step,
-        angular_momentum_y_offset=0.0,
-    )
     further = _contacts(gait, t_ss, t_ds)
     plan = CentroidalPlan(
         mass=mass,
