@@ -12,24 +12,18 @@ the point mass at constant height with steps that take no time to load. A body t
 can exceed it. Koolen et al., Int. J. Robotics Research 31 (9), 2012, have the same sums.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
+from ampm.description import BodyDescription
 from ampm.exceptions import InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.description import BodyDescription
-    from ampm.planner.contacts import Contacts, Phase
-    from ampm.planner.support import StepPlan
-
-    Array = NDArray[np.float64]
+from ampm.geometry import Array
+from ampm.planner.centroidal import phase_of
+from ampm.planner.contacts import Contacts
+from ampm.planner.support import StepPlan
 
 Direction = Literal["forward", "backward", "wider", "narrower"]
 DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
@@ -38,7 +32,7 @@ which, the push ends, so that the next step must narrow or cross; *wider* is awa
 PushPhase = Literal["early", "mid", "late", "double"]
 PUSH_PHASES: tuple[PushPhase, ...] = get_args(PushPhase)
 """When a push begins: at 12, 50, 85 % of a single support, or in mid double support after it."""
-_SHARES = {"early": 0.12, "mid": 0.5, "late": 0.85}
+_SHARES = {"early": 0.12, "mid": 0.5, "late": 0.85, "double": 0.5}
 
 
 class PushInstant(NamedTuple):
@@ -74,30 +68,29 @@ def push_instant(
     Raises:
         InputError: the walk has no such step, or none in or after the push.
     """
-    singles = [i for i, item in enumerate(contacts.phases) if item.kind == "single_support"]
+    singles = np.flatnonzero(contacts.kind_codes == 0)
     if not 1 <= step <= len(singles):
         raise InputError(f"step {step} is none of the walk's {len(singles)}; take one of them.", value=step)
-    index = singles[step - 1]
-    share = _SHARES.get(phase, 0.5)
-    if phase == "double":
-        index += 1
-        if index >= len(contacts.phases):
-            raise InputError(f"no double support follows step {step}; take an earlier one.", value=step)
+    index = int(singles[step - 1]) + (phase == "double")
+    ends = np.append(contacts.starts[1:], contacts.duration)
+    if index >= len(ends):
+        raise InputError(f"no double support follows step {step}; take an earlier one.", value=step)
     during = contacts.phases[index]
-    time = during.start + (share + shift) * during.duration
-    after = [contacts.phases[i] for i in singles if _end(contacts.phases[i]) > time + duration]
-    if not after:
+    time = during.start + (_SHARES[phase] + shift) * during.duration
+    after = singles[ends[singles] > time + duration]
+    if not after.size:
         raise InputError(f"no single support follows a push in step {step}; take an earlier one.", value=step)
-    heading = contacts.headings[index]
-    along = np.array([float(np.cos(heading)), float(np.sin(heading))])
-    side = 1.0 if after[0].stance == "left" else -1.0
-    across = side * np.array([-along[1], along[0]])
-    vector = {"forward": along, "backward": -along, "narrower": across, "wider": -across}[direction]
+    along = _along(contacts, index)
+    side = 1.0 if contacts.phases[after[0]].stance == "left" else -1.0
+    over_foot = side * np.array([-along[1], along[0]])
+    vector = {"forward": along, "backward": -along, "narrower": over_foot, "wider": -over_foot}[direction]
     return PushInstant(float(time), vector)
 
 
-def _end(phase: Phase) -> float:
-    return phase.start + phase.duration
+def _along(contacts: Contacts, index: int) -> Array:
+    """Unit vector along the walk in a phase, shape (2,)."""
+    heading = contacts.headings[index]
+    return np.array([np.cos(heading), np.sin(heading)])
 
 
 @dataclass(frozen=True)
@@ -120,11 +113,11 @@ class Reach:
     along: float
     wide: float
     narrow: float
-    swing: float = 0.3
-    speed: float = 5.0
+    swing: float
+    speed: float
 
     @classmethod
-    def of(cls, body: BodyDescription, com_height: float) -> Reach:
+    def of(cls, body: BodyDescription, com_height: float) -> Self:
         """That of a body whose COM stays at a height [m].
 
         Both legs are straight, the rear foot stands on its ball; feet side by side keep 10 mm apart. The
@@ -185,11 +178,10 @@ def largest_dcm_across(omega: float, foot: float, least: float, reach: Reach) ->
     """
     q = math.exp(-omega * reach.swing)
     cycle = 1.0 / (1.0 - q * q)
-    inward = max(
-        0.0, (reach.wide * q * q - reach.narrow * q) * cycle
-    )  # steps after a wide one, from its landing
+    # Steps after a wide one, and after a narrow one, from its landing.
+    inward = max(0.0, (reach.wide * q - reach.narrow) * q * cycle)
     wider = _at_best(omega, least, foot + inward, reach.wide + inward, reach.speed)
-    after = (reach.wide - reach.narrow * q) * q * cycle  # steps after a narrow one, from its landing
+    after = (reach.wide - reach.narrow * q) * q * cycle
     narrower = _at_best(omega, least, after - foot, after - reach.narrow, reach.speed)
     return reach.half_width + max(0.0, wider), reach.half_width + max(0.0, narrower)
 
@@ -218,41 +210,26 @@ def largest_velocity_change(
     contacts, time = plan.contacts, push.time
     state = plan.sample([time])
     omega = math.sqrt(plan.gravity / float(state.com[0, 2]))
-    index = int(np.searchsorted(contacts.starts, time + 1e-9, side="right")) - 1
-    during = contacts.phases[max(index, 0)]
-    double = during.kind == "double_support"
-    if double:
-        if index + 1 >= len(contacts.phases):
-            raise InputError(f"no step follows a push at {time:g} s; push earlier.", value=time)
-        stance = contacts.phases[index + 1].stance
-    else:
-        stance = during.stance
-    feet = [path.position[0] for path in plan.feet.sample(np.array([time]))]
-    standing, swing = feet if stance == "left" else feet[::-1]
-    heading = contacts.headings[max(index, 0)]
-    along = np.array([float(np.cos(heading)), float(np.sin(heading))])
-    across = np.array([-along[1], along[0]])
-    dcm = state.com[0, :2] + state.com_velocity[0, :2] / omega - standing[:2]
-    apart = (swing - standing)[:2]
-    least = reach.swing if double else max(reach.swing - (time - during.start), 0.0)
-    forward, left = float(push.direction @ along), float(push.direction @ across)
-    if abs(forward) > abs(left):
-        sign = 1.0 if forward > 0.0 else -1.0
-        edge = reach.front if sign > 0.0 else -reach.back
-        ahead = sign * float(apart @ along)
+    index = int(phase_of(contacts.starts, np.array(time)))
+    double = contacts.phases[index].stance == "both"
+    if index + double >= len(contacts.phases):
+        raise InputError(f"no step follows a push at {time:g} s; push earlier.", value=time)
+    feet = [path.position[0, :2] for path in plan.feet.sample([time])]
+    standing, swing = feet if contacts.phases[index + double].stance == "left" else feet[::-1]
+    least = reach.swing if double else max(reach.swing - (time - contacts.phases[index].start), 0.0)
+    # The swinging foot and the DCM in the direction of the push.
+    ahead = float((swing - standing) @ push.direction)
+    dcm = float((state.com[0, :2] + state.com_velocity[0, :2] / omega - standing) @ push.direction)
+    forward = float(push.direction @ _along(contacts, index))
+    if abs(forward) > math.sqrt(0.5):
+        edge = reach.front if forward > 0.0 else -reach.back
         largest = largest_dcm_along(omega, edge, ahead, least, reach)
-        rear = ahead + edge
-        start = sign * float(dcm @ along)
     else:
-        inside = -1.0 if stance == "left" else 1.0  # of the swinging foot, to the left positive
-        sign = 1.0 if left > 0.0 else -1.0
-        away = abs(float(apart @ across))
-        both = largest_dcm_across(omega, away, least, reach)
-        largest = both[0] if sign == inside else both[1]
-        rear = (away if sign == inside else -away) + reach.half_width
-        start = sign * float(dcm @ across)
+        edge = reach.half_width
+        towards_swing, over_stance = largest_dcm_across(omega, abs(ahead), least, reach)
+        largest = towards_swing if ahead > 0.0 else over_stance
     if double:  # both feet may also stay where they are
-        largest = max(largest, rear)
+        largest = max(largest, ahead + edge)
     impulse = -math.expm1(-omega * duration) / (omega * duration)
     per_velocity = impulse * (1.0 / omega + lever * omega / plan.gravity)
-    return max(0.0, (largest - start) / per_velocity)
+    return max(0.0, (largest - dcm) / per_velocity)
