@@ -136,9 +136,7 @@ class Contacts(Brief):
     def headings(self) -> NDArray[np.float64]:
         """Mean heading of both feet in every phase, the next one of a foot while it swings, (P,) [rad]."""
         left, right = self._ahead[:, :, 3].T
-        return _read_only(
-            left + 0.5 * (right - left - 2.0 * np.pi * np.round((right - left) / (2.0 * np.pi)))
-        )
+        return _read_only(mean_heading(left, right))
 
     @cached_property
     def _ahead(self) -> NDArray[np.float64]:
@@ -163,6 +161,30 @@ def _read_only(values: object, dtype: type = np.float64) -> NDArray:
     array: NDArray = np.array(values, dtype=dtype)
     array.setflags(write=False)
     return array
+
+
+def contacts_in_turn(
+    footsteps: Sequence[Footstep], starts: Sequence[float], durations: Sequence[float], *, stand: bool = False
+) -> Contacts:
+    """Single and double supports in turn.
+
+    Args:
+        footsteps: left and right in turn; the first single support is on the second one.
+        starts: of all phases [s].
+        durations: of all phases [s].
+        stand: whether a double support on the first two footsteps comes first.
+    """
+    phases = []
+    for number, (start, duration) in enumerate(zip(starts, durations, strict=True), start=1 - stand):
+        feet = {step.foot: step for step in footsteps[(number + 1) // 2 : number // 2 + 2]}
+        phases.append(Phase(start, duration, feet.get("left"), feet.get("right")))
+    return Contacts(tuple(footsteps), tuple(phases))
+
+
+def mean_heading(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean of two headings on the side of their smaller angle [rad]."""
+    turn = other - one
+    return one + 0.5 * (turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
 
 
 def footprint(sole: SoleGeometry, step: Footstep) -> NDArray[np.float64]:

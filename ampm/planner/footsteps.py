@@ -5,7 +5,7 @@ one (:mod:`ampm.planner.blend`). One banded linear solve joins them (:mod:`ampm.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -20,7 +20,14 @@ from ampm.geometry import hull_distance, rotations
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.blend import BlendLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, Law
-from ampm.planner.contacts import Contacts, Footstep, Phase, check_landing, footprint
+from ampm.planner.contacts import (
+    Contacts,
+    Footstep,
+    check_landing,
+    contacts_in_turn,
+    footprint,
+    mean_heading,
+)
 from ampm.planner.heights import uneven, vertical_laws
 from ampm.planner.pendulum import AffineLaw, double_support_root, solution
 from ampm.planner.periodic import plan_gait
@@ -32,6 +39,7 @@ from ampm.planner.rest_to_rest import (
     in_world,
     single_maps,
     solve,
+    stand_nodes,
     times,
 )
 
@@ -83,11 +91,11 @@ def plan_footsteps(
             momentum would turn the trunk too far.
     """
     walk = solve_walk(footsteps, gait, body, landings)
-    phases = _stand_phases(0.0, 0, walk.problem, walk.solved, body.mass)
-    phases += phases_between(walk.contacts.starts[1:], walk.supports, walk.problem, walk.solved, body.mass)
+    phases = _stand_phases(0.0, 0, walk.solved, body.mass)
+    phases += phases_between(walk.contacts.starts[1:], walk.solved, body.mass)
     if uneven(footsteps):
-        zmp = [_stand_signal(walk.problem, walk.solved, end).sum(axis=1) for end in (0, 1)]
-        laws = vertical_laws(footsteps, walk.supports, zmp, gait.com_height)
+        zmp = [_stand_signal(walk.solved, end).sum(axis=1) for end in (0, 1)]
+        laws = vertical_laws(footsteps, walk.solved.problem.supports, zmp, gait.com_height)
         phases = [phase._replace(z=law) for phase, law in zip(phases, laws, strict=True)]
     plan = replace(walk.nominal, contacts=walk.contacts, phases=tuple(phases))
     _refuse(footsteps, walk, body, plan, first)
@@ -100,13 +108,11 @@ class Walk(NamedTuple):
     Attributes:
         nominal: one step of the periodic gait.
         contacts: of the walk.
-        supports, problem, solved: see :mod:`ampm.planner.rest_to_rest`.
+        solved: COM, ZMP and angular momentum.
     """
 
     nominal: CentroidalPlan
     contacts: Contacts
-    supports: Supports
-    problem: Problem
     solved: Solution
 
 
@@ -120,23 +126,41 @@ def solve_walk(
     check_footsteps(footsteps)
     nominal = plan_gait(gait.model_copy(update={"steps": 1}), body.mass)
     contacts = contacts_over(footsteps, nominal, landings)
-    supports = supports_of(footsteps, contacts, gait)
     position = np.array([step.position[:2] for step in footsteps])
+    singles = len(footsteps) - 2
     problem = Problem(
+        supports=supports_of(footsteps, contacts, gait),
         frequency=math.sqrt(GRAVITY / gait.com_height),
-        slopes=np.tile([gait.c_s, gait.c_y], (len(footsteps) - 2, 1)),
+        inverse_a=np.full(singles, 1.0 / gait.a_s),
+        slopes=np.tile([gait.c_s, gait.c_y], (singles, 1)),
         ends=np.stack([position[:2].mean(axis=0), position[-2:].mean(axis=0)]),
         theta=_THETA / (body.mass * GRAVITY),
     )
-    inverse_a = np.full(len(supports.place), 1.0 / gait.a_s)
+    return Walk(nominal, contacts, solve_within_limits(solve, problem, body.sole))
+
+
+def solve_within_limits(
+    solver: Callable[[Problem], Solution], problem: Problem, sole: SoleGeometry, kept: int = 0
+) -> Solution:
+    """Solve with less of ``1/a_s`` and of the slopes until the ZMP stays inside and the trunk upright.
+
+    Args:
+        solver: solves a problem.
+        problem: with the gait's ``1/a_s`` and slopes.
+        sole: outline of a sole.
+        kept: number of the first supports that stay as they are.
+    """
     for _ in range(SOLVES):
-        solved = solve(supports, problem, inverse_a)
-        largest, share = largest_inverse_a(supports, solved, body.sole), gentler(supports, problem, solved)
-        if (inverse_a * (1.0 - 1e-3) <= largest).all() and (share == 1.0).all():
+        solved = solver(problem)
+        largest, share = _largest_inverse_a(solved, sole), _gentler(solved)
+        largest[:kept], share[:kept] = math.inf, 1.0
+        if (problem.inverse_a * (1.0 - 1e-3) <= largest).all() and (share == 1.0).all():
             break
-        inverse_a = np.minimum(inverse_a, largest)
-        problem = problem._replace(slopes=1.0 + share[:, None] * (problem.slopes - 1.0))
-    return Walk(nominal, contacts, supports, problem, solved)
+        problem = problem._replace(
+            inverse_a=np.minimum(problem.inverse_a, largest),
+            slopes=1.0 + share[:, None] * (problem.slopes - 1.0),
+        )
+    return solved
 
 
 def check_footsteps(footsteps: Sequence[Footstep]) -> None:
@@ -167,22 +191,16 @@ def contacts_over(
         raise InputError(
             f"{len(wanted)} landings for {len(footsteps)} footsteps; give one for each, or None."
         )
-    phases, time = [_standing(0.0, SETTLING, footsteps[0], footsteps[1])], SETTLING
+    starts, durations = [0.0], [SETTLING]
+    lifted = SETTLING
     for number in range(2, len(footsteps)):
-        landing = time + single if wanted[number] is None else float(wanted[number])  # type: ignore[arg-type]
-        check_landing(number, landing, time, double)
-        phases.append(_standing(time, landing - time, footsteps[number - 1], None))
-        last = number == len(footsteps) - 1
-        phases.append(
-            _standing(landing, SETTLING if last else double, footsteps[number - 1], footsteps[number])
-        )
-        time = landing + double
-    return Contacts(tuple(footsteps), tuple(phases))
-
-
-def _standing(start: float, duration: float, one: Footstep, other: Footstep | None) -> Phase:
-    feet = {one.foot: one} if other is None else {one.foot: one, other.foot: other}
-    return Phase(start, duration, feet.get("left"), feet.get("right"))
+        landing = lifted + single if wanted[number] is None else float(wanted[number])  # type: ignore[arg-type]
+        check_landing(number, landing, lifted, double)
+        starts += [lifted, landing]
+        durations += [landing - lifted, double]
+        lifted = landing + double
+    durations[-1] = SETTLING
+    return contacts_in_turn(footsteps, starts, durations, stand=True)
 
 
 def supports_of(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitParameters) -> Supports:
@@ -202,19 +220,14 @@ def supports_of(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitPar
         axes=rotations(heading),
         single=single,
         double=double,
-        between=rotations(_mean_heading(heading)),
+        between=rotations(mean_heading(heading[:-1], heading[1:])),
         blend=np.minimum(blend, _STEEPEST / double[:, None]),
     )
 
 
-def _mean_heading(heading: Array) -> Array:
-    """Mean of each heading and the next one [rad]."""
-    turn = np.diff(heading)
-    return np.asarray(heading[:-1] + 0.5 * (turn - 2.0 * math.pi * np.round(turn / (2.0 * math.pi))))
-
-
-def largest_inverse_a(supports: Supports, solved: Solution, sole: SoleGeometry) -> Array:
+def _largest_inverse_a(solved: Solution, sole: SoleGeometry) -> Array:
     """The ``1/a_s`` of every support that keeps the ZMP of a solution from heel and tip, shape (N,) [1]."""
+    supports = solved.problem.supports
     ahead, behind = sole.tip_x - MARGIN - _ROOM, -sole.heel_x - MARGIN - _ROOM
     from_foot = np.stack([solved.state[:, 0], solved.end[:, 0]], axis=1) - supports.place[:, None]
     along = (from_foot * supports.axes[:, None, :, 0]).sum(axis=2)
@@ -226,54 +239,53 @@ def largest_inverse_a(supports: Supports, solved: Solution, sole: SoleGeometry) 
         )
 
 
-def gentler(supports: Supports, problem: Problem, solved: Solution) -> Array:
+def _gentler(solved: Solution) -> Array:
     """Share of ``c_s - 1`` and ``c_y - 1`` of every support that keeps the trunk upright enough, (N,) [1].
 
     The supports before and after one share its angular momentum.
     """
-    tilt = trunk_tilt(supports, problem, solved)
+    tilt = trunk_tilt(solved)
     share = np.where(tilt > LARGEST_TILT, _GENTLE * LARGEST_TILT / np.maximum(tilt, LARGEST_TILT), 1.0)
     around = sliding_window_view(np.pad(share, _NEAR, constant_values=1.0), 2 * _NEAR + 1)
-    return np.asarray(around.min(axis=1))
+    return around.min(axis=1)
 
 
-def trunk_tilt(supports: Supports, problem: Problem, solved: Solution) -> Array:
+def trunk_tilt(solved: Solution) -> Array:
     """Largest angle by which every support's angular momentum turns the trunk, shape (N,) [rad].
 
     About zero in the middle of double support, Theta is largest about the middle of single support.
     """
-    halfway = in_world(single_maps(problem, solved.inverse_a, 0.5 * supports.single)[0], supports.axes)[:, 6:]
+    problem, supports = solved.problem, solved.problem.supports
+    halfway = in_world(single_maps(problem, 0.5 * supports.single)[0], supports.axes)[:, 6:]
     theta = times(halfway, solved.state.reshape(-1, 10)) - times(halfway[:, :, :2], supports.place)
     height = GRAVITY / problem.frequency**2
     return np.asarray(GRAVITY / (_TRUNK_INERTIA * height**2) * np.sqrt((theta**2).sum(axis=1)))
 
 
-def phases_between(
-    starts: Array, supports: Supports, problem: Problem, solved: Solution, mass: float
-) -> list[CentroidalPhase]:
+def phases_between(starts: Array, solved: Solution, mass: float) -> list[CentroidalPhase]:
     """Phases of all supports from the first single support to the end.
 
     Args:
         starts: of single and double supports in turn, shape (2 N,) [s].
-        supports: single and double supports.
-        problem: that was solved.
-        solved: its solution.
+        solved: the walk.
         mass: of the body [kg].
     """
+    problem, supports = solved.problem, solved.problem.supports
     times_of, place, phases = starts.tolist(), supports.place, []
     for k, duration in enumerate(supports.single.tolist()):
-        slopes = np.array([[solved.inverse_a[k], 0.0], problem.slopes[k]])
+        slopes = np.array([[problem.inverse_a[k], 0.0], problem.slopes[k]])
         axes, state = supports.axes[k], solved.state[k]
         phases.append(
             _single_phase(times_of[2 * k], duration, place[k], axes, slopes, state, problem.frequency, mass)
         )
         if k < len(place) - 1:
             signal = np.stack([solved.signal[k, 1], solved.signal[k + 1, 0]])
-            blend = Blend(
-                times_of[2 * k + 1], float(supports.double[k]), supports.blend[k], supports.between[k], signal
+            start, duration = times_of[2 * k + 1], float(supports.double[k])
+            rate, axes = supports.blend[k], supports.between[k]
+            phases.append(
+                _blend_phase(start, duration, rate, axes, signal, solved.end[k], problem.frequency, mass)
             )
-            phases.append(_blend_phase(blend, solved.end[k], problem.frequency, mass))
-    return phases + _stand_phases(times_of[-1], 1, problem, solved, mass)
+    return phases + _stand_phases(times_of[-1], 1, solved, mass)
 
 
 def _single_phase(
@@ -308,41 +320,37 @@ def _single_phase(
     return _phase(start, duration, place + axes @ moved, axes, x, y, state[2], mass)
 
 
-class Blend(NamedTuple):
-    """A blend of both axes.
+def _blend_phase(
+    start: float,
+    duration: float,
+    rate: Array,
+    axes: Array,
+    signal: Array,
+    state: Array,
+    w: float,
+    mass: float,
+) -> CentroidalPhase:
+    """A blend, whose origin is between both points r.
 
-    Attributes:
-        start, duration: [s].
+    Args:
+        start: [s].
+        duration: [s].
         rate: k along both axes, shape (2,) [1/s].
         axes: by columns, shape (2, 2).
         signal: (r, q) at begin and end, in world, shape (2, 2, 2) [m].
+        state: (c, v, J, ...) at the begin, in world.
+        w: sqrt(g / H) [1/s].
+        mass: of the body [kg].
     """
-
-    start: float
-    duration: float
-    rate: Array
-    axes: Array
-    signal: Array
-
-
-def _blend_phase(blend: Blend, state: Array, w: float, mass: float) -> CentroidalPhase:
-    """A phase of a blend, from (c, v, J, ...) at its begin, in world; its origin is between both points r."""
-    origin = blend.signal[:, 0].mean(axis=0)
-    position, velocity = (state[0] - origin) @ blend.axes, state[1] @ blend.axes
-    point, arm = (blend.signal[:, 0] - origin) @ blend.axes, blend.signal[:, 1] @ blend.axes
+    origin = signal[:, 0].mean(axis=0)
+    position, velocity = (state[0] - origin) @ axes, state[1] @ axes
+    point, arm = (signal[:, 0] - origin) @ axes, signal[:, 1] @ axes
+    columns = np.stack([rate, position, velocity]).T.tolist()
     x, y = (
-        BlendLaw(
-            omega=w,
-            rate=float(blend.rate[i]),
-            duration=blend.duration,
-            position=float(position[i]),
-            velocity=float(velocity[i]),
-            force_point=tuple(point[:, i].tolist()),
-            moment_arm=tuple(arm[:, i].tolist()),
-        )
-        for i in (0, 1)
+        BlendLaw(w, k, duration, c, v, tuple(point[:, i].tolist()), tuple(arm[:, i].tolist()))
+        for i, (k, c, v) in enumerate(columns)
     )
-    return _phase(blend.start, blend.duration, origin, blend.axes, x, y, state[2], mass)
+    return _phase(start, duration, origin, axes, x, y, state[2], mass)
 
 
 def _phase(
@@ -354,31 +362,34 @@ def _phase(
     return CentroidalPhase(start, duration, (float(origin[0]), float(origin[1])), x, y, momentum, heading)
 
 
-def _stand_signal(problem: Problem, solved: Solution, end: int) -> Array:
+def _stand_signal(solved: Solution, end: int) -> Array:
     """(r, q) at the ends of the quarters of the first (0) or last (1) double support, shape (5, 2, 2)."""
-    (middle, one, two), rest, nothing = solved.nodes[end], problem.ends[end], np.zeros(2)
     r, q = solved.signal[-end, end]
-    if end:
-        point = [r, 0.5 * (r + middle), middle, 0.5 * (middle + rest), rest]
-        return np.stack([point, [q, 0.5 * (q + one), one, two, nothing]], axis=1)
-    point = [rest, 0.5 * (rest + middle), middle, 0.5 * (middle + r), r]
-    return np.stack([point, [nothing, one, two, 0.5 * (two + q), q]], axis=1)
+    middle, one, two = solved.nodes[end]
+    signal = np.stack(stand_nodes(r, q, middle, one, two, solved.problem.ends[end]), axis=1)
+    return signal[::-1] if end else signal
 
 
-def _stand_phases(
-    start: float, end: int, problem: Problem, solved: Solution, mass: float
-) -> list[CentroidalPhase]:
+def _stand_phases(start: float, end: int, solved: Solution, mass: float) -> list[CentroidalPhase]:
     """Four linear blends in a row: the first (0) or the last (1) double support."""
-    part, signal, phases = 0.25 * SETTLING, _stand_signal(problem, solved, end), []
+    problem, phases = solved.problem, []
+    part, signal = 0.25 * SETTLING, _stand_signal(solved, end)
     state = solved.end[-1, :3] if end else np.stack([problem.ends[0], np.zeros(2), np.zeros(2)])
     for i in range(4):
-        blend = Blend(start + i * part, part, np.zeros(2), np.eye(2), signal[i : i + 2])
-        phase = _blend_phase(blend, state, problem.frequency, mass)
+        phase = _blend_phase(
+            start + i * part,
+            part,
+            np.zeros(2),
+            np.eye(2),
+            signal[i : i + 2],
+            state,
+            problem.frequency,
+            mass,
+        )
         phases.append(phase)
-        x, y = (law.evaluate(part) for law in (phase.x, phase.y))
-        gained = [[x.position, y.position], [x.velocity, y.velocity]]
-        gained.append([x.moment_arm_integral, y.moment_arm_integral])
-        state = np.array(gained) + np.stack([phase.origin, np.zeros(2), state[2]])
+        along = [law.evaluate(part) for law in (phase.x, phase.y)]
+        gained = np.array([[at.position, at.velocity, at.moment_arm_integral] for at in along]).T
+        state = gained + np.stack([phase.origin, np.zeros(2), state[2]])
     return phases
 
 
@@ -399,7 +410,7 @@ def _refuse(
             unit="m",
             way_out="shorten or narrow the steps about it, or give them more time",
         )
-    tilt = trunk_tilt(walk.supports, walk.problem, walk.solved)
+    tilt = trunk_tilt(walk.solved)
     worst = int(tilt.argmax())
     if not tilt[worst] <= LARGEST_TILT:
         raise BodilyRefusal(
@@ -416,7 +427,8 @@ def _refuse(
 def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: int = 1) -> None:
     """Refuse a foot that lands across the other one; ``first`` is the number of the first footstep."""
     place = np.array([step.position[:2] for step in footsteps])
-    axes = rotations(_mean_heading(np.array([step.heading for step in footsteps])))
+    heading = np.array([step.heading for step in footsteps])
+    axes = rotations(mean_heading(heading[:-1], heading[1:]))
     side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps[1:]])
     apart = side * (np.diff(place, axis=0) * axes[:, :, 1]).sum(axis=1)
     worst, least = int(apart.argmin()), 2.0 * sole.half_width + _BETWEEN_SOLES
@@ -441,7 +453,7 @@ def _refuse_unreached(
     """
     sole, place = body.sole, np.array([step.position[:2] for step in footsteps])
     heading = np.array([step.heading for step in footsteps])
-    lateral = rotations(_mean_heading(heading))[:, :, 1]
+    lateral = rotations(mean_heading(heading[:-1], heading[1:]))[:, :, 1]
     side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps])
     floor = np.array([step.position[2] for step in footsteps])
     # At the begin of a single support the foot before it leaves, at its end the one after it lands.

@@ -9,7 +9,7 @@ from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.closed_form import StepLaws, step_laws
-from ampm.planner.contacts import Contacts, Footstep, Phase
+from ampm.planner.contacts import Contacts, Footstep, contacts_in_turn
 from ampm.planner.pendulum import AffineLaw, odd_double_integral, position_integral
 
 
@@ -88,16 +88,11 @@ def _assemble(gait: GaitParameters, mass: float, first: StepLaws) -> tuple[Centr
 
 def _contacts(gait: GaitParameters, t_ss: float, t_ds: float) -> Contacts:
     """Footsteps and phases of the walk and one step more, with both durations of a step [s]."""
-    length, w, step = gait.step_length, 0.5 * gait.step_width, t_ss + t_ds
-    footsteps = [Footstep("right", (-length, -w, 0.0)), Footstep("left", (0.0, w, 0.0))]
-    phases: list[Phase] = []
+    w, step = 0.5 * gait.step_width, t_ss + t_ds
+    footsteps, starts = [], []
+    for k in range(-1, gait.steps + 2):
+        x = k * gait.step_length
+        footsteps.append(Footstep("right", (x, -w, 0.0)) if k % 2 else Footstep("left", (x, w, 0.0)))
     for k in range(gait.steps + 1):
-        start, here = k * step, footsteps[-1]
-        if k % 2 == 0:
-            ahead = Footstep("right", ((k + 1) * length, -w, 0.0))
-            phases += Phase(start, t_ss, here, None), Phase(start + t_ss, t_ds, here, ahead)
-        else:
-            ahead = Footstep("left", ((k + 1) * length, w, 0.0))
-            phases += Phase(start, t_ss, None, here), Phase(start + t_ss, t_ds, ahead, here)
-        footsteps.append(ahead)
-    return Contacts(tuple(footsteps), tuple(phases))
+        starts += [k * step, k * step + t_ss]
+    return contacts_in_turn(footsteps, starts, [t_ss, t_ds] * (gait.steps + 1))

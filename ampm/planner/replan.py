@@ -104,21 +104,21 @@ class LiveWalk(NamedTuple):
         landings = [None, None, *old.starts[2 : 2 * k + 3 : 2].tolist(), *[None] * (len(ahead) - 1)]
         begin = max(at, float(old.starts[2 * k + 1]))
         contacts = walks.contacts_over(footsteps, self.walk.nominal, landings)
-        supports, problem, solved, by = self._rest(k, begin, footsteps, contacts)
+        solved, by = self._rest(k, begin, footsteps, contacts)
         footsteps[k + 2 :] = [_moved(step, by) for step in ahead]
         walks.refuse_crossing(footsteps[k + 1 :], self.body.sole, k + 2)
         contacts = walks.contacts_over(footsteps, self.walk.nominal, landings)
         kept = [phase for phase in self.steps.phases if phase.start < begin]
         kept[-1] = kept[-1]._replace(duration=begin - kept[-1].start)
         starts = np.array([begin, *contacts.starts[2 * k + 2 :]])
-        new = walks.phases_between(starts, supports, problem, solved, self.body.mass)
+        new = walks.phases_between(starts, solved, self.body.mass)
         plan = replace(self.walk.nominal, contacts=contacts, phases=(*kept, *new))
         steps = with_feet(in_turn([(0.0, plan)]), run, self.body)
         before, after, until = self.steps.feet, steps.feet, float(contacts.starts[2 * k + 2])
         left = _joined(before.left, after.left, begin, until)
         right = _joined(before.right, after.right, begin, until)
         feet = FeetPlan(self.body.sole, left, right, steps.duration)
-        walk = walks.Walk(self.walk.nominal, contacts, supports, problem, solved)
+        walk = walks.Walk(self.walk.nominal, contacts, solved)
         return LiveWalk(run, self.body, replace(steps, feet=feet), walk, k, begin)
 
     def _swing(self, at: float) -> int:
@@ -136,48 +136,45 @@ class LiveWalk(NamedTuple):
 
     def _rest(
         self, k: int, begin: float, footsteps: Sequence[Footstep], contacts: Contacts
-    ) -> tuple[Supports, Problem, Solution, Array]:
+    ) -> tuple[Solution, Array]:
         """The rest of the walk from an instant of single support k on, and by how much its footsteps move."""
-        walk, gait, row = self.walk, self.run.gait, k - self.first
-        start = self.begin if row == 0 else float(walk.contacts.starts[2 * k + 1])
-        state, place = walk.solved.state[row], walk.supports.place[row]
+        old, gait, row = self.walk.solved, self.run.gait, k - self.first
+        start = self.begin if row == 0 else float(self.walk.contacts.starts[2 * k + 1])
         inverse_a = np.full(len(footsteps) - k - 2, 1.0 / gait.a_s)
-        inverse_a[0] = walk.solved.inverse_a[row]
+        inverse_a[0] = old.problem.inverse_a[row]
         slopes = np.tile([gait.c_s, gait.c_y], (len(inverse_a), 1))
-        slopes[0] = walk.problem.slopes[row]
+        slopes[0] = old.problem.slopes[row]
         # State at the request: that at the begin of the support, moved on.
-        standing = walk.problem._replace(slopes=slopes[:1])
-        maps = single_maps(standing, inverse_a[:1], np.array([begin - start]))[0]
-        move = in_world(maps, walk.supports.axes[row : row + 1])[0]
-        here = times(move, np.concatenate([[state[0] - place], state[1:]]).ravel()).reshape(4, 2)
-        here[0] += place
+        standing = old.problem._replace(inverse_a=inverse_a[:1], slopes=slopes[:1])
+        axes, place = old.problem.supports.axes[row : row + 1], old.problem.supports.place[row]
+        move = in_world(single_maps(standing, np.array([begin - start]))[0], axes)[0]
+        state = old.state[row].copy()
+        state[0] -= place
+        state[:4] = times(move, state.ravel()).reshape(4, 2)
+        state[0] += place
         supports = Supports(*(values[k:] for values in walks.supports_of(footsteps, contacts, gait)))
         supports.single[0] = float(contacts.starts[2 * k + 2]) - begin
-        moves = np.ones((len(inverse_a), 1))
-        moves[0] = 0.0
         end = np.mean([step.position[:2] for step in footsteps[-2:]], axis=0)
+        ends = np.stack([np.zeros(2), end])
+        problem = old.problem._replace(
+            supports=supports, inverse_a=inverse_a, slopes=slopes, ends=ends, begin=state
+        )
 
-        def solved_with(by: Array) -> tuple[Supports, Problem, Solution]:
-            moved = supports._replace(place=supports.place + moves * by)
-            problem = walk.problem._replace(
-                slopes=slopes, ends=np.stack([by, end + by]), begin=np.concatenate([here, state[4:5]])
-            )
-            return moved, problem, solve(moved, problem, inverse_a)
+        def solved_with(problem: Problem, by: Array) -> Solution:
+            place = supports.place.copy()
+            place[1:] += by
+            moved = supports._replace(place=place)
+            return solve(problem._replace(supports=moved, ends=ends + by))
 
-        for _ in range(walks.SOLVES):
+        def solved_freely(problem: Problem) -> Solution:
+            """With the displacement at which no velocity is lacking."""
             trials = np.array([[0.0, 0.0], [_TRIAL, 0.0], [0.0, _TRIAL]])
-            lacking = [solved_with(by)[2].nodes[0, 0] for by in trials]
+            lacking = [solved_with(problem, by).nodes[0, 0] for by in trials]
             slope = np.stack([lacking[1] - lacking[0], lacking[2] - lacking[0]], axis=1) / _TRIAL
-            by = -np.linalg.solve(slope, lacking[0])
-            moved, problem, solved = solved_with(by)
-            largest = walks.largest_inverse_a(moved, solved, self.body.sole)
-            share = walks.gentler(moved, problem, solved)
-            largest[0], share[0] = math.inf, 1.0  # of the support that goes on
-            if (inverse_a * (1.0 - 1e-3) <= largest).all() and (share == 1.0).all():
-                break
-            inverse_a = np.minimum(inverse_a, largest)
-            slopes = 1.0 + share[:, None] * (slopes - 1.0)
-        return moved, problem, solved, by
+            return solved_with(problem, -np.linalg.solve(slope, lacking[0]))
+
+        solved = walks.solve_within_limits(solved_freely, problem, self.body.sole, kept=1)
+        return solved, solved.problem.ends[0]
 
 
 def _moved(step: Footstep, by: Array) -> Footstep:

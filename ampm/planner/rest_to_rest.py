@@ -49,10 +49,12 @@ class Supports(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """What the supports leave open.
+    """What is solved.
 
     Attributes:
+        supports: places and durations.
         frequency: w = sqrt(g / H) [1/s].
+        inverse_a: ``1/a_s`` of every single support, shape (N,) [1].
         slopes: (c_s, c_y) of every single support, shape (N, 2).
         ends: COM at rest before and after the walk, shape (2, 2) [m].
         theta: unit of the least squares in Theta [m s^2].
@@ -61,7 +63,9 @@ class Problem(NamedTuple):
             solution; a landing place that is free makes it zero.
     """
 
+    supports: Supports
     frequency: float
+    inverse_a: Array
     slopes: Array
     ends: Array
     theta: float
@@ -72,22 +76,22 @@ class Solution(NamedTuple):
     """A solved walk, in world.
 
     Attributes:
-        inverse_a: ``1/a_s`` of every single support, shape (N,) [1].
-        state: (c, v, J, Theta, d) at its begin, shape (N, 5, 2).
+        problem: what was solved.
+        state: (c, v, J, Theta, d) at the begin of every single support, shape (N, 5, 2).
         end: (c, v, J, Theta) at its end, shape (N, 4, 2).
         signal: (r, q) at its begin and end, shape (N, 2, 2, 2) [m].
-        nodes: of the first and the last double support: r at the middle; q at a quarter and a half, or at a
-            half and three quarters; shape (2, 3, 2) [m].
+        nodes: of the first and the last double support: r at the middle; q at a quarter from the rest and at
+            the middle; shape (2, 3, 2) [m].
     """
 
-    inverse_a: Array
+    problem: Problem
     state: Array
     end: Array
     signal: Array
     nodes: Array
 
 
-def single_maps(problem: Problem, inverse_a: Array, duration: Array) -> tuple[Array, Array]:
+def single_maps(problem: Problem, duration: Array) -> tuple[Array, Array]:
     """Single supports in the axes of their feet.
 
     Returns:
@@ -95,7 +99,7 @@ def single_maps(problem: Problem, inverse_a: Array, duration: Array) -> tuple[Ar
         (r, q) from the foot at the same instant, shape (N, 2, 2, 5).
     """
     square, c = problem.frequency**2, problem.slopes
-    rate = square * np.stack([c[:, 0] - inverse_a, c[:, 1]], axis=1)
+    rate = square * np.stack([c[:, 0] - problem.inverse_a, c[:, 1]], axis=1)
     T = np.broadcast_to(duration[:, None], rate.shape)
     k = np.sqrt(np.abs(rate))
     ch = np.where(rate > 0.0, np.cosh(k * T), np.cos(k * T))
@@ -163,6 +167,23 @@ def _quarters(problem: Problem, point: Array, arm: Array) -> Array:
     return np.asarray(np.kron(state, np.eye(2)), dtype=np.float64)
 
 
+def stand_nodes(
+    r: Array, q: Array, middle: Array, one: Array, two: Array, rest: Array
+) -> tuple[Array, Array]:
+    """Values of r and q at the ends of the quarters of a double support, from rest on, shape (5, m) each.
+
+    Args:
+        r: at the single support.
+        q: likewise.
+        middle: r at the middle.
+        one: q at a quarter from the rest.
+        two: q at the middle.
+        rest: COM at rest, all of shape (m,).
+    """
+    point = [rest, 0.5 * (rest + middle), middle, 0.5 * (middle + r), r]
+    return np.array(point), np.array([np.zeros_like(q), one, two, 0.5 * (two + q), q])
+
+
 def _stacked(entries: list[list[Array]]) -> Array:
     """Matrices of entries of shape (n, 2), shape (n, 2, a, b)."""
     return np.moveaxis(np.array(entries), (0, 1), (2, 3))
@@ -180,10 +201,11 @@ def times(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.einsum("...ij,...j->...i", matrices, vectors))
 
 
-def solve(supports: Supports, problem: Problem, inverse_a: Array) -> Solution:
-    """Solve for the states of all supports, with given ``1/a_s``."""
+def solve(problem: Problem) -> Solution:
+    """Solve for the states of all supports."""
+    supports = problem.supports
     n, place = len(supports.place), supports.place
-    move, signal = (in_world(m, supports.axes) for m in single_maps(problem, inverse_a, supports.single))
+    move, signal = (in_world(m, supports.axes) for m in single_maps(problem, supports.single))
     # The maps of a support count from its foot: constants of (c, v, J, Theta) at its end, of (r, q) at both.
     moved, begun = -times(move[:, :, :2], place), -times(signal[:, :, :2], place)
     moved[:, :2] += place
@@ -203,18 +225,8 @@ def solve(supports: Supports, problem: Problem, inverse_a: Array) -> Solution:
         part[:, 8:] /= problem.theta
 
     # The ends as maps of: r and q of the support, r and two q of the nodes, the COM at rest.
-    r, q, middle, one, two, rest = np.eye(6)
-    none = np.zeros(6)
-    up = _quarters(
-        problem,
-        np.array([rest, 0.5 * (rest + middle), middle, 0.5 * (middle + r), r]),
-        np.array([none, one, two, 0.5 * (two + q), q]),
-    )
-    down = _quarters(
-        problem,
-        np.array([r, 0.5 * (r + middle), middle, 0.5 * (middle + rest), rest]),
-        np.array([q, 0.5 * (q + one), one, two, none]),
-    )
+    point, arm = stand_nodes(*np.eye(6))
+    up, down = _quarters(problem, point, arm), _quarters(problem, point[::-1], arm[::-1])
     first = np.zeros((10, 10))
     first[:8] = up[:, 8:12] @ signal[0] - np.eye(8, 10)
     half = 0.5 * float(supports.double[0]) if n > 1 else 0.0  # Theta is zero in the middle of double support
@@ -251,7 +263,7 @@ def solve(supports: Supports, problem: Problem, inverse_a: Array) -> Solution:
     both = np.stack([times(signal, state) + begun, times(leaving, state) + ended], axis=1)
     nodes = np.stack([x[:6], x[-6:]]) * node
     return Solution(
-        inverse_a,
+        problem,
         state.reshape(n, 5, 2),
         end.reshape(n, 4, 2),
         both.reshape(n, 2, 2, 2),

@@ -273,10 +273,8 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
 def _headings(contacts: Contacts) -> Array:
     """Heading of every footstep, without turns of more than pi from a foot's step to its next one [rad]."""
     heading = np.array([step.heading for step in contacts.footsteps])
-    turn = heading[2:] - heading[:-2]
-    turn -= 2.0 * math.pi * np.round(turn / (2.0 * math.pi))
     for foot in (0, 1):
-        heading[foot::2] = np.cumsum(np.append(heading[foot], turn[foot::2]))
+        heading[foot::2] = np.unwrap(heading[foot::2])
     return heading
 
 

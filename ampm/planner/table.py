@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
-from ampm.planner.contacts import STANCE_NAMES, Contacts, Footstep, Phase, Side
+from ampm.planner.contacts import STANCE_NAMES, Contacts, Footstep, Side, contacts_in_turn
 from ampm.planner.sampled import NO_CONSTANTS, SampledLaw, plan_constants
 from ampm.planner.stride import quintic
 from ampm.planner.support import StepPlan
@@ -86,7 +86,8 @@ def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> C
             f"the table ends with stance = '{stance[-1]}'; end it with a double support, 'both'."
         )
     for foot, place in (("left", left), ("right", right)):
-        stands = ~begins & np.isin(stance, (foot, "both"))
+        stands = np.isin(stance, (foot, "both"))
+        stands[1:] &= stands[:-1]
         for axis, values in zip("xy", place.T, strict=True):
             rests = ~stands | (np.abs(np.diff(values, prepend=values[0])) <= _SAME)
             _check(values, f"{foot}_placement_{axis}", rests, "stay in place while the foot stands")
@@ -131,22 +132,17 @@ def _contacts(times: Array, stance: NDArray[np.str_], left: Array, right: Array)
         left: (x, y) of the left foot's footstep, of the next one while it swings, shape (P, 2) [m].
         right: the same of the right foot, shape (P, 2) [m].
     """
-    places: dict[Side, Array] = {"left": left, "right": right}
-    phases: list[Phase] = []
-    footsteps: list[Footstep] = []
-    for k, stands in enumerate(stance):
-        standing: dict[Side, Footstep | None] = {"left": None, "right": None}
-        for foot, place in places.items():
-            if stands in (foot, "both"):
-                step = Footstep(foot, (float(place[k, 0]), float(place[k, 1]), 0.0))
-                standing[foot] = step
-                if step not in footsteps[-2:]:
-                    footsteps.append(step)
-        begin, end = float(times[k]), float(times[k + 1])
-        phases.append(Phase(begin, end - begin, standing["left"], standing["right"]))
+    places: dict[str, Array] = {"left": left, "right": right}
+    sides: tuple[Side, Side] = ("right", "left") if stance[0] == "right" else ("left", "right")
+    footsteps = []
+    for number, phase in enumerate([0, *range(1, len(stance), 2)]):  # the first, then those with a landing
+        side = sides[number % 2]
+        x, y = places[side][phase].tolist()
+        footsteps.append(Footstep(side, (x, y, 0.0)))
     here, ahead = footsteps[:2]
     behind = (2.0 * here.position[0] - ahead.position[0], ahead.position[1], 0.0)
-    return Contacts((Footstep(ahead.foot, behind), *footsteps), tuple(phases))
+    begins = times.tolist()[:-1]
+    return contacts_in_turn([ahead._replace(position=behind), *footsteps], begins, np.diff(times).tolist())
 
 
 def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
@@ -164,11 +160,7 @@ def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
     if np.abs(even - contacts.starts).max() > np.diff(time).max():
         return contacts
     spans = np.diff(even, append=contacts.duration)
-    phases = [
-        phase._replace(start=float(start), duration=float(span))
-        for phase, start, span in zip(contacts.phases, even, spans, strict=True)
-    ]
-    return Contacts(contacts.footsteps, tuple(phases))
+    return contacts_in_turn(contacts.footsteps, even.tolist(), spans.tolist())
 
 
 def _column(table: Mapping[str, Any], name: str) -> Any:
