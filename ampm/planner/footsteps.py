@@ -54,7 +54,6 @@ _BETWEEN_SOLES = 0.01  # least distance of the lines along the soles' inner edge
 _STEEPEST = 2.6  # largest k T of a blend: beyond, it is hardly monotone [1]
 _GENTLE = 0.95  # of the largest tilt, asked for where a support exceeds it [1]
 _NEAR = 3  # supports before and after that share a support's angular momentum
-_THETA = 0.5  # unit of the least squares in the integral of the angular momentum [N m s^2]
 _ROOM = 2e-4  # by which 1/a_s keeps the ZMP further inside than the margin asks [m]
 SOLVES = 10
 """Most solves of a walk until ``1/a_s`` keeps the ZMP inside."""
@@ -91,8 +90,8 @@ def plan_footsteps(
             momentum would turn the trunk too far.
     """
     walk = solve_walk(footsteps, gait, body, landings)
-    phases = _stand_phases(0.0, 0, walk.solved, body.mass)
-    phases += phases_between(walk.contacts.starts[1:], walk.solved, body.mass)
+    phases = _stand_phases(0.0, 0, walk.solved)
+    phases += phases_between(walk.contacts.starts[1:], walk.solved)
     if uneven(footsteps):
         zmp = [_stand_signal(walk.solved, end).sum(axis=1) for end in (0, 1)]
         laws = vertical_laws(footsteps, walk.solved.problem.supports, zmp, gait.com_height)
@@ -134,7 +133,7 @@ def solve_walk(
         inverse_a=np.full(singles, 1.0 / gait.a_s),
         slopes=np.tile([gait.c_s, gait.c_y], (singles, 1)),
         ends=np.stack([position[:2].mean(axis=0), position[-2:].mean(axis=0)]),
-        theta=_THETA / (body.mass * GRAVITY),
+        weight=body.mass * GRAVITY,
     )
     return Walk(nominal, contacts, solve_within_limits(solve, problem, body.sole))
 
@@ -262,103 +261,62 @@ def trunk_tilt(solved: Solution) -> Array:
     return np.asarray(GRAVITY / (_TRUNK_INERTIA * height**2) * np.sqrt((theta**2).sum(axis=1)))
 
 
-def phases_between(starts: Array, solved: Solution, mass: float) -> list[CentroidalPhase]:
+def phases_between(starts: Array, solved: Solution) -> list[CentroidalPhase]:
     """Phases of all supports from the first single support to the end.
 
     Args:
         starts: of single and double supports in turn, shape (2 N,) [s].
         solved: the walk.
-        mass: of the body [kg].
     """
+    problem, supports, switches = solved.problem, solved.problem.supports, starts.tolist()
+    phases = [_single_phase(switches[0], 0, solved)]
+    for k, duration in enumerate(supports.double.tolist()):
+        signal = np.stack([solved.signal[k, 1], solved.signal[k + 1, 0]])
+        begin, rate, axes = switches[2 * k + 1], supports.blend[k], supports.between[k]
+        phases.append(_blend_phase(begin, duration, rate, axes, signal, solved.end[k], problem))
+        phases.append(_single_phase(switches[2 * k + 2], k + 1, solved))
+    return phases + _stand_phases(switches[-1], 1, solved)
+
+
+def _single_phase(start: float, k: int, solved: Solution) -> CentroidalPhase:
+    """Single support k; its offset d moves the origin of the law off the foot."""
     problem, supports = solved.problem, solved.problem.supports
-    times_of, place, phases = starts.tolist(), supports.place, []
-    for k, duration in enumerate(supports.single.tolist()):
-        slopes = np.array([[problem.inverse_a[k], 0.0], problem.slopes[k]])
-        axes, state = supports.axes[k], solved.state[k]
-        phases.append(
-            _single_phase(times_of[2 * k], duration, place[k], axes, slopes, state, problem.frequency, mass)
-        )
-        if k < len(place) - 1:
-            signal = np.stack([solved.signal[k, 1], solved.signal[k + 1, 0]])
-            start, duration = times_of[2 * k + 1], float(supports.double[k])
-            rate, axes = supports.blend[k], supports.between[k]
-            phases.append(
-                _blend_phase(start, duration, rate, axes, signal, solved.end[k], problem.frequency, mass)
-            )
-    return phases + _stand_phases(times_of[-1], 1, solved, mass)
-
-
-def _single_phase(
-    start: float,
-    duration: float,
-    place: Array,
-    axes: Array,
-    slopes: Array,
-    state: Array,
-    w: float,
-    mass: float,
-) -> CentroidalPhase:
-    """A single support; its offset d moves the origin of the law off the foot.
-
-    Args:
-        start: [s].
-        duration: [s].
-        place: of the foot, shape (2,) [m].
-        axes: of the foot, by columns, shape (2, 2).
-        slopes: of ZMP and force line along both axes, shape (2, 2) [1].
-        state: (c, v, J, Theta, d) at the begin, shape (5, 2).
-        w: sqrt(g / H) [1/s].
-        mass: of the body [kg].
-    """
-    zmp_slope, slope = slopes
-    rate = w**2 * (slope - zmp_slope)
-    moved = -(w**2) / rate * (state[4] @ axes)
-    k = np.sqrt(np.abs(rate))
-    even, odd = solution(rate, (state[0] - place) @ axes - moved, state[1] @ axes / k, 0.5 * duration)
-    columns = rate, zmp_slope, slope, np.full(2, duration), even, odd / k, (zmp_slope - 1.0) * moved
+    place, axes, state = supports.place[k], supports.axes[k], solved.state[k]
+    duration, square = float(supports.single[k]), problem.frequency**2
+    zmp_slope, slope = np.array([problem.inverse_a[k], 0.0]), problem.slopes[k]
+    rate = square * (slope - zmp_slope)
+    moved = -square / rate * (state[4] @ axes)
+    root = np.sqrt(np.abs(rate))
+    even, odd = solution(rate, (state[0] - place) @ axes - moved, state[1] @ axes / root, 0.5 * duration)
+    columns = rate, zmp_slope, slope, np.full(2, duration), even, odd / root, (zmp_slope - 1.0) * moved
     x, y = (AffineLaw(*values) for values in np.array(columns).T.tolist())
-    return _phase(start, duration, place + axes @ moved, axes, x, y, state[2], mass)
+    return _phase(start, duration, place + axes @ moved, axes, x, y, state[2], problem.weight)
 
 
 def _blend_phase(
-    start: float,
-    duration: float,
-    rate: Array,
-    axes: Array,
-    signal: Array,
-    state: Array,
-    w: float,
-    mass: float,
+    start: float, duration: float, rate: Array, axes: Array, signal: Array, state: Array, problem: Problem
 ) -> CentroidalPhase:
-    """A blend, whose origin is between both points r.
+    """A blend from (c, v, J, ...) at its begin; its origin is between both points r.
 
-    Args:
-        start: [s].
-        duration: [s].
-        rate: k along both axes, shape (2,) [1/s].
-        axes: by columns, shape (2, 2).
-        signal: (r, q) at begin and end, in world, shape (2, 2, 2) [m].
-        state: (c, v, J, ...) at the begin, in world.
-        w: sqrt(g / H) [1/s].
-        mass: of the body [kg].
+    Rates k, shape (2,), are along the axes; (r, q) at begin and end, shape (2, 2, 2), in world.
     """
     origin = signal[:, 0].mean(axis=0)
     position, velocity = (state[0] - origin) @ axes, state[1] @ axes
     point, arm = (signal[:, 0] - origin) @ axes, signal[:, 1] @ axes
-    columns = np.stack([rate, position, velocity]).T.tolist()
+    columns = np.stack([rate, np.full(2, duration), position, velocity]).T.tolist()
     x, y = (
-        BlendLaw(w, k, duration, c, v, tuple(point[:, i].tolist()), tuple(arm[:, i].tolist()))
-        for i, (k, c, v) in enumerate(columns)
+        BlendLaw(problem.frequency, *values, tuple(point[:, i].tolist()), tuple(arm[:, i].tolist()))
+        for i, values in enumerate(columns)
     )
-    return _phase(start, duration, origin, axes, x, y, state[2], mass)
+    return _phase(start, duration, origin, axes, x, y, state[2], problem.weight)
 
 
 def _phase(
-    start: float, duration: float, origin: Array, axes: Array, x: Law, y: Law, J: Array, mass: float
+    start: float, duration: float, origin: Array, axes: Array, x: Law, y: Law, J: Array, weight: float
 ) -> CentroidalPhase:
     """A phase of two laws, with the angular momentum at its begin."""
-    weight, heading = mass * GRAVITY, math.atan2(axes[1, 0], axes[0, 0])
     momentum = float(weight * J[1]), float(-weight * J[0])
+    heading = math.atan2(axes[1, 0], axes[0, 0])
     return CentroidalPhase(start, duration, (float(origin[0]), float(origin[1])), x, y, momentum, heading)
 
 
@@ -370,22 +328,14 @@ def _stand_signal(solved: Solution, end: int) -> Array:
     return signal[::-1] if end else signal
 
 
-def _stand_phases(start: float, end: int, solved: Solution, mass: float) -> list[CentroidalPhase]:
+def _stand_phases(start: float, end: int, solved: Solution) -> list[CentroidalPhase]:
     """Four linear blends in a row: the first (0) or the last (1) double support."""
-    problem, phases = solved.problem, []
-    part, signal = 0.25 * SETTLING, _stand_signal(solved, end)
+    problem, signal, part = solved.problem, _stand_signal(solved, end), 0.25 * SETTLING
     state = solved.end[-1, :3] if end else np.stack([problem.ends[0], np.zeros(2), np.zeros(2)])
+    phases = []
     for i in range(4):
-        phase = _blend_phase(
-            start + i * part,
-            part,
-            np.zeros(2),
-            np.eye(2),
-            signal[i : i + 2],
-            state,
-            problem.frequency,
-            mass,
-        )
+        begin, ends = start + i * part, signal[i : i + 2]
+        phase = _blend_phase(begin, part, np.zeros(2), np.eye(2), ends, state, problem)
         phases.append(phase)
         along = [law.evaluate(part) for law in (phase.x, phase.y)]
         gained = np.array([[at.position, at.velocity, at.moment_arm_integral] for at in along]).T

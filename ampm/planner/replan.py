@@ -111,7 +111,7 @@ class LiveWalk(NamedTuple):
         kept = [phase for phase in self.steps.phases if phase.start < begin]
         kept[-1] = kept[-1]._replace(duration=begin - kept[-1].start)
         starts = np.array([begin, *contacts.starts[2 * k + 2 :]])
-        new = walks.phases_between(starts, solved, self.body.mass)
+        new = walks.phases_between(starts, solved)
         plan = replace(self.walk.nominal, contacts=contacts, phases=(*kept, *new))
         steps = with_feet(in_turn([(0.0, plan)]), run, self.body)
         before, after, until = self.steps.feet, steps.feet, float(contacts.starts[2 * k + 2])

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 SETTLING = 0.8
 """Duration of the first and of the last double support [s]."""
-_OFFSET, _NODE = 0.02, 0.05  # units of the least squares [m]
+_OFFSET, _NODE, _THETA = 0.02, 0.05, 0.5  # units of the least squares [m, m, N m s^2]
 
 
 class Supports(NamedTuple):
@@ -57,7 +57,7 @@ class Problem(NamedTuple):
         inverse_a: ``1/a_s`` of every single support, shape (N,) [1].
         slopes: (c_s, c_y) of every single support, shape (N, 2).
         ends: COM at rest before and after the walk, shape (2, 2) [m].
-        theta: unit of the least squares in Theta [m s^2].
+        weight: of the body [N].
         begin: (c, v, J, Theta, d) at the begin of the first single support, shape (5, 2): the walk goes on
             from there instead of from rest. The velocity that the begin lacks is ``nodes[0, 0]`` of the
             solution; a landing place that is free makes it zero.
@@ -68,7 +68,7 @@ class Problem(NamedTuple):
     inverse_a: Array
     slopes: Array
     ends: Array
-    theta: float
+    weight: float
     begin: Array | None = None
 
 
@@ -203,7 +203,7 @@ def times(matrices: Array, vectors: Array) -> Array:
 
 def solve(problem: Problem) -> Solution:
     """Solve for the states of all supports."""
-    supports = problem.supports
+    supports, theta = problem.supports, _THETA / problem.weight
     n, place = len(supports.place), supports.place
     move, signal = (in_world(m, supports.axes) for m in single_maps(problem, supports.single))
     # The maps of a support count from its foot: constants of (c, v, J, Theta) at its end, of (r, q) at both.
@@ -222,7 +222,7 @@ def solve(problem: Problem) -> Solution:
     after[:, :8, :8] -= np.eye(8)
     known = times(from_, moved[:-1]) + times(rising, ended[:-1]) + times(to, begun[1:])
     for part in (before, after, known):
-        part[:, 8:] /= problem.theta
+        part[:, 8:] /= theta
 
     # The ends as maps of: r and q of the support, r and two q of the nodes, the COM at rest.
     point, arm = stand_nodes(*np.eye(6))
@@ -230,7 +230,7 @@ def solve(problem: Problem) -> Solution:
     first = np.zeros((10, 10))
     first[:8] = up[:, 8:12] @ signal[0] - np.eye(8, 10)
     half = 0.5 * float(supports.double[0]) if n > 1 else 0.0  # Theta is zero in the middle of double support
-    first[8:, 6:8], first[8:, 4:6] = np.eye(2) / problem.theta, -half / problem.theta * np.eye(2)
+    first[8:, 6:8], first[8:, 4:6] = np.eye(2) / theta, -half / theta * np.eye(2)
     first_known = times(up[:, :2] + up[:, 18:], problem.ends[0]) + times(up[:, 8:12], begun[0])
     entered = up[:, 12:18]
     if problem.begin is not None:
