@@ -20,13 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import rotations
-from ampm.planner.contacts import PHASE_NAMES, STANCE_NAMES, Contacts
+from ampm.planner.contacts import PHASE_NAMES, STANCE_NAMES, Contacts, times_within
 from ampm.planner.pendulum import LawState
 
 Array = NDArray[np.float64]
 
-TIME_TOLERANCE = 1e-9
-"""Times this far outside a plan are taken as its ends [s]."""
 _SWITCH_TOLERANCE = 1e-12  # times this close before a switch belong to the phase that begins [s]
 
 
@@ -245,10 +243,9 @@ class CentroidalPlan(Brief):
         return np.array([phase.origin for phase in self.phases])
 
     @cached_property
-    def _axes(self) -> Array | None:
-        """Axes of the laws in world, by columns, shape (P, 2, 2); None if no phase has a heading."""
-        heading = np.array([phase.heading for phase in self.phases])
-        return rotations(heading) if heading.any() else None
+    def _axes(self) -> Array:
+        """Axes of the laws in world, by columns, shape (P, 2, 2)."""
+        return rotations(np.array([phase.heading for phase in self.phases]))
 
     @cached_property
     def _momenta(self) -> Array:
@@ -273,10 +270,8 @@ class CentroidalPlan(Brief):
 
     def _evaluate(self, index: NDArray[np.intp], local: Array) -> _Motion:
         """Motion at phases ``index`` and times since their starts."""
-        state = self._states(index, local)
-        if self._axes is not None:
-            along, across = np.moveaxis(self._axes[index], 2, 0)
-            state = LawState._make(v[:, :1] * along + v[:, 1:] * across for v in state)
+        along, across = np.moveaxis(self._axes[index], 2, 0)
+        state = LawState._make(v[:, :1] * along + v[:, 1:] * across for v in self._states(index, local))
         origin = self._origins[index]
         # The y axis' force line turns the body about +x, the x axis' about -y.
         turn = self.weight * np.array([1.0, -1.0])
@@ -301,23 +296,6 @@ class CentroidalPlan(Brief):
     def _climbs(self) -> bool:
         return any(phase.z is not None for phase in self.phases)
 
-    def clipped(self, times: ArrayLike) -> Array:
-        """Times as an array (N,) [s], those within the tolerance moved onto the plan's ends.
-
-        Raises:
-            InputError: a time lies outside the plan or is not a number.
-        """
-        time = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        if time.ndim != 1:
-            raise InputError(f"times have the shape {time.shape}; give one number or a sequence of numbers.")
-        outside = ~((time >= -TIME_TOLERANCE) & (time <= self.duration + TIME_TOLERANCE))
-        if outside.any():
-            raise InputError(
-                f"time {time[outside][0]:g} s lies outside the plan's 0 ... {self.duration:g} s; "
-                "give times within it or plan more steps."
-            )
-        return np.clip(time, 0.0, self.duration)
-
     def sample(self, times: ArrayLike) -> PlanSample:
         """Evaluate the plan.
 
@@ -327,7 +305,7 @@ class CentroidalPlan(Brief):
         Raises:
             InputError: a time lies outside the plan or is not a number.
         """
-        time = self.clipped(times)
+        time = times_within(times, self.duration)
         contacts = self.contacts
         index = phase_of(self._starts, time)
         support = phase_of(contacts.starts, time)

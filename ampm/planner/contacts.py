@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ampm.brief import Brief
 from ampm.description import SoleGeometry
@@ -21,6 +21,8 @@ Side = Literal["left", "right"]
 
 PHASE_NAMES = ("single_support", "double_support")
 """Values of :attr:`Phase.kind`; a sample's ``phase`` is the place of its kind here."""
+TIME_TOLERANCE = 1e-9
+"""Times this far outside a plan are taken as its ends [s]."""
 STANCE_NAMES = ("left", "right", "both")
 """Values of :attr:`Phase.stance`; a sample's ``stance`` is the place of its name here."""
 
@@ -118,14 +120,12 @@ class Contacts(Brief):
     @cached_property
     def kind_codes(self) -> NDArray[np.int8]:
         """Place of every phase's kind in :data:`PHASE_NAMES`, shape (P,)."""
-        both = [phase.left is not None and phase.right is not None for phase in self.phases]
-        return _read_only(both, np.int8)
+        return _read_only(self.stance_codes == 2, np.int8)
 
     @cached_property
     def stance_codes(self) -> NDArray[np.int8]:
         """Place of every phase's stance in :data:`STANCE_NAMES`, shape (P,)."""
-        codes = [1 if phase.left is None else 0 if phase.right is None else 2 for phase in self.phases]
-        return _read_only(codes, np.int8)
+        return _read_only([STANCE_NAMES.index(phase.stance) for phase in self.phases], np.int8)
 
     @cached_property
     def placements(self) -> NDArray[np.float64]:
@@ -179,6 +179,24 @@ def contacts_in_turn(
         feet = {step.foot: step for step in footsteps[(number + 1) // 2 : number // 2 + 2]}
         phases.append(Phase(start, duration, feet.get("left"), feet.get("right")))
     return Contacts(tuple(footsteps), tuple(phases))
+
+
+def times_within(times: ArrayLike, duration: float) -> NDArray[np.float64]:
+    """Times as an array (N,), those within the tolerance moved onto the ends of a plan of a duration [s].
+
+    Raises:
+        InputError: a time lies outside the plan or is not a number.
+    """
+    time = np.atleast_1d(np.asarray(times, dtype=np.float64))
+    if time.ndim != 1:
+        raise InputError(f"times have the shape {time.shape}; give one number or a sequence of numbers.")
+    outside = ~((time >= -TIME_TOLERANCE) & (time <= duration + TIME_TOLERANCE))
+    if outside.any():
+        raise InputError(
+            f"time {time[outside][0]:g} s lies outside the plan's 0 ... {duration:g} s; give times within it "
+            "or plan more steps."
+        )
+    return np.clip(time, 0.0, duration)
 
 
 def mean_heading(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:

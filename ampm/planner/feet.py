@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.brief import Brief
 from ampm.description import SoleGeometry
-from ampm.exceptions import InputError
+from ampm.planner.contacts import times_within
 
 Array = NDArray[np.float64]
 
@@ -113,12 +113,7 @@ class FeetPlan(Brief):
         Raises:
             InputError: a time lies outside the plan.
         """
-        t = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        if t.size and not (t.min() >= -1e-9 and t.max() <= self.duration + 1e-9):
-            raise InputError(
-                f"time {t.min():g} ... {t.max():g} s lies outside the plan's 0 ... {self.duration:g} s; "
-                "give times within it or plan more steps."
-            )
+        t = times_within(times, self.duration)
         return _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
 
     def contact(self, times: Array) -> NDArray[np.bool_]:

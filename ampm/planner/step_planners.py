@@ -34,6 +34,7 @@ from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPhase
 from ampm.planner.closed_form import LIPM
 from ampm.planner.sampled import SampledLaw, plan_constants
+from ampm.planner.stride import cubic
 from ampm.planner.support import StepPlan, plan_steps
 
 Array = NDArray[np.float64]
@@ -119,7 +120,7 @@ def ipm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: Sol
         "switching_velocity": 0.5 * gait.step_length / (travel + 0.5 * double),
         "single_support_ratio": travel / (travel + 0.5 * double),
     }
-    return lipm_steps(GaitParameters(**(gait.model_dump() | timed)), mass, foot, sole)
+    return lipm_steps(gait.model_copy(update=timed), mass, foot, sole)
 
 
 def lipm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:
@@ -165,17 +166,8 @@ def _dcm_step(steps: StepPlan, axis: _Axis, in_single: Array, in_double: Array) 
     first = axis.end + lead + divergence * rise
     last = axis.next + axis.sign * (lead + divergence)
     # The cubic of xi in double support: its values, and its rates w (xi - p).
-    ends = np.array([first, last]), w * np.array([first - axis.end, last - axis.next])
-    mean = (last - first) / double
-    cubic = np.array(
-        [
-            first,
-            ends[1][0],
-            (3.0 * mean - 2.0 * ends[1][0] - ends[1][1]) / double,
-            (ends[1].sum() - 2.0 * mean) / double**2,
-        ]
-    )
-    zmp = polynomial.polysub(cubic, polynomial.polyder(cubic) / w)
+    dcm = cubic([first, w * (first - axis.end)], [last, w * (last - axis.next)], double)[:4]
+    zmp = polynomial.polysub(dcm, polynomial.polyder(dcm) / w)
     moving = np.array([axis.begin, (axis.end - axis.begin) / single])
 
     def motion(time: Any, p: Array, growing: float, decaying: float) -> Array:

@@ -337,13 +337,15 @@ def _swings(
         swing[:, Y] -= (foot.swing_lag * travel[:, 1])[:, None] * lift
         swing[:, Z] += roll.height[:, None] * lift
     if foot.schedule == "roll" and foot.toe_return < 1.0:  # from there on the toe joint is straight
-        since, piece = [item for item in pieces if item[0] <= foot.toe_return][-1]
-        straight = shift(piece, (foot.toe_return - since) * single)
-        later = [item for item in pieces if item[0] > foot.toe_return]
-        for _, curve in ((foot.toe_return, straight), *later):
+        share = foot.toe_return
+        since, piece = [item for item in pieces if item[0] <= share][-1]
+        after = [
+            (share, shift(piece, (share - since) * single)),
+            *[item for item in pieces if item[0] > share],
+        ]
+        for _, curve in after:
             curve[:, TOE] = 0.0
-        pieces = [item for item in pieces if item[0] < foot.toe_return]
-        pieces += [(foot.toe_return, straight), *later]
+        pieces = [item for item in pieces if item[0] < share] + after
     return pieces
 
 

@@ -9,6 +9,7 @@ from ampm.description import SoleGeometry
 from ampm.geometry import Array, convex_hull, polygon_margin
 from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.contacts import times_within
 from ampm.planner.feet import FeetPlan
 from ampm.planner.periodic import plan_with_next_step
 from ampm.planner.stride import plan_feet
@@ -45,7 +46,7 @@ class StepPlan(CentroidalPlan):
         Raises:
             InputError: the time lies outside the plan.
         """
-        points, contact = self.points_in_contact(self.clipped(time))
+        points, contact = self.points_in_contact(times_within(time, self.duration))
         return convex_hull(points[0, contact[0]])
 
     def zmp_margin(self, times: ArrayLike) -> Array:
@@ -60,7 +61,7 @@ class StepPlan(CentroidalPlan):
         Raises:
             InputError: a time lies outside the plan.
         """
-        time = self.clipped(times)
+        time = times_within(times, self.duration)
         margin = np.empty(len(time))
         for first in range(0, max(len(time), 1), _BLOCK):
             block = slice(first, first + _BLOCK)
@@ -84,7 +85,7 @@ class StepPlan(CentroidalPlan):
         Raises:
             InputError: the plan ends earlier.
         """
-        end = self.duration if until is None else float(self.clipped(until)[0])
+        end = self.duration if until is None else float(times_within(until, self.duration)[0])
         changes = [self.contacts.switch_times, self.feet.left.start, self.feet.right.start]
         jumps = np.concatenate([[0.0, end], *changes])
         jumps = _ascending(jumps[(jumps >= 0.0) & (jumps <= end)])
