@@ -118,16 +118,10 @@ def single_maps(problem: Problem, duration: Array) -> tuple[Array, Array]:
 
 
 def _blend_maps(frequency: float, rate: Array, duration: Array) -> Array:
-    """Blends along their axes.
+    """Blends with rates (n, 2) [1/s] and durations (n,) [s] along their axes.
 
-    Args:
-        frequency: w [1/s].
-        rate: k, shape (n, 2) [1/s].
-        duration: shape (n,) [s].
-
-    Returns:
-        From (c, v, J, Theta) at the begin and (r, q) at begin and end to (c, v, J, Theta) at the end and
-        Theta in the middle, shape (n, 2, 5, 8).
+    From (c, v, J, Theta) at the begin and (r, q) at begin and end to (c, v, J, Theta) at the end and Theta in
+    the middle, shape (n, 2, 5, 8).
     """
     T, w = np.broadcast_to(duration[:, None], rate.shape), frequency
     end, middle = shape(rate, T, T), shape(rate, T, 0.5 * T)
@@ -147,19 +141,13 @@ def _blend_maps(frequency: float, rate: Array, duration: Array) -> Array:
     return _stacked(move)
 
 
-def _quarters(problem: Problem, point: Array, arm: Array) -> Array:
-    """Four linear blends in a row, the same along both axes.
+def _quarters(frequency: float, point: Array, arm: Array) -> Array:
+    """Four linear blends in a row, with r and q at the five ends as maps of m numbers, shape (5, m) each.
 
-    Args:
-        problem: for its frequency.
-        point: r at the five ends as a map of m numbers, shape (5, m).
-        arm: q at the five ends, likewise.
-
-    Returns:
-        From (c, v, J, Theta) at the begin and the m numbers to (c, v, J, Theta) at the end, for vectors,
-        shape (8, 8 + 2 m).
+    From (c, v, J, Theta) at the begin and the m numbers to (c, v, J, Theta) at the end, for vectors, shape
+    (8, 8 + 2 m).
     """
-    step = _blend_maps(problem.frequency, np.zeros((1, 2)), np.array([0.25 * SETTLING]))[0, 0, :4]
+    step = _blend_maps(frequency, np.zeros((1, 2)), np.array([0.25 * SETTLING]))[0, 0, :4]
     state = np.hstack([np.eye(4), np.zeros((4, point.shape[1]))])
     for i in range(4):
         state = step[:, :4] @ state
@@ -226,7 +214,8 @@ def solve(problem: Problem) -> Solution:
 
     # The ends as maps of: r and q of the support, r and two q of the nodes, the COM at rest.
     point, arm = stand_nodes(*np.eye(6))
-    up, down = _quarters(problem, point, arm), _quarters(problem, point[::-1], arm[::-1])
+    up = _quarters(problem.frequency, point, arm)
+    down = _quarters(problem.frequency, point[::-1], arm[::-1])
     first = np.zeros((10, 10))
     first[:8] = up[:, 8:12] @ signal[0] - np.eye(8, 10)
     half = 0.5 * float(supports.double[0]) if n > 1 else 0.0  # Theta is zero in the middle of double support

@@ -77,10 +77,7 @@ def step_axes(steps: StepPlan) -> tuple[_Axis, _Axis]:
 def _repeated(steps: StepPlan, times: Array, motions: Sequence[Array]) -> StepPlan:
     """The same steps with another motion of the COM, the mirror image of its first step in every step.
 
-    Args:
-        steps: contacts and feet.
-        times: of samples of the first step, from its start on, shape (n,) [s].
-        motions: COM, velocity and acceleration along x and y at these times, shapes (3, n).
+    Of COM, velocity and acceleration along x and y, (3, n) each, at times of the first step, (n,) [s].
     """
     duration, length = steps.constants.step_duration, steps.contacts.step_length
     laws, ends = [], np.append(times, duration)

@@ -226,7 +226,12 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
     lifted, single = times[first::2].T
     landed, double = times[first + 1 :: 2].T
     if foot.schedule == "roll":
-        _check_heel_rise(foot, single, double)
+        earliest, latest = -double.min(), single.min()
+        if not earliest < foot.heel_rise_lead < latest:
+            raise InputError(
+                f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise before the foot stands "
+                f"alone, or after it has left; take one between {earliest:.4g} s and {latest:.4g} s."
+            )
     n, steps = len(single), np.arange(len(single))
     swings = _swings(foot, sole, place, yaw, single, roll)
     none, flat = (False, False, False), (True, True, sole.has_toes)
@@ -278,27 +283,12 @@ def _headings(contacts: Contacts) -> Array:
     return heading
 
 
-def _check_heel_rise(foot: FootParameters, single: Array, double: Array) -> None:
-    """Refuse a heel that does not rise between single supports, of durations (n,) each [s]."""
-    if not -double.min() < foot.heel_rise_lead < single.min():
-        raise InputError(
-            f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise before the foot stands "
-            f"alone, or after it has left; take one between {-double.min():.4g} s and {single.min():.4g} s."
-        )
-
-
 def _swings(
     foot: FootParameters, sole: SoleGeometry, place: Array, yaw: Array, single: Array, roll: Roll
 ) -> list[tuple[float, Array]]:
     """Pieces of n swings: share of the swing at which a piece begins, and its curves, shape (n, 6, 9).
 
-    Args:
-        foot: key-frame timings and splines.
-        sole: the sole's outline.
-        place: of the footsteps, shape (n + 2, 3) [m].
-        yaw: their headings, shape (n + 2,) [rad].
-        single: durations of the swings, shape (n,) [s].
-        roll: of every step.
+    Of footsteps with places (n + 2, 3) [m] and headings (n + 2,) [rad], and swings' durations (n,) [s].
     """
     n, paper = len(single), foot.swing == "paper"
     behind, ahead = place[:n], place[2:]
@@ -350,16 +340,7 @@ def _swings(
 
 
 def _paper_swing(swing: Array, single: Array, height: Array) -> list[tuple[float, Array]]:
-    """Both halves of swings that are clamped cubic splines through one more key-frame, up at mid swing.
-
-    Args:
-        swing: without the lift, shape (n, 6, 9).
-        single: durations of the swings, shape (n,) [s].
-        height: lift at mid swing, shape (n,) [m].
-
-    Returns:
-        (share of the swing at which it begins, coefficients) of either piece.
-    """
+    """Both halves of swings that are clamped cubic splines through one more key-frame, up at mid swing."""
     half = 0.5 * single
     shape = height[:, None] * _CUBIC_RISE / np.vander(half, 4, increasing=True)
     rising, falling = swing.copy(), shift(swing, half)

@@ -122,15 +122,9 @@ def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> C
 
 
 def _contacts(times: Array, stance: NDArray[np.str_], left: Array, right: Array) -> Contacts:
-    """Contacts of P phases.
+    """Contacts of P phases with begins and end (P + 1,) [s], from the columns' rows at their begins.
 
     The foot that swings first starts as far behind the standing foot as it lands ahead of it.
-
-    Args:
-        times: begin of every phase, and end of the last one, shape (P + 1,) [s].
-        stance: ``left``, ``right`` or ``both``, shape (P,).
-        left: (x, y) of the left foot's footstep, of the next one while it swings, shape (P, 2) [m].
-        right: the same of the right foot, shape (P, 2) [m].
     """
     places: dict[str, Array] = {"left": left, "right": right}
     sides: tuple[Side, Side] = ("right", "left") if stance[0] == "right" else ("left", "right")
@@ -172,10 +166,7 @@ def _column(table: Mapping[str, Any], name: str) -> Any:
 def _numbers(table: Mapping[str, Any], name: str) -> Array:
     """A column of finite numbers."""
     column = np.asarray(_column(table, name))
-    try:
-        values = column.astype(np.float64)
-    except (TypeError, ValueError):  # texts: those that are no numbers become NaN, and are refused
-        values = np.array([_number(cell) for cell in column])
+    values = np.array([_number(cell) for cell in column.tolist()])  # texts become NaN, and are refused
     if len(values) < 3:
         raise InputError(f"the table has {len(values)} rows; give three or more.")
     _check(column, name, np.isfinite(values), "be a finite number")
@@ -205,17 +196,16 @@ def _check(values: NDArray[Any], name: str, good: NDArray[np.bool_], rule: str) 
 def _check_motion(plan: CentroidalPlan, time: Array, begins: NDArray[np.bool_]) -> None:
     """Refuse a COM that does not move as its acceleration says, from the start of each phase on."""
     sample = plan.sample(np.minimum(time, plan.duration))
-    change, first = sample.com_acceleration[:, :2], np.flatnonzero(begins)[np.cumsum(begins) - 1]
-    gained = np.zeros_like(change)
-    gained[1:] = np.cumsum(0.5 * (change[1:] + change[:-1]) * np.diff(time)[:, None], axis=0)
-    off = sample.com_velocity[:, :2] - gained
-    off = np.abs(off - off[first])
-    for axis, gap in zip("xy", off.T, strict=True):
-        rule = (
-            f"agree within {_SPEED:g} m/s with its acceleration since the phase began, by default "
-            "(g/H)(com - zmp); correct com_z, zmp or units (m, s), or give com_acceleration"
-        )
-        _check(sample.com_velocity[:, "xy".index(axis)], f"velocity of com_{axis}", gap <= _SPEED, rule)
+    first = np.flatnonzero(begins)[np.cumsum(begins) - 1]
+    rule = (
+        f"agree within {_SPEED:g} m/s with its acceleration since the phase began, by default "
+        "(g/H)(com - zmp); correct com_z, zmp or units (m, s), or give com_acceleration"
+    )
+    for axis, name in enumerate("xy"):
+        speed, change = sample.com_velocity[:, axis], sample.com_acceleration[:, axis]
+        gained = np.cumsum(np.append(0.0, 0.5 * (change[1:] + change[:-1]) * np.diff(time)))
+        off = speed - gained
+        _check(speed, f"velocity of com_{name}", np.abs(off - off[first]) <= _SPEED, rule)
 
 
 def repeats(plan: CentroidalPlan) -> bool:
