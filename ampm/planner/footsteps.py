@@ -303,10 +303,10 @@ def _blend_phase(
     origin = signal[:, 0].mean(axis=0)
     position, velocity = (state[0] - origin) @ axes, state[1] @ axes
     point, arm = (signal[:, 0] - origin) @ axes, signal[:, 1] @ axes
-    columns = np.stack([rate, np.full(2, duration), position, velocity]).T.tolist()
+    w, columns = problem.frequency, np.stack([rate, position, velocity]).T.tolist()
     x, y = (
-        BlendLaw(problem.frequency, *values, tuple(point[:, i].tolist()), tuple(arm[:, i].tolist()))
-        for i, values in enumerate(columns)
+        BlendLaw(w, k, duration, c, v, tuple(point[:, i].tolist()), tuple(arm[:, i].tolist()))
+        for i, (k, c, v) in enumerate(columns)
     )
     return _phase(start, duration, origin, axes, x, y, state[2], problem.weight)
 
