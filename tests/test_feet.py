@@ -214,7 +214,7 @@ def test_the_support_polygon_of_flat_feet():
     single = plan.support_polygon(0.1)
     np.testing.assert_allclose([single[:, 0].min(), single[:, 0].max()], [-0.1, 0.16])
     np.testing.assert_allclose([single[:, 1].min(), single[:, 1].max()], [0.05, 0.13])
-    double = plan.support_polygon(plan.contacts.switch_times[0] + 0.01)
+    double = plan.support_polygon(plan.contacts.starts[1] + 0.01)
     np.testing.assert_allclose([double[:, 0].min(), double[:, 0].max()], [-0.1, 0.56])
     times = np.linspace(0.0, plan.duration, 300)
     margin = plan.zmp_margin(times)
@@ -227,7 +227,7 @@ def test_the_support_polygon_of_flat_feet():
 def test_no_instant_undercuts_the_least_margin(plan):
     least, time = plan.least_zmp_margin()
     assert plan.zmp_margin(time)[0] == least
-    beside = np.concatenate([plan.contacts.switch_times + shift for shift in (-1e-9, 0.0, 1e-9)])
+    beside = np.concatenate([plan.contacts.starts[1:] + shift for shift in (-1e-9, 0.0, 1e-9)])
     assert least <= plan.zmp_margin(beside).min() + 1e-12
     # What a grid sees approaches it from above.
     grid = plan.zmp_margin(np.linspace(0.0, plan.duration, 20001)).min()

@@ -51,7 +51,7 @@ def test_golden_constants(plan):
         "angular_momentum_y_offset": 0.0,
     }
     assert vars(plan.constants) == pytest.approx(expected, abs=1e-9)
-    sample = plan.sample(plan.contacts.switch_times[0])
+    sample = plan.sample(plan.contacts.starts[1])
     assert sample.com_acceleration[0] == pytest.approx([2.223972, -0.526437, 0.0], abs=1e-6)
     assert sample.moment[0] == pytest.approx([18.53057, -24.72120], abs=1e-5)
 
@@ -90,12 +90,12 @@ def test_start_and_footsteps(plan):
     assert [foot for foot, _ in steps[:4]] == ["right", "left", "right", "left"]
     np.testing.assert_allclose([p for _, p in steps[:3]], [(-0.6, -0.09), (0.0, 0.09), (0.6, -0.09)])
     assert plan.duration == pytest.approx(GOLDEN.steps * plan.constants.step_duration)
-    assert len(plan.contacts.switch_times) == 2 * GOLDEN.steps - 1
+    assert len(plan.contacts.starts) == 2 * GOLDEN.steps
 
 
 def test_labels_and_placements_in_force(plan):
     """A switch carries the label of the phase that begins."""
-    sample = plan.sample(plan.contacts.switch_times)
+    sample = plan.sample(plan.contacts.starts[1:])
     assert list(sample.phase_name[:3]) == ["double_support", "single_support", "double_support"]
     assert list(sample.stance_name[:4]) == ["both", "right", "both", "left"]
     t_ss, step = plan.constants.single_support_duration, plan.constants.step_duration
@@ -222,9 +222,7 @@ def test_an_independent_integration_of_force_and_zmp_laws(parameters):
     steps = 3
     plan = plan_gait(parameters, MASS)
     switches, pieces = force_law_integration(parameters, steps)
-    np.testing.assert_allclose(
-        switches[:-1], plan.contacts.switch_times[: 2 * steps - 1], rtol=0.0, atol=1e-10
-    )
+    np.testing.assert_allclose(switches[:-1], plan.contacts.starts[1 : 2 * steps], rtol=0.0, atol=1e-10)
     start = plan.sample(0.0).angular_momentum[0]
     for begin, end, piece in zip([0.0, *switches[:-1]], switches, pieces, strict=True):
         t = np.linspace(begin, end - 1e-9, 40)
@@ -264,7 +262,7 @@ def test_the_plain_pendulum_states_its_jumps_and_is_not_refused_for_them():
     assert max(r.position, r.velocity, r.moment, r.angular_momentum) <= 1e-14
     # Along x the ZMP jumps from the foot to below the COM and the acceleration from g l_s/H to nothing.
     assert (r.zmp, r.acceleration) == pytest.approx((c.l_s / 0.88, c.l_s / 0.88), rel=1e-12)
-    before, after = (plan.sample(plan.contacts.switch_times[0] - beside) for beside in (1e-9, 0.0))
+    before, after = (plan.sample(plan.contacts.starts[1] - beside) for beside in (1e-9, 0.0))
     driven = [G / 0.88 * c.l_s, -G / 0.88 * c.s, 0.0]
     np.testing.assert_allclose(before.com_acceleration[0], driven, atol=1e-7)
     np.testing.assert_array_equal(after.com_acceleration[0], 0.0)
@@ -418,7 +416,7 @@ def test_every_plan_keeps_the_laws(parameters):
     assert plan.residuals().largest <= 1e-11
     assert c.s + c.beta == pytest.approx(parameters.step_width / 2)
     assert 0.0 < c.beta < parameters.step_width / 2
-    s = plan.sample(plan.contacts.switch_times)
+    s = plan.sample(plan.contacts.starts[1:])
     np.testing.assert_allclose(s.com_velocity[:, 0], parameters.switching_velocity, rtol=1e-9)
     np.testing.assert_allclose(np.abs(s.com[:, 1]), c.beta, rtol=1e-7)
     s = plan.sample(np.linspace(0.0, plan.duration, 100))

@@ -112,11 +112,6 @@ class Contacts(Brief):
         """Start of every phase, shape (P,) [s]."""
         return _read_only([phase.start for phase in self.phases])
 
-    @property
-    def switch_times(self) -> NDArray[np.float64]:
-        """Times at which the support changes, without the walk's ends, shape (P - 1,) [s]."""
-        return self.starts[1:]
-
     @cached_property
     def kind_codes(self) -> NDArray[np.int8]:
         """Place of every phase's kind in :data:`PHASE_NAMES`, shape (P,)."""

@@ -86,7 +86,7 @@ class StepPlan(CentroidalPlan):
             InputError: the plan ends earlier.
         """
         end = self.duration if until is None else float(times_within(until, self.duration)[0])
-        changes = [self.contacts.switch_times, self.feet.left.start, self.feet.right.start]
+        changes = [self.contacts.starts[1:], self.feet.left.start, self.feet.right.start]
         jumps = np.concatenate([[0.0, end], *changes])
         jumps = _ascending(jumps[(jumps >= 0.0) & (jumps <= end)])
         inside = jumps[:-1, None] + np.diff(jumps)[:, None] * np.linspace(0.0, 1.0, _GRID)[1:-1]
