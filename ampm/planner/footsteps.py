@@ -289,7 +289,7 @@ def _single_phase(start: float, k: int, solved: Solution) -> CentroidalPhase:
     root = np.sqrt(np.abs(rate))
     even, odd = solution(rate, (state[0] - place) @ axes - moved, state[1] @ axes / root, 0.5 * duration)
     columns = rate, zmp_slope, slope, np.full(2, duration), even, odd / root, (zmp_slope - 1.0) * moved
-    x, y = (AffineLaw(*values) for values in np.array(columns).T.tolist())
+    x, y = (AffineLaw(*law) for law in np.array(columns).T.tolist())
     return _phase(start, duration, place + axes @ moved, axes, x, y, state[2], problem.weight)
 
 

@@ -32,7 +32,7 @@ EPSILON = float(np.finfo(np.float64).eps)
 
 
 class LawState(NamedTuple):
-    """State of a law at some times; every field has the broadcast shape of law and times.
+    """State of a law at some times; every field has the shape of the times.
 
     Attributes:
         position: COM from the law's origin [m].
@@ -54,7 +54,7 @@ class LawState(NamedTuple):
 
 @dataclass(frozen=True)
 class AffineLaw:
-    """One axis of one phase, or arrays of such laws with a common shape.
+    """One axis of one phase.
 
     Equation: ``u'' = (g/H) (force_slope - zmp_slope) u`` and ``zmp = zmp_slope u + zmp_offset``.
 
@@ -69,16 +69,16 @@ class AffineLaw:
         zmp_offset: ``b`` of the general law [m].
     """
 
-    rate: Any
-    zmp_slope: Any
-    force_slope: Any
-    duration: Any
-    even: Any
-    odd: Any
-    zmp_offset: Any = 0.0
+    rate: float
+    zmp_slope: float
+    force_slope: float
+    duration: float
+    even: float
+    odd: float
+    zmp_offset: float = 0.0
 
     def evaluate(self, time: Any) -> LawState:
-        """Evaluate at times since the start of the phase [s], broadcast against the law."""
+        """State at times since the start of the phase [s]."""
         since_middle = time - 0.5 * self.duration
         position, velocity = solution(self.rate, self.even, self.odd, since_middle)
         travel = position_integral(self.rate, self.even, self.odd, -0.5 * self.duration, since_middle)
