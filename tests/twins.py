@@ -143,9 +143,9 @@ def zmp(com, force, moment):
 def shared(c, force, moment):
     """Force and moment that the sole can give, and whether these are others than wanted."""
     state, wanted, com, m = c.stepping[0], c.wanted, c.body.com, c.body.mass
+    force = state["force_factor"] * force
     if not state["active"]:
         return force, moment, False
-    force = state["force_factor"] * force
     points = (com + c.body.points["arm"])[c.body.points["limit"] > sole.OPEN, :2]
     if force[2] < 0.2 * m * c.body.gravity or not len(points):
         return force, moment, False

@@ -97,7 +97,8 @@ def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
 def share_sole(body: Body, stepping: Any, wanted: Wanted, command: Command) -> None:
     """Share what the soles can give between COM and trunk, off the plan or disturbed.
 
-    The command is untouched where they give it all.
+    The command is untouched where they give it all. First, the force is multiplied by the factor that holds
+    the COM's height.
 
     With ``r = c - (z / (g + zdd)) cdd``, the ZMP of the command is r plus the arm of its moment. The feedback
     of the COM is a shift of r, that of angular momentum and trunk a shift of the arm.
@@ -108,12 +109,11 @@ def share_sole(body: Body, stepping: Any, wanted: Wanted, command: Command) -> N
         wanted: COM and momentum of the plan followed.
         command: of :func:`~ampm.control.stabilizer.command_wrench`, which is changed.
     """
-    if not stepping.active:
-        return
     com, force, moment = body.com, command.force, command.moment
     if stepping.force_factor != 1.0:
         put(force, times(stepping.force_factor, vector(force)))
-    if force[2] < 0.2 * body.mass * body.gravity:  # nearly falling: the ZMP means nothing
+    nearly_falling = force[2] < 0.2 * body.mass * body.gravity  # the ZMP means nothing
+    if nearly_falling or not stepping.active:
         return
     cos, sin = stepping.heading[0], stepping.heading[1]
     places = np.empty((len(body.points), 2))
