@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -84,8 +85,11 @@ class PostureState(NamedTuple):
     tilt_window: Scalar = 0.0
 
 
+@cache
 def reference_type(nq: int, nv: int) -> np.dtype[Any]:
     """One row of a table of references, which a controller copies at once.
+
+    The same object for the same body: NumPy copies a row of the very same type four times as fast.
 
     Args:
         nq: size of Pinocchio's configuration.

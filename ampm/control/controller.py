@@ -116,8 +116,9 @@ class TrackingController:
         if self._follower is not None:
             self._stepper = self._follower.begin(state.time, reference)
         self._row[0] = reference.row
-        c.sensed.q[:], c.sensed.v[:] = state.q, state.v
-        c.sensed.normal_force[:], c.sensed.contact[:] = touch.normal_force, touch.contact
+        sensed = c.sensed
+        sensed.q[:], sensed.v[:] = state.q, state.v
+        sensed.normal_force[:], sensed.contact[:] = touch.normal_force, touch.contact
         if first:
             c.motion.last_acceleration[:] = c.wanted.acceleration
         if self._before is None:

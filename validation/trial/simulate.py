@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -232,20 +233,6 @@ def _tables(plan: WalkPlan, times: Array, timing: Timing) -> Iterator[ReferenceT
         yield table.part(before, before + _TICKS)
 
 
-def _copy(what: str, value: Any, out: Array) -> None:
-    """Copy what a controller returns, None as NaN.
-
-    Raises:
-        ValueError: it has another shape.
-    """
-    if value is None:
-        out.fill(np.nan)
-    elif (shape := getattr(value, "shape", None) or np.shape(value)) != out.shape:
-        raise ValueError(f"{what} has shape {shape} and must have {out.shape}")
-    else:
-        out[:] = value
-
-
 class ClosedLoop:
     """Controller and physics, step by step, and the record of it.
 
@@ -388,7 +375,7 @@ class ClosedLoop:
 
     def tick(self, k: int, time: float) -> End | None:
         """One control tick; whether the walk is over."""
-        physics, command = self.physics, self.command
+        physics = self.physics
         self._sense(physics.data.ncon)
         reference = next(self.references)
         state = State(time, physics.q, physics.v, 0.5 * physics.time_step)
@@ -396,11 +383,13 @@ class ClosedLoop:
             output = self.controller.update(state, self._touch, reference)
             if not isinstance(output, ControlOutput):
                 raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
-            _copy("torque", output.torque, command.torque)
-            _copy("rate", output.rate, command.rate)
-            _copy("force", output.force, command.force)
-            _copy("zmp", output.zmp, command.zmp)
-            _copy("angular_momentum", output.angular_momentum, command.angular_momentum)
+            try:
+                self._take(output)
+            except ValueError:
+                self._check_shapes(output)
+                raise
+            if k == 0:  # NumPy spreads a single number over all joints
+                self._check_shapes(output)
             self._row[0] = reference.row if output.reference is None else output.reference.row
             status, residual, iterations = int(output.status), float(output.residual), int(output.iterations)
             if status not in (SOLVED, LIMITED, UNSOLVED) or not 0 <= iterations <= _MOST_ITERATIONS:
@@ -410,6 +399,22 @@ class ClosedLoop:
                 raise ValueError(self._unusable(unusable))
         limit = self._worst_joint() if status == LIMITED else ""
         return self.watch.check(time, self.stance, status, gap=gap, residual=residual, limit=limit)
+
+    def _take(self, output: ControlOutput) -> None:
+        """Copy a controller's output; NaN for what it does not say."""
+        command, momentum = self.command, output.angular_momentum
+        command.torque[:] = output.torque
+        command.rate[:] = math.nan if output.rate is None else output.rate
+        command.force[:] = math.nan if output.force is None else output.force
+        command.zmp[:] = math.nan if output.zmp is None else output.zmp
+        command.angular_momentum[:] = math.nan if momentum is None else momentum
+
+    def _check_shapes(self, output: ControlOutput) -> None:
+        """Raise a ValueError where a part of a controller's first output has another shape."""
+        for name in ("torque", "rate", "force", "zmp", "angular_momentum"):
+            value, wanted = getattr(output, name), getattr(self.command, name).shape
+            if value is not None and np.shape(value) != wanted:
+                raise ValueError(f"{name} has shape {np.shape(value)} and must have {wanted}")
 
     def _unusable(self, index: int) -> str:
         """What :func:`~validation.trial.step.act` could not use, in words."""
