@@ -218,7 +218,7 @@ class OsqpBackend:
             solver.update_data_vec(q=q, l=values.lower, u=values.upper)
             solver.update_data_mat(P_x=values.P, P_i=None, A_x=values.A, A_i=None)
         solver.solve()
-        x = np.array(solver.solution.x, dtype=np.float64)
+        x = solver.solution.x  # a copy of the solver's
         seconds = time.perf_counter() - start
         info = solver.info
         code = info.status_val
