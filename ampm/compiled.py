@@ -13,9 +13,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-os.environ.setdefault(
-    "NUMBA_OPT", "1"
-)  # as fast to run as at level 3, and sooner compiled
+os.environ.setdefault("NUMBA_OPT", "1")  # as fast to run as at level 3, and sooner compiled
 
 import numba
 import numpy as np

@@ -171,6 +171,20 @@ def gather(values: SparseValues, P: Array, A: Array, lower: Array, upper: Array)
     return ordered
 
 
+@compiled
+def violation(A: Array, x: Array, lower: Array, upper: Array) -> float:
+    """By how much ``l <= A x <= u`` is violated at most, 0 if it holds; infinite if it is not a number."""
+    worst = 0.0
+    for i in range(len(lower)):
+        row = 0.0
+        for j in range(len(x)):
+            row += A[i, j] * x[j]
+        if not math.isfinite(row):
+            return math.inf
+        worst = max(worst, lower[i] - row, row - upper[i])
+    return worst
+
+
 class OsqpBackend:
     """OSQP with one workspace and fixed patterns (Stellato et al. 2020).
 
@@ -287,22 +301,22 @@ class DaqpBackend:
             ) from error
         self._daqp = daqp
         self._sense = np.zeros(rows, dtype=np.int32)
+        matrix, vector = np.empty((1, 1)), np.empty(1)
+        self._violation = bound(violation, (), matrix, vector, vector, vector)
 
     def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
         """See :class:`QPBackend`; cold-started every time."""
         start = time.perf_counter()
         up, low = np.minimum(upper, 1e30), np.maximum(lower, -1e30)
-        x, _, flag, info = self._daqp.solve(P, q, np.ascontiguousarray(A), up, low, self._sense)
+        A = np.ascontiguousarray(A)
+        x, _, flag, info = self._daqp.solve(P, q, A, up, low, self._sense)
         seconds = time.perf_counter() - start
         x = np.array(x, dtype=np.float64)
         if flag == -1:
             status = QPStatus.INFEASIBLE
         else:
             status = QPStatus.SOLVED if flag > 0 and np.isfinite(x).all() else QPStatus.UNSOLVED
-        rows = A @ x
-        residual = float(np.max(np.maximum(np.maximum(low - rows, rows - up), 0.0), initial=0.0))
-        if not math.isfinite(residual):
-            residual = math.inf
+        residual = self._violation(A, x, low, up)
         return QPSolution(x, status, residual, int(info.get("iterations", 0)), seconds)
 
 
