@@ -109,7 +109,8 @@ def peers(
     ] = True,
     json_file: Annotated[Path | None, option("--json", "Write everything as JSON as well.", "FILE")] = None,
     to_document: Annotated[
-        bool, option("--markdown", "Write docs/data/peers.csv and the remarks in docs/benchmarks.md as well.")
+        bool,
+        option("--markdown", "Write docs/data/peers.csv and its overview in docs/benchmarks.md as well."),
     ] = False,
 ) -> int:
     """Compare with other libraries at the same work.

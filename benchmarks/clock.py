@@ -54,12 +54,12 @@ class Line:
         return cls(name, unit, median, p99, float(values.max()), values.size, limit, share)
 
     def cells(self) -> tuple[str, ...]:
-        """Name, median, 99th percentile, maximum, and the share of the loop or the limit."""
-        tail = (self._text(self.p99), self._text(self.maximum)) if self.count > 1 else ("", "")
+        """Name, median, 99th percentile, and the share of the loop or the limit."""
+        tail = self._text(self.p99) if self.count > 1 else ""
         note = "" if self.of_loop is None else f"{self.of_loop:.0%}"
         if self.limit is not None:
             note = f"at most {self._text(self.limit)}"
-        return self.name, self._text(self.median), *tail, note
+        return self.name, self._text(self.median), tail, note
 
     def _text(self, value: float) -> str:
         if self.unit == "s":

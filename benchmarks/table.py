@@ -7,10 +7,10 @@ from validation.show.text import replace_between
 from validation.table import Table
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
-MARK = "benchmark table, written by python -m benchmarks --markdown"
+MARK = "benchmark table"
 """Between the marks of this name the page has the table."""
 
-HEADER = ("", ">median", ">p99", ">maximum", ">of the loop")
+HEADER = ("", ">median", ">p99", ">of the loop")
 _NO_CELLS = ("",) * (len(HEADER) - 1)
 
 

@@ -117,11 +117,17 @@ def main() -> None:
 
 
 def _errors(rows: list[tuple[str, ...]]) -> str:
-    """Table of the page: the RMSE of every walk, a column for each gait."""
-    found = {tuple(row[0].split(", ", 1)): row[COLUMNS.index(ERROR)] for row in rows}
+    """Table of the page: the RMSE of every walk, a column for each gait; one walk of each kind."""
+    found = {tuple(row[0].split(", ", 1)): _larger(row[COLUMNS.index(ERROR)]) for row in rows}
     titles, names = (list(dict.fromkeys(part)) for part in zip(*found, strict=True))
-    rows = [[name, *(found[title, name] for title in titles)] for name in names]
-    return Table("", [ERROR, *titles], rows).markdown()
+    shown = {name: name.removesuffix(" 0") for name in names if not name.endswith((" 1", " 2"))}
+    cells = [[shown[name], *(found[title, name] for title in titles)] for name in shown]
+    return Table("", ["walk", *(f">{title}" for title in titles)], cells).markdown()
+
+
+def _larger(errors: str) -> str:
+    """The larger error of the two in a cell, which may be refused."""
+    return max(errors.split(", "), key=float) if ", " in errors else errors
 
 
 def _row(name: str, run: RunParameters, footsteps: list[Footstep]) -> tuple[str, ...]:

@@ -7,21 +7,25 @@ on; a hundred of one kind take half an hour on one core.
 """
 
 import argparse
+import csv
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 
-from trials import write_rows
+from trials import DATA, write_rows
 
 from validation.cli.console import Narrator
 from validation.show.text import replace_between
 from validation.study.tour import VALUES, Tours, tour
+from validation.table import ABSENT, Table
 
 PAGE = Path(__file__).with_name("footsteps.md")
 KEPT = PAGE.parents[1] / "build" / "tour"
 BODIES = {"G1": (None, ["body.source='g1'", "gait.switching_velocity=0.5"]), "human": ("normal", [])}
 FORCES = (0.0, 1.0 / 3.0, 1.0)
+COLUMNS = ("body", ">force [%]", ">completed [%]", ">survived [%]", ">off target [mm]")
+"""Of the table of the page; means over all tours."""
 
 
 def walk(body: str, share: float, seeds: int) -> Tours:
@@ -34,12 +38,7 @@ def walk(body: str, share: float, seeds: int) -> Tours:
 
 
 def write(found: Sequence[tuple[str, Tours]]) -> None:
-    """Rewrite the table of the page, and the data file."""
-    tables = [(body, tours.table()) for body, tours in found]
-    rows = [(body, *table.rows[0]) for body, table in tables]
-    table = replace(tables[0][1], columns=("body", *tables[0][1].columns), rows=rows, notes=())
-    page = replace_between(PAGE.read_text(encoding="utf-8"), "tour", table.markdown())
-    PAGE.write_text(page, encoding="utf-8")
+    """Rewrite the data file, and the table of the page from it."""
     names = ("seed", "outcome", *VALUES, "cause")
     cells = [
         (body, f"{tours.share:.3g}", tours.stabilizer, *(_cell(walk.get(name)) for name in names))
@@ -47,6 +46,24 @@ def write(found: Sequence[tuple[str, Tours]]) -> None:
         for walk in tours.walks
     ]
     write_rows("tour", [("body", "force", "stabilizer", *names), *cells])
+    write_table()
+
+
+def write_table() -> None:
+    """Rewrite the table of the page from the data file."""
+    with DATA.joinpath("tour.csv").open(encoding="utf-8", newline="") as file:
+        walks = list(csv.DictReader(file))
+    rows = []
+    for body, force in dict.fromkeys((walk["body"], walk["force"]) for walk in walks):
+        tours = [walk for walk in walks if (walk["body"], walk["force"]) == (body, force)]
+
+        completed = [float(not tour["cause"]) for tour in tours]
+        lasted = [float(tour["time"]) / float(tour["planned"]) if tour["time"] else 0.0 for tour in tours]
+        off = [float(tour["error"]) for tour in tours if tour["error"] not in ("", "nan")]
+        shares = (f"{100.0 * share:.0f}" for share in (float(force), fmean(completed), fmean(lasted)))
+        rows.append((body, *shares, f"{1e3 * fmean(off):.2g}" if off else ABSENT))
+    table = Table("", COLUMNS, rows).markdown()
+    PAGE.write_text(replace_between(PAGE.read_text(encoding="utf-8"), "tour", table), encoding="utf-8")
 
 
 def _cell(value: object) -> str:

@@ -7,14 +7,15 @@ Each study is one ``ampm convergence GAIT``, half a minute on two idle cores.
 import csv
 import math
 import sys
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from validation.judge.metrics import metric_label
 from validation.show.text import replace_between
 from validation.study.convergence.picture import draw
 from validation.study.convergence.result import Convergence
 from validation.study.convergence.study import convergence
+from validation.table import Table, short_unit
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "convergence.svg"
@@ -35,19 +36,28 @@ INTEGRALS = ("energy_positive_work", "energy_cost_of_transport", "effort_zmp_x")
 
 def main() -> None:
     """Study every gait, and write its tables."""
-    page, rows = PAGE.read_text(encoding="utf-8"), []
-    for gait in GAITS:
-        found = convergence(gait)
+    studies = [convergence(gait) for gait in GAITS]
+    for gait, found in zip(GAITS, studies, strict=True):
         print(gait, found.verdict.name, found.verdict.reason, file=sys.stderr, flush=True)  # noqa: T201
-        page = replace_between(page, gait, replace(found.table(SHOWN), notes=()).markdown())
-        rows += _levels(found)
-        if gait == GAITS[0]:
-            draw(found, PICTURE)
+    draw(studies[0], PICTURE)
+    page = replace_between(PAGE.read_text(encoding="utf-8"), "uncertainty", _table(studies).markdown())
     PAGE.write_text(page, encoding="utf-8")
+    rows = [row for found in studies for row in _levels(found)]
     with DATA.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows(
             [("gait", "study", "metric", "unit", "levels", "values", "orders", "u"), *rows]
         )
+
+
+def _table(studies: Sequence[Convergence]) -> Table:
+    """Limit, and of each gait the value with its numerical uncertainty."""
+    rows = []
+    for name in SHOWN:
+        first, *others = (found.metrics[name] for found in studies)
+        limit = "" if first.tolerance is None else f"{first.tolerance * first.factor:.3g}"
+        values = (item.quoted for item in (first, *others))
+        rows.append((f"{metric_label(name)} [{short_unit(first.display_unit)}]", limit, *values))
+    return Table("", ("metric", ">limit", *(f">`{gait}`" for gait in GAITS)), rows)
 
 
 def _levels(found: Convergence) -> Iterator[tuple[str, ...]]:

@@ -115,7 +115,7 @@ def test_lines():
     line = Line.of("a", range(101), loop=100.0)
     assert (line.median, line.p99, line.maximum, line.count, line.of_loop) == (50.0, 99.0, 100.0, 101, 0.5)
     assert math.isnan(Line.of("a", []).median)
-    assert Line.of("a", 3.0, "MB", limit=4.0).cells() == ("a", "3 MB", "", "", "at most 4 MB")
+    assert Line.of("a", 3.0, "MB", limit=4.0).cells() == ("a", "3 MB", "", "at most 4 MB")
     np.testing.assert_array_equal(least([[1.0, 5.0], [2.0, 3.0]]), [1.0, 3.0])
     assert len(repeat(lambda: None, 3)) == 3
 

@@ -2,7 +2,7 @@
 
 import csv
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Self
@@ -21,7 +21,7 @@ from validation.store.environment import describe_environment
 from validation.table import Table, print_tables
 from validation.trial.plan import load_request, plan_walk
 
-MARK = "what the peers show, written by python -m benchmarks peers --markdown"
+MARK = "peers"
 TABLE = DOCUMENT.parent / "data" / "peers.csv"
 HEADER = ("library", "version", "cold", "warm", "p99", "times ours", "error")
 
@@ -66,28 +66,14 @@ class Section:
     Attributes:
         title: the task.
         entries: of all libraries.
-        why: reason why ours is not first everywhere.
     """
 
     title: str
     entries: tuple[Entry, ...]
-    why: str
 
     def rows(self) -> list[tuple[str, ...]]:
         """Rows of the table."""
         return [entry.cells(self.entries[0].warm) for entry in self.entries]
-
-    def remark(self) -> str:
-        """Which libraries are faster than ours, where, and why; empty if none is."""
-        ours, *others = self.entries
-        faster = []
-        for entry in others:
-            if entry.name.startswith(ours.name):
-                continue
-            where = [name for name in ("cold", "warm", "p99") if getattr(entry, name) < getattr(ours, name)]
-            if where:
-                faster.append(f"{entry.name} ({', '.join(where)})")
-        return f"{self.title}: faster than ours are {', '.join(faster)}. {self.why}" if faster else ""
 
 
 def compare(tasks: Sequence[str], *, install: bool, progress: Progress) -> list[Section]:
@@ -130,11 +116,7 @@ def compare_solvers(install: bool, progress: Progress) -> Section:
                 text += f"; {(~solved).sum()} unsolved"
             title = name if mode == "None" else f"{name}, {float(mode):g}"
             entries.append(Entry.of(title, str(found["version"]), text, warm, float(np.median(cold))))
-    why = (
-        "Where contact switches, OSQP takes more iterations; the others' work grows little. "
-        "A kept DAQP has the shortest tail, and exact answers."
-    )
-    return Section(f"{len(problems['q'])} control QPs", tuple(entries), why)
+    return Section(f"{len(problems['q'])} control QPs", tuple(entries))
 
 
 def compare_plans(install: bool, progress: Progress) -> Section:
@@ -149,7 +131,7 @@ def compare_plans(install: bool, progress: Progress) -> Section:
         smooth = "C2" if plan.jump < 1e-9 else f"jumps by {plan.jump:.2g} g"
         text = f"ZMP {1e3 * plan.error:.2g} mm off; {1e3 * plan.margin:.3g} mm within the support; {smooth}"
         entries.append(Entry(name, "", text, min(plan.seconds)))
-    return Section(f"plan of {STEPS} steps", tuple(entries), "")
+    return Section(f"plan of {STEPS} steps", tuple(entries))
 
 
 def compare_kinematics(install: bool, progress: Progress) -> Section:
@@ -178,11 +160,7 @@ def compare_kinematics(install: bool, progress: Progress) -> Section:
     peers = _measured(what, FOLLOWERS, "track.py", given, entries, install=install, progress=progress)
     for name, found in peers:
         add(name, str(found["version"]), found["seconds"], given, found["q"])
-    why = (
-        "It solves for velocities that follow feet, COM and trunk by weights, ours for accelerations under "
-        "the angular momentum, too, in closed form, and corrects each node to 1e-9 m."
-    )
-    return Section("tick of the inverse kinematics", tuple(entries), why)
+    return Section("tick of the inverse kinematics", tuple(entries))
 
 
 def compare_dynamics(install: bool, progress: Progress) -> Section:
@@ -201,7 +179,7 @@ def compare_dynamics(install: bool, progress: Progress) -> Section:
             apart = np.sqrt(np.mean((found["torque"] - ticks["torque"]) ** 2))
             text += f"; torques {apart:.2g} N m from ours"
         entries.append(Entry.of(name, str(found.get("version", "")), text, found["seconds"]))
-    return Section(f"inverse dynamics, {len(ticks['q'])} ticks", tuple(entries), "")
+    return Section(f"inverse dynamics, {len(ticks['q'])} ticks", tuple(entries))
 
 
 TASKS: dict[str, Callable[[bool, Progress], Section]] = {
@@ -225,16 +203,34 @@ def print_sections(sections: Sequence[Section]) -> None:
     rows: list[tuple[str, ...]] = []
     for section in sections:
         rows += [(section.title, *[""] * 6), *section.rows()]
-    notes = [*filter(None, (section.remark() for section in sections)), conditions()]
-    print_tables([Table("peers", ["", "", *(f">{name}" for name in HEADER[2:6]), ""], rows, notes)])
+    print_tables([Table("peers", ["", "", *(f">{name}" for name in HEADER[2:6]), ""], rows, [conditions()])])
+
+
+def overview() -> Table:
+    """Time of ours and of every library in its first setting, by task; bold what is faster than ours."""
+    with TABLE.open(encoding="utf-8", newline="") as file:
+        measured = [row for row in csv.DictReader(file) if row["warm"]]
+    rows = []
+    for task in dict.fromkeys(row["task"] for row in measured):
+        first: dict[str, dict[str, str]] = {}
+        for row in measured:
+            if row["task"] == task:
+                first.setdefault(row["library"].partition(",")[0], row)
+        (_, ours), *others = first.items()
+        rows.append((task, ours["warm"], ", ".join(_time(name, row) for name, row in others)))
+    return Table("", ("task", ">ours", "others"), rows)
+
+
+def _time(name: str, row: Mapping[str, str]) -> str:
+    text = f"{name} {row['warm']}"
+    return f"**{text}**" if float(row["times ours"]) < 1.0 else text
 
 
 def update_document(sections: Sequence[Section]) -> None:
-    """Replace the table of the documentation, and the remarks on its page."""
+    """Replace the data file of the documentation, and the overview on its page."""
     rows = [("task", *HEADER), *((section.title, *row) for section in sections for row in section.rows())]
     with TABLE.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows(rows)
-    remarks = [remark for section in sections if (remark := section.remark())]
-    text = "\n\n".join([*remarks, conditions()])
+    text = f"{overview().markdown()}\n\n{conditions()}"
     page = DOCUMENT.read_text(encoding="utf-8")
     DOCUMENT.write_text(replace_between(page, MARK, f"\n{text}\n"), encoding="utf-8")
