@@ -56,7 +56,6 @@ def write_table() -> None:
     rows = []
     for body, force in dict.fromkeys((walk["body"], walk["force"]) for walk in walks):
         tours = [walk for walk in walks if (walk["body"], walk["force"]) == (body, force)]
-
         completed = [float(not tour["cause"]) for tour in tours]
         lasted = [float(tour["time"]) / float(tour["planned"]) if tour["time"] else 0.0 for tour in tours]
         off = [float(tour["error"]) for tour in tours if tour["error"] not in ("", "nan")]

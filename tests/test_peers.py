@@ -95,12 +95,24 @@ def test_missing_peers_are_listed_with_the_reason(problems, monkeypatch, tmp_pat
         environments.python_of(environments.PEERS["DAQP"], install=True)
 
 
-def test_the_faster_ones_are_named_with_the_reason():
-    ours, other = compare.Entry("ours", "1", "", 2.0, 3.0), compare.Entry("other", "2", "", 1.0, 4.0)
-    section = compare.Section("work", (ours, other, compare.Entry("third", "", "crashes")), "It does less.")
-    assert section.remark() == "work: faster than ours are other (warm). It does less."
-    assert [row[5] for row in section.rows()] == ["1", "0.5", ""]
-    assert compare.Section("work", (other, ours), "").remark() == "work: faster than ours are ours (p99). "
+def test_the_page_has_one_time_of_every_library_and_the_faster_ones_in_bold(monkeypatch, tmp_path):
+    monkeypatch.setattr(compare, "TABLE", tmp_path / "peers.csv")
+    monkeypatch.setattr(compare, "DOCUMENT", tmp_path / "page.md")
+    compare.DOCUMENT.write_text(f"<!-- {compare.MARK} -->\n\n<!-- end of {compare.MARK} -->\n")
+    entries = (
+        compare.Entry("ours", "1", "", 2.0, 3.0),
+        compare.Entry("other", "2", "", 1.0, 4.0),
+        compare.Entry("other, slowly", "2", "", 3.0, 4.0),
+        compare.Entry("slow", "3", "", 3.0, 4.0),
+        compare.Entry("missing", "", "crashes"),
+    )
+    section = compare.Section("work", entries)
+    assert [row[5] for row in section.rows()] == ["1", "0.5", "1.5", "1.5", ""]
+    compare.update_document([section])
+    page = compare.DOCUMENT.read_text()
+    assert page.count("\n|") == 3
+    assert "| work | 2 s | **other 1 s**, slow 3 s |" in page
+    assert compare.conditions().partition(",")[0] in page
 
 
 def test_the_bodys_description_for_others_is_the_same_body():
