@@ -68,7 +68,7 @@ def integrated(law, start, times):
 
 
 def listed():
-    """Errata of the page: number to its cells (where, printed, corrected, verdict)."""
+    """Errata of the page: number to its cells (where, printed, corrected; of claims also the verdict)."""
     rows = re.findall(r"^\| (E\d+) \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     return {number: cells.replace("\\", "").split(" | ") for number, cells in rows}
 
@@ -90,7 +90,7 @@ WORDS = {
 @pytest.mark.parametrize("number", WORDS)
 def test_errata_of_words_contradict_another_place_of_the_paper(number):
     wrong, elsewhere = WORDS[number]
-    _, printed, corrected, _ = listed()[number]
+    _, printed, corrected = listed()[number]
     assert wrong in printed
     assert wrong not in corrected
     for right, quoted in elsewhere.items():

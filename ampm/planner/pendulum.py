@@ -3,14 +3,14 @@
 The AMPM (Kudoh & Komura, IROS 2003, section 2) lets the ZMP and the direction of the ground reaction force
 depend linearly on the COM. With ``u`` the distance of the COM from the point where the force is vertical,
 
-    zmp = a u + b,    the force line meets the COM's height at c u + b,    u'' = (g/H) (c - a) u.
+    zmp = u/a + b,    the force line meets the COM's height at c u + b,    u'' = (g/H) (c - 1/a) u.
 
-``c - a`` is called the *bracket*. With ``k = sqrt((g/H) |c - a|)`` every phase is
+``c - 1/a`` is called the *bracket*. With ``k = sqrt((g/H) |c - 1/a|)`` every phase is
 ``u = A cosh(k t) + B sinh(k t)`` where it is positive and ``u = A cos(k t) + B sin(k t)`` where it is
 negative, t counted from the *middle* of the phase: there a periodic gait is purely odd (B) or even (A), and
 no digits cancel near the least speed. Where it is zero the COM keeps its velocity, ``u = A + B t``.
 
-The plain inverted pendulum (IPM; paper, section 1.2) is written in the same law: ``a = 0, c = 1`` in single
+The plain inverted pendulum (IPM; paper, section 1.2) is written in the same law: ``1/a = 0, c = 1`` in single
 support, and ``a = c = 1`` in a double support at constant velocity. Its phases do not join in the second
 derivative.
 
@@ -61,8 +61,8 @@ class AffineLaw:
     Attributes:
         rate: ``(g/H) (force_slope - zmp_slope)`` [1/s^2]; positive: hyperbolic,
             negative: trigonometric, zero: constant velocity.
-        zmp_slope: ``1/a_s`` or ``1/a_d`` in the sagittal plane [1].
-        force_slope: ``c_s`` or ``c_d`` in the sagittal plane [1]; 1 passes through the COM.
+        zmp_slope: ``1/a``; ``1/a_s`` or ``1/a_d`` in the sagittal plane [1].
+        force_slope: ``c``; ``c_s`` or ``c_d`` in the sagittal plane [1]; 1 passes through the COM.
         duration: of the phase [s].
         even: amplitude of the part that is even about the middle of the phase [m].
         odd: amplitude of the part that is odd about it [m]; with a rate of zero, the velocity [m/s].

@@ -76,27 +76,27 @@ def point(
 
 
 def law() -> None:
-    """Section 2: one axis, one phase."""
+    """One axis, one phase."""
     figure, axes = plt.subplots(figsize=(5.4, 3.9))
     stage(axes, "", -0.12, 1.0)
-    H, x, zmp, meets = 0.72, 0.52, 0.28, 0.80
+    H, u, zmp, meets = 0.72, 0.52, 0.28, 0.80
     axes.plot([-0.1, 0.98], [H, H], color=GREY, lw=0.7, ls=":")
     axes.text(-0.1, H + 0.015, "height $H$", color=GREY)
-    axes.plot([x, x], [H, H + 0.15], color=GREY, lw=0.6, ls=":")
+    axes.plot([u, u], [H, H + 0.15], color=GREY, lw=0.6, ls=":")
     axes.plot([meets, meets], [H, H + 0.15], color=GREY, lw=0.6, ls=":")
     force_line(axes, zmp, meets, H)
-    point(axes, x, H, "COM $(x, H)$", COM, dx=-0.02, dz=-0.03, va="top", ha="right")
-    point(axes, zmp, 0, "ZMP $(a x + b,\\,0)$", ZMP, dx=-0.02, dz=-0.03, va="top", ha="right")
+    point(axes, u, H, "COM $(u, H)$", COM, dx=-0.02, dz=-0.03, va="top", ha="right")
+    point(axes, zmp, 0, "ZMP $(u/a + b,\\,0)$", ZMP, dx=-0.02, dz=-0.03, va="top", ha="right")
     axes.plot([meets], [H], "o", color=FORCE, ms=4)
-    axes.text(meets + 0.02, H - 0.02, "$a x + b + c x + d$", color=FORCE, va="top")
-    axes.plot([x, x], [0, H], color=GREY, lw=0.6, ls=":")
-    measure(axes, x, meets, H + 0.13, "lever $r$", GREY)
+    axes.text(meets + 0.02, H - 0.02, "$c u + b$", color=FORCE, va="top")
+    axes.plot([u, u], [0, H], color=GREY, lw=0.6, ls=":")
+    measure(axes, u, meets, H + 0.13, "lever $r$", GREY)
     axes.plot([meets, meets], [-0.14, H], color=GREY, lw=0.6, ls=":")
-    measure(axes, zmp, meets, -0.1, "$c x + d$", FORCE)
-    axes.text(0.40, 0.42 * H, "$F \\parallel (c x + d,\\ H)$", color=FORCE, ha="right")
+    measure(axes, zmp, meets, -0.1, "$(c - 1/a)\\,u$", FORCE)
+    axes.text(0.40, 0.42 * H, "$F \\parallel ((c - 1/a)\\,u,\\ H)$", color=FORCE, ha="right")
     axes.annotate("", (0.0, 0.14), (0.0, 0), arrowprops={"arrowstyle": "->", "color": "black"})
     axes.annotate("", (0.14, 0.0), (0.0, 0), arrowprops={"arrowstyle": "->", "color": "black"})
-    axes.text(0.15, 0.015, "$x$")
+    axes.text(0.15, 0.015, "$u$")
     axes.text(0.012, 0.14, "$z$")
     axes.set_ylim(-0.2, 0.9)
     save(figure, "theory-law")
@@ -122,9 +122,9 @@ def sagittal() -> None:
     x = 0.21
     force_line(axes, slope_s * x, c_s * x, H)
     axes.plot([x], [H], "o", color=COM, ms=6)
-    axes.text(x - 0.01, H - 0.035, "$x$", color=COM, ha="right", va="top")
-    axes.text(c_s * x + 0.03, H - 0.05, "$c_s x$", color=FORCE, va="top")
-    axes.text(slope_s * x + 0.03, 0.035, "$x/a_s$", color=ZMP)
+    axes.text(x - 0.01, H - 0.035, "$u$", color=COM, ha="right", va="top")
+    axes.text(c_s * x + 0.03, H - 0.05, "$c_s u$", color=FORCE, va="top")
+    axes.text(slope_s * x + 0.03, 0.035, "$u/a_s$", color=ZMP)
     axes.plot([0, 0], [0, H], color=GREY, lw=0.7, ls=":")
     measure(axes, -l_s, 0, H + 0.17, "")
     measure(axes, 0, l_s, H + 0.17, "")
@@ -149,9 +149,9 @@ def sagittal() -> None:
     x = -0.14
     force_line(axes, inverse_a_d * x, c_d * x, H)
     axes.plot([x], [H], "o", color=COM, ms=6)
-    axes.text(x + 0.0, H - 0.035, "$x$", color=COM, ha="center", va="top")
-    axes.text(c_d * x + 0.045, H + 0.045, "$c_d x$", color=FORCE, va="bottom", ha="left")
-    axes.text(inverse_a_d * x - 0.02, 0.035, "$x/a_d$", color=ZMP, ha="right")
+    axes.text(x + 0.0, H - 0.035, "$u$", color=COM, ha="center", va="top")
+    axes.text(c_d * x + 0.045, H + 0.045, "$c_d u$", color=FORCE, va="bottom", ha="left")
+    axes.text(inverse_a_d * x - 0.02, 0.035, "$u/a_d$", color=ZMP, ha="right")
     axes.plot([0, 0], [0, H], color=GREY, lw=0.7, ls=":")
     measure(axes, -half, 0, -0.115, "$l_s + l_d$")
     measure(axes, 0, half, -0.115, "$l_s + l_d$")
@@ -190,8 +190,8 @@ def frontal() -> None:
     y = 0.28
     force_line(axes, 0, c_y * y, H)
     axes.plot([y], [H], "o", color=COM, ms=6)
-    axes.text(y, H - 0.035, "$y$", color=COM, ha="center", va="top")
-    axes.text(c_y * y - 0.045, H - 0.02, "$c_y y$", color=FORCE, va="top", ha="right")
+    axes.text(y, H - 0.035, "$u$", color=COM, ha="center", va="top")
+    axes.text(c_y * y - 0.045, H - 0.02, "$c_y u$", color=FORCE, va="top", ha="right")
     point(axes, 0, 0, "ZMP at 0", ZMP, dz=-0.035, va="top")
     axes.plot([s, s], [0, H], color=GREY, lw=0.6, ls=":")
     axes.plot([s + beta] * 2, [0, H + 0.1], color=GREY, lw=0.9, ls="-.")
@@ -213,16 +213,16 @@ def frontal() -> None:
     zmp = (beta + s) / beta * y
     force_line(axes, zmp, zmp + c_y * (y - zmp), H)
     axes.plot([y], [H], "o", color=COM, ms=6)
-    axes.text(y + 0.02, H - 0.035, "$y$", color=COM, va="top")
+    axes.text(y + 0.02, H - 0.035, "$u$", color=COM, va="top")
     axes.text(
         zmp + c_y * (y - zmp) - 0.05,
         H - 0.02,
-        "$z_y + c_y (y - z_y)$",
+        "$p + c_y (u - p)$",
         color=FORCE,
         va="top",
         ha="right",
     )
-    axes.text(zmp + 0.03, 0.06, r"$z_y = \frac{\beta + s}{\beta}\, y$", color=ZMP)
+    axes.text(zmp + 0.03, 0.06, r"$p = \frac{\beta + s}{\beta}\, u$", color=ZMP)
     axes.plot([0, 0], [0, H + 0.1], color=GREY, lw=0.9, ls="-.")
     measure(axes, -(s + beta), 0, -0.125, r"$s + \beta$")
     measure(axes, 0, s + beta, -0.125, r"$s + \beta$")
