@@ -119,7 +119,7 @@ class Tree:
             raise InputError(
                 "the model has closed loops or coupled joints; lock these joints or remove them."
             )
-        names = [model.joint(j).name for j in range(model.njnt)]
+        names = [model.joint(j).name for j in np.flatnonzero(model.jnt_type != _FREE).tolist()]
         for key in ("lock", "armature", "effort", "speed", "damping", "stiffness", "friction"):
             for pattern in getattr(self.file, key):
                 if not any(map(pattern.fullmatch, names)):

@@ -117,6 +117,16 @@ def test_passive_forces_of_no_joint_are_refused(
         load(write(tmp_path, toml=text))
 
 
+def test_the_joints_of_a_message_are_hinges_with_names(tmp_path: Path) -> None:
+    file = read_body_file(body_path("suite-humanoid"))
+    spec = mujoco.MjSpec.from_file(str(source_path(file.source, tmp_path)))
+    spec.joint("root").name = ""
+    (tmp_path / "model.xml").write_text(spec.to_xml(), "utf-8")
+    text = body_path("suite-humanoid").read_text(encoding="utf-8").replace(file.source, "model.xml")
+    with pytest.raises(InputError, match=r"matches no joint; take names of abdomen_z, abdomen_y, "):
+        load(write(tmp_path, toml=f"{text}\n[body.speed]\nneck = 1.0"))
+
+
 def test_a_coupled_joint_that_is_locked_is_no_trouble(tmp_path: Path) -> None:
     neck = f'<link name="skull">{INERTIA.format(1.0)}</link>' + HINGE.format(
         "neck", "chest", "skull", "0 0 0.45"
