@@ -24,19 +24,27 @@ class InputError(AmpmError):
 
 
 class RefusedGait(AmpmError):
-    """A well-formed gait that cannot be walked."""
+    """A well-formed gait that cannot be walked.
+
+    Attributes:
+        reason: short name of the limit, for tables ("switching_velocity_too_low").
+        value: beyond ``limit``.
+        limit: that the value passed.
+        unit: SI, of value and limit; "1" if they have none.
+        way_out: what the user can change, the end of the message.
+    """
 
     kind = "refused"
 
     def __init__(
-        self, message: str, *, reason: str, value: float, limit: float, unit: str, way_out: str
+        self, message: str, *, reason: str, value: float, limit: float, unit: str, way_out: str = ""
     ) -> None:
-        super().__init__(f"{message}; {way_out}.")
-        self.reason = reason  # short name of the limit, for tables ("switching_velocity_too_low")
-        self.value = value
-        self.limit = limit  # that the value passed
-        self.unit = unit  # SI, of value and limit; "1" if they have none
-        self.way_out = way_out  # what the user can change
+        super().__init__(message)
+        self.reason, self.value, self.limit, self.unit = reason, value, limit, unit
+        self.way_out = way_out
+
+    def __str__(self) -> str:
+        return f"{self.args[0]}; {self.way_out}." if self.way_out else f"{self.args[0]}."
 
 
 class MathematicalRefusal(RefusedGait):

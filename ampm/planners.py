@@ -5,6 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ampm.body.feasibility import check_body
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
 from ampm.body.robot import Robot
@@ -62,6 +64,21 @@ def periodic_motion(steps: StepPlan, run: RunParameters, robot: Robot) -> WholeB
     return solve_motion(steps, run, robot)
 
 
+_PLACES = "left_placement_x and right_placement_x"
+_TABLE_WAYS_OUT = {
+    "soles_overlap": "move left_placement_y and right_placement_y apart",
+    "zmp_leaves_sole": f"keep zmp_x of the table nearer to {_PLACES} of the foot that stands",
+    "heel_rises_before_zmp_reaches_ball": f"move zmp_x of the table farther ahead of {_PLACES} of the foot "
+    "that stands, lower foot.heel_rise_lead, or take foot.schedule = flat",
+    "leg_too_short": "lower com_z of the table (without this column gait.com_height), or take shorter steps "
+    f"in {_PLACES}",
+    "sole_under_floor": "raise foot.swing_height or foot.heel_strike_angle",
+    "zmp_leaves_support": "keep zmp_x and zmp_y of the table in the soles that stand",
+}
+"""Ways out by the reason of a refusal; how the feet swing is the gait's."""
+_RATE = 200.0  # rows a second of a table that is walked as the plan that wrote it
+
+
 class TablePlanner:
     """COM and ZMP of a table on its footsteps, see :mod:`ampm.planner.table`; the feet swing as the gait's.
 
@@ -91,14 +108,11 @@ class TablePlanner:
         try:
             return self._plan(run, robot)
         except BodilyRefusal as error:
-            raise BodilyRefusal(
-                str(error).removesuffix(f"; {error.way_out}."),
-                reason=error.reason,
-                value=error.value,
-                limit=error.limit,
-                unit=error.unit,
-                way_out="change the table, or give it 200 rows a second or more",
-            ) from error
+            error.way_out = _TABLE_WAYS_OUT.get(error.reason, "change the table's COM, ZMP or footsteps")
+            rate = float(np.median(1.0 / np.diff(np.asarray(self.table["time"], dtype=float))))
+            if rate < 0.99 * _RATE:
+                error.way_out += f", or give the table {_RATE:g} rows a second instead of {rate:.3g}"
+            raise
 
     def _plan(self, run: RunParameters, robot: Robot) -> WalkPlan:
         plan = table_plan(self.table, mass=run.body.mass, com_height=run.gait.com_height)

@@ -100,13 +100,13 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     """Limits and values of a plan, the ZMP margin's last."""
     sole, l_s, contacts = description.sole, plan.constants.l_s, plan.contacts
     width = 2.0 * sole.half_width
-    what = "the soles overlap: gait.step_width"
+    what = "the soles overlap: the width of a step"
     wider = f"raise gait.step_width to {width:.4g} m or more"
     yield Limit(what, "m", width, AT_LEAST, "soles_overlap", wider), contacts.step_width
 
     # The ZMP runs from -l_s/a_s to +l_s/a_s under the flat stance foot.
     end, side = min((-sole.heel_x, "heel"), (sole.tip_x, "toes"))
-    what = f"the ZMP leaves the sole at the {side}: its travel l_s/a_s either way of the reference point"
+    what = f"the ZMP leaves the sole at the {side}: its travel either way of the reference point"
     less = f"raise gait.a_s to {l_s / end:.4g} or more, or shorten gait.step_length"
     yield Limit(what, "m", end, AT_MOST, "zmp_leaves_sole", less), l_s * plan.constants.inverse_a_s
 
@@ -127,7 +127,7 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     reach = description.leg_length * (1.0 + LEG_ALLOWANCE)
     longest = leg_extension(plan, description, times) * description.leg_length
     what = (
-        f"the leg is too short for gait.step_length = {contacts.step_length:.4g} m at gait.com_height = "
+        f"the leg is too short for steps of {contacts.step_length:.4g} m with the COM at "
         f"{plan.com_height:.4g} m: the largest distance of hip and ankle"
     )
     less = "lower gait.com_height, shorten gait.step_length or raise body.height"

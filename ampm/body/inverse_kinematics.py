@@ -178,7 +178,8 @@ class InverseKinematics:
         """Refuse the first of some configurations, shape (n, nq), with a knee that is bent backwards."""
         flexion = self.robot.knee_flexion(q)
         for k, foot in np.argwhere(flexion < 0.0):
-            what = f"the {('left', 'right')[foot]} knee would bend backwards: the leg is too short"
+            back = f"bend backwards by {-flexion[k, foot]:.2g} rad"
+            what = f"the {('left', 'right')[foot]} knee would {back}: the leg is too short"
             raise Unreachable(float(time[k]), what, float(flexion[k, foot]), 0.0, "rad")
 
 

@@ -204,7 +204,8 @@ def newton(
     """
 
     def stalled(residual: float) -> Unreachable:
-        return Unreachable(0.0, "Newton's method stalls", residual, tolerance, "rad")
+        what = f"no state was found that returns mirrored at the end (it misses by {residual:.2g} rad)"
+        return Unreachable(0.0, what, residual, tolerance, "rad")
 
     trajectory = step_map.step(z)
     value = step_map.residual(z, trajectory)

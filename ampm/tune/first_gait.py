@@ -14,6 +14,12 @@ _SLOW = 0.25  # how fast it takes them up, over the same [1]
 _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foot's feedback was chosen [m]
 
 
+def usual_steps(description: BodyDescription) -> tuple[float, float]:
+    """Step length [m] and speed at the switch [m/s] of an easy gait of a body."""
+    hips = description.hip_height
+    return _STEP * hips, _PACE * math.sqrt(GRAVITY * hips)
+
+
 def first_gait(run: RunParameters, description: BodyDescription) -> RunParameters:
     """The run of another body than the human with its mass and height, and a gait of its size.
 
@@ -36,9 +42,10 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
                 value=run.value(key),
             )
     hips, usual = description.hip_height, ControllerParameters()
+    step_length, speed = usual_steps(description)
     sized = {
-        "gait.step_length": _STEP * hips,
-        "gait.switching_velocity": _PACE * math.sqrt(GRAVITY * hips),
+        "gait.step_length": step_length,
+        "gait.switching_velocity": speed,
         "gait.c_y": _C_Y,
         # Angular momentum of a tilting trunk, as m h^2 of a human of 60 kg and 1.70 m.
         "controller.trunk_gain": usual.trunk_gain * description.mass / 60.0 * description.scale**2,

@@ -24,13 +24,25 @@ from ampm.tune.gait_limits import least, orbit_margins, plan_margins
 
 Array = NDArray[np.float64]
 
-ENOUGH = 0.9
-"""Share of the target margins at which a search ends [1]."""
+
+@dataclass(frozen=True)
+class Effort:
+    """How far a search goes.
+
+    Attributes:
+        choices: after which it ends.
+        enough: least margin at which it ends [1].
+    """
+
+    choices: int = 120
+    enough: float = 0.9
+
+
 _NODES = (32, 14)  # intervals of the grid in single and double support
 _TOLERANCE = 1e-4  # of a periodic step [rad, m, rad/s, m/s]
 _DIFFERENCE = 0.015  # step of finite differences, as a share of a choice's range
 _PULL = 0.06  # weight of the distance to the guess
-_TRIES, _MOST_CHOICES = 30, 140  # steps and choices after which a search ends
+_TRIES = 30  # steps after which a search ends
 _RADIUS, _LEAST_RADIUS = 0.3, 0.02  # trust region at first, and that at which slopes are renewed [slacks]
 _LITTLE = 0.02  # share of the residuals' squares that is worth another step
 _PROGRESS = 0.8  # what must be left of them at most to compute the slopes again
@@ -116,6 +128,7 @@ class ChoiceSearch:
         space: the free choices.
         orbits: solver of periodic steps of the body.
         report: called with a line of text now and then.
+        effort: how far it goes.
 
     Attributes:
         candidates: all choices that were evaluated.
@@ -124,8 +137,10 @@ class ChoiceSearch:
         MathematicalRefusal: there is no guess.
     """
 
-    def __init__(self, space: FreeChoices, orbits: RoughOrbits, report: Callable[[str], None]) -> None:
-        self.space, self.orbits, self.report = space, orbits, report
+    def __init__(
+        self, space: FreeChoices, orbits: RoughOrbits, report: Callable[[str], None], effort: Effort
+    ) -> None:
+        self.space, self.orbits, self.report, self.effort = space, orbits, report, effort
         self.base: Mapping[str, float] = space.guess()
         self.guess = np.clip([self.base[name] for name in space.names], space.lower, space.upper)
         self.candidates: list[Candidate] = []
@@ -164,7 +179,7 @@ class ChoiceSearch:
         return Candidate(x, run, plan, least(values), np.array(detail), orbit)
 
     def minimise(
-        self, start: Candidate, *, wanted: float = 1.0, pull: float = _PULL, enough: float = ENOUGH
+        self, start: Candidate, *, wanted: float = 1.0, pull: float = _PULL, enough: float = math.inf
     ) -> Candidate:
         """Least squares from a choice that has an orbit, by Gauss and Newton in a trust region.
 
@@ -175,12 +190,13 @@ class ChoiceSearch:
             start: the choice.
             wanted: margin from which a limit has no residual [1].
             pull: weight of the distance to the guess [1].
-            enough: least margin at which the search ends [1].
+            enough: least margin at which it ends, at most that of the effort [1].
 
         Returns:
             The candidate with the least residuals.
         """
         space, here, radius, stale, cost_at_slopes = self.space, start, _RADIUS, False, math.inf
+        enough = min(enough, self.effort.enough)
 
         def away(candidate: Candidate) -> Array:
             return pull * (candidate.x - self.guess) / space.slack
@@ -192,7 +208,7 @@ class ChoiceSearch:
 
         for _ in range(_TRIES):
             before = cost(here)
-            if here.worst() >= enough or len(self.candidates) >= _MOST_CHOICES:
+            if here.worst() >= enough or len(self.candidates) >= self.effort.choices:
                 break
             if stale or self._slopes is None:
                 if before > _PROGRESS * cost_at_slopes:

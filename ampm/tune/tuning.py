@@ -28,13 +28,17 @@ from ampm.planners import PeriodicPlanner
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import least, orbit_margins, plan_margins
 from ampm.tune.refusal import NoFeasibleChoice, broken_limit, no_feasible_choice
-from ampm.tune.search import ENOUGH, ChoiceSearch, RoughOrbits
+from ampm.tune.search import ChoiceSearch, Effort, RoughOrbits
+from ampm.tune.ways_out import ways_out
 from ampm.walk import WalkPlan
 
 Report = Callable[[str], None]
 
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
 _SPARE = 0.4  # margin with which the values that there are stay
+_HOPELESS = -1.0  # margin below which no search with small margins follows
+_CHOICES = 130  # of the search and all searches for a way out
+_OF_A_WAY_OUT = 0.1  # margin that is enough for a way out
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
 _L_Z = "body.angular_momentum_z"
 
@@ -66,13 +70,14 @@ class Tuned:
         return min(map(self.margin, self.margins))
 
 
-def tune(run: RunParameters, robot: Robot, *, progress: Report | None = None) -> Tuned:
+def tune(run: RunParameters, robot: Robot, *, progress: Report | None = None, advise: bool = True) -> Tuned:
     """Find what a gait leaves open.
 
     Args:
         run: what is set of it stays (:attr:`ampm.parameters.RunParameters.given`).
         robot: the body.
         progress: called with a line of text now and then.
+        advise: whether a refusal tells ways out, for which gaits near by are searched for.
 
     Returns:
         The complete run, its plan and its motion.
@@ -88,6 +93,29 @@ def tune(run: RunParameters, robot: Robot, *, progress: Report | None = None) ->
             "its step length, speed and heights can be set.",
             key="gait.planner",
         )
+    report = progress or (lambda text: None)
+
+    def accepts(changed: RunParameters, choices: int) -> tuple[bool, int]:
+        try:
+            return True, _tuned(changed, robot, report, Effort(choices, _OF_A_WAY_OUT)).tried
+        except (RefusedGait, InputError) as error:
+            return False, getattr(error, "tried", 1)
+
+    try:
+        return _tuned(run, robot, report, Effort())
+    except RefusedGait as error:
+        if advise:
+            left = _CHOICES - getattr(error, "tried", 1)
+            error.way_out = ways_out(run, robot.description, accepts, left)
+        raise
+
+
+def _tuned(run: RunParameters, robot: Robot, report: Report, effort: Effort) -> Tuned:
+    """A run whose choices are made by a search of some effort.
+
+    Raises:
+        InputError, MathematicalRefusal, NoFeasibleChoice: as :func:`tune`.
+    """
     if not run.gait.c_y > 0.0:
         plan_gait(run.gait, run.body.mass)  # refuses it, with a better message than a failed search
     space = FreeChoices(run, run.given, robot.description)
@@ -96,7 +124,7 @@ def tune(run: RunParameters, robot: Robot, *, progress: Report | None = None) ->
     if present is not None and present.worst() >= _SPARE:
         return present
     try:
-        tuned = _searched(space, robot, progress or (lambda text: None))
+        tuned = _searched(space, robot, report, effort)
     except RefusedGait as error:
         if present is None:
             raise
@@ -118,7 +146,7 @@ def _check_pace(space: FreeChoices) -> None:
     except (RefusedGait, InputError):
         return  # the COM hardly passes over the foot: no short step
     if duration < LIMITS["pace"].bound:
-        raise broken_limit("pace", {"pace": duration}, space, tried=1)
+        raise broken_limit("pace", {"pace": duration}, tried=1)
 
 
 def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
@@ -133,7 +161,7 @@ def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
     return Tuned(run.as_is(), plan, space.values(run), least(values), 1)
 
 
-def _searched(space: FreeChoices, robot: Robot, report: Report) -> Tuned:
+def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> Tuned:
     """The best choice of a search; with L_z held at zero where the guess would twist the feet.
 
     The arms then balance the legs about the vertical, which takes from the feet's twisting moment.
@@ -141,23 +169,23 @@ def _searched(space: FreeChoices, robot: Robot, report: Report) -> Tuned:
     Raises:
         RefusedGait: there is none.
     """
-    search = _begun(space, robot, report)
+    search = _begun(space, robot, report, effort)
     twist = search.candidates[-1].margins().get("twist", math.inf)
-    if _L_Z not in space.fixed and twist < ENOUGH:
+    if _L_Z not in space.fixed and twist < Effort().enough:
         still = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description)
-        balanced = _begun(still, robot, report)
+        balanced = _begun(still, robot, report, effort)
         if balanced.candidates[-1].orbit is not None:
             search = balanced
     return _confirmed(search)
 
 
-def _begun(space: FreeChoices, robot: Robot, report: Report) -> ChoiceSearch:
+def _begun(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> ChoiceSearch:
     """A search with the guess as its first choice, the COM lowered until there is a periodic step.
 
     Raises:
         MathematicalRefusal: there is no guess.
     """
-    search = ChoiceSearch(space, RoughOrbits(robot, space.run), report)
+    search = ChoiceSearch(space, RoughOrbits(robot, space.run), report, effort)
     for drop in _DROPS if "height" in space.names else _DROPS[:1]:
         if search.evaluate(space.lowered(search.guess, drop)).orbit is not None:
             break
@@ -173,8 +201,9 @@ def _confirmed(search: ChoiceSearch) -> Tuned:
     space, best = search.space, search.candidates[-1]
     if best.orbit is not None:
         best = search.minimise(best)
-    if best.worst() < 0.0 and best.orbit is not None:  # a hard limit is broken: go on with small margins
-        search.minimise(best, wanted=0.15, pull=0.02, enough=0.1)
+    if best.worst() < 0.0 and best.orbit is not None:  # a hard limit is broken
+        if search.best().worst() > _HOPELESS:  # go on with small margins
+            search.minimise(best, wanted=0.15, pull=0.02, enough=0.1)
         best = search.best()
     if best.worst() < 0.0:
         raise no_feasible_choice(search)
@@ -183,13 +212,12 @@ def _confirmed(search: ChoiceSearch) -> Tuned:
     except BodilyRefusal as error:
         tried = len(search.candidates)
         raise NoFeasibleChoice(
-            f"the best choice just fails: {str(error).partition(';')[0]} ({tried} choices tried)",
+            f"the best choice just fails: {error.args[0]} ({tried} choices tried)",
             broken=error.reason,
             tried=tried,
             reason=error.reason,
             value=error.value,
             limit=error.limit,
             unit=error.unit,
-            way_out=error.way_out,
         ) from error
     return Tuned(best.run.as_is(), plan, space.values(best.run), best.values, len(search.candidates))

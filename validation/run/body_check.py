@@ -116,7 +116,8 @@ def _reach(
         grown = [f"gait.{name}={factor * gait[name]:.6g}" for name in keys]
         kept = [text for text in settings if not text.startswith(tuple(f"gait.{name}=" for name in keys))]
         try:
-            tune_walk(load_request(None, [f"body.source='{source}'", *kept, *grown]), progress)
+            request = load_request(None, [f"body.source='{source}'", *kept, *grown])
+            tune_walk(request, progress, advise=False)
         except RefusedGait:
             return False
         return True

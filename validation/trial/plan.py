@@ -239,8 +239,8 @@ def _way_out(run: RunParameters) -> Iterator[None]:
     except RefusedGait as error:
         if run.given >= set(OPEN_KEYS):
             error.add_note(
-                "every value counts as given; what is left open is found (leave out --as-is, or keys such as "
-                "gait.com_height from the file)"
+                "every value counts as given; what is left open is searched for (leave out --as-is, or keys "
+                "such as gait.com_height from the file)"
             )
         raise
 
@@ -345,12 +345,13 @@ def _check_posture(plan: WalkPlan, robot: Robot) -> None:
             raise ValueError(f"'{name}' of its posture at 0 s must be {size} finite numbers")
 
 
-def tune_walk(request: Request, progress: Progress | None = None) -> PlannedWalk:
+def tune_walk(request: Request, progress: Progress | None = None, *, advise: bool = True) -> PlannedWalk:
     """Find the values that a request leaves open, changed or not; given values are kept.
 
     Args:
         request: the gait.
         progress: where to report stages and the values found.
+        advise: whether a refusal tells ways out, which costs further searches.
 
     Returns:
         The walk with the values found; its ``tuned`` is there.
@@ -370,7 +371,7 @@ def tune_walk(request: Request, progress: Progress | None = None) -> PlannedWalk
         )
     with progress.stage(f"{request.name}: what is left open") as stage:
         body = make_body(run)
-        tuned = tune(run, body.robot, progress=stage.note)
+        tuned = tune(run, body.robot, progress=stage.note, advise=advise)
     if leaves_open(run):
         progress.say(f"{request.title}: {_summary(run, tuned)}")
     return PlannedWalk(replace(request, run=tuned.run), tuned.plan, body, tuned=tuned)

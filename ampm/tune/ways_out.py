@@ -1,0 +1,123 @@
+"""Ways out of a refusal: changes of a gait with which a search has accepted it.
+
+Every change goes towards an easy gait: steps at the cadence of :func:`ampm.tune.first_gait.usual_steps`, the
+force line through the COM, and open values that are not given.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+
+from ampm.description import BodyDescription
+from ampm.parameters import OPEN_KEYS, RunParameters
+from ampm.run_file import key_info
+from ampm.tune.first_gait import usual_steps
+
+Change = Mapping[str, float | None]
+"""Values by key; None leaves a key open."""
+
+_MOST_TOLD, _MOST_NAMED = 2, 4  # ways out, and other settings, in a message
+_MOST_OF_ONE = 40  # choices of one search, which also takes at most half of those that are left
+_NEAR = 0.1  # distance from the easy gait's value below which it is no change [1]
+
+
+def ways_out(
+    run: RunParameters,
+    description: BodyDescription,
+    accepts: Callable[[RunParameters, int], tuple[bool, int]],
+    choices: int,
+) -> str:
+    """Changes with which a refused gait is accepted, in words.
+
+    They are changes of one value, two if there are; where no single one is enough, of all values. Half of a
+    change is told if it is accepted, too.
+
+    Args:
+        run: the refused request.
+        description: of the body.
+        accepts: whether a run is accepted, by a search of so many choices at most, and how many it tried.
+        choices: that all searches may try together.
+    """
+
+    def accepted(change: Change) -> bool:
+        nonlocal choices
+        answer, tried = accepts(_changed(run, change), min(_MOST_OF_ONE, choices // 2))
+        choices -= tried
+        return answer
+
+    found = list[Change]()
+    for change in _single_changes(run, description):
+        if len(found) < _MOST_TOLD and accepted(change):
+            found.append(change)
+    if not found:
+        step_length, speed = map(_rounded, usual_steps(description))
+        easy = {
+            "gait.step_length": step_length,
+            "gait.switching_velocity": speed,
+            "gait.c_s": 1.0,
+            "gait.c_y": 1.0,
+        }
+        found.append({**easy, **_opened(run)})
+        if not accepted(found[0]):
+            values = ", ".join(f"{key} = {value:g}" for key, value in easy.items())
+            others = sorted(run.given - set(OPEN_KEYS) - easy.keys() - {"gait.steps"})
+            way_out = f"change {', '.join(others[:_MOST_NAMED])}, or" if others else "take"
+            return f"not even a gait with {values} was accepted; {way_out} another body"
+    halves = [_half(run, change) for change in found]
+    told = [half if half and accepted(half) else change for half, change in zip(halves, found, strict=True)]
+    return f"{', or '.join(_in_words(run, change) for change in told)} (tried and accepted)"
+
+
+def _single_changes(run: RunParameters, description: BodyDescription) -> Iterator[Change]:
+    """Given values left open, and one value at a time of an easier gait, the largest changes first."""
+    if opened := _opened(run):
+        yield opened
+    usual_step, usual_speed = usual_steps(description)
+    cadence, gait = usual_speed / usual_step, run.gait
+    step_length = min(max(gait.switching_velocity / cadence, usual_step), 2.0 * usual_step)
+    speed = cadence * gait.step_length
+    changes = {
+        "gait.switching_velocity": (speed, abs(math.log(speed / gait.switching_velocity))),
+        "gait.step_length": (step_length, abs(math.log(step_length / gait.step_length))),
+        "gait.c_s": (1.0, 2.0 * abs(gait.c_s - 1.0)),
+        "gait.c_y": (1.0, abs(gait.c_y - 1.0)),
+    }
+    for key, (value, distance) in sorted(changes.items(), key=lambda item: -item[1][1]):
+        if distance > _NEAR:
+            yield {key: _rounded(value)}
+
+
+def _opened(run: RunParameters) -> Change:
+    """The change that leaves open what could be open and is given."""
+    return {key: None for key in OPEN_KEYS if key in run.given}
+
+
+def _changed(run: RunParameters, change: Change) -> RunParameters:
+    """A run as with these settings."""
+    opened = {key for key, value in change.items() if value is None}
+    values = {key: key_info(key).default if key in opened else value for key, value in change.items()}
+    run = run.replace(values)
+    return run.giving(run.given - opened)
+
+
+def _half(run: RunParameters, change: Change) -> Change:
+    """Half of a change; empty where no value changes."""
+    values = {key: value for key, value in change.items() if value is not None}
+    half = {key: _rounded(0.5 * (run.value(key) + value)) for key, value in values.items()}
+    return {**change, **half} if values else {}
+
+
+def _in_words(run: RunParameters, change: Change) -> str:
+    """A change as advice."""
+    words = []
+    for key, value in change.items():
+        if value is None:
+            words.append(f"leave {key} open")
+        elif value != run.value(key):
+            verb, unit = "raise" if value > run.value(key) else "lower", key_info(key).unit
+            words.append(f"{verb} {key} to {value:g}" + ("" if unit == "1" else f" {unit}"))
+    return " and ".join(words)
+
+
+def _rounded(value: float) -> float:
+    """A value as it is told."""
+    return float(f"{value:.3g}")
