@@ -1,7 +1,8 @@
 """AMPM: the gait planner of Kudoh & Komura (IROS 2003) and a controller that tracks its plans.
 
 The package uses Pinocchio and OSQP, but no simulator: a body is given as a description and a Pinocchio model.
-Of the names imported here only ``FootstepPlanner``, ``PeriodicPlanner`` and ``TablePlanner`` load Pinocchio.
+Of the names imported here only ``FootstepPlanner``, ``PeriodicPlanner``, ``TablePlanner`` and
+``TrackingController`` load Pinocchio.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ampm.exceptions import (
 )
 
 if TYPE_CHECKING:
+    from ampm.control.controller import TrackingController
     from ampm.parameters import GaitParameters, RunParameters
     from ampm.planner.centroidal import CentroidalPlan, Law
     from ampm.planner.contacts import Contacts, Footstep, Phase
@@ -36,7 +38,7 @@ __all__ += ["AmpmError", "BodilyRefusal", "InputError", "MathematicalRefusal", "
 __all__ += ["GaitParameters", "RunParameters", "dump_run", "load_run"]
 __all__ += ["CentroidalPlan", "Contacts", "Footstep", "Law", "Phase", "plan_footsteps"]
 __all__ += ["ControlOutput", "Controller", "Planner", "Posture", "Reference", "State", "Touch", "WalkPlan"]
-__all__ += ["FootstepPlanner", "PeriodicPlanner", "TablePlanner"]
+__all__ += ["FootstepPlanner", "PeriodicPlanner", "TablePlanner", "TrackingController"]
 
 _MODULES = (
     "presets",
@@ -47,6 +49,7 @@ _MODULES = (
     "planner.footsteps",
     "walk",
     "planners",
+    "control.controller",
 )
 """Imported when a name is first read: NumPy and pydantic would delay 'ampm --help' by .1 s each."""
 

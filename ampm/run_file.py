@@ -62,6 +62,9 @@ def _read_source(source: str | Path) -> dict[str, Any]:
         table = read_toml(Path(source))
     except (FileNotFoundError, NotADirectoryError):
         raise unknown(str(source), PRESETS, "preset or file", value=str(source)) from None
+    if isinstance(body := table.get("body"), dict) and "root" in body:
+        way_out = f"walk it with --body {source}, in Python with load_run(body={{'source': {str(source)!r}}})"
+        raise InputError(f"{source} describes a body and is no gait; {way_out}.", way_out=way_out)
     for section, key in (("body", "source"), ("gait", "planner")):
         values = table.get(section)
         name = values.get(key) if isinstance(values, dict) else None

@@ -1,4 +1,4 @@
-"""The examples of README.md and docs/ are run: Python by default, whole command lines in the slow run.
+"""The examples of README.md, docs/ and examples/ are run: Python by default, command lines in the slow run.
 
 A block of TOML or Python whose first line is a comment with a file's name is written to that file. All blocks
 of a page share one folder and one namespace, in their order.
@@ -6,7 +6,9 @@ of a page share one folder and one namespace, in their order.
 
 import os
 import re
+import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -18,7 +20,12 @@ import typer
 from validation.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs/howto").glob("*.md")),
+]
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(r"^    (ampm (?:.+\\\n)*.+)$", re.MULTILINE)
 FILE = re.compile(r"# ([\w.-]+\.(?:toml|py))\b")
@@ -30,16 +37,18 @@ def blocks(page: Path) -> list[tuple[str, str]]:
     return BLOCK.findall(page.read_text(encoding="utf-8"))
 
 
-def commands(page: Path) -> list[str]:
-    """Command lines of the page that call ``ampm``, without their comments."""
+def commands(page: Path, *programs: str) -> list[str]:
+    """Command lines of the page that call one of some programs, without their comments."""
     lines = [line for language, text in blocks(page) if language == "sh" for line in text.splitlines()]
-    return [line.partition(" #")[0].strip() for line in lines if line.startswith("ampm ")]
+    return [line.partition(" #")[0].strip() for line in lines if line.split(" ")[0] in programs]
 
 
 def write_files(page: Path, folder: Path) -> None:
     for _, text in blocks(page):
         if found := FILE.match(text):
             folder.joinpath(found[1]).write_text(text, encoding="utf-8")
+    if "docs/examples/biped.urdf" in page.read_text(encoding="utf-8"):  # the page asks for a copy
+        shutil.copy(ROOT / "docs/examples/biped.urdf", folder)
 
 
 def run(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
@@ -48,11 +57,11 @@ def run(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
 
 
 WITH_PYTHON = [page for page in PAGES if any(language == "python" for language, _ in blocks(page))]
-WITH_COMMANDS = [page for page in PAGES if commands(page)]
+WITH_COMMANDS = [page for page in PAGES if commands(page, "ampm")]
 
 
-LONG = ("footsteps", "sweeps", "measurement", "architecture", "run")
-"""Pages whose Python takes more than five seconds; README's runs always."""
+LONG = ("footsteps", "sweeps", "measurement", "architecture", "run", "own-robot", "report", "recording")
+"""Pages whose Python takes more than five seconds; that of README and tutorial runs always."""
 
 
 @pytest.mark.parametrize(
@@ -72,7 +81,15 @@ def test_python_runs(page, tmp_path):
     tests = sorted(tmp_path.glob("test_*.py"))
     if tests:
         answer = run(
-            tmp_path, sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *map(str, tests)
+            tmp_path,
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "--ampm-update",
+            "-p",
+            "no:cacheprovider",
+            *map(str, tests),
         )
         assert answer.returncode == 0, answer.stdout
 
@@ -81,7 +98,7 @@ def test_python_runs(page, tmp_path):
 def test_commands_parse(page):
     group: Any = typer.main.get_command(app)
     indented = [line.partition(" #")[0] for line in INDENTED.findall(page.read_text(encoding="utf-8"))]
-    for line in (*commands(page), *indented):
+    for line in (*commands(page, "ampm"), *indented):
         name, *arguments = shlex.split(line.partition("|")[0])[1:]
         command = group.get_command(None, name)
         assert command is not None, line
@@ -93,8 +110,32 @@ def test_commands_parse(page):
 def test_commands_run(page, tmp_path):
     """Each ends with a verdict, never with bad input or a crash."""
     write_files(page, tmp_path)
-    for line in commands(page):
+    for line in commands(page, "ampm", "python", "pytest"):
         if not PLACEHOLDER.search(line) and not line.startswith("ampm view"):
-            command = line.replace("ampm", f"{sys.executable} -m ampm", 1)
+            program, _, rest = line.partition(" ")
+            command = f"{sys.executable} {'' if program == 'python' else f'-m {program}'} {rest}"
             answer = run(tmp_path, "sh", "-c", command)
             assert answer.returncode in (0, 1), f"{line}\n{answer.stderr}"
+
+
+@pytest.mark.parametrize(
+    "example",
+    [
+        pytest.param(path, marks=[pytest.mark.slow] if "sweep" in path.stem else [], id=path.stem)
+        for path in EXAMPLES
+    ],
+)
+def test_examples_print_and_save_a_picture(example, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(example), run_name="__main__")
+    assert capsys.readouterr().out.strip()
+    picture = tmp_path / f"{example.stem[3:]}.png"
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert len(example.read_text(encoding="utf-8").splitlines()) <= 60
+    assert (ROOT / "docs/images" / picture.name).is_file()
+
+
+def test_the_planner_of_the_tutorial_is_that_of_the_examples():
+    text = next(text for _, text in blocks(ROOT / "docs/tutorial.md") if text.startswith("# lipm.py"))
+    planner = text[text.index("GRAVITY") : text.index("if __name__")].strip()
+    assert planner in (ROOT / "examples/03_own_planner.py").read_text(encoding="utf-8")

@@ -66,7 +66,7 @@ def test_without_the_starts_of_phases_equal_steps_are_found_from_the_way_of_the_
     found = read(table)
     assert repeats(found)
     assert found.constants.step_duration == pytest.approx(plan.constants.step_duration, abs=1e-4)
-    assert np.abs(found.contacts.starts - plan.contacts.starts).max() < 0.005
+    assert np.abs(found.contacts.starts - plan.contacts.starts).max() < 0.5e-3  # a tenth of a row
 
 
 def test_without_accelerations_the_force_passes_through_the_com():

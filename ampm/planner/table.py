@@ -149,7 +149,9 @@ def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
         return contacts
     passed = np.interp(forward[0] + number * contacts.step_length, forward, time)
     step = number @ passed / (number @ number)
-    touch = np.mean(contacts.starts[1::2] - number * step)
+    # Each foot touches down between the row that shows it and the row before.
+    shown = contacts.starts[1::2] - number * step
+    touch = 0.5 * (shown.min() + shown.max() - np.diff(time).max())
     even = np.column_stack([number * step, number * step + touch]).ravel()
     if np.abs(even - contacts.starts).max() > np.diff(time).max():
         return contacts

@@ -1,6 +1,9 @@
 """Template of a controller: copy it and replace the torque.
 
 ampm validate normal --controller controller_template:MyController
+
+As it is the body falls after 0.4 s: springs hold the joints' angles, but nothing carries the weight or feeds
+back the COM. To begin with a controller that walks, make a subclass of ``ampm.TrackingController``.
 """
 
 import numpy as np

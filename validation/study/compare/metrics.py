@@ -22,7 +22,14 @@ RELATIVE_FLOOR = 1e-6
 Perturbing the body's mass by 1e-15 to 1e-12 of itself moves every metric of `normal` and `momentum` that is
 not rounding itself by less than 1e-9 of its value; this is a thousand times that.
 """
-ABSOLUTE_FLOOR: Mapping[str, float] = {"m": 1e-11, "N": 1e-8, "N m s": 1e-10, "1": 1e-12}
+ABSOLUTE_FLOOR: Mapping[str, float] = {
+    "m": 1e-11,
+    "m/s^2": 1e-10,
+    "N": 1e-8,
+    "N m": 1e-8,
+    "N m s": 1e-10,
+    "1": 1e-12,
+}
 """The same in a metric's SI unit, for values near zero: ten times the largest observed effect of rounding."""
 
 

@@ -1,0 +1,48 @@
+"""Sweep speed and width of the steps for two planners, and draw a scatter. Takes 15 s on two cores."""
+
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+import validation as val
+
+DEFINITION = """
+[sweep]
+gait = "normal"
+steps = 3
+recordings = "none"
+
+[set]
+simulation.time_step = 0.002
+
+[[vary]]
+method = "grid"
+gait.planner = ["ampm", "dcm"]
+
+[[vary]]
+method = "sobol"
+count = 6
+gait.switching_velocity = { from = 0.9, to = 1.1 }
+gait.step_width = { from = 0.16, to = 0.22 }
+"""
+
+if __name__ == "__main__":  # the processes of a sweep import this file
+    Path("speeds.toml").write_text(DEFINITION)
+    result = val.sweep("speeds.toml", "sweeps/speeds", resume=Path("sweeps/speeds").exists())
+    rows = result.table.to_pylist()
+    print(f"{sum(row['verdict'] == 'pass' for row in rows)} of {len(rows)} runs pass")
+    figure = Figure(figsize=(8.0, 4.5), layout="constrained")
+    axes = figure.subplots()
+    for planner, marker in (("ampm", "o"), ("dcm", "s")):
+        walked = [row for row in rows if row["gait.planner"] == planner and row["metric_zmp_x_rmse"]]
+        speed, error, width = (
+            [row[key] for row in walked]
+            for key in ("gait.switching_velocity", "metric_zmp_x_rmse", "gait.step_width")
+        )
+        dots = axes.scatter(speed, [1e3 * value for value in error], c=width, marker=marker, label=planner)
+    figure.colorbar(dots, label="width of the steps [m]")
+    axes.set(xlabel="speed at a switch of support [m/s]", ylabel="ZMP x, RMSE [mm]", ylim=(0.0, None))
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig("sweep.png", dpi=100)
+    print("wrote sweep.png; the sweep's own report is sweeps/speeds/report.html")
