@@ -24,10 +24,10 @@ above.set(xlabel="forward [m]", ylabel="to the left [m]", title="seen from above
 above.legend(ncols=3, loc="upper center")
 for axes, axis in zip(below, (0, 1), strict=True):
     axes.plot(measured.time, error[:, axis], color="tab:red", linewidth=0.8)
-    limit = 1e3 * trial.metrics[f"zmp_{'xy'[axis]}_rmse"].value
-    axes.axhspan(-limit, limit, color="tab:red", alpha=0.15, label=f"RMSE {limit:.2f} mm")
+    rms = 1e3 * trial.metrics[f"zmp_{'xy'[axis]}_rmse"].value
+    axes.axhspan(-rms, rms, color="tab:red", alpha=0.15, label=f"RMS {rms:.2f} mm")
     axes.axvline(trial.plan.judged_from, color="0.5", linestyle=":", label="judged from here")
-    axes.set(xlabel="time [s]", ylabel=f"ZMP error {'xy'[axis]} [mm]")
+    axes.set(xlabel="time [s]", ylabel=f"ZMP error\nalong {'xy'[axis]} [mm]")
     axes.grid(alpha=0.3)
     axes.legend(loc="upper right", ncols=2)
 figure.savefig("walk_and_judge.png", dpi=100)

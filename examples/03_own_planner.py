@@ -28,9 +28,9 @@ def lipm(steps, length, width, height, single, double):
     foot = np.where(step % 2, "right", "left")
     table = {"time": time, "stance": np.where(time - step * period < single, foot, "both")}
     table |= {"com_x": com[0], "com_y": com[1], "zmp_x": zmp[0], "zmp_y": zmp[1]}
-    table |= {"left_placement_x": length * (step + step % 2), "left_placement_y": 0.5 * width + 0 * time}
-    table |= {"right_placement_x": length * (step + 1 - step % 2)}
-    return table | {"right_placement_y": -0.5 * width + 0 * time}
+    side = np.full(len(time), 0.5 * width)
+    table |= {"left_placement_x": length * (step + step % 2), "left_placement_y": side}
+    return table | {"right_placement_x": length * (step + 1 - step % 2), "right_placement_y": -side}
 
 
 class Lipm:
@@ -49,12 +49,12 @@ figure = Figure(figsize=(8.0, 5.5), layout="constrained")
 error, momentum = figure.subplots(2, 1, sharex=True)
 for name, planner in (("AMPM", "ampm"), ("LIPM", Lipm())):
     trial = val.walk(run, planner=planner)
-    print(name, *(f"ZMP {axis} {1e3 * trial.metrics[f'zmp_{axis}_rmse'].value:.2f} mm" for axis in "xy"))
+    print(f"{name}: ZMP, RMS error along x {1e3 * trial.metrics['zmp_x_rmse'].value:.2f} mm")
     time, planned = trial.measured.time, trial.plan.sample(trial.measured.time)
     error.plot(time, 1e3 * (trial.measured.zmp - planned.zmp)[:, 0], linewidth=0.8)
     momentum.plot(time, trial.measured.angular_momentum[:, 0], label=f"{name}, measured")
     momentum.plot(time, planned.angular_momentum[:, 0], "k:", label=f"{name}, planned")
-error.set(ylabel="ZMP x, measured\nminus planned [mm]")
+error.set(ylabel="ZMP error along x [mm]")
 momentum.set(ylabel="angular momentum\nabout x [N m s]", xlabel="time [s]", ylim=(-10.0, 18.0))
 momentum.legend(ncols=2)
 figure.savefig("own_planner.png", dpi=100)

@@ -36,9 +36,7 @@ for axes, pushes in zip(panels, ([], [push]), strict=True):
         trial = val.walk(run, controller=controller, disturbances=pushes)
         x, y = (1e3 * trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy")
         outcome = trial.record.outcome
-        print(
-            f"{name}, {len(pushes)} pushes: {outcome.name}, ZMP RMSE x {x:.2f}, y {y:.2f} mm {outcome.cause}"
-        )
+        print(f"{name}, {len(pushes)} pushes: {outcome.name}, ZMP RMS error along x {x:.2f}, y {y:.2f} mm")
         error = trial.measured.com - trial.plan.sample(trial.measured.time).com
         axes.plot(trial.measured.time, 1e3 * error[:, 1], label=name)
     axes.set(ylabel="COM off the plan,\nto the left [mm]", title="pushed" if pushes else "not pushed")

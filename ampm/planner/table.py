@@ -80,7 +80,8 @@ def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> C
         )
     begins = np.r_[True, stance[1:] != stance[:-1]]
     order = np.roll(_ORDER, 2 * (stance[0] == "right"))[(np.cumsum(begins) - 1) % len(_ORDER)]
-    _check(stance, "stance", stance == order, f"come in the order {', '.join(_ORDER)}, and so on")
+    rule = f"come in the order {', '.join(_ORDER)}, and so on; give 20 ms or more to a change of feet"
+    _check(stance, "stance", stance == order, rule)
     if stance[-1] != "both":
         raise InputError(
             f"the table ends with stance = '{stance[-1]}'; end it with a double support, 'both'."
