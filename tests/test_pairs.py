@@ -14,7 +14,7 @@ from tests.saved_run import make_study
 from validation.judge.uncertainty import Uncertainty
 from validation.store.json import json_ready
 from validation.store.signals import Signals
-from validation.study.compare.metrics import JUDGED, SWITCH, Quantity, plan_values
+from validation.study.compare.metrics import JUDGED, PLAN, SWITCH, Quantity, plan_values
 from validation.study.compare.pair import SHARE, Row, Side, load_side, pair_of
 from validation.study.compare.report import NUMBERS, REPORT, render
 from validation.study.compare.walks import compare_pair
@@ -61,6 +61,14 @@ def test_jumps_of_a_plan_are_found_between_its_samples_and_kinks_are_none(switch
     assert broken["plan_zmp"] == pytest.approx(0.235, abs=1.1e-3)  # less than a row's change by the kink
     assert broken["plan_moment"] == pytest.approx(7.0, abs=0.1)
     assert broken["plan_acceleration"] < 1e-6
+
+
+def test_jumps_of_rounding_size_do_not_count(sides):
+    a, b = (
+        replace(sides[0], values={**sides[0].values, **{item.name: jump for item in PLAN}})
+        for jump in (0.0, 1e-14)
+    )
+    assert not any(row.better for row in pair_of(a, b).rows)
 
 
 def test_finished_runs_of_another_planner_show_its_jumps(folders, tmp_path, ampm):

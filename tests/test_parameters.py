@@ -179,6 +179,15 @@ def test_a_file_that_is_none(tmp_path):
             load_run(source)
 
 
+def test_a_description_of_a_body_is_no_gait():
+    biped = Path(__file__).parents[1] / "docs/examples/biped.toml"
+    with pytest.raises(
+        InputError, match=r"describes a body and is no gait; walk it with --body .*biped\.toml"
+    ):
+        load_run(biped)
+    assert load_run(body={"source": str(biped)}).body.source == str(biped)  # the way out
+
+
 def test_settings_are_texts_or_keywords():
     texts = load_run("momentum", ["gait.c_y=0.6", "foot.schedule=flat", "gait.steps=10"])
     assert texts == load_run("momentum", gait={"c_y": 0.6, "steps": 10.0}, foot={"schedule": "flat"})
