@@ -48,7 +48,7 @@ bench: $(INSTALLED_TEST)  ## Time the planner, the controller and the simulation
 	@$(BIN)/python -m benchmarks $(ARGS)
 
 docs: $(INSTALLED_TEST)  ## Build the documentation as web pages in build/site
-	@$(BIN)/mkdocs build --strict --quiet
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 install: $(INSTALLED)  ## Only create .venv and install
 

@@ -17,6 +17,8 @@ from typing import Any
 import pytest
 import typer
 
+import ampm
+import validation
 from validation.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -29,6 +31,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(r"^    (ampm (?:.+\\\n)*.+)$", re.MULTILINE)
 FILE = re.compile(r"# ([\w.-]+\.(?:toml|py))\b")
+NAME = re.compile(r"\b(?:ampm|val)\.\w+")
 PLACEHOLDER = re.compile(r"\b[A-Z]{1,}\b")
 """Stands for a name in a command: such a command is parsed, not run."""
 
@@ -139,3 +142,14 @@ def test_the_planner_of_the_tutorial_is_that_of_the_examples():
     text = next(text for _, text in blocks(ROOT / "docs/tutorial.md") if text.startswith("# lipm.py"))
     planner = text[text.index("GRAVITY") : text.index("if __name__")].strip()
     assert planner in (ROOT / "examples/03_own_planner.py").read_text(encoding="utf-8")
+
+
+def test_the_reference_has_every_name_that_the_pages_use():
+    packages = {"ampm": ampm, "val": validation}
+    reference = (ROOT / "docs/api.md").read_text(encoding="utf-8").replace("::: validation.", "::: val.")
+    listed = set(re.findall(r"^::: (\S+)", reference, re.MULTILINE))
+    public = {f"{short}.{name}" for short, package in packages.items() for name in package.__all__}
+    assert listed <= public
+    taught = [page for page in PAGES if page.parent.name == "howto" or page.stem in ("README", "tutorial")]
+    used = {name for page in taught for _, text in blocks(page) for name in NAME.findall(text)}
+    assert used & public <= listed
