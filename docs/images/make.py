@@ -6,8 +6,7 @@ overlaid: ``normal`` with 8 steps and ``controller.hold`` ``zero-order`` and ``f
 Needs a Vulkan driver; Mesa's software one will do (``mesa-vulkan-drivers`` on Debian).
 """
 
-from __future__ import annotations
-
+import contextlib
 import sys
 import tempfile
 import time
@@ -28,7 +27,14 @@ MENU_BAR = 36
 
 
 def picture_of_recording(
-    recording: Path, time_at: float, target: Path, *, timeline: str = "sim_time", port: int = 9911
+    recording: Path,
+    time_at: float,
+    target: Path,
+    *,
+    timeline: str = "sim_time",
+    port: int = 9911,
+    box: tuple[int, int, int, int] | None = None,
+    width: int | None = None,
 ) -> None:
     """Save the viewer's picture of a recording at one time.
 
@@ -38,6 +44,8 @@ def picture_of_recording(
         target: PNG to write.
         timeline: name of the timeline.
         port: a free TCP port.
+        box: part that is kept: left, top, right, bottom [px]; all of it if not given.
+        width: of the picture [px]; as large as it is drawn if not given.
     """
     rerun = Path(sys.executable).with_name("rerun")
     with (
@@ -51,9 +59,14 @@ def picture_of_recording(
         time.sleep(4.0)
         viewer.set_time(timeline, duration=time_at, play_state="paused")
         time.sleep(4.0)
-        viewer.save_screenshot(str(shot))
+        for _ in range(5):  # software rendering on a busy machine may take longer than the viewer waits
+            with contextlib.suppress(TimeoutError):
+                viewer.save_screenshot(str(shot))
+                break
         image = Image.open(shot).convert("RGB")
-        image = image.crop((0, MENU_BAR, image.width, image.height - MENU_BAR))
+        image = image.crop((0, MENU_BAR, image.width, image.height - MENU_BAR)).crop(box)
+        if width:
+            image = image.resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)
         image.quantize(192, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
