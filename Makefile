@@ -47,7 +47,7 @@ bench: $(INSTALLED_TEST)  ## Time the planner, the controller and the simulation
 	@$(PIP_INSTALL) -e '.[bench]'
 	@$(BIN)/python -m benchmarks $(ARGS)
 
-docs: $(INSTALLED_TEST)  ## Build the documentation as web pages in build/site
+docs: $(INSTALLED_TEST)  ## Build the pages in build/site (its search needs a server: python -m http.server -d build/site)
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 install: $(INSTALLED)  ## Only create .venv and install
