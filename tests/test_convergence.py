@@ -109,6 +109,7 @@ def test_every_metric_has_order_limit_and_uncertainty_or_a_reason(result):
         assert estimate.reason.startswith(NO_RANGE)
     table = result.table(["zmp_x_rmse"])
     cells = dict(zip(table.headers, table.rows[0], strict=True))
+    assert cells["metric"] == "ZMP, RMS error along x"
     assert cells["value ± u_num"] == "1.4 ± 0.5"
     assert (cells["observed order"], cells["at 0.25 ms"], cells["verdict"]) == ("1.00", "1.05", "pass")
 
@@ -200,7 +201,7 @@ def test_the_files_are_whole_and_read_back(folder, result):
     files = {FILE, convergence.MARKDOWN, convergence.PICTURE}
     assert {path.name for path in folder.iterdir()} == files
     assert "<svg" in (folder / convergence.PICTURE).read_text()
-    assert "| failed_qp |" in (folder / convergence.MARKDOWN).read_text()
+    assert "| unsolved QPs |" in (folder / convergence.MARKDOWN).read_text()
     known = load_uncertainty(folder / FILE)
     assert load_uncertainty(folder) == known
     assert known.values == result.uncertainty.values

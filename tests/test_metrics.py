@@ -13,6 +13,7 @@ import pytest
 
 from ampm.exceptions import InputError
 from tests.saved_run import make_run
+from tests.sweep_table import make_table, sweep_of
 from tests.test_verdict import compared, named, verdict_of
 from tests.walk import perfect_walk
 from validation.cli.app import call
@@ -22,6 +23,7 @@ from validation.judge.metrics import (
     add_metrics,
     added_metrics,
     evaluate,
+    metric_label,
     register,
     unregister,
 )
@@ -29,6 +31,9 @@ from validation.judge.profiles import DEFAULT, STRICT, WIDE
 from validation.judge.verdict import build_summary
 from validation.show.report import render
 from validation.store.saved import load_saved_run
+from validation.study.compare.sweeps import compare_sweeps
+from validation.study.sweep.figures import quantities
+from validation.study.sweep.report import metric_table
 
 
 @pytest.fixture
@@ -62,6 +67,32 @@ def test_profiles_verdict_summary_and_worker_processes(drop):
     add_metrics(cloudpickle.loads(data))  # as in a worker process
     add_metrics(cloudpickle.loads(data))
     assert METRICS[drop.name].compute(comparison) == pytest.approx(0.015)
+
+
+def test_every_metric_has_a_readable_name_of_its_own(drop):
+    labels = [item.label for item in METRICS.values()]
+    assert len(set(labels)) == len(labels)
+    assert not [label for label in labels if "_" in label]
+    for name, label in (
+        ("zmp_x_rmse", "ZMP, RMS error along x"),
+        ("angular_momentum_y_maximum", "angular momentum, largest error about y"),
+        ("effort_zmp_x", "ZMP, RMS feedback along x"),
+    ):
+        assert metric_label(name) == label
+    assert metric_label(drop.name) == drop.label
+    assert replace(drop, label="").label == "com drop"
+    assert metric_label("of_nobody") == "of nobody"
+
+
+def test_a_sweeps_table_keeps_the_readable_name_for_processes_without_the_metric(drop):
+    table = sweep_of(make_table(20))
+    unregister(drop.name)
+    try:
+        assert [row[0] for row in metric_table(table, table.judged).rows].count(drop.label) == 1
+        assert f"{drop.label} [mm]" in quantities(table)
+        assert drop.label in [row[0] for row in compare_sweeps(table, table).tables()[1].rows]
+    finally:
+        register(drop)
 
 
 @pytest.mark.slow

@@ -140,7 +140,7 @@ def test_one_sentence_says_who_is_better_and_where_most(sides):
     worse = with_metrics(b, zmp_x_rmse=2e-3, force_x_rmse=5.0, zmp_y_rmse=1e-5)
     words = "smooth is better in 2, other is better in 1 of 10 judged metrics by more than 10 %"
     assert pair_of(a, worse).sentence.startswith(words)
-    assert "they differ most in force Fx, RMSE: 0.18" in pair_of(a, worse).sentence
+    assert "they differ most in ground force, RMS error along x: 0.18" in pair_of(a, worse).sentence
     fell = replace(b, summary={**b.summary, "outcome": "fell", "end": {"time": 2.3, "cause": ""}})
     assert pair_of(a, fell).sentence == (
         "smooth walked to the end, other did not walk to the end (fell after 2.30 s)."

@@ -69,8 +69,8 @@ def test_the_example_gates_its_controller(run, pytester):
     failed = run("-k", "no_worse")
     failed.assert_outcomes(failed=1, deselected=4)
     text = failed.stdout.str()
-    assert re.search(r"zmp_x_rmse: [\d.]+ -> [\d.]+ mm \(limit 2.5\), worse", text)
-    assert re.search(r"zmp_y_rmse: [\d.]+ -> [\d.]+ mm \(limit 1.5\)$", text, re.MULTILINE)
+    assert re.search(r"ZMP, RMS error along x: [\d.]+ -> [\d.]+ mm \(limit 2.5\), worse", text)
+    assert re.search(r"ZMP, RMS error along y: [\d.]+ -> [\d.]+ mm \(limit 1.5\)$", text, re.MULTILINE)
     folder = re.search(r"4 steps, completed; ampm view (.*)", text)
     assert folder is not None
     assert {"recording.rrd", "report.html"} <= {file.name for file in Path(folder[1]).iterdir()}

@@ -112,9 +112,9 @@ def test_metrics_of_a_run():
     table = metric_table(summary())
     assert table.title == "normal: measured against plan, without the first step (profile default)"
     assert table.rows == [
-        ("ZMP x, RMSE", "0.586 ± 0.083", "2.5", "mm", "23 %", "pass"),
-        ("force Fx, RMSE", "0.9 ± ≥ inf", "0.8", "% BW", "112 %", "undecided"),
-        ("ZMP y, RMSE", "–", "1.5", "mm", "", "not judged"),
+        ("ZMP, RMS error along x", "0.586 ± 0.083", "2.5", "mm", "23 %", "pass"),
+        ("ground force, RMS error along x", "0.9 ± ≥ inf", "0.8", "% BW", "112 %", "undecided"),
+        ("ZMP, RMS error along y", "–", "1.5", "mm", "", "not judged"),
         ("Checks of the measurement", "", "", "", "", ""),
         ("unsolved QPs", "3", "0", "", "", "FAIL"),
     ]
@@ -134,14 +134,14 @@ def test_cost_of_a_run():
         "50 %",
         "left knee pitch, 1.25 s",
     )
-    assert rows["feedback on the ZMP x, RMS"] == ("1", "", "mm", "", "")
-    assert rows["feedback on the ZMP y, RMS"] == ("–", "", "", "", "")
+    assert rows["ZMP, RMS feedback along x"] == ("1", "", "mm", "", "")
+    assert rows["ZMP, RMS feedback along y"] == ("–", "", "", "", "")
     assert rows["least distance of two parts of the body"] == ("–", "", "", "", "")
     (note,) = table.notes
     assert note.startswith("completed, 6 steps in 4 s, the closed loop at 3.9 times real time; ")
     assert note.endswith("100 QPs, 3 unsolved, median 8 us, 99th percentile 32 us.")
     others = {row[0] for row in reported_table(summary()).rows}
-    assert "COM x, RMSE" in others
+    assert "COM, RMS error along x" in others
     assert {item.label for item in METRICS.values() if item.section} <= others | rows.keys()
 
 
@@ -157,5 +157,5 @@ def test_terminal_and_recording_show_the_tables(capsys):
     saved: Any = SimpleNamespace(summary=said, table=lambda: tables[0], record=record)
     text = verdict_markdown(saved)
     assert "| unsolved QPs | 3 | 0 |  |  | FAIL |" in text
-    assert "| force Fx, RMSE | 0.9 ± >= inf | 0.8 | % BW | 112 % | undecided |" in text
+    assert "| ground force, RMS error along x | 0.9 ± >= inf | 0.8 | % BW | 112 % | undecided |" in text
     assert "Every time step (0.5 ms) is in `signals.parquet`." in text

@@ -378,8 +378,9 @@ class Own:
         return ControlOutput(self.torque)
 
 HIGHEST = Metric(
-    "highest", "m", "COM, highest", "largest height of the COM", "walk",
+    "highest", "m", "largest height of the COM", "walk",
     lambda walk: float(walk.measured.com[:, 2].max()), {"default": 2.0}, reason="No body is that tall.",
+    label="COM, highest",
 )
 """
 REAL = """

@@ -65,7 +65,7 @@ def test_an_error_between_the_profiles_passes_one_and_fails_the_other(walk):
     assert verdict.name is VerdictName.FAIL
     assert [item.name for item in verdict.failed] == ["zmp_x_rmse"]
     assert verdict.failed[0].margin == pytest.approx(-0.1)
-    assert "ZMP x, RMSE: 2.2 mm, limit 2." in verdict.reason
+    assert "ZMP, RMS error along x: 2.2 mm, limit 2." in verdict.reason
 
 
 def test_forces_are_judged_in_newton_as_share_of_the_weight(walk):

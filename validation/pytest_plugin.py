@@ -321,6 +321,7 @@ def _baseline(trial: Trial) -> dict[str, Any]:
 
 def _differences(before: Mapping[str, Any], trial: Trial) -> tuple[bool, list[str]]:
     """Whether a trial is worse than a baseline, and a line on every difference beyond rounding."""
+    from validation.judge.metrics import metric_label  # loads NumPy
     from validation.study.compare.metrics import rounding  # loads pyarrow
     from validation.study.compare.sweeps import TOLERANCE  # loads pyarrow
 
@@ -338,7 +339,8 @@ def _differences(before: Mapping[str, Any], trial: Trial) -> tuple[bool, list[st
         if old is None or new is None or item is None:
             if old != new:
                 worse = worse or new is None
-                lines.append(f"{name}: {'none' if old is None else old} -> {'none' if new is None else new}")
+                words = ["none" if value is None else str(value) for value in (old, new)]
+                lines.append(f"{metric_label(name)}: {' -> '.join(words)}")
             continue
         if abs(new - old) > rounding(max(abs(old), abs(new)), item.of.unit):
             limit = item.tolerance or 0.0
@@ -347,5 +349,5 @@ def _differences(before: Mapping[str, Any], trial: Trial) -> tuple[bool, list[st
             shown = [f"{number * item.factor:.4g}" for number in (old, new, limit)]
             mark = ", worse" if grown else ""
             unit = f" {item.display_unit}".rstrip()
-            lines.append(f"{name}: {shown[0]} -> {shown[1]}{unit} (limit {shown[2]}){mark}")
+            lines.append(f"{item.label}: {shown[0]} -> {shown[1]}{unit} (limit {shown[2]}){mark}")
     return worse, lines

@@ -58,7 +58,7 @@ class Signal(NamedTuple):
         group: vector that it belongs to, such as ``zmp`` or ``left_foot``.
         axis: ``x``, ``y`` or ``z``.
         unit: SI unit.
-        label: for tables and figures.
+        quantity: what the vector is, in words.
         meaning: of the error.
         scales: names of the reference quantities that its error is divided by.
         reference: ``plan``, or ``motion`` for quantities that the plan does not have.
@@ -67,31 +67,41 @@ class Signal(NamedTuple):
     group: str
     axis: str
     unit: str
-    label: str
+    quantity: str
     meaning: str
     scales: tuple[str, ...]
     reference: str = "plan"
 
+    @property
+    def direction(self) -> str:
+        """``along x``; of an angular momentum ``about x``."""
+        return f"{'about' if self.group == 'angular_momentum' else 'along'} {self.axis}"
 
-_MINUS = "measured minus planned"
+    @property
+    def label(self) -> str:
+        """Readable name, such as ``ZMP along x``."""
+        return f"{self.quantity} {self.direction}"
+
+
+_MINUS, _ABOUT_COM = "measured minus planned", "angular momentum about the COM"
 _FOOT, _WEIGHT = ("foot_length",), ("body_weight",)
 _MOMENTUM = ("mass_height_velocity", "mass_height_froude_velocity")
 _YAW = "angular momentum about the vertical, measured minus that of the whole-body motion"
 _VECTORS: tuple[tuple[str, str, str, str, str, tuple[str, ...]], ...] = (
-    ("zmp", "xy", "m", "ZMP ", f"ZMP, {_MINUS}", _FOOT),
-    ("force", "xyz", "N", "force F", f"net ground force, {_MINUS}", _WEIGHT),
-    ("angular_momentum", "xy", "N m s", "momentum L", f"angular momentum about the COM, {_MINUS}", _MOMENTUM),
-    ("angular_momentum", "z", "N m s", "momentum L", _YAW, _MOMENTUM),
-    ("com", "xyz", "m", "COM ", f"COM, {_MINUS}", _FOOT),
-    ("left_foot", "xyz", "m", "left foot ", f"left foot's reference point, {_MINUS}", _FOOT),
-    ("right_foot", "xyz", "m", "right foot ", f"right foot's reference point, {_MINUS}", _FOOT),
+    ("zmp", "xy", "m", "ZMP", f"ZMP, {_MINUS}", _FOOT),
+    ("force", "xyz", "N", "ground force", f"net ground force, {_MINUS}", _WEIGHT),
+    ("angular_momentum", "xy", "N m s", "angular momentum", f"{_ABOUT_COM}, {_MINUS}", _MOMENTUM),
+    ("angular_momentum", "z", "N m s", "angular momentum", _YAW, _MOMENTUM),
+    ("com", "xyz", "m", "COM", f"COM, {_MINUS}", _FOOT),
+    ("left_foot", "xyz", "m", "left foot", f"left foot's reference point, {_MINUS}", _FOOT),
+    ("right_foot", "xyz", "m", "right foot", f"right foot's reference point, {_MINUS}", _FOOT),
 )
 SIGNALS: Mapping[str, Signal] = MappingProxyType(
     {
         f"{group}_{axis}": Signal(
-            group, axis, unit, label + axis, meaning, scales, "motion" if meaning == _YAW else "plan"
+            group, axis, unit, quantity, meaning, scales, "motion" if meaning == _YAW else "plan"
         )
-        for group, axes, unit, label, meaning, scales in _VECTORS
+        for group, axes, unit, quantity, meaning, scales in _VECTORS
         for axis in axes
     }
 )

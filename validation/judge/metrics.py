@@ -1,13 +1,14 @@
-"""Registry of metrics: name, unit, label, computation and tolerances of every judged number.
+"""Registry of metrics: name, readable name, unit, computation and tolerances of every judged number.
 
-Comparison, profiles, verdict, columns of a sweep, labels of reports, diff and convergence read their metrics
-here, so one :func:`register` is enough for a new metric::
+Comparison, profiles, verdict, columns of a sweep, reports, recordings and convergence read their metrics
+here, so one :func:`register` is enough for a new metric. Files name it by ``name``, tables and figures by
+``label``::
 
     register(
         Metric(
             name="trunk_drop",
             unit="m",
-            label="COM, lowest below the plan",
+            label="COM, largest distance below the plan",
             meaning="largest distance of the COM below its planned height",
             kind="walk",
             compute=lambda walk: float((walk.sample.com - walk.measured.com)[walk.inside, 2].max()),
@@ -47,9 +48,10 @@ class Metric:
     """One number that a walk is judged by; smaller is better.
 
     Attributes:
-        name: identifier, such as ``zmp_x_rmse``.
+        name: identifier, such as ``zmp_x_rmse``, for files.
+        label: readable name, such as ``ZMP, RMS error along x``, for tables and figures; by default ``name``
+            with spaces.
         unit: SI unit, ``1`` for a plain number.
-        label: short text for tables and figures.
         meaning: one phrase for the description of a table's column.
         kind: what it judges: the ``walk``, the ``instrument`` that measures it (its exact value is zero), or
             its ``cost``.
@@ -69,8 +71,8 @@ class Metric:
     """
 
     name: str
+    label: str = field(default="", kw_only=True)
     unit: str
-    label: str
     meaning: str
     kind: Literal["walk", "instrument", "cost"]
     compute: Callable[[Comparison], float | None]
@@ -83,7 +85,8 @@ class Metric:
     section: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse an unknown kind or nature, and a tolerance that is no number."""
+        """Complete the label; refuse an unknown kind or nature, and a tolerance that is no number."""
+        object.__setattr__(self, "label", self.label or _spaced(self.name))
         for value, known in ((self.kind, _KINDS), (self.nature, _NATURES)):
             if value not in known:
                 raise InputError(f"metric '{self.name}' is no {value!r}; take one of {', '.join(known)}.")
@@ -217,9 +220,14 @@ def _compute(metric: Metric, walk: Comparison) -> float | None:
 
 
 def metric_label(name: str) -> str:
-    """Label of a metric; its name without underscores if it is not registered."""
+    """Readable name of a metric, registered or not."""
     metric = METRICS.get(name)
-    return metric.label if metric else name.replace("_", " ")
+    return metric.label if metric else _spaced(name)
+
+
+def _spaced(name: str) -> str:
+    """Readable name made from an identifier."""
+    return name.replace("_", " ")
 
 
 @overload
@@ -251,8 +259,8 @@ def _errors() -> Iterator[Metric]:
         signal, mean = SIGNALS[name], statistic == "rmse"
         yield Metric(
             name=f"{name}_{statistic}",
+            label=f"{signal.quantity}, {'RMS' if mean else 'largest'} error {signal.direction}",
             unit=signal.unit,
-            label=f"{signal.label}, {'RMSE' if mean else 'largest error'}",
             meaning=f"{'root mean square' if mean else 'largest magnitude'} of: {signal.meaning}",
             kind="walk",
             compute=partial(_statistic, name=name, statistic=statistic),
@@ -359,7 +367,7 @@ def _instrument(
     limit: float | None = None, reason: str = "", **more: Any,
 ) -> Metric:  # fmt: skip
     limits = {} if limit is None else {"default": limit}
-    return Metric(name, unit, label, meaning, "instrument", compute, limits, reason=reason, **more)
+    return Metric(name, unit, meaning, "instrument", compute, limits, label=label, reason=reason, **more)
 
 
 _INSTRUMENT = (
@@ -396,14 +404,14 @@ _INSTRUMENT = (
         "come to rest. After a second and a half about 1e-8 of their motion is left.",
     ),
     _instrument(
-        "com_agreement_maximum", "m", "COM of both libraries, largest distance",
+        "com_agreement_maximum", "m", "COM by both libraries, largest distance",
         "largest distance of MuJoCo's and Pinocchio's COM",
         lambda walk: walk.measured.self_checks.com_agreement, 1e-9,
         "MuJoCo and Pinocchio hold the same masses and see the same q: only rounding may differ.",
         scales=("foot_length",), nature="extreme",
     ),
     _instrument(
-        "angular_momentum_agreement_maximum", "N m s", "momentum of both libraries, largest distance",
+        "angular_momentum_agreement_maximum", "N m s", "angular momentum by both libraries, largest distance",
         "largest difference of MuJoCo's and Pinocchio's angular momentum",
         lambda walk: walk.measured.self_checks.angular_momentum_agreement, 1e-8,
         "As for the COM; rounding grows with the momenta that are summed.", nature="extreme",
@@ -432,9 +440,10 @@ _INSTRUMENT = (
     ),
 )  # fmt: skip
 _SHORTFALL = Metric(
-    "clearance_shortfall", "m", f"clearance of the body, shortfall below {1e3 * CLEARANCE:g} mm",
+    "clearance_shortfall", "m",
     f"by how much arms, legs and trunk come closer to each other than {1e3 * CLEARANCE:g} mm", "walk",
     lambda walk: _shortfall(walk.costs["margins"]["clearance"].value), {"default": 0.0},
+    label=f"clearance of the body, shortfall below {1e3 * CLEARANCE:g} mm",
     reason="Nothing but the soles collides in the simulation, so a body that passes through itself would "
     "walk all the same. A centimetre is left for clothes and for what the drawn shapes leave out.",
     nature="extreme",
@@ -442,9 +451,10 @@ _SHORTFALL = Metric(
 
 
 _SPEED = Metric(
-    "speed_excess", "1", "fastest joint, excess over its speed limit",
+    "speed_excess", "1",
     "by how much the fastest joint exceeds its speed limit, as a share of it", "walk",
     lambda walk: _excess(walk.costs["margins"]), {"default": 0.0},
+    label="fastest joint, excess over its speed limit",
     reason="A motor cannot turn faster than its limit, which the simulation does not enforce.",
     nature="extreme",
 )  # fmt: skip
@@ -478,11 +488,18 @@ def _costs() -> Iterator[Metric]:
     """Costs of a walk, as ``costs.csv`` lists them: section of the summary, name in it, unit and words."""
     with Path(__file__).with_name("costs.csv").open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
-            section, words = row["section"], (row["unit"], row["label"], row["meaning"])
+            section = row["section"]
             key = f"{section.removesuffix('s')}_{row['name']}"
-            nature: Literal["mean", "extreme"] = "extreme" if section == "margins" else "mean"
-            compute = partial(_cost, name=key)
-            yield Metric(key, *words, "cost", compute, nature=nature, section=section)
+            yield Metric(
+                name=key,
+                label=row["label"],
+                unit=row["unit"],
+                meaning=row["meaning"],
+                kind="cost",
+                compute=partial(_cost, name=key),
+                nature="extreme" if section == "margins" else "mean",
+                section=section,
+            )
 
 
 _EVERY = sorted(

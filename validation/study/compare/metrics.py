@@ -62,14 +62,14 @@ PLAN = (
 )
 SWITCH = (
     Quantity(_SWITCH, "force_change", "horizontal force, change at a switch over the mass", "m/s^2"),
-    Quantity(_SWITCH, "zmp_x_near", f"ZMP error x, RMSE {_NEAR}", "m"),
-    Quantity(_SWITCH, "zmp_x_far", "ZMP error x, RMSE elsewhere", "m"),
-    Quantity(_SWITCH, "zmp_y_near", f"ZMP error y, RMSE {_NEAR}", "m"),
-    Quantity(_SWITCH, "zmp_y_far", "ZMP error y, RMSE elsewhere", "m"),
-    Quantity(_SWITCH, "torque_rate_near", f"torque rates, RMS of all joints {_NEAR}", "N m/s"),
-    Quantity(_SWITCH, "torque_rate_far", "torque rates, RMS of all joints elsewhere", "N m/s"),
-    Quantity(_SWITCH, "feedback_near", f"feedback, ZMP of command less plan, RMS {_NEAR}", "m"),
-    Quantity(_SWITCH, "feedback_far", "feedback, ZMP of command less plan, RMS elsewhere", "m"),
+    Quantity(_SWITCH, "zmp_x_near", f"ZMP, RMS error along x {_NEAR}", "m"),
+    Quantity(_SWITCH, "zmp_x_far", "ZMP, RMS error along x elsewhere", "m"),
+    Quantity(_SWITCH, "zmp_y_near", f"ZMP, RMS error along y {_NEAR}", "m"),
+    Quantity(_SWITCH, "zmp_y_far", "ZMP, RMS error along y elsewhere", "m"),
+    Quantity(_SWITCH, "torque_rate_near", f"torque rate, RMS of all joints {_NEAR}", "N m/s"),
+    Quantity(_SWITCH, "torque_rate_far", "torque rate, RMS of all joints elsewhere", "N m/s"),
+    Quantity(_SWITCH, "feedback_near", f"ZMP, RMS feedback {_NEAR}", "m"),
+    Quantity(_SWITCH, "feedback_far", "ZMP, RMS feedback elsewhere", "m"),
 )
 
 

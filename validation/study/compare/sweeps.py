@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from validation.judge.metrics import display_unit, metric_label
+from validation.judge.metrics import display_unit
 from validation.judge.uncertainty import Uncertainty, load_uncertainty
 from validation.show.text import format_value
 from validation.store.json import json_ready
@@ -167,7 +167,7 @@ class SweepComparison(Brief):
                 change.run,
                 change.before.label,
                 change.after.label,
-                "; ".join(map(metric_label, change.metrics)),
+                "; ".join(map(self.b.label, change.metrics)),
                 ", ".join(f"{key} {format_value(value)}" for key, value in change.parameters.items()),
             )
             for change in self.changes[:_SHOWN]
@@ -195,7 +195,7 @@ class SweepComparison(Brief):
             run, a, b = found["worst"].values()
             worst = f"{run}: {format_number(a, 3)} → {format_number(b, 3)}"
         return [
-            metric_label(item.name),
+            self.b.label(item.name),
             f"{found['worse']:,}",
             f"{found['better']:,}",
             format_number(found["median_a"]),
@@ -330,7 +330,7 @@ def _notes(a: SweepTable, b: SweepTable) -> Iterator[str]:
     if a.profile != b.profile or a.metadata["tolerances"] != b.metadata["tolerances"]:
         yield f"the limits differ (profiles {a.profile or '?'} and {b.profile or '?'}); those of B count"
     if gone := [name for name in a.judged if METRIC + name not in b]:
-        yield f"only A has {', '.join(gone)}"
+        yield f"only A has {'; '.join(map(a.label, gone))}"
     one, two = (side.metadata["environment"] for side in (a, b))
     if differ := [key for key in ("processor", "platform", "versions") if one.get(key) != two.get(key)]:
         yield f"{', '.join(differ)} of the machines differ; values may differ for that alone"

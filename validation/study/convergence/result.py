@@ -160,7 +160,7 @@ class Convergence(Brief):
                 is_small = abs(first.extrapolated) < first.finest
                 extrapolated = "0" if is_small else shown(first.extrapolated)
         return (
-            item.name,
+            item.label,
             item.quoted,
             shown(item.tolerance),
             short_unit(item.display_unit),

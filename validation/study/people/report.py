@@ -72,7 +72,7 @@ def label_of(name: str) -> str:
     """Label of a signal."""
     if name in SIGNALS:
         return SIGNALS[name].label
-    return f"left foot's force {name[-1]}"
+    return f"force on the left foot along {name[-1]}"
 
 
 @style.into_file

@@ -13,7 +13,6 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from ampm.geometry import Array
-from validation.judge.metrics import metric_label
 from validation.study.sweep.table import STATES, SweepTable
 
 Spec = dict[str, Any]
@@ -56,7 +55,7 @@ def quantities(sweep: SweepTable) -> dict[str, Array]:
     found["largest share of a tolerance [%]"] = np.minimum(100.0 * sweep.worst_used, 1000.0)
     for metric in sweep.judged:
         values, unit = sweep.shown(metric)
-        found[f"{metric_label(metric)} [{unit.replace('of body weight', 'BW')}]"] = values
+        found[f"{sweep.label(metric)} [{unit.replace('of body weight', 'BW')}]"] = values
     return {label: values for label, values in found.items() if np.isfinite(values).any()}
 
 

@@ -14,7 +14,6 @@ from markupsafe import Markup
 
 from ampm.presets import PRESETS
 from ampm.run_file import load_run
-from validation.judge.metrics import metric_label
 from validation.show.page import render_page
 from validation.show.text import format_duration, format_value, limit_with_unit, number, with_unit
 from validation.store.folders import output_file
@@ -150,7 +149,7 @@ def _why(sweep: SweepTable, row: int) -> str:
     values, unit = sweep.shown(worst)
     over = sum(value > 1.0 for value in shares.values())
     more = f"; {over} of {len(shares)} over their limit" if over > 1 else ""
-    return f"{metric_label(worst)}: {_amount(values[row], unit)}, limit {_limit(sweep, worst, row)}{more}"
+    return f"{sweep.label(worst)}: {_amount(values[row], unit)}, limit {_limit(sweep, worst, row)}{more}"
 
 
 # ---------------------------------------------------------------------------------------------- tables
@@ -165,7 +164,7 @@ def metric_table(sweep: SweepTable, metrics: Sequence[str]) -> Table:
         over = int((sweep.used(metric) > 1.0).sum())
         counted = f"{over:,} ({share(over, known.size)})" if over else "0"
         quantiles = [_amount(np.quantile(known, part), unit) for part in (0.5, 0.95, 1.0)]
-        rows.append((metric_label(metric), counted, *quantiles, _limit(sweep, metric)))
+        rows.append((sweep.label(metric), counted, *quantiles, _limit(sweep, metric)))
     columns = ("metric", ">over", ">median", ">95 % below", ">largest", ">tolerance")
     return Table("Metrics of the completed runs", columns, rows)
 
@@ -176,7 +175,7 @@ def _distribution(sweep: SweepTable, metric: str) -> Markup:
     limits = sweep.shown_limits(metric)[0]
     limits = np.unique(limits[np.isfinite(limits)])
     limit = float(limits[0]) if len(limits) == 1 else None
-    return figures.distribution(values, limit, unit, metric_label(metric))
+    return figures.distribution(values, limit, unit, sweep.label(metric))
 
 
 def _amount(value: float, unit: str) -> str:

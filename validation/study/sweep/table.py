@@ -22,7 +22,7 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
-from validation.judge.metrics import display_unit, metric_label
+from validation.judge.metrics import METRICS, display_unit, metric_label
 from validation.judge.profiles import Tolerance
 from validation.judge.profiles import profile as find_profile
 from validation.judge.sizes import BODY_WEIGHT
@@ -252,6 +252,10 @@ class SweepTable(Brief):
         """Body weight of every run, shape (N,) [N]."""
         return self.numbers("body.mass") * GRAVITY
 
+    def label(self, metric: str) -> str:
+        """Readable name of a metric, as it was when the sweep walked."""
+        return str(self.metadata.get("labels", {}).get(metric) or metric_label(metric))
+
     def limit_values(self, metric: str) -> Array:
         """A metric's limit in the unit of its column, shape (N,); NaN if it is not judged."""
         if metric not in self.limits:
@@ -308,7 +312,7 @@ class SweepTable(Brief):
         notes = []
         if summary["failed"]:
             failed = list(summary["failed"].items())[:_SHOWN]
-            words = ", ".join(f"{metric_label(name)} ({number:,})" for name, number in failed)
+            words = "; ".join(f"{self.label(name)} ({number:,})" for name, number in failed)
             notes.append(f"out of tolerance: {words}")
         if summary["unfinished"]:
             notes.append(f"runs without a result: {summary['unfinished']:,}; --resume walks them again")
@@ -397,8 +401,9 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
 
     ``definition`` (TOML), ``name``, ``runs``, ``varied`` (keys), ``profile``, ``options`` (of ``ampm
     validate``, beside ``--set``, that walk one of the runs),
-    ``tolerances`` (metric to ``limit``, ``unit`` and ``reason``; forces in body weights), ``columns``
-    (name to ``unit`` and ``words``) and ``environment`` (versions, platform, and the hash of the code).
+    ``tolerances`` (metric to ``limit``, ``unit`` and ``reason``; forces in body weights), ``labels`` (metric
+    to readable name), ``columns`` (name to ``unit`` and ``words``) and ``environment`` (versions, platform,
+    and the hash of the code).
     """
     profile = find_profile(definition.profile)
     return {
@@ -412,6 +417,7 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
             item.metric: {"limit": item.limit, "unit": item.unit, "reason": item.reason}
             for item in profile.tolerances
         },
+        "labels": {item.name: item.label for item in METRICS.values()},
         "columns": {item.name: {"unit": item.unit, "words": item.words} for item in columns()},
         "environment": {**describe_environment(), "code": code_hash()},
     }
