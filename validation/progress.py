@@ -74,7 +74,7 @@ class Stage:
     """One stage of a pipeline. This one reports nothing."""
 
     def advance(self, done: int, total: int) -> None:
-        """Report how much is done, in the stage's unit."""
+        """Report how much is done, and how much there is, in the stage's unit."""
 
     def note(self, text: str) -> None:
         """Report a message."""

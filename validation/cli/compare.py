@@ -103,7 +103,10 @@ def compare(
         from validation.study.compare.sweeps import compare_sweeps
 
         known = uncertainty[0] if uncertainty else None
-        diff = compare_sweeps(*sweeps, tolerances=tolerance or (), uncertainty=known, require_all=require_all)
+        with Narrator().stage("comparison"):
+            diff = compare_sweeps(
+                *sweeps, tolerances=tolerance or (), uncertainty=known, require_all=require_all
+            )
         found, status = diff, Status.OUT_OF_TOLERANCE if diff.regressions else Status.PASS
     else:
         if tolerance or require_all:

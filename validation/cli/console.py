@@ -1,8 +1,10 @@
 """Output of the command line: results on stdout, everything else on stderr.
 
-Progress is a bar on a terminal and one plain line per stage elsewhere (logs, pipes).
+Every command reports its progress by :class:`Narrator`: a bar on a terminal, and elsewhere (logs, pipes) a
+line every half minute and one at the end of each stage.
 """
 
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,40 +19,59 @@ from rich.progress import (
     TaskID,
     TextColumn,
     TimeElapsedColumn,
+    TimeRemainingColumn,
 )
 from rich.progress import Progress as Bars
 
 from validation.progress import Progress, Stage, interruption
+from validation.show.text import format_duration
 from validation.store.json import dump_json
 
 _LINE_EVERY = 30.0  # [s]
+_WHOLE_STAGE = 1e6  # time over which the bar averages the speed of a stage [s]
 
 
 class _Bar(Stage):
+    """Progress on a terminal."""
+
     def __init__(self, bars: Bars, task: TaskID, label: str) -> None:
-        self.bars, self.task, self.label = bars, task, label
+        self._bars, self._task, self._label = bars, task, label
 
     def advance(self, done: int, total: int) -> None:
-        self.bars.update(self.task, completed=done, total=total)
+        self._bars.update(self._task, completed=done, total=total)
 
     def note(self, text: str) -> None:
-        self.bars.update(self.task, description=f"{self.label} ({text})")
+        self._bars.update(self._task, description=f"{self._label} ({text})")
 
 
 class _Lines(Stage):
-    """Progress without a terminal: one line at intervals."""
+    """Progress without a terminal."""
 
-    def __init__(self, progress: Progress, label: str) -> None:
-        self.progress, self.label = progress, label
-        self.printed, self.done = time.monotonic(), ""
+    def __init__(self, label: str, unit: str) -> None:
+        self._label, self._unit = label, unit
+        self._start = time.monotonic()
+        self._first: tuple[float, int] | None = None  # time and count of the first report
+        self._done = self._total = 0
+        self._note = ""
 
     def advance(self, done: int, total: int) -> None:
-        self.done = f"{done} of {total}, "
+        self._first = self._first or (time.monotonic(), done)
+        self._done, self._total = done, total
 
     def note(self, text: str) -> None:
-        if time.monotonic() - self.printed > _LINE_EVERY:
-            self.printed = time.monotonic()
-            self.progress.say(f"{self.label}: {self.done}{text}")
+        self._note = text
+
+    def line(self) -> str:
+        """Time since the start, and what is known of the rest."""
+        now = time.monotonic()
+        parts = [format_duration(round(now - self._start, 1))]
+        if self._first is not None:
+            parts.append(f"{self._done:,} of {self._total:,} {self._unit}")
+            begun, before = self._first
+            if self._done > before:
+                left = (now - begun) * (self._total - self._done) / (self._done - before)
+                parts.append(f"about {format_duration(round(left))} left")
+        return f"{self._label}: {', '.join([*parts, *filter(None, [self._note])])}"
 
 
 class Narrator(Progress):
@@ -64,16 +85,35 @@ class Narrator(Progress):
         """Enter one stage; see :meth:`Progress.stage`."""
         interruption.check()
         start = time.perf_counter()
-        if not self.console.is_terminal:
-            yield _Lines(self, label)
-        else:
-            words = TextColumn("{task.description}", markup=False)
-            count = (MofNCompleteColumn(), TextColumn("{task.fields[unit]}")) if unit else ()
-            columns = (SpinnerColumn(), words, BarColumn(), *count, TimeElapsedColumn())
-            with Bars(*columns, console=self.console, transient=True) as bars:
-                yield _Bar(bars, bars.add_task(label, total=None, unit=unit), label)
+        with (self._bar if self.console.is_terminal else self._lines)(label, unit) as stage:
+            yield stage
         self.console.print(f"{label}: {time.perf_counter() - start:.1f} s", style="dim", markup=False)
         interruption.check()
+
+    @contextmanager
+    def _bar(self, label: str, unit: str) -> Iterator[Stage]:
+        words = TextColumn("{task.description}", markup=False)
+        count = (MofNCompleteColumn(), TextColumn(unit), TimeRemainingColumn()) if unit else ()
+        columns = (SpinnerColumn(), words, BarColumn(), *count, TimeElapsedColumn())
+        with Bars(*columns, console=self.console, transient=True, speed_estimate_period=_WHOLE_STAGE) as bars:
+            yield _Bar(bars, bars.add_task(label, total=None), label)
+
+    @contextmanager
+    def _lines(self, label: str, unit: str) -> Iterator[Stage]:
+        """Print a line at intervals, from a thread, so that no work has to think of it."""
+        stage, ended = _Lines(label, unit), threading.Event()
+
+        def repeat() -> None:
+            while not ended.wait(_LINE_EVERY):
+                self.say(stage.line())
+
+        thread = threading.Thread(target=repeat, daemon=True)
+        thread.start()
+        try:
+            yield stage
+        finally:
+            ended.set()
+            thread.join()
 
     def say(self, text: str) -> None:
         """Print one line on stderr."""

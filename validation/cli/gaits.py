@@ -123,6 +123,10 @@ def plan(
     narrator = Narrator()
     walk = None if no_body else plan_walk(request, narrator)
     planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walk is None else walk.plan
+    margin = None
+    if walk is not None:
+        with narrator.stage(f"{request.name}: ZMP margin", "instants") as stage:
+            margin, _ = walk.plan.least_zmp_margin(progress=stage.advance)
     sole = walk.plan.feet.sole if walk is not None and run.footsteps else None
     request = request if walk is None else walk.request
     if save is not None:
@@ -131,7 +135,7 @@ def plan(
             lines = "".join(f"# {note}\n" for note in notes)
             work.write_text(lines + dump_run(request.run), encoding="utf-8")
     if samples is not None:
-        with output_file(samples) as work:
+        with narrator.stage("samples"), output_file(samples) as work:
             write_columns(plan_table(planned, sample_times(planned.duration, rate)), work)
     if motion is not None and walk is not None:
         with output_file(motion) as work:
@@ -142,14 +146,16 @@ def plan(
         title = f"plan of {request.title}" + ("" if footsteps is None else f" over {footsteps.name}")
         plot_plan(planned, plot, title=title, sole=sole)
     if as_json:
-        print_json(describe_plan(request, planned, walk))
+        print_json(describe_plan(request, planned, walk, margin))
     else:
-        print_tables(plan_tables(request, planned, walk, whole_motion=motion is not None))
+        print_tables(plan_tables(request, planned, walk, margin, whole_motion=motion is not None))
     narrator.wrote(save, samples, motion, plot)
     return Status.PASS
 
 
-def describe_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | None = None) -> dict[str, Any]:
+def describe_plan(
+    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, zmp_margin: float | None
+) -> dict[str, Any]:
     """A plan as a JSON object: parameters, constants, residuals, and with a body motion and margins."""
     tuned = None if walk is None else walk.tuned
     return {
@@ -159,7 +165,7 @@ def describe_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | No
         "step_duration": plan.constants.step_duration,
         "duration": plan.duration,
         "residuals": plan.residuals(),
-        "zmp_margin": None if walk is None else walk.zmp_margin,
+        "zmp_margin": zmp_margin,
         "motion": None if walk is None else walk.plan.posture.report(),
         "found": None if tuned is None else dict(tuned.values),
         "margins": None if tuned is None else _described_margins(tuned),
@@ -167,7 +173,12 @@ def describe_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | No
 
 
 def plan_tables(
-    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, *, whole_motion: bool
+    request: Request,
+    plan: CentroidalPlan,
+    walk: PlannedWalk | None,
+    zmp_margin: float | None,
+    *,
+    whole_motion: bool,
 ) -> list[Table]:
     """A plan for a reader: constants, the values found, and the whole report of the motion if asked for."""
     rows = []
@@ -180,9 +191,8 @@ def plan_tables(
         f"largest jump at a switch, relative: {format_number(plan.residuals().largest, 2)}",
     ]
     report = {} if walk is None else walk.plan.posture.report()
-    if walk is not None:
-        margin = 1000 * walk.zmp_margin
-        notes.append(f"planned ZMP margin, to the edge of the planned support: {margin:.1f} mm")
+    if zmp_margin is not None:
+        notes.append(f"planned ZMP margin, to the edge of the planned support: {1000 * zmp_margin:.1f} mm")
     if report and not whole_motion:
         knee, clearance = report["knee_minimum"], report["clearance"]
         notes.append(f"least flexion of a knee: {knee['value']:.3f} rad")

@@ -156,7 +156,8 @@ def people(
             convert(file, work)
         Narrator().wrote(write)
         return Status.PASS
-    found = compare_people(file, beside, profile=find_profile(profile))
+    with Narrator().stage("comparison"):
+        found = compare_people(file, beside, profile=find_profile(profile))
     if plot is not None:
         from validation.study.people.report import draw  # loads matplotlib
 

@@ -89,7 +89,7 @@ def write_sources(sources: Sequence[Source], path: Path, progress: Progress, *, 
     Args:
         sources: of one file it is a copy, several are merged.
         path: of the file; an existing one is replaced.
-        progress: where to report a choice.
+        progress: where to report the stage and a choice.
         one_sweep: whether all are of one sweep: those stand beside each other.
 
     Raises:
@@ -100,7 +100,10 @@ def write_sources(sources: Sequence[Source], path: Path, progress: Progress, *, 
     if len(sources) == 1:
         read_part(sources[0].path, "", "")
         shutil.copyfile(sources[0].path, path)
-    elif not merge(sources, path, overlay=False if one_sweep else None) and not one_sweep:
+        return
+    with progress.stage(f"{len(sources)} recordings into one"):
+        is_overlaid = merge(sources, path, overlay=False if one_sweep else None)
+    if not (is_overlaid or one_sweep):
         progress.say("the recordings are of different gaits: beside each other, aligned on the gait's phase")
 
 

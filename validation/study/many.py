@@ -23,7 +23,6 @@ from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.judge.metrics import added_metrics
 from validation.progress import Progress, Stage, interruption
-from validation.show.text import format_duration
 from validation.store.folders import check_target, disk_is_full
 from validation.store.identity import code_hash
 from validation.study.exceptions import StudyStopped
@@ -134,6 +133,7 @@ def walk_many(
     scheduler: str | None = None,
     limit: float | None = None,
     label: str = "walks",
+    unit: str = "runs",
     progress: Progress | None = None,
 ) -> Iterator[Row]:
     """Walk every task once; yield its row, with ``key`` and ``digest``, as soon as it is there.
@@ -148,6 +148,7 @@ def walk_many(
         scheduler: address of a dask scheduler or its scheduler file; its workers are used instead.
         limit: wall-clock time of a run [s]; none in this very process.
         label: what is done, for the progress.
+        unit: what the tasks and searches are, likewise.
         progress: where to report.
 
     Raises:
@@ -165,7 +166,7 @@ def walk_many(
 
     def advance(search: Search, row: Row | None = None) -> Iterator[Row]:
         """Send a search its row, and all rows that are known, until it wants a walk or ends."""
-        with suppress(StopIteration):
+        try:
             while True:
                 task = next(search) if row is None else search.send(row)
                 row = rows.get(task.key, task.digest)
@@ -177,6 +178,8 @@ def walk_many(
                     return
                 report.count(row)
                 yield row
+        except StopIteration:
+            report.done += 1
 
     def refill() -> Iterator[Row]:
         """Take tasks until one of them wants a walk, or none is left."""
@@ -186,7 +189,7 @@ def walk_many(
             report.show()
 
     try:
-        with progress.stage(label, "runs") as stage:
+        with progress.stage(label, unit) as stage:
             report = _Report(stage, len(tasks) if isinstance(tasks, Sized) else 0)
             yield from refill()
             if not ready:
@@ -229,15 +232,18 @@ def _as_search(item: Task | Search) -> Search:
 
 
 class _Report:
-    """Progress of a study: how its runs ended, how fast, and for how long still.
+    """Progress of a study: how its runs ended, and how fast.
 
     Args:
         stage: where to report.
-        total: number of runs; 0 if it is not known, because searches decide on it.
+        total: number of tasks and searches; 0 if it is not known.
+
+    Attributes:
+        done: tasks and searches that have ended.
     """
 
     def __init__(self, stage: Stage, total: int) -> None:
-        self._stage, self._total = stage, total
+        self._stage, self._total, self.done = stage, total, 0
         self._outcomes: Counter[str] = Counter()
         self._walked, self._start = 0, time.monotonic()
 
@@ -248,15 +254,12 @@ class _Report:
 
     def show(self, *, waiting: bool = False) -> None:
         """Report the present state; ``waiting`` for workers."""
-        done = self._outcomes.total()
         parts = [f"{number} {word}" for word, number in self._outcomes.most_common()]
         if self._walked >= _LEAST:
             rate = self._walked / max(time.monotonic() - self._start, 1e-9)
             parts.append(f"{rate:.3g}/s" if rate >= 1.0 else f"{60.0 * rate:.3g}/min")
-            if self._total > done:
-                parts.append(f"{format_duration((self._total - done) / rate)} left")
         if waiting:
             parts.append("waiting for workers")
         if self._total:
-            self._stage.advance(done, self._total)
+            self._stage.advance(self.done, self._total)
         self._stage.note(", ".join(parts))

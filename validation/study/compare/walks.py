@@ -96,9 +96,10 @@ def compare_pair(
         known = [_study(studies, walks.get(name, source)) for name, source in zip("ab", sources, strict=True)]
         halves = _walk(walks, at, half_step=half_step, workers=workers, progress=progress)
         sides = []
-        for name, label, source, study in zip("ab", labels, sources, known, strict=True):
-            run = source if isinstance(source, Path) else at / name
-            sides.append(load_side(label, run, at / f"{name}{_HALF}" if name in halves else None, study))
+        with progress.stage("comparison"):
+            for name, label, source, study in zip("ab", labels, sources, known, strict=True):
+                run = source if isinstance(source, Path) else at / name
+                sides.append(load_side(label, run, at / f"{name}{_HALF}" if name in halves else None, study))
     return pair_of(*sides)
 
 

@@ -179,8 +179,15 @@ def robustness(
     task = partial(replica_task, planned=planned, profile=limits.name, users=users)
     results: dict[str, CellResult] = {}
     searches = [climb(start, replicas, task, results) for start in _with_bounds(cells, planned)]
-    label = f"{request.name}: robustness"
-    rows = walk_many(searches, folder, workers=workers, scheduler=scheduler, label=label, progress=progress)
+    rows = walk_many(
+        searches,
+        folder,
+        workers=workers,
+        scheduler=scheduler,
+        label=f"{request.name}: robustness",
+        unit="disturbances",
+        progress=progress,
+    )
     crashes = tuple(crash_notes(rows))
     found = Robustness(
         gait=request.title,

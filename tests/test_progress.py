@@ -1,0 +1,110 @@
+"""Every command says how far it is: by a bar on a terminal, elsewhere by a line at intervals."""
+
+import io
+import re
+import time
+from contextlib import nullcontext
+
+import pytest
+from rich.console import Console
+
+from ampm.planner.support import StepPlan, plan_steps
+from ampm.run_file import load_run
+from models.human import sole_geometry
+from tests.test_many import doubling, tasks
+from validation.cli import console
+from validation.cli.console import Narrator
+from validation.progress import Progress, Stage
+from validation.study.many import walk_many
+
+
+@pytest.fixture
+def narrator(monkeypatch) -> Narrator:
+    """One that writes into a file, and a line every 20 ms."""
+    monkeypatch.setattr(console, "_LINE_EVERY", 0.02)
+    found = Narrator()
+    found.console = Console(file=io.StringIO(), soft_wrap=True)
+    return found
+
+
+def lines(narrator: Narrator) -> list[str]:
+    """What it wrote."""
+    assert isinstance(narrator.console.file, io.StringIO)
+    return narrator.console.file.getvalue().splitlines()
+
+
+def test_a_stage_that_reports_nothing_says_that_it_goes_on(narrator):
+    with narrator.stage("motion"):
+        time.sleep(0.1)
+    *going, end = lines(narrator)
+    assert len(going) >= 2
+    assert re.fullmatch(r"motion: [\d.]+ \w+", going[0])
+    assert re.fullmatch(r"motion: \d+\.\d s", end)
+    time.sleep(0.05)
+    assert lines(narrator) == [*going, end]  # the end of the stage ends the lines
+
+
+def test_lines_have_the_count_the_time_that_is_left_and_the_note(narrator):
+    with narrator.stage("walks", "runs") as stage:
+        stage.advance(90, 100)  # stored ones say nothing about the speed
+        stage.note("90 completed")
+        time.sleep(0.05)
+        stage.advance(95, 100)
+        time.sleep(0.05)
+    first, *_, last, _ = lines(narrator)
+    assert re.fullmatch(r"walks: [\d.]+ \w+, 90 of 100 runs, 90 completed", first)
+    assert re.fullmatch(r"walks: [\d.]+ \w+, 95 of 100 runs, about [\d.]+ \w+ left, 90 completed", last)
+
+
+def test_a_failed_stage_ends_its_lines(narrator):
+    with pytest.raises(ValueError, match="nothing"), narrator.stage("walks"):
+        raise ValueError("nothing")
+    time.sleep(0.05)
+    assert lines(narrator) == []
+
+
+def test_a_terminal_gets_a_bar(narrator):
+    narrator.console = Console(file=io.StringIO(), force_terminal=True, width=100)
+    with narrator.stage("walks", "runs") as stage:
+        stage.advance(3, 12)
+        stage.note("3 fell")
+        time.sleep(0.3)
+    text = " ".join(lines(narrator))
+    assert "walks (3 fell)" in text
+    assert "3/12" in text
+
+
+class Counted(Progress, Stage):
+    """Keeps what is reported."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[int, int]] = []
+
+    def stage(self, label, unit=""):
+        return nullcontext(self)
+
+    def advance(self, done, total):
+        self.seen.append((done, total))
+
+
+def test_a_study_counts_its_tasks_and_searches():
+    progress = Counted()
+    rows = list(walk_many([*tasks(2), doubling(1)], workers=0, progress=progress))
+    assert len(rows) > 3  # a search has many
+    assert progress.seen[0] == (0, 3)
+    assert progress.seen[-1] == (3, 3)
+    assert progress.seen == sorted(progress.seen)
+
+
+@pytest.fixture
+def plan_of_many_steps() -> StepPlan:
+    run = load_run("normal", gait={"steps": 200})
+    return plan_steps(run.gait, run.body.mass, run.foot, sole_geometry(run.body.height))
+
+
+def test_the_margin_of_a_long_plan_reports_its_instants(plan_of_many_steps):
+    progress = Counted()
+    plan_of_many_steps.least_zmp_margin(progress=progress.advance)
+    done, total = zip(*progress.seen, strict=True)
+    assert len(done) > 2
+    assert set(total) == {done[-1]}
