@@ -1,6 +1,6 @@
 """Runs as TOML files: read from presets, files and settings; written to one file that gives the same bits."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -12,7 +12,7 @@ import tomli_w
 from ampm.exceptions import InputError
 from ampm.parameters import OPEN_KEYS, SECTIONS, RunParameters, keys, split_key
 from ampm.presets import PRESETS
-from ampm.section import parse_toml, read_toml, unit_of, unknown
+from ampm.section import nearest, parse_toml, read_toml, unit_of, unknown
 
 
 def load_run(
@@ -176,6 +176,42 @@ def key_info(key: str) -> KeyInfo:
 def describe_keys() -> tuple[KeyInfo, ...]:
     """Meaning, unit, default and bounds of every key, in the order of the file."""
     return tuple(key_info(key) for key in keys())
+
+
+def find_keys(*words: str) -> tuple[KeyInfo, ...]:
+    """Keys that all words fit, in the order of the file.
+
+    The name of a section fits the keys of this section. Any other word fits the keys that have it in their
+    name or meaning, in upper or lower case.
+
+    Raises:
+        InputError: no key fits.
+    """
+    found = describe_keys()
+    for word in words:
+        text = word.strip().lower()
+        if text in SECTIONS:
+            kept = [info for info in found if info.key.partition(".")[0] == text]
+        else:
+            kept = [info for info in found if text in f"{info.key} {info.meaning}".lower()]
+        if not kept:
+            raise _no_key(word, words)
+        found = tuple(kept)
+    return found
+
+
+def _no_key(word: str, words: Sequence[str]) -> InputError:
+    """Error about a word that no key fits, or none that fits the words before."""
+    similar = nearest(word, RunParameters.known_keys())
+    if len(words) > 1:
+        what, way_out = f"no key fits all of {', '.join(map(repr, words))}", "leave out a word"
+    elif word in PRESETS or Path(word).suffix == ".toml":
+        what, way_out = f"no key has {word!r} in its name or meaning", f"write --gait {word} for its values"
+    elif similar:
+        what, way_out = f"no key has {word!r} in its name or meaning", f"did you mean {similar!r}?"
+    else:
+        what, way_out = f"no key has {word!r} in its name or meaning", f"sections are {', '.join(SECTIONS)}"
+    return InputError(f"{what}; {way_out}", value=word, way_out=way_out, nearest=similar)
 
 
 def _parsed(setting: str) -> tuple[str, Any]:

@@ -104,12 +104,7 @@ def _input_error(error: ValidationError, model: type[Section]) -> InputError:
     if kind == "missing":
         return InputError(f"{key} is missing; write {key} = ...{meaning}", key=key, way_out=f"write {key}")
     unit = "" if unit_of(field) == "1" else f" {unit_of(field)}"
-    limit = "must " + detail["msg"].partition(" should ")[2]  # "Input should be a valid string"
-    if kind.startswith(("greater_than", "less_than")):
-        limit = limit.replace("greater than or equal to", "at least").replace(
-            "less than or equal to", "at most"
-        )
-        limit += unit
+    limit = limit_of(detail) + (unit if kind.startswith(("greater_than", "less_than")) else "")
     way_out = None
     if kind == "model_type":
         limit, way_out = "must be a section of keys", f"write [{key}] and its keys below it"
@@ -117,6 +112,14 @@ def _input_error(error: ValidationError, model: type[Section]) -> InputError:
         way_out = f"the default is {_with_unit(field.default, unit)}"
     sentence = f"{key} = {_with_unit(value, unit)} {limit}{f'; {way_out}' if way_out else ''}.{meaning}"
     return InputError(sentence, key=key, value=value, limit=limit, way_out=way_out)
+
+
+def limit_of(detail: Any) -> str:
+    """What a value must be, from the details of pydantic's error."""
+    kinds = {"int": "be a whole number", "float": "be a number"}
+    words = detail["msg"].partition(" should ")[2]  # "Input should be a valid string"
+    words = words.replace("greater than or equal to", "at least").replace("less than or equal to", "at most")
+    return f"must {kinds.get(detail['type'].partition('_')[0], words)}"
 
 
 def _with_unit(value: Any, unit: str) -> str:

@@ -219,7 +219,7 @@ def test_reprs_are_short(trial, tmp_path):
 
 
 def test_python_m_ampm_lists_the_keys(capsys):
-    assert call(["keys", "momentum", "--set", "gait.c_y=0.7", "--json"]) == Status.PASS
+    assert call(["keys", "--gait", "momentum", "--set", "gait.c_y=0.7", "--json"]) == Status.PASS
     keys = {item["key"]: item for item in json.loads(capsys.readouterr().out)}
     height = keys["gait.com_height"]
     assert (height["unit"], height["bounds"], height["default"]) == ("m", "> 0, <= 100", 0.865)

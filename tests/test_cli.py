@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,9 +11,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import typer
 
 from ampm import __version__
 from ampm.exceptions import InputError, SolverError
+from ampm.parameters import keys
+from validation.cli import app as cli
 from validation.cli.app import Status
 from validation.show.viewer import page_address, viewer_command
 from validation.trial.plan import load_request
@@ -102,7 +106,7 @@ def test_other_commands_than_the_trial_take_a_body(ampm):
         ("plan --no-body --plot=none/x.png", "there is no folder none"),
         ("plan --no-body --samples=file/x.csv", "x.csv"),
         ("plan --no-body --bogus", "See 'ampm plan --help'."),
-        ("plan --no-body --rate fast", "--rate"),
+        ("plan --no-body --rate fast", "--rate 'fast' must be a number; write for example --rate 10."),
         ("plan --no-body normal momentum", "momentum"),
         ("compare --body no-such", "no-such"),
         ("convergence --body no-such", "no-such"),
@@ -133,7 +137,26 @@ def test_other_commands_than_the_trial_take_a_body(ampm):
         ("convergence normal --levels 2", "choose 3"),
         ("convergence normal --levels 7", "choose 3"),
         ("convergence normal --study steps", "use one of time_step"),
-        ("convergence normal --workers -1", "greater than or equal to 0"),
+        (
+            "convergence normal --workers -1",
+            "--workers '-1' must be at least 0; write for example --workers 10.",
+        ),
+        (
+            "convergence normal --levels four",
+            "--levels 'four' must be a whole number; write for example --levels 4.",
+        ),
+        (
+            "validate normal --steps ten",
+            "--steps 'ten' must be a whole number; write for example --steps 10.",
+        ),
+        (
+            "validate normal --set gait.steps=ten",
+            "gait.steps = 'ten' must be a whole number; the default is 30.",
+        ),
+        ("keys xyzzy", "no key has 'xyzzy' in its name or meaning; sections are gait, body,"),
+        ("keys stp_length", "did you mean 'gait.step_length'?"),
+        ("keys momentum.toml", "write --gait momentum.toml for its values"),
+        ("keys gait friction", "no key fits all of 'gait', 'friction'; leave out a word."),
         ("convergence normal --profile lenient", "use one of default"),
         ("convergence normal --set simulation.time_step=0.0015", "must be a whole number"),
         ("tour normal --seeds 0", "--seeds 0: give a number of at least 1"),
@@ -154,6 +177,45 @@ def test_bad_input_is_one_sentence_before_anything_is_done(ampm, line, words, tm
     assert answer.err.count("\n") == 1
     assert words in answer.err
     assert {*tmp_path.iterdir()} == given
+
+
+def test_help_groups_the_commands_in_lines_of_their_own(ampm, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    text = ampm("--help").out
+    assert re.findall(r"╭─ ([\w ]+) ─", text)[1:] == ["Walk", "Look", "Check", "Bodies and gaits"]
+    shown = [line.strip("│ ") for line in text.partition("╭─ Walk")[2].splitlines() if line.startswith("│")]
+    known = typer.main.get_group(cli.app).commands
+    assert len(shown) == len(known) <= 14
+    for line in shown:
+        name, _, words = line.partition(" ")
+        assert words.endswith(".")
+        assert str(known[name].help).startswith(words.strip())
+
+
+def test_keys_by_section_by_word_and_by_both(ampm):
+    def found(*words: str) -> list[str]:
+        return [item["key"] for item in ampm("keys", *words, "--json").json]
+
+    every = list(keys())
+    assert found() == every
+    assert found("gait") == [key for key in every if key.startswith("gait.")]
+    assert found("foot") == [key for key in every if key.startswith("foot.")]  # no "footsteps"
+    assert found("Step_Length") == ["gait.step_length"]
+    assert "controller.touchdown_damping" in found("damping")
+    assert "gait.step_width" in found("lateral distance")  # in its meaning
+    both = found("controller", "damping")
+    assert both
+    assert set(both) == set(found("controller")) & set(found("damping"))
+
+
+def test_keys_are_whole_and_have_values_of_a_gait(ampm, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("validation.table._FILE_WIDTH", 80)
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in ampm("keys").out.splitlines()]
+    assert set(keys()) <= {row[0] for row in rows if row}
+    text = ampm("keys", "touchdown_damping", "--gait", "ipm").out
+    assert re.search(r"│ controller.touchdown_damping │ 700.0 │ 1/s", text)
+    assert "default 200.0" in text
 
 
 def test_a_title_names_what_was_changed_but_for_the_number_of_steps():

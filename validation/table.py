@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from html import escape
-from typing import Literal
 
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table as TerminalTable
@@ -19,7 +18,7 @@ BODY_WEIGHT = "% BW"
 USED = ">used"
 """Header of a column of percentages that a page also shows as bars."""
 _LONG = 34
-"""Characters from which a cell of a page may break its line."""
+"""Characters from which a cell may break its line, whatever it holds."""
 _FILE_WIDTH = 160
 """Columns of a table that is written to a file or a pipe."""
 
@@ -67,8 +66,14 @@ class Table:
         """Title, table and notes for a terminal."""
         table = TerminalTable()
         for number, header in enumerate(self.headers):
-            justify: Literal["left", "right"] = "right" if self.is_right(number) else "left"
-            table.add_column(Text(header), justify=justify, no_wrap=justify == "right")
+            words = all(" " not in row[number] and len(row[number]) < _LONG for row in self.rows)
+            is_whole = self.is_right(number) or words
+            table.add_column(
+                Text(header),
+                justify="right" if self.is_right(number) else "left",
+                no_wrap=is_whole,  # numbers and single words are not broken
+                overflow="ellipsis" if is_whole else "fold",
+            )
         for row in self.rows:
             style = "bold" if is_heading(row) else ""
             table.add_row(*(Text(cell, COLORS.get(cell.lower(), style)) for cell in row))

@@ -10,9 +10,10 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+import typer.core
 
 import ampm
 from validation.cli import body, compare, gaits, studies, survival, validate, view
@@ -22,8 +23,27 @@ from validation.cli.options import Status, option
 from validation.progress import interruption
 from validation.show.text import print_line
 
+_PANELS = {
+    "Walk": ("validate", "sweep", "compare"),
+    "Look": ("view", "report", "people"),
+    "Check": ("replay", "convergence", "robustness", "tour"),
+    "Bodies and gaits": ("body", "plan", "keys"),
+}
+"""Commands as ``ampm --help`` groups them."""
+_PANEL_OF = {name: panel for panel, names in _PANELS.items() for name in names}
+
+
+class _Commands(typer.core.TyperGroup):
+    """All commands, in the order of the groups."""
+
+    def list_commands(self, context: Any) -> list[str]:
+        """Names of the commands."""
+        return list(_PANEL_OF)
+
+
 app = typer.Typer(
     name="ampm",
+    cls=_Commands,
     help="Plan the gait of the angular-momentum-inducing pendulum, walk it in MuJoCo under torque control, "
     "and measure how far physics and formula agree.",
     epilog=validate.EPILOG,
@@ -33,7 +53,10 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 for group in (gaits, validate, view, body, studies, compare, survival):
+    for part in group.app.registered_groups:
+        part.rich_help_panel = _PANEL_OF[str(part.name)]
     for command in group.app.registered_commands:
+        command.rich_help_panel = _PANEL_OF[command.callback.__name__]
         # Typer joins the lines of a docstring's first paragraph only.
         paragraphs = str(command.callback.__doc__).split("\n\n")
         command.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)

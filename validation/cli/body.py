@@ -18,7 +18,7 @@ from validation.table import Table, format_number, print_tables
 if TYPE_CHECKING:
     from validation.run.body_check import BodyCheck
 
-group = typer.Typer(help="The bodies that can walk, and whether they can.")
+group = typer.Typer(help="List the bodies that can walk, and check them.")
 app = typer.Typer()
 app.add_typer(group, name="body")
 
@@ -44,7 +44,10 @@ def check(
     ] = False,
     as_json: Json = False,
 ) -> int:
-    """Check a body: its model, its torques in a periodic step, and what it can walk. Nothing is simulated."""
+    """Check a body: its model, its torques, what it can walk.
+
+    The torques are those of the best periodic step found. Nothing is simulated.
+    """
     from validation.run.body_check import BodyCheck
     from validation.run.body_check import check as check_body
 

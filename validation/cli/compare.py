@@ -78,11 +78,12 @@ def compare(
     resume: Resume = False,
     as_json: Json = False,
 ) -> int:
-    """Compare two gaits, which are walked, two finished runs, or two sweeps run by run.
+    """Compare two gaits, two finished runs, or two sweeps.
 
-    The first line says which is better, in how many metrics, and where the difference is largest. Gaits walk
-    at half their time step, too: only a difference larger than the metrics change by that counts. Sweeps are
-    matched by the parameters of their runs, A is the reference, and a regression is told by the status.
+    Gaits are walked, sweeps compared run by run. The first line says which is better, in how many metrics,
+    and where the difference is largest. Gaits walk at half their time step, too: only a difference larger
+    than the metrics change by that counts. Sweeps are matched by the parameters of their runs, A is the
+    reference, and a regression is told by the status.
     """
     from validation.study.compare.report import check_folder, write_comparison
 

@@ -1,12 +1,15 @@
 """Report of an error on the command line: one sentence, an exit status, a JSON object."""
 
+import reprlib
 import tempfile
 import traceback
 from typing import Any
 
 import typer
+from pydantic import ValidationError
 
 from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError
+from ampm.section import limit_of
 from validation.cli.options import Status
 from validation.store.folders import disk_is_full
 from validation.study.exceptions import StudyStopped
@@ -55,7 +58,7 @@ def explain(error: BaseException) -> tuple[Status, str]:
         text = "interrupted"
     elif isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)  # of the command that did not understand its options
-        text = error.format_message()
+        text = _bad_value(error) or error.format_message()
         way_out = f" See '{'ampm' if context is None else context.command_path} --help'."
     elif disk_is_full(error):
         status, text = (
@@ -70,6 +73,16 @@ def explain(error: BaseException) -> tuple[Status, str]:
     for note in getattr(error, "__notes__", ()):
         text = f"{text.removesuffix('.')}; {_one_line(note)}"
     return status, text if status in (Status.INTERRUPTED, Status.CRASH) else _sentence(text) + way_out
+
+
+def _bad_value(error: Any) -> str:
+    """Sentence about an option's value that its type refuses; empty for any other error."""
+    if not isinstance(error.__cause__, ValidationError):
+        return ""
+    detail, name = error.__cause__.errors()[0], error.param.opts[0]
+    example = 10 if error.param.default is None else error.param.default
+    given = reprlib.repr(detail["input"])
+    return f"{name} {given} {limit_of(detail)}; write for example {name} {example}."
 
 
 def _one_line(text: str) -> str:

@@ -25,7 +25,6 @@ from validation.cli.options import (
     Settings,
     Status,
     Steps,
-    answer,
     check_picture,
     option,
     with_footsteps,
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ampm.planner.centroidal import CentroidalPlan
+    from ampm.run_file import KeyInfo
     from ampm.tune.tuning import Tuned
     from validation.trial.plan import PlannedWalk, Request
 
@@ -74,7 +74,7 @@ def plan(
     ] = None,
     plot: Annotated[Path | None, option("--plot", "Draw the plan.", "FILE.png")] = None,
 ) -> int:
-    """Plan a gait: constants, residuals, open values, the whole-body motion, samples, a picture.
+    """Plan a gait without walking it: constants, motion, picture.
 
     With a body (the default) the plan is checked against its soles, legs and joints, and the constant of L_y
     is the one that makes the body's motion periodic. Where a preset's gait or body is changed, what it leaves
@@ -250,42 +250,57 @@ def _described_margins(tuned: Tuned) -> dict[str, dict[str, Any]]:
 
 
 @app.command()
-def keys(gait: Gait = None, settings: Settings = None, as_json: Json = False) -> int:
-    """List every parameter: its value in a gait, unit, bounds and meaning.
+def keys(
+    words: Annotated[
+        list[str] | None, typer.Argument(help="Sections and words; all keys if none.", metavar="WORD")
+    ] = None,
+    gait: Annotated[
+        str | None, option("--gait", "Show the values of this preset or TOML file; normal if none.", "GAIT")
+    ] = None,
+    settings: Settings = None,
+    as_json: Json = False,
+) -> int:
+    """List parameters: all, a section's, or those with a word.
 
-    Any of them can be given as --set KEY=VALUE, in a gait's TOML file, and varied by a sweep.
+    A WORD that names a section keeps the keys of this section. Any other WORD keeps the keys that have it in
+    their name or meaning. Several words narrow the list: 'ampm keys controller swing'.
+
+    Every key is shown with its value in a gait, unit, bounds and meaning, and its default where the value is
+    another one. Each can be given as --set KEY=VALUE, in a gait's TOML file, and varied by a sweep.
     """
+    from ampm.run_file import find_keys
     from validation.trial.plan import load_request
 
-    answer(load_request(gait, settings or ()), describe_keys, print_keys, as_json=as_json)
+    found = find_keys(*words or ())
+    request = load_request(gait, settings or ())
+    if as_json:
+        print_json([describe_key(info, request) for info in found])
+    else:
+        for section, infos in groupby(found, lambda info: info.key.partition(".")[0]):
+            rows = [key_row(info, request) for info in infos]
+            print_tables([Table(f"{section} of {request.name}", ("key", ">value", "unit", "meaning"), rows)])
     return Status.PASS
 
 
-def describe_keys(request: Request) -> list[dict[str, Any]]:
-    """All parameters as JSON objects: key, value in this gait, default, unit, bounds and meaning."""
-    from ampm.parameters import keys
-    from ampm.run_file import key_info
-
-    values = request.run.model_dump()
-    described = []
-    for info in map(key_info, keys()):
-        section, name = info.key.split(".")
-        described.append(
-            {
-                "key": info.key,
-                "value": values[section][name],
-                "default": info.default,
-                "unit": "" if info.unit == "1" else info.unit,
-                "bounds": info.range,
-                "meaning": info.meaning,
-            }
-        )
-    return described
+def describe_key(info: KeyInfo, request: Request) -> dict[str, Any]:
+    """A parameter as a JSON object: key, value in this gait, default, unit, bounds and meaning."""
+    return {
+        "key": info.key,
+        "value": request.run.value(info.key),
+        "default": info.default,
+        "unit": _unit(info),
+        "bounds": info.range,
+        "meaning": info.meaning,
+    }
 
 
-def print_keys(request: Request) -> None:
-    """Print all parameters, section by section."""
-    described = describe_keys(request)
-    for section, items in groupby(described, lambda item: item["key"].partition(".")[0]):
-        rows = [[str(value) for value in item.values()] for item in items]
-        print_tables([Table(f"{section} of {request.name}", list(described[0]), rows)])
+def key_row(info: KeyInfo, request: Request) -> tuple[str, ...]:
+    """A parameter for a reader: key, value, unit, and meaning with the bounds and the other default."""
+    value = request.run.value(info.key)
+    more = [info.range, "" if value == info.default else f"default {info.default}"]
+    said = "; ".join(filter(None, more))
+    return info.key, str(value), _unit(info), f"{info.meaning}{f' [{said}]' if said else ''}"
+
+
+def _unit(info: KeyInfo) -> str:
+    return "" if info.unit == "1" else info.unit

@@ -68,11 +68,11 @@ def sweep(
     ] = False,
     as_json: Json = False,
 ) -> int:
-    """Walk many runs, headless, on all cores or a cluster; keep every finished result.
+    """Walk many runs over any parameters, on all cores.
 
-    FILE defines the runs: grids, lists, Latin hypercubes or Sobol points over any parameter. Every finished
-    run is on the disk at once. After a kill, a full disk or Ctrl-C, --resume walks exactly what is missing,
-    and the table is the same to the bit.
+    FILE defines the runs: grids, lists, Latin hypercubes or Sobol points over any parameter. Runs walk on
+    this machine or a cluster; every finished one is on the disk at once. After a kill, a full disk or Ctrl-C,
+    --resume walks exactly what is missing, and the table is the same to the bit.
     """
     from validation.study.sweep.run import forecast  # loads simulator and measurement
     from validation.study.sweep.run import sweep as walk_sweep
@@ -136,12 +136,12 @@ def people(
     force: Force = False,
     as_json: Json = False,
 ) -> int:
-    """Compare a recorded person with a plan and a simulated body, by the signals that metrics judge.
+    """Compare a recorded person with plan and simulation.
 
-    The mean strides of all three are compared: net force, force on the left foot, ZMP, COM, angular momentum.
-    FILE has a row for every instant, in SI units: time, left_force_x ... right_force_z (or force_x ...),
-    left_cop_x ... (or cop_x, cop_y), com_x ..., belt_speed. A .json file is one of the benchmark of
-    predictive simulations. Limits are shown, not judged: the exit status is 0.
+    The mean strides of all three are compared in the signals that metrics judge: net force, force on the left
+    foot, ZMP, COM, angular momentum. FILE has a row for every instant, in SI units: time, left_force_x ...
+    right_force_z (or force_x ...), left_cop_x ... (or cop_x, cop_y), com_x ..., belt_speed. A .json file is
+    one of the benchmark of predictive simulations. Limits are shown, not judged: the exit status is 0.
     """
     from validation.judge.profiles import profile as find_profile
     from validation.study.people.compare import People, convert
@@ -208,12 +208,13 @@ def convergence(
     resume: Resume = False,
     as_json: Json = False,
 ) -> int:
-    """Measure how far a gait's metrics depend on time step, grids, tolerances and contact parameters.
+    """Measure the numerical uncertainty of a gait's metrics.
 
-    The time step is halved repeatedly, at the same control frequency; so is the grid of the inverse
-    kinematics; the QP's tolerance is tightened; contact stiffness is varied. Every metric gets its observed
-    order, extrapolated value and numerical uncertainty, or "no asymptotic range"; 'ampm validate
-    --uncertainty' quotes the uncertainty in its verdict.
+    Metrics depend on time step, grids, tolerances and contact parameters. The time step is halved repeatedly,
+    at the same control frequency; so is the grid of the inverse kinematics; the QP's tolerance is tightened;
+    contact stiffness is varied. Every metric gets its observed order, extrapolated value and numerical
+    uncertainty, or "no asymptotic range"; 'ampm validate --uncertainty' quotes the uncertainty in its
+    verdict.
     """
     from validation.study.convergence.result import Convergence
     from validation.study.convergence.study import convergence as study

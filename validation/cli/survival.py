@@ -57,10 +57,11 @@ def robustness(
     resume: Resume = False,
     as_json: Json = False,
 ) -> int:
-    """Find the largest pushes and other disturbances that a gait survives with its body and controller.
+    """Find the pushes and disturbances that a gait survives.
 
-    Pushes of 0.1 s by direction, phase and height, each beside the bound that legs set, and rising values of
-    all keys of the section disturbance. A value counts if it and all smaller ones are survived.
+    Body and controller are those of the run. Pushes of 0.1 s by direction, phase and height, each beside the
+    bound that legs set, and rising values of all keys of the section disturbance. A value counts if it and
+    all smaller ones are survived.
     """
     from validation.study.robustness.result import Robustness
     from validation.study.robustness.study import robustness as study
@@ -100,10 +101,11 @@ def tour(
     resume: Resume = False,
     as_json: Json = False,
 ) -> int:
-    """Walk tours over random targets under random punches, by the public protocol for the Unitree G1.
+    """Walk tours over random targets under random punches.
 
-    Both feet stand at one target after the other: each uniform in a disc of 1 m about the one before, with a
-    random heading. In every 5 s a random segment is hit for 0.08 s in a random direction.
+    This is the public protocol for the Unitree G1. Both feet stand at one target after the other: each
+    uniform in a disc of 1 m about the one before, with a random heading. In every 5 s a random segment is hit
+    for 0.08 s in a random direction.
     """
     from validation.study.tour import Tours
     from validation.study.tour import tour as study

@@ -75,7 +75,9 @@ def validate(
         ),
     ] = None,
 ) -> int:
-    """Plan, walk, measure and judge: the trial. Leaves a verdict, a recording and a report.
+    """Plan, walk, measure and judge gaits: the trial.
+
+    It leaves a folder with a verdict, a recording and a report.
 
     The controller tracks the plan, so agreement alone proves nothing: the trial tests whether a body with
     real mass distribution, unilateral contact, friction and limited torque can realise the plan, how closely,
@@ -151,7 +153,10 @@ def _status(summary: dict[str, Any]) -> Status:
 
 @app.command()
 def replay(directory: RunFolder) -> int:
-    """Step MuJoCo again from a run's recorded start with its recorded torques, and compare every bit."""
+    """Repeat a run from its recorded torques, to the bit.
+
+    MuJoCo steps again from the recorded start, without the controller; every bit of every state is compared.
+    """
     from validation.run.replay import replay as step_again
 
     narrator = Narrator()
@@ -166,7 +171,7 @@ def replay(directory: RunFolder) -> int:
 def report(
     directory: Annotated[Path, typer.Argument(help="Folder of a run or of a sweep.", metavar="DIR")],
 ) -> int:
-    """Write the report.html of a run or a sweep again from its saved files."""
+    """Write a run's or a sweep's report again from its files."""
     from validation.study.sweep.table import is_sweep
 
     with Narrator().stage("report"):

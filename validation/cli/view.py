@@ -52,11 +52,11 @@ def view(
     web: Annotated[bool, option("--web", "Show it in a web browser.")] = False,
     force: Annotated[bool, option("--force", "Replace an earlier file at --save.")] = False,
 ) -> int:
-    """Open recordings in the Rerun viewer, side by side or overlaid, aligned on the phase of the gait.
+    """Open recordings in the Rerun viewer, one or several.
 
-    One run opens unchanged. Chosen runs of a sweep are shown side by side. Several runs of one gait, for
-    example of two revisions, are overlaid in different colours; runs of different gaits are shown side by
-    side.
+    Several are aligned on the phase of the gait. One run opens unchanged. Chosen runs of a sweep are shown
+    side by side. Several runs of one gait, for example of two revisions, are overlaid in different colours;
+    runs of different gaits are shown side by side.
     """
     narrator = Narrator()
     if save is not None:
