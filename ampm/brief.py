@@ -1,6 +1,8 @@
-"""A representation of one line for values that hold arrays."""
+"""How values are shown: one line as ``repr``, a few lines by ``print``, a table in a notebook."""
 
+from collections.abc import Sequence
 from dataclasses import fields
+from html import escape
 from typing import Any
 
 _FACTS = 8
@@ -19,6 +21,21 @@ class Brief:
         names = [field.name for field in fields(self) if field.name[0] != "_"]  # type: ignore[arg-type]
         facts = [f"{name}={_said(getattr(self, name))}" for name in names[:_FACTS]]
         return f"{type(self).__name__}({', '.join(facts)}{', ...' if len(names) > _FACTS else ''})"
+
+
+def text_of(title: str, rows: Sequence[Sequence[str]]) -> str:
+    """A title, and below it rows of aligned columns, for ``__str__``."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+    return "\n".join([title, *(f"  {line}".rstrip() for line in lines)])
+
+
+def html_of(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A title, and a table below it, for ``_repr_html_``."""
+    head = "".join(f"<th>{escape(text)}</th>" for text in columns)
+    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if rows else ""
+    return f"<p><b>{escape(title)}</b></p>{table}"
 
 
 def _said(value: Any) -> str:

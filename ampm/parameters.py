@@ -9,8 +9,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from ampm.brief import html_of, text_of
 from ampm.exceptions import InputError
-from ampm.section import Real, RealOrInf, Section, Whole, parameter, unknown
+from ampm.section import Real, RealOrInf, Section, Whole, parameter, unit_of, unknown
 
 GRAVITY = 9.81
 """Gravitational acceleration of the paper [m/s^2]."""
@@ -365,6 +366,34 @@ class RunParameters(Section):
         yield from self.model_dump(exclude_defaults=True, exclude={"footsteps"}).items()
         if self.footsteps:
             yield "footsteps", f"[{len(self.footsteps)}]"
+
+    def __str__(self) -> str:
+        """Steps, planner, body, controller, and what differs from the defaults."""
+        rows = [
+            (key, str(value), unit, f"(default {default})")
+            for key, value, unit, default, _ in self._changes()
+        ]
+        return text_of(self._title, rows or [("all values are the defaults",)])
+
+    def _repr_html_(self) -> str:
+        """For notebooks: what differs from the defaults, with its meaning."""
+        rows = [tuple(map(str, row)) for row in self._changes()]
+        return html_of(self._title, ("key", "value", "unit", "default", "meaning"), rows)
+
+    @property
+    def _title(self) -> str:
+        way = f"over {len(self.footsteps)} footsteps" if self.footsteps else f"of {self.gait.steps} steps"
+        names = f"planner {self.gait.planner}, body {self.body.source}, controller {self.controller.name}"
+        return f"run {way}: {names}"
+
+    def _changes(self) -> Iterator[tuple[str, Any, str, Any, str]]:
+        """Key, value, unit, default and meaning of every value that differs from its default."""
+        for key in keys():
+            section, _, name = key.partition(".")
+            field, value = SECTIONS[section].model_fields[name], self.value(key)
+            if value != field.default:
+                unit = unit_of(field)
+                yield key, value, "" if unit == "1" else unit, field.default, str(field.description)
 
     def value(self, key: str) -> Any:
         """Value of a namespaced key."""

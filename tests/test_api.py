@@ -1,8 +1,10 @@
 """Public API: ``import ampm, validation as val``."""
 
 import json
+import re
 import sys
 from dataclasses import replace
+from html import escape
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +17,9 @@ from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
 from ampm.planners import PeriodicPlanner
 from ampm.walk import ControlOutput
+from tests.sweep_table import make_table, sweep_of
 from validation.cli.app import Status, call
+from validation.study.compare.sweeps import compare_sweeps
 
 RUN: dict[str, dict[str, Any]] = {"gait": {"steps": 2}, "solver": {"ik_time_step": 0.01}}
 HERE = "tests.test_api"
@@ -216,6 +220,54 @@ def test_reprs_are_short(trial, tmp_path):
         assert "\n" not in repr(value)
     assert repr(ampm.load_run("normal", gait={"steps": 3})) == "RunParameters(gait={'steps': 3})"
     assert repr(ampm.plan("momentum")).startswith("CentroidalPlan(mass=60, gravity=9.81, com_height=0.865, ")
+
+
+def test_print_says_what_a_run_a_plan_and_a_trial_are(trial):
+    run = "run of 30 steps: planner ampm, body human, controller ampm\n"
+    assert str(ampm.load_run("normal")) == run + "  all values are the defaults"
+    assert str(ampm.load_run("momentum", body={"mass": 70.0})) == (
+        f"{run}"
+        "  gait.c_s   1.2       (default 1.0)\n"
+        "  gait.c_y   0.4       (default 1.0)\n"
+        "  body.mass  70.0  kg  (default 60.0)"
+    )
+    rows = [{"foot": foot, "x": 0.0, "y": y} for foot, y in (("right", -0.1), ("left", 0.1))]
+    assert str(ampm.load_run("normal", footsteps=2 * rows)).startswith("run over 4 footsteps: planner ampm")
+    title, *facts = str(ampm.plan("momentum")).splitlines()
+    assert title == "CentroidalPlan of 30 steps in 21.59 s"
+    assert facts[:3] == [
+        "  body            60 kg, COM at 0.865 m",
+        "  way of the COM  18 m, 0.8338 m/s on average",
+        "  supports        0.599 s single, 0.1206 s double",
+    ]
+    assert str(trial.plan).startswith("WalkPlan of 2 steps in ")
+    title, *metrics = str(trial).splitlines()
+    assert title.startswith(f"pushed, 2 steps, completed: {trial.verdict.name.upper()}. ")
+    assert title.endswith(trial.verdict.reason)
+    zmp = next(item for item in trial.verdict.judged if item.name == "zmp_x_rmse")
+    assert re.fullmatch(rf"  ZMP, RMS error along x  +{zmp}, limit 2.5", metrics[0])
+    assert len(metrics) == len({"zmp_x_rmse", "zmp_y_rmse"} | {item.name for item in trial.verdict.failed})
+
+
+def test_notebooks_get_tables(trial, tmp_path):
+    found = ampm.load_run("momentum", ["controller.name='a:<b>'"])._repr_html_()
+    assert "<td>gait.c_s</td><td>1.2</td><td></td><td>1.0</td><td>slope of the force line" in found
+    assert "<td>a:&lt;b&gt;</td>" in found
+    plan = ampm.plan("momentum")
+    speed = f"{plan.constants.mean_velocity:.6g}"
+    assert f"<td>mean_velocity</td><td>{speed}</td><td>m/s</td>" in plan._repr_html_()
+    saved = val.load(trial.save(tmp_path / "run", recording=False))
+    for result in (trial, saved):
+        text = result._repr_html_()
+        assert "ZMP, RMS error along x" in text
+        assert escape(trial.verdict.reason) in text
+        assert result.table().__html__() in text
+    assert "largest torque, of the motor&#x27;s limit" in trial._repr_html_()
+    sweep = sweep_of(make_table(20))
+    assert "<h3>sweep synthetic</h3>" in sweep._repr_html_()
+    text = compare_sweeps(sweep, sweep)._repr_html_()
+    assert text.startswith("<p><b>No regression in 20 matched runs")
+    assert "<h3>outcomes</h3>" in text
 
 
 def test_python_m_ampm_lists_the_keys(capsys):

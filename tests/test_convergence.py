@@ -110,6 +110,7 @@ def test_every_metric_has_order_limit_and_uncertainty_or_a_reason(result):
     table = result.table(["zmp_x_rmse"])
     cells = dict(zip(table.headers, table.rows[0], strict=True))
     assert cells["metric"] == "ZMP, RMS error along x"
+    assert "<h3>Convergence of normal: value" in result._repr_html_()
     assert cells["value ± u_num"] == "1.4 ± 0.5"
     assert (cells["observed order"], cells["at 0.25 ms"], cells["verdict"]) == ("1.00", "1.05", "pass")
 

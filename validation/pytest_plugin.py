@@ -146,10 +146,7 @@ def assert_within(request: pytest.FixtureRequest) -> Callable[..., None]:
                 wrong.append(
                     f"{_title(trial)}: {verdict.name.replace('_', ' ')} ({verdict.profile}). {verdict.reason}"
                 )
-                wrong += [
-                    f"    {item.label}: {item}, limit {item.displayed(item.tolerance):.3g}"
-                    for item in verdict.failed
-                ]
+                wrong += [f"    {item.label}: {item.against}" for item in verdict.failed]
         if wrong:
             pytest.fail("\n".join(wrong), pytrace=False)
 

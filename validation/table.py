@@ -123,6 +123,24 @@ class Table:
         return f'<div class="{kind}"><i style="width:{min(max(percent, 0.0), 100.0):.0f}%"></i></div>'
 
 
+class Tabled:
+    """Base of results that have tables: a notebook shows them."""
+
+    @property
+    def sentence(self) -> str:
+        """The result in one sentence; empty where the tables say it."""
+        return ""
+
+    def tables(self) -> Sequence[Table]:
+        """All tables of the result."""
+        raise NotImplementedError
+
+    def _repr_html_(self) -> str:
+        """The sentence and the tables, for notebooks."""
+        first = f"<p><b>{escape(self.sentence)}</b></p>" if self.sentence else ""
+        return first + "".join(table.__html__() for table in self.tables())
+
+
 def is_heading(row: Sequence[str]) -> bool:
     """Whether a row has a text in the first of several cells only."""
     return len(row) > 1 and bool(row[0]) and not any(row[1:])

@@ -6,10 +6,8 @@ import traceback
 from typing import Any
 
 import typer
-from pydantic import ValidationError
 
 from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError
-from ampm.section import limit_of
 from validation.cli.options import Status
 from validation.store.folders import disk_is_full
 from validation.study.exceptions import StudyStopped
@@ -77,6 +75,10 @@ def explain(error: BaseException) -> tuple[Status, str]:
 
 def _bad_value(error: Any) -> str:
     """Sentence about an option's value that its type refuses; empty for any other error."""
+    from pydantic import ValidationError  # slow to load
+
+    from ampm.section import limit_of
+
     if not isinstance(error.__cause__, ValidationError):
         return ""
     detail, name = error.__cause__.errors()[0], error.param.opts[0]

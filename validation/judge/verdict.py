@@ -90,6 +90,11 @@ class MetricResult:
         """The quoted value and its unit, if it has one."""
         return f"{self.quoted} {self.display_unit}".rstrip()
 
+    @property
+    def against(self) -> str:
+        """The quoted value and its limit, of a metric that has one."""
+        return f"{self}, limit {self.displayed(self.tolerance):.3g}"
+
     def as_dict(self) -> dict[str, Any]:
         """For ``summary.json``."""
         display: dict[str, Any] = {
@@ -219,7 +224,7 @@ def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int
     """Verdict and its reason."""
 
     def against(item: MetricResult) -> str:
-        return f"{item.label}: {item}, limit {item.displayed(item.tolerance):.3g}"
+        return f"{item.label}: {item.against}"
 
     failed = [item for item in results if item.passed is False]
     undecided = [item for item in results if item.undecided]

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from ampm.brief import text_of
 from ampm.parameters import RunParameters
 from ampm.run_file import dump_run
 from ampm.walk import WalkPlan
@@ -19,6 +20,7 @@ from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import Verdict, build_summary
 from validation.measure.measure import MeasuredGait
 from validation.progress import Progress
+from validation.show.cost_table import cost_table
 from validation.store.environment import describe_environment
 from validation.store.folders import run_folder
 from validation.store.json import write_json
@@ -35,14 +37,17 @@ from validation.store.saved import (
     save_description,
 )  # fmt: skip
 from validation.store.signals import SIGNALS_FILE, save_signals
-from validation.table import Table
+from validation.table import Table, Tabled
 from validation.trial.plan import PlannedWalk
 from validation.trial.record import SimulationRecord
 from validation.trial.scene import disturbed_model
 
+_KEY_METRICS = ("zmp_x_rmse", "zmp_y_rmse")
+"""What ``print(trial)`` shows beside the metrics that failed."""
+
 
 @dataclass(frozen=True)
-class Trial:
+class Trial(Tabled):
     """One walk, judged.
 
     Attributes:
@@ -69,6 +74,25 @@ class Trial:
     def __repr__(self) -> str:
         """Gait, steps, outcome and verdict."""
         return f"Trial({self.planned.name}, {self.record.outcome.summary}, {self.verdict.name})"
+
+    def __str__(self) -> str:
+        """The sentence, the RMS errors of the ZMP, and what is out of tolerance."""
+        rows = [
+            (item.label, item.against)
+            for item in self.verdict.judged
+            if item.name in _KEY_METRICS or item.passed is False
+        ]
+        return text_of(self.sentence, rows)
+
+    @property
+    def sentence(self) -> str:
+        """Gait, steps, outcome, and verdict with its reason."""
+        name, end, verdict = self.planned.request.title, self.record.outcome.summary, self.verdict
+        return f"{name}, {end}: {verdict.name.replace('_', ' ').upper()}. {verdict.reason}"
+
+    def tables(self) -> list[Table]:
+        """What was judged; effort and margins."""
+        return [self.table(), cost_table(self.summary)]
 
     @property
     def plan(self) -> WalkPlan:

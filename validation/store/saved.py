@@ -28,7 +28,7 @@ from validation.store.metric_table import metric_table, summary_title
 from validation.store.record import MODEL_FILE as MODEL_FILE
 from validation.store.record import RECORD_FILES, StoredRecord
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
-from validation.table import Table
+from validation.table import Table, Tabled
 
 _DESCRIPTION = TypeAdapter(BodyDescription)
 
@@ -62,7 +62,7 @@ _NEEDED = (RUN_FILE, MODEL_FILE, BODY_FILE, SIGNALS_FILE, SUMMARY_FILE)
 
 
 @dataclass(frozen=True)
-class SavedRun:
+class SavedRun(Tabled):
     """Contents of a run folder.
 
     Attributes:
@@ -98,9 +98,19 @@ class SavedRun:
         """Name of the gait, what was changed in it, and its planner if it is not the default one."""
         return summary_title(self.summary)
 
+    @property
+    def sentence(self) -> str:
+        """Gait, steps, outcome, and verdict with its reason."""
+        verdict = str(self.summary["verdict"]).replace("_", " ").upper()
+        return f"{self.title}, {self.record.outcome.summary}: {verdict}. {self.summary['reason']}"
+
     def table(self) -> Table:
         """Every judged metric with its limit."""
         return metric_table(self.summary)
+
+    def tables(self) -> list[Table]:
+        """What was judged."""
+        return [self.table()]
 
     def plan(self) -> StepPlan | None:
         """Evaluate the plan of COM and feet again.

@@ -29,7 +29,7 @@ from validation.study.many import Task, study_folder, walk_many
 from validation.study.robustness.study import cause_of
 from validation.study.row_file import Row, crash_notes
 from validation.study.walk_options import users_classes
-from validation.table import Table
+from validation.table import Table, Tabled
 from validation.trial.disturbances import Push
 from validation.trial.plan import PlannedWalk, Request, complete, load_request, plan_walk
 from validation.trial.record import SimulationRecord
@@ -50,7 +50,7 @@ VALUES = ("time", "planned", "reached", "error", "turned", "power")
 
 
 @dataclass(frozen=True)
-class Tours(Brief):
+class Tours(Brief, Tabled):
     """Tours of one gait.
 
     Attributes:
@@ -90,6 +90,10 @@ class Tours(Brief):
         """Everything, as plain values in SI units."""
         means = {name: self.mean(name) for name in VALUES}
         return dict(json_ready({**vars(self), "completed": self.completed, "mean": means}))
+
+    def tables(self) -> list[Table]:
+        """The one table."""
+        return [self.table()]
 
     def table(self) -> Table:
         """Shares and means over all tours."""

@@ -30,7 +30,7 @@ from validation.study.compare.metrics import (
     rounding,
     switch_values,
 )
-from validation.table import Table, format_number, short_unit
+from validation.table import Table, Tabled, format_number, short_unit
 from validation.trial.outcome import OutcomeName
 
 SHARE, SHARE_OF_EXTREMES = 0.1, 0.4
@@ -123,7 +123,7 @@ class Row(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Pair(Brief):
+class Pair(Brief, Tabled):
     """Both sides and all their compared quantities.
 
     Attributes:

@@ -23,7 +23,7 @@ from validation.show.text import format_value
 from validation.store.json import json_ready
 from validation.study.compare.metrics import rounding
 from validation.study.sweep.table import METRIC, STATES, State, SweepTable, read_sweep
-from validation.table import Table, format_number, short_unit
+from validation.table import Table, Tabled, format_number, short_unit
 
 Rows = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -100,7 +100,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class SweepComparison(Brief):
+class SweepComparison(Brief, Tabled):
     """Two sweeps compared.
 
     Attributes:

@@ -15,7 +15,7 @@ from validation.store.identity import parameter_values, run_key
 from validation.study.convergence.levels import OWN, STUDIES, Study
 from validation.study.convergence.order import Estimate, estimate, input_uncertainty
 from validation.study.row_file import Row
-from validation.table import Table, format_number, short_unit
+from validation.table import Table, Tabled, format_number, short_unit
 from validation.trial.plan import Request
 
 _NEVER = {"count": "a count", "extreme": "an extreme, never extrapolated"}
@@ -49,7 +49,7 @@ class StudiedMetric:
 
 
 @dataclass(frozen=True)
-class Convergence(Brief):
+class Convergence(Brief, Tabled):
     """All studies of one gait.
 
     Attributes:
@@ -112,6 +112,10 @@ class Convergence(Brief):
             "parameters": known.parameters,
             "environment": describe_environment(),
         }
+
+    def tables(self) -> list[Table]:
+        """The one table."""
+        return [self.table()]
 
     def table(self, names: Sequence[str] = ()) -> Table:
         """Value, uncertainty, limit, order and extrapolated value.

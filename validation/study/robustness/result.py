@@ -9,7 +9,7 @@ from ampm.planner.capture import DIRECTIONS, PUSH_PHASES
 from validation.show.text import ABSENT
 from validation.store.json import json_ready
 from validation.study.robustness.cells import DURATION, Cell, needed
-from validation.table import Table
+from validation.table import Table, Tabled
 
 PHASE_NAMES = {
     "early": "12 % of single support",
@@ -67,7 +67,7 @@ class CellResult:
 
 
 @dataclass(frozen=True)
-class Robustness(Brief):
+class Robustness(Brief, Tabled):
     """A robustness study.
 
     Attributes:

@@ -38,7 +38,7 @@ from validation.study.sweep.table import (
     wrap_table,
 )
 from validation.study.walk_options import users_classes
-from validation.table import Table
+from validation.table import Table, Tabled
 from validation.trial.disturbances import Push, parse_push
 from validation.trial.plan import Request, check_formula, plan_walk
 from validation.trial.users import UsersError
@@ -217,7 +217,7 @@ def _keep_worst(
 
 
 @dataclass(frozen=True)
-class Forecast:
+class Forecast(Tabled):
     """What a sweep would walk.
 
     Attributes:
@@ -263,6 +263,10 @@ class Forecast:
             "wall_clock": self.wall_clock,
             "workers": self.workers,
         }
+
+    def tables(self) -> list[Table]:
+        """The one table."""
+        return [self.table()]
 
     def table(self) -> Table:
         """Numbers of runs, with examples of the refusals."""

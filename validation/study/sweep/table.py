@@ -31,7 +31,7 @@ from validation.store.identity import code_hash, parameter_values, run_key
 from validation.study.row_file import ROWS, Row, read_rows
 from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
 from validation.study.sweep.schema import columns, schema
-from validation.table import Table
+from validation.table import Table, Tabled
 
 DEFINITION = "sweep.toml"
 RESULTS = "results.parquet"
@@ -88,7 +88,7 @@ BROKEN = (State.CRASHED, State.TIMED_OUT)
 
 
 @dataclass(frozen=True)
-class SweepTable(Brief):
+class SweepTable(Brief, Tabled):
     """One sweep, finished or not.
 
     Attributes:
@@ -301,6 +301,10 @@ class SweepTable(Brief):
         return display_unit(self.unit(METRIC + metric), self.weight)
 
     # -------------------------------------------------------------------------- the whole sweep
+
+    def tables(self) -> list[Table]:
+        """How many runs ended how."""
+        return [self.result()]
 
     def result(self) -> Table:
         """How many runs ended how, for a reader."""
