@@ -93,8 +93,9 @@ class Narrator(Progress):
     @contextmanager
     def _bar(self, label: str, unit: str) -> Iterator[Stage]:
         words = TextColumn("{task.description}", markup=False)
-        count = (MofNCompleteColumn(), TextColumn(unit), TimeRemainingColumn()) if unit else ()
-        columns = (SpinnerColumn(), words, BarColumn(), *count, TimeElapsedColumn())
+        count = (MofNCompleteColumn(), TextColumn(unit)) if unit else ()
+        left = (TimeRemainingColumn(), TextColumn("left")) if unit else ()
+        columns = (SpinnerColumn(), words, BarColumn(), *count, TimeElapsedColumn(), *left)
         with Bars(*columns, console=self.console, transient=True, speed_estimate_period=_WHOLE_STAGE) as bars:
             yield _Bar(bars, bars.add_task(label, total=None), label)
 

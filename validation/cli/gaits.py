@@ -219,7 +219,7 @@ def _motion_table(name: str, report: Mapping[str, Any]) -> Table:
             text = f"{format_number(value['value'], 5)} at {value['time']:.3f} s ({value['where']})"
         else:
             text = format_value(value)
-        rows.append((quantity, text, MOTION_UNITS.get(quantity, "")))
+        rows.append((quantity.replace("_", " "), text, MOTION_UNITS.get(quantity, "")))
     return Table(f"motion of {name}, one step", ("quantity", "value", "unit"), rows)
 
 
