@@ -299,7 +299,7 @@ def test_the_status_is_that_of_the_worst_walk(command, capsys, ends, status):
     ("options", "words"),
     [
         ((), "exists and is not empty"),
-        (("--resume", "--workers", "-1"), "greater than or equal to 0"),
+        (("--resume", "--workers", "-1"), "must be at least 0"),
         (("--resume", "--workers", "2", "--scheduler", "tcp://localhost:1"), "exclude each other"),
         (("--resume", "--out", "{foreign}"), "holds no study"),
         (("--out", "{file}"), "is a file"),
