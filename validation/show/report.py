@@ -17,9 +17,10 @@ from validation.judge.compare import PARTS, SIGNALS
 from validation.judge.metrics import display_unit
 from validation.show.cost_table import cost_table, reported_table
 from validation.show.page import render_page
-from validation.show.run_figures import RunFigures
+from validation.show.run_figures import RunFigures, middle
 from validation.show.style import style
 from validation.show.text import format_value
+from validation.show.walker import FLOOR_MARKS, arrow_scale, draw_walker
 from validation.store.folders import output_file
 from validation.store.saved import REPORT_FILE, SavedRun, load_saved_run, run_events
 from validation.table import Table, format_number, short_unit
@@ -35,20 +36,9 @@ _WINDOWS = {
     "measured_double_support": "measured double support",
     "first_step": "first step",
 }
-_SOLVER = {
-    "ticks": ("control ticks", 1, ""),
-    "solved_with_limits": ("ticks solved in the form with limits", 1, ""),
-    "unsolved": ("unsolved ticks", 1, ""),
-    "time_median": ("time of a solve, median", 1e6, "µs"),
-    "time_p99": ("time of a solve, 99 %", 1e6, "µs"),
-    "iterations_median": ("iterations, median", 1, ""),
-    "residual_maximum": ("largest residual", 1, ""),
-}
-"""Entries of the summary's ``solver``: label, scale and unit."""
-
 _UNITS = {
     **MOTION_UNITS,
-    **dict.fromkeys(("planning", "simulation", "measurement", "simulated"), "s"),
+    **dict.fromkeys(("planning", "simulation", "measurement", "simulated", "time_median", "time_p99"), "s"),
     "memory": "GB",
 }
 """Units of entries of the summary that carry none, by their documented SI."""
@@ -80,13 +70,16 @@ def render(saved: SavedRun) -> str:
     lost = outcome.name not in (OutcomeName.COMPLETED, OutcomeName.INTERRUPTED)
     headline = "out of tolerance" if verdict == "fail" else verdict.replace("_", " ")
     headline = headline if outcome.completed else f"{outcome.name}, {headline}"
-    with style():
-        pictures = RunFigures(saved, plan).sections() if len(saved.signals) > 1 else {}
+    pictures, walker = {}, []
+    if len(saved.signals) > 1:
+        with style():
+            pictures = RunFigures(saved, plan).sections()
+        walker = draw_walker(saved, plan, middle(saved.signals))
     return render_page(
         "report.html.j2",
         f"{saved.title}: {headline}",
         styles=["report.css"],
-        gait=saved.title,
+        name=saved.title,
         verdict_class="fail" if lost else verdict if verdict in ("pass", "fail") else "open",
         headline=headline,
         reason=short_unit(summary["reason"]),
@@ -94,7 +87,10 @@ def render(saved: SavedRun) -> str:
         disturbed=_disturbed(saved),
         from_rest=bool(saved.parameters.footsteps),
         climbs=len({step.z for step in saved.parameters.footsteps}) > 1,
-        facts=_facts(saved, plan),
+        facts=_gait(saved, plan) | _facts(saved, plan),
+        walker=walker,
+        floor_marks=FLOOR_MARKS,
+        newtons=format_number(1.0 / arrow_scale(saved), 3) if walker else "",
         agreement=saved.table(),
         cost=cost_table(summary),
         reasons=_reasons(summary),
@@ -102,8 +98,8 @@ def render(saved: SavedRun) -> str:
         first_step=_first_step(summary),
         windows=Table("", _WINDOW_COLUMNS, list(_window_rows(summary))),
         split=_split(summary["zmp_error_split"]),
-        solver=_solver(summary["solver"]),
-        motion=_plain("Periodic whole-body motion", summary["motion"]),
+        solver=_plain("The controller's QP", _known(summary["solver"])),
+        motion=_plain("Periodic whole-body motion", summary["motion"], _multipliers(summary["motion"])),
         parameters=_parameters(saved.parameters),
         environment=_plain("Versions and platform", summary["environment"]),
         timing=_plain("Timing", summary["timing"]),
@@ -126,24 +122,37 @@ def _disturbed(saved: SavedRun) -> str:
 
 
 def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
-    record, summary = saved.record, saved.summary
+    """How far and how fast the body walked, and which."""
+    record, summary, body = saved.record, saved.summary, saved.parameters.body
     unsolved = f"{int((record.qp_status == 2).sum())} of {len(record.qp_status)}"
-    body = saved.parameters.body
-    time = float(record.outcome.time)
     planned = "" if plan is None else f" of {plan.contacts.steps}"
-    straight = not saved.parameters.footsteps  # over footsteps the way may turn, and the speed vary
-    walked, planned_way = (_distance(saved, source) for source in ("measured", "plan"))
-    of = f"{body.height:.3g} m" if body.source == HUMAN else Path(body.source).stem
+    straight = not saved.parameters.footsteps  # over footsteps the way may turn
     facts = {
         "steps walked": f"{record.outcome.steps_completed}{planned}",
-        "simulated": f"{time:.4g} s",
-        "distance": f"{walked:.3g} m" if straight else "",
-        "planned speed": f"{planned_way / time:.3g} m/s" if straight and time else "",
-        "body": f"{record.mass:.3g} kg, {of}",
+        "simulated": f"{record.outcome.time:.4g} s",
+        "distance": f"{_distance(saved, 'measured'):.3g} m" if straight else "",
+        "mass": f"{record.mass:.3g} kg",
+        "body": f"{HUMAN}, {body.height:.3g} m" if body.source == HUMAN else Path(body.source).stem,
         # A controller of one's own may have no QP.
         "unsolved QPs": "no QP" if summary["solver"]["unsolved"] is None else unsolved,
-        "times real time": format_number(summary["timing"].get("real_time_factor"), 3),
     }
+    return {label: value for label, value in facts.items() if value}
+
+
+def _gait(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
+    """What defines the gait: of the law's slopes those that its planner has."""
+    gait, time = saved.parameters.gait, float(saved.record.outcome.time)
+    planner = saved.summary.get("planner", "ampm")
+    facts = {"planner": planner, "COM height": f"{gait.com_height:.4g} m"}
+    if not saved.parameters.footsteps:  # over footsteps lengths, times and speed vary
+        facts |= {"step length": f"{gait.step_length:.4g} m", "step width": f"{gait.step_width:.4g} m"}
+        if plan is not None:
+            single, both = plan.constants.single_support_duration, plan.constants.double_support_duration
+            facts |= {"single support": f"{single:.3f} s", "double support": f"{both:.3f} s"}
+        facts["planned speed"] = f"{_distance(saved, 'plan') / time:.3g} m/s" if time else ""
+    if planner in ("ampm", "footsteps"):
+        facts |= {"slopes c_s, c_y": f"{gait.c_s:.4g}, {gait.c_y:.4g}", "ZMP a_s": f"{gait.a_s:.4g}"}
+    facts["feet"] = saved.parameters.foot.schedule
     return {label: value for label, value in facts.items() if value}
 
 
@@ -212,25 +221,32 @@ def _split(split: Summary) -> Table:
     return Table("", ("cause", ">RMS x [mm]", ">RMS y [mm]", ">share x [%]", ">share y [%]"), rows)
 
 
-def _solver(solver: Summary) -> Table:
-    """How the QPs were solved; empty without a QP."""
-    rows = [
-        (label, f"{_scaled(solver[key], scale)} {unit}".rstrip())
-        for key, (label, scale, unit) in _SOLVER.items()
-        if solver[key] is not None
-    ]
-    return Table("The controller's QP", ("", ">"), rows if solver["unsolved"] is not None else [])
-
-
 def _events(saved: SavedRun) -> Table:
     """What happened, but for touch-downs and lift-offs."""
     events = [(f"{time:.3f} s", text) for time, level, text in sorted(run_events(saved)) if level != "DEBUG"]
     return Table("", ("time", "event"), events)
 
 
-def _plain(title: str, entries: Summary) -> Table:
+def _plain(title: str, entries: Summary, notes: Sequence[str] = ()) -> Table:
     """Any table of the summary by name and value."""
-    return Table(title, ("", ">"), list(_plain_rows(entries)))
+    return Table(title, ("", ">"), list(_plain_rows(entries)), notes)
+
+
+def _known(solver: Summary) -> Summary:
+    """How the QPs were solved; nothing without a QP."""
+    if solver["unsolved"] is None:
+        return {}
+    return {name: value for name, value in solver.items() if value is not None}
+
+
+def _multipliers(motion: Summary) -> list[str]:
+    """What a multiplier above one means, if there is one."""
+    if not any(math.hypot(*pair) > 1.0 for pair in motion.get("multipliers", ())):
+        return []
+    return [
+        "A multiplier beyond 1 in magnitude amplifies a deviation in every step. The motion is therefore "
+        "solved as a fixed point, and the controller holds it."
+    ]
 
 
 def _plain_rows(entries: Summary, prefix: str = "", unit: str = "") -> Iterator[tuple[str, str]]:

@@ -16,6 +16,7 @@ from ampm.geometry import Array
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.judge.compare import PARTS as CAUSES
+from validation.judge.compare import SIGNALS
 from validation.judge.margins import clearance_over_time
 from validation.show import style
 from validation.show.style import (
@@ -151,7 +152,7 @@ class RunFigures:
         reference: str = "plan",
         caption: str = "",
     ) -> Picture:
-        """Plan, command and measurement over one stride, and the error over the whole run.
+        """Error over one stride, large; below it plan and measurement, and the error over the whole run.
 
         Args:
             name: column without its prefix, e.g. ``zmp_x``.
@@ -163,29 +164,35 @@ class RunFigures:
             reference: what the measurement is compared with: prefix of its column.
             caption: explanation.
         """
-        figure, (upper, lower) = new_figure(3.9, 2, ratios=[3, 2])
+        figure, (large, lower, whole) = new_figure(6.2, 3, top=0.28, gap=0.76, ratios=[5, 2.5, 2])
         signals, rows = self.signals, self.window
         planned = signals[f"{reference}_{name}"]
         gap = signals[f"measured_{name}"] - planned
         base = signals[about] if about else np.zeros(len(signals))
         time = signals.time[rows]
-        shade_double_support(upper, signals, rows)
-        low, high = (scale * ((planned - base)[rows] + edge) for edge in self._spread(gap))
-        upper.fill_between(time, low, high, color=MEASURED, alpha=0.25, linewidth=0)
+        unit_of_error, scale_of_error = error or (unit, scale)
+        low, high = self._spread(scale_of_error * gap)
+        large.fill_between(time, low, high, color=MEASURED, alpha=0.25, linewidth=0)
+        large.plot(time, scale_of_error * gap[rows], color=MEASURED)
+        whole.plot(*decimate(signals.time, scale_of_error * gap), color=MEASURED, linewidth=0.8)
+        for axis in (large, whole):
+            _draw_tolerances(axis, self._tolerance(f"{name}_rmse"), self._tolerance(f"{name}_maximum"))
+        for axis in (large, lower):
+            shade_double_support(axis, signals, rows)
         for foot, color in _FEET.items():
             if f"{foot}_{name}" in signals:
-                upper.plot(time, signals[f"{foot}_{name}"][rows], color=color, linewidth=0.9, label=foot)
+                values = scale * signals[f"{foot}_{name}"][rows]
+                lower.plot(time, values, color=color, linewidth=0.9, label=f"{foot} foot")
         for kind, color, width in ((reference, *_KINDS[0][1:]), *_KINDS[1:]):
             column = f"{kind}_{name}"
             if column in signals and np.isfinite(signals[column]).any():
                 values = scale * (signals[column] - base)
-                upper.plot(time, values[rows], color=color, linewidth=width, label=kind)
-        unit_of_error, scale_of_error = error or (unit, scale)
-        lower.plot(*decimate(signals.time, scale_of_error * gap), color=MEASURED, linewidth=0.8)
-        _draw_tolerances(lower, self._tolerance(f"{name}_rmse"), self._tolerance(f"{name}_maximum"))
-        _finish(upper, title, f"[{unit}]", xlabel="")
-        self._finish_run(lower, "", f"error [{unit_of_error}]")
-        label = f"{title}: plan, command and measurement over two steps, and the error"
+                lower.plot(time, values[rows], color=color, linewidth=width, label=kind)
+        error_title = f"Error of {SIGNALS[name].label}"
+        _finish(large, f"{error_title}, two steps", f"[{unit_of_error}]")
+        _finish(lower, title, f"[{unit}]")
+        self._finish_run(whole, f"{error_title}, whole run", f"[{unit_of_error}]")
+        label = f"{title}: error over two steps, plan and measurement, error over the whole run"
         return self._picture(figure, label, caption)
 
     def _about(self, axis: str) -> tuple[str, str, float, str]:

@@ -26,6 +26,7 @@ from validation.show.rerun.views import (
     Color,
     axis_range,
     beside_blueprint,
+    legend,
     overlay_blueprint,
 )
 
@@ -131,6 +132,8 @@ def merge(sources: Sequence[tuple[str, str, Path]], path: Path, *, overlay: bool
                 chunk.with_entity_path(f"{part.at}{chunk.entity_path}".rstrip("/")) for chunk in part.chunks
             )
         if over:
+            colors = {part.label: color for part, color in zip(parts, RUN_COLORS.values(), strict=False)}
+            stream.log("/legend", legend({**colors, "plan": _GREY}), static=True)
             for part, color in zip(parts, RUN_COLORS.values(), strict=False):
                 _paint(stream, part, color, first=part is parts[0])
     return over

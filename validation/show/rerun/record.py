@@ -35,6 +35,7 @@ from validation.show.rerun.views import (
     COMMAND,
     FAINT,
     LEFT,
+    LEGEND,
     MEASURED,
     PHASE,
     PLAN,
@@ -42,8 +43,10 @@ from validation.show.rerun.views import (
     TIMELINE,
     Color,
     axis_range,
+    legend,
     run_blueprint,
 )
+from validation.show.walker import drawn_geoms
 from validation.store.folders import output_file
 from validation.store.saved import RECORDING_FILE as RECORDING_FILE
 from validation.store.saved import SavedRun, load_saved_run, run_events
@@ -79,10 +82,6 @@ _SHAPES: dict[int, Any] = {
 
 _FAR = 0.07
 """Largest distance of two parts that is drawn [m]: the axis then has labels every 10 mm."""
-
-_LEAST_SHAPE = 0.005
-"""Radius from which a shape of the body is drawn [m]."""
-_WHOLE = 1e3  # radius from which a part of the floor is not drawn: it is the grid [m]
 
 SERIES = {"plan": PLAN, "command": COMMAND, "measured": MEASURED}
 _AXES: dict[str, Color] = {"x": (255, 99, 99, 255), "y": (120, 220, 120, 255), "z": (110, 160, 255, 255)}
@@ -159,6 +158,7 @@ def write_recording(run: str | Path | SavedRun) -> Path:
         log, plan = _Log(stream, saved), saved.plan()
         log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
+        log.static("legend", legend(LEGEND))
         _log_body(log, model, frames)
         if len(frames.time):
             log.series("margin/clearance", frames.time, distance, _CLEARANCE_LINES)
@@ -266,8 +266,7 @@ def _log_body(log: _Log, model: mujoco.MjModel, frames: _Pictures) -> None:
     The millimetre spheres of the soles are omitted: contact points are drawn at the contact.
     """
     data = mujoco.MjData(model)
-    raised = (model.geom_type == _GEOM.mjGEOM_BOX) & (model.geom_rbound < _WHOLE)  # parts of the floor
-    drawn = np.flatnonzero(((model.geom_bodyid > 0) | raised) & (model.geom_rbound > _LEAST_SHAPE))
+    drawn = drawn_geoms(model)
     count = len(frames.time)
     position = np.empty((count, len(drawn), 3))
     rotation = np.empty((count, len(drawn), 9))

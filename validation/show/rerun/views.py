@@ -30,6 +30,17 @@ ALERT: Color = (255, 40, 40, 255)
 FAINT: Color = (130, 140, 155, 90)
 GROUND: Color = (24, 27, 33, 255)
 
+LEGEND: Mapping[str, Color] = {
+    "plan": PLAN,
+    "command": COMMAND,
+    "measured": MEASURED,
+    "left foot": LEFT,
+    "right foot": RIGHT,
+    "limit": ALERT,
+    "footsteps": (*FAINT[:3], 255),
+}
+"""What the colours of a recording mean."""
+
 RUN_COLORS: Mapping[str, Color] = {
     "blue": (86, 180, 233, 255),
     "orange": (255, 138, 61, 255),
@@ -41,17 +52,17 @@ RUN_COLORS: Mapping[str, Color] = {
 """Colours of overlaid runs."""
 
 TITLES = {
-    "signals/zmp_x": "ZMP x about the planned COM [mm]",
-    "signals/zmp_y": "ZMP y [mm]",
-    **{f"signals/force_{axis}": f"F{axis} [N]" for axis in "xyz"},
+    "signals/zmp_x": "ZMP along x, from the planned COM [mm]",
+    "signals/zmp_y": "ZMP along y [mm]",
+    **{f"signals/force_{axis}": f"Ground force along {axis} [N]" for axis in "xyz"},
     "signals/foot_force_z": "Load of each foot [N]",
-    **{f"signals/angular_momentum_{axis}": f"L{axis} about the COM [N m s]" for axis in "xyz"},
-    "signals/com_x": "COM x about the plan [m]",
-    "signals/com_y": "COM y [m]",
-    "signals/com_z": "COM z [m]",
+    **{f"signals/angular_momentum_{axis}": f"Angular momentum about {axis} [N m s]" for axis in "xyz"},
+    "signals/com_x": "COM along x, from the plan [m]",
+    "signals/com_y": "COM along y [m]",
+    "signals/com_z": "COM along z [m]",
     "residual/zmp": "ZMP error, measured - plan [mm]",
-    "residual/force": "Force error [% of body weight]",
-    "residual/angular_momentum": "Momentum error [N m s]",
+    "residual/force": "Ground force error [% of body weight]",
+    "residual/angular_momentum": "Angular momentum error [N m s]",
     "residual/com": "COM error [mm]",
     "feedback/zmp": "Feedback: commanded - planned ZMP [mm]",
     "effort/torque": "Torque of the busiest motor [% of its limit]",
@@ -71,6 +82,8 @@ _COLORS = {
     "margin/clearance": ("limit red", "limit red"),
 }
 """Colours of an entity's curves in one run, and in several over each other; a legend would cover curves."""
+_LEGEND_STEP = 130.0
+"""Distance of two dots of the legend, about in pixels."""
 _LABELS = 7
 """Most intervals between two labels of a vertical axis: the viewer leaves out those less than 20 px apart."""
 
@@ -96,17 +109,10 @@ def axis_range(values: Array) -> tuple[float, float]:
 def run_blueprint(ranges: Ranges) -> rrb.Blueprint:
     """Of one run: body and ZMP from above on the left; verdict and curves on the right."""
     left = rrb.Vertical(
-        _body_view(
-            "Body, with planned (blue) and measured (orange) ground force",
-            "/world/follow",
-            _body_contents(""),
-        ),
-        _above_view(
-            "From above: planned (blue), commanded (green), measured (orange) ZMP; planned support (blue)",
-            "/world/follow",
-            _above_contents(""),
-        ),
-        row_shares=[3, 2],
+        _body_view("Body and ground force", "/world/follow", _body_contents("")),
+        _legend_view("/legend"),
+        _above_view("From above: ZMP, COM, soles and planned support", "/world/follow", _above_contents("")),
+        row_shares=[27, 6, 17],
     )
     curves = _tabs(
         {
@@ -146,14 +152,16 @@ def beside_blueprint(runs: Labels, ranges: Ranges) -> rrb.Blueprint:
         ]
         verdict = rrb.TextDocumentView(name="Verdict", origin=f"{at}/verdict")
         views: list[rrb.Container | rrb.View] = [
-            _body_view(f"{label}: plan (blue), measured (orange)", follow, _body_contents(at)),
+            _body_view(label, follow, _body_contents(at)),
             _above_view(f"{label} from above", follow, _above_contents(at)),
             _plot("residual/zmp", [at], ranges, f"{label}: "),
             rrb.Tabs(*more, verdict, _events_view(at, PHASE), active_tab=len(more)),
         ]
         columns.append(rrb.Vertical(*views, row_shares=[5, 3, 3, 3]))
     lanes = _lanes("Planned stance", [f"{at}/phase/planned_stance" for at in runs])
-    return _laid_out(rrb.Vertical(rrb.Horizontal(*columns), lanes, row_shares=[13, 2]), PHASE)
+    colours = _legend_view(f"{next(iter(runs))}/legend")
+    below = rrb.Horizontal(lanes, colours)
+    return _laid_out(rrb.Vertical(rrb.Horizontal(*columns), below, row_shares=[13, 2]), PHASE)
 
 
 def overlay_blueprint(runs: Labels, ranges: Ranges) -> rrb.Blueprint:
@@ -165,12 +173,12 @@ def overlay_blueprint(runs: Labels, ranges: Ranges) -> rrb.Blueprint:
         bodies += [f"{at}/world/{what}" for what in ("body/**", "force/measured", "com/measured")]
         shown = ("feet/**", "floor/zmp/measured/**", "floor/com/measured/**")
         floors += [f"{at}/world/{what}" for what in shown]
-    colours = ", ".join(f"{label} ({name})" for label, name in zip(runs.values(), RUN_COLORS, strict=False))
-    above = "From above: soles and measured ZMP; planned support and ZMP (grey)"
+    above = "From above: soles and measured ZMP; planned support and ZMP"
     left = rrb.Vertical(
-        _body_view(colours, f"{first}/follow", bodies),
+        _body_view("Bodies and ground forces", f"{first}/follow", bodies),
+        _legend_view("/legend"),
         _above_view(above, f"{first}/follow", floors),
-        row_shares=[3, 2],
+        row_shares=[27, 6, 17],
     )
     curves = _tabs(
         {
@@ -233,6 +241,19 @@ def _body_view(name: str, origin: str, contents: Sequence[str]) -> rrb.Spatial3D
     eye = rrb.EyeControls3D(position=(1.0, -1.85, 1.15), look_target=(0.05, 0.0, 0.82), eye_up=(0, 0, 1))
     grid = rrb.LineGrid3D(visible=True, spacing=0.2, color=(90, 98, 110, 120))
     return _scene(name, origin, contents, grid, eye)
+
+
+def _legend_view(origin: str) -> rrb.Spatial2DView:
+    """Meaning of the colours."""
+    ground = rrb.Background(color=GROUND[:3])
+    bounds = rrb.VisualBounds2D(x_range=(-70.0, 860.0), y_range=(-14.0, 30.0))
+    return rrb.Spatial2DView(name="Colours", origin=origin, background=ground, visual_bounds=bounds)
+
+
+def legend(colors: Mapping[str, Color]) -> rr.Points2D:
+    """Dots in a row, each with its meaning below it."""
+    places = [(_LEGEND_STEP * number, 0.0) for number in range(len(colors))]
+    return rr.Points2D(places, colors=list(colors.values()), labels=list(colors), radii=6.0, show_labels=True)
 
 
 def _above_view(name: str, origin: str, contents: Sequence[str]) -> rrb.Spatial3DView:

@@ -5,6 +5,7 @@ offline. Colours are the page's CSS variables: light and dark need no second pic
 """
 
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -196,41 +197,71 @@ def distribution(values: Array, limit: float | None, unit: str, title: str) -> M
     if limit is not None and high > 0.4 * limit:
         high = max(high, 1.12 * limit)
     high = high if high > low else low + 1.0
+    limited = limit is not None and low <= limit <= high
+    over = known > (np.inf if limit is None else limit)
+    bins = BINS
+    if limit is not None and low < limit <= high:
+        # A bin ends at the limit, so that no bar is on both sides of it and its line is beside the bars.
+        bins = max(1, round(BINS * (limit - low) / (high - low)))
+        step = (limit - low) / bins
+        bins = math.ceil((high - low) / step - 1e-9)
+        high = low + step * bins
+    edges = np.linspace(low, high, bins + 1)
+    counts = [np.histogram(known[over == side], edges)[0] for side in (False, True)]
+    most = int(np.add(*counts).max())
     beyond = int((known > high).sum())
     notes = [] if limit is None else [f"limit {limit:.3g}"]
-    notes += [f"{beyond} runs beyond"] if beyond else []
-    whole = "datum.value % 1 ? '' : datum.label"
-    domain = {"domain": [low, high], "nice": False}
-    over = {"domain": [False, True], "range": ["var(--plan)", "var(--bad)"]}
+    notes += [f"{beyond} {'run' if beyond == 1 else 'runs'} beyond"] if beyond else []
+    colors = {"domain": [False, True], "range": ["var(--plan)", "var(--bad)"]}
     bars: Spec = {
-        "transform": [
-            {"filter": f"datum.value <= {high}"},
-            {"calculate": f"datum.value > {high if limit is None else limit}", "as": "over"},
-        ],
         "mark": {"type": "bar", "binSpacing": 0},
         "encoding": {
             "x": {
-                "field": "value",
-                "bin": {"extent": [low, high], "step": (high - low) / BINS},
-                "scale": domain,
+                "field": "from",
+                "bin": "binned",
+                "type": "quantitative",
+                "scale": {"domain": [low, high], "nice": False},
                 "title": f"[{unit or 1}]",
                 "axis": {"grid": False, "values": [low, (low + high) / 2, high], "format": ".3g"},
             },
-            "y": {"aggregate": "count", "title": "runs", "axis": {"tickCount": 3, "labelExpr": whole}},
-            "color": {"field": "over", "scale": over, "legend": None},
+            "x2": {"field": "to"},
+            "y": {
+                "field": "runs",
+                "type": "quantitative",
+                "title": "runs",
+                "axis": {"values": list(range(0, most + 1, _round_step(most / 4))), "format": "d"},
+            },
+            "color": {"field": "over", "type": "nominal", "scale": colors, "legend": None},
         },
     }
-    rule: Spec = {"transform": [{"sample": 1}], "mark": "rule"}
-    rule["encoding"] = {"x": {"datum": limit, "type": "quantitative"}}
-    layers = [bars] if limit is None or limit > high else [bars, rule]
+    rule: Spec = {
+        "transform": [{"sample": 1}],
+        "mark": "rule",
+        "encoding": {"x": {"datum": limit, "type": "quantitative"}},
+    }
     picture = {
         "title": {"text": title, "subtitle": ", ".join(notes)},
         "width": 300,
         "height": 120,
-        "data": {"values": [{"value": value} for value in known.tolist()]},
-        "layer": layers,
+        "data": {
+            "values": [
+                {"from": left, "to": right, "runs": count, "over": side}
+                for side, part in zip((False, True), counts, strict=True)
+                for left, right, count in zip(
+                    edges[:-1].tolist(), edges[1:].tolist(), part.tolist(), strict=True
+                )
+                if count
+            ]
+        },
+        "layer": [rule, bars] if limited else [bars],
     }
     return svg(picture, f"Distribution of {title}")
+
+
+def _round_step(step: float) -> int:
+    """The least of 1, 2, 5, 10, 20 ... that is not smaller."""
+    power = 10 ** max(0, math.floor(math.log10(max(step, 1.0))))
+    return next(factor * power for factor in (1, 2, 5, 10) if factor * power >= step)
 
 
 def svg(spec: Spec, label: str) -> Markup:
