@@ -187,4 +187,5 @@ def test_only_the_simulation_side_owns_simulator_data():
         "validation/run/replay.py",
         "validation/trial/shapes.py",
         "validation/show/rerun/record.py",
+        "validation/show/walker.py",
     }

@@ -3,20 +3,24 @@
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from unittest.mock import patch
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ampm.exceptions import InputError
+from tests.browser import look
 from tests.saved_run import make_run
+from validation.judge.metrics import METRICS
 from validation.show.cost_table import cost_table, reported_table
 from validation.show.report import REPORT_FILE, render, write_report
 from validation.show.rerun.record import verdict_markdown, write_recording
-from validation.show.run_figures import strides
-from validation.show.style import decimate
-from validation.show.text import limit_with_unit, number, with_unit
+from validation.show.run_figures import RunFigures, middle, strides
+from validation.show.style import decimate, style
+from validation.show.walker import INSTANTS, arrow_scale, draw_walker, outline
 from validation.store.saved import load_saved_run, run_events
 from validation.store.signals import column_of
 from validation.trial.outcome import Outcome, OutcomeName
@@ -170,22 +174,146 @@ def test_thinning_keeps_the_extremes(values, buckets):
         assert np.nanmax(thin) == np.nanmax(value)
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (None, "–"), (float("nan"), "–"), (0.0, "0"), (1.0634, "1.06"), (0.495, "0.495"), (123.456, "123"),
-        (-0.0123, "−0.0123"), (1e-9, "1.00·10⁻⁹"), (7, "7"), (True, "yes"), ("text", "text"),
-        (99.96, "100.0"),
-    ],
-)  # fmt: skip
-def test_numbers_are_written_for_people(value, text):
-    assert number(value) == text
-    assert with_unit(value, "N m s").replace("\u00a0", " ") == (text if text == "–" else f"{text} N m s")
-    assert with_unit(value, "1") == text
+# ------------------------------------------------------------------------------------------- first screen
 
 
-@pytest.mark.parametrize(
-    ("limit", "text"), [(2.5, "2.5"), (0.0, "0"), (1e-6, "1·10⁻⁶"), (2.5e-9, "2.5·10⁻⁹"), (1.647293, "1.647")]
-)
-def test_limits_are_written_as_they_were_set(limit, text):
-    assert limit_with_unit(limit, "1") == text
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("size", [(1200, 900), (390, 844)], ids=["laptop", "phone"])
+def test_the_first_screen_has_verdict_contents_walker_and_gait(html, tmp_path, size, dark):
+    path = tmp_path / "report.html"
+    path.write_text(html, encoding="utf-8")
+    script = """
+    const bottom = (name) => Math.max(...[...document.querySelectorAll(name)].map(
+      (part) => part.getBoundingClientRect().bottom));
+    const inside = [...document.querySelectorAll(".walker svg")].every((svg) => {
+      const box = svg.getBoundingClientRect();
+      return box.width > 80 && box.left >= 0 && box.right <= innerWidth; });
+    tell({ inside, pictures: document.querySelectorAll(".walker svg").length,
+      bottoms: [".verdict", "nav", ".walker", "header .facts"].map(bottom),
+      wide: document.documentElement.scrollWidth - innerWidth,
+      page: getComputedStyle(document.body).backgroundColor,
+      limb: getComputedStyle(document.querySelector(".walker .left")).fill });
+    """
+    seen = look(path, tmp_path, script, size=size, dark=dark)
+    assert seen.console == []
+    told = seen.told
+    assert told["wide"] <= 0
+    assert told["inside"]
+    assert told["pictures"] == INSTANTS
+    assert told["bottoms"] == sorted(told["bottoms"])
+    if size[0] == 1200:
+        assert told["bottoms"][-1] <= size[1]
+    else:
+        assert told["bottoms"][1] <= size[1]  # on a telephone verdict and contents, and the walker begins
+    assert (told["page"] == "rgb(20, 23, 27)") == dark
+    assert "color" in told["limb"] or told["limb"].startswith("rgb")
+
+
+def test_contents_lead_to_every_section_in_order(html):
+    nav = html[html.index("<nav") : html.index("</nav>")]
+    entries = re.findall(r'<a href="#([\w-]+)">([^<]+)</a>', nav)
+    assert entries == re.findall(r'<h2 id="([\w-]+)">([^<]+)</h2>', html)
+    assert len(entries) > 8
+
+
+def test_the_gait_is_told_by_its_parameters(run_dir, html):
+    gait = load_saved_run(run_dir).parameters.gait
+    header = html[html.index("<header>") : html.index("</header>")]
+    facts = dict(re.findall(r"<dt>([^<]+)</dt><dd>([^<]+)</dd>", header))
+    assert facts["step length"] == f"{gait.step_length:g} m"
+    assert facts["COM height"] == f"{gait.com_height:g} m"
+    assert facts["slopes c_s, c_y"] == f"{gait.c_s:g}, {gait.c_y:g}"
+    assert facts["steps walked"] == "6 of 6"
+
+
+def test_the_walker_is_drawn_from_saved_joint_angles_forces_and_zmps(run_dir, tmp_path):
+    saved = load_saved_run(run_dir)
+    stride = middle(saved.signals)
+    with patch("mujoco.mj_step", side_effect=AssertionError("stepped")):
+        instants = draw_walker(saved, saved.plan(), stride)
+    assert len(instants) == INSTANTS
+    assert [item.phase for item in instants] == [
+        "left single support", "left single support", "double support",
+        "right single support", "right single support", "double support",
+    ]  # fmt: skip
+    signals, scale = saved.signals, 200.0  # px/m
+    for item in instants:
+        row = int(np.searchsorted(signals.time, item.time - 1e-9))
+        # Place of the measured ZMP from the COM, and of the tip from the ZMP: what the signals say.
+        (com,) = re.findall(r'circle class="com" cx="([\d.-]+)"', item.svg)
+        (zmp,) = re.findall(r'circle class="measured" cx="([\d.-]+)"', item.svg)
+        offset = signals["measured_zmp_x"][row] - signals["measured_com_x"][row]
+        assert (float(zmp) - float(com)) / scale == pytest.approx(offset, abs=1e-3)
+        ends = r" ".join(rf'{name}="([\d.-]+)"' for name in ("x1", "y1", "x2", "y2"))
+        (arrow,) = re.findall(f'line class="measured" {ends}', item.svg)
+        x1, y1, x2, y2 = map(float, arrow)
+        force = arrow_scale(saved) * signals.vector("measured_force")[row]
+        assert ((x2 - x1) / scale, (y1 - y2) / scale) == pytest.approx((force[0], force[2]), abs=1e-3)
+        # The lowest shape is on the floor.
+        shapes = re.findall(r'polygon class="(?:left|right)" points="([^"]+)"', item.svg)
+        lowest = max(float(corner.split(",")[1]) for shape in shapes for corner in shape.split())
+        (floor,) = set(re.findall(r'line class="floor" x1="[\d.-]+" y1="([\d.-]+)"', item.svg))
+        assert (lowest - float(floor)) / scale == pytest.approx(0.0, abs=0.01)
+    bent = load_saved_run(make_run(tmp_path, steps=6, settings=COARSE, angles={"left_knee_pitch": 1.5}))
+    assert draw_walker(bent, bent.plan(), stride) != instants
+
+
+def test_outlines_are_those_of_the_shapes():
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><asset><mesh name='m' vertex='-.1 0 0 .3 0 0 0 .2 0 0 0 .4'/></asset><worldbody>"
+        "<body pos='0 0 1' euler='0 90 0'><freejoint/><geom size='.1'/><geom type='box' size='.1 .2 .3'/>"
+        "<geom type='capsule' size='.1 .3'/><geom type='ellipsoid' size='.1 .2 .3'/>"
+        "<geom type='mesh' mesh='m'/></body></worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    plane = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    # The body's z is the world's x: half the extent along x and z.
+    for geom, extent in enumerate([(0.1, 0.1), (0.3, 0.1), (0.4, 0.1), (0.3, 0.1), (0.2, 0.2)]):
+        corners = outline(model, data, geom, plane)
+        np.testing.assert_allclose(np.ptp(corners, axis=0) / 2.0, extent, atol=2e-3)
+
+
+def test_a_lost_walk_is_shown_at_its_end(tmp_path):
+    end = Outcome(OutcomeName.FELL, 0.9, "It fell.", 0)
+    saved = load_saved_run(make_run(tmp_path, settings=COARSE, outcome=end))
+    times = [item.time for item in draw_walker(saved, saved.plan(), middle(saved.signals))]
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(0.9, abs=0.02)
+    assert len(times) == INSTANTS
+
+
+# ---------------------------------------------------------------------------------------- panels and hints
+
+
+def test_errors_have_the_large_panels(run_dir):
+    figures = []
+    saved = load_saved_run(run_dir)
+    with (
+        style(),
+        patch("validation.show.style.picture", lambda figure, *_, **__: figures.append(figure)),
+    ):
+        RunFigures(saved, None).tracking("zmp_x", "ZMP x", "mm", 1e3)
+    large, lower, whole = figures[0].axes
+    heights = [axis.get_position().height for axis in (large, lower, whole)]
+    assert heights[0] > 1.8 * max(heights[1:])
+    assert large.get_title(loc="left").startswith("Error of ZMP along x")
+    assert [line.get_label() for line in lower.get_lines()] == ["plan", "command", "measured"]
+    signals, stride = saved.signals, middle(saved.signals)
+    error = 1e3 * (signals["measured_zmp_x"] - signals["plan_zmp_x"])[stride]
+    np.testing.assert_array_equal(large.get_lines()[0].get_ydata(), error)
+    assert all("[" in axis.get_ylabel() and "[s]" in axis.get_xlabel() for axis in figures[0].axes)
+
+
+def test_a_number_that_alarms_is_explained_below_it(run_dir, html):
+    summary = load_saved_run(run_dir).summary
+    label = METRICS["margin_plan_polygon"].label
+    assert summary["margins"]["plan_polygon"]["value"] < 1e-3
+    hint = cost_table(summary).hints[label]
+    assert f"{1e3 * summary['margins']['plan_in_measured_polygon']['value']:.3g} mm" in hint
+    assert re.search(rf'{re.escape(label)}</th>.*</tr><tr class="hint"><td[^>]*>{re.escape(hint)}', html)
+    outside = {
+        **summary,
+        "margins": {**summary["margins"], "plan_polygon": {"value": -0.01, "time": 1.0, "where": ""}},
+    }
+    assert label not in cost_table(outside).hints  # a plan that leaves its support is not excused

@@ -1,6 +1,7 @@
 """The recording verifies, holds the data it is drawn from, and can be written of any run."""
 
 import errno
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.saved_run import make_run
 from validation.show.rerun.record import RECORDING_FILE, plain_text, verdict_markdown, write_recording
-from validation.show.rerun.views import axis_range
+from validation.show.rerun.views import LEGEND, TITLES, axis_range
 from validation.store.record import StoredRecord
 from validation.store.saved import load_saved_run
 from validation.store.signals import load_signals
@@ -121,6 +122,21 @@ def test_recording_is_sound_and_has_what_a_viewer_must_show(run_dir, tmp_path):
     assert_rrd(
         "compare", path, write_recording(make_run(tmp_path / "run", steps=4, settings=COARSE))
     )  # of an identical run
+
+
+def test_a_legend_names_the_colours(run_dir):
+    chunks = RrdReader(run_dir / RECORDING_FILE).stream().filter(content="/legend")
+    (batch,) = [chunk.to_record_batch() for chunk in chunks]
+    words, colors = (batch.column(f"Points2D:{name}")[0].as_py() for name in ("labels", "colors"))
+    packed = [int.from_bytes(bytes(color), "big") for color in LEGEND.values()]
+    assert dict(zip(words, colors, strict=True)) == dict(zip(LEGEND, packed, strict=True))
+    assert {"plan", "command", "measured", "left foot", "right foot"} <= set(words)
+
+
+def test_curves_have_readable_names_with_units():
+    assert all("[" in title for title in TITLES.values())
+    assert TITLES["signals/force_z"] == "Ground force along z [N]"
+    assert not [title for title in TITLES.values() if re.search(r"_|\b[FL][xyz]\b", title)]
 
 
 @pytest.mark.slow

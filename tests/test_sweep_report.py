@@ -2,6 +2,7 @@
 
 import json
 import re
+from unittest.mock import patch
 
 import numpy as np
 import pyarrow as pa
@@ -210,6 +211,40 @@ def test_forces_are_judged_in_body_weights_and_a_tolerance_may_be_zero(undrawn):
     text = Page(render(sweep)).text
     assert not re.search(r"inf\s%", text)
     assert "4, limit 0" in text
+
+
+def drawn(values, limit):
+    """Layers of a histogram: the specification that is drawn."""
+    specs = []
+    with patch.object(figures, "svg", lambda spec, _: specs.append(spec)):
+        figures.distribution(np.array(values), limit, "mm", "ZMP, RMS error along x")
+    return specs[0]
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 60, 900])
+def test_counts_of_histograms_are_whole_numbers(count):
+    values = np.random.default_rng(count).gamma(4.0, 0.4, count)
+    spec = drawn(values, 2.5)
+    bars = spec["layer"][-1]["encoding"]
+    ticks = bars["y"]["axis"]["values"]
+    assert all(isinstance(tick, int) for tick in ticks)
+    assert np.all(np.diff(ticks) > 0)
+    assert 2 <= len(ticks) <= 6
+    shown = re.findall(r">(\d+)</text>", figures.distribution(values, 2.5, "mm", "a"))
+    assert shown[-len(ticks) :] == [f"{tick}" for tick in ticks]
+    counts = [bar["runs"] for bar in spec["data"]["values"]]
+    low, high = bars["x"]["scale"]["domain"]
+    assert sum(counts) == np.count_nonzero((values >= low) & (values <= high))
+
+
+@pytest.mark.parametrize("limit", [0.0, 0.37, 1.0, 2.5])
+def test_a_limit_covers_no_bar(limit):
+    spec = drawn(np.r_[0.0, np.random.default_rng(1).gamma(4.0, 0.4, 300)], limit)
+    bars = [bar for bar in spec["data"]["values"] if not bar["from"] == limit == 0.0]
+    assert not [bar for bar in bars if bar["from"] + 1e-9 < limit < bar["to"] - 1e-9]
+    assert all(bar["over"] == (bar["from"] > limit - 1e-9) for bar in bars)
+    rule, _ = spec["layer"]  # drawn first, so below the bars
+    assert rule["encoding"]["x"]["datum"] == limit
 
 
 # ---------------------------------------------------------------------------------------- in a browser

@@ -101,7 +101,7 @@ def test_the_table_has_shares_and_means():
         "mean survival, of planned [s]": "47.2 of 60.0",
         "targets": "13.8",
         "error at them [mm], [degrees]": "12.5, 5.73",
-        "median power [W]": "40.0",
+        "median power [W]": "40",
     }
 
 

@@ -133,9 +133,7 @@ class RunFigures:
                     "angular_momentum_z", momentum.format("z"), "N m s", reference="motion", caption=caption
                 )
             )
-        if np.isfinite(self.saved.record.qp_time).any():  # a user's controller may have no QP
-            found["cost"].append(self.qp_residual())
-        if np.isfinite(self.signals["command_zmp_x"]).any():  # nor report a command
+        if np.isfinite(self.signals["command_zmp_x"]).any():  # a user's controller may report no command
             title, label = "Feedback: commanded − planned ZMP", "Commanded minus planned ZMP"
             found["cost"].append(self.difference("command_zmp", "plan_zmp", "xy", title, label))
         return found
@@ -338,24 +336,6 @@ class RunFigures:
         caption = f"Arms, legs and trunk; {1e3 * REACH:g} mm where nothing is nearer."
         label = "Least distance of two parts of the body over the run, and its limit"
         return self._picture(figure, label, f"{caption} Closest: {closest}." if closest else caption)
-
-    def qp_residual(self) -> Picture:
-        """Residual of the controller's QP at every tick."""
-        record = self.saved.record
-        figure, (axis,) = new_figure(2.3)
-        residual = np.where(record.qp_residual > 0, record.qp_residual, np.nan)
-        if np.isfinite(residual).any():
-            axis.plot(*decimate(record.tick_time, residual), color=PLAN, linewidth=0.7)
-            axis.set_yscale("log")
-            axis.yaxis.set_major_formatter("{x:g}")  # powers of ten take longer than the rest of a figure
-            axis.yaxis.set_minor_formatter("")
-        for status, color, label in ((1, COMMAND, "limits active"), (2, BAD, "unsolved")):
-            time = record.tick_time[record.qp_status == status]
-            if len(time):
-                height = axis.get_xaxis_transform()
-                axis.plot(time, np.full(len(time), 0.04), ".", color=color, transform=height, label=label)
-        _finish(axis, "The controller's QP", "residual [1]")
-        return self._picture(figure, "Residual of the QP")
 
     def _picture(self, figure: Figure, label: str, caption: str = "", *, wide: bool = False) -> Picture:
         return style.picture(figure, f"f{next(self._count)}", label, caption, wide=wide)

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from validation.table import ABSENT as ABSENT
 from validation.table import BODY_WEIGHT as BODY_WEIGHT
-from validation.table import COLORS, short_unit
+from validation.table import COLORS
 from validation.table import format_number as format_number
 
 
@@ -31,39 +31,6 @@ def print_verdict(name: str, verdict: str, reason: str) -> None:
 def format_value(value: Any) -> str:
     """A parameter's value for a table: five digits of a float, anything else unchanged."""
     return format_number(value, 5) if value is None or isinstance(value, float) else str(value)
-
-
-def number(value: Any, digits: int = 3) -> str:
-    """Write a number with ``digits`` significant digits, or a dash if absent."""
-    if value is None or (isinstance(value, float) and not math.isfinite(value)):
-        return ABSENT
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, int):
-        return f"{value}"
-    if isinstance(value, float):
-        if value == 0.0:
-            return "0"
-        if abs(value) < 1e-3 or abs(value) >= 1e5:
-            mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
-            power = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-            return f"{mantissa}·10{power}".replace("-", "−")
-        decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
-        return f"{value:.{decimals}f}".replace("-", "−")
-    return str(value)
-
-
-def with_unit(value: Any, unit: str, digits: int = 3) -> str:
-    """A number and its unit, with a non-breaking space."""
-    text = number(value, digits)
-    unit = short_unit(unit)
-    return text if text == ABSENT or unit in ("", "1") else f"{text} {unit}".replace(" ", "\u00a0")
-
-
-def limit_with_unit(limit: float, unit: str) -> str:
-    """A tolerance with four digits at most, without trailing zeros, and its unit."""
-    plain = limit == 0.0 or 1e-3 <= limit < 1e4
-    return with_unit(f"{limit:.4g}" if plain else number(limit, 2).replace(".0·", "·"), unit)
 
 
 def replace_between(page: str, name: str, text: str) -> str:

@@ -154,7 +154,7 @@ def _pose(
     zmp = {kind: np.append(signals.vector(f"{kind}_zmp", "xy")[row], floor) for kind in com}
     force = {kind: scale * signals.vector(f"{kind}_force")[row] for kind in com}
     return _Pose(
-        [(sides[geom], _outline(model, data, int(geom), plane) - middle) for geom in far_first],
+        [(sides[geom], outline(model, data, int(geom), plane) - middle) for geom in far_first],
         (plane @ zmp["plan"] - middle, plane @ zmp["measured"] - middle),
         plane @ com["measured"] - middle,
         (plane @ force["plan"], plane @ force["measured"]),
@@ -174,7 +174,7 @@ def _sides(model: mujoco.MjModel) -> list[str]:
     return [str(side) for side in sides]
 
 
-def _outline(model: mujoco.MjModel, data: mujoco.MjData, geom: int, plane: Array) -> Array:
+def outline(model: mujoco.MjModel, data: mujoco.MjData, geom: int, plane: Array) -> Array:
     """Outline of a shape in a plane: its farthest points in many directions.
 
     Args:

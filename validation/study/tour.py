@@ -22,14 +22,13 @@ from ampm.parameters import RunParameters
 from ampm.planner import routes
 from validation.judge.margins import energy
 from validation.progress import Progress
-from validation.show.text import number
 from validation.store.folders import output_file
 from validation.store.json import json_ready, write_json
 from validation.study.many import Task, study_folder, walk_many
 from validation.study.robustness.study import cause_of
 from validation.study.row_file import Row, crash_notes
 from validation.study.walk_options import users_classes
-from validation.table import Table, Tabled
+from validation.table import Table, Tabled, format_number
 from validation.trial.disturbances import Push
 from validation.trial.plan import PlannedWalk, Request, complete, load_request, plan_walk
 from validation.trial.record import SimulationRecord
@@ -103,9 +102,9 @@ class Tours(Brief, Tabled):
             "completed": f"{self.completed} of {len(self.walks)}",
             "mean survival, of planned [s]": f"{self.mean('time'):.1f} of {self.mean('planned'):.1f}",
             "targets": f"{self.mean('reached'):.1f}",
-            "error at them [mm], [degrees]": f"{number(1e3 * self.mean('error'))}, "
-            f"{number(math.degrees(self.mean('turned')))}",
-            "median power [W]": number(float(np.median(power)) if power else None),
+            "error at them [mm], [degrees]": f"{format_number(1e3 * self.mean('error'), 3)}, "
+            f"{format_number(math.degrees(self.mean('turned')), 3)}",
+            "median power [W]": format_number(float(np.median(power)) if power else None, 3),
         }
         title = f"Tour of {self.gait}, body {self.body}, controller {self.controller} ({self.stabilizer})"
         return Table(title, [*cells], [[*cells.values()]], self.crashes)

@@ -15,12 +15,12 @@ from markupsafe import Markup
 from ampm.presets import PRESETS
 from ampm.run_file import load_run
 from validation.show.page import render_page
-from validation.show.text import format_duration, format_value, limit_with_unit, number, with_unit
+from validation.show.text import format_duration, format_value
 from validation.store.folders import output_file
 from validation.store.identity import parameter_values
 from validation.study.sweep import figures
 from validation.study.sweep.table import BROKEN, REPORT, STATES, State, SweepTable, read_sweep
-from validation.table import Table
+from validation.table import Table, format_number, short_unit
 
 WORST = 12
 """Runs in each of both tables of the worst."""
@@ -179,9 +179,8 @@ def _distribution(sweep: SweepTable, metric: str) -> Markup:
 
 
 def _amount(value: float, unit: str) -> str:
-    """A number and its unit; a whole number without one is a count and has no decimals."""
-    count = not unit and float(value).is_integer() and abs(value) < 1e5
-    return f"{value:.0f}" if count else with_unit(float(value), unit)
+    """A number and its unit."""
+    return f"{format_number(float(value), 3)} {short_unit(unit)}".rstrip()
 
 
 def _limit(sweep: SweepTable, metric: str, row: int | None = None) -> str:
@@ -193,8 +192,8 @@ def _limit(sweep: SweepTable, metric: str, row: int | None = None) -> str:
         return ""
     low, high = float(values.min()), float(values.max())
     if low == high:
-        return limit_with_unit(low, unit)
-    return f"{number(low, 3)} ... {limit_with_unit(float(number(high, 3)), unit)}"
+        return f"{format_number(low)} {short_unit(unit)}".rstrip()
+    return f"{format_number(low, 3)} ... {_amount(high, unit)}"
 
 
 def unwalked_table(sweep: SweepTable) -> Table:
