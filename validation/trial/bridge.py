@@ -18,7 +18,7 @@ root linear acceleration  d/dt of the above           spatial: ``R^T a - omega x
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -62,6 +62,41 @@ def _joint_model(kind: int, axis: Array) -> Any:
         if np.array_equal(axis, np.eye(3)[index]):
             return _ALIGNED[kind, index]()
     return pin.JointModelRevoluteUnaligned(axis) if kind == _HINGE else pin.JointModelPrismaticUnaligned(axis)
+
+
+class Passive(NamedTuple):
+    """Springs, dampers and dry friction of a body's coordinates, each shape (nv,).
+
+    Attributes:
+        damping: [N m s/rad].
+        stiffness: [N m/rad].
+        rest: angle of the spring at rest [rad].
+        friction: dry friction [N m].
+        implicit: whether the integrator takes the damping at the velocity after the step.
+    """
+
+    damping: Array
+    stiffness: Array
+    rest: Array
+    friction: Array
+    implicit: bool
+
+
+def passive_joints(model: mujoco.MjModel) -> Passive:
+    """Springs, dampers and dry friction of a compiled model with a free root."""
+    stiffness, rest = np.zeros(model.nv), np.zeros(model.nv)
+    stiffness[model.jnt_dofadr] = model.jnt_stiffness
+    rest[model.jnt_dofadr] = model.qpos_spring[model.jnt_qposadr]
+    stiffness[:6] = rest[:6] = 0.0
+    explicit = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+    euler = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
+    return Passive(
+        damping=model.dof_damping.copy(),
+        stiffness=stiffness,
+        rest=rest,
+        friction=model.dof_frictionloss.copy(),
+        implicit=not (euler and model.opt.disableflags & explicit),
+    )
 
 
 def pinocchio_model(model: mujoco.MjModel) -> pin.Model:

@@ -1,0 +1,183 @@
+"""The equations of motion of every step, by Pinocchio, from recorded states, torques and forces.
+
+A step of the simulator turns the velocity ``v_k`` into ``v_(k+1)``. The equations of motion say by how much:
+``v_(k+1) - v_k = h ABA(q_k, v_k, torque, forces)``, the articulated-body algorithm (Featherstone 2008, ch. 7)
+with the recorded torques, contact forces and pushes, and the joints' springs and dampers. What is left is the
+defect. It needs no contact law: a simulator of another law has the same equations. All coordinates count, not
+only the six of the momentum.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ampm.brief import Brief
+from ampm.geometry import Array
+from validation.trial.bridge import Passive
+from validation.trial.record import SimulationRecord, stored_rows
+
+
+ToPinocchio = Callable[[Array, Array], tuple[Array, Array]]
+
+
+class Steps(NamedTuple):
+    """Recorded steps, Pinocchio's coordinates, n rows.
+
+    Attributes:
+        q: configuration at the start of each step, shape (n, nq).
+        v: velocity at the start, shape (n, nv).
+        change: of MuJoCo's velocity over the step, shape (n, nv) [m/s, rad/s].
+        torque: of the motors, shape (n, nu) [N m].
+        force: forces on the body in world, shape (n, S, 3) [N].
+        moment: moments beside them in world, shape (n, S, 3) [N m].
+        position: where the forces act in world, shape (n, S, 3) [m].
+    """
+
+    q: Array
+    v: Array
+    change: Array
+    torque: Array
+    force: Array
+    moment: Array
+    position: Array
+
+
+@dataclass(frozen=True)
+class Equations(Brief):
+    """How well recorded steps satisfy the equations of motion.
+
+    The defect of a step is the largest difference, over all coordinates, between the recorded change of
+    velocity and that of the equations [m/s or rad/s].
+
+    Attributes:
+        steps: that were checked.
+        median: median defect.
+        largest: largest defect.
+        coordinate: that has the largest one.
+        time: of the step with the largest one [s].
+        change: median over the steps of the largest change of velocity, for comparison.
+    """
+
+    steps: int
+    median: float
+    largest: float
+    coordinate: str
+    time: float
+    change: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.steps} steps against the equations of motion: median defect {self.median:.2g}, largest "
+            f"{self.largest:.2g} ({self.coordinate} at {self.time:.6g} s); velocities change by "
+            f"{self.change:.2g} in a step [m/s, rad/s]"
+        )
+
+
+def defects(
+    model: pin.Model, passive: Passive, time_step: float, segments: Sequence[str], steps: Steps
+) -> Array:
+    """Recorded change of velocity less that by the equations of motion.
+
+    Args:
+        model: the body, with armature and gravity, a free root first.
+        passive: of its coordinates.
+        time_step: [s].
+        segments: frames on which the forces act, S names.
+        steps: to check.
+
+    Returns:
+        Shape (n, nv) [m/s, rad/s], the root's in its own axes.
+    """
+    if passive.implicit:  # (M + h D) a = ... with D v at the start of the step
+        model = pin.Model(model)
+        model.armature = model.armature + time_step * passive.damping
+    data = model.createData()
+    joints = [model.frames[model.getFrameId(name)].parentJoint for name in segments]
+    result = np.empty(steps.v.shape)
+    for row, (q, v, change, torque) in enumerate(
+        zip(steps.q, steps.v, steps.change, steps.torque, strict=True)
+    ):
+        pin.forwardKinematics(model, data, q)
+        forces = pin.StdVec_Force()
+        forces.extend([pin.Force.Zero()] * model.njoints)
+        for joint, force, moment, place in zip(
+            joints, steps.force[row], steps.moment[row], steps.position[row], strict=True
+        ):
+            if force.any() or moment.any():
+                in_world = pin.Force(force, moment + np.cross(place, force))
+                forces[joint] = forces[joint] + data.oMi[joint].actInv(in_world)
+        generalized = -passive.damping * v
+        generalized[6:] += torque - passive.stiffness[6:] * (q[7:] - passive.rest[6:])
+        wanted = time_step * pin.aba(model, data, q, v, generalized, forces)
+        rotation = data.oMi[1].rotation
+        # MuJoCo's velocity of the root is in world, and Pinocchio's acceleration is spatial.
+        recorded = change.copy()
+        recorded[:3] = rotation.T @ change[:3] - time_step * np.cross(v[3:6], v[:3])
+        result[row] = recorded - wanted
+    return result
+
+
+def recorded_equations(
+    record: SimulationRecord, model: pin.Model, passive: Passive, to_pinocchio: ToPinocchio
+) -> Equations:
+    """The equations of the steps that a run folder keeps: one every 10 ms, and the last.
+
+    Args:
+        record: of the walk.
+        model: the simulated body.
+        passive: of its coordinates.
+        to_pinocchio: turns MuJoCo's (q, qd) into Pinocchio's (q, v).
+    """
+    rows = np.minimum(stored_rows(record.steps, record.time_step), record.steps - 1)
+    rows = np.unique(rows[rows >= 0])
+    q, v = to_pinocchio(record.q[rows], record.qd[rows])
+    forces, segments = [record.point_force[rows]], list(record.point_sites)
+    moments, places = [np.zeros_like(forces[0])], [record.point_position[rows]]
+    if record.external_segments:
+        segments += record.external_segments
+        forces.append(record.external_force[rows])
+        moments.append(record.external_moment[rows])
+        places.append(record.external_position[rows])
+    steps = Steps(
+        q=q,
+        v=v,
+        change=record.qd[rows + 1] - record.qd[rows],
+        torque=record.torque[rows],
+        force=np.concatenate(forces, axis=1),
+        moment=np.concatenate(moments, axis=1),
+        position=np.concatenate(places, axis=1),
+    )
+    found = defects(model, passive, record.time_step, segments, steps)
+    return summarize(found, steps.change, record.time[rows], velocity_names(record.joint_names))
+
+
+def velocity_names(joints: Sequence[str]) -> list[str]:
+    """Names of the coordinates of a free root, in its own axes, and of the joints."""
+    return [f"root {what} {axis}" for what in ("velocity", "rate") for axis in "xyz"] + list(joints)
+
+
+def summarize(defect: Array, change: Array, time: Array, names: Sequence[str]) -> Equations:
+    """Median and largest defect.
+
+    Args:
+        defect: of every step, shape (n, nv).
+        change: of the velocity, shape (n, nv).
+        time: of the steps, shape (n,) [s].
+        names: of the nv coordinates.
+    """
+    if not len(defect):
+        return Equations(0, math.nan, math.nan, "", math.nan, math.nan)
+    size = np.abs(defect)
+    row, column = np.unravel_index(int(np.argmax(size)), size.shape)
+    return Equations(
+        steps=len(defect),
+        median=float(np.median(size.max(axis=1))),
+        largest=float(size[row, column]),
+        coordinate=names[column],
+        time=float(time[row]),
+        change=float(np.median(np.abs(change).max(axis=1))),
+    )
