@@ -152,7 +152,12 @@ def _status(summary: dict[str, Any]) -> Status:
 
 
 @app.command()
-def replay(directory: RunFolder) -> int:
+def replay(
+    directory: RunFolder,
+    equations: Annotated[
+        bool, option("--equations", "Hold every step to the equations of motion by Pinocchio, too.")
+    ] = False,
+) -> int:
     """Repeat a run from its recorded torques, to the bit.
 
     MuJoCo steps again from the recorded start, without the controller; every bit of every state is compared.
@@ -160,10 +165,12 @@ def replay(directory: RunFolder) -> int:
     from validation.run.replay import replay as step_again
 
     narrator = Narrator()
-    result = step_again(directory, progress=narrator)
+    result = step_again(directory, equations=equations, progress=narrator)
     if result.note:
         narrator.say(result.note)
     print_line(str(result))
+    if result.equations is not None:
+        print_line(str(result.equations))
     return Status.PASS if result.identical else Status.OUT_OF_TOLERANCE
 
 

@@ -362,6 +362,12 @@ def _largest(values: Array) -> float:
     return float(np.nanmax(values)) if np.isfinite(values).any() else math.nan
 
 
+def _equations(walk: Comparison, which: str) -> float | None:
+    """Defect of the equations of motion, relative to the median change of velocity; None if not checked."""
+    found = walk.measured.self_checks.equations
+    return None if found is None else float(getattr(found, which)) / found.change
+
+
 def _instrument(
     name: str, unit: str, label: str, meaning: str, compute: Callable[[Comparison], float | None],
     limit: float | None = None, reason: str = "", **more: Any,
@@ -417,6 +423,14 @@ _INSTRUMENT = (
         "As for the COM; rounding grows with the momenta that are summed.", nature="extreme",
     ),
     _instrument(
+        "equations_defect_median", "1", "equations of motion, median defect, relative",
+        "median defect of the equations of motion over the median change of velocity in a step",
+        lambda walk: _equations(walk, "median"), 1e-9,
+        "Recorded torques and contact forces must give the recorded change of every velocity, by Pinocchio, "
+        "in any simulator and with any contact law: only rounding may differ. A force that is missing from "
+        "the record changes velocities by per cents.", nature="count",
+    ),
+    _instrument(
         "failed_qp", "1", "unsolved QPs", "control ticks whose QP stayed unsolved",
         _failed_qp, 0.0,
         "The controller's fallback exists to survive a bad tick, not to walk: one unsolved QP means "
@@ -427,6 +441,11 @@ _INSTRUMENT = (
         lambda walk: float(np.count_nonzero(~np.isfinite(walk.measured.zmp[walk.inside]).all(axis=1))), 0.0,
         "A walk has no flight, and an instant without a ZMP would silently be missing from its error.",
         nature="count",
+    ),
+    _instrument(
+        "equations_defect_maximum", "1", "equations of motion, largest defect, relative",
+        "largest defect of the equations of motion over the median change of velocity in a step",
+        lambda walk: _equations(walk, "largest"), nature="extreme",
     ),
     _instrument(
         "zmp_agreement_rmse", "m", "both measured ZMPs, RMS distance",

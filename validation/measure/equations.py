@@ -20,7 +20,6 @@ from ampm.geometry import Array
 from validation.trial.bridge import Passive
 from validation.trial.record import SimulationRecord, stored_rows
 
-
 ToPinocchio = Callable[[Array, Array], tuple[Array, Array]]
 
 
@@ -121,7 +120,7 @@ def defects(
     return result
 
 
-def recorded_equations(
+def stored_equations(
     record: SimulationRecord, model: pin.Model, passive: Passive, to_pinocchio: ToPinocchio
 ) -> Equations:
     """The equations of the steps that a run folder keeps: one every 10 ms, and the last.
@@ -172,7 +171,7 @@ def summarize(defect: Array, change: Array, time: Array, names: Sequence[str]) -
     if not len(defect):
         return Equations(0, math.nan, math.nan, "", math.nan, math.nan)
     size = np.abs(defect)
-    row, column = np.unravel_index(int(np.argmax(size)), size.shape)
+    row, column = divmod(int(np.argmax(size)), size.shape[1])
     return Equations(
         steps=len(defect),
         median=float(np.median(size.max(axis=1))),

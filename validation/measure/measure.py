@@ -6,7 +6,6 @@ no force and no acceleration of the simulator, so the two disagree as soon as on
 log.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -17,10 +16,10 @@ from numpy.typing import NDArray
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array, polygon_margin
+from validation.measure.equations import Equations, ToPinocchio, stored_equations
+from validation.trial.bridge import Passive
 from validation.trial.record import SimulationRecord, support_height
 from validation.trial.spill import blocks
-
-ToPinocchio = Callable[[Array, Array], tuple[Array, Array]]
 
 LEAST_SUPPORT = 0.01
 """Share of body weight below which there is no ZMP: the quotient of two vanishing numbers is meaningless."""
@@ -43,6 +42,7 @@ class SelfChecks:
             impulse [1]. A standing body presses with exactly its weight; a walking one with its weight and
             the rate of its momentum.
         unsupported: steps in which the floor carries less than :data:`LEAST_SUPPORT` of the weight.
+        equations: the equations of motion of the recorded steps; None if they were not checked.
     """
 
     zmp_agreement: float
@@ -54,6 +54,7 @@ class SelfChecks:
     angular_momentum_agreement: float
     impulse_residual: float
     unsupported: int
+    equations: Equations | None = None
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,9 @@ class StandingCheck:
     still: bool
 
 
-def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchio) -> MeasuredGait:
+def measure(
+    record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchio, passive: Passive | None = None
+) -> MeasuredGait:
     """Measure a run.
 
     The force of step k acts at q_k and turns v_k, the velocity that brought the body from q_(k-1) to q_k,
@@ -166,6 +169,8 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
         record: the run.
         model: Pinocchio's model of the same body, free-flyer root.
         to_pinocchio: turns MuJoCo's (q, qd), shape (N, nq) and (N, nv), into Pinocchio's (q, v).
+        passive: springs and dampers of the body, for the equations of motion; without them these are not
+            checked, and neither are they if a joint has dry friction, whose force is not recorded.
 
     Raises:
         InputError: the model is not of the recorded body.
@@ -226,6 +231,9 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
         if steps
         else float("nan"),
         unsupported=int(np.count_nonzero(force[:, 2] < least)),
+        equations=None
+        if passive is None or passive.friction.any()
+        else stored_equations(record, model, passive, to_pinocchio),
     )
     return MeasuredGait(
         time=record.time[:-1],

@@ -14,12 +14,18 @@ import mujoco
 import numpy as np
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
+from validation.measure.equations import Equations, Steps, defects, summarize, velocity_names
 from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.store.record import StoredRecord, state_names
 from validation.store.saved import ENVIRONMENT_FILE, check_files
+from validation.trial.bridge import passive_joints, pinocchio_model, to_pinocchio
+from validation.trial.log import SolePoints, point_forces
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import quiet_mujoco
+
+_BLOCK = 1024  # steps whose equations are checked at a time
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,7 @@ class Replay:
         recorded: the recorded value.
         replayed: the value of the replay.
         note: a likely reason for a difference, empty if none is known.
+        equations: the equations of motion of all steps; None if they were not asked for.
     """
 
     steps: int
@@ -41,6 +48,7 @@ class Replay:
     recorded: float = float("nan")
     replayed: float = float("nan")
     note: str = ""
+    equations: Equations | None = None
 
     @property
     def identical(self) -> bool:
@@ -56,15 +64,17 @@ class Replay:
         )
 
 
-def replay(directory: str | Path, *, progress: Progress | None = None) -> Replay:
+def replay(directory: str | Path, *, equations: bool = False, progress: Progress | None = None) -> Replay:
     """Replay a run folder.
 
     Args:
         directory: of a finished run.
+        equations: also hold every step to the equations of motion by Pinocchio.
         progress: where to report stages.
 
     Raises:
-        InputError: a file is missing, damaged, or not what the run wrote.
+        InputError: a file is missing, damaged, or not what the run wrote; ``equations`` of a body with dry
+            friction in its joints, whose force is not recorded.
     """
     directory = Path(directory)
     if not directory.is_dir():
@@ -72,8 +82,9 @@ def replay(directory: str | Path, *, progress: Progress | None = None) -> Replay
     record = StoredRecord(directory)
     check_files(directory)
     model = record.model()
+    check = EquationCheck(model, record) if equations else None
     with (progress or Progress()).stage("replay", "steps") as stage:
-        found = step_again(model, record, stage.advance)
+        found = step_again(model, record, stage.advance, check)
     return found if found.identical else replace(found, note=_note(directory / ENVIRONMENT_FILE))
 
 
@@ -81,6 +92,7 @@ def step_again(
     model: mujoco.MjModel,
     record: SimulationRecord | StoredRecord,
     advance: Callable[[int, int], None] | None = None,
+    check: "EquationCheck | None" = None,
 ) -> Replay:
     """Step the physics with recorded torques, up to the first recorded state of which a bit differs.
 
@@ -88,6 +100,7 @@ def step_again(
         model: the model that was simulated.
         record: start state, torques and external forces.
         advance: called with steps done and steps in all.
+        check: of the equations of motion.
     """
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = record.q[0], record.qd[0]
@@ -99,7 +112,11 @@ def step_again(
                 if pushed:
                     push = record.external_force[k], record.external_moment[k]
                     data.xfrc_applied[pushed] = np.hstack(push)
+                if check is not None:
+                    check.begin(data)
                 mujoco.mj_step(model, data)
+                if check is not None:
+                    check.end(k, data)
             recorded = np.concatenate([record.q[row], record.qd[row]])
             replayed = np.concatenate([data.qpos, data.qvel])
             # Bit patterns, not values: -0 is not 0, and a NaN is itself.
@@ -110,7 +127,74 @@ def step_again(
                 return Replay(record.steps, state_names(record)[i], end * record.time_step, *values)
             if advance is not None and row % 50 == 0:
                 advance(end, record.steps)
-    return Replay(record.steps)
+    return Replay(record.steps, equations=None if check is None else check.result())
+
+
+class EquationCheck:
+    """Holds steps of a replay to the equations of motion.
+
+    Contact forces are the recorded ones where they are on disk, every 10 ms, and those of the replayed steps
+    between them, whose states are the recorded ones to the bit.
+
+    Args:
+        model: the model that was simulated.
+        record: of the run.
+
+    Raises:
+        InputError: a joint has dry friction.
+    """
+
+    def __init__(self, model: mujoco.MjModel, record: StoredRecord) -> None:
+        self.passive = passive_joints(model)
+        if self.passive.friction.any():
+            raise InputError(
+                "the equations of motion cannot be checked: joints of this body have dry friction, whose "
+                "force is not recorded; replay without --equations."
+            )
+        self.model, self.record, self.twin = model, record, pinocchio_model(model)
+        self.contacts = SolePoints(model, record.point_sites, ())
+        self.rows = {int(k): row for row, k in enumerate(record.state_rows[:-1])}
+        self.segments = [*record.point_sites, *record.external_segments]
+        self.waiting: list[tuple[Array, ...]] = []  # steps to check, in the order of the fields of Steps
+        self.defect: list[Array] = []
+        self.change: list[Array] = []
+
+    def begin(self, data: mujoco.MjData) -> None:
+        """Copy the state at the start of a step, and what acts in it."""
+        self.start = data.qpos.copy(), data.qvel.copy()
+        self.torque = data.ctrl.copy()
+
+    def end(self, k: int, data: mujoco.MjData) -> None:
+        """Compare the change of velocity in step k."""
+        record = self.record
+        if k in self.rows:
+            force, place = record.point_force[self.rows[k]], record.point_position[self.rows[k]]
+        else:
+            force, place = point_forces(data, self.contacts)
+        moment = np.zeros_like(force)
+        if record.external_segments:
+            force = np.concatenate([force, record.external_force[k]])
+            moment = np.concatenate([moment, record.external_moment[k]])
+            place = np.concatenate([place, record.external_position[k]])
+        change = data.qvel - self.start[1]
+        self.waiting.append((*to_pinocchio(*self.start), change, self.torque, force, moment, place))
+        if len(self.waiting) == _BLOCK:
+            self._check()
+
+    def _check(self) -> None:
+        """Check the steps that wait."""
+        steps = Steps(*map(np.array, zip(*self.waiting, strict=True)))
+        self.waiting.clear()
+        self.change.append(steps.change)
+        self.defect.append(defects(self.twin, self.passive, self.record.time_step, self.segments, steps))
+
+    def result(self) -> Equations:
+        """Median and largest defect of all steps."""
+        if self.waiting:
+            self._check()
+        time = np.arange(self.record.steps, dtype=np.float64) * self.record.time_step
+        names = velocity_names(self.record.joint_names)
+        return summarize(np.concatenate(self.defect), np.concatenate(self.change), time, names)
 
 
 def _note(path: Path) -> str:

@@ -27,7 +27,7 @@ from validation.measure.measure import measure
 from validation.measure.standing import weigh
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
-from validation.trial.bridge import pinocchio_model, to_pinocchio
+from validation.trial.bridge import passive_joints, pinocchio_model, to_pinocchio
 from validation.trial.controllers import find_controller, name_of
 from validation.trial.disturbances import Disturbance
 from validation.trial.origin import moved_record
@@ -150,9 +150,10 @@ def walk_planned(
         keep(record)
     with timed(taken, "measurement"), progress.stage(f"{planned.name}: measurement"):
         scene = disturbed_model(body.model, run, planned.plan.contacts)
-        true = body.robot.model if scene is body.model else pinocchio_model(scene.compile())
+        simulated = scene.compile()
+        true = body.robot.model if scene is body.model else pinocchio_model(simulated)
         near = moved_record(record, -run.disturbance.origin)
-        measured = measure(near, true, to_pinocchio)
+        measured = measure(near, true, to_pinocchio, passive_joints(simulated))
         upright = run.replace({"gait.com_height": planned.plan.com_height})  # a table may have its own
         standing = weigh(upright, body.model, body.robot)
         description = body.model.description

@@ -225,6 +225,21 @@ class SolePoints:
         self.of_geom[[model.geom(name).id for name in names]] = np.arange(len(names))
 
 
+def point_forces(data: mujoco.MjData, points: SolePoints) -> tuple[Array, Array]:
+    """Forces of the floor on the sole points in the last step, and where they act, shape (P, 3) [N], [m].
+
+    Points without a force have a place of zero.
+    """
+    force, place = np.zeros((2, len(points.names), 3))
+    for contact in data.contact:
+        point, first = int(points.of_geom[contact.geom].max()), contact.efc_address
+        if point >= 0 and first >= 0:
+            side = 1.0 if points.of_geom[contact.geom[1]] >= 0 else -1.0  # it acts on the second geom
+            force[point] = side * contact.frame.reshape(3, 3).T @ data.efc_force[first : first + 3]
+            place[point] = contact.pos
+    return force, place
+
+
 class RunLog:
     """The arrays of a :class:`validation.trial.record.SimulationRecord`, under its names, of K steps at most.
 

@@ -1,0 +1,110 @@
+"""The equations of motion of recorded steps, against bodies and forces that are known."""
+
+from dataclasses import replace
+from unittest.mock import patch
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ampm.exceptions import InputError
+from tests.saved_run import make_run, walked
+from tests.tiny import CORNERS, pinocchio_model, simulate, swinging, to_pinocchio
+from tests.walk import without_point
+from validation.measure.equations import Equations, stored_equations
+from validation.run.replay import replay
+from validation.trial import bridge
+from validation.trial.bridge import Passive
+from validation.trial.scene import disturbed_model
+
+NOTHING = Passive(*np.zeros((4, 7)), implicit=False)
+
+
+@pytest.fixture(scope="module")
+def block():
+    """A block that swings an arm between its stops, and its model written by hand."""
+    model = pinocchio_model()
+    names = [f"p{i}" for i in range(4)]
+    for name, corner in zip(names, CORNERS, strict=True):
+        place = pin.SE3(np.eye(3), np.array([*corner, 0.001]))
+        model.addFrame(pin.Frame(name, 1, 0, place, pin.FrameType.OP_FRAME))
+    record = simulate(500, torque=lambda time: 0.1 * np.sin(2 * np.pi * 1.5 * time), sink=0.0005)
+    return replace(record, point_sites=tuple(names)), model
+
+
+def check(record, model, passive=NOTHING) -> Equations:
+    return stored_equations(record, model, passive, to_pinocchio)
+
+
+def test_the_block_obeys_them(block):
+    found = check(*block)
+    assert found.steps == 101  # one every 10 ms of a second, and the last
+    assert found.largest < 1e-9 < 1e-4 < found.change
+
+
+def test_a_joint_at_its_stop_shows(block):
+    record, model = block
+    found = check(replace(swinging(), point_sites=record.point_sites), model)
+    assert found.coordinate == "swing"
+    assert found.largest > 0.1
+
+
+def test_what_is_missing_shows(block):
+    record, model = block
+    arm = model.joints[model.getJointId("swing")].idx_v
+    damping = np.zeros(7)
+    damping[arm] = 1.0  # [N m s/rad]
+    damped = NOTHING._replace(damping=damping)
+    turned = check(replace(record, torque=record.torque + 0.1), model)
+    for wrong in (check(without_point(record), model), turned, check(record, model, damped)):
+        assert wrong.median > 1e-3 * wrong.change
+    assert turned.coordinate == "swing"
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [(), ("disturbance.push_y=40.0", "disturbance.push_at=0.5", "disturbance.joint_damping=1.0")],
+    ids=["undisturbed", "pushed and damped"],
+)
+def test_a_walk_obeys_them(settings):
+    planned, record = walked(2, settings, None)
+    model = disturbed_model(planned.body.model, planned.run, planned.plan.contacts).compile()
+
+    def of(record, passive):
+        twin = bridge.pinocchio_model(model)
+        return stored_equations(record, twin, passive, bridge.to_pinocchio)
+
+    passive = bridge.passive_joints(model)
+    found = of(record, passive)
+    assert found.median < 1e-9 * found.change
+    assert found.largest < 1e-2 * found.change  # MuJoCo's solver stops early at a light toe
+    assert of(without_point(record), passive).median > 0.01 * found.change
+    if settings:
+        assert of(record, passive._replace(implicit=False)).median > 1e-3 * found.change
+        unpushed = replace(record, external_force=np.zeros_like(record.external_force))
+        assert of(unpushed, passive).largest > 1e-3
+
+
+def test_replay_checks_every_step(tmp_path, ampm):
+    folder = make_run(tmp_path / "run", steps=2)
+    found = replay(folder, equations=True)
+    assert found.identical
+    assert found.equations.steps == found.steps
+    assert found.equations.median < 1e-9 * found.equations.change
+    assert replay(folder).equations is None
+    answer = ampm("replay", folder, "--equations")
+    assert answer.status == 0
+    assert f"{found.steps} steps against the equations of motion: median defect" in answer.out
+
+
+def test_dry_friction_is_not_recorded(tmp_path):
+    folder = make_run(tmp_path / "run", steps=1)
+    model = folder / "model.xml"
+    text = model.read_text(encoding="utf-8")
+    assert 'name="left_knee_pitch"' in text
+    model.write_text(text.replace('name="left_knee_pitch"', 'frictionloss="1" name="left_knee_pitch"', 1))
+    with (
+        patch("validation.run.replay.check_files", lambda *_: None),
+        pytest.raises(InputError, match="dry friction"),
+    ):
+        replay(folder, equations=True)
