@@ -66,7 +66,7 @@ def _levels(found: Convergence) -> Iterator[tuple[str, ...]]:
     for study in found.studies:
         for item in items:
             studied = found.studied[item.name]
-            orders, u = "", studied.inputs.get(study.name, math.nan)
+            orders, u = "", studied.spreads.get(study.name, math.nan)
             if study.numerical:
                 one = studied.estimates[study.name]
                 orders, u = " ".join(f"{order:.2f}" for order in one.orders), one.uncertainty

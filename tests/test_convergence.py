@@ -39,7 +39,7 @@ def test_what_is_studied():
     stiffness = found["contact_stiffness"]
     assert stiffness.values[stiffness.own] == 0.015
     assert (0.015 / np.array(stiffness.values)) ** 2 == pytest.approx([0.5, 1.0, 2.0])
-    assert [study.numerical for study in found.values()] == [True] * 3 + [False] * 2
+    assert [study.numerical for study in found.values()] == [True] * 3 + [False] * 4
     fine = studies(load_run("normal", ["simulation.time_step=0.001"]), ["time_step"], levels=5)
     assert fine[0].values == (0.001, 0.0005, 0.00025, 0.000125, 0.0000625)
     exact = studies(load_run("normal", [*COARSE, "solver.qp=daqp"]))  # has no tolerance
@@ -52,7 +52,7 @@ def test_one_thing_changes_at_a_time_and_all_share_the_own_walk():
     run = load_run("normal")
     found = studies(run)
     runs = runs_of(run, found)
-    assert len(runs) == 1 + 3 * 3 + 2 * 2
+    assert len(runs) == 1 + 3 * 3 + 4 * 2
     for study in found:
         assert study.tasks[study.own] == OWN
         for value, task in zip(study.values, study.tasks, strict=True):
@@ -125,8 +125,8 @@ def test_self_checks_counts_and_sensitivities_have_no_numerical_uncertainty(resu
     assert gap.estimates["time_step"].uncertainty == pytest.approx(1.25 * 0.32e-3)
     assert count.levels["qp_tolerance"] == (0.0, 0.0, 0.0, 1.0)
     assert result.table(["failed_qp"]).rows[0][6] == "exact"
-    assert work.inputs["contact_stiffness"] == pytest.approx(15.0 * (math.sqrt(2) - 1))
-    assert work.input_uncertainty == pytest.approx(work.inputs["contact_stiffness"])
+    assert work.spreads["contact_stiffness"] == pytest.approx(15.0 * (math.sqrt(2) - 1))
+    assert work.spread == pytest.approx(work.spreads["contact_stiffness"])
 
 
 @pytest.mark.parametrize(("share", "passed"), [(1.01, True), (0.99, None), (-0.99, None), (-1.01, False)])
@@ -142,12 +142,12 @@ def test_the_verdict_is_spoken_beyond_the_uncertainty(result, share, passed):
     ("falls", "completed", "verdict", "unbounded"),
     [
         (lambda run: run.simulation.time_step == 0.0005, False, VerdictName.UNDECIDED, "uncertainty"),
-        (lambda run: run.contact.time_constant > 0.02, True, VerdictName.PASS, "input_uncertainty"),
+        (lambda run: run.contact.time_constant > 0.02, True, VerdictName.UNDECIDED, "spread"),
         (lambda run: True, False, VerdictName.NOT_MEASURED, None),
     ],
 )
 def test_a_level_that_falls_bounds_nothing(falls, completed, verdict, unbounded):
-    """But a floor that nobody walks on is no failure."""
+    """A contact law on which it falls leaves the verdict undecided, as it is another floor."""
     found = study(falls=falls)
     assert (found.completed, found.verdict.name) == (completed, verdict)
     assert any("It stumbled." in note for note in found.notes)
@@ -179,6 +179,36 @@ def test_what_was_not_studied_is_never_a_zero_nor_a_pass(only, lacking, shown, t
     assert (entry["uncertainty"], entry["pass"], entry["undecided"]) == (None, None, True)
     assert entry["not_studied"] == list(lacking)
     assert summary["uncertainty"]["studies"] == [name for name in only if name != "contact_stiffness"]
+
+
+@pytest.mark.parametrize(("margin", "undecided"), [(1.01, False), (0.99, True)])
+def test_a_margin_below_the_spread_over_contact_laws_is_undecided(tmp_path, monkeypatch, margin, undecided):
+    monkeypatch.setattr("validation.study.convergence.picture.draw", lambda *_: None)
+    monkeypatch.setitem(globals(), "row", lambda run, **_: impeded(run, margin))
+    found = study()
+    zmp = found.metrics["zmp_x_rmse"]
+    assert zmp.spread == pytest.approx(1e-3)
+    assert (zmp.undecided, zmp.uncertainty) == (undecided, 0.0)
+    assert (found.verdict.name is VerdictName.UNDECIDED) == undecided
+    convergence.write(found, tmp_path)
+    entry = summary_with(load_uncertainty(tmp_path))["metrics"]["zmp_x_rmse"]
+    assert entry["spread"] == pytest.approx(1e-3)
+    if undecided:
+        assert "ZMP, RMS error along x: 1.51 ± 0 mm, limit 2.5, which changes by up to 1 mm" in (
+            found.verdict.reason
+        )
+        assert dict(zip(found.table().headers, found.table().rows[0], strict=True))["spread"] == "1"
+
+
+def impeded(run, margin):
+    """A walk whose ZMP is 1 mm worse on a floor that is hard at first touch."""
+    canned = study_row(run)
+    worse = 1e-3 * (run.contact.impedance_min > 0.8)
+    values = dict.fromkeys(canned["values"], 0.0) | {"zmp_x_rmse": 2.5e-3 - margin * 1e-3 + worse}
+    return canned | {"values": values}
+
+
+study_row = row
 
 
 def test_a_self_check_needs_no_time_step_and_an_exact_solver_no_tolerance():

@@ -17,7 +17,8 @@ from validation.trial import bridge
 from validation.trial.bridge import Passive
 from validation.trial.scene import disturbed_model
 
-NOTHING = Passive(*np.zeros((4, 7)), implicit=False)
+ZERO = np.zeros(7)
+NOTHING = Passive(damping=ZERO, stiffness=ZERO, rest=ZERO, friction=ZERO, implicit=False)
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +90,7 @@ def test_replay_checks_every_step(tmp_path, ampm):
     folder = make_run(tmp_path / "run", steps=2)
     found = replay(folder, equations=True)
     assert found.identical
+    assert found.equations is not None
     assert found.equations.steps == found.steps
     assert found.equations.median < 1e-9 * found.equations.change
     assert replay(folder).equations is None

@@ -12,8 +12,8 @@ from validation.study.convergence.order import (
     UNCONFIRMED,
     Kind,
     estimate,
-    input_uncertainty,
     observed_orders,
+    spread,
 )
 
 STEPS = 2e-3 / 2.0 ** np.arange(4)
@@ -123,7 +123,7 @@ def test_the_uncertainty_covers_the_limit_of_disturbed_sequences():
     assert np.mean(covered) > 0.95
 
 
-def test_an_input_uncertainty_is_the_largest_deviation():
-    assert input_uncertainty([1.3, 1.0, 0.9], 1) == pytest.approx(0.3)
-    assert math.isinf(input_uncertainty([math.nan, 1.0, 0.9], 1))
-    assert math.isnan(input_uncertainty([1.0, math.nan, 0.9], 1))
+def test_a_spread_is_the_largest_deviation():
+    assert spread([1.3, 1.0, 0.9], 1) == pytest.approx(0.3)
+    assert math.isinf(spread([math.nan, 1.0, 0.9], 1))
+    assert math.isnan(spread([1.0, math.nan, 0.9], 1))

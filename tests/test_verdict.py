@@ -172,7 +172,7 @@ def test_summary_is_plain_json_with_the_entries_of_the_contract(walk):
     assert metric["first_step"] == pytest.approx(0.003)
     assert metric["normalised"]["foot_length"] == pytest.approx(0.003 / 0.258)
     assert metric["display"] == {
-        "value": pytest.approx(3.0), "unit": "mm", "tolerance": 2.5, "uncertainty": 0.3
+        "value": pytest.approx(3.0), "unit": "mm", "tolerance": 2.5, "uncertainty": 0.3, "spread": None
     }  # fmt: skip
     assert (metric["uncertainty"], metric["undecided"]) == (0.0003, False)
     assert summary["metrics"]["zmp_y_rmse"]["pass"] is True

@@ -35,6 +35,8 @@ class Uncertainty:
         studies: inside the uncertainty.
         not_studied: numerical studies of the gait that were not made.
         incomplete: metric to the studies that its uncertainty lacks.
+        spreads: metric to its largest change by another contact law or engine, in its SI unit; infinite where
+            a walk with one did not complete.
     """
 
     gait: str
@@ -45,6 +47,7 @@ class Uncertainty:
     studies: tuple[str, ...] = ()
     not_studied: tuple[str, ...] = ()
     incomplete: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    spreads: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def bounds(self) -> Mapping[str, float]:
@@ -73,6 +76,7 @@ class _Metric(BaseModel):
 
     uncertainty_at_least: NonNegativeFloat | None
     not_studied: tuple[str, ...]
+    spread: NonNegativeFloat | None = None
 
 
 class _File(BaseModel):
@@ -126,6 +130,7 @@ def load_uncertainty(path: Path) -> Uncertainty:
         table.studies,
         table.not_studied,
         {name: item.not_studied for name, item in table.metrics.items() if item.not_studied},
+        {name: item.spread for name, item in table.metrics.items() if item.spread is not None},
     )
 
 

@@ -43,8 +43,10 @@ class MetricResult:
         display_unit: what tables show: mm, % of body weight, N m s.
         uncertainty: numerical uncertainty of the value in SI units, infinite if it has no bound; None if none
             is known.
-        undecided: whether the value is closer to the tolerance than its uncertainty, or a study that belongs
-            to it was not made.
+        spread: largest change of the value by another contact law or engine, in SI units; None if none was
+            studied.
+        undecided: whether the value is closer to the tolerance than its uncertainty or its spread, or a study
+            that belongs to it was not made.
         not_studied: studies without which the uncertainty is not known; ``uncertainty`` is then the sum of
             the others, a lower bound.
     """
@@ -58,6 +60,7 @@ class MetricResult:
     factor: float
     display_unit: str
     uncertainty: float | None
+    spread: float | None
     undecided: bool
     not_studied: tuple[str, ...]
 
@@ -74,6 +77,17 @@ class MetricResult:
     def displayed(self, number: float | None) -> float | None:
         """Value, tolerance or uncertainty in ``display_unit``."""
         return None if number is None else number * self.factor
+
+    @property
+    def bound(self) -> float:
+        """Largest of uncertainty and spread, in SI units; 0 if none is known."""
+        return max(self.uncertainty or 0.0, self.spread or 0.0)
+
+    @property
+    def moved(self) -> str:
+        """The spread with its unit."""
+        known = "∞" if math.isinf(self.spread or 0.0) else f"{(self.spread or 0.0) * self.factor:.2g}"
+        return f"{known} {self.display_unit}".rstrip()
 
     @property
     def quoted(self) -> str:
@@ -117,7 +131,8 @@ class MetricResult:
         }
         if self.uncertainty is None and not self.not_studied:
             return entry
-        entry["undecided"] = self.undecided
+        entry |= {"undecided": self.undecided, "spread": self.spread}
+        display["spread"] = self.displayed(self.spread)
         # The sum of the other studies is only a lower bound of the uncertainty.
         key = "uncertainty_at_least" if self.not_studied else "uncertainty"
         for place, known in ((entry, self.uncertainty), (display, self.displayed(self.uncertainty))):
@@ -161,7 +176,7 @@ class Verdict(Brief):
 
     @property
     def undecided(self) -> tuple[MetricResult, ...]:
-        """Metrics closer to their tolerance than their numerical uncertainty."""
+        """Metrics closer to their tolerance than their numerical uncertainty or their spread."""
         return tuple(item for item in self.metrics if item.undecided)
 
 
@@ -179,9 +194,9 @@ def judge(
         metrics: name to value. A tolerance on a metric that is not among them does not apply.
         profile: tolerances.
         scales: ``body_weight`` [N] and ``foot_length`` [m], as :attr:`Comparison.scales` has them.
-        uncertainty: numerical uncertainty of the metrics. A metric whose distance to its tolerance is below
-            it is undecided: neither met nor missed. So is one that lacks a study, whatever its value. A
-            metric that is not named is judged by its value.
+        uncertainty: numerical uncertainty of the metrics, and their spread over contact laws. A metric whose
+            distance to its tolerance is below either is undecided: neither met nor missed. So is one that
+            lacks a study, whatever its value. A metric that is not named is judged by its value.
         ended: how the walk ended, see :attr:`validation.trial.outcome.Outcome.ending`; empty if it completed.
     """
     limits = {item.metric: item for item in profile.tolerances if item.metric in metrics}
@@ -206,18 +221,27 @@ def _result(
 ) -> MetricResult:
     known = None if uncertainty is None else uncertainty.values.get(name)
     lacking = () if uncertainty is None else uncertainty.incomplete.get(name, ())
+    spread = None if uncertainty is None else uncertainty.spreads.get(name)
     limit = passed = margin = None
     undecided = False
     if tolerance is not None:
         limit = float(tolerance.limit_for(scales))
         if judged and not math.isnan(of.value):
-            undecided = bool(lacking) or (known is not None and abs(limit - of.value) < known)
+            bound = max(known or 0.0, spread or 0.0)
+            undecided = bool(lacking) or (bound > 0.0 and abs(limit - of.value) < bound)
             passed = None if undecided else of.value <= limit
     if limit is not None and passed is not None:
         margin = 1.0 - of.value / limit if limit > 0.0 else 1.0 if passed else -math.inf
     reason = "" if tolerance is None else tolerance.reason
     factor, unit = display_unit(of.unit, scales["body_weight"])
-    return MetricResult(name, of, limit, passed, margin, reason, factor, unit, known, undecided, lacking)
+    return MetricResult(
+        name, of, limit, passed, margin, reason, factor, unit, known, spread, undecided, lacking
+    )
+
+
+def _by_contact(item: MetricResult) -> bool:
+    """Whether it is the contact law that leaves a metric undecided."""
+    return (item.spread or 0.0) > (item.uncertainty or 0.0) and not item.not_studied
 
 
 def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int) -> tuple[VerdictName, str]:
@@ -230,6 +254,8 @@ def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int
     undecided = [item for item in results if item.undecided]
     lacking = dict.fromkeys(study for item in undecided for study in item.not_studied)
     why = "closer to the limit than the numerical uncertainty"
+    if any(_by_contact(item) for item in undecided):
+        why += ", or than another contact law may move them"
     if lacking:
         why = f"their numerical uncertainty is not known (not studied: {', '.join(lacking)})"
     if failed:
@@ -241,9 +267,11 @@ def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int
         reason = f"Not measured: {labels}. A run must last longer than its first step."
         return VerdictName.NOT_MEASURED, reason
     if undecided:
-        least = max(undecided, key=lambda item: (item.uncertainty or 0.0) / (item.tolerance or math.inf))
+        least = max(undecided, key=lambda item: item.bound / (item.tolerance or math.inf))
         reason = f"{len(undecided)} of {limits} tolerances undecided, {why}"
-        if least.uncertainty is not None:
+        if _by_contact(least):
+            reason += f"; the least certain is {against(least)}, which changes by up to {least.moved}"
+        elif least.uncertainty is not None:
             reason += f"; the least certain is {against(least)}"
         return VerdictName.UNDECIDED, f"{reason}."
     tight = min((item for item in results if item.tolerance), key=lambda item: item.margin or 0.0)

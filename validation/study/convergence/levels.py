@@ -103,9 +103,23 @@ STUDIES = (
         "contact that hardens over twice and half the depth",
         factors=(2.0, 1.0, 0.5),
     ),
+    Study(
+        "contact_damping",
+        "contact.damping_ratio",
+        "1",
+        "contact with half and twice the damping",
+        factors=(0.5, 1.0, 2.0),
+    ),
+    Study(
+        "contact_impedance",
+        "contact.impedance_min",
+        "1",
+        "contact that is half and 1.5 times as hard at first touch",
+        factors=(0.5, 1.0, 1.5),
+    ),
 )
 """All studies, without values. Contact parameters belong to the model: their values approach no limit, so
-they give a sensitivity, an input uncertainty, and no convergence."""
+they give a spread, and no convergence."""
 
 
 def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVELS) -> list[Study]:

@@ -164,7 +164,7 @@ def _why_not_asymptotic(values: Sequence[float], orders: Sequence[float]) -> str
     return ""
 
 
-def input_uncertainty(values: Sequence[float], own: int) -> float:
+def spread(values: Sequence[float], own: int) -> float:
     """Largest deviation of a metric from its own value when a model parameter changes.
 
     A derivative would be less useful: it vanishes for parameters that were chosen to minimise a metric.

@@ -13,7 +13,7 @@ from validation.judge.verdict import MetricResult, Verdict, judge
 from validation.store.environment import describe_environment
 from validation.store.identity import parameter_values, run_key
 from validation.study.convergence.levels import OWN, STUDIES, Study
-from validation.study.convergence.order import Estimate, estimate, input_uncertainty
+from validation.study.convergence.order import Estimate, estimate, spread
 from validation.study.row_file import Row
 from validation.table import Table, Tabled, format_number, short_unit
 from validation.trial.plan import Request
@@ -23,8 +23,8 @@ _ALSO = ("energy_positive_work", "energy_negative_work", "energy_cost_of_transpo
 """Integrals that the short table has beside what is judged."""
 _NOTES = (
     "u_num is the sum over the studies of time step, grid and tolerance; ≥ where one was not made.",
-    "u_input is of the contact's parameters, and not part of the verdict.",
-    "A value closer to its limit than u_num is undecided.",
+    "spread: largest change by another contact law or engine.",
+    "A value closer to its limit than u_num or the spread is undecided.",
 )
 
 
@@ -35,17 +35,17 @@ class StudiedMetric:
     Attributes:
         levels: study to the value at every level [SI unit], NaN where the walk did not complete.
         estimates: numerical study to its estimate, that of the time step first.
-        inputs: input study to the largest deviation within it.
+        spreads: study of the contact law to the largest change within it.
     """
 
     levels: Mapping[str, tuple[float, ...]]
     estimates: Mapping[str, Estimate]
-    inputs: Mapping[str, float]
+    spreads: Mapping[str, float]
 
     @property
-    def input_uncertainty(self) -> float | None:
-        """Root of the sum of squares of ``inputs``; None without such a study."""
-        return math.hypot(*self.inputs.values()) if self.inputs else None
+    def spread(self) -> float | None:
+        """The largest of ``spreads``; None without such a study."""
+        return max(self.spreads.values(), default=None)
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,6 @@ class Convergence(Brief, Tabled):
                 **item.as_dict(),
                 "not_studied": item.not_studied,
                 "uncertainty_at_least": item.uncertainty,
-                "input_uncertainty": self.studied[name].input_uncertainty,
                 **vars(self.studied[name]),
             }
             for name, item in self.metrics.items()
@@ -135,7 +134,7 @@ class Convergence(Brief, Tabled):
             f">at {finest[0] if finest else 'last'}",
             "observed order",
             ">extrapolated",
-            ">± u_input",
+            ">spread",
         )
         return Table(
             f"Convergence of {self.request.name}: value ± numerical uncertainty, {run.gait.steps} steps a "
@@ -172,7 +171,7 @@ class Convergence(Brief, Tabled):
             last,
             "exact" if METRICS[item.name].nature == "count" else order,
             extrapolated,
-            shown(studied.input_uncertainty, 2),
+            shown(item.spread, 2),
         )
 
 
@@ -182,7 +181,7 @@ def combine(
     """Estimates of every metric from the walks of all levels, and the verdict.
 
     The errors of time step, grids and tolerances are not random and may have one sign, so their bounds are
-    added. Contact parameters are independent inputs: their squares are added.
+    added. Of the contact laws the one counts that changes a metric most.
     """
     run, own = request.run, walks[OWN]
     own_values: Mapping[str, float] = own.get("values", {})
@@ -202,6 +201,11 @@ def combine(
         if counted or not needed:  # what has no value has no bound
             total = math.fsum(counted)
             values[name] = math.inf if math.isnan(value + total) else total
+    spreads = {
+        name: math.inf if math.isnan(metric.spread) else metric.spread
+        for name, metric in studied.items()
+        if metric.spread is not None and not METRICS[name].is_self_check
+    }
     uncertainty = Uncertainty(
         gait=request.name,
         steps=run.gait.steps,
@@ -211,6 +215,7 @@ def combine(
         studies=made,
         not_studied=tuple(study for study in every if study not in made),
         incomplete=incomplete,
+        spreads=spreads,
     )
     ended = ""
     if own["outcome"] != "completed":
@@ -224,7 +229,7 @@ def _study_metric(name: str, found: Sequence[Study], walks: Mapping[str, Row]) -
     """Levels and estimates of one metric."""
     levels: dict[str, tuple[float, ...]] = {}
     estimates: dict[str, Estimate] = {}
-    inputs: dict[str, float] = {}
+    spreads: dict[str, float] = {}
     for study in found:
         rows = [walks[task] for task in study.tasks]
         whole = [row["values"] if row["outcome"] == "completed" else {} for row in rows]
@@ -233,5 +238,5 @@ def _study_metric(name: str, found: Sequence[Study], walks: Mapping[str, Row]) -
             forbidden = _NEVER.get(METRICS[name].nature, "")
             estimates[study.name] = estimate(values, study.ratio, forbidden=forbidden)
         else:
-            inputs[study.name] = input_uncertainty(values, study.own)
-    return StudiedMetric(levels, estimates, inputs)
+            spreads[study.name] = spread(values, study.own)
+    return StudiedMetric(levels, estimates, spreads)
