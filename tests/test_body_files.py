@@ -317,7 +317,7 @@ def test_textures_are_not_needed(tmp_path: Path) -> None:
 def test_reach_grows_until_nothing_walks(monkeypatch: pytest.MonkeyPatch) -> None:
     tried = []
 
-    def tune(request, _):
+    def tune(request, _, **__):
         gait = request.run.gait
         tried.append((gait.step_length, gait.switching_velocity))
         if gait.step_length > 0.33 or gait.switching_velocity > 0.8:

@@ -211,7 +211,7 @@ NONE: list[Any] = [
            "lets the heel rise before the foot stands alone, or after") for lead in (0.9, -0.9)),
         (lambda: row(foot="lefty", y=0.0), r"footsteps.* = 'lefty' must be 'left' or 'right'"),
         (lambda: row(), r"footsteps\.y is missing"),
-        (lambda: row(x="a", y=0.0), r"footsteps\.x = 'a' must be a valid number"),
+        (lambda: row(x="a", y=0.0), r"footsteps\.x = 'a' must be a number"),
         (lambda: row(y=0.0, height=1.0), "unknown key"),
         *((lambda step=step: routes.as_rows([step]), r"footstep 1, .* is none; give ampm\.Footstep")
           for step in NONE),

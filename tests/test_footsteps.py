@@ -203,7 +203,7 @@ def test_a_file_of_footsteps(tmp_path, ampm):
         ("foot,x,y,heading\n", "holds no footsteps"),
         ("foot,x,y,heading,u\nleft,0,0,0,1\n", r"line 2: unknown key 'footsteps\.u'"),
         ("foot,x,y,heading\nmiddle,0,0,0\n", r"line 2: footsteps\.foot = 'middle' must be 'left' or 'right'"),
-        ("foot,x,y\nleft,0,0\nright,0,here\n", r"line 3: footsteps\.y = 'here' must be a valid number"),
+        ("foot,x,y\nleft,0,0\nright,0,here\n", r"line 3: footsteps\.y = 'here' must be a number"),
         ("foot ,x ,y ,heading\n\nleft,0,0,inf\n", r"line 3: footsteps\.heading = inf"),
         ("foot,x,y,heading\nleft,0,0,0,1.5\n", "line 2: unknown key .*more cells than the header"),
     ],

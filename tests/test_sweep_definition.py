@@ -195,7 +195,7 @@ def test_a_gait_from_a_file_is_carried_along(tmp_path):
         ("[vary]\nmethod = 'grid'\ngait.c_y = [1]", ["[[vary]]"]),
         ("[gait]\nc_s = 1", ["[gait]", "[set]"]),
         ("[sweep]\nsede = 3", ["sweep.sede", "sweep.seed"]),
-        ('[sweep]\nsteps = "5"', ["sweep.steps", "valid integer"]),
+        ('[sweep]\nsteps = "5"', ["sweep.steps", "a whole number"]),
         ("[sweep]\ngait = 3", ["'3'", "normal"]),
         ('[sweep]\nprofile = "strct"\n' + GRID + "gait.c_y = [1.0]", ["strct", "strict"]),
         ('[sweep]\nrecordings = "some"\n' + GRID + "gait.c_y = [1.0]", ["some", "none", "failures", "worst"]),
