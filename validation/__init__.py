@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from validation.judge.metrics import unregister as unregister
     from validation.judge.uncertainty import load_uncertainty as load_uncertainty
     from validation.progress import Progress as Progress
+    from validation.run.judge_log import judge_log as judge_log
     from validation.run.replay import replay as replay
     from validation.run.trial import Trial as Trial
     from validation.run.walk import walk as walk
     from validation.show.report import write_report as report
     from validation.show.viewer import show_recording as view
     from validation.store.saved import load_saved_run as load
-    from validation.study.people.compare import people as people
     from validation.study.robustness.study import robustness as robustness
     from validation.study.sweep.run import sweep as sweep
     from validation.study.tour import tour as tour
@@ -36,9 +36,9 @@ _HOMES = {
     "Progress": "progress.Progress",
     "Push": "trial.disturbances.Push",
     "Trial": "run.trial.Trial",
+    "judge_log": "run.judge_log.judge_log",
     "load": "store.saved.load_saved_run",
     "load_uncertainty": "judge.uncertainty.load_uncertainty",
-    "people": "study.people.compare.people",
     "register": "judge.metrics.register",
     "replay": "run.replay.replay",
     "report": "show.report.write_report",
@@ -57,9 +57,9 @@ __all__ = [
     "Progress",
     "Push",
     "Trial",
+    "judge_log",
     "load",
     "load_uncertainty",
-    "people",
     "register",
     "replay",
     "report",

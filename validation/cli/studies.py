@@ -1,4 +1,4 @@
-"""``ampm sweep``, ``people``, ``convergence``: several walks.
+"""``ampm sweep``, ``convergence``: several walks.
 
 Commands import what they run: simulator, Pinocchio and NumPy take long to load.
 """
@@ -17,7 +17,6 @@ from validation.cli.options import (
     PROFILES,
     AsIs,
     Body,
-    Force,
     Gait,
     Json,
     Resume,
@@ -26,16 +25,13 @@ from validation.cli.options import (
     Status,
     Workers,
     answer,
-    check_picture,
     option,
     with_short,
 )
 from validation.show.text import print_line
-from validation.store.folders import output_file
-from validation.table import Table, print_tables
+from validation.table import print_tables
 
 if TYPE_CHECKING:
-    from validation.study.people.compare import People
     from validation.study.sweep.table import SweepTable
 
 app = typer.Typer()
@@ -116,74 +112,6 @@ def _sweep_status(found: SweepTable) -> int:
     if ended == {State.REFUSED}:
         return Status.REFUSED
     return Status.PASS if ended <= {State.PASS, State.REFUSED} else Status.OUT_OF_TOLERANCE
-
-
-@app.command()
-def people(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            help="Recording of a person: force, centre of pressure, COM.", metavar="FILE.csv|.parquet|.json"
-        ),
-    ],
-    beside: Annotated[Path | None, option("--beside", "Run to compare it with.", "DIR")] = None,
-    profile: Annotated[str, option("--profile", f"Tolerances to show: {PROFILES}.", "P")] = "default",
-    plot: Annotated[Path | None, option("--plot", "Draw the mean strides.", "FILE.png")] = None,
-    write: Annotated[
-        Path | None,
-        option("--write", "Write the recording as a table of our columns, and stop.", "FILE.csv|.parquet"),
-    ] = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> int:
-    """Compare a recorded person with plan and simulation.
-
-    The mean strides of all three are compared in the signals that metrics judge: net force, force on the left
-    foot, ZMP, COM, angular momentum. FILE has a row for every instant, in SI units: time, left_force_x ...
-    right_force_z (or force_x ...), left_cop_x ... (or cop_x, cop_y), com_x ..., belt_speed. A .json file is
-    one of the benchmark of predictive simulations. Limits are shown, not judged: the exit status is 0.
-    """
-    from validation.judge.profiles import profile as find_profile
-    from validation.study.people.compare import People, convert
-    from validation.study.people.compare import people as compare_people
-    from validation.trial.columns import check_suffix
-
-    if plot is not None:
-        check_picture(plot)
-    if write is not None:
-        check_suffix(write)
-        with output_file(write, force=force) as work:
-            convert(file, work)
-        Narrator().wrote(write)
-        return Status.PASS
-    with Narrator().stage("comparison"):
-        found = compare_people(file, beside, profile=find_profile(profile))
-    if plot is not None:
-        from validation.study.people.report import draw  # loads matplotlib
-
-        draw(found, plot)
-    answer(found, People.as_dict, print_people, as_json=as_json)
-    Narrator().wrote(plot)
-    return Status.PASS
-
-
-def print_people(found: People) -> None:
-    """Print facts, differences and notes for a reader."""
-    from validation.study.people.compare import PAIRS
-    from validation.study.people.report import difference_rows, fact_rows  # loads matplotlib
-
-    columns = ("", *(f">{who}" for who in found.strides), "unit")
-    tables = [Table(found.name, columns, fact_rows(found), found.notes)]
-    if found.differences:
-        words = "simulation - plan", "person - plan", "largest", "person - simulation", "largest", "limit"
-        columns = ("mean stride", ">person's SD", *(f">{word}" for word in words))
-        title = f"difference, RMS and largest at a share of the stride; limits of {found.profile}"
-        notes = []
-        for of, against in PAIRS:
-            kept, known = found.kept(of, against)
-            notes.append(f"{of} less {against}: {kept} of {known} signals within their limits")
-        tables.append(Table(title, columns, difference_rows(found), notes))
-    print_tables(tables)
 
 
 @app.command(epilog=CONVERGENCE_EPILOG)

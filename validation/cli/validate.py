@@ -128,7 +128,7 @@ def validate(
             statuses.append(Status.REFUSED)
             continue
         answers.append({**summary, "directory": str(target)})
-        statuses.append(_status(summary))
+        statuses.append(status_of(summary))
         if not as_json:
             print_result(summary, target)
         if interruption.pending:  # interrupted during the measurement, which is finished first
@@ -142,7 +142,7 @@ def validate(
     return max(statuses)
 
 
-def _status(summary: dict[str, Any]) -> Status:
+def status_of(summary: dict[str, Any]) -> Status:
     """Exit status of one finished run."""
     if summary["outcome"] == "interrupted":
         return Status.INTERRUPTED

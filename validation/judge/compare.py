@@ -249,7 +249,7 @@ def compare(
         "double_support": run & (sample.phase == 1),
         "measured_single_support": run & (feet == 1),
         "measured_double_support": run & (feet == 2),
-        "measured_flight": run & (feet == 0),
+        "measured_flight": run & (measured.force[:, 2] <= 0.0),
     }
     for array in (momentum_z, *rows.values()):
         array.setflags(write=False)

@@ -147,7 +147,7 @@ def margins(
         **speed,
         "torque": _extreme_of(use, time, joints, largest=True),
         "torque_by_joint": dict(zip(joints, peak.tolist(), strict=True)),
-        "saturated": saturated / time.size if time.size else math.nan,
+        "saturated": saturated / time.size if time.size and joints else math.nan,
         "friction": _extreme(foot_ratio, time, feet, largest=True),
         "friction_net": _extreme(net_ratio[:, None], time, largest=True),
         "friction_available": record.friction,
@@ -159,7 +159,9 @@ def margins(
         "measured_polygon": _extreme(measured.polygon_margin[:, None], time),
         "slip": _extreme(measured.slip, time, feet, largest=True),
         "sliding_weight": _extreme(sliding[:, None], time, largest=True),
-        "sliding_time": _longest(sliding > LOADED, time, record.time_step),
+        "sliding_time": Extreme(math.nan)
+        if np.isnan(sliding).all()
+        else _longest(sliding > LOADED, time, record.time_step),
         "penetration": _extreme(measured.penetration, time, feet, largest=True),
     }
 
@@ -172,7 +174,7 @@ def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
     """
     names = ("positive_work", "negative_work", "distance", "cost_of_transport", "mean_power")
     used = np.flatnonzero(rows)
-    if used.size == 0:
+    if used.size == 0 or not record.joint_names:
         return dict.fromkeys(names, math.nan)
     positive, negative = (
         float(_motors(record, used, part).sum() * record.time_step) for part in (np.maximum, np.minimum)

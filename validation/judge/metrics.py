@@ -31,6 +31,7 @@ from types import MappingProxyType
 from typing import Any, Literal, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.body.limits import CLEARANCE
 from ampm.exceptions import InputError
@@ -335,6 +336,12 @@ def _zmp_ways(walk: Comparison) -> Array:
     return np.asarray(np.linalg.norm(way[walk.inside], axis=1))
 
 
+def _unsupported(walk: Comparison) -> float:
+    """Instants in the window that have no ZMP; NaN if it was never measured, as in a log of forces."""
+    known: NDArray[np.bool_] = np.isfinite(walk.measured.zmp[:, 0])
+    return float(np.count_nonzero(~known[walk.inside])) if known.any() else math.nan
+
+
 def _force_gaps(walk: Comparison) -> Array:
     """Distance of contact force and m (a + g) in the window, shape (n,) [N]."""
     gap = walk.measured.force - walk.measured.momentum_force
@@ -438,7 +445,7 @@ _INSTRUMENT = (
     ),
     _instrument(
         "unsupported_instants", "1", "instants without ground contact", "instants without any contact force",
-        lambda walk: float(np.count_nonzero(~np.isfinite(walk.measured.zmp[walk.inside]).all(axis=1))), 0.0,
+        _unsupported, 0.0,
         "A walk has no flight, and an instant without a ZMP would silently be missing from its error.",
         nature="count",
     ),

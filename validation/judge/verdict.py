@@ -1,7 +1,7 @@
 """Verdict: metrics compared with a tolerance profile, and the summary of a run."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -187,6 +187,7 @@ def judge(
     uncertainty: Uncertainty | None = None,
     *,
     ended: str = "",
+    may_lack: Collection[str] = (),
 ) -> Verdict:
     """Compare metrics with a profile; those of a walk that did not complete are reported, not judged.
 
@@ -197,6 +198,7 @@ def judge(
         uncertainty: numerical uncertainty of the metrics, and their spread over contact laws. A metric whose
             distance to its tolerance is below either is undecided: neither met nor missed. So is one that
             lacks a study, whatever its value. A metric that is not named is judged by its value.
+        may_lack: metrics without which a log of another instrument may pass; what it lacks is named.
         ended: how the walk ended, see :attr:`validation.trial.outcome.Outcome.ending`; empty if it completed.
     """
     limits = {item.metric: item for item in profile.tolerances if item.metric in metrics}
@@ -206,7 +208,15 @@ def judge(
         for name in names
     )
     missing = [name for name in limits if math.isnan(metrics[name].value)]
-    name, reason = (VerdictName.NOT_MEASURED, ended) if ended else _conclude(results, missing, len(limits))
+    if ended:
+        name, reason = VerdictName.NOT_MEASURED, ended
+    else:
+        lacking = [name for name in missing if name not in may_lack]
+        name, reason = _conclude(results, lacking, len(limits) - len(missing))
+        if name is VerdictName.NOT_MEASURED and not may_lack:
+            reason += " A run must last longer than its first step."
+        if checks := len(missing) - len(lacking):
+            reason += f" {checks} checks of the measurement were not made."
     return Verdict(name, profile.name, reason, results)
 
 
@@ -245,7 +255,7 @@ def _by_contact(item: MetricResult) -> bool:
 
 
 def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int) -> tuple[VerdictName, str]:
-    """Verdict and its reason."""
+    """Verdict and its reason, of the names that were not measured and the number of limits that were."""
 
     def against(item: MetricResult) -> str:
         return f"{item.label}: {item.against}"
@@ -258,14 +268,16 @@ def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int
         why += ", or than another contact law may move them"
     if lacking:
         why = f"their numerical uncertainty is not known (not studied: {', '.join(lacking)})"
+    signals = dict.fromkeys(METRICS[name].label.partition(",")[0] for name in missing)
+    unknown = f" Not measured: {', '.join(signals)}." if missing else ""
     if failed:
         worst = min(failed, key=lambda item: item.margin or 0.0)
         reason = f"{len(failed)} of {limits} tolerances not met; the furthest is {against(worst)}."
-        return VerdictName.FAIL, reason + (f" {len(undecided)} undecided: {why}." if undecided else "")
+        reason += f" {len(undecided)} undecided: {why}." if undecided else ""
+        return VerdictName.FAIL, reason + unknown
     if missing:
-        labels = "; ".join(METRICS[name].label for name in missing)
-        reason = f"Not measured: {labels}. A run must last longer than its first step."
-        return VerdictName.NOT_MEASURED, reason
+        passed = sum(item.passed is True for item in results)
+        return VerdictName.NOT_MEASURED, f"{passed} of {limits} measured tolerances met.{unknown}"
     if undecided:
         least = max(undecided, key=lambda item: item.bound / (item.tolerance or math.inf))
         reason = f"{len(undecided)} of {limits} tolerances undecided, {why}"
@@ -274,7 +286,8 @@ def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int
         elif least.uncertainty is not None:
             reason += f"; the least certain is {against(least)}"
         return VerdictName.UNDECIDED, f"{reason}."
-    tight = min((item for item in results if item.tolerance), key=lambda item: item.margin or 0.0)
+    met = (item for item in results if item.tolerance and item.passed)
+    tight = min(met, key=lambda item: item.margin or 0.0)
     return VerdictName.PASS, f"All {limits} tolerances met; the tightest is {against(tight)}."
 
 

@@ -1,6 +1,7 @@
 """A judged walk: in memory, and the files of its folder."""
 
 import atexit
+import math
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -111,9 +112,9 @@ class Trial(Tabled):
 
     @property
     def timing(self) -> dict[str, float]:
-        """Seconds of every stage, and the closed loop's speed as a multiple of real time."""
+        """Seconds of every stage, and the closed loop's speed as a multiple of real time, NaN of a log."""
         simulated = float(self.record.time[-1] - self.record.time[0])
-        factor = simulated / self.seconds["simulation"]
+        factor = simulated / self.seconds.get("simulation", math.nan)
         return {**self.seconds, "simulated": simulated, "real_time_factor": factor}
 
     @cached_property

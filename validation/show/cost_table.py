@@ -6,7 +6,7 @@ from typing import Any
 
 from validation.judge.margins import LOADED
 from validation.judge.metrics import METRICS, Metric, cost_entry, display_unit
-from validation.table import USED, Table, format_number, format_share, short_unit
+from validation.table import ABSENT, USED, Table, format_number, format_share, short_unit
 
 _SHARES = ("margin_torque", "margin_saturated")
 """Costs that are shown as percentages."""
@@ -33,6 +33,8 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
         summary: contents of ``summary.json``.
     """
     rows = [_row(summary, METRICS[name]) for name in _SHOWN]
+    if "log" in summary:
+        rows = [row for row in rows if row[1] != ABSENT]
     columns = ("cost", ">value", ">limit", "unit", USED, "where")
     return Table("effort and margins", columns, rows, [_sentence(summary)], _hints(summary))
 
@@ -48,6 +50,8 @@ def reported_table(summary: Mapping[str, Any]) -> Table:
     for metric in rest:
         label, value, _, unit, _, where = _row(summary, metric)
         rows.append((label, value, unit, where))
+    if "log" in summary:
+        rows = [row for row in rows if row[1] != ABSENT]
     return Table("", ("", ">value", "unit", "where"), rows, hints=_hints(summary))
 
 
@@ -120,6 +124,8 @@ def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
 def _sentence(summary: Mapping[str, Any]) -> str:
     """Length of the walk, and how its QPs were solved."""
     solver, timing = summary["solver"], summary["timing"]
+    if "log" in summary:
+        return "A log has no joints: torques, speeds, clearance and QPs are not measured."
     walked = f"{summary['outcome']}, {summary['steps_completed']} steps in {timing['simulated']:.4g} s"
     factor = f"the closed loop at {format_number(timing['real_time_factor'], 3)} times real time"
     if solver["unsolved"] is None:

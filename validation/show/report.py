@@ -74,7 +74,7 @@ def render(saved: SavedRun) -> str:
     if len(saved.signals) > 1:
         with style():
             pictures = RunFigures(saved, plan).sections()
-        walker = draw_walker(saved, plan, middle(saved.signals))
+        walker = [] if saved.is_log else draw_walker(saved, plan, middle(saved.signals))
     return render_page(
         "report.html.j2",
         f"{saved.title}: {headline}",
@@ -83,7 +83,8 @@ def render(saved: SavedRun) -> str:
         verdict_class="fail" if lost else verdict if verdict in ("pass", "fail") else "open",
         headline=headline,
         reason=short_unit(summary["reason"]),
-        outcome_sentence=outcome.name.sentence,
+        outcome_sentence="" if saved.is_log else outcome.name.sentence,
+        is_log=saved.is_log,
         disturbed=_disturbed(saved),
         from_rest=bool(saved.parameters.footsteps),
         climbs=len({step.z for step in saved.parameters.footsteps}) > 1,
@@ -124,6 +125,13 @@ def _disturbed(saved: SavedRun) -> str:
 def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     """How far and how fast the body walked, and which."""
     record, summary, body = saved.record, saved.summary, saved.parameters.body
+    if saved.is_log:
+        log = summary["log"]
+        return {
+            "steps covered": str(record.outcome.steps_completed),
+            "of the plan": f"{log['from']:.4g} to {log['until']:.4g} s",
+            "rows": f"{log['rows']} at {log['rate']:.4g} Hz",
+        }
     unsolved = f"{int((record.qp_status == 2).sum())} of {len(record.qp_status)}"
     planned = "" if plan is None else f" of {plan.contacts.steps}"
     straight = not saved.parameters.footsteps  # over footsteps the way may turn
@@ -141,7 +149,8 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
 
 def _gait(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     """What defines the gait: of the law's slopes those that its planner has."""
-    gait, time = saved.parameters.gait, float(saved.record.outcome.time)
+    gait, begin = saved.parameters.gait, float(saved.signals.time[:1].sum())  # a log may begin later
+    time = float(saved.record.outcome.time) - begin
     planner = saved.summary.get("planner", "ampm")
     facts = {"planner": planner, "COM height": f"{gait.com_height:.4g} m"}
     if not saved.parameters.footsteps:  # over footsteps lengths, times and speed vary

@@ -92,6 +92,11 @@ class RunFigures:
         """All pictures, by section of the page."""
         weight = self.saved.record.mass * self.saved.record.gravity
         momentum = "Angular momentum {} about the COM"
+        measured = {  # a log may lack some
+            name.removeprefix("measured_"): np.isfinite(values).any()
+            for name, values in self.signals.columns.items()
+            if name.startswith("measured_")
+        }
         found = {
             "zmp": [
                 self.tracking(
@@ -101,20 +106,26 @@ class RunFigures:
                     "reaches so far: the largest error allowed.",
                 ),
                 self.tracking("zmp_y", *self._about("y")),
-            ],
-            "split": [self.causes(axis) for axis in "xy"],
+            ]
+            if measured["zmp_x"]
+            else [],
+            "split": [] if self.saved.is_log else [self.causes(axis) for axis in "xy"],
             "above": [self.top_view()],
             "force": [
                 self.tracking(f"force_{axis}", f"Ground force {axis}", "N", error=("% BW", 100.0 / weight))
                 for axis in "xyz"
             ],
-            "contact": [self.contact_timeline()],
+            "contact": [] if self.saved.is_log else [self.contact_timeline()],
             "momentum": [
-                self.tracking(f"angular_momentum_{axis}", momentum.format(axis), "N m s") for axis in "xy"
+                self.tracking(f"angular_momentum_{axis}", momentum.format(axis), "N m s")
+                for axis in "xy"
+                if measured[f"angular_momentum_{axis}"]
             ],
             "com": [
                 self.difference("measured_com", "plan_com", "xyz", "COM error", "COM error in x, y and z")
-            ],
+            ]
+            if measured["com_x"]
+            else [],
             "check": [
                 self.difference(
                     "measured_zmp_momentum",
@@ -123,10 +134,12 @@ class RunFigures:
                     "ZMP by momentum − ZMP by contact",
                     "Difference of the two measured ZMPs",
                 )
-            ],
-            "cost": [self.torque_use(), self.clearance()],
+            ]
+            if measured["zmp_momentum_x"]
+            else [],
+            "cost": [] if self.saved.is_log else [self.torque_use(), self.clearance()],
         }
-        if np.isfinite(self.signals["motion_angular_momentum_z"]).any():
+        if np.isfinite(self.signals["motion_angular_momentum_z"]).any() and measured["angular_momentum_z"]:
             caption = "AMPM does not plan it; the reference is the whole-body motion."
             found["momentum"].append(
                 self.tracking(

@@ -36,14 +36,14 @@ def metric_table(summary: Mapping[str, Any]) -> Table:
 def _row(metric: Mapping[str, Any]) -> tuple[str, ...]:
     shown = metric["display"]
     value, limit = shown["value"], shown["tolerance"]
-    verdict = {True: "pass", False: "FAIL", None: "not judged"}[metric["pass"]]
+    verdict = {True: "pass", False: "FAIL", None: "not judged" if value is not None else "not measured"}
     return (
         metric["label"],
         format_number(value, 3) + _spread(metric),
         format_number(limit),
         short_unit(shown["unit"]),
         format_share(value, limit),
-        "undecided" if metric.get("undecided") else verdict,
+        "undecided" if metric.get("undecided") else verdict[metric["pass"]],
     )
 
 
@@ -68,4 +68,4 @@ def _notes(summary: Mapping[str, Any], rows: list[tuple[str, ...]]) -> list[str]
         )
         if known["not_studied"]:
             notes.append(f"Not studied, so nothing is decided: {', '.join(known['not_studied'])}.")
-    return notes
+    return [*notes, *summary.get("log", {}).get("notes", ())]

@@ -293,8 +293,10 @@ class StoredRecord:
         """The model that was simulated.
 
         Raises:
-            InputError: its file is missing or damaged, or of another body.
+            InputError: its file is missing or damaged, or of another body, or the record is of a log.
         """
+        if not self.joint_names:
+            raise InputError(f"{self.directory} is of a log, which has no joints; give the folder of a walk.")
         path = self.directory / MODEL_FILE
         try:
             model = mujoco.MjModel.from_xml_string(path.read_text(encoding="utf-8"))

@@ -94,6 +94,11 @@ class SavedRun(Tabled):
         return np.round(self.signals.time / self.record.time_step).astype(np.intp)
 
     @property
+    def is_log(self) -> bool:
+        """Whether it is a log, without joints and contact points; see :mod:`validation.run.judge_log`."""
+        return "log" in self.summary
+
+    @property
     def title(self) -> str:
         """Name of the gait, what was changed in it, and its planner if it is not the default one."""
         return summary_title(self.summary)
@@ -260,5 +265,6 @@ def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:
     events += [(float(t), "ERROR", "The QP was not solved; the fallback gave the torques.") for t in begins]
     outcome = record.outcome
     level = "INFO" if outcome.name == "completed" else "CRITICAL"
-    events.append((float(outcome.time), level, f"Outcome: {outcome.name}. {outcome.cause}".strip()))
+    text = "The log ends." if saved.is_log else f"Outcome: {outcome.name}. {outcome.cause}".strip()
+    events.append((float(outcome.time), level, text))
     return events

@@ -148,21 +148,24 @@ def write_recording(run: str | Path | SavedRun) -> Path:
     path = saved.directory / RECORDING_FILE
     frames = _pictures(saved)
     times, curves = _curves(saved) if len(frames.time) else (np.zeros(0), {})
+    ranges = {entity: axis_range(values) for entity, (values, _) in curves.items()}
     model = mujoco.MjModel.from_xml_string(saved.model_xml)
-    gaps = Shapes(model).recorded_gaps(frames.q)
-    limit = np.full(len(frames.time), CLEARANCE)
-    distance = 1e3 * np.column_stack([np.minimum(gaps.distance, _FAR), limit])
-    drawn = {**{entity: values for entity, (values, _) in curves.items()}, "margin/clearance": distance}
-    ranges = {entity: axis_range(values) for entity, values in drawn.items()}
+    if not saved.is_log:
+        gaps = Shapes(model).recorded_gaps(frames.q)
+        limit = np.full(len(frames.time), CLEARANCE)
+        distance = 1e3 * np.column_stack([np.minimum(gaps.distance, _FAR), limit])
+        ranges["margin/clearance"] = axis_range(distance)
     with open_stream("ampm", "ampm-run", path, run_blueprint(ranges)) as stream:
         log, plan = _Log(stream, saved), saved.plan()
         log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
         log.static("legend", legend(LEGEND))
-        _log_body(log, model, frames)
+        if not saved.is_log:
+            _log_body(log, model, frames)
         if len(frames.time):
-            log.series("margin/clearance", frames.time, distance, _CLEARANCE_LINES)
-            _log_near(log, frames.time, gaps)
+            if not saved.is_log:
+                log.series("margin/clearance", frames.time, distance, _CLEARANCE_LINES)
+                _log_near(log, frames.time, gaps)
             _log_ground(log, saved, frames, plan)
             for entity, (values, lines) in curves.items():
                 log.series(entity, times, values, lines)
@@ -223,9 +226,12 @@ class _Pictures(NamedTuple):
 
 def _pictures(saved: SavedRun) -> _Pictures:
     """Instants of which the folder has state and signals."""
+    least = max(1.0 / PICTURE_RATE, saved.record.outcome.time / MOST_PICTURES)
+    if saved.is_log:
+        drawn = np.arange(0, len(saved.signals), _stride(saved.record.time_step, least))
+        return _Pictures(np.zeros(0, np.intp), drawn, np.zeros((len(drawn), 0)), saved.signals.time[drawn])
     states = saved.record.state_rows[:-1]  # the signals have no row at the end
     steps, rows, signals = np.intersect1d(states, saved.signal_steps, return_indices=True)
-    least = max(1.0 / PICTURE_RATE, saved.record.outcome.time / MOST_PICTURES)
     part = slice(None, None, _stride(steps[1:2].sum() * saved.record.time_step, least))
     return _Pictures(rows[part], signals[part], saved.record.q[rows[part]], saved.signals.time[signals[part]])
 
@@ -240,7 +246,7 @@ def verdict_markdown(saved: SavedRun) -> str:
     summary = saved.summary
     step = f"{1e3 * saved.record.time_step:g} ms"
     parts = [
-        f"# {summary['verdict']} ({saved.record.outcome.name})",
+        f"# {summary['verdict']} ({'log' if saved.is_log else saved.record.outcome.name})",
         summary["reason"],
         saved.table().markdown(),
         "Curves: one sample every 2 ms at most, and both sides of every switch of phase or contact. "
@@ -322,9 +328,8 @@ def _shape_color(rgba: Array) -> Color:
 
 
 def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | None) -> None:
-    """Soles, contact points, support polygon, ZMPs, forces and COM."""
-    record, signals = saved.record, saved.signals.take(frames.signals)
-    times = frames.time
+    """Soles, support polygon, ZMPs, forces and COM."""
+    signals, times = saved.signals.take(frames.signals), frames.time
 
     def dot(entity: str, position: Array, color: Color, radius: float) -> None:
         log.shapes(entity, times, rr.Points3D, color, radius, positions=position)
@@ -336,29 +341,7 @@ def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | 
     follow = np.column_stack([signals["plan_com_x"], np.zeros((len(times), 2))])
     log.columns("world/follow", times, rr.Transform3D.columns(translation=follow))
 
-    force, point = record.point_force[frames.states], record.point_position[frames.states]
-    floor = support_height(record.metadata, point[:, :, 2], force[:, :, 2])
-    for foot, (name, color) in enumerate(_FEET.items()):
-        mine = np.flatnonzero(record.point_foot == foot)
-        sole, contact = f"world/feet/{name}/sole", f"world/feet/{name}/contact"
-        log.static(sole, rr.LineStrips3D.from_fields(colors=[color], radii=[0.004]))
-        # Along the left edge, back along the right one.
-        around = mine[[*range(0, len(mine), 2), *range(len(mine) - 1, 0, -2), 0]]
-        outline = point[:, around].astype(np.float32)
-        log.columns(sole, times, rr.LineStrips3D.columns(strips=outline))
-        # The area of a point's disc is its share of the load.
-        load = force[:, mine, 2]
-        radius = 0.028 * np.sqrt(np.clip(load, 0.0, None) / (record.mass * record.gravity))
-        log.static(contact, rr.Points3D.from_fields(colors=[color]))
-        discs = rr.Points3D.columns(positions=point[:, mine].reshape(-1, 3), radii=radius.ravel())
-        log.columns(contact, times, discs.partition(np.full(len(times), len(mine))))
-        total = load.sum(axis=1)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            centre = np.einsum("np,npd->nd", load, point[:, mine]) / total[:, None]
-        centre[total < 1.0] = np.nan
-        on_floor, net = _on_floor(centre[:, :2], floor), force[:, mine].sum(axis=1)
-        arrow(f"world/force/{name}", on_floor, net, color, 0.005)
-
+    floor = np.zeros(len(times)) if saved.is_log else _log_soles(log, saved, frames)
     zmp = {kind: _on_floor(signals.vector(f"{kind}_zmp", "xy"), floor) for kind in SERIES}
     # Concentric from above: the smaller ones are higher.
     for (kind, color), size, lift in zip(
@@ -386,6 +369,35 @@ def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | 
         outlines = rr.LineStrips3D(prints, colors=[FAINT] * len(steps), radii=0.002)
         log.static("world/plan/footprints", outlines)
         _log_polygon(log, plan, times)
+
+
+def _log_soles(log: _Log, saved: SavedRun, frames: _Pictures) -> Array:
+    """Soles, contact points and forces of both feet; height of the floor under them, shape (N,) [m]."""
+    record, times = saved.record, frames.time
+    force, point = record.point_force[frames.states], record.point_position[frames.states]
+    floor = support_height(record.metadata, point[:, :, 2], force[:, :, 2])
+    for foot, (name, color) in enumerate(_FEET.items()):
+        mine = np.flatnonzero(record.point_foot == foot)
+        sole, contact = f"world/feet/{name}/sole", f"world/feet/{name}/contact"
+        log.static(sole, rr.LineStrips3D.from_fields(colors=[color], radii=[0.004]))
+        # Along the left edge, back along the right one.
+        around = mine[[*range(0, len(mine), 2), *range(len(mine) - 1, 0, -2), 0]]
+        outline = point[:, around].astype(np.float32)
+        log.columns(sole, times, rr.LineStrips3D.columns(strips=outline))
+        # The area of a point's disc is its share of the load.
+        load = force[:, mine, 2]
+        radius = 0.028 * np.sqrt(np.clip(load, 0.0, None) / (record.mass * record.gravity))
+        log.static(contact, rr.Points3D.from_fields(colors=[color]))
+        discs = rr.Points3D.columns(positions=point[:, mine].reshape(-1, 3), radii=radius.ravel())
+        log.columns(contact, times, discs.partition(np.full(len(times), len(mine))))
+        total = load.sum(axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            centre = np.einsum("np,npd->nd", load, point[:, mine]) / total[:, None]
+        centre[total < 1.0] = np.nan
+        on_floor, net = _on_floor(centre[:, :2], floor), force[:, mine].sum(axis=1)
+        parts = {"origins": on_floor, "vectors": FORCE_SCALE * net}
+        log.shapes(f"world/force/{name}", times, rr.Arrows3D, color, 0.005, **parts)
+    return floor
 
 
 def _on_floor(xy: Array, floor: Array | float = 0.0) -> Array:
@@ -465,8 +477,9 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Mapping[str,
         found[entity] = gap, {axis: _AXES[axis] for axis in axes}
     feet = np.column_stack([signals["left_force_z"], signals["right_force_z"], signals["plan_force_z"]])
     found["signals/foot_force_z"] = feet, {**_FEET, "plan, both": PLAN}
-    use = np.abs(saved.record.torque_at(saved.signal_steps[rows])) / saved.record.torque_limit
-    found["effort/torque"] = 100 * use.max(axis=1)[:, None], {"busiest motor": MEASURED}
+    if not saved.is_log:
+        use = np.abs(saved.record.torque_at(saved.signal_steps[rows])) / saved.record.torque_limit
+        found["effort/torque"] = 100 * use.max(axis=1)[:, None], {"busiest motor": MEASURED}
     return signals.time, found
 
 

@@ -1,0 +1,307 @@
+"""Logs of measured signals, judged by a plan: of a run, of other clocks and places, of sensors, strides."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import validation as val
+from ampm.exceptions import InputError
+from ampm.parameters import GRAVITY
+from validation.judge.log import take_overs
+from validation.store.saved import load_saved_run
+from validation.store.signals import SIGNALS_FILE
+from validation.store.tables import write_columns
+from validation.trial.columns import read_columns
+
+PERSON = Path(__file__).parents[1] / "docs/examples/person_0p8ms.csv"
+OF_PLAN = ("zmp", "force", "angular_momentum", "com")
+
+
+@pytest.fixture(scope="module")
+def folder(run_of):
+    return run_of("normal", steps=8)
+
+
+@pytest.fixture(scope="module")
+def summary(folder):
+    return json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture
+def table(folder):
+    """What a robot would have told of the run: every fifth row, force and ZMP of both feet, COM, momentum."""
+    signals = load_saved_run(folder).signals
+    names = {"time": "time"}
+    names |= {f"{name}_{axis}": f"measured_{name}_{axis}" for name in OF_PLAN[1:] for axis in "xyz"}
+    names |= {f"zmp_{axis}": f"measured_zmp_{axis}" for axis in "xy"}
+    return {name: np.array(signals[column][::5]) for name, column in names.items()}
+
+
+def value(trial, name):
+    return trial.metrics[name].value
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "csv"])
+def test_the_signals_of_a_run_give_its_metrics(folder, summary, suffix, tmp_path):
+    log = folder
+    if suffix == "csv":
+        log = tmp_path / "signals.csv"
+        write_columns(read_columns(folder / SIGNALS_FILE), log)
+    trial = val.judge_log(log, folder)
+    known = {name: item for name, item in trial.metrics.items() if not math.isnan(item.value)}
+    for name, item in known.items():
+        if name in summary["metrics"]:
+            assert item.value == pytest.approx(summary["metrics"][name]["value"], rel=1e-9, abs=1e-12), name
+            if (first := summary["metrics"][name]["first_step"]) is not None:
+                assert item.first_step == pytest.approx(first, rel=1e-9, abs=1e-12), name
+    compared = {f"{name}_{axis}_{kind}" for name in OF_PLAN for axis in "xyz" for kind in ("rmse", "maximum")}
+    assert known.keys() >= compared - {"zmp_z_rmse", "zmp_z_maximum"} | {"zmp_agreement_relative"}
+    assert trial.verdict.passed, trial.verdict.reason
+    assert "checks of the measurement were not made" in trial.verdict.reason
+    for section in ("effort", "effort_first_step"):
+        assert trial.summary[section] == {
+            name: pytest.approx(values, rel=1e-9) for name, values in summary[section].items()
+        }
+    for name in ("friction", "friction_net", "slip", "penetration", "plan_polygon", "measured_polygon"):
+        assert trial.summary["margins"][name] == summary["margins"][name], name
+    for name in ("torque", "knee", "clearance", "sliding_time"):
+        assert trial.summary["margins"][name]["value"] is None, name
+
+
+def test_start_and_place_are_found_and_said(folder, summary, table):
+    """On another clock, 3 m away, at 400 Hz, without its first quarter of a second."""
+    table = {name: values[100:] for name, values in table.items()}
+    table["time"] += 1.7e9
+    for name in ("zmp_x", "com_x"):
+        table[name] += 3.0
+    trial = val.judge_log(table, folder)
+    facts = trial.summary["log"]
+    assert facts["start"] == pytest.approx(1.7e9, abs=2e-4)
+    assert facts["correlation"] > 0.99
+    assert facts["place"] == pytest.approx([-3.0, 0.0], abs=2e-4)
+    assert trial.verdict.passed, trial.verdict.reason
+    for axis in "xy":
+        name = f"zmp_{axis}_rmse"
+        assert value(trial, name) == pytest.approx(summary["metrics"][name]["value"], rel=0.2)
+    notes = " ".join(facts["notes"])
+    assert "begins at 1700000000.0" in notes
+    assert "moved by -3 m along x" in notes
+    assert any("begins at" in note for note in trial.table().notes)
+
+
+def test_a_given_start_and_place_are_kept(folder, table):
+    table["zmp_y"] += 0.02
+    trial = val.judge_log(table, folder, start=0.0, place=(0.0, 0.0))
+    assert value(trial, "zmp_y_rmse") == pytest.approx(0.02, rel=0.01)
+    assert not trial.verdict.passed
+    late = val.judge_log(table, folder, start=-0.1, place=(0.0, -0.02))
+    assert value(late, "zmp_x_rmse") > 0.03
+
+
+def test_what_a_log_lacks_is_named(folder, table):
+    lean = {name: values for name, values in table.items() if not name.startswith(("angular", "com"))}
+    trial = val.judge_log(lean, folder, start=0.0)
+    assert trial.verdict.name == "not_measured"
+    assert "8 of 8 measured tolerances met. Not measured: angular momentum." in trial.verdict.reason
+    assert math.isnan(value(trial, "angular_momentum_x_rmse"))
+    forces = {name: values for name, values in lean.items() if not name.startswith("zmp")}
+    trial = val.judge_log(forces, folder, start=0.0)
+    assert "Not measured: ZMP, angular momentum." in trial.verdict.reason
+    assert math.isnan(value(trial, "unsupported_instants"))
+
+
+def test_gaps_are_left_out_and_said(folder, summary, table):
+    table["zmp_x"][600:700] = np.nan
+    gone = np.r_[0:900, 1000 : len(table["time"])]
+    table = {name: values[gone] for name, values in table.items()}
+    trial = val.judge_log(table, folder, start=0.0, place=(0.0, 0.0))
+    assert trial.summary["log"]["gaps"] == 2
+    assert trial.summary["log"]["gap_total"] == pytest.approx(0.5, abs=1e-6)
+    assert value(trial, "zmp_x_rmse") == pytest.approx(summary["metrics"]["zmp_x_rmse"]["value"], rel=0.3)
+    assert trial.verdict.passed
+
+
+def test_feet_and_sensors_give_the_same_zmp(folder, table):
+    """Centres of pressure of both feet, and wrenches at turned sensors above them."""
+    from scipy.spatial.transform import Rotation
+
+    signals = load_saved_run(folder).signals
+    rows = slice(None, None, 5)
+    count = len(table["time"])
+    feet = {
+        "time": table["time"],
+        **{
+            f"{foot}_force_{axis}": signals[f"{foot}_force_{axis}"][rows]
+            for foot in ("left", "right")
+            for axis in "xyz"
+        },
+    }
+    vertical = {foot: feet[f"{foot}_force_z"] for foot in ("left", "right")}
+    other = np.array([0.1, -0.05])
+    zmp = np.column_stack([table["zmp_x"], table["zmp_y"]])
+    share = (vertical["right"] / (vertical["left"] + vertical["right"]))[:, None]
+    places = {"left": zmp - share * other, "right": zmp + (1.0 - share) * other}
+    cop, sensor = dict(feet), {"time": table["time"]}
+    turn = Rotation.from_euler("xyz", [0.3, -0.2, 1.0])
+    for foot, place in places.items():
+        cop |= {f"{foot}_cop_{axis}": place[:, k] for k, axis in enumerate("xy")}
+        force = np.column_stack([feet[f"{foot}_force_{axis}"] for axis in "xyz"])
+        at = np.column_stack([place + np.array([0.02, 0.01]), np.full(count, 0.08)])
+        torque = np.cross(np.column_stack([place, np.zeros(count)]) - at, force)
+        for name, values in (("force", force), ("torque", torque)):
+            own = turn.inv().apply(values)
+            sensor |= {f"{foot}_sensor_{name}_{axis}": own[:, k] for k, axis in enumerate("xyz")}
+        sensor |= {f"{foot}_sensor_{axis}": at[:, k] for k, axis in enumerate("xyz")}
+        x, y, z, w = turn.as_quat()
+        for name, part in zip("wxyz", (w, x, y, z), strict=True):
+            sensor[f"{foot}_sensor_quaternion_{name}"] = np.full(count, part)
+    want = val.judge_log(table, folder, start=0.0, place=(0.0, 0.0))
+    # A foot with less than 1 % of the weight has no centre of pressure.
+    for log, share in ((cop, 0.1), (sensor, 1e-6)):
+        found = val.judge_log(log, folder, start=0.0, place=(0.0, 0.0))
+        for name in ("zmp_x_rmse", "zmp_y_maximum", "force_x_rmse", "force_z_rmse"):
+            assert value(found, name) == pytest.approx(value(want, name), rel=share), name
+        assert found.summary["margins"]["friction"]["value"] > 0.1
+        both = found.comparison.rows["measured_double_support"]
+        assert 0 < np.count_nonzero(both) < np.count_nonzero(found.comparison.rows["run"])
+
+
+def test_a_belt_makes_a_treadmill_a_floor(folder, table):
+    moved = dict(table)
+    belt = 0.9 + 0.1 * np.sin(table["time"])
+    way = np.cumsum(np.append(0.0, 0.5 * (belt[1:] + belt[:-1]) * np.diff(table["time"])))
+    moved |= {name: table[name] - way for name in ("zmp_x", "com_x")} | {"belt_speed": belt}
+    want, found = (val.judge_log(log, folder, start=0.0) for log in (table, moved))
+    assert value(found, "zmp_x_rmse") == pytest.approx(value(want, "zmp_x_rmse"), rel=1e-9)
+
+
+def test_the_mean_stride_has_less_error_than_the_run(folder, summary, table):
+    table["time"] += 17.0
+    trial = val.judge_log(table, folder, strides=True)
+    facts = trial.summary["log"]["strides"]
+    assert facts["count"] == 3
+    assert facts["duration"] == pytest.approx(2.0 * trial.plan.constants.step_duration, abs=2e-3)
+    assert facts["speed"] == pytest.approx(trial.plan.constants.mean_velocity, rel=1e-3)
+    assert max(facts["spread"]) < 1e-3
+    for name in ("force_x_rmse", "force_y_rmse", "force_z_rmse", "angular_momentum_y_rmse"):
+        assert 0.2 < value(trial, name) / summary["metrics"][name]["value"] < 1.05, name
+    assert value(trial, "zmp_x_rmse") < 1e-3
+    assert trial.verdict.passed, trial.verdict.reason
+
+
+def test_a_com_that_was_not_measured_is_that_of_the_force(folder, table):
+    lean = {name: values for name, values in table.items() if not name.startswith("com")}
+    trial = val.judge_log(lean, folder, strides=True)
+    assert value(trial, "com_y_rmse") < 5e-4
+    assert "integrated twice" in " ".join(trial.summary["log"]["notes"])
+
+
+def test_a_person_is_no_pendulum_of_constant_height(tmp_path, ampm):
+    """The public mean strides at 0.8 m/s: report and recording are written, and the limits are not met."""
+    answer = ampm(
+        *("judge", PERSON, "--plan", "normal", "--set", "body.mass=70", "--strides"),
+        *("--out", tmp_path / "person"),
+    )
+    assert answer.status == 1, answer.err
+    assert "Mean of 2 strides of 1.356 s at 0.8 m/s" in " ".join(answer.out.split())
+    saved = val.load(tmp_path / "person")
+    assert saved.summary["metrics"]["force_z_rmse"]["display"]["value"] == pytest.approx(7.5, abs=0.1)
+    assert saved.is_log
+    page = (tmp_path / "person" / "report.html").read_text(encoding="utf-8")
+    for words in ("person_0p8ms.csv on normal", "A log of measured signals", "Ground force z"):
+        assert words in page
+    for words in ("tracks", "busiest motors", "Why the ZMP is off"):
+        assert words not in page
+    assert (tmp_path / "person" / "recording.rrd").stat().st_size > 10_000
+    with pytest.raises(InputError, match="is of a log"):
+        val.replay(tmp_path / "person")
+
+
+def test_the_command_judges_and_keeps(folder, tmp_path, ampm):
+    out = tmp_path / "again"
+    answer = ampm("judge", folder / SIGNALS_FILE, "--plan", folder, "--out", out, "--json")
+    assert answer.status == 0, answer.err
+    assert answer.json["verdict"] == "pass"
+    assert answer.json["directory"] == str(out)
+    assert json.loads((out / "summary.json").read_text())["metrics"] == answer.json["metrics"]
+    assert ampm("report", out).status == 0
+    again = ampm("judge", folder, "--plan", folder, "--out", out)
+    assert again.status == 2
+    assert "exists" in again.err
+    assert ampm("judge", folder, "--plan", folder, "--place", "far", "0", "--out", out, "--force").status == 2
+
+
+def test_a_table_of_a_plan_judges_too(folder, tmp_path, table, ampm):
+    """The plan's own force and ZMP as log and plan: nothing differs but by the table's sampling."""
+    path = tmp_path / "plan.csv"
+    assert ampm("plan", "normal", "--steps", 8, "--samples", path, "--rate", 500).status == 0
+    trial = val.judge_log(table, path, start=0.0, place=(0.0, 0.0))
+    assert value(trial, "zmp_x_rmse") < 2e-3
+    assert trial.verdict.passed, trial.verdict.reason
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"time": None}, "no column 'time'; it needs time, and force_x.*; it has force_x"),
+        ({"force_y": None}, "no column 'force_y'; force needs force_x, force_y, force_z"),
+        (
+            {"force_x": None, "force_y": None, "force_z": None},
+            "no force; it needs time.*it has time, angular",
+        ),
+        ({"force_z": lambda v: -v}, "z upwards"),
+        ({"force_z": lambda v: 1e-3 * v}, "weighs 588"),
+        ({"time": lambda v: v[::-1]}, "row 2 of the log: time"),
+        ({"time": lambda v: 1e3 * v}, "give time in seconds"),
+        ({"time": lambda v: np.where(np.arange(len(v)) == 7, np.nan, v)}, "row 8 of the log: time = nan"),
+        ({"zmp_x": lambda v: 1e3 * v}, "give lengths in metres"),
+        ({"com_z": lambda v: v * np.nan}, "com_z has 0 numbers"),
+        ({"com_x": lambda v: np.array(["far"] * len(v), dtype=object)}, "com_x must be numbers"),
+        ({"force_x": lambda v: np.where(np.arange(len(v)) == 4, np.inf, v)}, "row 5 of the log: force_x"),
+    ],
+)
+def test_bad_logs_are_refused(change, message, folder, table):
+    for name, what in change.items():
+        if what is None:
+            del table[name]
+        else:
+            table[name] = what(table[name])
+    with pytest.raises(InputError, match=message):
+        val.judge_log(table, folder)
+
+
+def test_logs_that_do_not_fit_are_refused(folder, table):
+    noise = np.random.default_rng(0)
+    other = table | {f"force_{axis}": noise.normal(0.0, 30.0, len(table["time"])) for axis in "xy"}
+    other |= {
+        "force_z": np.full(len(table["time"]), 60.0 * GRAVITY),
+        "zmp_y": noise.normal(0.0, 0.1, len(table["time"])),
+    }
+    with pytest.raises(InputError, match="like the plan nowhere"):
+        val.judge_log(other, folder)
+    with pytest.raises(InputError, match="has 0 rows between"):
+        val.judge_log(table, folder, start=100.0)
+    short = {name: values[:300] for name, values in table.items()}
+    with pytest.raises(InputError, match="no whole stride"):
+        val.judge_log(short, folder, strides=True)
+    one_sided = {name: table[name] for name in ("time",)}
+    one_sided |= {f"left_force_{axis}": table[f"force_{axis}"] for axis in "xyz"}
+    with pytest.raises(InputError, match="no right_force; it needs"):
+        val.judge_log(one_sided, folder)
+
+
+@pytest.mark.parametrize("name", ["nowhere.csv", "log.xlsx"])
+def test_files_that_are_no_tables_are_refused(name, tmp_path):
+    with pytest.raises(InputError, match=name):
+        val.judge_log(tmp_path / name)
+
+
+def test_take_overs_ignore_what_does_not_carry_the_weight_over():
+    time = np.arange(0.0, 4.0, 0.01)
+    share = 0.5 - 0.5 * np.cos(2 * np.pi * time)
+    share[(time > 0.4) & (time < 0.45)] = 0.45  # a wobble around the half
+    assert take_overs(time, share) == pytest.approx(np.array([0.25, 1.25, 2.25, 3.25]), abs=1e-3)
+    assert take_overs(time, np.full(len(time), np.nan)).size == 0

@@ -1,0 +1,98 @@
+"""``ampm judge``: a log of measured signals against a plan.
+
+Commands import what they run: simulator, Pinocchio and NumPy take long to load.
+"""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from validation.cli.console import Narrator, print_json
+from validation.cli.options import Body, Force, Json, OwnProfile, Settings, Steps, option, with_short
+from validation.cli.validate import print_result, status_of
+
+app = typer.Typer()
+
+EPILOG = (
+    "Exit status: 0 pass, 1 out of tolerance, or ZMP, force or momentum not measured, 2 bad input or "
+    "refused, 4 crash of ampm itself, 130 interrupted."
+)
+
+
+@app.command(epilog=EPILOG)
+def judge(
+    log: Annotated[
+        Path, typer.Argument(help="Table of measured signals, or the folder of a run.", metavar="LOG")
+    ],
+    plan: Annotated[
+        str,
+        option(
+            "--plan",
+            "Preset, TOML file, folder of a run, or a table of COM, ZMP and footsteps.",
+            "GAIT|DIR|FILE.csv|.parquet",
+        ),
+    ] = "normal",
+    settings: Settings = None,
+    steps: Steps = None,
+    body: Body = None,
+    start: Annotated[
+        float | None, option("--start", "Time in the log at which the plan begins; found if not given.", "S")
+    ] = None,
+    place: Annotated[
+        tuple[float, float] | None,
+        option("--place", "Move the log by so much [m]; to the plan's mean ZMP if not given.", "X Y"),
+    ] = None,
+    strides: Annotated[
+        bool, option("--strides", "Compare the mean stride with that of a periodic plan.")
+    ] = False,
+    profile: OwnProfile = None,
+    out: Annotated[
+        Path | None, option("--out", "Folder of the result. runs/LOG-TIME if not given.", "DIR")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> int:
+    """Judge a log of measured signals by a plan.
+
+    The log is of a robot, another simulator or a person; metrics, limits, report and recording are those of
+    'ampm validate'. LOG is a CSV or Parquet file with a row per instant, in SI units, x forward, y left, z
+    up: time, and the force of the floor in one of three ways. Both feet together: force_x, force_y, force_z,
+    zmp_x, zmp_y. Either foot: left_force_x ..., left_cop_x, left_cop_y, and right. Six-axis sensors:
+    left_sensor_force_x ..., left_sensor_torque_x ... in the sensor's axes, its place left_sensor_x ... and
+    its axes left_sensor_quaternion_w ... in the world, and right. More is compared if it is there: com_x ...,
+    angular_momentum_x ..., command_zmp_x ....
+
+    The start is found by cross-correlation, the place by the mean ZMP, and both are said; --start 0 --place
+    0 0 keeps a log as it is. An empty cell is a gap. What the log does not have is not measured, and named.
+    A plan for another mass: --set body.mass=72.
+
+    ampm judge walk.csv --plan gait.toml
+    ampm judge person.csv --plan normal --set body.mass=72 --strides
+    """
+    from validation.run.judge_log import judge_log
+    from validation.run.validate import RUNS
+    from validation.store.folders import check_run_folder
+    from validation.store.json import json_ready
+
+    narrator = Narrator()
+    target = out or RUNS / f"{log.stem}-{datetime.now():%Y%m%d-%H%M%S-%f}"
+    check_run_folder(target, force=force)
+    trial = judge_log(
+        log,
+        plan,
+        settings=with_short(settings, steps=steps, body=body),
+        profile=profile,
+        start=start,
+        place=place,
+        strides=strides,
+        progress=narrator,
+    )
+    with narrator.stage("recording and report"):
+        trial.save(target, force=force)
+    if as_json:
+        print_json({**json_ready(trial.summary), "directory": str(target)})
+    else:
+        print_result(trial.summary, target)
+    return status_of(trial.summary)

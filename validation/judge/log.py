@@ -1,0 +1,201 @@
+"""A log on clock and floor of a plan: start by cross-correlation, place by the mean ZMP, mean stride."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.signal import correlate, find_peaks
+
+from ampm.exceptions import InputError
+from ampm.geometry import Array
+from ampm.parameters import GRAVITY
+from ampm.walk import WalkPlan
+from validation.measure.log import LOADED, PLACES, Log
+
+PHASES = 200
+"""Instants of the mean stride."""
+_GRID = 0.005  # of the cross-correlation [s]
+_CONSTANT = 1e-3  # standard deviation of what the plan holds constant: it tells no time
+_LEAST = 0.5  # correlation up to which a start is a guess [1]
+_ALIKE = 0.995  # of correlations of strides that fit alike, over the largest [1]
+_WHOLE = 0.8  # share of the weight from which a foot counts as the one that stands [1]
+_REPEATED = 1e-6  # difference of the forces of equal strides, over the weight [1]
+
+
+def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
+    """Where a plan begins in a log, by cross-correlation of force and lateral ZMP.
+
+    Each is over its standard deviation in the plan. Of strides that fit alike the middle one is taken.
+    Between the samples the difference of the ZMPs, or of the forces without a ZMP, varies least.
+
+    Returns:
+        Start on the clock of the log [s], and the correlation of log and plan from there on [1].
+
+    Raises:
+        InputError: the log is like the plan nowhere.
+    """
+    measured = log.signals["force"] / log.weight
+    coarse_columns = sharp_columns = [0, 1, 2]
+    if "zmp" in log.signals:
+        measured = np.column_stack([measured, log.signals["zmp"]])
+        coarse_columns, sharp_columns = [0, 1, 2, 4], [3, 4]
+
+    def planned(times: Array) -> Array:
+        sample = plan.sample(times)
+        return np.column_stack([sample.force / plan.weight, sample.zmp])
+
+    def both(start: float, columns: list[int]) -> tuple[Array, Array]:
+        rows = (log.time >= start) & (log.time <= start + plan.duration)
+        return measured[rows][:, columns], planned(log.time[rows] - start)[:, columns]
+
+    wanted = _centred(planned(np.arange(0.0, plan.duration, _GRID))[:, coarse_columns])
+    spread = wanted.std(axis=0)
+    spread = np.where(spread > _CONSTANT, spread, np.inf)
+    clock = np.arange(log.time[0], log.time[-1], _GRID)
+    columns = _centred(measured[:, coarse_columns]).T
+    even = np.column_stack([np.interp(clock, log.time, column) for column in columns])
+    pairs = zip((even / spread).T, (wanted / spread).T, strict=True)
+    total = sum(correlate(one, other, method="fft") for one, other in pairs)
+    peaks = find_peaks(np.concatenate([[-np.inf], total, [-np.inf]]))[0] - 1
+    alike = peaks[total[peaks] >= _ALIKE * total[peaks].max()]
+    coarse = log.time[0] + _GRID * (int(alike[len(alike) // 2]) - (len(wanted) - 1))
+
+    def difference(off: float) -> float:
+        one, other = both(coarse + off, sharp_columns)
+        return float(np.nanvar(one - other, axis=0).sum())
+
+    options = {"xatol": 1e-6}
+    near = minimize_scalar(difference, bounds=(-_GRID, _GRID), method="bounded", options=options)
+    start = float(coarse + near.x)
+    one, other = (_centred(values) / spread for values in both(start, coarse_columns))
+    product = float(np.sum(one**2) * np.sum(other**2))
+    correlation = float(np.sum(one * other)) / math.sqrt(product or math.inf)
+    if not correlation > _LEAST:
+        raise InputError(
+            f"{log.name} is like the plan nowhere: the correlation of force and ZMP is {correlation:.2f} and "
+            f"must be more than {_LEAST:g}; give another plan, or where this one begins in the log (--start)."
+        )
+    return start, correlation
+
+
+def _centred(values: Array) -> Array:
+    """Columns less their means; zero where not measured."""
+    return np.nan_to_num(values - np.nanmean(values, axis=0))
+
+
+def find_place(log: Log, plan: WalkPlan) -> Array:
+    """What to add to a log's places to give its ZMP, or COM, the mean of the plan's, shape (2,) [m]."""
+    sample = plan.sample(log.time)
+    for name, wanted in (("zmp", sample.zmp), ("com", sample.com[:, :2])):
+        if np.isfinite(log.signals.get(name, np.nan)).any():
+            return np.asarray(np.nanmean(wanted - log.signals[name][:, :2], axis=0))
+    return np.zeros(2)
+
+
+def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
+    """Average the strides of a log, each from when the left foot takes half of the weight to the next time.
+
+    They are compared over the share of the stride, with the plan's duration and mean speed. A COM that was
+    not measured is the force, integrated twice.
+
+    Returns:
+        The mean stride on the clock of the plan; ``count`` of strides, their ``duration`` [s] and ``speed``
+        [m/s], NaN without a place; ``spread``, the RMS over the stride of the standard deviation of the force
+        over the weight, x, y, z [1]; and the ``correlation`` with the plan [1].
+
+    Raises:
+        InputError: the steps of the plan differ, or the log has no whole stride without a gap.
+    """
+    stride, phases = 2.0 * plan.constants.step_duration, np.arange(PHASES) / PHASES
+    times = plan.judged_from + stride * phases
+    two = plan.sample(np.minimum([times, times + stride], plan.duration).ravel()).force.reshape(2, -1, 3)
+    if times[-1] + stride > plan.duration or np.ptp(two, axis=0).max() > _REPEATED * plan.weight:
+        raise InputError("the plan has no two equal strides; give a periodic gait of 5 steps or more.")
+    taken = take_overs(log.time, _left_share(log))
+    holes = log.time[:-1][np.diff(log.time) > 1.5 * log.time_step]
+    bounds = [(a, b) for a, b in pairwise(taken) if not ((holes > a) & (holes < b)).any()]
+    if not bounds:
+        raise InputError(
+            f"{log.name} has no whole stride without a gap: the left foot takes half of the weight at "
+            f"{len(taken)} instants; give a longer log."
+        )
+    begin, end = np.array(bounds).T
+    duration = float(np.mean(end - begin))
+    at = begin[:, None] + (end - begin)[:, None] * phases
+
+    def over_strides(values: Array, times: Array) -> Array:
+        columns = values.reshape(log.time.size, -1).T
+        return np.stack([np.interp(times, log.time, column) for column in columns], axis=-1)
+
+    curves = {name: over_strides(values, at) for name, values in log.signals.items()}
+    speed = math.nan
+    for name in ("belt_way", "zmp", "com"):
+        if name in log.signals:
+            way = over_strides(log.signals[name], end) - over_strides(log.signals[name], begin)
+            speed = float(np.mean(way[:, 0] / (end - begin)))
+    for name in PLACES & curves.keys():
+        curves[name][..., 0] -= speed * (at - begin[:, None])
+        curves[name][..., :2] -= curves[name][..., :2].mean(axis=1, keepdims=True)
+    mean = {name: values.mean(axis=0) for name, values in curves.items()}
+    if "com" not in mean:
+        mean["com"] = _com_by_force(mean["force"], duration) + np.array([0.0, 0.0, plan.com_height])
+    tiled = {name: np.tile(values, (3, 1)) for name, values in mean.items()}
+    clock = stride * np.arange(3 * PHASES) / PHASES
+    start, correlation = find_start(replace(log, time=clock, signals=tiled), plan)
+    signals = {}
+    for name, values in mean.items():
+        columns = [np.interp(times + start, stride * phases, x, period=stride) for x in values.T]
+        signals[name] = columns[0] if len(columns) == 1 else np.column_stack(columns)
+        if name in PLACES:
+            signals[name][:, 0] += plan.constants.mean_velocity * times
+    variance = curves["force"].var(axis=0, ddof=1 if len(bounds) > 1 else 0) / log.weight**2
+    facts = {"count": len(bounds), "duration": duration, "speed": speed, "correlation": correlation}
+    facts["spread"] = np.sqrt(variance.mean(axis=0)).tolist()
+    return replace(log, time=times, signals=signals, time_step=stride / PHASES), facts
+
+
+def _com_by_force(force: Array, duration: float) -> Array:
+    """COM of a stride by its force, integrated twice: periodic, about its mean, shape (PHASES, 3) [m]."""
+    rate = 2.0 * np.pi * np.fft.rfftfreq(PHASES, duration / PHASES)[:, None]
+    rate[0] = np.inf  # the mean of an acceleration that repeats is an error of the instrument
+    acceleration = force * GRAVITY / force[:, 2].mean()
+    return np.asarray(np.fft.irfft(np.fft.rfft(acceleration, axis=0) / -(rate**2), PHASES, axis=0))
+
+
+def _left_share(log: Log) -> Array:
+    """Share of the vertical force on the left foot, shape (K,) [1]; NaN where not known.
+
+    Of a log without forces of either foot by the way of the ZMP from foot to foot.
+    """
+    vertical = log.signals["force"][:, 2]
+    share = np.full(vertical.size, np.nan)
+    if "left_force" in log.signals:
+        share = log.signals["left_force"][:, 2] / np.where(vertical > 0.0, vertical, np.nan)
+    elif "zmp" in log.signals:
+        right, left = np.nanquantile(log.signals["zmp"][:, 1], (0.1, 0.9))
+        share = (log.signals["zmp"][:, 1] - right) / (left - right)
+    return np.where(vertical >= LOADED * log.weight, share, np.nan)
+
+
+def take_overs(time: Array, share: Array) -> Array:
+    """Instants at which the left foot takes half of the weight [s].
+
+    Args:
+        time: shape (K,) [s].
+        share: of the weight, on the left foot, shape (K,) [1]; NaN where no foot is loaded.
+    """
+    known = np.isfinite(share)
+    if not known.any():
+        return np.zeros(0)
+    share = np.interp(time, time[known], share[known])
+    decided = np.flatnonzero((share >= _WHOLE) | (share <= 1.0 - _WHOLE))
+    left = share[decided] >= _WHOLE
+    found = []
+    for k in np.flatnonzero(left[1:] & ~left[:-1]):
+        rows = np.arange(decided[k], decided[k + 1])
+        row = rows[(share[rows] < 0.5) & (share[rows + 1] >= 0.5)][-1]
+        found.append(np.interp(0.5, share[[row, row + 1]], time[[row, row + 1]]))
+    return np.array(found)

@@ -1,0 +1,301 @@
+"""A log of measured signals, of a robot, another simulator or a person: read from a table, and measured.
+
+A table has one row per instant, in SI units: x in the walking direction, y to the left, z up. It needs
+``time`` and a force: of both feet together, of either foot, or at sensors. All that is read is in
+:data:`COLUMNS`; the columns of ``signals.parquet`` may keep their ``measured_``. An empty cell was not
+measured.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ampm.brief import Brief
+from ampm.exceptions import InputError
+from ampm.geometry import Array
+from validation.measure.measure import LEAST_SUPPORT, MeasuredGait, SelfChecks, centre_of_pressure
+from validation.trial.columns import read_columns
+from validation.trial.outcome import Outcome, OutcomeName
+from validation.trial.record import FEET, INTEGERS, SHAPES, SimulationRecord, shape_of
+
+_OF_BODY = {
+    "xyz": "force com angular_momentum command_force command_com command_angular_momentum",
+    "xy": "zmp zmp_momentum command_zmp",
+    "": "zmp_margin floor belt_speed",
+}
+_OF_FEET = {
+    "xyz": "force sensor sensor_force sensor_torque foot",
+    "xy": "cop",
+    "wxyz": "sensor_quaternion",
+    "": "contact slip penetration",
+}
+COLUMNS: Mapping[str, str] = MappingProxyType(
+    {
+        f"{whose}{name}": axes
+        for whose, quantities in (("", _OF_BODY), *((f"{foot}_", _OF_FEET) for foot in FEET))
+        for axes, names in quantities.items()
+        for name in names.split()
+    }
+)
+"""Quantities of a log, and the endings of their columns, such as ``force_x``; empty for a single one."""
+PLACES = frozenset(
+    name for name in COLUMNS if name.endswith(("zmp", "zmp_momentum", "com", "cop", "sensor", "foot"))
+)
+"""Quantities that are places in the world [m]."""
+NEEDED = (
+    "time, and force_x, _y, _z with zmp_x, _y of both feet; or left_force_x, _y, _z with left_cop_x, _y and "
+    "the same of right; or left_sensor_force_x, _y, _z, left_sensor_torque_x, _y, _z, left_sensor_x, _y, _z "
+    "and the same of right"
+)
+LOADED = 0.05
+"""Share of the weight from which a foot is on the floor [1]: a sensor is never quite at zero."""
+_SLOWEST = 0.05  # most time from row to row [s]
+_RATIO = 2.0  # of mean vertical force and weight: more is another unit, or another body [1]
+_FARTHEST, _MOST_BESIDE = 1000.0, 30.0  # of a place forward, and sideways or up: more are other units [m]
+
+
+@dataclass(frozen=True)
+class Log(Brief):
+    """Signals of a log without its gaps: the rows in which force or ZMP are not known.
+
+    Attributes:
+        name: for people.
+        time: shape (K,) [s].
+        signals: quantity to array, (K, n), or (K,) of a single column; NaN where not measured. ``force`` is
+            always there.
+        time_step: median time from row to row [s].
+        gaps: lengths of the gaps [s].
+        weight: of the body that it is compared with [N].
+        is_of_run: whether it is the signals of a run of ours, on the clock of its plan.
+    """
+
+    name: str
+    time: Array
+    signals: Mapping[str, Array]
+    time_step: float
+    gaps: tuple[float, ...]
+    weight: float
+    is_of_run: bool
+
+    def rows(self, rows: NDArray[np.bool_]) -> "Log":
+        """Some of the rows, (K,)."""
+        signals = {name: values[rows] for name, values in self.signals.items()}
+        return replace(self, time=self.time[rows], signals=signals)
+
+    def moved(self, by: Array) -> "Log":
+        """The same with all places moved on the floor, ``by`` (2,) [m]."""
+        places = {name: values for name, values in self.signals.items() if name in PLACES}
+        places = {name: values + [*by, 0.0][: values.shape[1]] for name, values in places.items()}
+        return replace(self, signals={**self.signals, **places})
+
+
+def read_log(table: str | Path | Mapping[str, Any], weight: float) -> Log:
+    """Read a log, and find force and ZMP.
+
+    Args:
+        table: CSV or Parquet file, or columns by name, shape (K,) each.
+        weight: of the body that it is to be compared with [N].
+
+    Raises:
+        InputError: a column is missing, or has values that cannot be.
+    """
+    path = Path(table) if isinstance(table, str | Path) else None
+    raw = dict(table) if isinstance(table, Mapping) else read_columns(Path(table))
+    name, have = "the log" if path is None else path.name, ", ".join(map(str, raw)) or "none"
+    columns = {str(key).removeprefix("measured_"): values for key, values in raw.items()}
+    is_of_run = "measured_zmp_x" in raw
+
+    def column(key: str) -> Array:
+        # What a controller does not tell is null in the signals of a run.
+        return _numbers(columns[key], key, name, may_be_empty=is_of_run)
+
+    if "time" not in columns:
+        raise InputError(f"{name} has no column 'time'; it needs {NEEDED}; it has {have}.")
+    time, signals = column("time"), dict[str, Array]()
+    step = _step(time, name)
+    for key, axes in COLUMNS.items():
+        parts = [f"{key}_{axis}" for axis in axes] or [key]
+        missing = [part for part in parts if part not in columns]
+        if not missing:
+            signals[key] = np.column_stack([column(part) for part in parts]) if axes else column(key)
+        elif len(missing) < len(parts):
+            raise InputError(f"{name} has no column {missing[0]!r}; {key} needs {', '.join(parts)}.")
+    if "belt_speed" in signals:
+        way = np.cumsum(
+            np.append(0.0, 0.5 * (signals["belt_speed"][1:] + signals["belt_speed"][:-1]) * np.diff(time))
+        )
+        signals["belt_way"] = way
+        for key in PLACES & signals.keys():
+            signals[key][:, 0] += way
+    try:
+        _add_force(signals, weight)
+    except KeyError as error:
+        raise InputError(f"{name} has no {error.args[0]}; it needs {NEEDED}; it has {have}.") from None
+    except ValueError as error:  # of a quaternion
+        raise InputError(f"{name}: a sensor's quaternion is none ({error}).") from None
+    _check_units(signals, name, weight)
+    known = np.asarray(np.isfinite(signals["force"]).all(axis=1))
+    if "zmp" in signals:
+        light = signals["force"][:, 2] < LEAST_SUPPORT * weight
+        known = known & (light | np.isfinite(signals["zmp"]).all(axis=1))
+    if np.count_nonzero(known) < 3:
+        raise InputError(f"{name} has {np.count_nonzero(known)} rows with force and ZMP; give three or more.")
+    apart = np.diff(time[known])
+    gaps = tuple((apart[apart > 1.5 * step] - step).tolist())
+    return Log(name, time, signals, step, gaps, weight, is_of_run).rows(known)
+
+
+def _numbers(values: Any, key: str, name: str, *, may_be_empty: bool) -> Array:
+    """A column of numbers; NaN where not measured."""
+    try:
+        numbers = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: {key} must be numbers ({error}).") from None
+    bad = np.flatnonzero(np.isinf(numbers) | (np.isnan(numbers) & (key == "time")))
+    if bad.size:
+        raise InputError(f"row {bad[0] + 1} of {name}: {key} = {numbers[bad[0]]:g} must be a number.")
+    count = np.count_nonzero(np.isfinite(numbers))
+    if count < 3 and not (may_be_empty and len(numbers) >= 3):
+        raise InputError(f"{name}: {key} has {count} numbers; give three or more, or leave the column out.")
+    return numbers
+
+
+def _step(time: Array, name: str) -> float:
+    """Median time from row to row [s]."""
+    late = np.flatnonzero(np.diff(time) <= 0.0)
+    if late.size:
+        raise InputError(
+            f"row {late[0] + 2} of {name}: time = {time[late[0] + 1]:.9g} must be later than in the row "
+            "before; sort the rows."
+        )
+    step = float(np.median(np.diff(time)))
+    if step > _SLOWEST:
+        raise InputError(
+            f"{name} has a row every {step:.4g} s, and needs one every {_SLOWEST:g} s; give time in seconds."
+        )
+    return step
+
+
+def _add_force(signals: dict[str, Array], weight: float) -> None:
+    """Force and ZMP of both feet, from those of either foot or from wrenches at sensors.
+
+    Raises:
+        KeyError: of a quantity that is missing.
+    """
+    if not {"left_force", "right_force", "left_sensor_force", "right_sensor_force"} & signals.keys():
+        if "force" not in signals:
+            raise KeyError("force")
+        return
+    by_sensor, least = "left_force" not in signals and "right_force" not in signals, LEAST_SUPPORT * weight
+    floor = signals.get("floor", 0.0)
+    forces, torques = [], []
+    for foot in FEET:
+        if by_sensor:
+            axes = Rotation.identity()
+            if f"{foot}_sensor_quaternion" in signals:
+                axes = Rotation.from_quat(signals[f"{foot}_sensor_quaternion"], scalar_first=True)
+            force = signals[f"{foot}_force"] = axes.apply(signals[f"{foot}_sensor_force"])
+            torque = axes.apply(signals[f"{foot}_sensor_torque"])
+            torques.append(np.cross(signals[f"{foot}_sensor"], force) + torque)
+            forces.append(force)
+        elif f"{foot}_cop" in signals:
+            force = signals[f"{foot}_force"]
+            at = np.column_stack([signals[f"{foot}_cop"], np.broadcast_to(floor, len(force))])
+            light = force[:, 2:] < least  # the centre of pressure of a foot in the air is noise
+            forces.append(np.where(light, 0.0, force))
+            torques.append(np.where(light, 0.0, np.cross(at, force)))
+    signals.setdefault("force", signals["left_force"] + signals["right_force"])
+    if len(torques) == len(FEET):
+        signals.setdefault("zmp", centre_of_pressure(sum(forces), sum(torques), least, floor))
+
+
+def _check_units(signals: Mapping[str, Array], name: str, weight: float) -> None:
+    mean = float(np.nanmean(signals["force"][:, 2]))
+    if not weight / _RATIO < mean < weight * _RATIO:
+        raise InputError(
+            f"{name}: the mean vertical force is {mean:.4g} N, and the body of the plan weighs {weight:.4g} "
+            "N; give the force of the floor on the body in newtons, z upwards, and the mass by body.mass."
+        )
+    for key in PLACES & signals.keys():
+        far = np.nanmax(np.abs(signals[key]), axis=0, initial=0.0)
+        if far[0] > _FARTHEST or far[1:].max() > _MOST_BESIDE:
+            raise InputError(f"{name}: {key} is up to {far.max():.4g} m away; give lengths in metres.")
+
+
+def measure_log(log: Log, mass: float, gravity: float) -> MeasuredGait:
+    """The measurement of a log; NaN is what it does not have.
+
+    Args:
+        log: on the clock of its plan.
+        mass: of the body [kg].
+        gravity: g [m/s^2].
+    """
+    rows, nan = log.time.size, float("nan")
+
+    def of(name: str, *shape: int) -> Array:
+        return log.signals.get(name, np.full((rows, *shape), nan))
+
+    def feet(name: str, *shape: int) -> Array:
+        return np.stack([of(f"{foot}_{name}", *shape) for foot in FEET], axis=1)
+
+    force, foot_force, contact = log.signals["force"], feet("force", 3), feet("contact")
+    loaded = foot_force[..., 2] >= LOADED * mass * gravity
+    light = int(np.count_nonzero(force[:, 2] < LEAST_SUPPORT * mass * gravity))
+    known: dict[str, Any] = {
+        "time": log.time,
+        "foot_force": foot_force,
+        "foot_torque": np.full((rows, 2, 3), nan),
+        "force": force,
+        "zmp": of("zmp", 2),
+        "zmp_momentum": of("zmp_momentum", 2),
+        "floor": log.signals.get("floor", np.zeros(rows)),
+        "com": of("com", 3),
+        "com_pin": of("com", 3),
+        "angular_momentum": of("angular_momentum", 3),
+        "foot_contact": np.where(np.isnan(contact), loaded, contact > 0.5),
+        "point_contact": np.zeros((rows, 0), dtype=bool),
+        "foot_position": feet("foot", 3),
+        "slip": feet("slip"),
+        "penetration": feet("penetration"),
+        "polygon_margin": of("zmp_margin"),
+        "mass": mass,
+        "gravity": gravity,
+        "time_step": log.time_step,
+        "self_checks": SelfChecks(nan, nan, nan, nan, (nan, nan, nan), nan, nan, nan, light),
+    }
+    others = {field.name: np.full((rows, 3), nan) for field in fields(MeasuredGait)}
+    return MeasuredGait(**{**others, **known})
+
+
+def log_record(log: Log, measured: MeasuredGait, steps: int) -> SimulationRecord:
+    """The record of a log: a body without joints and sole points; NaN is what it does not have.
+
+    Args:
+        log: on the clock of its plan.
+        measured: its measurement.
+        steps: that it covers.
+    """
+    end = float(log.time[-1] + log.time_step)
+    sizes = {"K+1": log.time.size + 1, "K": log.time.size, "F": 2, "T": 1}
+    sizes |= dict.fromkeys(("nq", "nv", "nu", "P", "S"), 0)
+    arrays: dict[str, Any] = {
+        name: np.full(shape_of(name, sizes), 0 if name in INTEGERS else np.nan) for name in SHAPES
+    }
+    commands = {name: values for name, values in log.signals.items() if name.startswith("command_")}
+    states = {name: getattr(measured, name) for name in ("com", "angular_momentum", "foot_position")}
+    ends = {name: np.concatenate([values, values[-1:]]) for name, values in states.items()}
+    times = {"time": np.append(log.time, end), "tick_time": np.zeros(1)}
+    return SimulationRecord(
+        **{**arrays, **commands, **ends, **times},
+        outcome=Outcome(OutcomeName.COMPLETED, end, "", steps),
+        mass=measured.mass,
+        gravity=measured.gravity,
+        time_step=log.time_step,
+        joint_names=(),
+    )

@@ -1,0 +1,158 @@
+"""A log of measured signals, judged by a plan as a walk of the simulation is."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from ampm.exceptions import InputError
+from ampm.parameters import RunParameters
+from ampm.walk import WalkPlan
+from validation.judge.compare import compare
+from validation.judge.log import find_place, find_start, mean_stride
+from validation.judge.metrics import METRICS, evaluate
+from validation.judge.profiles import Profile, own_profile
+from validation.judge.profiles import profile as find_profile
+from validation.judge.verdict import judge
+from validation.measure.log import Log, log_record, measure_log, read_log
+from validation.progress import Progress
+from validation.run.trial import Trial
+from validation.run.walk import timed
+from validation.store.saved import RUN_FILE
+from validation.store.signals import SIGNALS_FILE
+from validation.trial.columns import SUFFIXES
+from validation.trial.plan import Request, load_request, plan_walk
+
+_CHECKS = frozenset(item.name for item in METRICS.values() if item.kind == "instrument")
+"""Metrics that a log may lack: they check one measurement by another."""
+
+
+def judge_log(
+    table: str | Path | Mapping[str, Any],
+    plan: RunParameters | str | Path = "normal",
+    *,
+    settings: Sequence[str] = (),
+    profile: Profile | str | None = None,
+    start: float | None = None,
+    place: tuple[float, float] | None = None,
+    strides: bool = False,
+    progress: Progress | None = None,
+) -> Trial:
+    """Compare a log of measured signals with a plan, by the metrics and limits of a walk.
+
+    Args:
+        table: CSV or Parquet file, folder of a run, or columns by name; see :mod:`validation.measure.log`.
+        plan: parameters, preset, TOML file, folder of a run, or table of a plan.
+        settings: ``key=value`` texts that change the plan, not with parameters.
+        profile: tolerances, or the name of a profile; by default that of the preset.
+        start: time in the log at which the plan begins [s]; found if None, 0 of the signals of a run.
+        place: what to add to x and y of the log [m]; if None its mean ZMP becomes the plan's, but for the
+            signals of a run.
+        strides: compare the mean stride with that of a periodic plan.
+        progress: where to report stages.
+
+    Returns:
+        The log as a trial. Its record has neither joints nor motors; NaN is what the log does not have.
+
+    Raises:
+        InputError: the log cannot be read, or is like the plan nowhere.
+        MathematicalRefusal, BodilyRefusal: there is no such plan.
+    """
+    progress, seconds = progress or Progress(), dict[str, float]()
+    request = _request(plan, settings)
+    if not isinstance(profile, Profile):
+        own = own_profile(request.name, footsteps=bool(request.run.footsteps))
+        profile = own if profile is None else find_profile(profile)
+    with timed(seconds, "planning"):
+        planned = plan_walk(request, progress)
+    if isinstance(table, str | Path) and Path(table).is_dir():
+        table = Path(table) / SIGNALS_FILE
+    with timed(seconds, "measurement"), progress.stage(f"{planned.name}: log"):
+        walked = planned.plan
+        log, facts = _aligned(read_log(table, walked.weight), walked, start, place, strides=strides)
+        measured = measure_log(log, walked.mass, walked.gravity)
+        record = log_record(log, measured, _steps(log, walked))
+        comparison = compare(walked, record, measured)
+        metrics = MappingProxyType(evaluate(comparison))
+        verdict = judge(metrics, profile, comparison.scales, may_lack=_CHECKS)
+    planned = replace(planned, request=replace(planned.request, name=f"{log.name} on {planned.name}"))
+    extra = {"log": facts, **({"planner": planned.planner} if planned.planner else {})}
+    return Trial(planned, record, comparison, metrics, verdict, MappingProxyType(seconds), extra=extra)
+
+
+def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Request:
+    """The walk that a log is compared with; nothing disturbs it."""
+    if isinstance(plan, RunParameters):
+        request = load_request(plan)
+    elif Path(plan).suffix in SUFFIXES:
+        request = load_request(None, [*settings, f"gait.planner='{Path(plan).resolve()}'"])
+    else:
+        request = load_request(str(Path(plan) / RUN_FILE if Path(plan).is_dir() else plan), settings)
+    return replace(request, run=request.run.undisturbed)
+
+
+def _steps(log: Log, plan: WalkPlan) -> int:
+    """Steps of the plan that lie within a log."""
+    ends = np.array([0.0, *plan.contacts.step_ends])
+    begun = ends[:-1] >= log.time[0] - log.time_step
+    return int(np.count_nonzero(begun & (ends[1:] <= log.time[-1] + 1.5 * log.time_step)))
+
+
+def _aligned(
+    log: Log, plan: WalkPlan, start: float | None, place: tuple[float, float] | None, *, strides: bool
+) -> tuple[Log, dict[str, Any]]:
+    """A log on clock and floor of a plan, and what was done to it: numbers [SI], and sentences."""
+    share = float(log.signals["force"][:, 2].mean()) / log.weight
+    facts: dict[str, Any] = {"rows": log.time.size, "rate": 1.0 / log.time_step, "weight_share": share}
+    notes = [
+        f"{log.name}: {log.time.size} rows at {facts['rate']:.4g} Hz; the mean vertical force is {share:.1%} "
+        "of the plan's weight."
+    ]
+    if log.gaps:
+        facts |= {"gaps": len(log.gaps), "gap_total": sum(log.gaps), "gap_longest": max(log.gaps)}
+        notes.append(
+            f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s, are "
+            "left out."
+        )
+    if strides:
+        if "com" not in log.signals:
+            notes.append("The COM is that of the force, integrated twice.")
+        log, mean = mean_stride(log, plan)
+        facts["strides"] = mean
+        spread = "/".join(f"{100.0 * value:.2f}" for value in mean["spread"])
+        notes.append(
+            f"Mean of {mean['count']} strides of {mean['duration']:.4g} s at {mean['speed']:.3g} m/s, over "
+            f"the share of the stride; the plan's have {2.0 * plan.constants.step_duration:.4g} s and "
+            f"{plan.constants.mean_velocity:.3g} m/s. Standard deviation of the force between strides, "
+            f"x/y/z: {spread} % of body weight."
+        )
+    else:
+        if start is None and not log.is_of_run:
+            start, facts["correlation"] = find_start(log, plan)
+            notes.append(
+                f"The plan begins at {start:.4f} s of the log, by cross-correlation of force and ZMP "
+                f"({facts['correlation']:.3f})."
+            )
+        facts["start"] = start or 0.0
+        time = log.time - facts["start"]
+        log = replace(log, time=time).rows((time >= 0.0) & (time <= plan.duration + 1e-9))
+    judged = log.rows(log.time >= plan.judged_from - 1e-9)
+    if judged.time.size < 3:
+        raise InputError(
+            f"{log.name} has {judged.time.size} rows between {plan.judged_from:.4g} and {plan.duration:.4g} "
+            f"s of the plan, which begins at {start or 0.0:.6g} s; give a longer log, or another start "
+            "(--start)."
+        )
+    by = np.zeros(2) if place is None else np.array(place)
+    if place is None and (strides or not log.is_of_run):
+        by = find_place(judged, plan)
+        notes.append(
+            f"The log is moved by {by[0]:.4g} m along x and {by[1]:.4g} m along y, to the mean of the plan's "
+            f"{'ZMP' if 'zmp' in log.signals else 'COM'}: its bias is not judged."
+        )
+    facts |= {"place": by.tolist(), "from": float(log.time[0]), "until": float(log.time[-1])}
+    notes.append(f"From {log.time[0]:.4g} to {log.time[-1]:.4g} s of the plan's {plan.duration:.4g} s.")
+    return log.moved(by), {**facts, "notes": notes}
