@@ -18,6 +18,7 @@ from validation.measure.log import LOADED, PLACES, Log
 PHASES = 200
 """Instants of the mean stride."""
 _GRID = 0.005  # of the cross-correlation [s]
+_NEAR = 20  # of its intervals around its maximum in which the start may be
 _CONSTANT = 1e-3  # standard deviation of what the plan holds constant: it tells no time
 _LEAST = 0.5  # correlation up to which a start is a guess [1]
 _ALIKE = 0.995  # of correlations of strides that fit alike, over the largest [1]
@@ -67,16 +68,18 @@ def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
         one, other = both(coarse + off, sharp_columns)
         return float(np.nanvar(one - other, axis=0).sum())
 
+    near = _GRID * np.arange(-_NEAR, _NEAR + 1)  # less than a stride has a mean of its own
+    coarse += float(near[np.argmin([difference(off) for off in near])])
     options = {"xatol": 1e-6}
-    near = minimize_scalar(difference, bounds=(-_GRID, _GRID), method="bounded", options=options)
-    start = float(coarse + near.x)
+    finest = minimize_scalar(difference, bounds=(-_GRID, _GRID), method="bounded", options=options)
+    start = float(coarse + finest.x)
     one, other = (_centred(values) / spread for values in both(start, coarse_columns))
     product = float(np.sum(one**2) * np.sum(other**2))
     correlation = float(np.sum(one * other)) / math.sqrt(product or math.inf)
     if not correlation > _LEAST:
         raise InputError(
             f"{log.name} is like the plan nowhere: the correlation of force and ZMP is {correlation:.2f} and "
-            f"must be more than {_LEAST:g}; give another plan, or where this one begins in the log (--start)."
+            f"must be more than {_LEAST:g}; give x forward and y left, another plan, or its start (--start)."
         )
     return start, correlation
 

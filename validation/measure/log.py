@@ -112,6 +112,8 @@ def read_log(table: str | Path | Mapping[str, Any], weight: float) -> Log:
     is_of_run = "measured_zmp_x" in raw
 
     def column(key: str) -> Array:
+        if np.shape(columns[key]) != np.shape(columns["time"]):
+            raise InputError(f"{name}: {key} and time must have equally many rows, and one column each.")
         # What a controller does not tell is null in the signals of a run.
         return _numbers(columns[key], key, name, may_be_empty=is_of_run)
 
