@@ -305,3 +305,12 @@ def test_take_overs_ignore_what_does_not_carry_the_weight_over():
     share[(time > 0.4) & (time < 0.45)] = 0.45  # a wobble around the half
     assert take_overs(time, share) == pytest.approx(np.array([0.25, 1.25, 2.25, 3.25]), abs=1e-3)
     assert take_overs(time, np.full(len(time), np.nan)).size == 0
+
+
+def test_a_log_and_a_run_are_compared(folder, table, tmp_path, ampm):
+    """Both are folders of the same kind: the person, or robot, beside the simulation."""
+    trial = val.judge_log(table, folder, start=0.0)
+    trial.save(tmp_path / "log", recording=False)
+    answer = ampm("compare", tmp_path / "log", folder)
+    assert answer.status == 0, answer.err
+    assert "agree: no judged metric differs" in answer.out

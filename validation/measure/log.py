@@ -105,9 +105,9 @@ def read_log(table: str | Path | Mapping[str, Any], weight: float) -> Log:
     Raises:
         InputError: a column is missing, or has values that cannot be.
     """
-    path = Path(table) if isinstance(table, str | Path) else None
-    raw = dict(table) if isinstance(table, Mapping) else read_columns(Path(table))
-    name, have = "the log" if path is None else path.name, ", ".join(map(str, raw)) or "none"
+    raw = read_columns(Path(table)) if isinstance(table, str | Path) else dict(table)
+    name = Path(table).name if isinstance(table, str | Path) else "the log"
+    have = ", ".join(map(str, raw)) or "none"
     columns = {str(key).removeprefix("measured_"): values for key, values in raw.items()}
     is_of_run = "measured_zmp_x" in raw
 

@@ -154,5 +154,8 @@ def _aligned(
             f"{'ZMP' if 'zmp' in log.signals else 'COM'}: its bias is not judged."
         )
     facts |= {"place": by.tolist(), "from": float(log.time[0]), "until": float(log.time[-1])}
-    notes.append(f"From {log.time[0]:.4g} to {log.time[-1]:.4g} s of the plan's {plan.duration:.4g} s.")
+    notes.append(
+        f"{log.time.size} instants are compared, from {log.time[0]:.4g} to {log.time[-1]:.4g} s of the "
+        f"plan's {plan.duration:.4g} s."
+    )
     return log.moved(by), {**facts, "notes": notes}

@@ -327,6 +327,8 @@ def _read_array(
     if usual is not None:
         nulls = (table.column(name).is_null().to_numpy() for name in field.columns)
         columns = [np.where(*each) for each in zip(nulls, usual.T, columns, strict=True)]
+    if not columns:  # of a log
+        return np.zeros((rows, *field.shape), kind)
     return np.column_stack(columns).reshape(rows, *field.shape)
 
 
