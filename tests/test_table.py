@@ -131,7 +131,7 @@ def test_files_that_hold_no_plan(tmp_path, name, content, words):
     path.write_text(content)
     with pytest.raises(InputError, match=words):
         read(read_columns(path))
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="there is no file"):
         load_planner(str(tmp_path / f"missing-{name}"))
 
 

@@ -8,7 +8,6 @@ measured.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -20,7 +19,6 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from validation.measure.measure import LEAST_SUPPORT, MeasuredGait, SelfChecks, centre_of_pressure
-from validation.trial.columns import read_columns
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import FEET, INTEGERS, SHAPES, SimulationRecord, shape_of
 
@@ -95,21 +93,19 @@ class Log(Brief):
         return replace(self, signals={**self.signals, **places})
 
 
-def read_log(table: str | Path | Mapping[str, Any], weight: float) -> Log:
+def read_log(table: Mapping[str, Any], weight: float, name: str = "the log") -> Log:
     """Read a log, and find force and ZMP.
 
     Args:
-        table: CSV or Parquet file, or columns by name, shape (K,) each.
+        table: columns by name, shape (K,) each.
         weight: of the body that it is to be compared with [N].
+        name: for people.
 
     Raises:
         InputError: a column is missing, or has values that cannot be.
     """
-    raw = read_columns(Path(table)) if isinstance(table, str | Path) else dict(table)
-    name = Path(table).name if isinstance(table, str | Path) else "the log"
-    have = ", ".join(map(str, raw)) or "none"
-    columns = {str(key).removeprefix("measured_"): values for key, values in raw.items()}
-    is_of_run = "measured_zmp_x" in raw
+    have, is_of_run = ", ".join(map(str, table)) or "none", "measured_zmp_x" in table
+    columns = {str(key).removeprefix("measured_"): values for key, values in table.items()}
 
     def column(key: str) -> Array:
         if np.shape(columns[key]) != np.shape(columns["time"]):

@@ -23,7 +23,7 @@ from validation.run.trial import Trial
 from validation.run.walk import timed
 from validation.store.saved import RUN_FILE
 from validation.store.signals import SIGNALS_FILE
-from validation.trial.columns import SUFFIXES
+from validation.trial.columns import SUFFIXES, read_columns
 from validation.trial.plan import Request, load_request, plan_walk
 
 _CHECKS = frozenset(item.name for item in METRICS.values() if item.kind == "instrument")
@@ -66,13 +66,12 @@ def judge_log(
     if not isinstance(profile, Profile):
         own = own_profile(request.name, footsteps=bool(request.run.footsteps))
         profile = own if profile is None else find_profile(profile)
+    columns, name = _columns(table)
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress)
-    if isinstance(table, str | Path) and Path(table).is_dir():
-        table = Path(table) / SIGNALS_FILE
     with timed(seconds, "measurement"), progress.stage(f"{planned.name}: log"):
         walked = planned.plan
-        log, facts = _aligned(read_log(table, walked.weight), walked, start, place, strides=strides)
+        log, facts = _aligned(read_log(columns, walked.weight, name), walked, start, place, strides=strides)
         measured = measure_log(log, walked.mass, walked.gravity)
         record = log_record(log, measured, _steps(log, walked))
         comparison = compare(walked, record, measured)
@@ -81,6 +80,14 @@ def judge_log(
     planned = replace(planned, request=replace(planned.request, name=f"{log.name} on {planned.name}"))
     extra = {"log": facts, **({"planner": planned.planner} if planned.planner else {})}
     return Trial(planned, record, comparison, metrics, verdict, MappingProxyType(seconds), extra=extra)
+
+
+def _columns(table: str | Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
+    """Columns of a log by name, and its name."""
+    if not isinstance(table, str | Path):
+        return dict(table), "the log"
+    path = Path(table) / SIGNALS_FILE if Path(table).is_dir() else Path(table)
+    return read_columns(path), path.name
 
 
 def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Request:

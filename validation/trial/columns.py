@@ -27,7 +27,9 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
     import pyarrow.parquet as pq
 
     check_suffix(path)
-    if path.exists() and not path.is_file():  # to open a pipe would wait for its writer
+    if not path.exists():
+        raise InputError(f"there is no file {str(path)!r}; correct the name.")
+    if not path.is_file():  # to open a pipe would wait for its writer
         raise InputError(f"{path} is no regular file; give a table in a file.")
     try:
         table = pq.read_table(path) if path.suffix == ".parquet" else pyarrow.csv.read_csv(path)
