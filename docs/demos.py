@@ -124,7 +124,7 @@ def _vertical(name: str, choice: str) -> tuple[str, ...]:
         *list(agreement(summary["metrics"]))[:2],
         _torque(summary),
         f"{margins['friction']['value']:.2f}",
-        f"{1e3 * margins['slip']['value']:.1f}",
+        f"{1e3 * summary['metrics']['slip_maximum']['value']:.1f}",
         f"{summary['energy']['cost_of_transport']:.2f}",
         f"{profile}: {ending(summary)}",
     )

@@ -71,7 +71,7 @@ def _row(steps: int, gait: str, *settings: str) -> tuple[str, ...]:
         ", ".join(f"{100 * value / weight:.2f}" for value in effort["force"]),
         f"{100 * margins['torque']['value']:.0f}",
         f"{margins['friction']['value']:.2f}",
-        f"{1e3 * margins['slip']['value']:.1f}",
+        f"{1e3 * summary['metrics']['slip_maximum']['value']:.1f}",
         f"{margins['knee']['value']:.2f}",
         f"{solver['solved_with_limits']}, {solver['unsolved']}",
     )

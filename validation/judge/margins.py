@@ -157,7 +157,6 @@ def margins(
         "plan_polygon": planned,
         "plan_in_measured_polygon": _extreme(reached[:, None], time),
         "measured_polygon": _extreme(measured.polygon_margin[:, None], time),
-        "slip": _extreme(measured.slip, time, feet, largest=True),
         "sliding_weight": _extreme(sliding[:, None], time, largest=True),
         "sliding_time": Extreme(math.nan)
         if np.isnan(sliding).all()

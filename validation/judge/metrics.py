@@ -38,7 +38,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.walk import UNSOLVED
 from validation.judge.compare import FIRST_STEP, SIGNALS, Comparison
-from validation.judge.sizes import BODY_WEIGHT, LIMIT_UNITS, share_of_default
+from validation.judge.sizes import BODY_WEIGHT, FOOT_LENGTH, LIMIT_UNITS, share_of_default
 from validation.trial.record import SimulationRecord
 
 _KINDS, _NATURES = ("walk", "instrument", "cost"), ("mean", "extreme", "count")
@@ -476,6 +476,16 @@ _SHORTFALL = Metric(
 )  # fmt: skip
 
 
+_SLIP = Metric(
+    "slip_maximum", "m", "slip of a foot in one stance, largest",
+    "longest way that the loaded points of a foot slid over the floor in one stance, weighted by their force",
+    "walk", lambda walk: _largest(walk.measured.slip[walk.inside]),
+    {name: share_of_default(limit, FOOT_LENGTH) for name, limit in (("strict", 5e-3), ("default", 10e-3))},
+    tolerance_unit=FOOT_LENGTH,
+    reason="A heel that lands moving and a toe that leaves slide 1 to 9 mm in the presets, on any floor that "
+    "holds them. Feet that use all the friction of a loaded sole slide 12 mm and more.",
+    scales=("foot_length",), nature="extreme", by_window=True,
+)  # fmt: skip
 _SPEED = Metric(
     "speed_excess", "1",
     "by how much the fastest joint exceeds its speed limit, as a share of it", "walk",
@@ -529,6 +539,6 @@ def _costs() -> Iterator[Metric]:
 
 
 _EVERY = sorted(
-    [*_errors(), _SHORTFALL, _SPEED, *_INSTRUMENT, *_costs()], key=lambda item: not item.tolerances
+    [*_errors(), _SLIP, _SHORTFALL, _SPEED, *_INSTRUMENT, *_costs()], key=lambda item: not item.tolerances
 )
 _METRICS.update((item.name, item) for item in _EVERY)

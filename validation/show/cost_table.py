@@ -17,7 +17,6 @@ _SHOWN = (
     "margin_friction",
     "margin_plan_polygon",
     "margin_measured_polygon",
-    "margin_slip",
     "margin_knee",
     "margin_joint",
     "margin_clearance",

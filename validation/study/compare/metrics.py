@@ -52,7 +52,7 @@ class Quantity(NamedTuple):
 
 
 JUDGED, COST = "judged metrics", "cost"
-_COSTS = ("margin_torque", "margin_friction", "margin_slip", "energy_cost_of_transport")
+_COSTS = ("margin_torque", "margin_friction", "energy_cost_of_transport")
 _PLAN, _SWITCH = "jump of the plan at a switch, largest", "walk near a switch, and elsewhere"
 _NEAR = f"within {1e3 * WINDOW:g} ms"
 PLAN = (
