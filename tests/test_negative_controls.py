@@ -1,0 +1,55 @@
+"""Plans that are wrong on purpose fail; docs/negative_controls.py walks more of them, for thirty steps."""
+
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import ampm
+import validation as val
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+@pytest.fixture(scope="module")
+def controls():
+    """The script that makes them."""
+    sys.path.insert(0, str(DOCS))
+    yield import_module("negative_controls")
+    sys.path.remove(str(DOCS))
+
+
+def walked(make, size, gait="normal", steps=3):
+    run = ampm.load_run(gait, gait={"steps": steps}).as_is()
+    return val.walk(run, planner=make(run, size), profile="default")
+
+
+def test_the_same_ways_of_planning_pass_without_a_falsehood(controls):
+    assert walked(controls.shifted_zmp, 0.0).verdict.passed
+    assert walked(controls.other_mass, 0.0).verdict.passed
+
+
+def test_a_shifted_zmp_makes_the_body_fall(controls):
+    outcome = walked(controls.shifted_zmp, 5.0).record.outcome
+    assert outcome.name == "fell"
+    assert outcome.steps_completed == 2
+
+
+def test_the_plan_of_a_heavier_body_is_weighed(controls):
+    verdict = walked(controls.other_mass, 2.0).verdict
+    assert [item.name for item in verdict.failed] == ["force_z_rmse"]
+    assert verdict.failed[0].value / (60.0 * 9.81) == pytest.approx(0.02, abs=0.001)
+
+
+def test_the_inverted_slope_of_erratum_7_is_measured(controls):
+    trial = walked(controls.erratum_7, 1.0, "momentum")
+    assert "zmp_y_rmse" in [item.name for item in trial.verdict.failed]
+    assert trial.metrics["zmp_y_rmse"].value == pytest.approx(0.021, abs=0.001)
+
+
+def test_too_little_friction_is_failed_for_slip_alone():
+    """The controller takes the floor's friction of 0.22 for 0.8, and keeps every other limit."""
+    run = ampm.load_run("flat", gait={"steps": 6}, disturbance={"friction_factor": 0.22 / 0.8})
+    verdict = val.walk(run).verdict
+    assert [item.name for item in verdict.failed] == ["slip_maximum"]
