@@ -477,13 +477,15 @@ _SHORTFALL = Metric(
 
 
 _SLIP = Metric(
-    "slip_maximum", "m", "slip of a foot in one stance, largest",
+    "slip_maximum", "m",
     "longest way that the loaded points of a foot slid over the floor in one stance, weighted by their force",
     "walk", lambda walk: _largest(walk.measured.slip[walk.inside]),
     {name: share_of_default(limit, FOOT_LENGTH) for name, limit in (("strict", 5e-3), ("default", 10e-3))},
     tolerance_unit=FOOT_LENGTH,
-    reason="A heel that lands moving and a toe that leaves slide 1 to 9 mm in the presets, at most 3.1 mm without "
-    "induced momentum. On a floor of friction 0.22 `flat` slides by 19 mm and keeps every other limit.",
+    label="longest slip of a stance foot",
+    reason="A heel that lands moving and a toe that leaves slide 1 to 9 mm in the presets, at most 3.1 mm "
+    "without induced momentum. On a floor of friction 0.22 `flat` slides by 19 mm and keeps every other "
+    "limit.",
     scales=("foot_length",), nature="extreme", by_window=True,
 )  # fmt: skip
 _SPEED = Metric(
