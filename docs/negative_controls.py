@@ -1,7 +1,7 @@
 """Walk plans that are wrong on purpose; rewrite the table of docs/negative-controls.md and its data.
 
     python docs/negative_controls.py
-docs/data/negative-controls.csv has one row for every trial of thirty steps, about eight minutes in all.
+docs/data/negative-controls.csv has one row for every trial of thirty steps, about ten minutes in all.
 """
 
 from __future__ import annotations
@@ -199,9 +199,9 @@ class Kind(NamedTuple):
 KINDS = (
     Kind("ZMP ahead", "mm", shifted_zmp, (0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.5, 1, 2, 3, 5)),
     Kind("ZMP ahead, no accelerations", "mm", shifted_zmp_alone, (0, 1, 2, 2.5, 3, 5, 7, 10)),
-    Kind("constant of L_y", "N m s", wrong_constant, (0, 0.1, 0.15, 0.16, 0.2, 0.5, 1, 2)),
+    Kind("constant of L_y", "N m s", wrong_constant, (0, 0.1, 0.14, 0.15, 0.2, 0.5, 1, 2)),
     Kind("mass", "%", other_mass, (0, 0.5, 0.9, 1, 2, 5)),
-    Kind("c_y of the plan", "%", other_c_y, (0, 5, 10, 15, 20, 30), "momentum"),
+    Kind("c_y of the plan", "%", other_c_y, (0, 5, 10, 14, 15, 20, 30), "momentum"),
     Kind("c_y of the moment", "%", false_moment, (0, 2, 5, 6, 10, 20), "momentum"),
     Kind("E4", "", erratum_4, gait="momentum"),
     Kind("E4, c_s 1.4", "", erratum_4, settings=("gait.c_s=1.4",)),
