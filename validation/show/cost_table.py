@@ -80,8 +80,6 @@ def _hints(summary: Mapping[str, Any]) -> dict[str, str]:
     joint, limit = motion.get("joint_limit_margin"), margins["joint"]["value"]
     if joint and limit is not None and limit < 0.1:
         found["margin_joint"] = f"The planned motion comes to {format_number(joint['value'], 3)} rad itself."
-    if 0.0 < (margins["slip"]["value"] or 0.0) < 0.01:
-        found["margin_slip"] = "A loaded foot creeps, because the simulator's friction is regularised."
     if (sliding := margins["sliding_time"]["value"]) is not None:
         found["margin_sliding_weight"] = (
             f"More than {LOADED:.0%} of the weight slides for {format_number(1e3 * sliding, 3)} ms at most."
