@@ -138,7 +138,7 @@ def test_one_sentence_says_who_is_better_and_where_most(sides):
     a, b = sides[0], replace(sides[0], label="other")
     assert pair_of(a, b).sentence.startswith("smooth and other agree: ")
     worse = with_metrics(b, zmp_x_rmse=2e-3, force_x_rmse=5.0, zmp_y_rmse=1e-5)
-    words = "smooth is better in 2, other is better in 1 of 10 judged metrics by more than 10 %"
+    words = "smooth is better in 2, other is better in 1 of 11 judged metrics by more than 10 %"
     assert pair_of(a, worse).sentence.startswith(words)
     assert "they differ most in ground force, RMS error along x: 0.18" in pair_of(a, worse).sentence
     fell = replace(b, summary={**b.summary, "outcome": "fell", "end": {"time": 2.3, "cause": ""}})

@@ -205,10 +205,10 @@ def test_every_metric_has_its_facts():
 def test_the_longest_slip_after_the_first_step_is_judged(walk):
     plan, record, measured = walk
     slip = np.zeros((record.steps, 2))
-    slip[3, 0], slip[-1, 1] = 0.5, 8e-3  # in the first step, and in the last one
+    slip[3, 0], slip[-1, 1] = 0.5, 12e-3  # in the first step, and in the last one
     comparison = compare(plan, record, replace(measured, slip=slip), standing=STILL, shapes=APART)
     verdicts = [verdict_of(comparison, limits) for limits in (DEFAULT, STRICT)]
-    assert [named(verdict, "slip_maximum").value for verdict in verdicts] == [8e-3, 8e-3]
+    assert [named(verdict, "slip_maximum").value for verdict in verdicts] == [12e-3, 12e-3]
     assert [[item.name for item in verdict.failed] for verdict in verdicts] == [[], ["slip_maximum"]]
     assert evaluate(comparison)["slip_maximum"].first_step == 0.5
 
