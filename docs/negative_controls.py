@@ -236,6 +236,7 @@ def trials(kind: Kind) -> Iterator[tuple[str, ...]]:
         except ampm.AmpmError as refusal:
             yield (*name, "refused", "", "", "", "", str(refusal))
             continue
+        reason = trial.verdict.reason
         outcome, errors = trial.record.outcome, (trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy")
         yield (
             *name,
@@ -243,7 +244,7 @@ def trials(kind: Kind) -> Iterator[tuple[str, ...]]:
             str(outcome.steps_completed),
             trial.verdict.name,
             *(f"{1e3 * value:.2f}" for value in errors),
-            trial.verdict.reason,
+            reason.partition("; the ")[2] if outcome.completed else reason,
         )
 
 
@@ -260,7 +261,7 @@ def summary(rows: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
     elif outcome == "fell":
         said = f"fell after {steps} steps"
     else:
-        said = says.partition("the furthest is ")[2].partition(", limit")[0]
+        said = says.removeprefix("furthest is ").partition(", limit")[0]
     return name, passes, " ".join(row[2:4]).strip(), said
 
 
