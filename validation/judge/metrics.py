@@ -485,7 +485,7 @@ _SLIP = Metric(
     label="longest slip of a stance foot",
     reason="A loaded foot creeps, because the simulator's friction is regularised: 1 to 9 mm in the presets, "
     "at most 3.1 mm without induced momentum. On a floor of friction 0.22 `flat` slides by 19 mm and keeps "
-    "every other limit.",
+    "every other limit of the walk.",
     scales=("foot_length",), nature="extreme", by_window=True,
 )  # fmt: skip
 _SPEED = Metric(
