@@ -133,6 +133,20 @@ class ContactParameters(Section, section="contact"):
     impratio: Real = parameter(10.0, "ratio of frictional to normal impedance", gt=0, le=1000)
 
 
+class DrakeParameters(Section, section="drake"):
+    """Contact of the sole points with the floor if Drake steps the physics: Hunt and Crossley's springs.
+
+    The force on a point at depth x is stiffness x (1 + dissipation dx/dt). With the defaults, heels and balls
+    of the human have the mean stiffness and the time constant of MuJoCo's contact.
+    """
+
+    stiffness: Real = parameter(1.5e5, "stiffness of a sole point", "N/m", ge=1e3, le=1e8)
+    dissipation: Real = parameter(20.0, "dissipation of a sole point", "s/m", ge=0, le=1e3)
+    approximation: Literal["lagged", "similar"] = parameter(
+        "lagged", "Drake's discrete contact approximation"
+    )
+
+
 def _stiffness(default: float, description: str) -> Any:
     """A gain from a position to an acceleration."""
     return parameter(default, description, "1/s^2", ge=0, le=1e5)
@@ -211,6 +225,9 @@ class ControllerParameters(Section, section="controller"):
 class SimulationParameters(Section, section="simulation"):
     """The physics engine."""
 
+    engine: Literal["mujoco", "drake"] = parameter(
+        "mujoco", "engine of the physics: mujoco, or drake, which the extra 'drake' installs"
+    )
     time_step: Real = parameter(0.0005, "time step of the physics", "s", gt=0, le=0.05)
     integrator: Literal["Euler", "implicitfast"] = parameter("Euler", "integrator of the physics")
     start_depth: Real = parameter(
@@ -328,6 +345,7 @@ class RunParameters(Section):
     body: BodyParameters = Field(default_factory=BodyParameters)
     foot: FootParameters = Field(default_factory=FootParameters)
     contact: ContactParameters = Field(default_factory=ContactParameters)
+    drake: DrakeParameters = Field(default_factory=DrakeParameters)
     controller: ControllerParameters = Field(default_factory=ControllerParameters)
     simulation: SimulationParameters = Field(default_factory=SimulationParameters)
     solver: SolverParameters = Field(default_factory=SolverParameters)
@@ -359,7 +377,24 @@ class RunParameters(Section):
                 way_out="exchange them",
             )
         self.disturbance.delays(self.controller.frequency)
+        if self.simulation.engine == "drake":
+            self._check_drake()
         return self
+
+    def _check_drake(self) -> None:
+        """Refuse what only MuJoCo has."""
+        contact = {f"contact.{name}" for name in ContactParameters.model_fields} - {"contact.friction"}
+        for key in (*sorted(contact), "simulation.integrator", "disturbance.softness_factor"):
+            section, name = split_key(key)
+            default = SECTIONS[section].model_fields[name].default
+            if self.value(key) != default:
+                raise InputError(
+                    f"{key} = {self.value(key)} is of MuJoCo alone; with simulation.engine = drake leave "
+                    f"it at {default} and set the keys of drake, or walk with --engine mujoco.",
+                    key=key,
+                    value=self.value(key),
+                    way_out="walk with --engine mujoco",
+                )
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         """What differs from the defaults; of footsteps their number."""

@@ -81,6 +81,8 @@ def load(
     if unusual := request.run.disturbance.model_dump(exclude_defaults=True):
         keys = ", ".join(f"disturbance.{key}" for key in unusual)
         raise InputError(f"an environment has no disturbances; leave out {keys}.")
+    if request.run.simulation.engine != "mujoco":
+        raise InputError("an environment is stepped by MuJoCo; leave out simulation.engine.")
     if isinstance(profile, str):
         profile = named_profile(profile)
     held = request.run.replace({"controller.hold": "zero-order"})

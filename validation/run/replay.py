@@ -1,4 +1,4 @@
-"""Step MuJoCo again from a recorded start with the recorded torques, and compare every bit.
+"""Step the physics again from a recorded start with the recorded torques, and compare every bit.
 
 The controller is not used: a replay tests that the record holds everything that the physics depends on. The
 solver's warm start is none of it: a walk begins with that of new data, zero.
@@ -15,12 +15,15 @@ import numpy as np
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
+from ampm.parameters import DrakeParameters
+from ampm.run_file import load_run
 from validation.measure.equations import Equations, Steps, defects, summarize, velocity_names
 from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.store.record import StoredRecord, state_names
-from validation.store.saved import ENVIRONMENT_FILE, check_files
+from validation.store.saved import ENVIRONMENT_FILE, RUN_FILE, check_files
 from validation.trial.bridge import passive_joints, pinocchio_model, to_pinocchio
+from validation.trial.engine import drake_of, make_engine
 from validation.trial.log import SolePoints, point_forces
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import quiet_mujoco
@@ -81,10 +84,10 @@ def replay(directory: str | Path, *, equations: bool = False, progress: Progress
         raise InputError(f"there is no folder {directory}; give the folder of a run.")
     record = StoredRecord(directory)
     check_files(directory)
-    model = record.model()
+    model, drake = record.model(), drake_of(load_run(directory / RUN_FILE, ()))
     check = EquationCheck(model, record) if equations else None
     with (progress or Progress()).stage("replay", "steps") as stage:
-        found = step_again(model, record, stage.advance, check)
+        found = step_again(model, record, stage.advance, check, drake)
     return found if found.identical else replace(found, note=_note(directory / ENVIRONMENT_FILE))
 
 
@@ -93,6 +96,7 @@ def step_again(
     record: SimulationRecord | StoredRecord,
     advance: Callable[[int, int], None] | None = None,
     check: "EquationCheck | None" = None,
+    drake: DrakeParameters | None = None,
 ) -> Replay:
     """Step the physics with recorded torques, up to the first recorded state of which a bit differs.
 
@@ -101,8 +105,10 @@ def step_again(
         record: start state, torques and external forces.
         advance: called with steps done and steps in all.
         check: of the equations of motion.
+        drake: contact if Drake stepped the run, None if MuJoCo did.
     """
     data = mujoco.MjData(model)
+    engine = make_engine(model, data, drake)
     data.qpos[:], data.qvel[:] = record.q[0], record.qd[0]
     pushed = [model.body(name).id for name in record.external_segments]
     with quiet_mujoco():
@@ -114,7 +120,7 @@ def step_again(
                     data.xfrc_applied[pushed] = np.hstack(push)
                 if check is not None:
                     check.begin(data)
-                mujoco.mj_step(model, data)
+                engine.step()
                 if check is not None:
                     check.end(k, data)
             recorded = np.concatenate([record.q[row], record.qd[row]])
@@ -198,11 +204,12 @@ class EquationCheck:
 
 
 def _note(path: Path) -> str:
-    """A sentence if the run was recorded with another MuJoCo or on another processor."""
+    """A sentence if the run was recorded with another engine's version or on another processor."""
     try:
         then, now = json.loads(path.read_text(encoding="utf-8")), describe_environment()
         pairs = {"processor": (then["processor"], now["processor"])}
-        pairs["MuJoCo"] = tuple(item["versions"]["mujoco"] for item in (then, now))
+        for name in ("MuJoCo", "Drake"):
+            pairs[name] = tuple(item["versions"].get(name.lower()) for item in (then, now))
     except (OSError, ValueError, KeyError, TypeError):
         return ""
     differences = [f"{what} {a} then, {b} now" for what, (a, b) in pairs.items() if a != b]

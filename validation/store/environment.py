@@ -11,7 +11,7 @@ from typing import Any
 from validation.store.machine import cores
 
 DISTRIBUTIONS = (
-    "ampm", "mujoco", "dm-control", "pin", "osqp", "daqp", "numba", "numpy", "scipy", "pyarrow",
+    "ampm", "mujoco", "drake", "dm-control", "pin", "osqp", "daqp", "numba", "numpy", "scipy", "pyarrow",
     "rerun-sdk", "matplotlib", "pydantic",
 )  # fmt: skip
 """Distributions whose version can change a result."""

@@ -261,13 +261,21 @@ def own_gait(run: RunParameters) -> RunParameters:
 
 
 def make_body(run: RunParameters) -> Body:
-    """Build the body of a run."""
+    """Build the body of a run.
+
+    Raises:
+        InputError: the body cannot be read, or Drake cannot step it.
+    """
     # Imported here: simulator and Pinocchio take a second to load.
     from models.build import build_body
     from validation.trial.shapes import Shapes, make_robot
 
     model = build_body(run.body, run.contact, run.simulation)
     compiled = model.compile()
+    if run.simulation.engine == "drake":
+        from validation.trial.engine import check_drake  # as above
+
+        check_drake(compiled)
     shapes = Shapes(compiled)
     return Body(model, make_robot(compiled, model.description, shapes), shapes)
 

@@ -1,6 +1,6 @@
-"""Walk a motion in MuJoCo under torque control; the only module that owns ``MjData``.
+"""Walk a motion under torque control, in MuJoCo or another engine; the only module that owns ``MjData``.
 
-Each step is ``mj_step1`` (kinematics, contacts, sensors), a control tick where one is due, and ``mj_step2``,
+Each step is ``step1`` (kinematics, contacts, sensors), a control tick where one is due, and ``step2``,
 so that the controller senses the contacts of the state on which it acts. The run starts on the periodic
 motion.
 """
@@ -36,6 +36,7 @@ from validation.trial import spill
 from validation.trial.bridge import to_mujoco
 from validation.trial.controllers import find_controller, name_of
 from validation.trial.disturbances import Disturbance, Plant, Push, pushes_of
+from validation.trial.engine import drake_of, make_engine
 from validation.trial.faults import FaultyController, behind_faults, started
 from validation.trial.log import RunLog, SolePoints
 from validation.trial.origin import moved_table
@@ -77,15 +78,16 @@ class Physics:
 
     Args:
         body_model: MJCF and its description.
-        run: time step and control frequency.
+        run: engine, time step and control frequency.
 
     Raises:
-        InputError: the control period is no multiple of the time step.
+        InputError: the control period is no multiple of the time step, or the engine cannot step the body.
     """
 
     def __init__(self, body_model: BodyModel, run: RunParameters) -> None:
         self.model = body_model.compile()
         self.data = mujoco.MjData(self.model)
+        self.engine = make_engine(self.model, self.data, drake_of(run))
         self.robot = make_robot(self.model, body_model.description)
         self.time_step = float(self.model.opt.timestep)
         self.substeps = steps_per_tick(run.controller.frequency, self.time_step)
@@ -347,16 +349,16 @@ class ClosedLoop:
     def _step(self, k: int) -> End | None:
         """One step of the physics, with a control tick where one is due."""
         physics, end = self.physics, None
-        model, data, time, since = physics.model, physics.data, k * physics.time_step, k % physics.substeps
+        engine, data, time, since = physics.engine, physics.data, k * physics.time_step, k % physics.substeps
         if since and not self.disturbances:
-            mujoco.mj_step(model, data)
+            engine.step()
         else:
-            mujoco.mj_step1(model, data)
+            engine.step1()
             if self.disturbances:
                 self._disturb(k, time)
             if not since:
                 end = self.tick(k, time)
-            mujoco.mj_step2(model, data)
+            engine.step2()
         if k % spill.ROWS == 0:
             spill.release()
         if self._end_step(k, data.ncon, data.efc_force):

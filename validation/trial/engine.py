@@ -1,0 +1,88 @@
+"""Engines: what turns state and torques into the next state and the forces of the floor.
+
+The body is always a compiled MuJoCo model, and MuJoCo's data hold state, torques, pushes, kinematics, sensors
+and contacts. An engine replaces the calls that step them; all that reads them is the same for every engine.
+"""
+
+from functools import partial
+from importlib.util import find_spec
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from ampm.exceptions import InputError
+from ampm.parameters import DrakeParameters, RunParameters
+
+
+class Engine(Protocol):
+    """Steps the data of a model."""
+
+    def step1(self) -> None:
+        """Kinematics, sensors and contacts of the state, as ``mj_step1``; the control tick acts after it."""
+        ...
+
+    def step2(self) -> None:
+        """From state, ``ctrl`` and ``xfrc_applied`` to the next state, as ``mj_step2``.
+
+        ``contact`` and ``efc_force`` then hold the forces of this step; kinematics stay as they were.
+        """
+        ...
+
+    def step(self) -> None:
+        """Both, as ``mj_step``."""
+        ...
+
+
+class MujocoEngine:
+    """MuJoCo's own calls."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self.step1 = partial(mujoco.mj_step1, model, data)
+        self.step2 = partial(mujoco.mj_step2, model, data)
+        self.step = partial(mujoco.mj_step, model, data)
+
+
+def drake_of(run: RunParameters) -> DrakeParameters | None:
+    """Drake's contact if Drake steps a run, None if MuJoCo does."""
+    return run.drake if run.simulation.engine == "drake" else None
+
+
+def check_drake(model: mujoco.MjModel | None = None) -> None:
+    """Refuse what Drake cannot step.
+
+    Args:
+        model: of the body, if it is known already.
+
+    Raises:
+        InputError: Drake is not installed, or a joint has dry friction, which Drake does not have.
+    """
+    if find_spec("pydrake") is None:
+        raise InputError(
+            "simulation.engine = drake needs Drake, which is not installed; run pip install -e '.[drake]' in "
+            "the checkout, or walk with --engine mujoco.",
+            key="simulation.engine",
+            value="drake",
+        )
+    if model is not None and model.dof_frictionloss.any():
+        joint = model.joint(int(model.dof_jntid[np.flatnonzero(model.dof_frictionloss)[0]])).name
+        raise InputError(
+            f"the joint {joint} has dry friction, which Drake does not have; walk this body with "
+            "--engine mujoco, or without friction in its description.",
+            key="simulation.engine",
+            value="drake",
+        )
+
+
+def make_engine(model: mujoco.MjModel, data: mujoco.MjData, drake: DrakeParameters | None = None) -> Engine:
+    """The engine that steps these data: Drake with this contact, or MuJoCo.
+
+    Raises:
+        InputError: as :func:`check_drake`.
+    """
+    if drake is None:
+        return MujocoEngine(model, data)
+    check_drake(model)
+    from validation.trial.drake import DrakeEngine  # imported here: an extra, and slow to load
+
+    return DrakeEngine(model, data, drake)
