@@ -60,6 +60,10 @@ def compare(
         list[str] | None,
         option("--controller", "Of both; given twice, of A and of B.", "NAME|MODULE:CLASS"),
     ] = None,
+    engine: Annotated[
+        list[str] | None,
+        option("--engine", "Of both; given twice, of A and of B.", "mujoco|drake"),
+    ] = None,
     quick: Annotated[bool, option("--quick", "Leave out the walks at half the time step.")] = False,
     uncertainty: Uncertainty = None,
     tolerance: Annotated[
@@ -91,7 +95,12 @@ def compare(
         raise InputError("--resume needs the folder of the comparison; give --out DIR.")
     if out is not None:
         check_folder(out, resume=resume)
-    choices = {"planner": planner or [], "body": body or [], "controller": controller or []}
+    choices = {
+        "planner": planner or [],
+        "body": body or [],
+        "controller": controller or [],
+        "engine": engine or [],
+    }
     sweeps = [text for text in (a, b) if text and _is_sweep(Path(text))]
     found: Result
     if sweeps:

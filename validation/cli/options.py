@@ -94,6 +94,9 @@ Controller = Annotated[
     str | None,
     option("--controller", "Short for controller.name: ampm, joint-pd, your own.", "NAME|MODULE:CLASS"),
 ]
+Engine = Annotated[
+    str | None, option("--engine", "Short for simulation.engine: mujoco, or drake.", "mujoco|drake")
+]
 OwnProfile = Annotated[
     str | None,
     option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P"),
@@ -117,6 +120,7 @@ _SHORT = {
     "planner": "gait.planner",
     "qp": "solver.qp",
     "controller": "controller.name",
+    "engine": "simulation.engine",
 }
 
 

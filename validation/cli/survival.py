@@ -12,6 +12,7 @@ from validation.cli.console import Narrator
 from validation.cli.options import (
     Body,
     Controller,
+    Engine,
     Gait,
     Json,
     OwnProfile,
@@ -40,6 +41,7 @@ def robustness(
     settings: Settings = None,
     body: Body = None,
     controller: Controller = None,
+    engine: Engine = None,
     quick: Annotated[bool, option("--quick", "Fewer kinds on a coarser grid.")] = False,
     only: Annotated[
         list[str] | None,
@@ -68,7 +70,7 @@ def robustness(
 
     found = study(
         gait,
-        with_short(settings, body=body, controller=controller),
+        with_short(settings, body=body, controller=controller, engine=engine),
         quick=quick,
         only=only or (),
         replicas=replicas,
@@ -90,6 +92,7 @@ def tour(
     settings: Settings = None,
     body: Body = None,
     controller: Controller = None,
+    engine: Engine = None,
     punches: Annotated[
         float, option("--punches", "Share of the protocol's force: 0 for none, 1 for up to 500 N.", "SHARE")
     ] = 1.0,
@@ -112,7 +115,7 @@ def tour(
 
     found = study(
         gait,
-        with_short(settings, body=body, controller=controller),
+        with_short(settings, body=body, controller=controller, engine=engine),
         share=punches,
         seeds=seeds,
         count=targets,

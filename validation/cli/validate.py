@@ -16,6 +16,7 @@ from validation.cli.options import (
     AsIs,
     Body,
     Controller,
+    Engine,
     Footsteps,
     Force,
     Gaits,
@@ -64,6 +65,7 @@ def validate(
     as_json: Json = False,
     uncertainty: Uncertainty = None,
     controller: Controller = None,
+    engine: Engine = None,
     planner: PlannerName = None,
     footsteps: Footsteps = None,
     push: Annotated[
@@ -93,7 +95,9 @@ def validate(
     from validation.trial.disturbances import parse_push
     from validation.trial.plan import complete, load_requests
 
-    extra = with_short(settings, body=body, steps=steps, planner=planner, qp=qp, controller=controller)
+    extra = with_short(
+        settings, body=body, steps=steps, planner=planner, qp=qp, controller=controller, engine=engine
+    )
     requests = load_requests(gaits or [None], extra, as_is=as_is, sections=with_footsteps(footsteps, steps))
     judges = [
         profiles.own_profile(gait, footsteps=bool(request.run.footsteps))

@@ -132,6 +132,7 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
             "of the plan": f"{log['from']:.4g} to {log['until']:.4g} s",
             "rows": f"{log['rows']} at {log['rate']:.4g} Hz",
         }
+    drake = saved.parameters.simulation.engine == "drake"
     unsolved = f"{int((record.qp_status == 2).sum())} of {len(record.qp_status)}"
     planned = "" if plan is None else f" of {plan.contacts.steps}"
     straight = not saved.parameters.footsteps  # over footsteps the way may turn
@@ -141,6 +142,7 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
         "distance": f"{_distance(saved, 'measured'):.3g} m" if straight else "",
         "mass": f"{record.mass:.3g} kg",
         "body": f"{HUMAN}, {body.height:.3g} m" if body.source == HUMAN else Path(body.source).stem,
+        "engine": f"Drake {summary['environment']['versions']['drake']}" if drake else "",
         # A controller of one's own may have no QP.
         "unsolved QPs": "no QP" if summary["solver"]["unsolved"] is None else unsolved,
     }

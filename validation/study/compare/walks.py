@@ -24,7 +24,12 @@ from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, load_request, plan_walk
 from validation.trial.users import UsersError
 
-CHOICES = {"planner": "gait.planner", "body": "body.source", "controller": "controller.name"}
+CHOICES = {
+    "planner": "gait.planner",
+    "body": "body.source",
+    "controller": "controller.name",
+    "engine": "simulation.engine",
+}
 """Options of which one may be given twice, and their keys."""
 _HALF = "-half-step"
 
@@ -75,8 +80,8 @@ def compare_pair(
         )
     if len(walked) == 2 and walked[0].run == walked[1].run:
         raise InputError(
-            f"A and B are the same walk of {walked[0].name}; give another gait as B, or --planner, --body or "
-            "--controller twice."
+            f"A and B are the same walk of {walked[0].name}; give another gait as B, or --planner, --body, "
+            "--controller or --engine twice."
         )
     labels = [item.name if isinstance(item, Request) else item.resolve().name for item in sources]
     if twice:

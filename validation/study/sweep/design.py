@@ -35,6 +35,7 @@ Value = float | int | str
 MOST_CASES = 1_000_000
 """Runs of one sweep at most, and points of a sampled block: 8 MB for every key."""
 STEPS_KEY, CONTROLLER_KEY, PLANNER_KEY = "gait.steps", "controller.name", "gait.planner"
+ENGINE_KEY = "simulation.engine"
 BODY_KEY = "body.source"
 
 _TABLES = ("sweep", "set", "vary", "base")
@@ -349,6 +350,10 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
         )
     for controller in sorted(definition.names(CONTROLLER_KEY) - CONTROLLERS.keys()):
         find_controller(controller)
+    if "drake" in definition.names(ENGINE_KEY):
+        from validation.trial.engine import check_drake  # loads the simulator
+
+        check_drake()
     for planner in sorted(definition.names(PLANNER_KEY) - STEP_PLANNERS.keys()):
         check_planner(planner)
     if definition.push:
