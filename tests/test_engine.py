@@ -1,0 +1,231 @@
+"""The same trial in Drake: one body, one record, one replay; contact and solver are Drake's own."""
+
+import json
+from importlib import util
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from ampm.exceptions import InputError
+from ampm.parameters import DrakeParameters
+from ampm.run_file import load_run
+from tests.solved import body_of, simulated
+from tests.test_bodies import run_of
+from validation import environment
+from validation.run.replay import step_again
+from validation.store.saved import load_saved_run
+from validation.study.sweep.design import parse_sweep
+from validation.trial import engine as engines
+from validation.trial.engine import MujocoEngine, make_engine
+from validation.trial.outcome import OutcomeName
+from validation.trial.plan import make_body
+
+DRAKE = "simulation.engine=drake"
+SWEEP = """
+[sweep]
+gait = "normal"
+[[vary]]
+method = "grid"
+simulation.engine = ["mujoco", "drake"]
+"""
+BIPED = Path(__file__).parents[1] / "docs" / "examples" / "biped.toml"
+
+
+@pytest.fixture
+def drake():
+    """Drake's default contact; skips the test where Drake is not installed."""
+    pytest.importorskip("pydrake")
+    return DrakeParameters()
+
+
+def in_the_air(model):
+    """A model whose sole points touch nothing."""
+    model.geom_contype[:] = 0
+    return model
+
+
+# ------------------------------------------------------------------------------------------------- one body
+
+
+@pytest.mark.parametrize("name", ["human", "suite-humanoid", "cmu", "g1"])
+def test_a_random_step_is_the_same_in_both_engines(drake, name):
+    """Masses, axes, armatures, springs and dampers; COM and angular momentum."""
+    model = in_the_air(make_body(run_of(name)).model.compile())
+    both = [mujoco.MjData(model), mujoco.MjData(model)]
+    rng = np.random.default_rng(0)
+    pair = make_engine(model, both[0]), make_engine(model, both[1], drake)
+    low, high = np.where(model.jnt_limited[1:, None], model.jnt_range[1:], [-1.0, 1.0]).T
+    for _ in range(5):
+        root = rng.normal(size=7)
+        root[3:] /= np.linalg.norm(root[3:])
+        hinges = low + (high - low) * rng.uniform(0.2, 0.8, model.nu)
+        rates, torque = 0.3 * rng.normal(size=model.nv), rng.normal(size=model.nu)
+        push = rng.normal(size=(model.nbody - 1, 6))
+        for data, stepper in zip(both, pair, strict=True):
+            data.qpos[:], data.qvel[:], data.ctrl[:] = [*root, *hinges], rates, torque
+            data.xfrc_applied[1:] = push
+            stepper.step()
+        np.testing.assert_allclose(both[1].sensordata, both[0].sensordata, rtol=0.0, atol=1e-9)
+        change = np.abs(both[0].qvel - rates).max()
+        np.testing.assert_allclose(both[1].qvel, both[0].qvel, rtol=0.0, atol=1e-9 * max(1.0, change))
+        np.testing.assert_allclose(both[1].qpos, both[0].qpos, rtol=0.0, atol=1e-9 * max(1.0, change))
+
+
+@pytest.mark.parametrize("settings", [(), ("disturbance.joint_damping=0.2",)], ids=["human", "damped"])
+def test_recorded_forces_and_torques_give_mujocos_step_in_drake(drake, settings):
+    """So contact law and solver are the only difference. Dampers are implicit in both engines."""
+    record = simulated(*settings)
+    model = body_of().compile()
+    if settings:
+        model.dof_damping[6:] = 0.2
+    model, data = in_the_air(model), mujoco.MjData(model)
+    stepper = make_engine(model, data, drake)
+    segments = [int(model.geom(name).bodyid[0]) for name in record.point_sites]
+    worst = []
+    for k in range(0, record.steps, 7):
+        data.qpos[:], data.qvel[:], data.ctrl[:] = record.q[k], record.qd[k], record.torque[k]
+        stepper.step1()
+        data.xfrc_applied[:] = 0.0
+        for segment, force, place in zip(
+            segments, record.point_force[k], record.point_position[k], strict=True
+        ):
+            moment = np.cross(place - data.xipos[segment], force)
+            data.xfrc_applied[segment] += [*force, *moment]
+        stepper.step2()
+        worst.append(np.abs(data.qvel - record.qd[k + 1]).max())
+    assert len(worst) > 60
+    assert np.median(worst) < 1e-10
+    assert max(worst) < 1e-4  # where MuJoCo's solver stopped early
+
+
+# ------------------------------------------------------------------------------------------------- walks
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "drake"])
+@pytest.mark.parametrize("body", ["human", str(BIPED)], ids=["human", "biped"])
+def test_two_bodies_pass_in_both_engines(request, ampm, tmp_path, body, engine):
+    if engine == "drake":
+        request.getfixturevalue("drake")
+    out = tmp_path / "run"
+    words = (
+        "--engine",
+        engine,
+        "--steps",
+        "3",
+        "--set",
+        "simulation.time_step=0.002",
+        "--out",
+        out,
+        "--json",
+    )
+    answer = ampm("validate", *(["normal"] if body == "human" else ["--body", body]), *words)
+    assert answer.status == 0, answer.err
+    metrics, versions = answer.json["metrics"], answer.json["environment"]["versions"]
+    assert metrics["standing_weight_error"]["value"] < 1e-6  # standing, weighed in the same engine
+    if engine == "drake":
+        assert metrics["equations_defect_maximum"]["value"] < 1e-9  # forces and motion fit to rounding
+        assert versions["drake"].startswith("1.51")
+        assert load_saved_run(out).parameters.drake == DrakeParameters()
+        assert f"Drake {versions['drake']}" in (out / "report.html").read_text(encoding="utf-8")
+    answer = ampm("replay", out)
+    assert "identical" in answer.out
+
+
+def test_the_body_walks_over_a_place_that_is_higher(drake):
+    settings = ("disturbance.step_height=0.004", "disturbance.step_number=3")
+    record = simulated(DRAKE, *settings, steps=3)
+    assert record.outcome.completed, record.outcome.cause
+    loaded = record.point_force[..., 2] > 1.0
+    heights = record.point_position[..., 2][loaded]
+    np.testing.assert_allclose(np.unique(heights.round(6)), [0.0, 0.004])
+    assert record.point_force[..., 2].min() >= 0.0
+    impulse = record.point_force[..., 2].sum() * record.time_step
+    assert impulse == pytest.approx(record.mass * record.gravity * record.time[-1], rel=0.01)
+
+
+def test_a_fall_is_the_same_and_replays(drake):
+    """Pushed hard, the body falls at about the same time in both engines."""
+    push = ("disturbance.push_y=150", "disturbance.push_at=0.2", "disturbance.push_duration=0.2")
+    records = [simulated(*push), simulated(DRAKE, *push)]
+    assert [record.outcome.name for record in records] == [OutcomeName.FELL] * 2
+    assert records[1].outcome.time == pytest.approx(records[0].outcome.time, abs=0.05)
+    assert step_again(body_of().compile(), records[1], drake=drake).identical
+    assert not step_again(body_of().compile(), records[1]).identical
+
+
+def test_a_step_that_drake_cannot_make_ends_the_walk(drake):
+    model = body_of().compile()
+    data = mujoco.MjData(model)
+    stepper = make_engine(model, data, drake)
+    data.ctrl[:] = 1e300
+    stepper.step()
+    assert data.warning.number[mujoco.mjtWarning.mjWARN_BADQACC] == 1
+    np.testing.assert_array_equal(data.qpos, model.qpos0)
+
+
+def test_compare_walks_one_gait_in_both_engines(drake, ampm):
+    words = (
+        "--engine mujoco --engine drake --set simulation.time_step=0.002 --steps 2 --quick --workers 0 --json"
+    )
+    answer = ampm("compare", "normal", *words.split())
+    assert answer.status == 0, answer.err
+    assert answer.json["parameters"] == {"simulation.engine": ["mujoco", "drake"]}
+    assert [answer.json[side]["label"] for side in "ab"] == ["normal, engine mujoco", "normal, engine drake"]
+    errors = answer.json["quantities"]["zmp_x_rmse"]
+    assert 0.0 < abs(errors["a"] - errors["b"]) < 1e-3
+
+
+def test_a_sweep_varies_the_engine(drake):
+    sweep = parse_sweep(SWEEP)
+    assert [sweep.parameters(run).simulation.engine for run in range(len(sweep))] == ["mujoco", "drake"]
+
+
+# ---------------------------------------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "contact.time_constant=0.02",
+        "contact.impedance_min=0.9",
+        "contact.impratio=1",
+        "simulation.integrator=implicitfast",
+        "disturbance.softness_factor=2",
+    ],
+)
+def test_what_only_mujoco_has_is_refused(setting):
+    key, _, value = setting.partition("=")
+    with pytest.raises(InputError, match=rf"{key} = {value}.* is of MuJoCo alone.*--engine mujoco") as error:
+        load_run("normal", [DRAKE, setting])
+    assert error.value.details["key"] == key
+    assert load_run("normal", [DRAKE, "contact.friction=0.7"]).contact.friction == 0.7
+
+
+def test_without_drake_the_message_has_the_pip_line(monkeypatch, ampm):
+    monkeypatch.setattr(
+        engines, "find_spec", lambda name: None if name == "pydrake" else util.find_spec(name)
+    )
+    answer = ampm("validate", "normal", "--engine", "drake", "--json")
+    assert answer.status == 2
+    assert "pip install -e '.[drake]'" in json.loads(answer.out)["error"]["message"]
+    with pytest.raises(InputError, match="not installed"):
+        parse_sweep(SWEEP)
+    model = body_of().compile()
+    with pytest.raises(InputError, match="not installed"):
+        make_engine(model, mujoco.MjData(model), DrakeParameters())
+    assert isinstance(make_engine(model, mujoco.MjData(model)), MujocoEngine)
+
+
+def test_an_environment_is_mujocos():
+    with pytest.raises(InputError, match=r"leave out simulation\.engine"):
+        environment.load("normal", simulation={"engine": "drake"})
+
+
+def test_dry_friction_is_refused(drake):
+    model = body_of().compile()
+    model.dof_frictionloss[8] = 0.1
+    name = model.joint(int(model.dof_jntid[8])).name
+    with pytest.raises(InputError, match=f"{name} has dry friction.*--engine mujoco"):
+        make_engine(model, mujoco.MjData(model), drake)
