@@ -1,0 +1,79 @@
+"""Walk the gaits of docs/engines.md in both engines; rewrite its table and data/engines.csv.
+
+    python docs/engines.py
+
+Rows that the file has are kept, so that a study that was stopped goes on: remove the file to walk all again.
+Half an hour on an idle core, most of it Drake's walks at 0.5 ms. G1 needs the extra `robots`.
+"""
+
+import csv
+import sys
+from itertools import product
+from pathlib import Path
+
+from trials import AGREEMENT, DATA, agreement, ending, write_rows
+
+import validation as val
+from ampm.presets import preset_names
+from validation.judge.profiles import own_profile
+from validation.show.text import replace_between
+from validation.table import Table
+from validation.trial.plan import load_request
+
+PAGE = Path(__file__).with_suffix(".md")
+FILE = DATA / "engines.csv"
+STEPS = 30
+TIME_STEPS = (0.002, 0.0005)
+ENGINES = {"mujoco": "MuJoCo", "drake": "Drake"}
+FIRST = ("normal", "momentum", "flat")
+GAITS = (*FIRST, *(name for name in preset_names() if name not in FIRST), "g1", "suite-humanoid")
+KEYS = ("gait", "time step [s]", "engine")
+COLUMNS = (*KEYS, "verdict", *AGREEMENT, "reason")
+
+Row = dict[str, str]
+
+
+def main() -> None:
+    """Walk what the file lacks, and rewrite the page's table."""
+    rows: dict[tuple[str, ...], Row] = {}
+    if FILE.exists():
+        with FILE.open(encoding="utf-8", newline="") as file:
+            rows = {tuple(row[key] for key in KEYS): row for row in csv.DictReader(file)}
+    for time_step, gait, engine in product(TIME_STEPS, GAITS, ENGINES):
+        key = (gait, str(time_step), engine)
+        if key not in rows:
+            rows[key] = dict(zip(COLUMNS, (*key, *_walked(gait, time_step, engine)), strict=True))
+            print(*rows[key].values(), sep=" | ", file=sys.stderr, flush=True)  # noqa: T201
+            write_rows("engines", [COLUMNS, *(tuple(row.values()) for row in rows.values())])
+    page = PAGE.read_text(encoding="utf-8")
+    PAGE.write_text(replace_between(page, "engines", _table(rows).markdown()), encoding="utf-8")
+
+
+def _walked(gait: str, time_step: float, engine: str) -> tuple[str, ...]:
+    """Verdict, agreement and what failed, judged by the gait's own profile."""
+    preset = gait in preset_names()
+    settings = [f"simulation.time_step={time_step}", f"simulation.engine={engine}", f"gait.steps={STEPS}"]
+    settings += [] if preset else [f"body.source={gait}"]
+    request = load_request(gait if preset else None, settings)
+    trial = val.walk(request.run, profile=own_profile(gait), name=gait)
+    reason = "" if trial.verdict.passed else trial.verdict.reason
+    return ending(trial.summary), *agreement(trial.summary["metrics"]), reason
+
+
+def _table(rows: dict[tuple[str, ...], Row]) -> Table:
+    """ZMP of every gait, by time step and engine."""
+    heads = ["gait"]
+    heads += [f"{1e3 * step:g} ms, {name}" for step, name in product(TIME_STEPS, ENGINES.values())]
+
+    def cell(row: Row) -> str:
+        return row[AGREEMENT[0]] + ("" if row["verdict"] == "pass" else f", {row['verdict']}")
+
+    body = [
+        (gait, *(cell(rows[gait, str(step), engine]) for step, engine in product(TIME_STEPS, ENGINES)))
+        for gait in GAITS
+    ]
+    return Table("", heads, body)
+
+
+if __name__ == "__main__":
+    main()
