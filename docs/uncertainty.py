@@ -1,7 +1,8 @@
 """Study the gaits of docs/uncertainty.md again; rewrite its table, its picture and data/uncertainty.csv.
 
-    python docs/uncertainty.py
-Each study is one ``ampm convergence GAIT``, half a minute on two idle cores.
+    python docs/uncertainty.py [contact]
+Each study is one ``ampm convergence GAIT``, half a minute on two idle cores. With ``contact`` only the table
+of contact laws is written.
 """
 
 import csv
@@ -10,8 +11,10 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from ampm.presets import PRESETS
 from validation.judge.metrics import metric_label
 from validation.show.text import replace_between
+from validation.study.convergence.levels import STUDIES
 from validation.study.convergence.picture import draw
 from validation.study.convergence.result import Convergence
 from validation.study.convergence.study import convergence
@@ -21,6 +24,18 @@ PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "convergence.svg"
 DATA = PAGE.parent / "data" / "uncertainty.csv"
 GAITS = ("normal", "momentum")
+LAWS = (
+    "gait",
+    ">ZMP x, RMSE: own [mm]",
+    ">largest",
+    ">ZMP y, RMSE: own [mm]",
+    ">largest",
+    ">ZMP x, largest error: own [mm]",
+    ">largest",
+    "by",
+    "undecided",
+)
+"""Columns of the table of contact laws."""
 SHOWN = (
     "zmp_x_rmse",
     "zmp_y_rmse",
@@ -35,7 +50,12 @@ INTEGRALS = ("energy_positive_work", "energy_cost_of_transport", "effort_zmp_x")
 
 
 def main() -> None:
-    """Study every gait, and write its tables."""
+    """Study every gait, and write the tables."""
+    laws = Table("", LAWS, [_laws(gait) for gait in PRESETS if gait != "roll-1.0"])  # that is normal
+    page = replace_between(PAGE.read_text(encoding="utf-8"), "contact laws", laws.markdown())
+    PAGE.write_text(page, encoding="utf-8")
+    if "contact" in sys.argv[1:]:
+        return
     studies = [convergence(gait) for gait in GAITS]
     for gait, found in zip(GAITS, studies, strict=True):
         print(gait, found.verdict.name, found.verdict.reason, file=sys.stderr, flush=True)  # noqa: T201
@@ -47,6 +67,26 @@ def main() -> None:
         csv.writer(file).writerows(
             [("gait", "study", "metric", "unit", "levels", "values", "orders", "u"), *rows]
         )
+
+
+def _laws(gait: str) -> tuple[str, ...]:
+    """Row of a gait: least and largest value over all contact laws, and what that leaves of the verdict."""
+    names = [study.name for study in STUDIES if not study.numerical]
+    found = convergence(gait, only=names)
+    values: list[str] = []
+    for name in ("zmp_x_rmse", "zmp_y_rmse", "zmp_x_maximum"):
+        item, levels = found.metrics[name], found.studied[name].levels
+        by_law = [(value * item.factor, study) for study in levels for value in levels[study]]
+        worst = max(by_law, key=lambda pair: math.inf if math.isnan(pair[0]) else pair[0])
+        values += [f"{item.value * item.factor:.2g}", "fell" if math.isnan(worst[0]) else f"{worst[0]:.2g}"]
+    undecided = [
+        metric_label(item.name)
+        for item in found.metrics.values()
+        if item.tolerance is not None
+        and item.spread is not None
+        and abs(item.tolerance - item.value) < item.spread
+    ]
+    return (f"`{gait}`", *values, worst[1].replace("_", " "), "; ".join(undecided) or "none")
 
 
 def _table(studies: Sequence[Convergence]) -> Table:

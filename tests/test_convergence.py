@@ -2,6 +2,7 @@
 
 import json
 import math
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from validation.study.convergence.order import NO_RANGE
 from validation.study.row_file import ROWS
 from validation.trial.plan import load_request
 
+DRAKE = find_spec("pydrake") is not None
 COARSE = ["simulation.time_step=0.002"]
 """The finest of four levels is then not too slow."""
 
@@ -39,7 +41,7 @@ def test_what_is_studied():
     stiffness = found["contact_stiffness"]
     assert stiffness.values[stiffness.own] == 0.015
     assert (0.015 / np.array(stiffness.values)) ** 2 == pytest.approx([0.5, 1.0, 2.0])
-    assert [study.numerical for study in found.values()] == [True] * 3 + [False] * 4
+    assert [study.numerical for study in found.values()] == [True] * 3 + [False] * (4 + DRAKE)
     fine = studies(load_run("normal", ["simulation.time_step=0.001"]), ["time_step"], levels=5)
     assert fine[0].values == (0.001, 0.0005, 0.00025, 0.000125, 0.0000625)
     exact = studies(load_run("normal", [*COARSE, "solver.qp=daqp"]))  # has no tolerance
@@ -52,7 +54,7 @@ def test_one_thing_changes_at_a_time_and_all_share_the_own_walk():
     run = load_run("normal")
     found = studies(run)
     runs = runs_of(run, found)
-    assert len(runs) == 1 + 3 * 3 + 4 * 2
+    assert len(runs) == 1 + 3 * 3 + 4 * 2 + DRAKE
     for study in found:
         assert study.tasks[study.own] == OWN
         for value, task in zip(study.values, study.tasks, strict=True):

@@ -10,6 +10,7 @@ from validation.judge.metrics import evaluate
 from validation.run.walk import walk_planned
 from validation.store.identity import parameter_values
 from validation.study.row_file import Row
+from validation.trial.engine import check_drake, drake_of
 from validation.trial.plan import Request, plan_walk
 
 LEVELS = 4
@@ -30,6 +31,7 @@ class Study:
         title: as text.
         ratio: of neighbouring levels of a numerical study, 0 of a parameter of the model.
         factors: on the own value, of a parameter of the model, the own one among them.
+        alternatives: values beside the own one, of a parameter that is no number.
         values: of the key. Those of a numerical study fall from the own value.
         own: index of the gait's own value.
     """
@@ -40,7 +42,8 @@ class Study:
     title: str
     ratio: float = 0.0
     factors: tuple[float, ...] = ()
-    values: tuple[float, ...] = ()
+    alternatives: tuple[str, ...] = ()
+    values: tuple[Any, ...] = ()
     own: int = 0
 
     @property
@@ -51,6 +54,8 @@ class Study:
     @property
     def shown(self) -> tuple[str, ...]:
         """The values as texts, with their unit."""
+        if self.alternatives:
+            return self.values
         factor, unit = _SHOWN.get(self.unit, (1.0, ""))
         return tuple(f"{factor * value:.4g}{unit}" for value in self.values)
 
@@ -71,13 +76,19 @@ class Study:
         if self.numerical:  # rounded, so that a tenth of 5e-5 is written as 5e-6
             finer = (float(f"{own / self.ratio**level:.15g}") for level in range(1, levels))
             return replace(self, values=(own, *finer))
-        values = tuple(own * factor for factor in self.factors if _is_allowed(run, self.key, own * factor))
+        if self.alternatives:
+            wanted: tuple[Any, ...] = (own, *(name for name in self.alternatives if name != own))
+        else:
+            wanted = tuple(own * factor for factor in self.factors)
+        values = tuple(value for value in wanted if _is_allowed(run, self.key, value))
         return replace(self, values=values, own=values.index(own))
 
 
-def _is_allowed(run: RunParameters, key: str, value: float) -> bool:
+def _is_allowed(run: RunParameters, key: str, value: Any) -> bool:
+    """Whether the model can have a value, and its engine is installed."""
     try:
-        run.replace({key: value})
+        if drake_of(run.replace({key: value})) is not None:
+            check_drake()
     except InputError:
         return False
     return True
@@ -117,9 +128,10 @@ STUDIES = (
         "contact that is half and 1.5 times as hard at first touch",
         factors=(0.5, 1.0, 1.5),
     ),
+    Study("engine", "simulation.engine", "1", "engine of the physics", alternatives=("mujoco", "drake")),
 )
-"""All studies, without values. Contact parameters belong to the model: their values approach no limit, so
-they give a spread, and no convergence."""
+"""All studies, without values. Contact parameters and engine belong to the model: their values approach no
+limit, so they give a spread, and no convergence. Without Drake the study of the engine is left out."""
 
 
 def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVELS) -> list[Study]:
