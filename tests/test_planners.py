@@ -1,6 +1,6 @@
 """Planners and postures: the periodic one, and one of a user's own, walked."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pinocchio as pin
@@ -75,3 +75,15 @@ def test_a_sweep_over_planners_plans_every_gait_with_each():
     zmp = [plan.sample(times).zmp[:, 0] for plan in plans]
     for one, other in ((0, 1), (0, 2), (1, 2)):
         assert np.abs(zmp[one] - zmp[other]).max() > 1e-3
+
+
+def test_a_planner_that_leaves_out_the_footsteps_is_refused():
+    request = load_request("flat", ["gait.steps=4"])
+    sideways = [
+        dict(foot=foot, x=0.3 * i, y=y) for i, (foot, y) in enumerate([("left", 0.3), ("right", 0.1)] * 3)
+    ]
+    request = replace(request, run=request.run.replace({}, footsteps=sideways))
+    with pytest.raises(
+        InputError, match=r"UprightWalk does not step on footstep 1 .* leave them out"
+    ):
+        plan_walk(request, planner=UprightWalk())

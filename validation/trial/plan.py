@@ -55,6 +55,8 @@ class Request:
         return gait_title(self.name, self.changed)
 
 
+FOOTSTEP_TOLERANCE = 1e-3
+"""Distance up to which a planner steps on a footstep [m]."""
 _SHOWN = ("gait.steps", "gait.planner")
 """Keys that a run's title names by themselves."""
 
@@ -339,7 +341,21 @@ def plan_walk(
                 raise TypeError(f"it made a {type(plan).__name__}, not a WalkPlan")
             if not built_in:
                 _check_posture(plan, body.robot)
+    if run.footsteps and not built_in:
+        _check_footsteps(plan, run, name)
     return PlannedWalk(request, plan, body, name)
+
+
+def _check_footsteps(plan: WalkPlan, run: RunParameters, planner: str) -> None:
+    """Refuse a plan that does not step on the footsteps of its run."""
+    planned = np.array([step.position[:2] for step in plan.contacts.footsteps])
+    for number, wanted in enumerate(run.footsteps, 1):
+        away = float(np.hypot(*(planned - (wanted.x, wanted.y)).T).min(initial=np.inf))
+        if away > FOOTSTEP_TOLERANCE:
+            raise InputError(
+                f"the planner {planner} does not step on footstep {number} at ({wanted.x:g}, {wanted.y:g}) m, "
+                f"its nearest step is {away:.3g} m off; plan run.footsteps in it, or leave them out."
+            )
 
 
 def _check_posture(plan: WalkPlan, robot: Robot) -> None:
