@@ -65,7 +65,7 @@ def test_the_signals_of_a_run_give_its_metrics(folder, summary, suffix, tmp_path
         assert trial.summary[section] == {
             name: pytest.approx(values, rel=1e-9) for name, values in summary[section].items()
         }
-    for name in ("friction", "friction_net", "slip", "penetration", "plan_polygon", "measured_polygon"):
+    for name in ("friction", "friction_net", "penetration", "plan_polygon", "measured_polygon"):
         assert trial.summary["margins"][name] == summary["margins"][name], name
     for name in ("torque", "knee", "clearance", "sliding_time"):
         assert trial.summary["margins"][name]["value"] is None, name

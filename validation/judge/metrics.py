@@ -477,10 +477,16 @@ _SHORTFALL = Metric(
 )  # fmt: skip
 
 
+def _longest_slip(walk: Comparison) -> float | None:
+    """Largest slip in the window [m]; None where none was measured, as in a log without it."""
+    slip = walk.measured.slip
+    return None if np.isnan(slip).all() else _largest(slip[walk.inside])
+
+
 _SLIP = Metric(
     "slip_maximum", "m",
     "longest way that the loaded points of a foot slid over the floor in one stance, weighted by their force",
-    "walk", lambda walk: _largest(walk.measured.slip[walk.inside]),
+    "walk", _longest_slip,
     {name: share_of_default(limit, FOOT_LENGTH) for name, limit in (("strict", 10e-3), ("default", 15e-3))},
     tolerance_unit=FOOT_LENGTH,
     label="longest slip of a stance foot",
