@@ -79,11 +79,8 @@ def test_a_sweep_over_planners_plans_every_gait_with_each():
 
 def test_a_planner_that_leaves_out_the_footsteps_is_refused():
     request = load_request("flat", ["gait.steps=4"])
-    sideways = [
-        dict(foot=foot, x=0.3 * i, y=y) for i, (foot, y) in enumerate([("left", 0.3), ("right", 0.1)] * 3)
-    ]
+    sides = [("left", 0.3), ("right", 0.1)] * 3
+    sideways = [{"foot": foot, "x": 0.3 * i, "y": y} for i, (foot, y) in enumerate(sides)]
     request = replace(request, run=request.run.replace({}, footsteps=sideways))
-    with pytest.raises(
-        InputError, match=r"UprightWalk does not step on footstep 1 .* leave them out"
-    ):
+    with pytest.raises(InputError, match=r"UprightWalk does not step on footstep 1 .* leave them out"):
         plan_walk(request, planner=UprightWalk())

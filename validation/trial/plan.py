@@ -353,8 +353,8 @@ def _check_footsteps(plan: WalkPlan, run: RunParameters, planner: str) -> None:
         away = float(np.hypot(*(planned - (wanted.x, wanted.y)).T).min(initial=np.inf))
         if away > FOOTSTEP_TOLERANCE:
             raise InputError(
-                f"the planner {planner} does not step on footstep {number} at ({wanted.x:g}, {wanted.y:g}) m, "
-                f"its nearest step is {away:.3g} m off; plan run.footsteps in it, or leave them out."
+                f"planner {planner} does not step on footstep {number} at ({wanted.x:g}, {wanted.y:g}) m; "
+                f"its nearest step is {away:.3g} m off. Plan run.footsteps in it, or leave them out."
             )
 
 
