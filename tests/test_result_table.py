@@ -122,7 +122,7 @@ def test_metrics_of_a_run():
     assert table.rows == [
         ("ZMP, RMS error along x", "0.586 ± 0.083", "2.5", "mm", "23 %", "pass"),
         ("ground force, RMS error along x", "0.9 ± ≥ inf", "0.8", "% BW", "112 %", "undecided"),
-        ("ZMP, RMS error along y", "–", "1.5", "mm", "", "not judged"),
+        ("ZMP, RMS error along y", "–", "1.5", "mm", "", "not measured"),
         ("Checks of the measurement", "", "", "", "", ""),
         ("unsolved QPs", "3", "0", "", "", "FAIL"),
     ]
@@ -162,7 +162,7 @@ def test_terminal_and_recording_show_the_tables(capsys):
     assert shown == [list(row) for table in tables for row in table.rows]
     assert "normal: FAIL  One is not met." in out
     record = SimpleNamespace(outcome=SimpleNamespace(name="completed"), time_step=5e-4)
-    saved: Any = SimpleNamespace(summary=said, table=lambda: tables[0], record=record)
+    saved: Any = SimpleNamespace(summary=said, table=lambda: tables[0], record=record, is_log=False)
     text = verdict_markdown(saved)
     assert "| unsolved QPs | 3 | 0 |  |  | FAIL |" in text
     assert "| ground force, RMS error along x | 0.9 ± >= inf | 0.8 | % BW | 112 % | undecided |" in text
