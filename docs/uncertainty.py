@@ -18,7 +18,7 @@ from validation.study.convergence.levels import STUDIES
 from validation.study.convergence.picture import draw
 from validation.study.convergence.result import Convergence
 from validation.study.convergence.study import convergence
-from validation.table import Table, short_unit
+from validation.table import Table, format_number, short_unit
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "convergence.svg"
@@ -78,7 +78,10 @@ def _laws(gait: str) -> tuple[str, ...]:
         item, levels = found.metrics[name], found.studied[name].levels
         by_law = [(value * item.factor, study) for study in levels for value in levels[study]]
         worst = max(by_law, key=lambda pair: math.inf if math.isnan(pair[0]) else pair[0])
-        values += [f"{item.value * item.factor:.2g}", "fell" if math.isnan(worst[0]) else f"{worst[0]:.2g}"]
+        values += [
+            format_number(item.value * item.factor, 2),
+            "fell" if math.isnan(worst[0]) else format_number(worst[0], 2),
+        ]
     undecided = [
         metric_label(item.name)
         for item in found.metrics.values()
