@@ -13,7 +13,7 @@ Columns, one row per instant, SI units, world frame (x forward, y left):
                                 equal steps, to a row, at equal times
 ``com_z``                       optional: height of the COM, the same in all rows; that of the gait by default
 ``com_acceleration_x ..._y``    optional: by default the force passes through the COM, ``(g/H)(com - zmp)``
-``angular_momentum_x ..._y``    optional: about the COM, read in the first row of steps that do not repeat
+``angular_momentum_x ..._y``    optional: about the COM; if the steps do not repeat, only the first row counts
 ==============================  ===========================================================================
 
 Other columns are not read. The feet are placed on the footsteps; how they swing and roll is the gait's.

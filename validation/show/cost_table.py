@@ -66,10 +66,11 @@ def _hints(summary: Mapping[str, Any]) -> dict[str, str]:
                 "More than the error is normal: the command shifts the ZMP to bring COM and momentum back."
             )
     planned, loaded = margins["plan_polygon"]["value"], margins["plan_in_measured_polygon"]["value"]
-    if None not in (planned, loaded) and 0.0 <= planned < 0.01:
+    if None not in (planned, loaded) and -1e-6 <= planned < 0.01:
+        inside = f"stays {_millimetres(loaded)} or more inside" if loaded >= 0.0 else "leaves"
         found["margin_plan_polygon"] = (
             "The worst instant: a rolling foot lifts its heel as the ZMP passes the ball, which is then the "
-            f"edge; inside the points that carried force the planned ZMP has {_millimetres(loaded)} at least."
+            f"edge. The planned ZMP {inside} the sole points that carry force."
         )
     friction, net = margins["friction"]["value"], margins["friction_net"]["value"]
     if None not in (friction, net) and friction > 0.5 * (margins["friction_available"] or math.inf):
