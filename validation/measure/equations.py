@@ -95,28 +95,25 @@ def defects(
         model = pin.Model(model)
         model.armature = model.armature + time_step * passive.damping
     data = model.createData()
-    joints = [model.frames[model.getFrameId(name)].parentJoint for name in segments]
+    joints = np.array([model.frames[model.getFrameId(name)].parentJoint for name in segments])
+    loaded = np.unique(joints).tolist()
+    about_origin = steps.moment + np.cross(steps.position, steps.force)
+    force = {joint: steps.force[:, joints == joint].sum(axis=1) for joint in loaded}
+    moment = {joint: about_origin[:, joints == joint].sum(axis=1) for joint in loaded}
+    forces = pin.StdVec_Force()
+    forces.extend([pin.Force.Zero()] * model.njoints)
+    # MuJoCo's velocity of the root is in world, and Pinocchio's acceleration is spatial.
+    spatial = time_step * np.cross(steps.v[:, 3:6], steps.v[:, :3])
     result = np.empty(steps.v.shape)
-    for row, (q, v, change, torque) in enumerate(
-        zip(steps.q, steps.v, steps.change, steps.torque, strict=True)
-    ):
+    for row, (q, v, torque) in enumerate(zip(steps.q, steps.v, steps.torque, strict=True)):
         pin.forwardKinematics(model, data, q)
-        forces = pin.StdVec_Force()
-        forces.extend([pin.Force.Zero()] * model.njoints)
-        for joint, force, moment, place in zip(
-            joints, steps.force[row], steps.moment[row], steps.position[row], strict=True
-        ):
-            if force.any() or moment.any():
-                in_world = pin.Force(force, moment + np.cross(place, force))
-                forces[joint] = forces[joint] + data.oMi[joint].actInv(in_world)
+        for joint in loaded:
+            forces[joint] = data.oMi[joint].actInv(pin.Force(force[joint][row], moment[joint][row]))
         generalized = -passive.damping * v
         generalized[6:] += torque - passive.stiffness[6:] * (q[7:] - passive.rest[6:])
-        wanted = time_step * pin.aba(model, data, q, v, generalized, forces)
-        rotation = data.oMi[1].rotation
-        # MuJoCo's velocity of the root is in world, and Pinocchio's acceleration is spatial.
-        recorded = change.copy()
-        recorded[:3] = rotation.T @ change[:3] - time_step * np.cross(v[3:6], v[:3])
-        result[row] = recorded - wanted
+        recorded = steps.change[row].copy()
+        recorded[:3] = data.oMi[1].rotation.T @ recorded[:3] - spatial[row]
+        result[row] = recorded - time_step * pin.aba(model, data, q, v, generalized, forces)
     return result
 
 
