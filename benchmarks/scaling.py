@@ -19,7 +19,8 @@ from matplotlib.ticker import NullFormatter
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
 from ampm.parameters import RunParameters
-from ampm.walk import Reference, State, Touch, reference_type
+from ampm.reference import Reference, reference_type
+from ampm.walk import State, Touch
 from benchmarks.clock import least
 from benchmarks.recording import run_alone
 from benchmarks.sweeping import bare_runs

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ORDER = {
     "ampm": (
         "exceptions brief presets geometry compiled vectors linear description qp section "
-        "parameters run_file planner walk body control+stepping planners tune __main__"
+        "parameters run_file planner reference walk body control+stepping planners tune __main__"
     ).split(),
     "validation": (
         "progress table trial store measure judge show run study cli environment pytest_plugin"

@@ -21,6 +21,7 @@ from ampm.control.tick import after, before, keep, torques
 from ampm.control.workspace import make_workspace
 from ampm.parameters import RunParameters
 from ampm.qp import QPSettings, QPSolution, QPStatus
+from ampm.reference import reference_type
 from ampm.stepping.follower import Follower
 from ampm.vectors import Array
 from ampm.walk import (
@@ -33,7 +34,6 @@ from ampm.walk import (
     Timing,
     Touch,
     WalkPlan,
-    reference_type,
 )
 
 _END_SOFTNESS = 1e-2  # of the task of a toe that is at the end of its range

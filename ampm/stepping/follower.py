@@ -16,10 +16,11 @@ from ampm.body.robot import Robot
 from ampm.compiled import bound, records, refer
 from ampm.control.workspace import Array, Wanted, Workspace, rows_of
 from ampm.planner.contacts import Phase
+from ampm.reference import Reference, Timing, reference_type
 from ampm.stepping.floor import SINK
 from ampm.stepping.stepper import WALKER, Curves, Stepper
 from ampm.stepping.walker import OFF_HEIGHT, pass_time
-from ampm.walk import Reference, Timing, WalkPlan, reference_type
+from ampm.walk import WalkPlan
 
 _TICKS = 2  # between the rows of a phase's table
 _COARSE = 25  # instants of a phase at which a walk on the plan looks ahead

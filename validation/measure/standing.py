@@ -25,6 +25,7 @@ from validation.measure.measure import StandingCheck, measure, standing_check
 from validation.trial.bridge import to_pinocchio
 from validation.trial.outcome import OutcomeName
 from validation.trial.record import SimulationRecord
+from validation.trial.references import Course
 from validation.trial.simulate import ClosedLoop, Physics
 
 DURATION = 2.0
@@ -74,7 +75,8 @@ def stand(run: RunParameters, body_model: BodyModel) -> SimulationRecord:
     physics.place(start, still)
     duration = _duration(robot.description)
     controller, steps = TrackingController(robot, run), round(duration / physics.time_step)
-    return ClosedLoop(physics, controller, repeat(reference), run, np.array([duration]), steps).run()
+    course = Course(steps, np.array([duration]))
+    return ClosedLoop(physics, controller, repeat(reference), run, course).run()
 
 
 def weigh(run: RunParameters, body_model: BodyModel, robot: Robot) -> StandingCheck:

@@ -145,7 +145,13 @@ def walk_planned(
             stage.advance(done, total)
 
         record = simulate(
-            planned.plan, run, body.model, controller=controller, disturbances=disturbances, progress=advance
+            planned.plan,
+            run,
+            body.model,
+            controller=controller,
+            planner=planned.replanner,
+            disturbances=disturbances,
+            progress=advance,
         )
         keep(record)
     with timed(taken, "measurement"), progress.stage(f"{planned.name}: measurement"):

@@ -200,7 +200,14 @@ def walk_tour(
     hinged = [model.body(int(i)).name for i in dict.fromkeys(model.jnt_bodyid[1:].tolist())]
     plan = planned.plan
     pushes = punches(seed, share, hinged, float(plan.contacts.step_ends[-1]))
-    record = simulate(plan, planned.run, planned.body.model, controller=controller, disturbances=pushes)
+    record = simulate(
+        plan,
+        planned.run,
+        planned.body.model,
+        controller=controller,
+        planner=planned.replanner,
+        disturbances=pushes,
+    )
     errors = _errors(planned, record, targets(seed, count))
     error, turned = errors.mean(axis=0).tolist() if len(errors) else (math.nan, math.nan)
     cause = cause_of(record, planned.body.model)

@@ -284,7 +284,7 @@ class RunLog:
         substeps: int,
         levels: Sequence[float] = (0.0,),
     ) -> None:
-        self.model, self.substeps = model, substeps
+        self.model, self.substeps, self._made_with = model, substeps, (data, points, substeps, levels)
         sizes = {
             "K": steps,
             "K+1": steps + 1,
@@ -328,6 +328,26 @@ class RunLog:
         """Copy force, moment and point of every segment that is pushed in step k, shape (9,)."""
         for segment, push in pushes.items():
             self.external.setdefault(segment, spill.zeros((len(self.torque), 9)))[k] = push
+
+    def extended(self, steps: int, done: int) -> "RunLog":
+        """The log with room for more steps, twice as many as now or more.
+
+        Args:
+            steps: to make room for.
+            done: steps that are kept, and what there is of the next one.
+        """
+        log = RunLog(max(steps, 2 * len(self.torque)), self.model, *self._made_with)
+        for name in RunLog.__annotations__:
+            rows = done + 2 if SHAPES[name].startswith("K") else done // self.substeps + 1
+            getattr(log, name)[:rows] = getattr(self, name)[:rows]
+        for name in ("command_com", "command_zmp", "command_force", "command_angular_momentum"):
+            rows = min(done + self.substeps, len(self.torque))
+            getattr(log, name)[:rows] = getattr(self, name)[:rows]
+        log.touching[:], log.normal_force[:] = self.touching, self.normal_force
+        for segment, push in self.external.items():
+            log.external[segment] = spill.zeros((len(log.torque), 9))
+            log.external[segment][: done + 1] = push[: done + 1]
+        return log
 
     def close(self, done: int, data: mujoco.MjData) -> dict[str, Any]:
         """Add the instant at which the last step ends, and return the record's arrays.

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
     from ampm.body.robot import Robot
     from ampm.tune.tuning import Tuned
-    from ampm.walk import Planner, WalkPlan
+    from ampm.walk import Planner, Replanner, WalkPlan
     from models.scene import BodyModel
     from validation.trial.shapes import Shapes
 
@@ -93,6 +93,7 @@ class PlannedWalk(Brief):
         body: that walks.
         planner: name of the planner that made the plan, empty for the default one.
         tuned: the values that were found, with their margins; None if nothing was searched for.
+        replanner: the planner, if it goes on planning while its plan is walked.
     """
 
     request: Request
@@ -100,6 +101,7 @@ class PlannedWalk(Brief):
     body: Body
     planner: str = ""
     tuned: Tuned | None = None
+    replanner: Replanner | None = None
 
     @property
     def name(self) -> str:
@@ -343,7 +345,8 @@ def plan_walk(
                 _check_posture(plan, body.robot)
     if run.footsteps and not built_in:
         _check_footsteps(plan, run, name)
-    return PlannedWalk(request, plan, body, name)
+    goes_on: Any = planner if hasattr(planner, "replan") else None
+    return PlannedWalk(request, plan, body, name, replanner=goes_on)
 
 
 def _check_footsteps(plan: WalkPlan, run: RunParameters, planner: str) -> None:

@@ -22,6 +22,7 @@ from ampm.compiled import bound, refer
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import DisturbanceParameters, steps_per_tick
 from ampm.planner.heights import uneven
+from ampm.reference import reference_type
 from ampm.walk import (
     LIMITED,
     SOLVED,
@@ -30,7 +31,6 @@ from ampm.walk import (
     State,
     Timing,
     Touch,
-    reference_type,
 )
 from validation.trial import spill
 from validation.trial.bridge import to_mujoco
@@ -39,9 +39,9 @@ from validation.trial.disturbances import Disturbance, Plant, Push, pushes_of
 from validation.trial.engine import drake_of, make_engine
 from validation.trial.faults import FaultyController, behind_faults, started
 from validation.trial.log import RunLog, SolePoints
-from validation.trial.origin import moved_table
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import FLOOR, SimulationRecord
+from validation.trial.references import Course, References, ReplannedController
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
 from validation.trial.step import Command, Simulated, act, end_step, sense
@@ -52,14 +52,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.parameters import RunParameters
-    from ampm.walk import Controller, ControllerFactory, Reference, ReferenceTable, WalkPlan
+    from ampm.reference import Reference
+    from ampm.walk import Controller, ControllerFactory, Replanner, WalkPlan
     from models.scene import BodyModel
 
     Array = NDArray[np.float64]
 
 _PROGRESS_STEPS = 50
 _MOST_ITERATIONS = 2**31 - 1
-_TICKS = 16_384  # of a table of references
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
 
 
@@ -125,6 +125,7 @@ def simulate(
     body: BodyModel,
     *,
     controller: ControllerFactory | None = None,
+    planner: Replanner | None = None,
     disturbances: Sequence[Disturbance] = (),
     steps: int | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -136,8 +137,10 @@ def simulate(
         run: gains, contact, time step; its section ``disturbance`` acts, unknown to the controller.
         body: the simulated body.
         controller: makes the controller from robot and run; the one that ``run`` names by default.
+        planner: goes on planning while walking.
         disturbances: further forces; the controller gets no information on them.
-        steps: walking steps, the plan's by default.
+        steps: walking steps; by default those of the plan, and of a planner that goes on ``gait.steps``, or
+            over footsteps all.
         progress: called with (simulation steps done, all) now and then.
 
     Returns:
@@ -148,8 +151,9 @@ def simulate(
             at once.
     """
     planned = plan.contacts.steps
-    steps = planned if steps is None else steps
-    if not 1 <= steps <= planned:
+    if steps is None and planner is not None and not run.footsteps:
+        steps = run.gait.steps
+    elif steps is not None and not 1 <= steps <= planned:
         raise InputError(
             f"{steps} steps were requested, but the plan has {planned}; "
             f"take 1 ... {planned} or raise gait.steps."
@@ -157,28 +161,33 @@ def simulate(
     scene = disturbed_model(body, run, plan.contacts)
     physics = Physics(scene, run)
     disturbances = [*pushes_of(run.disturbance), *disturbances]
-    dt, step_ends = physics.time_step, plan.contacts.step_ends[:steps]
-    total = int(np.floor(step_ends[-1] / dt + 1e-9))
-    for push in disturbances:
-        if isinstance(push, Push) and push.at >= total * dt:
-            raise InputError(
-                f"a push at {push.at:g} s comes after the walk, which ends at {total * dt:.3g} s; "
-                "push earlier, or walk more steps."
-            )
-        if isinstance(push, Push):  # before the walk, not when it is pushed
-            Plant(physics.model, physics.data, physics.robot.description).position(push.segment)
-    gains = run.controller
+    dt, gains = physics.time_step, run.controller
     timing = Timing(
         lead=gains.touchdown_lead,
         early=gains.touchdown_window,
         hold=(physics.substeps - 1) * dt,
         slope=physics.substeps * dt if gains.hold == "first-order" else 0.0,
     )
-    tables = _tables(plan, np.arange(0, total, physics.substeps, dtype=np.float64) * dt, timing)
-    if run.disturbance.origin:
-        tables = (moved_table(table, run.disturbance.origin) for table in tables)
-    first = next(tables)
-    start = first[0].posture
+    course = References(
+        plan,
+        timing,
+        time_step=dt,
+        substeps=physics.substeps,
+        steps=steps,
+        along=run.disturbance.origin,
+        author=planner,
+    )
+    for push in disturbances:
+        if isinstance(push, Push) and push.at >= course.total * dt and planner is None:
+            raise InputError(
+                f"a push at {push.at:g} s comes after the walk, which ends at {course.total * dt:.3g} s; "
+                "push earlier, or walk more steps."
+            )
+        if isinstance(push, Push):  # before the walk, not when it is pushed
+            Plant(physics.model, physics.data, physics.robot.description).position(push.segment)
+    references = iter(course)
+    first = next(references)
+    start = first.posture
     q = start.q.copy()
     # The soles carry weight from the first instant.
     q[2] += run.disturbance.floor_height - run.simulation.start_depth
@@ -189,19 +198,20 @@ def simulate(
         follower = factory(known, run.undisturbed)
         if hasattr(follower, "follow"):
             follower.follow(plan, timing)
+        if planner is not None:
+            with UsersCode("planner", planner):
+                follower = ReplannedController(follower, planner, course)
         follower = behind_faults(follower, run, known)
     levels, metadata = [0.0], {}
     if uneven(plan.contacts.footsteps):
         levels = sorted({step.position[2] for step in plan.contacts.footsteps})
         metadata[FLOOR] = " ".join(map(repr, levels))
-    references = chain(first, chain.from_iterable(tables))
     loop = ClosedLoop(
         physics,
         follower,
-        references,
+        chain([first], references),
         run,
-        step_ends,
-        total,
+        course,
         levels=levels,
         disturbances=disturbances,
         progress=progress,
@@ -226,15 +236,6 @@ def _with_way_out(outcome: Outcome) -> Outcome:
     return replace(outcome, cause=f"{outcome.cause}; {way_out}")
 
 
-def _tables(plan: WalkPlan, times: Array, timing: Timing) -> Iterator[ReferenceTable]:
-    """References of all ticks, a part of the walk at a time, to bound the memory."""
-    for start in range(0, len(times), _TICKS):
-        before = min(start, 1)  # rates of change need the ticks on both sides
-        with UsersCode("planner", type(plan.posture)):
-            table = plan.table(times[start - before : start + _TICKS + 1], timing)
-        yield table.part(before, before + _TICKS)
-
-
 class ClosedLoop:
     """Controller and physics, step by step, and the record of it.
 
@@ -243,8 +244,7 @@ class ClosedLoop:
         controller: at its first tick.
         references: one for each control tick.
         run: parameters.
-        step_ends: when each step ends, to count those completed, shape (steps,) [s].
-        total: simulation steps.
+        course: when each walking step ends, and the walk; both may change at a tick.
         levels: heights of the floor's surfaces [m].
         disturbances: external forces.
         progress: called with (simulation steps done, all) now and then.
@@ -259,8 +259,7 @@ class ClosedLoop:
         controller: Controller,
         references: Iterator[Reference],
         run: RunParameters,
-        step_ends: NDArray[np.float64],
-        total: int,
+        course: Course,
         *,
         levels: Sequence[float] = (0.0,),
         disturbances: Sequence[Disturbance] = (),
@@ -270,11 +269,13 @@ class ClosedLoop:
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
         self.plant.segment(run.disturbance.push_segment)  # refused also without a force
         self.physics, self.controller, self.references = physics, controller, references
-        behind = controller.controller if isinstance(controller, FaultyController) else controller
+        behind = controller
+        while isinstance(behind, FaultyController | ReplannedController):
+            behind = behind.controller
         self.users_code = UsersCode("controller", behind)
-        self.step_ends, self.total, self.progress = step_ends, total, progress
+        self.course, self.progress = course, progress
         data, robot = physics.data, physics.robot
-        self.log = RunLog(total, physics.model, data, physics.points, physics.substeps, levels)
+        self.log = RunLog(course.total, physics.model, data, physics.points, physics.substeps, levels)
         self.log.start(data)
         self.watch = Watch(run.controller.unsolved_limit, robot.description.scale)
         self.warnings = data.warning.number[_BAD_STATE]  # a view
@@ -292,7 +293,7 @@ class ClosedLoop:
         self.stance = Stance(
             physics.com, physics.trunk, physics.soles, command.com, command.trunk[:, 2], command.soles
         )
-        simulated = Simulated(
+        self._simulated = Simulated(
             q=physics.q,
             v=physics.v,
             root_rotation=physics.root_rotation,
@@ -303,7 +304,12 @@ class ClosedLoop:
             scale=robot.description.scale,
             time_step=physics.time_step,
         )
-        body, said, log = refer(simulated), refer(command), self.log.handle
+        self._bind()
+
+    def _bind(self) -> None:
+        """Bind the compiled functions to the log."""
+        data, physics = self.physics.data, self.physics
+        body, said, log = refer(self._simulated), refer(self.command), self.log.handle
         self._touch = Touch(self.log.touching, self.log.normal_force, physics.time_step)
         self._sense = bound(sense, (body, log), 0)
         self._act = bound(act, (body, said, log), 0, 0, 0.0, 0, 0.0)
@@ -318,16 +324,16 @@ class ClosedLoop:
         done, end = 0, None
         try:
             with quiet_mujoco():
-                for k in range(self.total):
-                    if self.progress is not None and k % _PROGRESS_STEPS == 0:
-                        self.progress(k, self.total)
-                    end = self._step(k)
+                while done < self.course.total:
+                    if self.progress is not None and done % _PROGRESS_STEPS == 0:
+                        self.progress(done, self.course.total)
+                    end = self._step(done)
                     if end is not None:
-                        done = k + (not self.warnings.any())
+                        done += not self.warnings.any()
                         break
-                    done = k + 1
+                    done += 1
             if self.progress is not None:
-                self.progress(done, self.total)
+                self.progress(done, max(done, self.course.total))
         except SolverError as error:
             refused = done * self.physics.time_step
             end = End(OutcomeName.INFEASIBLE, f"the solver refused the QP at {refused:.3f} s: {error}")
@@ -341,9 +347,9 @@ class ClosedLoop:
             end = End(OutcomeName.INTERRUPTED, "the run was interrupted by the user")
         time = done * self.physics.time_step
         if end is None:
-            walked = len(self.step_ends)
+            walked = len(self.course.step_ends)
             return self._record(done, Outcome(OutcomeName.COMPLETED, time, "", walked))
-        walked = int(np.searchsorted(self.step_ends, time + 1e-6))
+        walked = int(np.searchsorted(self.course.step_ends, time + 1e-6))
         return self._record(done, Outcome(end.name, time, end.cause, walked))
 
     def _step(self, k: int) -> End | None:
@@ -399,6 +405,9 @@ class ClosedLoop:
             unusable, gap = self._act(k, status, residual, iterations, float(output.seconds))
             if unusable >= 0:
                 raise ValueError(self._unusable(unusable))
+        if self.course.total > len(self.log.torque):
+            self.log = self.log.extended(self.course.total, k)
+            self._bind()
         limit = self._worst_joint() if status == LIMITED else ""
         return self.watch.check(time, self.stance, status, gap=gap, residual=residual, limit=limit)
 

@@ -68,7 +68,13 @@ def walk_replica(request: Request, profile: str | None, controller: Any = None, 
     planned = _planned(name, run) if planner is None else plan_walk(Request(name, run), planner=planner)
     passed, zmp = False, [math.nan, math.nan]
     if profile is None:
-        record = simulate(planned.plan, request.run, planned.body.model, controller=controller)
+        record = simulate(
+            planned.plan,
+            request.run,
+            planned.body.model,
+            controller=controller,
+            planner=planned.replanner,
+        )
     else:
         disturbed = replace(planned, request=request)
         trial = walk_planned(disturbed, profiles.profile(profile), controller=controller)

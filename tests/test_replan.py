@@ -1,0 +1,127 @@
+"""Planners that go on planning while their plan is walked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ampm.exceptions import InputError
+from ampm.planners import PeriodicPlanner, periodic_walk
+from tests.solved import COARSE, body_of, motion_of, simulated, walk_of
+from validation.trial.outcome import OutcomeName
+from validation.trial.simulate import simulate
+
+
+class Replanning:
+    """Our planner, and a change of its plan by a function of time and plan."""
+
+    def __init__(self, change, period=None):
+        self.change, self.calls = change, []
+        if period is not None:
+            self.replan_period = period
+
+    def plan(self, run, robot):
+        return PeriodicPlanner().plan(run, robot)
+
+    def replan(self, time, state, touch, plan):
+        self.calls.append((time, state.time, len(touch.contact), plan))
+        return self.change(time, plan)
+
+
+def first_difference(one, other):
+    names = ("q", "qd", "torque", "point_force", "command_com", "command_zmp", "qp_status")
+    return next((n for n in names if getattr(one, n).tobytes() != getattr(other, n).tobytes()), None)
+
+
+@pytest.fixture(scope="module")
+def fixed():
+    return simulated()
+
+
+@pytest.mark.parametrize("period", [None, 0.05])
+def test_the_planner_is_asked_at_its_period(fixed, period):
+    planner = Replanning(lambda time, plan: plan, period)
+    record = simulated(planner=planner)
+    assert first_difference(fixed, record) is None
+    times = [call[0] for call in planner.calls]
+    wanted = record.tick_time if period is None else np.arange(0.0, record.tick_time[-1], period)
+    np.testing.assert_allclose(times, wanted, rtol=0.0, atol=1e-9)
+    assert all(time == sensed and points == 12 for time, sensed, points, _ in planner.calls)
+
+
+def test_no_plan_is_kept(fixed):
+    assert first_difference(fixed, simulated(planner=Replanning(lambda time, plan: None))) is None
+
+
+@pytest.mark.parametrize("period", [None, 0.05])
+def test_an_equal_plan_walks_the_same_walk(fixed, period):
+    """References are made in other parts of the walk, so that the last digits differ."""
+    planner = Replanning(lambda time, plan: replace(plan), period)
+    record = simulated(planner=planner)
+    plans = [call[3] for call in planner.calls]
+    assert len({id(plan) for plan in plans}) == len(plans)  # each call gets the plan made by the one before
+    np.testing.assert_allclose(record.q, fixed.q, rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(record.command_com, fixed.command_com, rtol=0.0, atol=1e-12)
+
+
+def test_a_plan_holds_from_the_next_tick_on():
+    """A plan that says when it was made is followed one tick later, whatever it has measured."""
+    planner = Replanning(lambda time, plan: replace(plan, com_height=0.88 + 1e-3 * time))
+    record = simulated("simulation.time_step=0.0005", planner=planner, steps=1)
+    followed = record.command_com[:: record.substeps, 2]
+    np.testing.assert_allclose(followed[1:], 0.88 + 1e-3 * record.tick_time[:-1], rtol=0.0, atol=1e-12)
+
+
+def plan_of(steps):
+    """The plan of the same gait with another number of steps."""
+    walk = walk_of(COARSE, f"gait.steps={steps}")
+    return periodic_walk(walk.plan, motion_of(COARSE), walk.robot)
+
+
+@pytest.mark.parametrize(
+    ("first", "then", "asked", "walked"), [(4, 2, None, 2), (1, 3, None, 3), (1, 3, 1, 1), (2, 6, None, 4)]
+)
+def test_the_plan_then_valid_says_when_a_walk_ends(fixed, first, then, asked, walked):
+    """The run asks for 4 steps; a record of a walk that became longer than planned has no gap."""
+    run, robot = walk_of(COARSE).run, walk_of(COARSE).robot
+    planner = Replanning(lambda time, plan: plan_of(then) if time > 0.3 else None)
+    record = simulate(plan_of(first), run, body_of(COARSE), planner=planner, steps=asked)
+    assert record.outcome.completed
+    assert record.outcome.steps_completed == walked
+    rows = min(record.steps, fixed.steps) - 1
+    for name in ("q", "qd", "torque", "point_force", "command_com", "command_zmp", "com"):
+        both = (getattr(walk, name)[:rows] for walk in (record, fixed))
+        np.testing.assert_allclose(*both, rtol=1e-6, atol=1e-6)
+    assert np.isfinite(record.q).all()
+    assert (np.diff(record.com[:, 0]) > 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda time, plan: 1 / 0, "planner Replanning failed .ZeroDivisionError"),
+        (lambda time, plan: plan.contacts, "replan at 0 s made a Contacts, not a WalkPlan or None"),
+    ],
+)
+def test_errors_at_the_first_tick_are_the_planners(change, words):
+    with pytest.raises(InputError, match=words):
+        simulated(planner=Replanning(change))
+
+
+def test_errors_on_the_way_end_the_walk():
+    record = simulated(planner=Replanning(lambda time, plan: plan_of(1) if time > 0.9 else None))
+    assert record.outcome.name is OutcomeName.CRASHED
+    assert "before now" in record.outcome.cause
+    assert record.time[-1] == pytest.approx(0.9, abs=0.01)
+
+
+def test_a_plan_without_numbers_is_refused():
+    planner = Replanning(lambda time, plan: replace(plan, com_height=np.nan) if time > 0.1 else None)
+    record = simulated(planner=planner)
+    assert record.outcome.name is OutcomeName.CRASHED
+    assert "'com' of its plan" in record.outcome.cause
+
+
+def test_a_period_that_is_none_is_refused():
+    with pytest.raises(InputError, match="replan_period is -1.0 s"):
+        simulated(planner=Replanning(lambda time, plan: None, -1.0))

@@ -1,0 +1,163 @@
+"""The plans that a walk follows, one after another, and their references at its control ticks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ampm.walk import WalkPlan
+from validation.trial.origin import moved_table
+from validation.trial.users import UsersCode
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from ampm.reference import Reference, ReferenceTable, Timing
+    from ampm.walk import Controller, ControlOutput, Replanner, State, Touch
+
+_TICKS = 16_384  # of a table of references
+_FIRST_TICKS = 32  # of the first table of a plan that replaces another one, which may be replaced soon
+
+
+@dataclass
+class Course:
+    """Extent of a walk.
+
+    Attributes:
+        total: steps of the physics until it ends.
+        step_ends: when each walking step ends, shape (steps,) [s].
+    """
+
+    total: int
+    step_ends: NDArray[np.float64]
+
+
+class References(Course):
+    """References of the plan then valid, one for each control tick, made a part of the walk at a time.
+
+    Args:
+        plan: the first one.
+        timing: look-ahead of the references.
+        time_step: of the physics [s].
+        substeps: steps of a control tick.
+        steps: walking steps asked for; None: all of the plan then valid.
+        along: how far all places are moved along x [m].
+        author: of the plans, for messages; by default their postures.
+
+    Attributes:
+        plans: all of them so far; the last one is followed from the next tick on.
+        since: first tick of each.
+    """
+
+    def __init__(
+        self,
+        plan: WalkPlan,
+        timing: Timing,
+        *,
+        time_step: float,
+        substeps: int,
+        steps: int | None = None,
+        along: float = 0.0,
+        author: Any = None,
+    ) -> None:
+        self.timing, self.time_step, self.substeps = timing, time_step, substeps
+        self.steps, self.along, self.author = steps, along, author
+        self.plans: list[WalkPlan] = []
+        self.since: list[int] = []
+        self._tick = 0
+        self.follow(plan)
+
+    def follow(self, plan: WalkPlan) -> None:
+        """Go on with another plan from the next tick on."""
+        self.step_ends = plan.contacts.step_ends[: self.steps]
+        self.total = math.floor(self.step_ends[-1] / self.time_step + 1e-9)
+        self.plans.append(plan)
+        self.since.append(self._tick)
+
+    def __iter__(self) -> Iterator[Reference]:
+        """The references, as long as the plan then valid goes on."""
+        count = _TICKS
+        while self._tick * self.substeps < self.total:
+            plan = self.plans[-1]
+            for reference in self._table(plan, count):
+                self._tick += 1
+                yield reference
+                if self.plans[-1] is not plan:
+                    count = _FIRST_TICKS
+                    break
+            else:
+                count = min(2 * count, _TICKS)
+
+    def _table(self, plan: WalkPlan, count: int) -> ReferenceTable:
+        """References of the next ticks, at most ``count``."""
+        before = min(self._tick, 1)  # rates of change need the ticks on both sides
+        first, last = self._tick - before, self._tick + count + 1
+        steps = np.arange(first * self.substeps, min(last * self.substeps, self.total), self.substeps)
+        with UsersCode("planner", self.author or type(plan.posture)):
+            table = plan.table(steps * self.time_step, self.timing)
+            if plan is not self.plans[0]:
+                _check_numbers(table, float(steps[0] * self.time_step))
+        if self.along:
+            table = moved_table(table, self.along)
+        return table.part(before, before + count)
+
+
+class ReplannedController:
+    """A controller, and the planner that goes on planning from what this controller senses.
+
+    Args:
+        controller: gets every plan, if it has ``follow``.
+        planner: of the plans.
+        references: of the walk, which go on with each new plan.
+    """
+
+    def __init__(self, controller: Controller, planner: Replanner, references: References) -> None:
+        self.controller, self.planner, self.references = controller, planner, references
+        self.period = float(getattr(planner, "replan_period", 0.0))
+        if not 0.0 <= self.period < math.inf:
+            raise ValueError(f"its replan_period is {self.period} s; give a number of seconds, 0 or more")
+        self._due = 0.0
+
+    def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
+        """One tick: the controller's, and a new plan from the next one on where one is made."""
+        output = self.controller.update(state, touch, reference)
+        time = float(reference.time)
+        if time + 1e-9 >= self._due:
+            if self.period:
+                self._due = (math.floor(time / self.period + 1e-9) + 1) * self.period
+            self._replan(time, state, touch)
+        return output
+
+    def _replan(self, time: float, state: State, touch: Touch) -> None:
+        """Ask the planner, and follow what it makes."""
+        references, valid = self.references, self.references.plans[-1]
+        if references.along:  # plans are made where the walk would be unmoved
+            q = state.q.copy()
+            q[0] -= references.along
+            state = state._replace(q=q)
+        with UsersCode("planner", self.planner):
+            plan = self.planner.replan(time, state, touch, valid)
+            if plan is None or plan is valid:
+                return
+            if not isinstance(plan, WalkPlan):
+                raise TypeError(f"replan at {time:g} s made a {type(plan).__name__}, not a WalkPlan or None")
+            if not plan.duration >= time:
+                raise ValueError(
+                    f"the plan made at {time:g} s ends at {plan.duration:g} s, before now; "
+                    "plan on the walk's clock, beyond now"
+                )
+        references.follow(plan)
+        if hasattr(self.controller, "follow"):
+            self.controller.follow(plan, references.timing)
+
+
+def _check_numbers(table: ReferenceTable, time: float) -> None:
+    """Refuse references that are no numbers."""
+    for name in ("com", "com_velocity", "com_acceleration", "foot_position", "q", "v", "acceleration"):
+        if not np.isfinite(table.row[name]).all():
+            raise ValueError(f"'{name}' of its plan from {time:g} s on has an entry that is no number")
