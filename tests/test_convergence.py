@@ -50,6 +50,16 @@ def test_what_is_studied():
     assert min(short[0].values) == 0.005  # MuJoCo would not walk 3.5 ms, below twice the step, as requested
 
 
+@pytest.mark.skipif(not DRAKE, reason="needs the extra drake")
+def test_a_walk_in_drake_varies_its_contact():
+    """What only MuJoCo's contact has is left out, and the other way round."""
+    run = load_run("normal", [*COARSE, "simulation.engine=drake"])
+    laws = {study.name: study for study in studies(run) if not study.numerical}
+    assert list(laws) == ["drake_stiffness", "drake_dissipation", "engine"]
+    assert laws["drake_stiffness"].values == (7.5e4, 1.5e5, 3e5)
+    assert laws["drake_dissipation"].values == (10.0, 20.0, 40.0)
+
+
 def test_one_thing_changes_at_a_time_and_all_share_the_own_walk():
     run = load_run("normal")
     found = studies(run)

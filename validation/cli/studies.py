@@ -47,7 +47,10 @@ CONVERGENCE_EPILOG = (
     "it, undecided or not measured, 2 bad input or refused, 3 a walk of a numerical study did not complete, "
     "4 crash of ampm itself, 5 stopped from outside, 130 interrupted: --resume goes on."
 )
-_STUDIES = "time_step, ik_grid, qp_tolerance, contact_stiffness or contact_depth"
+_STUDIES = (
+    "time_step, ik_grid, qp_tolerance, contact_stiffness, contact_depth, contact_damping, contact_impedance, "
+    "drake_stiffness, drake_dissipation or engine"
+)
 
 
 @app.command(epilog=SWEEP_EPILOG)
@@ -140,7 +143,7 @@ def convergence(
 
     Metrics depend on time step, grids, tolerances and contact parameters. The time step is halved repeatedly,
     at the same control frequency; so is the grid of the inverse kinematics; the QP's tolerance is tightened;
-    contact stiffness is varied. Every metric gets its observed order, extrapolated value and numerical
+    contact law and engine are varied. Every metric gets its observed order, extrapolated value and numerical
     uncertainty, or "no asymptotic range"; 'ampm validate --uncertainty' quotes the uncertainty in its
     verdict.
     """

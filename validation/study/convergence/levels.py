@@ -66,9 +66,11 @@ class Study:
         names[self.own] = OWN
         return tuple(names)
 
-    def applies(self, qp: str) -> bool:
-        """Whether it is a parameter of the run's QP solver: an active-set method has no tolerance."""
-        return self.name != "qp_tolerance" or qp != "daqp"
+    def applies(self, run: RunParameters) -> bool:
+        """Whether the run has the parameter: an active-set method has no tolerance, MuJoCo no Drake contact."""
+        if self.key.startswith("drake."):
+            return run.simulation.engine == "drake"
+        return self.name != "qp_tolerance" or run.solver.qp != "daqp"
 
     def of_run(self, run: RunParameters, levels: int) -> "Study":
         """The study with the values about a run's own; those that the model cannot have are left out."""
@@ -128,10 +130,25 @@ STUDIES = (
         "contact that is half and 1.5 times as hard at first touch",
         factors=(0.5, 1.0, 1.5),
     ),
+    Study(
+        "drake_stiffness",
+        "drake.stiffness",
+        "N/m",
+        "Drake's contact half and twice as stiff",
+        factors=(0.5, 1.0, 2.0),
+    ),
+    Study(
+        "drake_dissipation",
+        "drake.dissipation",
+        "s/m",
+        "Drake's contact with half and twice the dissipation",
+        factors=(0.5, 1.0, 2.0),
+    ),
     Study("engine", "simulation.engine", "1", "engine of the physics", alternatives=("mujoco", "drake")),
 )
 """All studies, without values. Contact parameters and engine belong to the model: their values approach no
-limit, so they give a spread, and no convergence. Without Drake the study of the engine is left out."""
+limit, so they give a spread, and no convergence. MuJoCo and Drake have contact parameters of their own. Without
+Drake the study of the engine is left out."""
 
 
 def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVELS) -> list[Study]:
@@ -154,7 +171,7 @@ def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVE
             f"--levels {levels}: an observed order takes 3 levels, a confirmed one 4, and beyond 6 a record "
             "does not fit into the memory; choose 3 ... 6."
         )
-    chosen = [study for study in STUDIES if study.applies(run.solver.qp) and study.name in (names or known)]
+    chosen = [study for study in STUDIES if study.applies(run) and study.name in (names or known)]
     found = [study.of_run(run, levels) for study in chosen]
     return [study for study in found if len(study.values) > 1]
 

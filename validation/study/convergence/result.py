@@ -185,7 +185,7 @@ def combine(
     """
     run, own = request.run, walks[OWN]
     own_values: Mapping[str, float] = own.get("values", {})
-    every = [study.name for study in STUDIES if study.numerical and study.applies(run.solver.qp)]
+    every = [study.name for study in STUDIES if study.numerical and study.applies(run)]
     made = tuple(study.name for study in found if study.numerical)
     studied = {name: _study_metric(name, found, walks) for name in own_values}
     values: dict[str, float] = {}
