@@ -1,8 +1,8 @@
-"""Study the gaits of docs/uncertainty.md again; rewrite its table, its picture and data/uncertainty.csv.
+"""Study the gaits of docs/uncertainty.md again; rewrite its tables, its picture and their files in data.
 
     python docs/uncertainty.py [contact]
-Each study is one ``ampm convergence GAIT``, half a minute on two idle cores. With ``contact`` only the table
-of contact laws is written.
+Each study is one ``ampm convergence GAIT``, half a minute on two idle cores. With ``contact`` only the
+contact laws are studied. data/uncertainty.csv has the numerical studies, data/contact-laws.csv the others.
 """
 
 import csv
@@ -10,6 +10,8 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+
+from trials import write_rows
 
 from ampm.presets import PRESETS
 from validation.judge.metrics import metric_label
@@ -23,19 +25,20 @@ from validation.table import Table, format_number, short_unit
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "convergence.svg"
 DATA = PAGE.parent / "data" / "uncertainty.csv"
+LAW_DATA = DATA.with_name("contact-laws.csv")
 GAITS = ("normal", "momentum")
 LAWS = (
     "gait",
-    ">ZMP x, RMSE: own [mm]",
-    ">largest",
-    ">ZMP y, RMSE: own [mm]",
-    ">largest",
-    ">ZMP x, largest error: own [mm]",
-    ">largest",
-    "by",
-    "undecided",
+    "ZMP RMSE x, own [mm]",
+    "ZMP RMSE x, worst law [mm]",
+    "ZMP RMSE y, own [mm]",
+    "ZMP RMSE y, worst law [mm]",
+    "largest ZMP error x, own [mm]",
+    "largest ZMP error x, worst law [mm]",
+    "worst law for the largest error",
+    "undecided metrics",
 )
-"""Columns of the table of contact laws."""
+"""Columns of data/contact-laws.csv."""
 SHOWN = (
     "zmp_x_rmse",
     "zmp_y_rmse",
@@ -51,9 +54,8 @@ INTEGRALS = ("energy_positive_work", "energy_cost_of_transport", "effort_zmp_x")
 
 def main() -> None:
     """Study every gait, and write the tables."""
-    laws = Table("", LAWS, [_laws(gait) for gait in PRESETS if gait != "roll-1.0"])  # that is normal
-    page = replace_between(PAGE.read_text(encoding="utf-8"), "contact laws", laws.markdown())
-    PAGE.write_text(page, encoding="utf-8")
+    write_rows("contact-laws", [LAWS, *(_laws(gait) for gait in PRESETS if gait != "roll-1.0")])  # is normal
+    write_law_table()
     if "contact" in sys.argv[1:]:
         return
     studies = [convergence(gait) for gait in GAITS]
@@ -70,7 +72,7 @@ def main() -> None:
 
 
 def _laws(gait: str) -> tuple[str, ...]:
-    """Row of a gait: least and largest value over all contact laws, and what that leaves of the verdict."""
+    """Row of a gait: its own value and the largest over all contact laws, and the metrics left undecided."""
     names = [study.name for study in STUDIES if not study.numerical]
     found = convergence(gait, only=names)
     values: list[str] = []
@@ -89,7 +91,26 @@ def _laws(gait: str) -> tuple[str, ...]:
         and item.spread is not None
         and abs(item.tolerance - item.value) < item.spread
     ]
-    return (f"`{gait}`", *values, worst[1].replace("_", " "), "; ".join(undecided) or "none")
+    return (gait, *values, worst[1].replace("_", " "), "; ".join(undecided))
+
+
+def write_law_table() -> None:
+    """Rewrite the page's table of contact laws from the data file."""
+    with LAW_DATA.open(encoding="utf-8", newline="") as file:
+        laws = list(csv.DictReader(file))
+    shown = (*LAWS[1:3], LAWS[6])
+    rows = [
+        (f"`{law['gait']}`", *(law[name] for name in shown), _count(law["undecided metrics"])) for law in laws
+    ]
+    heads = ("gait", *(f">{name}" for name in shown), ">undecided metrics")
+    page = replace_between(
+        PAGE.read_text(encoding="utf-8"), "contact laws", Table("", heads, rows).markdown()
+    )
+    PAGE.write_text(page, encoding="utf-8")
+
+
+def _count(names: str) -> str:
+    return str(len(list(filter(None, names.split("; ")))))
 
 
 def _table(studies: Sequence[Convergence]) -> Table:
@@ -104,17 +125,16 @@ def _table(studies: Sequence[Convergence]) -> Table:
 
 
 def _levels(found: Convergence) -> Iterator[tuple[str, ...]]:
-    """One line for every metric in every study, in SI units."""
+    """One line for every metric in every numerical study, in SI units."""
     items = [item for item in found.metrics.values() if item.tolerance is not None or item.name in INTEGRALS]
     for study in found.studies:
+        if not study.numerical:
+            continue
         for item in items:
             studied = found.studied[item.name]
-            orders, u = "", studied.spreads.get(study.name, math.nan)
-            if study.numerical:
-                one = studied.estimates[study.name]
-                orders, u = " ".join(f"{order:.2f}" for order in one.orders), one.uncertainty
-            levels = "; ".join(study.shown)
-            values = " ".join(f"{value:.6g}" for value in studied.levels[study.name])
+            one = studied.estimates[study.name]
+            orders, levels = " ".join(f"{order:.2f}" for order in one.orders), "; ".join(study.shown)
+            values, u = " ".join(f"{value:.6g}" for value in studied.levels[study.name]), one.uncertainty
             yield found.request.name, study.name, item.name, item.of.unit, levels, values, orders, f"{u:.3g}"
 
 
