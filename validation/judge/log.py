@@ -11,7 +11,6 @@ from scipy.signal import correlate, find_peaks
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from ampm.parameters import GRAVITY
 from ampm.walk import WalkPlan
 from validation.measure.log import LOADED, PLACES, Log
 
@@ -89,20 +88,19 @@ def _centred(values: Array) -> Array:
     return np.nan_to_num(values - np.nanmean(values, axis=0))
 
 
-def find_place(log: Log, plan: WalkPlan) -> Array:
-    """What to add to a log's places to give its ZMP, or COM, the mean of the plan's, shape (2,) [m]."""
+def find_place(log: Log, plan: WalkPlan) -> tuple[Array, str]:
+    """What to add to a log's places, shape (2,) [m], and what gets the plan's mean; empty without places."""
     sample = plan.sample(log.time)
     for name, wanted in (("zmp", sample.zmp), ("com", sample.com[:, :2])):
         if np.isfinite(log.signals.get(name, np.nan)).any():
-            return np.asarray(np.nanmean(wanted - log.signals[name][:, :2], axis=0))
-    return np.zeros(2)
+            return np.nanmean(wanted - log.signals[name][:, :2], axis=0), name.upper()
+    return np.zeros(2), ""
 
 
 def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     """Average the strides of a log, each from when the left foot takes half of the weight to the next time.
 
-    They are compared over the share of the stride, with the plan's duration and mean speed. A COM that was
-    not measured is the force, integrated twice.
+    They are compared over the share of the stride, with the plan's duration and mean speed.
 
     Returns:
         The mean stride on the clock of the plan; ``count`` of strides, their ``duration`` [s] and ``speed``
@@ -143,8 +141,6 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
         curves[name][..., 0] -= speed * (at - begin[:, None])
         curves[name][..., :2] -= curves[name][..., :2].mean(axis=1, keepdims=True)
     mean = {name: values.mean(axis=0) for name, values in curves.items()}
-    if "com" not in mean:
-        mean["com"] = _com_by_force(mean["force"], duration) + np.array([0.0, 0.0, plan.com_height])
     tiled = {name: np.tile(values, (3, 1)) for name, values in mean.items()}
     clock = stride * np.arange(3 * PHASES) / PHASES
     start, correlation = find_start(replace(log, time=clock, signals=tiled), plan)
@@ -158,14 +154,6 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     facts = {"count": len(bounds), "duration": duration, "speed": speed, "correlation": correlation}
     facts["spread"] = np.sqrt(variance.mean(axis=0)).tolist()
     return replace(log, time=times, signals=signals, time_step=stride / PHASES), facts
-
-
-def _com_by_force(force: Array, duration: float) -> Array:
-    """COM of a stride by its force, integrated twice: periodic, about its mean, shape (PHASES, 3) [m]."""
-    rate = 2.0 * np.pi * np.fft.rfftfreq(PHASES, duration / PHASES)[:, None]
-    rate[0] = np.inf  # the mean of an acceleration that repeats is an error of the instrument
-    acceleration = force * GRAVITY / force[:, 2].mean()
-    return np.asarray(np.fft.irfft(np.fft.rfft(acceleration, axis=0) / -(rate**2), PHASES, axis=0))
 
 
 def _left_share(log: Log) -> Array:

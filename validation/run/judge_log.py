@@ -125,8 +125,6 @@ def _aligned(
             "left out."
         )
     if strides:
-        if "com" not in log.signals:
-            notes.append("The COM is that of the force, integrated twice.")
         log, mean = mean_stride(log, plan)
         facts["strides"] = mean
         spread = "/".join(f"{100.0 * value:.2f}" for value in mean["spread"])
@@ -153,12 +151,13 @@ def _aligned(
             f"s of the plan, which begins at {start or 0.0:.6g} s; give a longer log, or another start "
             "(--start)."
         )
-    by = np.zeros(2) if place is None else np.array(place)
+    by, mean_of = np.array(place or (0.0, 0.0)), ""
     if place is None and (strides or not log.is_of_run):
-        by = find_place(judged, plan)
+        by, mean_of = find_place(judged, plan)
+    if mean_of:
         notes.append(
             f"The log is moved by {by[0]:.4g} m along x and {by[1]:.4g} m along y, to the mean of the plan's "
-            f"{'ZMP' if 'zmp' in log.signals else 'COM'}: its bias is not judged."
+            f"{mean_of}: its bias is not judged."
         )
     facts |= {"place": by.tolist(), "from": float(log.time[0]), "until": float(log.time[-1])}
     notes.append(

@@ -67,7 +67,7 @@ class Study:
         return tuple(names)
 
     def applies(self, run: RunParameters) -> bool:
-        """Whether the run has the parameter: an active-set method has no tolerance, MuJoCo no Drake contact."""
+        """Whether the run has the parameter: DAQP has no tolerance, and MuJoCo none of Drake's contact."""
         if self.key.startswith("drake."):
             return run.simulation.engine == "drake"
         return self.name != "qp_tolerance" or run.solver.qp != "daqp"
@@ -147,8 +147,8 @@ STUDIES = (
     Study("engine", "simulation.engine", "1", "engine of the physics", alternatives=("mujoco", "drake")),
 )
 """All studies, without values. Contact parameters and engine belong to the model: their values approach no
-limit, so they give a spread, and no convergence. MuJoCo and Drake have contact parameters of their own. Without
-Drake the study of the engine is left out."""
+limit, so they give a spread, and no convergence. MuJoCo and Drake have contact parameters of their own.
+Without Drake the study of the engine is left out."""
 
 
 def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVELS) -> list[Study]:
