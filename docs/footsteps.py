@@ -32,6 +32,10 @@ COLUMNS = (
 )  # fmt: skip
 
 
+SHOWN = ("straight", "turn in place", "sidestep", "backward", "5 cm up and down", "tour 0")
+"""Walks on the page."""
+
+
 def walks(length: float, width: float, climb: float) -> dict[str, list[Footstep]]:
     """Footsteps by name, for steps of a length, feet of a width and steps of a length onto others [m]."""
     turn, radius = math.pi / 2.0, 5.0 / 3.0 * length
@@ -117,11 +121,10 @@ def main() -> None:
 
 
 def _errors(rows: list[tuple[str, ...]]) -> str:
-    """Table of the page: the RMSE of every walk, a column for each gait; one walk of each kind."""
+    """Table of the page: the RMSE of some walks, a column for each gait."""
     found = {tuple(row[0].split(", ", 1)): _larger(row[COLUMNS.index(ERROR)]) for row in rows}
-    titles, names = (list(dict.fromkeys(part)) for part in zip(*found, strict=True))
-    shown = {name: name.removesuffix(" 0") for name in names if not name.endswith((" 1", " 2"))}
-    cells = [[shown[name], *(found[title, name] for title in titles)] for name in shown]
+    titles = dict.fromkeys(title for title, _ in found)
+    cells = [[name.removesuffix(" 0"), *(found[title, name] for title in titles)] for name in SHOWN]
     return Table("", ["walk", *(f">{title}" for title in titles)], cells).markdown()
 
 

@@ -1,4 +1,4 @@
-"""Walk the tours of docs/footsteps.md again; rewrite its table and data/tour.csv.
+"""Walk the tours of docs/footsteps.md again: rewrite data/tour.csv, and print a table of it.
 
     python docs/tour.py [--seeds N] [--punched N]
 
@@ -16,16 +16,14 @@ from statistics import fmean
 from trials import DATA, write_rows
 
 from validation.cli.console import Narrator
-from validation.show.text import replace_between
 from validation.study.tour import VALUES, Tours, tour
-from validation.table import ABSENT, Table
+from validation.table import ABSENT, Table, print_tables
 
-PAGE = Path(__file__).with_name("footsteps.md")
-KEPT = PAGE.parents[1] / "build" / "tour"
+KEPT = Path(__file__).parents[1] / "build" / "tour"
 BODIES = {"G1": (None, ["body.source='g1'", "gait.switching_velocity=0.5"]), "human": ("normal", [])}
 FORCES = (0.0, 1.0 / 3.0, 1.0)
 COLUMNS = ("body", ">force [%]", ">completed [%]", ">survived [%]", ">off target [mm]")
-"""Of the table of the page; means over all tours."""
+"""Of the table; means over all tours."""
 
 
 def walk(body: str, share: float, seeds: int) -> Tours:
@@ -38,7 +36,7 @@ def walk(body: str, share: float, seeds: int) -> Tours:
 
 
 def write(found: Sequence[tuple[str, Tours]]) -> None:
-    """Rewrite the data file, and the table of the page from it."""
+    """Rewrite the data file, and print its table."""
     names = ("seed", "outcome", *VALUES, "cause")
     cells = [
         (body, f"{tours.share:.3g}", tours.stabilizer, *(_cell(walk.get(name)) for name in names))
@@ -46,11 +44,11 @@ def write(found: Sequence[tuple[str, Tours]]) -> None:
         for walk in tours.walks
     ]
     write_rows("tour", [("body", "force", "stabilizer", *names), *cells])
-    write_table()
+    print_table()
 
 
-def write_table() -> None:
-    """Rewrite the table of the page from the data file."""
+def print_table() -> None:
+    """Print the means over the tours of every kind, from the data file."""
     with DATA.joinpath("tour.csv").open(encoding="utf-8", newline="") as file:
         walks = list(csv.DictReader(file))
     rows = []
@@ -61,8 +59,7 @@ def write_table() -> None:
         off = [float(tour["error"]) for tour in tours if tour["error"] not in ("", "nan")]
         shares = (f"{100.0 * share:.0f}" for share in (float(force), fmean(completed), fmean(lasted)))
         rows.append((body, *shares, f"{1e3 * fmean(off):.2g}" if off else ABSENT))
-    table = Table("", COLUMNS, rows).markdown()
-    PAGE.write_text(replace_between(PAGE.read_text(encoding="utf-8"), "tour", table), encoding="utf-8")
+    print_tables([Table("tours", COLUMNS, rows)])
 
 
 def _cell(value: object) -> str:
