@@ -30,9 +30,7 @@ COLUMNS = (
     "walk", "steps", ERROR, "maximum [mm]", "closest parts [mm]", "largest torque",
     "QPs with limits, unsolved", "outcome",
 )  # fmt: skip
-
-
-SHOWN = ("straight", "turn in place", "sidestep", "backward", "5 cm up and down", "tour 0")
+SHOWN = ("straight", "turn in place", "sidestep", "backward", "slalom", "5 cm up and down")
 """Walks on the page."""
 
 
@@ -124,7 +122,7 @@ def _errors(rows: list[tuple[str, ...]]) -> str:
     """Table of the page: the RMSE of some walks, a column for each gait."""
     found = {tuple(row[0].split(", ", 1)): _larger(row[COLUMNS.index(ERROR)]) for row in rows}
     titles = dict.fromkeys(title for title, _ in found)
-    cells = [[name.removesuffix(" 0"), *(found[title, name] for title in titles)] for name in SHOWN]
+    cells = [[name, *(found[title, name] for title in titles)] for name in SHOWN]
     return Table("", ["walk", *(f">{title}" for title in titles)], cells).markdown()
 
 
