@@ -137,7 +137,7 @@ def qpset(
     file: Annotated[Path, typer.Argument(help="File to write (npz).", metavar="FILE")],
     force: Annotated[bool, option("--force", "Replace an earlier FILE.")] = False,
 ) -> int:
-    """Record the control QPs of two walks, with reference solutions; docs/benchmarks.md has the format."""
+    """Record the control QPs of two walks, with reference solutions."""
     from benchmarks.peers.qpset import record_set, save_set
 
     check_output_file(file, force=force)

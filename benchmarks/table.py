@@ -10,7 +10,21 @@ DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
 MARK = "benchmark table"
 """Between the marks of this name the page has the table."""
 
-HEADER = ("", ">median", ">p99", ">of the loop")
+HEADER = ("", ">median", ">p99", ">share of the loop")
+ON_PAGE = {
+    "plan, closed form",
+    "periodic motion",
+    "tick of the inverse kinematics",
+    "closed loop, one control period",
+    "control tick",
+    "QP: update and solve",
+    "physics alone, one control period",
+    "planning, simulation, measurement",
+    "recording",
+    "report",
+    "memory peak",
+}
+"""Lines of the document's table; the terminal's has all."""
 _NO_CELLS = ("",) * (len(HEADER) - 1)
 
 
@@ -19,19 +33,18 @@ def conditions(result: BenchmarkResult) -> str:
     known = result.environment
     titles = {"MuJoCo": "mujoco", "Pinocchio": "pin", "OSQP": "osqp", "numpy": "numpy"}
     versions = ", ".join(f"{title} {known['versions'][name]}" for title, name in titles.items())
-    peak = "unknown" if result.memory_peak is None else f"{result.memory_peak:.0f} MB"
     return (
         f"{' '.join([result.gait, *result.settings])}, {result.steps} steps; {known['processor']}, one of "
-        f"{known['cores']} cores, load {result.load:.1f} at the start; Python {known['python']}, {versions}; "
-        f"memory peak {peak}."
+        f"{known['cores']} cores, load {result.load:.1f} at the start; Python {known['python']}, {versions}."
     )
 
 
-def table(result: BenchmarkResult) -> Table:
-    """The table, with the conditions of the measurement as its note."""
+def table(result: BenchmarkResult, *, on_page: bool = False) -> Table:
+    """The table, with the conditions of the measurement as its note; ``on_page`` has fewer lines."""
     rows: list[tuple[str, ...]] = []
     for heading, lines in result.sections.items():
-        rows += [(heading, *_NO_CELLS), *(line.cells() for line in lines)]
+        shown = (line.cells() for line in lines if not on_page or line.name in ON_PAGE)
+        rows += [(heading, *_NO_CELLS), *shown]
     return Table("benchmark", HEADER, rows, [conditions(result)])
 
 
@@ -42,4 +55,5 @@ def update_document(result: BenchmarkResult, document: Path = DOCUMENT) -> None:
         ValueError: the file has no marks.
     """
     text = document.read_text(encoding="utf-8")
-    document.write_text(replace_between(text, MARK, f"\n{table(result).markdown()}\n"), encoding="utf-8")
+    shown = table(result, on_page=True).markdown()
+    document.write_text(replace_between(text, MARK, f"\n{shown}\n"), encoding="utf-8")

@@ -1,4 +1,13 @@
-"""The control QPs of recorded walks as one small file; ``docs/benchmarks.md`` has its format."""
+"""The control QPs of recorded walks as one small file.
+
+Each is ``min 1/2 x'Px + q'x`` with ``l <= Ax <= u``; ``-inf`` is no bound. All arrays but the last two have one
+row for every QP:
+
+    P, q, A, l, u       the problems
+    x, y                solutions and multipliers, exact to 1e-14; forces in x in units of the weight
+    sequence, time      number of the walk, time [s]
+    weight, com_height  of each walk [N, m]
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
