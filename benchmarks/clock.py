@@ -58,7 +58,7 @@ class Line:
         tail = self._text(self.p99) if self.count > 1 else ""
         note = "" if self.of_loop is None else f"{self.of_loop:.0%}"
         if self.limit is not None:
-            note = f"target: at most {self._text(self.limit)}"
+            note = f"at most {self._text(self.limit)}"
         return self.name, self._text(self.median), tail, note
 
     def _text(self, value: float) -> str:

@@ -1,7 +1,7 @@
 """The control QPs of recorded walks as one small file.
 
-Each is ``min 1/2 x'Px + q'x`` with ``l <= Ax <= u``; ``-inf`` is no bound. All arrays but the last two have one
-row for every QP:
+Each is ``min 1/2 x'Px + q'x`` with ``l <= Ax <= u``; ``-inf`` is no bound. All arrays but the last two have
+one row for every QP:
 
     P, q, A, l, u       the problems
     x, y                solutions and multipliers, exact to 1e-14; forces in x in units of the weight
