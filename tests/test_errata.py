@@ -5,6 +5,7 @@ taken from the paper. Numbers are those of the planned gaits ``normal`` (c_s = c
 misprints) and ``momentum``.
 """
 
+import csv
 import math
 import re
 from functools import cache
@@ -25,6 +26,7 @@ from ampm.planner.support import plan_steps
 from tests.solved import COARSE, motion_of, walk_of
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "errata.md"
+WORDING = PAGE.parent / "data" / "errata-wording.csv"
 G = 9.81
 
 g, H, m, t, T = sp.symbols("g H m t T", positive=True)
@@ -68,9 +70,11 @@ def integrated(law, start, times):
 
 
 def listed():
-    """Errata of the page: number to its cells (where, printed, corrected; of claims also the verdict)."""
+    """Errata of page and data: number to cells (where, printed, corrected; of claims also the verdict)."""
     rows = re.findall(r"^\| (E\d+) \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
-    return {number: cells.replace("\\", "").split(" | ") for number, cells in rows}
+    with WORDING.open(encoding="utf-8", newline="") as file:
+        wording = {number: cells for number, *cells in list(csv.reader(file))[1:]}
+    return wording | {number: cells.replace("\\", "").split(" | ") for number, cells in rows}
 
 
 def test_every_listed_erratum_has_a_test_and_every_test_is_listed():
