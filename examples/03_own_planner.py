@@ -28,7 +28,7 @@ def lipm(steps, length, width, height, single, double):
     foot = np.where(step % 2, "right", "left")
     table = {"time": time, "stance": np.where(time - step * period < single, foot, "both")}
     table |= {"com_x": com[0], "com_y": com[1], "zmp_x": zmp[0], "zmp_y": zmp[1]}
-    side = np.full(len(time), 0.5 * width)
+    side = np.full(len(time), 0.5 * width)  # placements: where a foot stands, or will land if it swings
     table |= {"left_placement_x": length * (step + step % 2), "left_placement_y": side}
     return table | {"right_placement_x": length * (step + 1 - step % 2), "right_placement_y": -side}
 
@@ -38,8 +38,8 @@ class Lipm:
 
     def plan(self, run, robot):
         """Plan the walk of a run and a body."""
-        gait, of = run.gait, ampm.plan(run).constants
-        durations = of.single_support_duration, of.double_support_duration
+        gait, timing = run.gait, ampm.plan(run).constants
+        durations = timing.single_support_duration, timing.double_support_duration
         table = lipm(gait.steps, gait.step_length, gait.step_width, gait.com_height, *durations)
         return ampm.TablePlanner(table).plan(run, robot)
 
