@@ -15,7 +15,7 @@ from validation.study.sweep.design import MOST_CASES, dump_sweep, load_sweep, pa
 DOCS = Path(__file__).parents[1] / "docs"
 EXAMPLES = [
     *sorted((Path(validation.study.sweep.__file__).parent / "examples").glob("*.toml")),
-    *(DOCS / "examples" / f"{name}.toml" for name in ("campaign", "gate", "unseen")),
+    *(DOCS / "examples" / f"{name}.toml" for name in ("gate", "unseen")),
 ]
 GRID = '[[vary]]\nmethod = "grid"\n'
 LIST = '[[vary]]\nmethod = "list"\n'

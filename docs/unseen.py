@@ -1,0 +1,259 @@
+"""Walk gaits that nobody tuned; rewrite the tables and picture of docs/unseen.md, and data/unseen.csv.
+
+    python docs/unseen.py [page]
+
+An hour of one core. Finished walks are kept in build/unseen, so a draw that was stopped goes on. With
+``page`` only tables and picture are made again, from the data. Needs the extras ``drake`` and ``robots``.
+"""
+
+import csv
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from trials import DATA, write_rows
+
+import validation as val
+from validation.cli.console import Narrator
+from validation.show.style import into_file
+from validation.show.text import replace_between
+from validation.study.sweep.design import Block, SweepDefinition, load_sweep
+from validation.study.sweep.table import State, SweepTable
+from validation.table import Table, format_number, short_unit
+
+PAGE = Path(__file__).with_suffix(".md")
+FILE = DATA / "unseen.csv"
+PICTURE = PAGE.parent / "images" / "unseen.png"
+EXAMPLES = PAGE.parent / "examples"
+KEPT = PAGE.parents[1] / "build" / "unseen"
+SENSED = {
+    "disturbance.sensing_delay": 0.002,  # [s]
+    "disturbance.angle_noise": 1e-4,  # [rad]
+    "disturbance.rate_noise": 1e-2,  # [rad/s]
+    "disturbance.mass_change": 0.02,
+}
+"""Sensing that is not exact, and a body that is not the controller's."""
+IN_BOTH = 20
+"""Gaits of the human that Drake walks, too: the first ones."""
+HUMAN, DRAKE, HUMAN_SENSED, G1, G1_SENSED = DRAWS = (
+    "human",
+    "Drake",
+    "human, sensors",
+    "G1",
+    "G1, sensors",
+)
+HUMAN_FIRST = f"human, the first {IN_BOTH}"
+DRAWN = {
+    "gait.step_length": "step [m]",
+    "gait.switching_velocity": "v0 [m/s]",
+    "gait.c_y": "c_y",
+    "gait.c_s": "c_s",
+    "body.height": "body [m]",
+    "body.mass": "body [kg]",
+}
+ERRORS = {"zmp_x_rmse": "ZMP RMSE x [mm]", "zmp_y_rmse": "ZMP RMSE y [mm]"}
+SHARES = {"zmp_x_rmse": "ZMP RMSE x [limit]", "zmp_y_rmse": "ZMP RMSE y [limit]"}
+"""The same over their limits, which grow with the foot [1]."""
+OUTCOME, FAILED, REASON = "outcome", "what failed", "refused because of"
+COLUMNS = (
+    "draw",
+    "gait",
+    *DRAWN.values(),
+    OUTCOME,
+    *ERRORS.values(),
+    *SHARES.values(),
+    FAILED,
+    REASON,
+    "sentence",
+)
+FAILURES = [state for state in State if state not in (State.PASS, State.REFUSED)]
+QUANTILES = {"median": 0.5, "90 %": 0.9, "largest": 1.0}
+BINS = np.geomspace(1 / 12, 12.0, 27)
+TICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+"""Of the picture [limit]."""
+
+Row = Mapping[str, str]
+
+
+def main() -> None:
+    """Walk what is missing, write the data, and from the data page and picture."""
+    if "page" not in sys.argv[1:]:
+        rows = [row for name, draw in draws().items() for row in walked(name, draw)]
+        write_rows(FILE.stem, [COLUMNS, *(tuple(row[column] for column in COLUMNS) for row in rows)])
+    with FILE.open(encoding="utf-8", newline="") as file:
+        found = list(csv.DictReader(file))
+    page = PAGE.read_text(encoding="utf-8")
+    tables = {
+        "outcomes": outcomes(found),
+        "refusals": refusals(found),
+        "failures": failures(found),
+    }
+    for name, table in tables.items():
+        page = replace_between(page, name, table.markdown())
+    PAGE.write_text(page, encoding="utf-8")
+    draw_histograms(found, PICTURE)
+
+
+def draws() -> dict[str, SweepDefinition]:
+    """The sweeps, by name."""
+    human, g1 = (load_sweep(EXAMPLES / f"{name}.toml") for name in ("unseen", "unseen-g1"))
+    first = [human.varied(run) for run in range(IN_BOTH)]
+    block = Block(method="list", keys={key: tuple(gait[key] for gait in first) for key in human.keys})
+    return {
+        HUMAN: human,
+        DRAKE: changed(human, {"simulation.engine": "drake"}, vary=(block,)),
+        HUMAN_SENSED: changed(human, SENSED),
+        G1: g1,
+        G1_SENSED: changed(g1, SENSED),
+    }
+
+
+def changed(draw: SweepDefinition, settings: Mapping[str, Any], **fields: Any) -> SweepDefinition:
+    """The same draw with other settings for all gaits, and other fields."""
+    same = {name: getattr(draw, name) for name in SweepDefinition.model_fields}
+    return SweepDefinition(**{**same, "set": {**draw.set, **settings}, **fields})
+
+
+# ----------------------------------------------------------------------------------------------- data
+
+
+def walked(name: str, draw: SweepDefinition) -> Iterator[Row]:
+    """A row of the data for every gait."""
+    folder = KEPT / name.replace(", ", "-").replace(" ", "-")
+    table = val.sweep(draw, folder, workers=1, resume=True, progress=Narrator())
+    drawn = {title: table.numbers(key) for key, title in DRAWN.items() if key in draw.keys}
+    zmp = {title: table.shown(metric)[0] for metric, title in ERRORS.items()}
+    zmp |= {title: table.used(metric) for metric, title in SHARES.items()}
+    for row in range(len(table)):
+        yield {
+            **dict.fromkeys(COLUMNS, ""),
+            "draw": name,
+            "gait": str(row),
+            **{title: f"{values[row]:.3f}" for title, values in drawn.items()},
+            **{title: f"{values[row]:.3f}" for title, values in zmp.items() if np.isfinite(values[row])},
+            OUTCOME: table.state(row).label,
+            FAILED: "; ".join(what_failed(table, row)),
+            REASON: table.words("reason")[row].replace("_", " "),
+            "sentence": table.words("cause")[row],
+        }
+
+
+def what_failed(table: SweepTable, row: int) -> Iterator[str]:
+    """What a gait exceeded, with its limit, the furthest first."""
+    failed = [name for name in table.words("failed")[row].split(",") if name]
+    for metric in sorted(failed, key=lambda metric: -table.used(metric)[row]):
+        (values, unit), (limits, _) = table.shown(metric), table.shown_limits(metric)
+        value = f"{format_number(values[row], 3)} {short_unit(unit)}".rstrip(" 1")
+        yield f"{table.label(metric)}: {value}, limit {limits[row]:.3g}"
+
+
+# ----------------------------------------------------------------------------------------------- page
+
+
+def of_draw(rows: Sequence[Row], name: str) -> list[Row]:
+    """Rows of one draw."""
+    return [row for row in rows if row["draw"] == name]
+
+
+def outcomes(rows: Sequence[Row]) -> Table:
+    """How many gaits of every draw ended how, and quantiles of the ZMP's errors where they were measured."""
+    first = [State.REFUSED, State.PASS, State.OUT_OF_TOLERANCE, State.FELL]
+    states = first + [state for state in State if state not in first and of_state(rows, state)]
+    drawn = {name: of_draw(rows, name) for name in DRAWS}
+    drawn[HUMAN_FIRST] = drawn[HUMAN][:IN_BOTH]
+    body = []
+    for name in (HUMAN, HUMAN_FIRST, DRAKE, HUMAN_SENSED, G1, G1_SENSED):
+        counts = [len(of_state(drawn[name], state)) for state in states]
+        values = [numbers(drawn[name], title) for title in ERRORS.values()]
+        shown = [f"{np.quantile(zmp, share):.2f}" for zmp in values for share in QUANTILES.values()]
+        body.append((name, str(len(drawn[name])), *map(str, counts), *shown))
+    columns = ["gaits", *(state.label for state in states)]
+    columns += [f"{axis}, {name}" for axis in "xy" for name in QUANTILES]
+    return Table("", ("draw", *(f">{column}" for column in columns)), body)
+
+
+def of_state(rows: Sequence[Row], *states: State) -> list[Row]:
+    """Rows in one of these states."""
+    labels = [state.label for state in states]
+    return [row for row in rows if row[OUTCOME] in labels]
+
+
+def numbers(rows: Sequence[Row], column: str) -> list[float]:
+    """Numbers of a column, where it has any."""
+    return [float(row[column]) for row in rows if row[column]]
+
+
+def refusals(rows: Sequence[Row]) -> Table:
+    """Refused gaits of both bodies by reason; sensing and engine change none."""
+    counts = [Counter(row[REASON] for row in of_draw(rows, name) if row[REASON]) for name in (HUMAN, G1)]
+    reasons = [reason for reason, _ in (counts[0] + counts[1]).most_common()]
+    return Table(
+        "",
+        ("refused because of", *(f">{name}" for name in (HUMAN, G1))),
+        [(reason, *(str(count[reason]) for count in counts)) for reason in reasons],
+    )
+
+
+def failures(rows: Sequence[Row]) -> Table:
+    """Every gait that failed with exact sensing: its values, and what is furthest out of its limit."""
+    body = []
+    for name in (HUMAN, DRAKE, G1):
+        for row in of_state(of_draw(rows, name), *FAILURES):
+            drawn = (row[title] for title in DRAWN.values() if row[title])
+            first, *more = row[FAILED].split("; ")
+            says = f"{first or row['sentence']}{f'; {len(more)} more' if more else ''}"
+            body.append((f"{name} {row['gait']}", ", ".join(format_number(float(v), 3) for v in drawn), says))
+    return Table("", ("gait", ", ".join(DRAWN.values()), FAILED), body)
+
+
+class Look(NamedTuple):
+    """How a draw is shown: body, label, colour, and whether its bars are filled."""
+
+    body: str
+    label: str
+    color: str
+    filled: bool
+
+
+LOOKS = {
+    HUMAN: Look("human", "MuJoCo, exact sensing", "#1f6fb4", True),
+    DRAKE: Look("human", f"Drake, the first {IN_BOTH}", "#2a8c4a", False),
+    HUMAN_SENSED: Look("human", "MuJoCo, sensors", "#c2571a", False),
+    G1: Look("G1", "MuJoCo, exact sensing", "#1f6fb4", True),
+    G1_SENSED: Look("G1", "MuJoCo, sensors", "#c2571a", False),
+}
+
+
+@into_file
+def draw_histograms(rows: Sequence[Row]) -> Figure:
+    """Histograms of the ZMP's errors, with their limits."""
+    figure = Figure(figsize=(8.0, 4.6), dpi=110, layout="constrained")
+    bodies = list(dict.fromkeys(look.body for look in LOOKS.values()))
+    plots = figure.subplots(len(bodies), len(ERRORS), sharex=True, sharey="row", squeeze=False)
+    for line, body in zip(plots, bodies, strict=True):
+        for axes, title in zip(line, SHARES.values(), strict=True):
+            for name, look in LOOKS.items():
+                if look.body == body:
+                    values = numbers(of_draw(rows, name), title)
+                    kind = "stepfilled" if look.filled else "step"
+                    style = {"color": look.color, "alpha": 0.5 if look.filled else 1.0, "lw": 1.4}
+                    axes.hist(values, BINS, histtype=kind, label=look.label, **style)
+            axes.axvline(1.0, ls="--", color="#8a93a3", lw=1.2, label="limit")
+            axes.set_title(f"{body}: {title.partition(' [')[0]}")
+        line[0].set_ylabel("gaits")
+        line[0].yaxis.set_major_locator(MaxNLocator(integer=True))
+    plots[0, 0].set_xscale("log")
+    for axes in plots[-1]:
+        axes.set_xlabel("error over its limit [1]")
+        axes.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
+    figure.legend(*plots[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+if __name__ == "__main__":
+    main()
