@@ -149,7 +149,7 @@ def what_failed(table: SweepTable, row: int) -> Iterator[str]:
     for metric in sorted(failed, key=lambda metric: -table.used(metric)[row]):
         (values, unit), (limits, _) = table.shown(metric), table.shown_limits(metric)
         value = f"{format_number(values[row], 3)} {short_unit(unit)}".rstrip(" 1")
-        yield f"{table.label(metric)}: {value}, limit {limits[row]:.3g}"
+        yield f"{metric} {value}, limit {limits[row]:.3g}"
 
 
 # ----------------------------------------------------------------------------------------------- page
