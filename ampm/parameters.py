@@ -10,22 +10,34 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from ampm.brief import html_of, text_of
+from ampm.controller_parameters import ControllerParameters
 from ampm.exceptions import InputError
-from ampm.section import Real, RealOrInf, Section, Whole, parameter, unit_of, unknown
+from ampm.physics_parameters import (
+    ContactParameters,
+    DrakeParameters,
+    SimulationParameters,
+    SolverParameters,
+)
+from ampm.section import (
+    OPEN,
+    OPTIONS,
+    Open,
+    Options,
+    Real,
+    RealOrInf,
+    Section,
+    Whole,
+    options_of,
+    parameter,
+    unit_of,
+    unknown,
+    whole,
+)
 
 GRAVITY = 9.81
 """Gravitational acceleration of the paper [m/s^2]."""
 HUMAN = "human"
 """Name of the default body, which has any stature and mass."""
-OPEN = "open"
-"""Marks what a gait may leave open, to be found for the rest: all others define the gait."""
-Open = Annotated[Real, OPEN]
-
-
-def whole(number: float) -> int | None:
-    """The whole number that a number is but for rounding, or None."""
-    nearest = round(number)
-    return nearest if abs(number - nearest) <= 1e-9 * max(1.0, number) else None
 
 
 class GaitParameters(Section, section="gait"):
@@ -60,6 +72,12 @@ class GaitParameters(Section, section="gait"):
     )
     step_width: Open = parameter(0.18, "lateral distance of the feet (2 (s + beta))", "m", gt=0, le=100)
     steps: Whole = parameter(30, "number of steps", ge=1, le=100_000)
+
+
+class PlannerParameters(Section, section="planner"):
+    """What a planner of a user's own takes; its name is ``gait.planner``."""
+
+    options: Options = options_of("planner", "gait.planner")
 
 
 class BodyParameters(Section, section="body"):
@@ -119,129 +137,6 @@ class FootParameters(Section, section="foot"):
     toe_off_angle: Open = parameter(0.45, "pitch of the foot, heel up, at toe off", "rad", ge=0, le=1.2)
     toe_off_rate: Open = parameter(6.5, "speed at which the heel rises at toe off", "rad/s", ge=0, le=30)
     toe_return: Open = parameter(0.8, "share of the swing in which the toes straighten", gt=0, le=1)
-
-
-class ContactParameters(Section, section="contact"):
-    """Contact of the sole points with the floor (MuJoCo's soft contact model)."""
-
-    time_constant: Real = parameter(0.015, "time constant of a contact", "s", gt=0, le=1)
-    damping_ratio: Real = parameter(1.0, "damping ratio of a contact", gt=0, le=10)
-    impedance_min: Real = parameter(0.6, "constraint impedance at zero penetration", gt=0, lt=1)
-    impedance_max: Real = parameter(0.95, "constraint impedance at full penetration", gt=0, lt=1)
-    impedance_width: Real = parameter(0.001, "penetration over which the impedance rises", "m", gt=0, le=0.1)
-    friction: Real = parameter(0.8, "sliding friction of soles and floor", gt=0, le=10)
-    impratio: Real = parameter(10.0, "ratio of frictional to normal impedance", gt=0, le=1000)
-
-
-class DrakeParameters(Section, section="drake"):
-    """Contact of the sole points with the floor if Drake steps the physics: Hunt and Crossley's springs.
-
-    The force on a point at depth x is stiffness x (1 + dissipation dx/dt). With the defaults, heels and balls
-    of the human have the mean stiffness and the time constant of MuJoCo's contact.
-    """
-
-    stiffness: Real = parameter(1.5e5, "stiffness of a sole point", "N/m", ge=1e3, le=1e8)
-    dissipation: Real = parameter(20.0, "dissipation of a sole point", "s/m", ge=0, le=1e3)
-    approximation: Literal["lagged", "similar"] = parameter(
-        "lagged", "Drake's discrete contact approximation"
-    )
-
-
-def _stiffness(default: float, description: str) -> Any:
-    """A gain from a position to an acceleration."""
-    return parameter(default, description, "1/s^2", ge=0, le=1e5)
-
-
-def _damping(default: float, description: str) -> Any:
-    """A gain from a velocity to an acceleration."""
-    return parameter(default, description, "1/s", ge=0, le=1e4)
-
-
-class ControllerParameters(Section, section="controller"):
-    """The torque-level tracking controller; another one reads what it needs of these."""
-
-    name: str = parameter(
-        "ampm", "controller: ampm, joint-pd, the name of an installed one, or MODULE:CLASS", min_length=1
-    )
-    frequency: Real = parameter(500.0, "control ticks per second", "Hz", ge=20, le=10_000)
-    hold: Literal["first-order", "zero-order"] = parameter(
-        "first-order",
-        "torque between two ticks: first-order goes on with the slope of the last tick, zero-order is held",
-    )
-    stabilizer: Literal["fixed", "stepping"] = parameter(
-        "fixed",
-        "what keeps the body up: fixed follows the plan's footsteps and times, stepping changes them where "
-        "the standing sole is not enough",
-    )
-    friction: Real = parameter(0.75, "friction that the controller allows itself", gt=0, le=10)
-    com_stiffness: Real = _stiffness(60.0, "feedback from COM position to its acceleration")
-    com_damping: Real = _damping(15.0, "feedback from COM velocity to its acceleration")
-    momentum_gain: Real = _damping(15.0, "feedback from angular momentum to its rate")
-    trunk_gain: Real = parameter(
-        3.0, "slow feedback from trunk tilt to the commanded angular momentum", "N m s/rad", ge=0, le=1e3
-    )
-    trunk_integral: Real = parameter(
-        0.33, "rate at which the trunk's mean tilt is added to it, for a constant posture", "1/s", ge=0, le=10
-    )
-    posture_stiffness: Real = _stiffness(900.0, "feedback from posture to its acceleration")
-    posture_damping: Real = _damping(60.0, "feedback from posture rate to its acceleration")
-    swing_stiffness: Open = _stiffness(400.0, "feedback from the swing foot's pose to its acceleration")
-    swing_damping: Open = _damping(40.0, "feedback from the swing foot's velocity to its acceleration")
-    stance_damping: Real = _damping(50.0, "feedback from the stance foot's velocity to its acceleration")
-    roll_stiffness: Real = _stiffness(1500.0, "feedback from the pose of a rolling foot to its rotation")
-    roll_damping: Real = _damping(80.0, "feedback from the rate of a rolling foot to its rotation")
-    touchdown_damping: Real = _damping(200.0, "how fast a late foot takes up the touch-down velocity")
-    contact_ramp: Real = parameter(
-        0.04, "time in which a point's force limit opens at touch-down, closes at lift-off", "s", gt=0, le=1
-    )
-    landing_share: Real = parameter(
-        0.6, "share of a landing foot's sensed force that the QP takes as given", ge=0, le=1
-    )
-    landing_force: Real = parameter(
-        0.006, "least force of a sole point that lands, as share of the weight", ge=0, le=0.1
-    )
-    landing_compensation: Real = parameter(
-        0.3, "share of what a landing foot fails to carry that the other foot makes up for", ge=0, le=1
-    )
-    landing_yield: Real = parameter(
-        0.5, "share of its own vertical acceleration that a landing foot is left with", ge=0, le=1
-    )
-    touchdown_lead: Real = parameter(
-        0.0, "time before its planned contact from which a foot is let down", "s", ge=0, le=0.2
-    )
-    touchdown_window: Real = parameter(
-        0.04, "time before its planned contact from which a touch counts as contact", "s", ge=0, le=0.5
-    )
-    roll_down_bias: Real = parameter(
-        0.004, "how much later than planned the front foot's ball comes down, as pitch", "rad", ge=0, le=0.1
-    )
-    touchdown_velocity: Real = parameter(0.05, "speed of a late foot towards the floor", "m/s", ge=0, le=2)
-    touchdown_rate: Real = parameter(1.0, "rate of a late sole's turn to the floor", "rad/s", ge=0, le=20)
-    unsolved_limit: Real = parameter(
-        0.05, "time for which the QP may stay unsolved before the run ends as infeasible", "s", gt=0, le=10
-    )
-
-
-class SimulationParameters(Section, section="simulation"):
-    """The physics engine."""
-
-    engine: Literal["mujoco", "drake"] = parameter(
-        "mujoco", "engine of the physics: mujoco, or drake, which the extra 'drake' installs"
-    )
-    time_step: Real = parameter(0.0005, "time step of the physics", "s", gt=0, le=0.05)
-    integrator: Literal["Euler", "implicitfast"] = parameter("Euler", "integrator of the physics")
-    start_depth: Real = parameter(
-        0.001, "depth at which the soles start under the floor, to carry weight", "m", ge=0, le=0.01
-    )
-
-
-class SolverParameters(Section, section="solver"):
-    """Numerical solvers and grids."""
-
-    qp: Literal["osqp", "daqp"] = parameter("osqp", "solver of the controller's quadratic programme")
-    tolerance: Real = parameter(5e-5, "tolerance of the QP, forces in body weights", gt=0, le=1e-2)
-    max_iterations: Whole = parameter(4000, "iterations after which a QP is unsolved", ge=10, le=100_000)
-    ik_time_step: Real = parameter(0.002, "largest step of the inverse kinematics' grid", "s", gt=0, le=0.05)
 
 
 class DisturbanceParameters(Section, section="disturbance"):
@@ -342,6 +237,9 @@ class RunParameters(Section):
     """Everything that describes one run."""
 
     gait: GaitParameters = Field(default_factory=GaitParameters)
+    planner: PlannerParameters = Field(
+        default_factory=PlannerParameters, exclude_if=lambda planner: not planner.options
+    )
     body: BodyParameters = Field(default_factory=BodyParameters)
     foot: FootParameters = Field(default_factory=FootParameters)
     contact: ContactParameters = Field(default_factory=ContactParameters)
@@ -423,17 +321,23 @@ class RunParameters(Section):
 
     def _changes(self) -> Iterator[tuple[str, Any, str, Any, str]]:
         """Key, value, unit, default and meaning of every value that differs from its default."""
-        for key in keys():
+        for key in (*keys(), *OPTION_TABLES):
             section, _, name = key.partition(".")
             field, value = SECTIONS[section].model_fields[name], self.value(key)
-            if value != field.default:
+            default = field.get_default(call_default_factory=True)
+            if value != default:
                 unit = unit_of(field)
-                yield key, value, "" if unit == "1" else unit, field.default, str(field.description)
+                yield key, value, "" if unit == "1" else unit, default, str(field.description)
 
     def value(self, key: str) -> Any:
-        """Value of a namespaced key."""
-        section, _, name = key.partition(".")
-        return getattr(getattr(self, section), name)
+        """Value of a namespaced key.
+
+        Raises:
+            KeyError: an option that is not set.
+        """
+        section, name, *option = key.split(".")
+        value = getattr(getattr(self, section), name)
+        return value[option[0]] if option else value
 
     def replace(self, values: Mapping[str, Any], **more: Any) -> "RunParameters":
         """Copy with some namespaced keys changed, validated like any other input.
@@ -447,8 +351,7 @@ class RunParameters(Section):
         """
         table = self.model_dump() | more
         for key, value in values.items():
-            section, name = split_key(key)
-            table[section][name] = value
+            put(table, key, value)
         return RunParameters(**table).giving(self.given | values.keys())
 
     @property
@@ -460,7 +363,9 @@ class RunParameters(Section):
     def given(self) -> frozenset[str]:
         """Keys whose values stay; those of :data:`OPEN_KEYS` that are not among them may be found."""
         return frozenset(
-            f"{section}.{key}" for section in SECTIONS for key in getattr(self, section).model_fields_set
+            f"{section}.{key}"
+            for section in SECTIONS
+            for key in getattr(self, section).model_fields_set - {OPTIONS}
         )
 
     def as_is(self) -> "RunParameters":
@@ -468,8 +373,8 @@ class RunParameters(Section):
         return self.giving(keys())
 
     def giving(self, given: Iterable[str]) -> "RunParameters":
-        """The same values, of which these keys count as given."""
-        kept = set(given)
+        """The same values, of which these keys count as given; options always do."""
+        kept = {*given, *OPTION_TABLES}
         sections = {
             name: kind.model_construct(
                 {key for key in kind.model_fields if f"{name}.{key}" in kept}, **dict(getattr(self, name))
@@ -492,8 +397,19 @@ SECTIONS: Mapping[str, type[Section]] = {
 
 @cache
 def keys() -> tuple[str, ...]:
-    """All namespaced keys, in the order of the file."""
-    return tuple(f"{name}.{key}" for name, section in SECTIONS.items() for key in section.model_fields)
+    """All namespaced keys, in the order of the file, without the options of users' classes."""
+    return tuple(
+        f"{name}.{key}"
+        for name, section in SECTIONS.items()
+        for key in section.model_fields
+        if key != OPTIONS
+    )
+
+
+OPTION_TABLES = tuple(
+    f"{name}.{OPTIONS}" for name, section in SECTIONS.items() if OPTIONS in section.model_fields
+)
+"""Tables of the options of users' classes: ``controller.options`` and others."""
 
 
 OPEN_KEYS = tuple(
@@ -505,37 +421,30 @@ OPEN_KEYS = tuple(
 """Keys that a gait may leave open, to be found for the rest."""
 
 
-def split_key(key: str) -> tuple[str, str]:
-    """Section and name of a namespaced key.
+def is_option(key: str) -> bool:
+    """Whether a key is an option of a user's class, such as ``controller.options.gain``."""
+    table, _, option = key.rpartition(".")
+    return table in OPTION_TABLES and option.isidentifier()
+
+
+def split_key(key: str) -> list[str]:
+    """Section and name of a namespaced key; of an option section, ``options`` and name.
 
     Raises:
         InputError: there is no such key; the nearest is named.
     """
-    if key not in keys():
+    if key not in keys() and key not in OPTION_TABLES and not is_option(key):
         raise unknown(key, keys())
-    section, _, name = key.partition(".")
-    return section, name
+    return key.split(".")
 
 
-def steps_per_tick(frequency: float, time_step: float) -> int:
-    """Time steps of the physics in one control period.
-
-    Args:
-        frequency: of the controller [Hz].
-        time_step: of the physics [s].
+def put(table: dict[str, Any], key: str, value: Any) -> None:
+    """Set a namespaced key in a table of sections.
 
     Raises:
-        InputError: it is no whole number.
+        InputError: there is no such key.
     """
-    ratio = 1.0 / (frequency * time_step)
-    steps = whole(ratio)
-    if not steps:
-        way_out = f"choose for example controller.frequency = {1.0 / (max(1, round(ratio)) * time_step):.12g}"
-        raise InputError(
-            f"controller.frequency = {frequency:g} Hz gives a tick every {ratio:.4g} time steps of "
-            f"{time_step:g} s; it must be a whole number: {way_out}.",
-            key="controller.frequency",
-            value=frequency,
-            way_out=way_out,
-        )
-    return steps
+    *sections, name = split_key(key)
+    for section in sections:
+        table = table.setdefault(section, {})
+    table[name] = value

@@ -10,9 +10,18 @@ from typing import Any, Literal, get_args, get_origin
 import tomli_w
 
 from ampm.exceptions import InputError
-from ampm.parameters import OPEN_KEYS, SECTIONS, RunParameters, keys, split_key
+from ampm.parameters import (
+    OPEN_KEYS,
+    OPTION_TABLES,
+    OPTIONS,
+    SECTIONS,
+    RunParameters,
+    keys,
+    put,
+    split_key,
+)
 from ampm.presets import PRESETS
-from ampm.section import nearest, parse_toml, read_toml, unit_of, unknown
+from ampm.section import Option, nearest, parse_toml, read_toml, unit_of, unknown
 
 
 def load_run(
@@ -39,9 +48,7 @@ def load_run(
     table = {} if source is None else _read_source(source)
     asked: dict[str, Any] = {}
     for setting in [settings] if isinstance(settings, str) else settings:
-        key, value = _parsed(setting)
-        section, name = split_key(key)
-        asked.setdefault(section, {})[name] = value
+        put(asked, *_parsed(setting))
     asked = _merged(asked, sections)
     run = RunParameters(**_merged(table, asked))
     if source not in PRESETS:
@@ -78,10 +85,14 @@ def _merged(table: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]
     merged = dict(table)
     for name, values in more.items():
         old = table.get(name, {})
-        if isinstance(values, Mapping):
-            merged[name] = {**old, **values} if isinstance(old, Mapping) else old
-        else:
+        if not isinstance(values, Mapping):
             merged[name] = values
+        elif not isinstance(old, Mapping):
+            merged[name] = old
+        else:
+            merged[name] = {**old, **values}
+            if isinstance(old.get(OPTIONS), Mapping) and isinstance(values.get(OPTIONS), Mapping):
+                merged[name][OPTIONS] = {**old[OPTIONS], **values[OPTIONS]}
     return merged
 
 
@@ -119,19 +130,21 @@ class KeyInfo:
     key: str  # namespaced
     meaning: str
     unit: str  # SI, "1" if it has none
-    default: float | int | str
-    kind: Literal["float", "int", "text"]
+    default: float | int | str | Mapping[str, Option]
+    kind: Literal["float", "int", "text", "option"]
     options: tuple[str, ...]  # values of a text; empty for numbers and for a text that is free
     range: str  # bounds or options, for people
 
-    def convert(self, value: Any) -> float | int | str:
+    def convert(self, value: Any) -> Option:
         """A value of TOML as this key has it, within its bounds or not.
 
         Raises:
             InputError: another type, not a number, or none of the options.
         """
         is_number = isinstance(value, float) or (type(value) is int and abs(value) <= _LARGEST_INTEGER)
-        if self.kind == "text":
+        if self.kind == "option":
+            good, wanted = isinstance(value, Option), "a number, a text, true or false"
+        elif self.kind == "text":
             good = value in self.options if self.options else bool(value) and isinstance(value, str)
             wanted = f"one of {', '.join(self.options)}" if self.options else "a text"
         elif self.kind == "int":
@@ -140,7 +153,9 @@ class KeyInfo:
             good, wanted = is_number and value == value, "a number"
         if not good:
             raise InputError(f"{self.key} = {value!r} must be {wanted}.", key=self.key, value=value)
-        return {"text": str, "int": int, "float": float}[self.kind](value)
+        kinds: Mapping[str, Any] = {"text": str, "int": int, "float": float, "option": type(value)}
+        converted: Option = kinds[self.kind](value)
+        return converted
 
 
 _LARGEST_INTEGER = 2**53  # whole numbers beyond are not exact as floats
@@ -153,8 +168,9 @@ def key_info(key: str) -> KeyInfo:
     Raises:
         InputError: there is none of this name; the nearest is named.
     """
-    section, name = split_key(key)
+    section, name, *_ = split_key(key)
     field = SECTIONS[section].model_fields[name]
+    kinds: Mapping[Any, Any] = {str: "text", int: "int"}
     options = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
     bounds = [
         f"{sign} {getattr(item, comparison):g}"
@@ -166,8 +182,8 @@ def key_info(key: str) -> KeyInfo:
         key=key,
         meaning=str(field.description),
         unit=unit_of(field),
-        default=field.default,
-        kind="text" if options or field.annotation is str else "int" if field.annotation is int else "float",
+        default=field.get_default(call_default_factory=True),
+        kind="option" if name == OPTIONS else "text" if options else kinds.get(field.annotation, "float"),
         options=options,
         range=", ".join(bounds) or " | ".join(options),
     )
@@ -181,16 +197,18 @@ def describe_keys() -> tuple[KeyInfo, ...]:
 def find_keys(*words: str) -> tuple[KeyInfo, ...]:
     """Keys that all words fit, in the order of the file.
 
-    The name of a section fits the keys of this section. Any other word fits the keys that have it in their
-    name or meaning, in upper or lower case.
+    The name of a section fits the keys of this section. Any other word, and ``planner``, fits the keys that
+    have it in their name or meaning, in upper or lower case. Options of users' classes are one key a class.
 
     Raises:
         InputError: no key fits.
     """
-    found = describe_keys()
+    order = list(SECTIONS)
+    every = [*describe_keys(), *map(key_info, OPTION_TABLES)]
+    found = tuple(sorted(every, key=lambda info: order.index(info.key.partition(".")[0])))
     for word in words:
         text = word.strip().lower()
-        if text in SECTIONS:
+        if text in SECTIONS and text != "planner":  # whose name is gait.planner
             kept = [info for info in found if info.key.partition(".")[0] == text]
         else:
             kept = [info for info in found if text in f"{info.key} {info.meaning}".lower()]

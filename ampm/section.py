@@ -28,12 +28,33 @@ def _whole(value: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
+def _option(value: Any) -> bool | int | float | str:
+    if isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
+        return value
+    raise ValueError("it should be a finite number, a text, true or false")
+
+
 Real = Annotated[float, Field(allow_inf_nan=False)]
 """A finite float."""
 RealOrInf = Annotated[float, AfterValidator(_not_nan)]
 """A float that may be infinite, but not NaN."""
 Whole = Annotated[int, BeforeValidator(_whole)]
 """An integer, also written as 4.0."""
+OPEN = "open"
+"""Marks what a gait may leave open, to be found for the rest: all others define the gait."""
+Open = Annotated[Real, OPEN]
+OPTIONS = "options"
+"""Name of the field with the options of a user's class, in sections that name one."""
+Option = bool | int | float | str
+"""Value of an option of a user's class."""
+Options = Mapping[str, Annotated[Option, BeforeValidator(_option)]]
+"""Options of a user's class, by the names of its parameters."""
+
+
+def whole(number: float) -> int | None:
+    """The whole number that a number is but for rounding, or None."""
+    nearest = round(number)
+    return nearest if abs(number - nearest) <= 1e-9 * max(1.0, number) else None
 
 
 class Section(BaseModel):
@@ -52,6 +73,10 @@ class Section(BaseModel):
         except ValidationError as error:
             raise _input_error(error, type(self)) from None
 
+    def __hash__(self) -> int:
+        """Of all values; pydantic's own has none for options."""
+        return hash(self.model_dump_json())
+
     @classmethod
     def known_keys(cls) -> list[str]:
         """Names that an unknown one is compared to."""
@@ -62,6 +87,16 @@ class Section(BaseModel):
 def parameter(default: Any, description: str, unit: str = "1", **options: Any) -> Any:
     """A field of a section with its default, meaning, SI unit, and options such as bounds."""
     return Field(default, description=description, json_schema_extra={"unit": unit}, **options)
+
+
+def options_of(kind: str, where: str) -> Any:
+    """A field with the options of a user's class; left out of a file if there are none."""
+    return Field(
+        default_factory=dict,
+        description=f"options of the class that {where} names, by the names of its parameters; the class "
+        f"says what they mean, for example {kind}.options.gain = 30",
+        exclude_if=lambda options: not options,
+    )
 
 
 def unit_of(field: Any) -> str:
@@ -106,7 +141,7 @@ def _input_error(error: ValidationError, model: type[Section]) -> InputError:
     unit = "" if unit_of(field) == "1" else f" {unit_of(field)}"
     limit = limit_of(detail) + (unit if kind.startswith(("greater_than", "less_than")) else "")
     way_out = None
-    if kind == "model_type":
+    if kind in ("model_type", "dict_type"):
         limit, way_out = "must be a section of keys", f"write [{key}] and its keys below it"
     elif isinstance(field.default, float | int | str):
         way_out = f"the default is {_with_unit(field.default, unit)}"

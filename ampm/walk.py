@@ -242,8 +242,8 @@ class Controller(Protocol):
 class ControllerFactory(Protocol):
     """Makes a controller; a controller's class is such a factory."""
 
-    def __call__(self, robot: Any, run: RunParameters, /) -> Controller:
-        """Make one for a body, :class:`ampm.body.robot.Robot`, and a run."""
+    def __call__(self, robot: Any, run: RunParameters, /, *more: Any, **options: Any) -> Controller:
+        """Make one for a body, :class:`ampm.body.robot.Robot`, and a run, with ``run.controller.options``."""
         ...
 
 

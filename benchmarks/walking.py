@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 
 from ampm.geometry import Array
-from ampm.parameters import RunParameters, steps_per_tick
+from ampm.parameters import RunParameters
+from ampm.physics_parameters import steps_per_tick
 from ampm.walk import LIMITED, UNSOLVED, WalkPlan
 from benchmarks.clock import Line, least
 from models.scene import BodyModel

@@ -1,6 +1,7 @@
 """The body of a run: the human, built from tables, or another one, read from its description."""
 
-from ampm.parameters import HUMAN, BodyParameters, ContactParameters, SimulationParameters
+from ampm.parameters import HUMAN, BodyParameters
+from ampm.physics_parameters import ContactParameters, SimulationParameters
 from models import human
 from models.load import Writer
 from models.scene import BodyModel

@@ -12,7 +12,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ampm.description import BodyDescription, LegDescription, SoleGeometry
-from ampm.parameters import GRAVITY, BodyParameters, ContactParameters, SimulationParameters
+from ampm.parameters import GRAVITY, BodyParameters
+from ampm.physics_parameters import ContactParameters, SimulationParameters
 from models import anthropometry as table
 from models import scene
 from models.scene import BodyModel, Inertial, add

@@ -15,7 +15,7 @@ import numpy as np
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription, LegDescription, Passive, SoleGeometry
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from ampm.parameters import ContactParameters, SimulationParameters
+from ampm.physics_parameters import ContactParameters, SimulationParameters
 from models import anthropometry as table
 from models import scene
 from models.scene import BodyModel, add

@@ -13,7 +13,8 @@ import numpy as np
 
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription, SoleGeometry
 from ampm.geometry import Array
-from ampm.parameters import GRAVITY, ContactParameters, SimulationParameters
+from ampm.parameters import GRAVITY
+from ampm.physics_parameters import ContactParameters, SimulationParameters
 
 SIDES = ("left", "right")
 SOLE_POINT_RADIUS = 0.00001

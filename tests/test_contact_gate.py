@@ -6,7 +6,7 @@ import pytest
 from ampm.compiled import records
 from ampm.control.contact_gate import update_gate
 from ampm.control.workspace import BALL, HEEL, LINE, TIP, gains_of, points_of, wanted_of
-from ampm.parameters import ControllerParameters
+from ampm.controller_parameters import ControllerParameters
 from ampm.reference import ContactState, reference_type
 from tests.solved import COARSE, walk_of
 

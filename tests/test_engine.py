@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ampm.exceptions import InputError
-from ampm.parameters import DrakeParameters
+from ampm.physics_parameters import DrakeParameters
 from ampm.run_file import load_run
 from tests.solved import body_of, simulated
 from tests.test_bodies import run_of

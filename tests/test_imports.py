@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ORDER = {
     "ampm": (
         "exceptions brief presets geometry compiled vectors linear description qp section "
+        "physics_parameters controller_parameters "
         "parameters run_file planner reference walk body control+stepping planners tune __main__"
     ).split(),
     "validation": (

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ampm.exceptions import InputError
-from ampm.parameters import ContactParameters, GaitParameters, RunParameters, keys
+from ampm.parameters import GaitParameters, RunParameters, keys
+from ampm.physics_parameters import ContactParameters
 from ampm.presets import preset_names
 from ampm.run_file import describe_keys, dump_run, load_run
 

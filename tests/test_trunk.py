@@ -7,7 +7,7 @@ import pytest
 
 from ampm.control.trunk import fed_back_tilt
 from ampm.control.workspace import LONGEST, Tilt, gains_of
-from ampm.parameters import ControllerParameters
+from ampm.controller_parameters import ControllerParameters
 
 FREQUENCY, INTEGRAL = 100.0, 0.5
 

@@ -24,7 +24,8 @@ from dm_env import specs
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
-from ampm.parameters import RunParameters, steps_per_tick
+from ampm.parameters import RunParameters
+from ampm.physics_parameters import steps_per_tick
 from ampm.walk import Reference, State, Timing, Touch
 from validation.judge.metrics import METRICS
 from validation.judge.profiles import DEFAULT, Profile

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ampm.body.rigid_body import frames_of
 from ampm.body.robot import Robot
 from ampm.compiled import records
-from ampm.parameters import ControllerParameters
+from ampm.controller_parameters import ControllerParameters
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -2,9 +2,10 @@
 
 import math
 
+from ampm.controller_parameters import ControllerParameters
 from ampm.description import BodyDescription
 from ampm.exceptions import InputError
-from ampm.parameters import GRAVITY, ControllerParameters, RunParameters
+from ampm.parameters import GRAVITY, RunParameters
 
 _STEP = 0.3  # length of a step over the height of the hips [1]
 _PACE = 0.15  # speed at the switch over the square root of g times the height of the hips [1]

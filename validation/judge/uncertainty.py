@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, NonNegativeFloat, ValidationError
 
 from ampm.exceptions import InputError
+from ampm.parameters import OPTION_TABLES
 from validation.store.json import json_ready
 
 if TYPE_CHECKING:
@@ -59,7 +60,10 @@ class Uncertainty:
         own = json_ready(request.run.model_dump())
         if own.pop("footsteps", None):
             return "it walks over footsteps"
-        for section, entries in json_ready(self.parameters).items():
+        studied = json_ready(self.parameters)
+        for section, _, name in (table.partition(".") for table in OPTION_TABLES):
+            studied[section] = {name: None, **studied.get(section, {})}
+        for section, entries in studied.items():
             for key, value in entries.items():
                 here = own.get(section, {}).get(key)
                 if f"{section}.{key}" != _FREE and value != here:

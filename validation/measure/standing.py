@@ -14,10 +14,11 @@ from ampm.body.return_map import standing
 from ampm.body.robot import Robot
 from ampm.body.step_reference import StepReference
 from ampm.control.controller import TrackingController
+from ampm.controller_parameters import ControllerParameters
 from ampm.description import BodyDescription
 from ampm.exceptions import BodilyRefusal
 from ampm.geometry import Array
-from ampm.parameters import ControllerParameters, RunParameters
+from ampm.parameters import RunParameters
 from ampm.planner.feet import TIP
 from ampm.walk import ContactState, FeetState, PostureState, Reference
 from models.scene import BodyModel

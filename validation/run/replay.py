@@ -15,7 +15,7 @@ import numpy as np
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from ampm.parameters import DrakeParameters
+from ampm.physics_parameters import DrakeParameters
 from ampm.run_file import load_run
 from validation.measure.equations import Equations, Steps, defects, summarize, velocity_names
 from validation.progress import Progress

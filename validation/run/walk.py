@@ -36,6 +36,7 @@ from validation.trial.planners import check_planner
 from validation.trial.record import SimulationRecord
 from validation.trial.scene import disturbed_model
 from validation.trial.simulate import simulate
+from validation.trial.users import check_options
 
 
 def walk(
@@ -57,8 +58,8 @@ def walk(
 
     Args:
         run: parameters from :func:`ampm.load_run`, or a preset or TOML file.
-        controller: makes the controller from robot and run, a class for example; or its name. That of the run
-            by default.
+        controller: makes the controller from robot, run and the run's ``controller.options``, a class for
+            example; or its name. That of the run by default.
         planner: makes the plan, or a name, see :func:`validation.trial.planners.load_planner`; that of the
             run by default.
         disturbances: external forces, such as :class:`validation.Push`, beside those of the run.
@@ -92,8 +93,9 @@ def walk(
         controller if callable(controller) else find_controller(controller or request.run.controller.name)
     )
     if isinstance(planner, str):
-        check_planner(planner)
+        check_planner(planner, request.run.planner.options)
         request, planner = replace(request, run=request.run.replace({"gait.planner": planner})), None
+    check_options("controller.name", name_of(factory), request.run.controller.options, factory, 2)
     if controller is not None:
         request = replace(request, run=request.run.replace({"controller.name": name_of(factory)}))
     if not isinstance(profile, Profile):

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from ampm.body.motion import MOTION_UNITS
-from ampm.parameters import HUMAN, RunParameters
+from ampm.parameters import HUMAN, RunParameters, is_option
 from ampm.planner.support import StepPlan
-from ampm.run_file import describe_keys
+from ampm.run_file import describe_keys, key_info
 from validation.judge.compare import PARTS, SIGNALS
 from validation.judge.metrics import display_unit
 from validation.show.cost_table import cost_table, reported_table
@@ -22,6 +22,7 @@ from validation.show.style import style
 from validation.show.text import format_value
 from validation.show.walker import FLOOR_MARKS, arrow_scale, draw_walker
 from validation.store.folders import output_file
+from validation.store.identity import parameter_values
 from validation.store.saved import REPORT_FILE, SavedRun, load_saved_run, run_events
 from validation.table import Table, format_number, short_unit
 from validation.trial.outcome import OutcomeName
@@ -283,10 +284,10 @@ def _item(value: Any) -> str:
 
 def _parameters(run: RunParameters) -> Table:
     """Value with unit, and meaning of every parameter."""
-    values, rows = run.model_dump(), []
-    for info in describe_keys():
-        section, key = info.key.split(".")
-        value = values[section][key]
+    rows = []
+    options = (key_info(key) for key in parameter_values(run) if is_option(key))
+    for info in (*describe_keys(), *options):
+        value = run.value(info.key)
         text = f"{value:.10g}" if isinstance(value, float) else str(value)
         rows.append((info.key, text if info.unit == "1" else f"{text} {info.unit}".strip(), info.meaning))
     return Table("", ("parameter", ">value", "meaning"), rows)

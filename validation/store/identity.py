@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ampm.parameters import RunParameters
+from ampm.parameters import OPTION_TABLES, RunParameters
 from validation.store.environment import version_of
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -28,6 +28,9 @@ def parameter_values(run: RunParameters) -> dict[str, Any]:
     sections = run.model_dump()
     rows = {"footsteps": sections.pop("footsteps")} if run.footsteps else {}
     values = {f"{name}.{key}": value for name, section in sections.items() for key, value in section.items()}
+    for table in OPTION_TABLES:
+        options = values.pop(table, {})
+        values |= {f"{table}.{name}": value for name, value in options.items()}
     return values | rows
 
 

@@ -5,14 +5,17 @@ A finished run is one line of ``rows.jsonl``, written before it is reported. To 
 and is sent its row, stored or new. It decides on the next task, and needs no code to resume.
 """
 
+import ast
 import hashlib
 import inspect
+import sys
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sized
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
+from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +29,7 @@ from validation.progress import Progress, Stage, interruption
 from validation.store.folders import check_target, disk_is_full
 from validation.store.identity import code_hash
 from validation.study.exceptions import StudyStopped
-from validation.study.pool import open_pool
+from validation.study.pool import is_users, open_pool
 from validation.study.row_file import ROWS, Row, RowFile
 from validation.study.walk_options import body_files
 
@@ -99,10 +102,34 @@ def _bound(thing: Any) -> list[Any]:
 
 @cache
 def _source_hash(thing: Any) -> str:
-    """Hash of the file that defines a class or function; empty for one without a file."""
-    with suppress(OSError, TypeError):
-        return hashlib.sha256(Path(inspect.getfile(thing)).read_bytes()).hexdigest()[:16]
-    return ""
+    """Hash of the file that defines a class or function and of a user's files that it imports.
+
+    Empty for one without a file.
+    """
+    files: dict[str, bytes] = {}
+    _add_sources(thing.__module__, files)
+    with suppress(OSError, TypeError):  # of a class that is not in a module's file
+        files.setdefault(thing.__module__, Path(inspect.getfile(thing)).read_bytes())
+    return hashlib.sha256(b"".join(files.values())).hexdigest()[:16] if files else ""
+
+
+def _add_sources(name: str, files: dict[str, bytes]) -> None:
+    """Add the source of a user's module, and of those that it imports, to files by the modules' names."""
+    module = sys.modules.get(name)
+    if name in files or not is_users(module):
+        return
+    files[name] = source = Path(str(module.__file__)).read_bytes()
+    package = getattr(module, "__package__", None) or ""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            home = resolve_name("." * node.level + (node.module or ""), package)
+            names = [home, *(f"{home}.{alias.name}" for alias in node.names)]
+        else:
+            continue
+        for imported in names:
+            _add_sources(imported, files)
 
 
 def study_folder(out: str | Path | None, *, resume: bool) -> Path | None:

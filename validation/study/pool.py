@@ -187,21 +187,31 @@ def _packed(work: Callable[..., Row], options: Mapping[str, Any]) -> bytes:
 
 
 @cache
+def _known_folders() -> tuple[str, ...]:
+    """Folders of this project's packages, and of what is installed."""
+    root = os.path.dirname(os.path.realpath(sys.modules["ampm"].__path__[0]))
+    ours = [os.path.join(root, name) for name in ("ampm", "models", "validation", "benchmarks")]
+    installed = map(os.path.realpath, {sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()})
+    return tuple(path + os.sep for path in (*ours, *installed))
+
+
+def is_users(module: Any) -> bool:
+    """Whether a loaded module is a file that is neither installed nor of this project."""
+    file = getattr(module, "__file__", None)
+    return bool(file) and not os.path.realpath(file).startswith(_known_folders())
+
+
+@cache
 def _send_by_value(loaded: int) -> None:
-    """Have cloudpickle send modules by value that are neither installed nor of this project.
+    """Have cloudpickle send users' modules by value.
 
     Otherwise it sends a module's name, which workers started elsewhere cannot import.
 
     Args:
         loaded: number of loaded modules; looking at all of them takes 50 ms.
     """
-    root = os.path.dirname(os.path.realpath(sys.modules["ampm"].__path__[0]))
-    ours = [os.path.join(root, name) + os.sep for name in ("ampm", "models", "validation", "benchmarks")]
-    installed = map(os.path.realpath, {sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()})
-    known = (*ours, *(path + os.sep for path in installed))
     for name, module in list(sys.modules.items()):
-        file = getattr(module, "__file__", None)
-        if name != "__main__" and file and not os.path.realpath(file).startswith(known):
+        if name != "__main__" and is_users(module):
             cloudpickle.register_pickle_by_value(module)
 
 

@@ -25,7 +25,7 @@ def users_classes(run: RunParameters) -> dict[str, Any]:
     if run.controller.name not in CONTROLLERS:
         found["controller"] = find_controller(run.controller.name)
     if run.gait.planner not in STEP_PLANNERS:
-        found["planner"] = load_planner(run.gait.planner)
+        found["planner"] = load_planner(run.gait.planner, run.planner.options)
     return found
 
 

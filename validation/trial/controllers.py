@@ -8,11 +8,12 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from validation.trial.policy import OnnxPolicy
-from validation.trial.users import load_named
+from validation.trial.users import check_options, load_named
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from ampm.section import Option
     from ampm.walk import ControllerFactory
 
 GROUP = "ampm.controllers"
@@ -38,6 +39,16 @@ def find_controller(name: str) -> ControllerFactory:
         return OnnxPolicy(name.removeprefix(POLICY))
     found: ControllerFactory = load_named("controller.name", name, CONTROLLERS, GROUP)
     return found
+
+
+def check_controller(name: str, options: Mapping[str, Option]) -> None:
+    """Refuse a name that is no controller, and options that it does not take, before anything is planned.
+
+    Raises:
+        InputError: there is no such controller, or an option is unknown or missing.
+    """
+    if name not in CONTROLLERS or options:
+        check_options("controller.name", name, options, find_controller(name), 2)
 
 
 def source_of(name: str) -> Path:

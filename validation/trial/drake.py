@@ -38,7 +38,7 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import DiagramBuilder
 
-from ampm.parameters import DrakeParameters
+from ampm.physics_parameters import DrakeParameters
 
 # Of contact between rigid and soft bodies, of which there is none here.
 logging.getLogger("drake").addFilter(lambda record: "half spaces" not in record.getMessage())

@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 
 from ampm.exceptions import InputError
-from ampm.parameters import DrakeParameters, RunParameters
+from ampm.parameters import RunParameters
+from ampm.physics_parameters import DrakeParameters
 
 
 class Engine(Protocol):

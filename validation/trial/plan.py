@@ -22,7 +22,7 @@ from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
 from validation.progress import Progress
-from validation.trial.controllers import CONTROLLERS, find_controller
+from validation.trial.controllers import check_controller
 from validation.trial.planners import check_planner, load_planner
 from validation.trial.users import UsersCode
 
@@ -161,9 +161,8 @@ def load_request(
     run = own_gait(run)
     if as_is:
         run = run.as_is()
-    if run.controller.name not in CONTROLLERS:
-        find_controller(run.controller.name)
-    check_planner(run.gait.planner)
+    check_controller(run.controller.name, run.controller.options)
+    check_planner(run.gait.planner, run.planner.options)
     path = Path(run.body.source if gait is None else gait)
     # A run folder's own run.toml is named after the folder.
     name = path.resolve().parent.name if path.name == "run.toml" else path.stem
@@ -314,7 +313,7 @@ def plan_walk(
             request = tune_walk(replace(request, run=run.replace({}, footsteps=())), progress).request
             request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
             run = request.run
-    planner = planner or load_planner(run.gait.planner)
+    planner = planner or load_planner(run.gait.planner, run.planner.options)
     periodic = type(planner) is PeriodicPlanner
     name = str(getattr(planner, "name", type(planner).__name__))
     if run.footsteps and (periodic or isinstance(planner, TablePlanner)):

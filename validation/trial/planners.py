@@ -2,32 +2,40 @@
 
 import inspect
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import InputError
 from ampm.planner.step_planners import STEP_PLANNERS
 from validation.trial.columns import SUFFIXES, read_columns
-from validation.trial.users import make_object
+from validation.trial.users import check_options, load_object, make_object
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ampm.section import Option
     from ampm.walk import Planner
 
 
-def load_planner(text: str) -> "Planner":
+def load_planner(text: str, options: "Mapping[str, Option]" = MappingProxyType({})) -> "Planner":
     """The planner that a text names.
 
     Args:
         text: a name of :data:`ampm.planner.step_planners.STEP_PLANNERS`, a table (``.csv`` or ``.parquet``,
             see :mod:`ampm.planner.table`), or ``module:Class``.
+        options: keyword arguments of the class.
 
     Raises:
-        InputError: there is no such planner, or the table cannot be read.
+        InputError: there is no such planner, the table cannot be read, or an option is unknown or missing.
     """
     from ampm.planners import PeriodicPlanner, TablePlanner  # imported here: Pinocchio is slow to load
 
+    path = Path(text)
+    if text in STEP_PLANNERS or path.suffix in SUFFIXES:
+        check_options("gait.planner", f"the planner {text}", options)
     if text in STEP_PLANNERS:
         return PeriodicPlanner(text)
-    if (path := Path(text)).suffix in SUFFIXES:
+    if path.suffix in SUFFIXES:
         return TablePlanner(read_columns(path), path.name)
     if ":" not in text:
         raise InputError(
@@ -36,18 +44,18 @@ def load_planner(text: str) -> "Planner":
             key="gait.planner",
             value=text,
         )
-    planner: Any = make_object("gait.planner", text)
+    planner: Any = make_object("gait.planner", text, options)
     return planner
 
 
-def check_planner(text: str) -> None:
-    """Refuse a name that is no planner, before anything is planned.
+def check_planner(text: str, options: "Mapping[str, Option]" = MappingProxyType({})) -> None:
+    """Refuse a name that is no planner, and options that it does not take, before anything is planned.
 
     Raises:
         InputError: as :func:`load_planner`.
     """
-    if text not in STEP_PLANNERS:
-        load_planner(text)
+    if text not in STEP_PLANNERS or options:
+        load_planner(text, options)
 
 
 def planner_file(text: str) -> Path:
@@ -58,4 +66,4 @@ def planner_file(text: str) -> Path:
     """
     if Path(text).suffix in SUFFIXES:
         return Path(text)
-    return Path(inspect.getfile(type(load_planner(text))))
+    return Path(inspect.getfile(load_object("gait.planner", text)))

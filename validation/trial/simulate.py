@@ -20,7 +20,8 @@ import numpy as np
 
 from ampm.compiled import bound, refer
 from ampm.exceptions import InputError, SolverError
-from ampm.parameters import DisturbanceParameters, steps_per_tick
+from ampm.parameters import DisturbanceParameters
+from ampm.physics_parameters import steps_per_tick
 from ampm.planner.heights import uneven
 from ampm.reference import reference_type
 from ampm.walk import (
@@ -195,7 +196,7 @@ def simulate(
     factory = controller or find_controller(run.controller.name)
     with UsersCode("controller", factory):
         known = physics.robot if scene is body else make_robot(body.compile(), body.description)
-        follower = factory(known, run.undisturbed)
+        follower = factory(known, run.undisturbed, **run.controller.options)
         if hasattr(follower, "follow"):
             follower.follow(plan, timing)
         if planner is not None:

@@ -1,8 +1,9 @@
 """Users' classes: find and import them, and report their errors with their name."""
 
+import inspect
 import sys
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -11,8 +12,11 @@ from typing import Any
 
 import ampm
 from ampm.exceptions import AmpmError, InputError
+from ampm.section import Option, nearest
 
 _OURS = Path(ampm.__file__).parent, Path(__file__).parents[1], Path(traceback.__file__).parent
+OPTIONS_OF: Mapping[str, str] = {"controller.name": "controller.options", "gait.planner": "planner.options"}
+"""Keys that name a class, and the tables of its options."""
 _WAY_OUT = "; correct it, --debug shows the traceback."
 
 
@@ -96,12 +100,63 @@ def load_named(option: str, text: str, known: Mapping[str, str], group: str) -> 
     return load_object(option, known.get(text, text))
 
 
-def make_object(option: str, text: str) -> Any:
-    """Call what :func:`load_object` imports.
+def check_options(
+    key: str,
+    name: str,
+    options: Mapping[str, Option],
+    factory: Callable[..., Any] | None = None,
+    positional: int = 0,
+) -> None:
+    """Refuse options that a class does not take, and the lack of one that it needs.
+
+    Args:
+        key: that names the class, one of :data:`OPTIONS_OF`.
+        name: of the class.
+        options: by name.
+        factory: the class or function; None if it takes no options.
+        positional: number of arguments that it gets before the options.
 
     Raises:
-        InputError: as it does, or the call fails.
+        InputError: an option is unknown or missing.
     """
-    factory = load_object(option, text)
+    try:
+        every = [] if factory is None else list(inspect.signature(factory).parameters.values())
+    except (TypeError, ValueError):  # compiled code has no signature; its call will say what is wrong
+        return
+    before = [item for item in every if item.kind in (item.POSITIONAL_ONLY, item.POSITIONAL_OR_KEYWORD)]
+    named = [item for item in every if item.kind in (item.POSITIONAL_OR_KEYWORD, item.KEYWORD_ONLY)]
+    taken = {item.name: item for item in named if item not in before[:positional]}
+    table = OPTIONS_OF[key]
+    for option in options:
+        if option in taken or any(item.kind is item.VAR_KEYWORD for item in every):
+            continue
+        similar = nearest(option, taken)
+        way_out = f"write {similar}" if similar else f"leave it out, or name another class as {key}"
+        raise InputError(
+            f"{table}.{option} is no option of {name}, which takes {', '.join(taken) or 'none'}; {way_out}.",
+            key=f"{table}.{option}",
+            value=options[option],
+            way_out=way_out,
+        )
+    for option, item in taken.items():
+        if item.default is item.empty and option not in options:
+            way_out = f"write {table}.{option} = ..."
+            raise InputError(f"{name} needs {table}.{option}; {way_out}", key=key, way_out=way_out)
+
+
+def make_object(key: str, text: str, options: Mapping[str, Option], *arguments: Any) -> Any:
+    """Call what :func:`load_object` imports.
+
+    Args:
+        key: that names the class, one of :data:`OPTIONS_OF`.
+        text: ``module:Class``.
+        options: keyword arguments.
+        arguments: before them.
+
+    Raises:
+        InputError: as it does, an option is unknown or missing, or the call fails.
+    """
+    factory = load_object(key, text)
+    check_options(key, text, options, factory, len(arguments))
     with UsersCode("class", factory):
-        return factory()
+        return factory(*arguments, **options)

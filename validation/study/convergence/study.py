@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ampm.exceptions import InputError
-from ampm.parameters import steps_per_tick
+from ampm.physics_parameters import steps_per_tick
 from validation.judge import profiles
 from validation.judge.uncertainty import FILE
 from validation.progress import Progress

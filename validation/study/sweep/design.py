@@ -19,18 +19,15 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ampm.exceptions import InputError
-from ampm.parameters import HUMAN, RunParameters, keys
-from ampm.planner.step_planners import STEP_PLANNERS
+from ampm.parameters import HUMAN, OPTION_TABLES, RunParameters, is_option, keys
 from ampm.presets import PRESETS
 from ampm.run_file import KeyInfo, key_info, load_run
-from ampm.section import Real, Section, parse_toml, read_toml, unknown
+from ampm.section import Option, Real, Section, parse_toml, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
-from validation.trial.controllers import CONTROLLERS, find_controller
+from validation.store.identity import parameter_values
+from validation.trial.controllers import check_controller
 from validation.trial.plan import own_gait
 from validation.trial.planners import check_planner
-
-Value = float | int | str
-"""A value of a key."""
 
 MOST_CASES = 1_000_000
 """Runs of one sweep at most, and points of a sampled block: 8 MB for every key."""
@@ -72,7 +69,7 @@ class Block(Section):
         description="grid: all combinations; list: side by side; latin_hypercube, sobol: points in ranges"
     )
     count: int | None = Field(None, description="points of a sampled block", ge=1, le=MOST_CASES)
-    keys: Mapping[str, Range | tuple[Value, ...]]
+    keys: Mapping[str, Range | tuple[Option, ...]]
 
     @property
     def size(self) -> int:
@@ -117,8 +114,8 @@ class Block(Section):
         for number, (key, value) in enumerate(self.keys.items()):
             info = key_info(key)
             if not isinstance(value, Range):
-                kind: Any = {"text": object, "int": np.int64, "float": np.float64}[info.kind]
-                found[key] = np.array(value, dtype=kind)
+                kinds: Mapping[str, Any] = {"int": np.int64, "float": np.float64}
+                found[key] = np.array(value, dtype=kinds.get(info.kind, object))
             elif unit is None:
                 found[key] = _spaced(info, value)
             else:
@@ -190,7 +187,7 @@ class SweepDefinition(Section, section="sweep"):
         (), description="pushes of every run, each SEGMENT,FX,FY,FZ,AT,DURATION", strict=False
     )
     wall_clock: Real = Field(600.0, description="seconds after which a run counts as hung", gt=0)
-    set: Mapping[str, Value] = Field(default_factory=dict)
+    set: Mapping[str, Option] = Field(default_factory=dict)
     vary: tuple[Block, ...] = ()
     base: RunParameters = Field(default_factory=RunParameters)
 
@@ -253,6 +250,16 @@ class SweepDefinition(Section, section="sweep"):
         names: Any = next(varied, [self.shared.value(key)])
         return frozenset(names)
 
+    @property
+    def options(self) -> dict[str, tuple[Option, ...]]:
+        """Values of every option of a user's class, by its key; of a range both ends."""
+        found = {key: (value,) for key, value in parameter_values(self.shared).items() if is_option(key)}
+        for block in self.vary:
+            for key, values in block.keys.items():
+                if is_option(key):
+                    found[key] = (values.start, values.stop) if isinstance(values, Range) else values
+        return found
+
     def column(self, key: str, runs: NDArray[np.int64]) -> NDArray[Any]:
         """Values of any key of the run, varied or not, in some runs, shape (n,)."""
         if key in self.axes:
@@ -261,7 +268,7 @@ class SweepDefinition(Section, section="sweep"):
         value = self.shared.value(key)
         return np.full(len(runs), value, dtype=object if isinstance(value, str) else None)
 
-    def varied(self, run: int) -> dict[str, Value]:
+    def varied(self, run: int) -> dict[str, Option]:
         """Varied keys of one run.
 
         Raises:
@@ -348,14 +355,15 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
             f"with {BODY_KEY} under [set], and compare them with 'ampm compare'.",
             key=BODY_KEY,
         )
-    for controller in sorted(definition.names(CONTROLLER_KEY) - CONTROLLERS.keys()):
-        find_controller(controller)
+    first = definition.shared.replace({key: values[0] for key, values in definition.options.items()})
+    for controller in sorted(definition.names(CONTROLLER_KEY)):
+        check_controller(controller, first.controller.options)
     if "drake" in definition.names(ENGINE_KEY):
         from validation.trial.engine import check_drake  # loads the simulator
 
         check_drake()
-    for planner in sorted(definition.names(PLANNER_KEY) - STEP_PLANNERS.keys()):
-        check_planner(planner)
+    for planner in sorted(definition.names(PLANNER_KEY)):
+        check_planner(planner, first.planner.options)
     if definition.push:
         from validation.trial.disturbances import parse_push  # loads the simulator
 
@@ -389,13 +397,13 @@ def _block(table: Mapping[str, Any]) -> Block:
     return Block(**own, keys={key: _values(key, value) for key, value in found.items()})
 
 
-def _values(key: str, value: Any) -> Range | tuple[Value, ...]:
+def _values(key: str, value: Any) -> Range | tuple[Option, ...]:
     """Values of one key of a block.
 
     Raises:
         InputError: neither values nor a range of this key.
     """
-    if key not in keys():
+    if key not in keys() and not is_option(key):
         raise unknown(key, [*keys(), "method", "count"])
     info = key_info(key)
     if isinstance(value, dict):
@@ -418,8 +426,9 @@ def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
     """Namespaced keys of nested tables; ``gait.c_s = ...`` and ``"gait.c_s" = ...`` mean the same."""
     flat: dict[str, Any] = {}
     for name, value in table.items():
-        nested = isinstance(value, dict) and "." not in name
-        for key, item in {f"{name}.{k}": v for k, v in value.items()}.items() if nested else [(name, value)]:
+        nested = isinstance(value, dict) and ("." not in name or name in OPTION_TABLES)
+        items = _flat({f"{name}.{k}": v for k, v in value.items()}) if nested else {name: value}
+        for key, item in items.items():
             if key in flat:
                 raise InputError(f"{key} stands twice; keep one.", key=key)
             flat[key] = item

@@ -10,17 +10,19 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 import pyarrow as pa
 
 from ampm.planner.centroidal import PlanConstants
-from ampm.run_file import describe_keys
+from ampm.run_file import describe_keys, key_info
+from ampm.section import Option
 from ampm.walk import LIMITED, UNSOLVED
 from validation.judge.metrics import METRICS, has_qp
 from validation.store.machine import memory_peak
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
     from validation.run.trial import Trial
 
 Kind = Literal["real", "whole", "text"]
+Options = Mapping[str, Sequence[Option]]
+"""Options of users' classes, by their keys, with their values."""
 _TYPES = {"real": pa.float64(), "whole": pa.int64(), "text": pa.string()}
 _KINDS: Mapping[str, Kind] = {"float": "real", "int": "whole", "text": "text"}
 
@@ -59,8 +63,12 @@ def _listed() -> tuple[tuple[str, Column], ...]:
         )
 
 
-def columns() -> tuple[Column, ...]:
-    """All columns, in the order of the table; a metric that is registered later adds its own."""
+def columns(options: Options = MappingProxyType({})) -> tuple[Column, ...]:
+    """All columns, in the order of the table; a metric that is registered later adds its own.
+
+    Args:
+        options: of a sweep, each of which adds a column.
+    """
 
     def at(place: str) -> Iterator[Column]:
         return (column for where, column in _listed() if where == place)
@@ -70,6 +78,7 @@ def columns() -> tuple[Column, ...]:
     return (
         *at("run"),
         *(Column(item.key, kind, "" if kind == "text" else item.unit, item.meaning) for item, kind in keys),
+        *(Column(key, _kind(values), "", key_info(key).meaning) for key, values in options.items()),
         *(Column(name, "real", data["unit"], data["meaning"]) for name, data in constants),
         *at("plan"),
         *at("walk"),
@@ -78,9 +87,16 @@ def columns() -> tuple[Column, ...]:
     )
 
 
-def schema() -> pa.Schema:
-    """Arrow schema of the table."""
-    return pa.schema([pa.field(item.name, _TYPES[item.kind]) for item in columns()])
+def _kind(values: Sequence[Option]) -> Kind:
+    """Kind of an option's column: numbers if all values are numbers."""
+    if any(isinstance(value, bool | str) for value in values):
+        return "text"
+    return "whole" if all(isinstance(value, int) for value in values) else "real"
+
+
+def schema(options: Options = MappingProxyType({})) -> pa.Schema:
+    """Arrow schema of the table; for ``options`` see :func:`columns`."""
+    return pa.schema([pa.field(item.name, _TYPES[item.kind]) for item in columns(options)])
 
 
 def walk_columns(trial: Trial) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
+from ampm.section import Option
 from validation.judge.metrics import METRICS, display_unit, metric_label
 from validation.judge.profiles import Tolerance
 from validation.judge.profiles import profile as find_profile
@@ -374,7 +375,8 @@ class TableWriter:
 
     def __init__(self, definition: SweepDefinition) -> None:
         self._definition = definition
-        self._schema = schema()
+        self._schema = schema(definition.options)
+        self._texts = [key for key in definition.options if pa.types.is_string(self._schema.field(key).type)]
         self._rows: list[dict[str, Any]] = []
         self._batches: list[pa.RecordBatch] = []
 
@@ -384,6 +386,8 @@ class TableWriter:
         run = int(name)
         values = _values(self._definition, run)
         found = {**values, **row, "run": run, "name": name, "key": run_key(values)}
+        for key in self._texts:
+            found[key] = _toml(found[key])
         self._rows.append({name: found.get(name) for name in self._schema.names})
         if len(self._rows) == _BATCH:
             self._pack()
@@ -398,6 +402,11 @@ class TableWriter:
         table = pa.Table.from_batches(self._batches, self._schema).sort_by("run").combine_chunks()
         metadata = json.dumps(table_metadata(self._definition)).encode()
         return table.replace_schema_metadata({TABLE_METADATA: metadata})
+
+
+def _toml(value: Option) -> str:
+    """An option as text, as ``--set`` takes it."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
@@ -422,7 +431,9 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
             for item in profile.tolerances
         },
         "labels": {item.name: item.label for item in METRICS.values()},
-        "columns": {item.name: {"unit": item.unit, "words": item.words} for item in columns()},
+        "columns": {
+            item.name: {"unit": item.unit, "words": item.words} for item in columns(definition.options)
+        },
         "environment": {**describe_environment(), "code": code_hash()},
     }
 

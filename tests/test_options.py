@@ -1,0 +1,241 @@
+"""Options of users' controllers and planners: in files, settings, Python, sweeps, and in what is saved."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ampm
+import validation as val
+from ampm.control.joint_pd import JointPD
+from ampm.exceptions import InputError
+from ampm.planners import PeriodicPlanner
+from ampm.run_file import dump_run, find_keys, load_run
+from validation.store.identity import parameter_values
+from validation.study.many import Task
+from validation.study.sweep.design import dump_sweep, parse_sweep
+from validation.study.sweep.run import task_of
+from validation.study.sweep.table import TableWriter
+from validation.study.walk_options import users_classes
+from validation.trial.planners import load_planner
+
+QUICK: dict[str, Any] = {
+    "gait": {"steps": 1},
+    "solver": {"ik_time_step": 0.01},
+    "simulation": {"time_step": 0.002},
+}
+SOFT = f"{__name__}:Soft"
+SLOW = f"{__name__}:Slow"
+
+
+class Soft(JointPD):
+    """A controller with options."""
+
+    def __init__(self, robot, run, gain=1.0, *, mode="plain"):
+        super().__init__(robot, run)
+        self.gain, self.mode = gain, mode
+
+    def update(self, state, touch, reference):
+        output = super().update(state, touch, reference)
+        return output._replace(torque=self.gain * output.torque)
+
+
+class Slow(PeriodicPlanner):
+    """A planner that needs an option."""
+
+    def __init__(self, slope):
+        super().__init__()
+        self.slope = slope
+
+    def plan(self, run, robot):
+        return super().plan(run.replace({"gait.c_y": self.slope}), robot)
+
+
+def test_files_settings_and_python_give_the_same_options(tmp_path):
+    file = tmp_path / "own.toml"
+    file.write_text(f'[controller]\nname = "{SOFT}"\n[controller.options]\ngain = 0.5\nmode = "plain"\n')
+    run = load_run(file, ["controller.options.gain=2"], planner={"options": {"far": True}})
+    assert run.controller.options == {"gain": 2, "mode": "plain"}
+    assert type(run.controller.options["gain"]) is int
+    assert run.value("planner.options.far") is True
+    same = load_run(controller={"name": SOFT}).replace(
+        {"controller.options.gain": 2, "controller.options.mode": "plain", "planner.options.far": True}
+    )
+    assert same == run
+    assert hash(same) == hash(run)
+    saved = tmp_path / "saved.toml"
+    saved.write_text(dump_run(run.as_is()))
+    assert load_run(saved) == run
+    assert parameter_values(run)["controller.options.gain"] == 2
+    assert "options" not in dump_run(load_run("normal"))
+    assert "[planner]" not in dump_run(load_run("normal"))
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("controller.options.gain=[1, 2]", r"controller.options.gain = \[1, 2\] must be a finite number"),
+        ("controller.options.gain=nan", "controller.options.gain = nan must be a finite number"),
+        ("controller.option.gain=1", "unknown key 'controller.option.gain'"),
+        ("gait.options.gain=1", "unknown key 'gait.options.gain'"),
+        ("controller.options.a.b=1", "unknown key 'controller.options.a.b'"),
+        (
+            "controller.options=3",
+            r"controller.options = 3 must be a section of keys; write \[controller.options\]",
+        ),
+    ],
+)
+def test_a_value_that_is_no_option_is_refused(setting, words):
+    with pytest.raises(InputError, match=words):
+        load_run("normal", setting)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (
+            {"controller": {"name": SOFT, "options": {"gian": 2}}},
+            r"^controller.options.gian is no option of .*:Soft, which takes gain, mode; write gain\.$",
+        ),
+        (
+            {"controller": {"options": {"gain": 2}}},
+            "^controller.options.gain is no option of ampm, which takes none; leave it out, or name another "
+            r"class as controller.name\.$",
+        ),
+        ({"controller": {"name": "joint-pd", "options": {"gain": 2}}}, "which takes frequency, stance"),
+        ({"planner": {"options": {"far": 2}}}, "no option of the planner ampm, which takes none"),
+        (
+            {"gait": {"planner": SLOW}, "planner": {"options": {"slope": 1.0, "name": "dcm"}}},
+            "planner.options.name is no option of .*:Slow, which takes slope",
+        ),
+        ({"gait": {"planner": SLOW}}, "Slow needs planner.options.slope; write planner.options.slope = "),
+    ],
+)
+def test_what_the_signature_lacks_is_refused_before_anything_is_planned(settings, words, tmp_path):
+    file = tmp_path / "own.toml"
+    file.write_text(dump_run(load_run("normal", gait={"switching_velocity": 0.01}).replace({})))
+    with pytest.raises(InputError, match=words):
+        val.walk(_file(tmp_path, load_run("normal", **settings)))
+
+
+def _file(folder: Path, run: ampm.RunParameters) -> str:
+    file = folder / "run.toml"
+    file.write_text(dump_run(run))
+    return str(file)
+
+
+def test_options_reach_a_class_given_in_python_and_the_saved_run_keeps_them(tmp_path):
+    run = load_run("normal", controller={"options": {"gain": 0.2}}, **QUICK)
+    trial = val.walk(run, controller=Soft)
+    plain = val.walk(load_run("normal", **QUICK), controller=Soft)
+    np.testing.assert_allclose(trial.record.torque[0], 0.2 * plain.record.torque[0])
+    folder = trial.save(tmp_path / "run", recording=False)
+    assert val.load(folder).parameters.controller.options == {"gain": 0.2}
+    assert val.replay(folder).identical
+    assert "controller.options.gain" in val.report(folder).read_text(encoding="utf-8")
+    again = val.walk(str(folder / "run.toml"))
+    np.testing.assert_array_equal(again.record.q, trial.record.q)
+    with pytest.raises(InputError, match="controller.options.gain is no option of joint-pd"):
+        val.walk(run, controller="joint-pd")
+
+
+def test_options_reach_a_planner():
+    planner = load_planner(SLOW, {"slope": 0.9})
+    assert (type(planner), planner.slope) == (Slow, 0.9)
+    run = load_run("normal", gait={"planner": SLOW}, planner={"options": {"slope": 0.9}})
+    assert users_classes(run)["planner"].slope == 0.9
+
+
+def test_keys_tell_of_options():
+    names = [info.key for info in find_keys("options")]
+    assert names == ["planner.options", "controller.options"]
+    assert "gait.planner" in [info.key for info in find_keys("planner")]
+    assert "the class" in find_keys("controller", "options")[0].meaning
+
+
+SWEEP = f"""
+[sweep]
+gait = "normal"
+steps = 1
+recordings = "none"
+
+[set]
+controller.name = "{SOFT}"
+controller.options.mode = "plain"
+solver.ik_time_step = 0.01
+simulation.time_step = 0.002
+
+[[vary]]
+method = "grid"
+controller.options.gain = [1, 0.5]
+"""
+
+
+def test_a_sweep_varies_an_option():
+    definition = parse_sweep(SWEEP)
+    assert parse_sweep(dump_sweep(definition)) == definition
+    assert [definition.parameters(run).controller.options["gain"] for run in (0, 1)] == [1, 0.5]
+    tasks = [task_of(definition, run) for run in (0, 1)]
+    table = TableWriter(definition)
+    for task in tasks:
+        row = task.work(**task.options)
+        assert row["outcome"] in ("completed", "fell")
+        table.add({"key": task.key, **row})
+    found = table.finish()
+    assert found["controller.options.gain"].to_pylist() == [1.0, 0.5]
+    assert found["controller.options.mode"].to_pylist() == ["plain"] * 2
+    assert len(set(found["key"].to_pylist())) == 2
+
+
+@pytest.mark.parametrize(
+    ("values", "column"),
+    [("[true, false]", ["true", "false"]), ("[1, 2]", [1, 2]), ("[1, 'a']", ["1", "a"])],
+)
+def test_the_column_of_an_option_is_as_its_values(values, column):
+    definition = parse_sweep(SWEEP.replace("[1, 0.5]", values))
+    table = TableWriter(definition)
+    for run in (0, 1):
+        table.add({"key": f"{run}-", "outcome": "refused"})
+    assert table.finish()["controller.options.gain"].to_pylist() == column
+
+
+def test_a_range_of_an_option_gives_numbers():
+    definition = parse_sweep(SWEEP.replace("[1, 0.5]", "{ from = 1, to = 2, count = 3 }"))
+    assert [definition.varied(run)["controller.options.gain"] for run in range(3)] == [1.0, 1.5, 2.0]
+
+
+def test_a_sweep_refuses_an_option_that_a_controller_of_it_lacks():
+    with pytest.raises(InputError, match="controller.options.gian is no option of"):
+        parse_sweep(SWEEP.replace("gain", "gian"))
+    both = SWEEP.replace(f'"{SOFT}"', '"joint-pd"')
+    with pytest.raises(InputError, match="is no option of joint-pd, which takes frequency, stance"):
+        parse_sweep(both)
+
+
+def test_an_option_decides_on_the_digest_of_a_row():
+    definition = parse_sweep(SWEEP)
+    one, two = (task_of(definition, run) for run in (0, 1))
+    changed = parse_sweep(SWEEP.replace('"plain"', '"other"'))
+    assert len({one.digest, two.digest, task_of(changed, 0).digest}) == 3
+    assert task_of(parse_sweep(SWEEP), 0).digest == one.digest
+
+
+def test_sources_that_a_class_imports_decide_on_the_digest(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "own_gains.py").write_text("GAIN = 1.0\n")
+    (tmp_path / "own_class.py").write_text("from own_gains import GAIN\n\nclass Own:\n    gain = GAIN\n")
+
+    def digest() -> str:
+        import importlib
+        import sys
+
+        for name in ("own_class", "own_gains"):
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        return Task("a", users_classes, {"controller": importlib.import_module("own_class").Own}).digest
+
+    before = digest()
+    assert digest() == before
+    (tmp_path / "own_gains.py").write_text("GAIN = 2.00\n")
+    assert digest() != before
