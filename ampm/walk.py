@@ -226,7 +226,11 @@ class ControlOutput(NamedTuple):
 
 
 class Controller(Protocol):
-    """Makes torques from state, contact and reference, once every 1 / controller.frequency."""
+    """Makes torques from state, contact and reference, once every 1 / controller.frequency.
+
+    One that has the method ``follow(plan, timing)`` gets the :class:`WalkPlan` and the :class:`Timing` of its
+    references once, before the first tick.
+    """
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One tick.

@@ -111,6 +111,26 @@ def test_tsid_that_cannot_walk_says_why(with_tsid, monkeypatch):
         val.walk(run, controller=name)
 
 
+def test_the_template_walks(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    changes = {"simulation.time_step": 0.002, "gait.steps": 4, "controller.options.resolution": 0.05}
+    run = ampm.load_run("normal").replace(changes)
+    trial = val.walk(run, controller="controller_template:MyController")
+    assert trial.verdict.passed, trial.verdict.reason
+    steps = trial.record.torque[0] / 0.05
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+
+
+def test_the_whole_body_qp_walks(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    run = ampm.load_run("normal", gait={"steps": 4})
+    trial = val.walk(run, controller="whole_body_qp:WholeBodyQP")
+    assert trial.verdict.passed, trial.verdict.reason
+    assert trial.metrics["failed_qp"].value == 0.0
+    code = (EXAMPLES / "whole_body_qp.py").read_text(encoding="utf-8").splitlines()
+    assert sum(bool(line.strip()) and not line.strip().startswith(("#", '"""')) for line in code) <= 80
+
+
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [

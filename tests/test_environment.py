@@ -14,6 +14,7 @@ import ampm
 import validation as val
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
+from ampm.walk import ControlOutput
 from validation import environment
 from validation.trial.controllers import find_controller
 from validation.trial.policy import OnnxPolicy
@@ -121,16 +122,26 @@ def test_the_body_can_be_another():
     assert env.reset().observation["joints"].shape == (21,)
 
 
+class Springs:
+    """The law of the toy policy."""
+
+    def __init__(self, robot, run):
+        self.limit = robot.torque_limit
+
+    def update(self, state, touch, reference):
+        off = reference.posture.q[7:] - state.q[7:], reference.posture.v[6:] - state.v[6:]
+        return ControlOutput(np.clip(self.limit * (5.0 * off[0] + 0.2 * off[1]), -self.limit, self.limit))
+
+
 def test_a_policy_in_an_onnx_file_walks_like_the_same_law_in_python(tmp_path, monkeypatch):
     for package in ("onnx", "onnxruntime"):
         pytest.importorskip(package, reason=f"needs {package}: .venv/bin/pip install {package}")
     monkeypatch.setattr(sys, "argv", ["toy_policy.py", str(tmp_path / "toy.onnx")])
     runpy.run_path(str(EXAMPLES / "toy_policy.py"), run_name="__main__")
-    monkeypatch.syspath_prepend(EXAMPLES)
     monkeypatch.chdir(tmp_path)
     run = ampm.load_run("normal", **COARSE)
     learned = val.walk(run, controller="onnx:toy.onnx")
-    same = val.walk(run, controller="controller_template:MyController")
+    same = val.walk(run, controller=Springs)
     assert learned.summary["controller"] == "onnx:toy.onnx"
     assert learned.record.outcome.name == same.record.outcome.name == "fell"
     np.testing.assert_allclose(learned.record.torque[:20], same.record.torque[:20], atol=1e-3)

@@ -218,15 +218,11 @@ def test_a_worker_that_cannot_load_a_class_stops_the_study(tmp_path):
     assert list(read_rows(tmp_path)) == []
 
 
-@pytest.mark.slow
-def test_a_scheduler_started_by_hand_gives_the_same_rows(tmp_path, monkeypatch):
-    """Its workers are in another folder and have never seen the user's controller and metric."""
-    elsewhere, here = tmp_path / "elsewhere", tmp_path / "here"
+@contextmanager
+def started_elsewhere(folder: Path) -> Iterator[str]:
+    """Scheduler file of a scheduler with two workers, which run in a folder of their own."""
+    elsewhere, file = folder / "elsewhere", folder / "scheduler.json"
     elsewhere.mkdir()
-    here.mkdir()
-    (here / "own_walk.py").write_text(OWN, encoding="utf-8")
-    (here / "own.toml").write_text(REAL, encoding="utf-8")
-    file = tmp_path / "scheduler.json"
     dask = [sys.executable, "-m", "distributed.cli.dask_"]
     starts = [
         ["scheduler", "--scheduler-file", str(file), "--host", "127.0.0.1", "--port", "0", "--no-dashboard"],
@@ -247,19 +243,113 @@ def test_a_scheduler_started_by_hand_gives_the_same_rows(tmp_path, monkeypatch):
             while not file.exists():
                 assert processes[0].poll() is None
                 time.sleep(0.1)
-        monkeypatch.chdir(here)
-        monkeypatch.syspath_prepend(here)
-        highest = val.register(importlib.import_module("own_walk").HIGHEST)
-        try:
-            far = val.sweep("own.toml", tmp_path / "far", scheduler=str(file))
-            near = val.sweep("own.toml", tmp_path / "near", workers=0)
-        finally:
-            val.unregister(highest.name)
-            del sys.modules["own_walk"]
+        yield str(file)
     finally:
         for process in processes:
             os.killpg(process.pid, signal.SIGTERM)
         for process in processes:
             process.wait(timeout=HANG)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """The user's folder, from which modules are imported afresh."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(folder)
+    yield folder
+    forget(folder)
+
+
+def forget(folder: Path) -> None:
+    """Forget the modules of a folder, as a new program would."""
+    for path in folder.glob("*.py"):
+        sys.modules.pop(path.stem, None)
+    importlib.invalidate_caches()
+
+
+@pytest.mark.slow
+def test_a_scheduler_started_by_hand_gives_the_same_rows(tmp_path, here):
+    """Its workers have never seen the user's controller and metric."""
+    (here / "own_walk.py").write_text(OWN, encoding="utf-8")
+    (here / "own.toml").write_text(REAL, encoding="utf-8")
+    with started_elsewhere(tmp_path) as scheduler:
+        highest = val.register(importlib.import_module("own_walk").HIGHEST)
+        try:
+            far = val.sweep("own.toml", tmp_path / "far", scheduler=scheduler)
+            near = val.sweep("own.toml", tmp_path / "near", workers=0)
+        finally:
+            val.unregister(highest.name)
     assert far.words("outcome") == ["completed", "completed", "fell", "fell"]
     assert same_walks(far, near)
+
+
+WEAK = """
+import ampm
+from own_factor import FACTOR
+
+
+class Weak(ampm.TrackingController):
+    def __init__(self, robot, run, *, gain, held=False):
+        super().__init__(robot, run)
+        self.gain, self.held = gain, held
+
+    def update(self, state, touch, reference):
+        output = super().update(state, touch, reference)
+        rate = None if self.held else output.rate
+        return output._replace(torque=FACTOR * self.gain * output.torque, rate=rate)
+
+
+class Shorter(ampm.PeriodicPlanner):
+    def __init__(self, ratio=1.0):
+        super().__init__()
+        self.ratio = ratio
+
+    def plan(self, run, robot):
+        return super().plan(run.replace({"gait.step_width": self.ratio * run.gait.step_width}), robot)
+"""
+OPTIONS = """
+[sweep]
+gait = "flat"
+steps = 2
+recordings = "none"
+
+[set]
+controller.name = "own_weak:Weak"
+controller.options.held = true
+gait.planner = "own_weak:Shorter"
+
+[[vary]]
+method = "grid"
+controller.options.gain = [1, 0.999]
+planner.options.ratio = [1.0, 1.01]
+"""
+
+
+@pytest.mark.slow
+def test_options_and_imported_modules_travel_to_workers_started_elsewhere(tmp_path, here):
+    (here / "own_weak.py").write_text(WEAK, encoding="utf-8")
+    (here / "own_factor.py").write_text("FACTOR = 1.0\n", encoding="utf-8")
+    (here / "options.toml").write_text(OPTIONS, encoding="utf-8")
+
+    def walked(folder: str, **how: Any) -> Any:
+        found = val.sweep("options.toml", tmp_path / folder, **how)
+        forget(here)
+        return found, [row["digest"] for row in read_rows(tmp_path / folder)]
+
+    with started_elsewhere(tmp_path) as scheduler:
+        far, digests = walked("far", scheduler=scheduler)
+        again, same = walked("far", scheduler=scheduler, resume=True)
+        near, _ = walked("near", workers=0)
+        (here / "own_factor.py").write_text("FACTOR = 0.9995\n", encoding="utf-8")
+        changed, more = walked("far", scheduler=scheduler, resume=True)
+    assert far.words("outcome") == ["completed"] * 4
+    assert far.numbers("controller.options.gain").tolist() == [1, 1, 0.999, 0.999]
+    assert far.words("controller.options.held") == ["true"] * 4
+    assert len(set(far.numbers("metric_zmp_x_rmse"))) == 4
+    assert same_walks(far, near)
+    assert same_walks(far, again)
+    assert same == digests
+    assert len({*digests, *more}) == 8
+    assert not set(changed.numbers("metric_zmp_x_rmse")) & set(far.numbers("metric_zmp_x_rmse"))

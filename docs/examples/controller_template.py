@@ -1,30 +1,23 @@
-"""Template of a controller: copy it and replace the torque.
+"""Template of a controller: the project's own, behind motors that take torques in steps. Copy and change it.
 
-ampm validate normal --controller controller_template:MyController
+ampm validate normal --controller controller_template:MyController --set controller.options.resolution=0.5
 
-As it is the body falls after 0.4 s: springs hold the joints' angles, but nothing carries the weight or feeds
-back the COM. To begin with a controller that walks, make a subclass of ``ampm.TrackingController``.
+whole_body_qp.py beside it is a controller from nothing.
 """
 
 import numpy as np
 
-from ampm.body.robot import Robot
-from ampm.parameters import RunParameters
-from ampm.walk import ControlOutput, Reference, State, Touch
+import ampm
 
 
-class MyController:
-    """A spring and a damper at every joint, from the planned posture."""
+class MyController(ampm.TrackingController):
+    """The arguments after robot and run are options of a run file: [controller.options]."""
 
-    def __init__(self, robot: Robot, run: RunParameters) -> None:
-        """Once a walk: the body (``robot.model`` is Pinocchio's) and the parameters of the run."""
-        self.limit = robot.torque_limit  # of every motor [N m]
+    def __init__(self, robot, run, resolution: float = 0.1):  # [N m]
+        super().__init__(robot, run)
+        self.resolution = resolution
 
-    def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
+    def update(self, state, touch, reference):
         """Once a tick: measured state, touch of the soles and the plan at this instant; see ``ampm.walk``."""
-        wanted = reference.posture  # also reference.com, .angular_momentum, .feet, .contacts
-        angle_error = wanted.q[7:] - state.q[7:]  # after position and quaternion of the root [rad]
-        rate_error = wanted.v[6:] - state.v[6:]  # after the root's velocities [rad/s]
-        torque = self.limit * (5.0 * angle_error + 0.2 * rate_error)  # in the order of robot.joint_names
-        # The other fields of ControlOutput (commanded force and ZMP, status of a QP) are optional.
-        return ControlOutput(np.clip(torque, -self.limit, self.limit))
+        output = super().update(state, touch, reference)
+        return output._replace(torque=self.resolution * np.round(output.torque / self.resolution))

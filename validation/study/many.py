@@ -115,16 +115,15 @@ def _source_hash(thing: Any) -> str:
 
 def _add_sources(name: str, files: dict[str, bytes]) -> None:
     """Add the source of a user's module, and of those that it imports, to files by the modules' names."""
-    module = sys.modules.get(name)
+    module: Any = sys.modules.get(name)
     if name in files or not is_users(module):
         return
-    files[name] = source = Path(str(module.__file__)).read_bytes()
-    package = getattr(module, "__package__", None) or ""
+    files[name] = source = Path(module.__file__).read_bytes()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            home = resolve_name("." * node.level + (node.module or ""), package)
+            home = resolve_name("." * node.level + (node.module or ""), module.__package__)
             names = [home, *(f"{home}.{alias.name}" for alias in node.names)]
         else:
             continue

@@ -198,7 +198,7 @@ def _known_folders() -> tuple[str, ...]:
 def is_users(module: Any) -> bool:
     """Whether a loaded module is a file that is neither installed nor of this project."""
     file = getattr(module, "__file__", None)
-    return bool(file) and not os.path.realpath(file).startswith(_known_folders())
+    return file is not None and not os.path.realpath(file).startswith(_known_folders())
 
 
 @cache

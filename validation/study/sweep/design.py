@@ -253,7 +253,9 @@ class SweepDefinition(Section, section="sweep"):
     @property
     def options(self) -> dict[str, tuple[Option, ...]]:
         """Values of every option of a user's class, by its key; of a range both ends."""
-        found = {key: (value,) for key, value in parameter_values(self.shared).items() if is_option(key)}
+        found: dict[str, tuple[Option, ...]] = {
+            key: (value,) for key, value in parameter_values(self.shared).items() if is_option(key)
+        }
         for block in self.vary:
             for key, values in block.keys.items():
                 if is_option(key):
