@@ -153,9 +153,8 @@ class KeyInfo:
             good, wanted = is_number and value == value, "a number"
         if not good:
             raise InputError(f"{self.key} = {value!r} must be {wanted}.", key=self.key, value=value)
-        kinds: Mapping[str, Any] = {"text": str, "int": int, "float": float, "option": type(value)}
-        converted: Option = kinds[self.kind](value)
-        return converted
+        kinds: Mapping[str, Any] = {"int": int, "float": float}
+        return kinds[self.kind](value) if self.kind in kinds else value
 
 
 _LARGEST_INTEGER = 2**53  # whole numbers beyond are not exact as floats
