@@ -19,6 +19,7 @@ from ampm.physics_parameters import ContactParameters, SimulationParameters
 from models import anthropometry as table
 from models import scene
 from models.scene import BodyModel, add
+from models.source import MASSLESS
 from models.tree import Segment, Tree
 
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
@@ -163,8 +164,8 @@ class Writer:
         sign = 1.0 if joint.high - straight > straight - joint.low else -1.0
         if not sign * self.axis[leg.knee, 1] > 0.0:
             raise InputError(
-                f"the knee {joint.name!r} bends forward; exchange sides in the body's description, or "
-                "correct the range of the joint.",
+                f"the knee {joint.name!r} bends forward; exchange sides in the body's description, or correct "
+                f"its range, {joint.low:g} to {joint.high:g} rad, with [body.range].",
                 key="body.sides",
             )
         return LegDescription(
@@ -178,10 +179,15 @@ class Writer:
             knee_sign=sign,
         )
 
+    def _foot(self) -> Array:
+        """Origin of the left foot, shape (3,) [m]."""
+        foot = self.legs[0].foot
+        return np.asarray(self.place[foot] + self.turn[foot] @ self.tree.foot_offset)
+
     def _sole(self) -> SoleGeometry:
         """Outline of the sole from its reference point."""
         outline, leg = self.file.sole, self.legs[0]
-        hip, ankle, foot = self._along(leg.hip, 1), self._along(leg.ankle, 1), self.place[leg.foot]
+        hip, ankle, foot = self._along(leg.hip, 1), self._along(leg.ankle, 1), self._foot()
         sole = SoleGeometry(
             heel_x=outline.heel - outline.reference,
             ball_x=outline.front - outline.reference,
@@ -224,7 +230,7 @@ class Writer:
         parts = zip([segment.inertial for segment in tree.segments], self.place, self.turn, strict=True)
         mass = sum(segment.inertial.mass for segment in tree.segments)
         com_z = sum(part.mass * float((place + turn @ part.com)[2]) for part, place, turn in parts) / mass
-        floor = float(self.place[left_leg.foot, 2]) + outline.bottom
+        floor = float(self._foot()[2]) + outline.bottom
         com_height, hip_height = com_z - floor, float(self._along(left_leg.hip, 1)[2]) - floor
         height = com_height / (table.HIP_HEIGHT + table.COM_OVER_HIP)
         model, root = scene.new_scene("body", self.names[0], height, contact, simulation)
@@ -247,6 +253,7 @@ class Writer:
         for side, leg, sign in zip(scene.SIDES, self.legs, (1.0, -1.0), strict=True):
             to_foot = self.turn[leg.foot].T
             origin = to_foot @ np.array([outline.reference, sign * outline.middle, outline.bottom])
+            origin += tree.foot_offset * (1.0, sign, 1.0)
             quat = scene.quaternion(to_foot)
             add(segments[leg.foot], "site", name=f"{side}_sole", pos=origin, quat=quat)
             points = scene.add_sole_points(side, sole, [(segments[leg.foot], origin)] * 2, quat)
@@ -305,6 +312,11 @@ class Writer:
             if hinge.name in angles and not hinge.low <= angles[hinge.name] <= hinge.high
         ]
         light = [segment.name for segment in self.tree.segments if not segment.inertial.mass > 0.0]
+        thin = [
+            segment.name
+            for segment in self.tree.segments
+            if segment.name not in light and not np.linalg.eigvalsh(segment.inertial.inertia)[0] > MASSLESS
+        ]
         weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]
         loose = [hinges[k].name for k in of_legs if not math.isfinite(hinges[k].high - hinges[k].low)]
         short = [side for side, leg in zip(scene.SIDES, self.legs, strict=True) if len(leg.joints) < 6]
@@ -313,8 +325,9 @@ class Writer:
             (resting, "joints of a leg in rest", "leave them out, as legs follow the gait"),
             (outside, "angles at rest or in neutral outside of their range", "correct them"),
             (light, "moving segments without mass", "weld their joints with lock"),
+            (thin, "moving segments without moments of inertia", "give them with least_inertia = 1e-4"),
             (weak, "joints without a torque limit", "give it with [body.effort]"),
-            (loose, "joints of a leg without a range", "give it in the model"),
+            (loose, "joints of a leg without a range", "give it with [body.range]"),
             (short, "legs of less than six joints, which cannot hold a sole flat", "take another model"),
         ):
             if names:

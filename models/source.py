@@ -6,16 +6,19 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
+import coal
 import mujoco
+import numpy as np
 import tomli_w
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN
 from ampm.section import Real, Section, read_toml, unknown
 
+T = TypeVar("T")
 FOLDER = Path(__file__).with_name("bodies")
 """Description files of the bodies that are known by name."""
 DRAWN = 1 << 30
@@ -25,11 +28,29 @@ _HULL_POINTS = 64  # most of a mesh's convex hull
 _URDF_OPTIONS = """<mujoco>
   <compiler discardvisual="false" fusestatic="false" balanceinertia="false" strippath="false"/>
 </mujoco>"""
-_MESHES = (".stl", ".obj", ".msh")  # that MuJoCo reads
+_MESHES = (".stl", ".obj", ".msh")  # that MuJoCo reads, STL only if it is binary
+_CONVERTED = (".dae", ".stl")
+_COLLADA_UNIT = re.compile(rb'<unit [^>]*meter="([^"]+)"')
+_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of COLLADA, row vectors to z upwards
+MASSLESS = 1e-13  # of a link: its mass, and a moment of its inertia, is less [kg, kg m^2]
+_BOUND = 0.5 * MASSLESS  # written for less, as MuJoCo compiles no moving body without mass
+_WAYS_OUT = {
+    "A + B >= C": "correct the inertia of this element, or add balance_inertia = true to the body's "
+    "description, which takes the mean of its moments",
+    "names of a": "give each its own name",
+}
+"""What to do about an error of MuJoCo's, by a part of its message."""
 Names = Annotated[tuple[str, ...], Field(strict=False)]  # also a list
+Sided = Annotated[
+    tuple[str, ...],
+    Field(strict=False, min_length=1, max_length=2),
+    BeforeValidator(lambda value: (value,) if isinstance(value, str) else value),
+]
+"""One pattern with {side}, {Side} or {SIDE}, or the names of left and right."""
 Angles = Mapping[str, Real]
 Patterns = Annotated[tuple[re.Pattern[str], ...], Field(strict=False)]
 ByPattern = Mapping[re.Pattern[str], Annotated[Real, Field(ge=0)]]
+Range = Annotated[tuple[Real, Real], Field(strict=False)]
 
 
 class SoleSection(Section, section="sole"):
@@ -51,15 +72,25 @@ class BodyFile(Section, section="body"):
     root: str = Field(description="segment that moves freely")
     trunk: str = Field(description="segment whose pitch is the lean of the trunk")
     sides: Names = Field(description="words for left and right in names", min_length=2, max_length=2)
-    foot: str = Field(description="segment of a foot, with {side} or {Side}")
-    knee: str = Field(description="joint of a knee, with {side} or {Side}")
+    foot: Sided = Field(description="segment of a foot, with {side} or {Side}; or those of left and right")
+    knee: Sided = Field(description="joint of a knee, with {side} or {Side}; or those of left and right")
     sole: SoleSection = Field(description="outline of a sole")
     neutral: Angles = Field(
         {}, description="angles at which body and soles are upright and level, where not 0 [rad]"
     )
     rest: Angles = Field({}, description="angles of trunk and arms at rest, where not those of neutral [rad]")
+    pairs: Mapping[str, str] = Field({}, description="joint and its mirror image, where sides do not tell")
     lock: Patterns = Field((), description="joints that are welded, as regular expressions")
+    balance_inertia: bool = Field(
+        False, description="take the mean of the moments of a link where no body could have them"
+    )
+    least_inertia: Real = Field(
+        0.0, description="least moment of inertia of a link with mass [kg m^2]", ge=0
+    )
     armature: ByPattern = Field({}, description="rotor inertia by regular expression of joints [kg m^2]")
+    range: Mapping[re.Pattern[str], Range] = Field(
+        {}, description="least and largest angle by regular expression of joints, for the left side [rad]"
+    )
     effort: ByPattern = Field({}, description="largest torque by regular expression of joints [N m]")
     speed: ByPattern = Field({}, description="largest speed by regular expression of joints [rad/s]")
     damping: ByPattern = Field({}, description="damping by regular expression of joints [N m s/rad]")
@@ -68,10 +99,13 @@ class BodyFile(Section, section="body"):
     )
     friction: ByPattern = Field({}, description="dry friction by regular expression of joints [N m]")
 
-    def sided(self, name: str) -> tuple[str, str]:
-        """Left and right name of a pattern."""
+    def sided(self, names: Sided) -> tuple[str, str]:
+        """Left and right name of a pattern, or the two names that there are."""
         left, right = (
-            name.replace("{side}", side).replace("{Side}", side.capitalize()) for side in self.sides
+            name.replace("{side}", side)
+            .replace("{Side}", side.capitalize())
+            .replace("{SIDE}", side.upper())
+            for name, side in zip((names[0], names[-1]), self.sides, strict=True)
         )
         return left, right
 
@@ -173,8 +207,15 @@ def source_path(source: str, folder: Path) -> Path:
     raise InputError(f"the package {package} has no file {name!r}; correct source in the body's description.")
 
 
-def compiled_source(path: Path) -> tuple[mujoco.MjModel, dict[str, float]]:
+def compiled_source(
+    path: Path, *, balance_inertia: bool = False, least_inertia: float = 0.0
+) -> tuple[mujoco.MjModel, dict[str, float]]:
     """The model of a file, and the speed limits [rad/s] that MuJoCo does not keep, by joint.
+
+    Args:
+        path: MJCF or URDF.
+        balance_inertia: see :class:`BodyFile`.
+        least_inertia: the same.
 
     Raises:
         InputError: it cannot be read or compiled.
@@ -192,6 +233,10 @@ def compiled_source(path: Path) -> tuple[mujoco.MjModel, dict[str, float]]:
             _drop_textures(spec)
         for mesh in spec.meshes:
             mesh.maxhullvert = _HULL_POINTS
+            if mesh.file.lower().endswith(_CONVERTED):
+                _read_mesh(spec, mesh)
+        spec.compiler.balanceinertia |= balance_inertia
+        _bound_inertia(spec, least_inertia)
         for geom in spec.geoms:
             if geom.meshname and not (geom.contype or geom.conaffinity):
                 geom.conaffinity = DRAWN  # else MuJoCo makes no hull of it
@@ -201,7 +246,9 @@ def compiled_source(path: Path) -> tuple[mujoco.MjModel, dict[str, float]]:
 
 
 def _refusal(model: str, error: Exception) -> InputError:
-    return InputError(f"the model {model!r} cannot be compiled ({' '.join(str(error).split())}); correct it.")
+    text = " ".join(str(error).split())
+    way_out = next((way_out for part, way_out in _WAYS_OUT.items() if part in text), "correct it")
+    return InputError(f"the model {model!r} cannot be compiled ({text}); {way_out}.", way_out=way_out)
 
 
 def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:
@@ -212,7 +259,7 @@ def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:
             if mesh is None:
                 continue
             file = _mesh_path(mesh.get("filename", ""), path)
-            if file is None or file.suffix.lower() not in _MESHES:
+            if file is None or not file.name.lower().endswith(_MESHES + _CONVERTED):
                 link.remove(element)
             else:
                 mesh.set("filename", str(file))
@@ -259,6 +306,46 @@ def _mesh_file(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> Path:
     return Path(spec.modelfiledir or ".", spec.meshdir or "", mesh.file)
 
 
+def _read_mesh(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> None:
+    """Read the points of a COLLADA file, or of an STL of text; MuJoCo reads the other formats."""
+    file = _mesh_file(spec, mesh)
+    content = file.read_bytes()
+    if file.suffix.lower() == ".stl" and not (content.startswith(b"solid") and b"vertex" in content):
+        return
+    try:
+        points = coal.MeshLoader().load(str(file)).vertices()
+    except ValueError:
+        raise ValueError(f"the mesh {str(file)!r} cannot be read; convert it to a binary STL") from None
+    if unit := _COLLADA_UNIT.search(content):
+        points = points * float(unit[1])
+    if b"<up_axis>Y_UP" in content:
+        points = points @ _Y_UP
+    mesh.uservert, mesh.file = points.ravel(), ""
+
+
+def _bound_inertia(spec: mujoco.MjSpec, least: float) -> None:
+    """Raise moments of inertia to the least, of links with mass; those without get nearly none.
+
+    MuJoCo names one link at a time that has none. What moves without mass is refused later, when what is
+    fixed to it is known.
+    """
+    spec.compiler.boundmass = max(spec.compiler.boundmass, _BOUND)
+    spec.compiler.boundinertia = max(spec.compiler.boundinertia, _BOUND)
+    for body in spec.bodies[1:]:
+        full = np.array(body.fullinertia)
+        moments = np.array(body.inertia)
+        if np.isfinite(full[0]):
+            moments, axes = np.linalg.eigh(full[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]])
+            if moments[0] >= max(least, MASSLESS):
+                continue
+            axes[:, 2] *= np.linalg.det(axes)
+            body.fullinertia = np.full(6, np.nan)
+            quat = np.zeros(4)
+            mujoco.mju_mat2Quat(quat, axes.ravel())
+            body.iquat = quat
+        body.inertia = np.maximum(moments, least if body.mass > MASSLESS else 0.0)
+
+
 def _drop_textures(spec: mujoco.MjSpec) -> None:
     """Drop textures: to generate them takes most of the time to compile, and no body shows them."""
     for material in spec.materials:
@@ -278,7 +365,7 @@ def _exact_xml(spec: mujoco.MjSpec) -> str:
         library._mjPRIVATE__set_xml_precision(digits)
 
 
-def by_pattern(table: ByPattern, joint: str, default: float) -> float:
+def by_pattern(table: Mapping[re.Pattern[str], T], joint: str, default: T) -> T:
     """Value of the last pattern that matches a joint's whole name."""
     values = [value for pattern, value in table.items() if pattern.fullmatch(joint)]
     return values[-1] if values else default

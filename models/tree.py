@@ -16,7 +16,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.section import unknown
 from models.scene import Findings, Inertial, quaternion
-from models.source import DRAWN, BodyFile, by_pattern
+from models.source import DRAWN, MASSLESS, BodyFile, by_pattern
 
 _MIRROR = np.array([1.0, -1.0, 1.0])  # of a vector; of an axis of rotation with the opposite sign
 _ALIKE = 0.02  # largest difference of mirrored places over the body's height, and of masses [1]
@@ -101,6 +101,8 @@ class Tree:
                     "root in the body's description.",
                     key="body.root",
                 )
+        left, right = (self._offset(foot) for foot in self.feet)
+        self.foot_offset = 0.5 * (left + _MIRROR * right)
         self.hinges = [joint for segment in self.segments for joint in segment.joints]
         self.index = {joint.name: i for i, joint in enumerate(self.hinges)}
         self.segment_of = [i for i, segment in enumerate(self.segments) for _ in segment.joints]
@@ -115,12 +117,19 @@ class Tree:
         for what, fields in _DROPPED.items():
             if any(getattr(model, name).any() for name in fields):
                 raise InputError(f"the model has {what}, which a body cannot have; remove them from it.")
-        if any(self._couples(number) for number in np.flatnonzero(model.eq_active0).tolist()):
+        couplings = [k for k in np.flatnonzero(model.eq_active0).tolist() if self._couples(k)]
+        if couplings:
+            coupled = [
+                model.joint(model.eq_obj1id[k]).name
+                for k in couplings
+                if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT
+            ]
             raise InputError(
-                "the model has closed loops or coupled joints; lock these joints or remove them."
+                f"the model has closed loops or coupled joints{': ' * bool(coupled)}{', '.join(coupled)}; "
+                "weld all of them with lock in the body's description, or remove them."
             )
         names = [model.joint(j).name for j in np.flatnonzero(model.jnt_type != _FREE).tolist()]
-        for key in ("lock", "armature", "effort", "speed", "damping", "stiffness", "friction"):
+        for key in ("lock", "range", "armature", "effort", "speed", "damping", "stiffness", "friction"):
             for pattern in getattr(self.file, key):
                 if not any(map(pattern.fullmatch, names)):
                     raise InputError(
@@ -188,7 +197,8 @@ class Tree:
                 continue
             if kind != _HINGE:
                 raise InputError(f"the joint {name!r} is no hinge; lock it or take a model of hinges.")
-            low, high = model.jnt_range[j] if model.jnt_limited[j] else (-math.inf, math.inf)
+            limits = tuple(model.jnt_range[j]) if model.jnt_limited[j] else (-math.inf, math.inf)
+            low, high = by_pattern(file.range, name, limits)
             hinges.append(
                 Hinge(
                     name=name,
@@ -207,9 +217,14 @@ class Tree:
             )
         return hinges
 
+    def _offset(self, body: int) -> Array:
+        """Origin of a body from that of its segment, shape (3,) [m]."""
+        place = self._vector(self.data.xpos[body] - self.origin)
+        return np.asarray(place - self.segments[self.of_body[body]].place)
+
     def _add_mass(self, body: int, segment: Segment) -> None:
         mass = float(self.model.body_mass[body])
-        if mass > 0.0:
+        if mass > MASSLESS:
             turn = self.align @ self.data.ximat[body].reshape(3, 3)
             com = self._vector(self.data.xipos[body] - self.origin) - segment.place
             inertia = turn @ np.diag(self.model.body_inertia[body]) @ turn.T
