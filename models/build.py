@@ -21,9 +21,6 @@ def build_body(
         return human.build(body, contact, simulation)
     path = body_path(body.source)
     file = read_body_file(path)
-    model, speeds = compiled_source(
-        source_path(file.source, path.parent),
-        balance_inertia=file.balance_inertia,
-        least_inertia=file.least_inertia,
-    )
+    source = source_path(file.source, path.parent)
+    model, speeds = compiled_source(source, balance=file.balance_inertia)
     return Writer(Tree(file, model, speeds)).write(contact, simulation)

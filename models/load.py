@@ -299,6 +299,7 @@ class Writer:
         """Refuse a body that cannot be simulated or steered."""
         hinges, of_legs = self.tree.hinges, self.legs[0].joints + self.legs[1].joints
         ends = {leg.foot for leg in self.legs}
+        leg_length = self._straight(self.legs[0])[1]
         below: list[str] = []
         for i, segment in enumerate(self.tree.segments):
             if segment.parent in ends:
@@ -317,6 +318,11 @@ class Writer:
             for segment in self.tree.segments
             if segment.name not in light and not np.linalg.eigvalsh(segment.inertial.inertia)[0] > MASSLESS
         ]
+        thick = [
+            segment.name
+            for segment in self.tree.segments
+            if np.linalg.eigvalsh(segment.inertial.inertia)[-1] > segment.inertial.mass * leg_length**2
+        ]
         weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]
         loose = [hinges[k].name for k in of_legs if not math.isfinite(hinges[k].high - hinges[k].low)]
         short = [side for side, leg in zip(scene.SIDES, self.legs, strict=True) if len(leg.joints) < 6]
@@ -325,7 +331,12 @@ class Writer:
             (resting, "joints of a leg in rest", "leave them out, as legs follow the gait"),
             (outside, "angles at rest or in neutral outside of their range", "correct them"),
             (light, "moving segments without mass", "weld their joints with lock"),
-            (thin, "moving segments without moments of inertia", "give them with least_inertia = 1e-4"),
+            (thin, "moving segments without moments of inertia", "give radii with [body.gyration], in m"),
+            (
+                thick,
+                f"moving segments with a radius of gyration over the length of a leg, {leg_length:.3g} m",
+                "give radii with [body.gyration], in m",
+            ),
             (weak, "joints without a torque limit", "give it with [body.effort]"),
             (loose, "joints of a leg without a range", "give it with [body.range]"),
             (short, "legs of less than six joints, which cannot hold a sole flat", "take another model"),

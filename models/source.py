@@ -34,6 +34,7 @@ _COLLADA_UNIT = re.compile(rb'<unit [^>]*meter="([^"]+)"')
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of COLLADA, row vectors to z upwards
 MASSLESS = 1e-13  # of a link: its mass, and a moment of its inertia, is less [kg, kg m^2]
 _BOUND = 0.5 * MASSLESS  # written for less, as MuJoCo compiles no moving body without mass
+_MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # places in MJCF's fullinertia
 _WAYS_OUT = {
     "A + B >= C": "correct the inertia of this element, or add balance_inertia = true to the body's "
     "description, which takes the mean of its moments",
@@ -84,8 +85,8 @@ class BodyFile(Section, section="body"):
     balance_inertia: bool = Field(
         False, description="take the mean of the moments of a link where no body could have them"
     )
-    least_inertia: Real = Field(
-        0.0, description="least moment of inertia of a link with mass [kg m^2]", ge=0
+    gyration: ByPattern = Field(
+        {}, description="radius of gyration about all axes, by regular expression of links [m]"
     )
     armature: ByPattern = Field({}, description="rotor inertia by regular expression of joints [kg m^2]")
     range: Mapping[re.Pattern[str], Range] = Field(
@@ -207,15 +208,12 @@ def source_path(source: str, folder: Path) -> Path:
     raise InputError(f"the package {package} has no file {name!r}; correct source in the body's description.")
 
 
-def compiled_source(
-    path: Path, *, balance_inertia: bool = False, least_inertia: float = 0.0
-) -> tuple[mujoco.MjModel, dict[str, float]]:
+def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjModel, dict[str, float]]:
     """The model of a file, and the speed limits [rad/s] that MuJoCo does not keep, by joint.
 
     Args:
         path: MJCF or URDF.
-        balance_inertia: see :class:`BodyFile`.
-        least_inertia: the same.
+        balance: ``balance_inertia`` of :class:`BodyFile`.
 
     Raises:
         InputError: it cannot be read or compiled.
@@ -235,8 +233,8 @@ def compiled_source(
             mesh.maxhullvert = _HULL_POINTS
             if mesh.file.lower().endswith(_CONVERTED):
                 _read_mesh(spec, mesh)
-        spec.compiler.balanceinertia |= balance_inertia
-        _bound_inertia(spec, least_inertia)
+        spec.compiler.balanceinertia |= balance
+        _bound_inertia(spec)
         for geom in spec.geoms:
             if geom.meshname and not (geom.contype or geom.conaffinity):
                 geom.conaffinity = DRAWN  # else MuJoCo makes no hull of it
@@ -323,27 +321,17 @@ def _read_mesh(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> None:
     mesh.uservert, mesh.file = points.ravel(), ""
 
 
-def _bound_inertia(spec: mujoco.MjSpec, least: float) -> None:
-    """Raise moments of inertia to the least, of links with mass; those without get nearly none.
+def _bound_inertia(spec: mujoco.MjSpec) -> None:
+    """Give links without mass or inertia nearly none, as MuJoCo compiles no moving one without.
 
-    MuJoCo names one link at a time that has none. What moves without mass is refused later, when what is
-    fixed to it is known.
+    What moves without mass is refused later, when what is fixed to it is known.
     """
     spec.compiler.boundmass = max(spec.compiler.boundmass, _BOUND)
     spec.compiler.boundinertia = max(spec.compiler.boundinertia, _BOUND)
     for body in spec.bodies[1:]:
         full = np.array(body.fullinertia)
-        moments = np.array(body.inertia)
-        if np.isfinite(full[0]):
-            moments, axes = np.linalg.eigh(full[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]])
-            if moments[0] >= max(least, MASSLESS):
-                continue
-            axes[:, 2] *= np.linalg.det(axes)
-            body.fullinertia = np.full(6, np.nan)
-            quat = np.zeros(4)
-            mujoco.mju_mat2Quat(quat, axes.ravel())
-            body.iquat = quat
-        body.inertia = np.maximum(moments, least if body.mass > MASSLESS else 0.0)
+        if np.isfinite(full[0]) and np.linalg.eigvalsh(full[_MATRIX])[0] < _BOUND:
+            body.fullinertia = full + _BOUND * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 def _drop_textures(spec: mujoco.MjSpec) -> None:

@@ -106,8 +106,9 @@ class Tree:
         self.hinges = [joint for segment in self.segments for joint in segment.joints]
         self.index = {joint.name: i for i, joint in enumerate(self.hinges)}
         self.segment_of = [i for i, segment in enumerate(self.segments) for _ in segment.joints]
-        for role, angles in (("neutral", file.neutral), ("rest", file.rest)):
-            for name in angles:
+        self.pairs = dict(file.pairs) | {right: left for left, right in file.pairs.items()}
+        for role, names in (("neutral", file.neutral), ("rest", file.rest), ("pairs", self.pairs)):
+            for name in names:
                 self.joint(name, role)
         self.findings = self._symmetrise()
 
@@ -128,12 +129,14 @@ class Tree:
                 f"the model has closed loops or coupled joints{': ' * bool(coupled)}{', '.join(coupled)}; "
                 "weld all of them with lock in the body's description, or remove them."
             )
-        names = [model.joint(j).name for j in np.flatnonzero(model.jnt_type != _FREE).tolist()]
-        for key in ("lock", "range", "armature", "effort", "speed", "damping", "stiffness", "friction"):
+        joints = [model.joint(j).name for j in np.flatnonzero(model.jnt_type != _FREE).tolist()]
+        links = [model.body(i).name for i in range(1, model.nbody)]
+        for key in ("gyration", "lock", "range", "armature", "effort", "speed", "damping", "stiffness", "friction"):
+            what, names = ("link", links) if key == "gyration" else ("joint", joints)
             for pattern in getattr(self.file, key):
                 if not any(map(pattern.fullmatch, names)):
                     raise InputError(
-                        f"{key} has {pattern.pattern!r}, which matches no joint; take names of "
+                        f"{key} has {pattern.pattern!r}, which matches no {what}; take names of "
                         f"{', '.join(names)}.",
                         key=f"body.{key}",
                     )
@@ -228,6 +231,8 @@ class Tree:
             turn = self.align @ self.data.ximat[body].reshape(3, 3)
             com = self._vector(self.data.xipos[body] - self.origin) - segment.place
             inertia = turn @ np.diag(self.model.body_inertia[body]) @ turn.T
+            if (radius := by_pattern(self.file.gyration, self.model.body(body).name, 0.0)) > 0.0:
+                inertia = mass * radius**2 * np.eye(3)
             segment.inertial = segment.inertial.plus(Inertial(mass, com, inertia))
 
     def _add_shapes(self, body: int, segment: Segment) -> None:
@@ -261,7 +266,9 @@ class Tree:
 
     def mirrored(self, name: str) -> str:
         """Name of the mirror image of a hinge; its own if it is in the middle."""
-        pairs = {self.file.sides, tuple(side.capitalize() for side in self.file.sides)}
+        if name in self.pairs:
+            return self.pairs[name]
+        pairs = {tuple(map(change, self.file.sides)) for change in (str, str.capitalize, str.upper)}
         for one, other in [pair[::step] for pair in sorted(pairs) for step in (1, -1)]:
             start = name.find(one)
             while start >= 0:
@@ -278,6 +285,8 @@ class Tree:
             InputError: they are no images at all.
         """
         self.images = [self.index[self.mirrored(joint.name)] for joint in self.hinges]
+        near = _ALIKE * float(np.ptp([segment.place[2] for segment in self.segments]))
+        self._check_images(near)
         self.signs = np.empty(len(self.images))
         before = [replace(joint) for joint in self.hinges]
         far, angles = [0.0], [0.0]
@@ -321,7 +330,6 @@ class Tree:
             masses.append(abs(two.mass - one.mass))
             segment.place = 0.5 * (here.place + place)
             segment.inertial = Inertial(mass, 0.5 * (one.com + com), 0.5 * (one.inertia + inertia))
-        near = _ALIKE * float(np.ptp([segment.place[2] for segment in self.segments]))
         for value, limit, unit, what in (
             (max(far), near, "m", "places of joints"),
             (max(coms), near, "m", "the COM of one of their segments, as it moves that of the body"),
@@ -335,6 +343,35 @@ class Tree:
                 )
         bare = sum(not segment.shapes for segment in self.segments)
         return Findings(max(far), max(coms), max(masses), bare)
+
+
+    def _check_images(self, near: float) -> None:
+        """Refuse hinges that are off the middle and their own image, where others are their images.
+
+        Args:
+            near: largest difference of mirrored places [m].
+        """
+        alone = [i for i, image in enumerate(self.images) if image == i and not self._mirrors(i, i, near)]
+        left = [i for i in alone if self._place(i)[1] > 0.0]
+        pairs = [(i, k) for i in left for k in alone if k != i and self._mirrors(i, k, near)]
+        if pairs:
+            names = (f'"{self.hinges[i].name}" = "{self.hinges[k].name}"' for i, k in pairs)
+            line = f"pairs = {{ {', '.join(names)} }}"
+            raise InputError(
+                f"sides do not tell the mirror image of {len(pairs)} joints; add {line} to the body's "
+                "description, or correct sides.",
+                key="body.pairs",
+                way_out=f"add {line}",
+            )
+
+    def _place(self, hinge: int) -> Array:
+        """Place of a hinge from the root's origin, shape (3,) [m]."""
+        return self.segments[self.segment_of[hinge]].place + self.hinges[hinge].anchor
+
+    def _mirrors(self, hinge: int, other: int, near: float) -> bool:
+        """Whether place and axis of a hinge are the mirror images of another's."""
+        along = abs(float(_MIRROR * self.hinges[other].axis @ self.hinges[hinge].axis))
+        return _gap(self._place(hinge), _MIRROR * self._place(other)) <= near and along > math.cos(_UNLIKE)
 
 
 def _hull(model: mujoco.MjModel, mesh: int) -> Array:

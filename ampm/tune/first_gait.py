@@ -1,6 +1,7 @@
 """What a gait is about, by formula, for a body of any size; the rest is found."""
 
 import math
+import statistics
 
 from ampm.controller_parameters import ControllerParameters
 from ampm.description import BodyDescription
@@ -9,6 +10,7 @@ from ampm.parameters import GRAVITY, RunParameters
 
 _STEP = 0.3  # length of a step over the height of the hips [1]
 _PACE = 0.15  # speed at the switch over the square root of g times the height of the hips [1]
+_SWING = 0.18  # most speed at the switch, over hip height times the speed limit of most joints of a leg [1]
 _C_Y = 0.8  # the trunk then rolls a little towards the standing foot
 _SOFT = 0.4  # velocity and rate at which a foot closes in on the floor, over those of a human's [1]
 _SLOW = 0.25  # how fast it takes them up, over the same [1]
@@ -17,8 +19,11 @@ _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foo
 
 def usual_steps(description: BodyDescription) -> tuple[float, float]:
     """Step length [m] and speed at the switch [m/s] of an easy gait of a body."""
-    hips = description.hip_height
-    return _STEP * hips, _PACE * math.sqrt(GRAVITY * hips)
+    hips, limits = description.hip_height, dict(description.speed_limits)
+    speed = _PACE * math.sqrt(GRAVITY * hips)
+    if speeds := [limits[joint] for joint in description.left_leg.joints if joint in limits]:
+        speed = min(speed, _SWING * statistics.median_low(speeds) * hips)
+    return _STEP * hips, speed
 
 
 def first_gait(run: RunParameters, description: BodyDescription) -> RunParameters:

@@ -59,7 +59,7 @@ def ways_out(
         found.append({**easy, **_opened(run)})
         if not accepted(found[0]):
             values = ", ".join(f"{key} = {value:g}" for key, value in easy.items())
-            others = sorted(run.given - set(OPEN_KEYS) - easy.keys() - {"gait.steps"})
+            others = sorted(run.given - set(OPEN_KEYS) - easy.keys() - {"gait.steps", "body.source"})
             way_out = f"change {', '.join(others[:_MOST_NAMED])}, or" if others else "take"
             return f"not even a gait with {values} was accepted; {way_out} another body"
     halves = [_half(run, change) for change in found]

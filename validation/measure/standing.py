@@ -39,13 +39,14 @@ SETTLE = 1.5
 """Time in which contacts and controller come to rest before the body is weighed [s]."""
 
 
-def stand(run: RunParameters, body_model: BodyModel) -> SimulationRecord:
+def stand(run: RunParameters, body_model: BodyModel, duration: float | None = None) -> SimulationRecord:
     """Let the body stand on both flat feet, the COM over their middle, and record it.
 
     Args:
         run: body, contact, controller, simulation and solver parameters; of the gait only the COM's height
             and the lateral distance of the feet.
         body_model: the body.
+        duration: how long it stands [s]; :data:`DURATION` or :data:`WITH_FRICTION` by default.
 
     Raises:
         BodilyRefusal: the body cannot stand with its COM at that height.
@@ -74,7 +75,7 @@ def stand(run: RunParameters, body_model: BodyModel) -> SimulationRecord:
     start = q.copy()
     start[2] -= run.simulation.start_depth
     physics.place(start, still)
-    duration = _duration(robot.description)
+    duration = duration or _duration(robot.description)
     controller, steps = TrackingController(robot, run), round(duration / physics.time_step)
     course = Course(steps, np.array([duration]))
     return ClosedLoop(physics, controller, repeat(reference), run, course).run()

@@ -1,4 +1,4 @@
-"""Check of a body before it walks: its model, its torques in a periodic step, and what it can walk."""
+"""Check of a body before it walks: its model, its torques in a periodic step, and whether it stands."""
 
 import math
 from collections.abc import Mapping
@@ -16,14 +16,18 @@ from ampm.parameters import GRAVITY, BodyParameters, RunParameters
 from ampm.tune.gait_limits import step_torques
 from ampm.tune.refusal import NoFeasibleChoice
 from models.scene import Findings
+from validation.measure.standing import stand
 from validation.progress import Progress
 from validation.trial.bridge import pinocchio_model, to_mujoco
+from validation.trial.divergence import likely_cause
+from validation.trial.outcome import OutcomeName
 from validation.trial.plan import PlannedWalk, load_request, make_body, tune_walk
 
 _BENT = 0.6  # flexion of the knees at which the legs are judged [rad]
 _GROWTH, _MOST_GROWTH = 1.2, 3.0  # of step or speed from try to try, and at most [1]
 _LEAST_SINGULAR = 0.02  # of a leg's Jacobian: below it, the joints hardly move the sole in some direction
 _FEET = "lowest point of the feet over their soles"
+_STANDING = 1.0  # time for which the body stands, long enough for a simulation to diverge [s]
 _OFF = 0.1  # of the feet's lowest point from the soles, over the soles' length: more is a mistake
 _GROUPS = ("hip", "knee", "ankle", "toe", "trunk", "arms")
 
@@ -85,6 +89,8 @@ def check(
         torque = _torque_shares(walk)
         keys = "step_length", "switching_velocity", "com_height", "step_width"
         gait = {key: float(walk.run.value(f"gait.{key}")) for key in keys}
+        with progress.stage("standing"):
+            refusal = _standing_refusal(walk)
     except NoFeasibleChoice as error:
         refusal = str(error)
         values = error.values
@@ -102,6 +108,15 @@ def _torque_shares(walk: PlannedWalk) -> dict[str, float]:
     most = (np.abs(torque) / robot.torque_limit).max(axis=0)
     groups = joint_groups(robot.description).items()
     return {name: float(most[robot.velocity_indices(names) - 6].max()) for name, names in groups}
+
+
+def _standing_refusal(walk: PlannedWalk) -> str:
+    """Why the body does not stand under the controller at the height of the walk; empty if it does."""
+    outcome = stand(walk.run, walk.body.model, _STANDING).outcome
+    if outcome.completed:
+        return ""
+    cause = likely_cause(walk.body.model.compile()) if outcome.name is OutcomeName.DIVERGED else ""
+    return f"It does not stand for {_STANDING:g} s: {outcome.ending}{' Likely, ' * bool(cause)}{cause}"
 
 
 def _reach(
