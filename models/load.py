@@ -164,8 +164,8 @@ class Writer:
         sign = 1.0 if joint.high - straight > straight - joint.low else -1.0
         if not sign * self.axis[leg.knee, 1] > 0.0:
             raise InputError(
-                f"the knee {joint.name!r} bends forward; exchange sides in the body's description, or correct "
-                f"its range, {joint.low:g} to {joint.high:g} rad, with [body.range].",
+                f"the knee {joint.name!r} bends forward; exchange sides in the body's description, or give "
+                f"the joint's range, now {joint.low:g} to {joint.high:g} rad, with [body.range].",
                 key="body.sides",
             )
         return LegDescription(
@@ -313,16 +313,11 @@ class Writer:
             if hinge.name in angles and not hinge.low <= angles[hinge.name] <= hinge.high
         ]
         light = [segment.name for segment in self.tree.segments if not segment.inertial.mass > 0.0]
-        thin = [
-            segment.name
-            for segment in self.tree.segments
-            if segment.name not in light and not np.linalg.eigvalsh(segment.inertial.inertia)[0] > MASSLESS
-        ]
-        thick = [
-            segment.name
-            for segment in self.tree.segments
-            if np.linalg.eigvalsh(segment.inertial.inertia)[-1] > segment.inertial.mass * leg_length**2
-        ]
+        wrong = []
+        for segment in self.tree.segments:
+            moments = np.linalg.eigvalsh(segment.inertial.inertia)
+            if not (moments[0] > MASSLESS and moments[-1] <= segment.inertial.mass * leg_length**2):
+                wrong.append(segment.name)
         weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]
         loose = [hinges[k].name for k in of_legs if not math.isfinite(hinges[k].high - hinges[k].low)]
         short = [side for side, leg in zip(scene.SIDES, self.legs, strict=True) if len(leg.joints) < 6]
@@ -331,12 +326,7 @@ class Writer:
             (resting, "joints of a leg in rest", "leave them out, as legs follow the gait"),
             (outside, "angles at rest or in neutral outside of their range", "correct them"),
             (light, "moving segments without mass", "weld their joints with lock"),
-            (thin, "moving segments without moments of inertia", "give radii with [body.gyration], in m"),
-            (
-                thick,
-                f"moving segments with a radius of gyration over the length of a leg, {leg_length:.3g} m",
-                "give radii with [body.gyration], in m",
-            ),
+            (wrong, "segments with moments of inertia of 0 or too large", "give radii with [body.gyration]"),
             (weak, "joints without a torque limit", "give it with [body.effort]"),
             (loose, "joints of a leg without a range", "give it with [body.range]"),
             (short, "legs of less than six joints, which cannot hold a sole flat", "take another model"),

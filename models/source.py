@@ -35,19 +35,13 @@ _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of COL
 MASSLESS = 1e-13  # of a link: its mass, and a moment of its inertia, is less [kg, kg m^2]
 _BOUND = 0.5 * MASSLESS  # written for less, as MuJoCo compiles no moving body without mass
 _MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # places in MJCF's fullinertia
-_WAYS_OUT = {
-    "A + B >= C": "correct the inertia of this element, or add balance_inertia = true to the body's "
-    "description, which takes the mean of its moments",
-    "names of a": "give each its own name",
-}
-"""What to do about an error of MuJoCo's, by a part of its message."""
 Names = Annotated[tuple[str, ...], Field(strict=False)]  # also a list
 Sided = Annotated[
     tuple[str, ...],
     Field(strict=False, min_length=1, max_length=2),
     BeforeValidator(lambda value: (value,) if isinstance(value, str) else value),
 ]
-"""One pattern with {side}, {Side} or {SIDE}, or the names of left and right."""
+"""One pattern with {side} or {Side}, or the names of left and right."""
 Angles = Mapping[str, Real]
 Patterns = Annotated[tuple[re.Pattern[str], ...], Field(strict=False)]
 ByPattern = Mapping[re.Pattern[str], Annotated[Real, Field(ge=0)]]
@@ -100,12 +94,10 @@ class BodyFile(Section, section="body"):
     )
     friction: ByPattern = Field({}, description="dry friction by regular expression of joints [N m]")
 
-    def sided(self, names: Sided) -> tuple[str, str]:
-        """Left and right name of a pattern, or the two names that there are."""
+    def sided(self, names: tuple[str, ...]) -> tuple[str, str]:
+        """Left and right name of one pattern, or two names as they are."""
         left, right = (
-            name.replace("{side}", side)
-            .replace("{Side}", side.capitalize())
-            .replace("{SIDE}", side.upper())
+            name.replace("{side}", side).replace("{Side}", side.capitalize())
             for name, side in zip((names[0], names[-1]), self.sides, strict=True)
         )
         return left, right
@@ -245,8 +237,8 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
 
 def _refusal(model: str, error: Exception) -> InputError:
     text = " ".join(str(error).split())
-    way_out = next((way_out for part, way_out in _WAYS_OUT.items() if part in text), "correct it")
-    return InputError(f"the model {model!r} cannot be compiled ({text}); {way_out}.", way_out=way_out)
+    way_out = ", or add balance_inertia = true to the body's description" if "A + B >= C" in text else ""
+    return InputError(f"the model {model!r} cannot be compiled ({text}); correct it{way_out}.")
 
 
 def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:

@@ -101,8 +101,9 @@ class Tree:
                     "root in the body's description.",
                     key="body.root",
                 )
-        left, right = (self._offset(foot) for foot in self.feet)
-        self.foot_offset = 0.5 * (left + _MIRROR * right)
+        left = self.feet[0]
+        self.foot_offset = self._vector(self.data.xpos[left] - self.origin)
+        self.foot_offset -= self.segments[self.of_body[left]].place
         self.hinges = [joint for segment in self.segments for joint in segment.joints]
         self.index = {joint.name: i for i, joint in enumerate(self.hinges)}
         self.segment_of = [i for i, segment in enumerate(self.segments) for _ in segment.joints]
@@ -120,18 +121,26 @@ class Tree:
                 raise InputError(f"the model has {what}, which a body cannot have; remove them from it.")
         couplings = [k for k in np.flatnonzero(model.eq_active0).tolist() if self._couples(k)]
         if couplings:
-            coupled = [
-                model.joint(model.eq_obj1id[k]).name
-                for k in couplings
-                if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT
-            ]
+            couplings = [k for k in couplings if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT]
+            ends = {*model.eq_obj1id[couplings].tolist(), *model.eq_obj2id[couplings].tolist()} - {-1}
+            coupled = sorted(model.joint(end).name for end in ends)
             raise InputError(
-                f"the model has closed loops or coupled joints{': ' * bool(coupled)}{', '.join(coupled)}; "
-                "weld all of them with lock in the body's description, or remove them."
+                f"the model has closed loops or coupled joints ({', '.join(coupled)}); lock these "
+                "joints or remove them."
             )
         joints = [model.joint(j).name for j in np.flatnonzero(model.jnt_type != _FREE).tolist()]
         links = [model.body(i).name for i in range(1, model.nbody)]
-        for key in ("gyration", "lock", "range", "armature", "effort", "speed", "damping", "stiffness", "friction"):
+        for key in (
+            "gyration",
+            "lock",
+            "range",
+            "armature",
+            "effort",
+            "speed",
+            "damping",
+            "stiffness",
+            "friction",
+        ):
             what, names = ("link", links) if key == "gyration" else ("joint", joints)
             for pattern in getattr(self.file, key):
                 if not any(map(pattern.fullmatch, names)):
@@ -219,11 +228,6 @@ class Tree:
                 )
             )
         return hinges
-
-    def _offset(self, body: int) -> Array:
-        """Origin of a body from that of its segment, shape (3,) [m]."""
-        place = self._vector(self.data.xpos[body] - self.origin)
-        return np.asarray(place - self.segments[self.of_body[body]].place)
 
     def _add_mass(self, body: int, segment: Segment) -> None:
         mass = float(self.model.body_mass[body])
@@ -344,34 +348,30 @@ class Tree:
         bare = sum(not segment.shapes for segment in self.segments)
         return Findings(max(far), max(coms), max(masses), bare)
 
-
     def _check_images(self, near: float) -> None:
-        """Refuse hinges that are off the middle and their own image, where others are their images.
+        """Refuse hinges off the middle that are their own image, where others are theirs within near [m]."""
+        places = [
+            self.segments[segment].place + hinge.anchor
+            for segment, hinge in zip(self.segment_of, self.hinges, strict=True)
+        ]
 
-        Args:
-            near: largest difference of mirrored places [m].
-        """
-        alone = [i for i, image in enumerate(self.images) if image == i and not self._mirrors(i, i, near)]
-        left = [i for i in alone if self._place(i)[1] > 0.0]
-        pairs = [(i, k) for i in left for k in alone if k != i and self._mirrors(i, k, near)]
+        def mirrors(one: int, other: int) -> bool:
+            along = abs(float(_MIRROR * self.hinges[other].axis @ self.hinges[one].axis))
+            return _gap(places[one], _MIRROR * places[other]) <= near and along > math.cos(_UNLIKE)
+
+        alone = [i for i, image in enumerate(self.images) if image == i and not mirrors(i, i)]
+        pairs = [
+            f'"{self.hinges[i].name}" = "{self.hinges[k].name}"'
+            for i in alone
+            for k in alone
+            if places[i][1] > places[k][1] and mirrors(i, k)
+        ]
         if pairs:
-            names = (f'"{self.hinges[i].name}" = "{self.hinges[k].name}"' for i, k in pairs)
-            line = f"pairs = {{ {', '.join(names)} }}"
             raise InputError(
-                f"sides do not tell the mirror image of {len(pairs)} joints; add {line} to the body's "
-                "description, or correct sides.",
+                f"sides do not tell the mirror images of {2 * len(pairs)} joints; correct sides in the "
+                f"body's description, or add pairs = {{ {', '.join(pairs)} }}.",
                 key="body.pairs",
-                way_out=f"add {line}",
             )
-
-    def _place(self, hinge: int) -> Array:
-        """Place of a hinge from the root's origin, shape (3,) [m]."""
-        return self.segments[self.segment_of[hinge]].place + self.hinges[hinge].anchor
-
-    def _mirrors(self, hinge: int, other: int, near: float) -> bool:
-        """Whether place and axis of a hinge are the mirror images of another's."""
-        along = abs(float(_MIRROR * self.hinges[other].axis @ self.hinges[hinge].axis))
-        return _gap(self._place(hinge), _MIRROR * self._place(other)) <= near and along > math.cos(_UNLIKE)
 
 
 def _hull(model: mujoco.MjModel, mesh: int) -> Array:

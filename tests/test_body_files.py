@@ -18,7 +18,9 @@ from validation.trial.plan import make_body
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 URDF, TOML = ((EXAMPLES / f"biped.{suffix}").read_text(encoding="utf-8") for suffix in ("urdf", "toml"))
+UNBALANCED = URDF.replace('izz="0.134867"', 'izz="0.934867"')
 SOLE = {"heel": -0.07, "front": 0.14, "bottom": -0.07, "heel_half_width": 0.045, "front_half_width": 0.045}
+JOINTS = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle_pitch", "ankle_roll")
 NAMES = {
     "root": "pelvis",
     "trunk": "chest",
@@ -102,7 +104,11 @@ def test_bad_description_is_refused(change: str, message: str, tmp_path: Path) -
             "<fixed stiffness='50' name='t'><joint joint='{}' coef='1'/></fixed>",
             "springs, dampers or",
         ),
-        ("equality", "<joint joint1='{}' joint2='abdomen_y'/>", "closed loops"),
+        (
+            "equality",
+            "<joint joint1='{}' joint2='abdomen_y'/>",
+            r"closed loops or coupled joints \(abdomen_y, left_knee\)",
+        ),
     ],
 )
 def test_passive_forces_of_no_joint_are_refused(
@@ -132,7 +138,7 @@ def test_a_coupled_joint_that_is_locked_is_no_trouble(tmp_path: Path) -> None:
         "neck", "chest", "skull", "0 0 0.45"
     )
     urdf = URDF.replace("</robot>", neck.replace("<limit", '<mimic joint="waist_yaw"/><limit') + "</robot>")
-    with pytest.raises(InputError, match="coupled joints; lock these joints"):
+    with pytest.raises(InputError, match=r"coupled joints \(neck, waist_yaw\); lock these joints"):
         load(write(tmp_path, urdf))
     locked = TOML.replace("sole =", 'lock = ["neck", "waist_yaw"]\nsole =')
     assert "neck" not in dict(load(write(tmp_path, urdf, locked)).description.torque_limits)
@@ -163,7 +169,8 @@ def test_bad_sole_is_refused(old: str, new: str, message: str, tmp_path: Path) -
     ("change", "message"),
     [
         (replaced('<mass value="4"/>', '<mass value="6"/>', 1), "left and right differ by 2 kg in masses"),
-        (replaced('<mass value="0.5"/>', '<mass value="0"/>'), "mass and inertia of moving bodies"),
+        (replaced('<mass value="0.5"/>', '<mass value="0"/>'), "moving segments without mass: "),
+        (lambda _: UNBALANCED, "A [+] B >= C.*chest.*or add balance_inertia = true"),
         (replaced('<mass value="4"/>', '<mass value="heavy"/>'), "cannot be compiled"),
         (replaced('"r_knee"', '"l_knee"'), "names of a joint used twice: l_knee"),
         (replaced('<link name="r_shank">', '<link name="l_shank">'), "names of a link used twice: l_shank"),
@@ -178,6 +185,70 @@ def test_bad_sole_is_refused(old: str, new: str, message: str, tmp_path: Path) -
 def test_broken_model_is_refused(change: Callable[[str], str], message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message):
         load(write(tmp_path, change(URDF)))
+
+
+def test_a_knee_that_bends_forward_is_corrected_by_its_range(tmp_path: Path) -> None:
+    urdf = replaced('lower="0" upper="2.4"', 'lower="-2.4" upper="0"')(URDF)
+    with pytest.raises(InputError, match=r"bends forward; .* now -2.4 to 0 rad, with \[body.range\]"):
+        load(write(tmp_path, urdf))
+    body = load(write(tmp_path, urdf, TOML + 'range."._knee" = [0.0, 2.4]'))
+    np.testing.assert_allclose(body.compile().joint("r_knee").range, [0.0, 2.4])
+
+
+def test_inertia_of_the_description_replaces_that_of_the_model(tmp_path: Path) -> None:
+    toml = TOML + 'gyration.".*_foot" = 0.05'
+    foot = load(write(tmp_path, toml=toml)).compile().body("l_foot")
+    np.testing.assert_allclose(foot.inertia, foot.mass[0] * 0.05**2)
+    balanced = load(write(tmp_path, UNBALANCED, TOML + "balance_inertia = true")).compile().body("chest")
+    np.testing.assert_allclose(balanced.inertia, (0.2562 + 0.181067 + 0.934867) / 3.0, rtol=1e-6)
+    with pytest.raises(InputError, match=r"gyration has '\.\*_boot', which matches no link"):
+        load(write(tmp_path, toml=toml.replace(".*_foot", ".*_boot")))
+
+
+def test_joints_that_no_word_pairs_are_paired_by_the_description(tmp_path: Path) -> None:
+    names = [f"{side}_{joint}" for side in "lr" for joint in JOINTS]
+    urdf = URDF
+    for number, name in enumerate(names):
+        urdf = urdf.replace(f'joint name="{name}"', f'joint name="m{number}"')
+    toml = TOML.replace('"{side}_knee"', '["m3", "m9"]').replace('"{side}_foot"', '["l_foot", "r_foot"]')
+    line = 'pairs = { "m0" = "m6", "m1" = "m7", "m2" = "m8", "m3" = "m9", "m4" = "m10", "m5" = "m11" }'
+    with pytest.raises(InputError, match="sides do not tell the mirror images of 12 joints") as caught:
+        load(write(tmp_path, urdf, toml))
+    assert line in str(caught.value)
+    own, paired = load(EXAMPLES / "biped.toml"), load(write(tmp_path, urdf, toml + line))
+    assert paired.description.left_leg.joints == tuple(f"m{k}" for k in range(6))
+    assert [sign for *_, sign in paired.description.mirror] == [sign for *_, sign in own.description.mirror]
+    with pytest.raises(InputError, match="unknown joint for pairs 'm16'"):
+        load(write(tmp_path, urdf, toml + line.replace('"m6"', '"m16"')))
+
+
+@pytest.mark.parametrize("side", [str.upper, str.capitalize])
+def test_joints_are_paired_in_any_case(side: Callable[[str], str], tmp_path: Path) -> None:
+    urdf = URDF
+    for name in JOINTS:
+        for word, new in (("l", "left"), ("r", "right")):
+            urdf = urdf.replace(f'joint name="{word}_{name}"', f'joint name="{name}{side(new)}"')
+    toml = TOML.replace('["l", "r"]', '["left", "right"]').replace('"{side}_foot"', '["l_foot", "r_foot"]')
+    toml = toml.replace('"{side}_knee"', f'["knee{side("left")}", "knee{side("right")}"]')
+    body = load(write(tmp_path, urdf, toml))
+    assert (
+        dict(entry[:2] for entry in body.description.mirror)[f"knee{side('left')}"] == f"knee{side('right')}"
+    )
+
+
+def test_the_sole_is_measured_from_the_foot_that_is_named(tmp_path: Path) -> None:
+    """Also from one that is fixed to its segment."""
+    fixed = "".join(
+        f'<link name="{side}_sole_link"/><joint name="{side}_fix" type="fixed"><parent link="{side}_foot"/>'
+        f'<child link="{side}_sole_link"/><origin xyz="0.02 {y} -0.05"/></joint>'
+        for side, y in (("l", 0.01), ("r", -0.01))
+    )
+    toml = TOML.replace("{side}_foot", "{side}_sole_link").replace("bottom = -0.07", "bottom = -0.02")
+    moved = load(write(tmp_path, URDF.replace("</robot>", fixed + "</robot>"), toml)).compile()
+    own = load(EXAMPLES / "biped.toml").compile()
+    for side, y in (("left", 0.01), ("right", -0.01)):
+        gap = moved.site(f"{side}_sole").pos - own.site(f"{side}_sole").pos
+        np.testing.assert_allclose(gap, [0.02, y, 0.0], rtol=0.0, atol=1e-12)
 
 
 def test_toes_can_be_welded_and_names_of_ours_are_no_trouble(tmp_path: Path) -> None:
@@ -213,10 +284,10 @@ def test_meshes_become_hulls_in_the_model(tmp_path: Path) -> None:
     (tmp_path / "my_robot" / "meshes").mkdir(parents=True)
     folder.mkdir()
     write_mesh(tmp_path / "my_robot" / "meshes" / "thigh.STL", (0.05, 0.06, 0.18))
-    (tmp_path / "my_robot" / "meshes" / "shank.dae").write_text("<COLLADA/>", encoding="utf-8")
+    (tmp_path / "my_robot" / "meshes" / "shank.ply").write_text("ply", encoding="utf-8")
     urdf = URDF
     for side in "lr":
-        for part in ("thigh.STL", "shank.dae", "missing.stl"):
+        for part in ("thigh.STL", "shank.ply", "missing.stl"):
             link = f'<link name="{side}_{part[:5]}">'
             shape = f'<mesh filename="package://my_robot/meshes/{part}"/>'
             visual = f'<visual><origin xyz="0 0 -0.18"/><geometry>{shape}</geometry></visual>'
@@ -244,6 +315,56 @@ def test_meshes_become_hulls_in_the_model(tmp_path: Path) -> None:
     }
     assert kinds["l_shank"] == {"mjGEOM_ELLIPSOID"}
     assert kinds["l_foot"] == {"mjGEOM_BOX", "mjGEOM_SPHERE"}  # the points of the sole are spheres
+
+
+COLLADA = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="centimetre" meter="0.01"/><up_axis>Y_UP</up_axis></asset>
+<library_geometries><geometry id="box"><mesh>
+<source id="s"><float_array id="a" count="24">{}</float_array>
+<technique_common><accessor source="#a" count="8" stride="3">
+<param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>
+</accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#s"/></vertices>
+<triangles count="12"><input semantic="VERTEX" source="#v" offset="0"/><p>{}</p></triangles>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="scene"><node><instance_geometry url="#box"/></node></visual_scene>
+</library_visual_scenes><scene><instance_visual_scene url="#scene"/></scene></COLLADA>"""
+"""A box with y upwards, in centimetres, of eight points and twelve triangles."""
+
+
+def test_text_stl_and_collada_have_the_points_of_the_same_box(tmp_path: Path) -> None:
+    corners = np.array([[x, y, z] for x in (-1, 2) for y in (-1, 1) for z in (-1, 1)]) * (0.05, 0.06, 0.18)
+    faces = np.reshape([int(c) for c in "013032467475045051237276026064157173"], (12, 3))
+    rows = [
+        "facet normal 0 0 1\nouter loop\n"
+        + "".join("vertex {} {} {}\n".format(*corner) for corner in corners[face])
+        + "endloop\nendfacet\n"
+        for face in faces
+    ]
+    (tmp_path / "box.stl").write_text(f"solid box\n{''.join(rows)}endsolid box\n", encoding="utf-8")
+    upright = 100.0 * corners[:, [0, 2, 1]] * (1, 1, -1)  # x, z, -y
+    numbers = [" ".join(map(str, values)) for values in (upright.ravel(), faces.ravel())]
+    (tmp_path / "box.dae").write_text(COLLADA.format(*numbers), encoding="utf-8")
+    for name in ("box.stl", "box.dae"):
+        shape = f'<mesh filename="{name}" scale="1 0.5 1"/>'
+        link = '<link name="l_thigh">'
+        urdf = URDF.replace(link, f"{link}<visual><geometry>{shape}</geometry></visual>")
+        (tmp_path / "mesh.urdf").write_text(urdf, encoding="utf-8")
+        model, _ = compiled_source(tmp_path / "mesh.urdf")
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        points = model.mesh_vert @ data.geom_xmat[0].reshape(3, 3).T + data.geom_xpos[0]
+        points -= data.body("l_thigh").xpos
+        for wanted in corners * (1.0, 0.5, 1.0):
+            assert np.abs(points - wanted).max(axis=1).min() < 1e-6, (name, wanted)
+
+
+def test_a_mesh_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "box.dae").write_text("<COLLADA/>", encoding="utf-8")
+    link = '<link name="l_thigh">'
+    visual = '<visual><geometry><mesh filename="box.dae"/></geometry></visual>'
+    with pytest.raises(InputError, match=r"box.dae' cannot be read; convert it to a binary STL"):
+        load(write(tmp_path, URDF.replace(link, link + visual)))
 
 
 def test_a_segment_without_a_shape_has_the_ellipsoid_of_its_inertia() -> None:

@@ -19,8 +19,7 @@ from models.scene import Findings
 from validation.measure.standing import stand
 from validation.progress import Progress
 from validation.trial.bridge import pinocchio_model, to_mujoco
-from validation.trial.divergence import likely_cause
-from validation.trial.outcome import OutcomeName
+from validation.trial.divergence import explained
 from validation.trial.plan import PlannedWalk, load_request, make_body, tune_walk
 
 _BENT = 0.6  # flexion of the knees at which the legs are judged [rad]
@@ -112,11 +111,9 @@ def _torque_shares(walk: PlannedWalk) -> dict[str, float]:
 
 def _standing_refusal(walk: PlannedWalk) -> str:
     """Why the body does not stand under the controller at the height of the walk; empty if it does."""
-    outcome = stand(walk.run, walk.body.model, _STANDING).outcome
-    if outcome.completed:
-        return ""
-    cause = likely_cause(walk.body.model.compile()) if outcome.name is OutcomeName.DIVERGED else ""
-    return f"It does not stand for {_STANDING:g} s: {outcome.ending}{' Likely, ' * bool(cause)}{cause}"
+    model = walk.body.model
+    outcome = explained(stand(walk.run, model, _STANDING).outcome, model.compile())
+    return "" if outcome.completed else f"it does not stand for {_STANDING:g} s. {outcome.ending}"
 
 
 def _reach(

@@ -37,7 +37,7 @@ from validation.trial import spill
 from validation.trial.bridge import to_mujoco
 from validation.trial.controllers import find_controller, name_of
 from validation.trial.disturbances import Disturbance, Plant, Push, pushes_of
-from validation.trial.divergence import likely_cause
+from validation.trial.divergence import explained
 from validation.trial.engine import drake_of, make_engine
 from validation.trial.faults import FaultyController, behind_faults, started
 from validation.trial.log import RunLog, SolePoints
@@ -225,9 +225,8 @@ def simulate(
         disturbances or run.disturbance != DisturbanceParameters()
     ):
         record = replace(record, outcome=_with_way_out(record.outcome))
-    if record.outcome.name is OutcomeName.DIVERGED and (cause := likely_cause(physics.model)):
-        outcome = record.outcome
-        record = replace(record, outcome=replace(outcome, cause=f"{outcome.cause}; {cause}"))
+    if not record.outcome.completed:
+        record = replace(record, outcome=explained(record.outcome, physics.model))
     if disturbances:
         metadata["disturbances"] = "; ".join(str(disturbance) for disturbance in disturbances)
     return replace(record, metadata=metadata) if metadata else record
