@@ -46,7 +46,7 @@ def check(
 ) -> int:
     """Check a body: its model, its torques, what it can walk.
 
-    The torques are those of the best periodic step found. Nothing is simulated.
+    The torques are those of the best periodic step found. The body then stands in simulation for a second.
     """
     from validation.run.body_check import BodyCheck
     from validation.run.body_check import check as check_body
