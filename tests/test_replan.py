@@ -83,15 +83,15 @@ def plan_of(steps):
 )
 def test_the_plan_then_valid_says_when_a_walk_ends(fixed, first, then, asked, walked):
     """The run asks for 4 steps; a record of a walk that became longer than planned has no gap."""
-    run, robot = walk_of(COARSE).run, walk_of(COARSE).robot
+    run = walk_of(COARSE).run
     planner = Replanning(lambda time, plan: plan_of(then) if time > 0.3 else None)
     record = simulate(plan_of(first), run, body_of(COARSE), planner=planner, steps=asked)
     assert record.outcome.completed
     assert record.outcome.steps_completed == walked
     rows = min(record.steps, fixed.steps) - 1
     for name in ("q", "qd", "torque", "point_force", "command_com", "command_zmp", "com"):
-        both = (getattr(walk, name)[:rows] for walk in (record, fixed))
-        np.testing.assert_allclose(*both, rtol=1e-6, atol=1e-6)
+        one, other = (getattr(walk, name)[:rows] for walk in (record, fixed))
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6)
     assert np.isfinite(record.q).all()
     assert (np.diff(record.com[:, 0]) > 0.0).all()
 
@@ -123,5 +123,5 @@ def test_a_plan_without_numbers_is_refused():
 
 
 def test_a_period_that_is_none_is_refused():
-    with pytest.raises(InputError, match="replan_period is -1.0 s"):
+    with pytest.raises(InputError, match=r"replan_period is -1\.0 s"):
         simulated(planner=Replanning(lambda time, plan: None, -1.0))

@@ -23,6 +23,7 @@ from ampm.parameters import RunParameters
 from ampm.qp import QPSettings, QPSolution, QPStatus
 from ampm.reference import reference_type
 from ampm.stepping.follower import Follower
+from ampm.stepping.planned import PlannedTick
 from ampm.vectors import Array
 from ampm.walk import (
     LIMITED,
@@ -82,11 +83,16 @@ class TrackingController:
         """Commanded by the last tick, shape (nv,) [m/s^2, rad/s^2]; None before the first."""
         return None if self._first else self.workspace.motion.last_acceleration
 
+    @property
+    def planned(self) -> PlannedTick | None:
+        """What the stabiliser that steps had planned for the last tick; None on the plan, and without it."""
+        return None if self._follower is None else self._follower.planned
+
     def follow(self, plan: WalkPlan, timing: Timing) -> None:
         """Prepare for the references of a plan; a stabiliser that steps needs the plan.
 
         Args:
-            plan: of the walk.
+            plan: of the walk, or a new one from the next tick on.
             timing: with which its references are made.
         """
         if self._steps:

@@ -18,6 +18,7 @@ from ampm.control.workspace import Array, Wanted, Workspace, rows_of
 from ampm.planner.contacts import Phase
 from ampm.reference import Reference, Timing, reference_type
 from ampm.stepping.floor import SINK
+from ampm.stepping.planned import PlannedTick, planned_tick
 from ampm.stepping.stepper import WALKER, Curves, Stepper
 from ampm.stepping.walker import OFF_HEIGHT, pass_time
 from ampm.walk import WalkPlan
@@ -64,7 +65,12 @@ class Follower:
         timing: look-ahead of the references.
         robot: the body, as the controller knows it.
         c: of the controller.
+
+    Attributes:
+        planned: what was planned for this tick before its state was sensed; None on the plan.
     """
+
+    planned: PlannedTick | None = None
 
     def __init__(self, plan: WalkPlan, timing: Timing, robot: Robot, c: Workspace) -> None:
         self.plan, self._timing, self._c = plan, timing, c
@@ -73,6 +79,7 @@ class Follower:
         self._leaves, self._off_plan = self._walker["leaves"], self._stepping["off_plan"]
         self._clock = self._walker["clock"]
         self._stepping["force_factor"] = 1.0
+        self._stepping["off_plan"] = self._stepping["com_first"] = False
         self._pass_time = bound(pass_time, (self._walker, stepper.tick))
         self._index, self._loaded, self._next = -1, -1, -math.inf
         self._starts = [*plan.contacts.starts.tolist(), math.inf]
@@ -109,7 +116,11 @@ class Follower:
         if self._off_plan[0]:
             if self._loaded != self._index:
                 self._load()
+            phase, moved = self._phase(self._index)
+            following, _ = self._phase(self._index + 1)
+            self.planned = planned_tick(self._stepper, time, phase, following, moved + self._origin)
         else:
+            self.planned = None
             if time + 1e-9 >= self._next:
                 self._enter(max(bisect.bisect_right(self._starts, time + 1e-9) - 1, 0))
             self._clock[0] = time - self._starts[self._index]

@@ -1,14 +1,14 @@
 """A walk beside its plan: error of each signal, causes of the ZMP error, cost.
 
 Errors are measured minus planned at the same instant: row k of the measurement is compared with the plan at
-t_k. Nothing is shifted, fitted or masked; the first step, which includes the transient of the start, is
-reported separately.
+t_k, and where the plan moved with the one then valid, see :mod:`validation.trial.followed`. Nothing is
+shifted, fitted or masked; the first step, which includes the transient of the start, is reported separately.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,6 +18,7 @@ import numpy as np
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from validation.judge.margins import energy, feedback_effort, margins
+from validation.trial.followed import Followed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,7 +49,6 @@ PARTS: Mapping[str, str] = MappingProxyType(
 """Parts of the ZMP error, and their labels; see :class:`ZmpErrorSplit`."""
 
 _CONSTANT = 1e-9
-_BLOCK = 16_384  # instants sampled at a time
 
 
 class Signal(NamedTuple):
@@ -167,11 +167,11 @@ class Comparison(Brief):
     """A walk beside its plan, from which metrics are computed.
 
     Attributes:
-        plan: that was walked.
+        plan: that was walked, the first one if it moved.
         record: of the simulation.
         measured: measurement of the record, independent of the plan.
         standing: the same body weighed while it stands still; None if not weighed.
-        sample: the plan at the measured instants t_k, K of them.
+        sample: the plan then valid at the measured instants t_k, K of them.
         momentum_z: L_z of the planned posture at t_k, shape (K,) [N m s].
         rows: window name to rows, shape (K,). Planned phases and measured contacts divide :data:`RUN`.
         scales: reference quantities that errors are divided by, such as ``body_weight`` [N].
@@ -179,6 +179,9 @@ class Comparison(Brief):
         zmp_split: causes of the ZMP error.
         costs: ``effort``, ``effort_first_step``, ``margins`` and ``energy``, see
             :mod:`validation.judge.margins`.
+        followed: the plans one after another.
+        first: the first plan at the same instants, at its end where it has ended; None if the plan did not
+            move.
         window: name of the window that a metric is wanted for.
     """
 
@@ -193,6 +196,8 @@ class Comparison(Brief):
     signals: Mapping[str, Mapping[str, Statistics]]
     zmp_split: ZmpErrorSplit
     costs: Mapping[str, Mapping[str, Any]]
+    followed: Followed
+    first: PlanSample | None = None
     window: str = RUN
 
     @property
@@ -233,14 +238,17 @@ def compare(
         raise InputError(
             f"the measurement has {time.size} steps and the record {record.steps}; measure this record"
         )
-    if time.size and time[-1] > plan.duration + 1e-9:
+    followed = record.followed or Followed((plan,))
+    end = followed.plans[-1].duration
+    if time.size and time[-1] > end + 1e-9:
         raise InputError(
-            f"the record lasts until {time[-1]:.6g} s, the plan only {plan.duration:.6g} s; "
+            f"the record lasts until {time[-1]:.6g} s, the plan only {end:.6g} s; "
             "compare the run with the plan that was walked"
         )
-    sample = plan.sample(np.minimum(time, plan.duration))
+    sample = followed.sample(time)
+    first = plan.sample(np.minimum(time, plan.duration)) if followed.moved else None
     # Whole configurations and feet have far more numbers than are compared.
-    momentum_z = _by_parts(lambda part: plan.posture.sample(part).angular_momentum_z, time)
+    momentum_z = followed.momentum_z(time)
     run, feet = time >= plan.judged_from - 1e-9, measured.foot_contact.sum(axis=1)
     rows = {
         RUN: run,
@@ -263,7 +271,7 @@ def compare(
     costs = {
         "effort": feedback_effort(record, sample, run),
         "effort_first_step": feedback_effort(record, sample, ~run),
-        "margins": margins(plan, sample, record, measured, description, shapes),
+        "margins": margins(followed, sample, record, measured, description, shapes),
         "energy": energy(record, run),
     }
     return Comparison(
@@ -275,14 +283,16 @@ def compare(
         momentum_z=momentum_z,
         rows=MappingProxyType(rows),
         scales=MappingProxyType(scales),
-        signals=MappingProxyType(_signal_errors(plan, sample, measured, rows, scales, momentum_z)),
+        signals=MappingProxyType(_signal_errors(followed, sample, measured, rows, scales, momentum_z)),
         zmp_split=_split_zmp_error(sample, measured, run),
         costs=MappingProxyType(costs),
+        followed=followed,
+        first=first,
     )
 
 
 def _signal_errors(
-    plan: WalkPlan,
+    followed: Followed,
     sample: PlanSample,
     measured: MeasuredGait,
     rows: Mapping[str, Rows],
@@ -290,7 +300,7 @@ def _signal_errors(
     momentum_z: Array,
 ) -> dict[str, Mapping[str, Statistics]]:
     """Errors of all :data:`SIGNALS` in all windows."""
-    feet = _by_parts(lambda part: np.hstack([foot.position for foot in plan.feet.sample(part)]), sample.time)
+    feet = followed.feet(sample.time)
     pairs = {
         "zmp": (measured.zmp, sample.zmp),
         "force": (measured.force, sample.force),
@@ -310,12 +320,6 @@ def _signal_errors(
             {window: statistics(error[w], reference[w], scale, signal.unit) for window, w in rows.items()}
         )
     return found
-
-
-def _by_parts(sample: Callable[[Array], Array], time: Array) -> Array:
-    """What is sampled at some times, a part of them at a time, to bound the memory."""
-    starts = range(0, max(time.size, 1), _BLOCK)
-    return np.concatenate([sample(time[start : start + _BLOCK]) for start in starts])
 
 
 def statistics(error: Array, reference: Array, scale: float, unit: str) -> Statistics:

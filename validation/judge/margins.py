@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from ampm.description import BodyDescription
     from ampm.geometry import Array
     from ampm.planner.centroidal import PlanSample
-    from ampm.walk import WalkPlan
     from validation.measure.measure import MeasuredGait
     from validation.store.record import StoredRecord
+    from validation.trial.followed import Followed
     from validation.trial.record import SimulationRecord
     from validation.trial.shapes import Shapes
 
@@ -81,7 +81,7 @@ def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Rows) ->
 
 
 def margins(
-    plan: WalkPlan,
+    followed: Followed,
     sample: PlanSample,
     record: SimulationRecord,
     measured: MeasuredGait,
@@ -91,8 +91,8 @@ def margins(
     """Distances to the limits of body and floor, over the whole record, first step included.
 
     Args:
-        plan: the plan that was walked.
-        sample: the plan at the record's steps.
+        followed: the plans that were walked, one after another.
+        sample: the plan then valid at the record's steps.
         record: the run.
         measured: its measurement.
         description: names the knees; without it ``knee`` is NaN.
@@ -130,7 +130,7 @@ def margins(
     )
     planned = Extreme(math.nan)
     if time.size:
-        planned = Extreme(*plan.least_zmp_margin(min(float(time[-1]), plan.duration)))
+        planned = Extreme(*followed.least_zmp_margin(time))
     sliding = _sliding_weight(record)
     reached = np.empty(record.steps)
     for part in blocks(record.steps):

@@ -194,11 +194,13 @@ class RunFigures:
             if f"{foot}_{name}" in signals:
                 values = scale * signals[f"{foot}_{name}"][rows]
                 lower.plot(time, values, color=color, linewidth=0.9, label=f"{foot} foot")
-        for kind, color, width in ((reference, *_KINDS[0][1:]), *_KINDS[1:]):
+        first = (f"first_{reference}", FAINT, 1.1)  # of a plan that moved
+        for kind, color, width in ((reference, *_KINDS[0][1:]), first, *_KINDS[1:]):
             column = f"{kind}_{name}"
             if column in signals and np.isfinite(signals[column]).any():
                 values = scale * (signals[column] - base)
-                lower.plot(time, values[rows], color=color, linewidth=width, label=kind)
+                label = kind.replace("_", " ")
+                lower.plot(time, values[rows], color=color, linewidth=width, label=label)
         error_title = f"Error of {SIGNALS[name].label}"
         _finish(large, f"{error_title}, two steps", f"[{unit_of_error}]")
         _finish(lower, title, f"[{unit}]")

@@ -23,7 +23,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from validation.store.json import json_ready
 from validation.trial.outcome import Outcome
-from validation.trial.record import INTEGERS, SHAPES, SimulationRecord, stored_rows
+from validation.trial.record import INTEGERS, PLANS, SHAPES, SimulationRecord, stored_rows
 from validation.trial.spill import blocks
 
 JOINTS_FILE = "joints.parquet"
@@ -52,7 +52,7 @@ CONSTANTS = (
 )
 """Fields of a :class:`SimulationRecord` that are in the header, a JSON text."""
 
-_OF_TICKS = ("qp_", "torque_rate")
+_OF_TICKS = ("qp_", "torque_rate", "tick_plan")
 """Beginnings of the names of fields that have a row for each control tick in memory, too."""
 _FORMAT = 4
 _GROUP = 65_536  # rows written at a time
@@ -92,6 +92,8 @@ def _files(header: Mapping[str, Any]) -> dict[str, dict[str, _Field]]:
             **{name: field(name) for name in ("qp_status", "qp_residual", "qp_iterations", "qp_time")},
         },
     }
+    if PLANS in header["metadata"]:
+        files[TICKS_FILE]["tick_plan"] = field("plan")
     if segments:
         files[EXTERNAL_FILE] = {
             f"external_{word}": field(word, segments, "xyz") for word in ("force", "moment", "position")
@@ -266,6 +268,8 @@ class StoredRecord:
                 array.setflags(write=False)
                 vars(self)[name] = array
                 return array
+        if name == "tick_plan":  # of a plan that did not move
+            return np.zeros(len(self.tick_time), np.int32)
         raise AttributeError(f"a stored record has no field {name!r}")
 
     @property

@@ -145,3 +145,9 @@ def load_signals(path: str | Path) -> Signals:
             )
         arrays[field.name].setflags(write=False)
     return Signals(arrays)
+
+
+def changes(values: NDArray[Any]) -> NDArray[np.intp]:
+    """Rows that differ from the one before, and the first; ``values`` has one row per instant."""
+    differs = values[1:] != values[:-1]
+    return np.flatnonzero(np.r_[True, differs.any(axis=1) if differs.ndim == 2 else differs])

@@ -5,6 +5,7 @@ Every trial plans its gait here.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -344,7 +345,8 @@ def plan_walk(
                 _check_posture(plan, body.robot)
     if run.footsteps and not built_in:
         _check_footsteps(plan, run, name)
-    goes_on: Any = planner if hasattr(planner, "replan") else None
+    period = getattr(planner, "replan_period", 0.0)  # infinite: it never will
+    goes_on: Any = planner if hasattr(planner, "replan") and period != math.inf else None
     return PlannedWalk(request, plan, body, name, replanner=goes_on)
 
 

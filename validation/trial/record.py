@@ -16,6 +16,7 @@ from ampm.exceptions import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from validation.trial.followed import Followed
     from validation.trial.outcome import Outcome
 
     Array = NDArray[np.float64]
@@ -47,6 +48,7 @@ SHAPES = {
     "qp_residual": "T",
     "qp_iterations": "T",
     "qp_time": "T",
+    "tick_plan": "T",
     "torque_limit": "nu",
     "joint_range": "nu 2",
     "external_force": "K S 3",
@@ -60,11 +62,15 @@ INTEGERS: dict[str, Any] = {
     "point_group": np.int8,
     "qp_status": np.int8,
     "qp_iterations": np.int32,
+    "tick_plan": np.int32,
 }
 """Types of the arrays that are not float64."""
 
 FLOOR = "floor"
 """Key of the metadata that has the heights of a floor's surfaces, ascending, separated by spaces [m]."""
+
+PLANS = "plans"
+"""Key of the metadata that has the number of plans followed after the first one, if there were any."""
 
 STATE_INTERVAL = 0.01
 """Time between the states, and between the contacts, on disk [s]."""
@@ -121,6 +127,8 @@ class SimulationRecord:
         qp_residual: largest constraint or stationarity residual of the tick's QP, shape (T,).
         qp_iterations: iterations, shape (T,).
         qp_time: wall-clock time of the solve, shape (T,) [s]; the one column that equal runs differ in.
+        tick_plan: number of the plan followed, 0 the first one, shape (T,);
+            :data:`validation.trial.followed.STEPPING` where the stabiliser stepped off the plan.
         outcome: how the run ended.
         mass: total mass [kg].
         gravity: g, positive [m/s^2].
@@ -134,7 +142,9 @@ class SimulationRecord:
         external_moment: moment on each of them, shape (K, S, 3) [N m].
         external_position: where the force acts, the segment's COM, shape (K, S, 3) [m].
         point_sites: sites of the sole points in the model, P names.
-        metadata: further identification of the run, text to text; :data:`FLOOR`, if the floor has steps.
+        metadata: further identification of the run, text to text; :data:`FLOOR`, if the floor has steps, and
+            :data:`PLANS`, if the plan moved.
+        followed: the plans that were followed, not on disk; None if only the first one was.
     """
 
     time: Array
@@ -175,6 +185,8 @@ class SimulationRecord:
     external_position: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
     point_sites: tuple[str, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
+    tick_plan: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    followed: Followed | None = None
 
     def __post_init__(self) -> None:
         time, q, qd = (np.asarray(value) for value in (self.time, self.q, self.qd))
@@ -197,6 +209,8 @@ class SimulationRecord:
             shape, given = shape_of(name, sizes), getattr(self, name)
             if name.startswith("external_") and not sizes["S"]:
                 given = np.zeros(shape)
+            if name == "tick_plan" and not len(given):
+                given = np.zeros(shape, np.int32)
             value = _frozen(given, INTEGERS.get(name, np.float64))
             if value.shape != shape:
                 raise InputError(f"record: {name} has shape {value.shape}, expected {symbols} = {shape}.")

@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 
 from ampm.compiled import bound, refer
+from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import DisturbanceParameters
 from ampm.physics_parameters import steps_per_tick
@@ -40,9 +41,10 @@ from validation.trial.disturbances import Disturbance, Plant, Push, pushes_of
 from validation.trial.divergence import explained
 from validation.trial.engine import drake_of, make_engine
 from validation.trial.faults import FaultyController, behind_faults, started
+from validation.trial.followed import Followed, moved_ticks
 from validation.trial.log import RunLog, SolePoints
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.record import FLOOR, SimulationRecord
+from validation.trial.record import FLOOR, PLANS, SimulationRecord
 from validation.trial.references import Course, References, ReplannedController
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
@@ -55,6 +57,7 @@ if TYPE_CHECKING:
 
     from ampm.parameters import RunParameters
     from ampm.reference import Reference
+    from ampm.stepping.planned import PlannedTick
     from ampm.walk import Controller, ControllerFactory, Replanner, WalkPlan
     from models.scene import BodyModel
 
@@ -219,6 +222,15 @@ def simulate(
         progress=progress,
     )
     record = loop.run()
+    followed = Followed(
+        tuple(course.plans),
+        tuple(tick * physics.substeps * dt for tick in course.since),
+        moved_ticks(loop.stepped, -run.disturbance.origin),
+        physics.substeps * dt,
+    )
+    if followed.moved:
+        record = replace(record, followed=followed, tick_plan=followed.numbers(record.tick_time))
+        metadata[PLANS] = str(followed.changes)
     if factory is not find_controller("ampm"):
         metadata["controller"] = name_of(factory)
     elif run.controller.stabilizer == "fixed" and (
@@ -255,6 +267,7 @@ class ClosedLoop:
 
     Attributes:
         command: of the last tick.
+        stepped: what the stabiliser that steps planned off the plan.
     """
 
     def __init__(
@@ -277,6 +290,8 @@ class ClosedLoop:
         while isinstance(behind, FaultyController | ReplannedController):
             behind = behind.controller
         self.users_code = UsersCode("controller", behind)
+        self.stepped: list[PlannedTick] = []
+        self._planned = behind if isinstance(behind, TrackingController) else None
         self.course, self.progress = course, progress
         data, robot = physics.data, physics.robot
         self.log = RunLog(course.total, physics.model, data, physics.points, physics.substeps, levels)
@@ -409,6 +424,8 @@ class ClosedLoop:
             unusable, gap = self._act(k, status, residual, iterations, float(output.seconds))
             if unusable >= 0:
                 raise ValueError(self._unusable(unusable))
+        if self._planned is not None and self._planned.planned is not None:
+            self.stepped.append(self._planned.planned)
         if self.course.total > len(self.log.torque):
             self.log = self.log.extended(self.course.total, k)
             self._bind()

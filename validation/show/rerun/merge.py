@@ -154,9 +154,10 @@ def _paint(stream: rr.RecordingStream, part: Part, color: Color, *, first: bool)
         if "SeriesLines:names" in batch.schema.names:
             names = batch.column("SeriesLines:names")[0].as_py()
             colors, visible = shades[: len(names)], None
-            if names == list(SERIES):  # plan of the first run, command of none, measurement of all
-                names, visible = ["plan", "command", who], [first, False, True]
-                colors = [_GREY, shades[1], color]
+            if names[:3] == list(SERIES):  # plan of the first run, command of none, measurement of all
+                moved = names[3:]  # the first plan, of a plan that moved
+                names, visible = ["plan", "command", who, *moved], [first, False, True, *[False] * len(moved)]
+                colors = [_GREY, shades[1], color, *[_GREY] * len(moved)]
             elif names == list("xyz")[: len(names)]:
                 names = [f"{who} {axis}" for axis in names]
             elif names[1:] in ([], ["limit"]):

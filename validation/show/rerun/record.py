@@ -50,7 +50,7 @@ from validation.show.walker import drawn_geoms
 from validation.store.folders import output_file
 from validation.store.saved import RECORDING_FILE as RECORDING_FILE
 from validation.store.saved import SavedRun, load_saved_run, run_events
-from validation.store.signals import Signals
+from validation.store.signals import Signals, changes
 from validation.trial.record import support_height
 from validation.trial.shapes import Shapes
 
@@ -368,7 +368,8 @@ def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | 
         prints = [_on_floor(footprint(plan.feet.sole, step), step.position[2] - 0.001) for step in steps]
         outlines = rr.LineStrips3D(prints, colors=[FAINT] * len(steps), radii=0.002)
         log.static("world/plan/footprints", outlines)
-        _log_polygon(log, plan, times)
+        if "first_plan_zmp_x" not in signals:  # the polygon is that of the first plan
+            _log_polygon(log, plan, times)
 
 
 def _log_soles(log: _Log, saved: SavedRun, frames: _Pictures) -> Array:
@@ -414,7 +415,7 @@ def _log_polygon(log: _Log, plan: StepPlan, times: Array) -> None:
     """Support polygon of the points planned in contact: sent when it changes."""
     feet = plan.feet.sample(np.minimum(times, plan.duration))
     contact = np.concatenate([foot.contact for foot in feet], axis=1)
-    change = _changes(contact)
+    change = changes(contact)
     points = np.concatenate([foot.sole_points[change, :, :2] for foot in feet], axis=1)
     loaded = contact[change].repeat(2, axis=1)
     floor = plan.sample(np.minimum(times[change], plan.duration)).floor
@@ -424,12 +425,6 @@ def _log_polygon(log: _Log, plan: StepPlan, times: Array) -> None:
     log.static(entity, rr.LineStrips3D.from_fields(colors=[PLAN], radii=[0.004]))
     strips = [np.vstack([polygon, polygon[:1]]).astype(np.float32) for polygon in polygons]
     log.columns(entity, times[change], rr.LineStrips3D.columns(strips=strips))
-
-
-def _changes(values: NDArray[Any]) -> NDArray[np.intp]:
-    """Rows that differ from the one before, and the first; ``values`` has one row per instant."""
-    differs = values[1:] != values[:-1]
-    return np.flatnonzero(np.r_[True, differs.any(axis=1) if differs.ndim == 2 else differs])
 
 
 # ------------------------------------------------------------------------------------------ time series
@@ -444,7 +439,7 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Mapping[str,
     # Rows evenly spread, before and at every switch, and the last.
     every = saved.signals
     change = np.concatenate(
-        [every.switches()[1:], *(_changes(every[f"{foot}_contact"])[1:] for foot in _FEET)]
+        [every.switches()[1:], *(changes(every[f"{foot}_contact"])[1:] for foot in _FEET)]
     )
     least = max(CURVE_STEP, saved.record.outcome.time / MOST_SAMPLES)
     even = np.arange(0, len(every), _stride(float(every.time[1:2].sum()), least))
@@ -452,17 +447,19 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Mapping[str,
     signals, weight = every.take(rows), saved.record.mass * saved.record.gravity
     found: dict[str, tuple[Array, Mapping[str, Color]]] = {}
 
-    def three(name: str) -> Array:
-        return np.column_stack([signals[f"{kind}_{name}"] for kind in SERIES])
+    series = SERIES | ({"first_plan": FAINT} if "first_plan_zmp_x" in signals else {})
+
+    def each(name: str) -> Array:
+        return np.column_stack([signals[f"{kind}_{name}"] for kind in series])
 
     # x is drawn about the planned COM, because the travel would flatten every curve.
     com_x = signals["plan_com_x"][:, None]
-    found["signals/zmp_x"] = 1e3 * (three("zmp_x") - com_x), SERIES
-    found["signals/zmp_y"] = 1e3 * three("zmp_y"), SERIES
-    found["signals/com_x"] = three("com_x") - com_x, SERIES
+    found["signals/zmp_x"] = 1e3 * (each("zmp_x") - com_x), series
+    found["signals/zmp_y"] = 1e3 * each("zmp_y"), series
+    found["signals/com_x"] = each("com_x") - com_x, series
     momentum = ("angular_momentum_x", "angular_momentum_y")
     for name in ("force_x", "force_y", "force_z", *momentum, "com_y", "com_z"):
-        found[f"signals/{name}"] = three(name), SERIES
+        found[f"signals/{name}"] = each(name), series
     yaw = np.column_stack([signals[f"{kind}_angular_momentum_z"] for kind in ("motion", "measured")])
     found["signals/angular_momentum_z"] = yaw, {"motion": PLAN, "measured": MEASURED}
     for entity, one, other, axes, scale in (
@@ -494,6 +491,6 @@ def _log_states(log: _Log, signals: Signals) -> None:
     style = rr.StateConfiguration(values=list(colors), colors=list(colors.values()))
     for name, states in lanes.items():
         log.static(f"phase/{name}", style)
-        change = _changes(states)
+        change = changes(states)
         begun = [str(state) for state in states[change]]
         log.columns(f"phase/{name}", signals.time[change], rr.StateChange.columns(state=begun))

@@ -1,0 +1,115 @@
+"""One metric: name, readable name, unit, computation and tolerances of a judged number."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from numbers import Real
+from typing import Literal, overload
+
+from ampm.exceptions import InputError
+from ampm.geometry import Array
+from validation.judge.compare import Comparison
+
+_KINDS, _NATURES = ("walk", "instrument", "cost"), ("mean", "extreme", "count")
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One number that a walk is judged by; smaller is better.
+
+    Attributes:
+        name: identifier, such as ``zmp_x_rmse``, for files.
+        label: readable name, such as ``ZMP, RMS error along x``, for tables and figures; by default ``name``
+            with spaces.
+        unit: SI unit, ``1`` for a plain number.
+        meaning: one phrase for the description of a table's column.
+        kind: what it judges: the ``walk``, the ``instrument`` that measures it (its exact value is zero), or
+            its ``cost``.
+        compute: value in ``unit``; NaN if it could not be measured, None if the walk has no such metric. Of a
+            registered metric it is not called where the window has no instant.
+        tolerances: name of a profile to the largest value that passes; see
+            :class:`validation.judge.profiles.Profile` for profiles that are not named.
+        tolerance_unit: of ``tolerances``: ``unit`` by default, or one that grows with the body, such as
+            :data:`BODY_WEIGHT`.
+        reason: why the tolerance is what it is, one or two sentences.
+        scales: names of the reference quantities that give the normalised values.
+        nature: ``mean``; ``extreme``, which is never extrapolated to a vanishing time step; ``count``, which
+            is exact.
+        by_window: whether ``compute`` depends on :attr:`Comparison.window`; the first step is then reported,
+            too.
+        section: part of ``summary.json`` that holds the value; empty: ``metrics``.
+    """
+
+    name: str
+    label: str = field(default="", kw_only=True)
+    unit: str
+    meaning: str
+    kind: Literal["walk", "instrument", "cost"]
+    compute: Callable[[Comparison], float | None]
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    tolerance_unit: str = ""
+    reason: str = ""
+    scales: tuple[str, ...] = ()
+    nature: Literal["mean", "extreme", "count"] = "mean"
+    by_window: bool = False
+    section: str = ""
+
+    def __post_init__(self) -> None:
+        """Complete the label; refuse an unknown kind or nature, and a tolerance that is no number."""
+        object.__setattr__(self, "label", self.label or spaced(self.name))
+        for value, known in ((self.kind, _KINDS), (self.nature, _NATURES)):
+            if value not in known:
+                raise InputError(f"metric '{self.name}' is no {value!r}; take one of {', '.join(known)}.")
+        for limit in self.tolerances.values():
+            if not isinstance(limit, Real) or math.isnan(limit):
+                raise InputError(f"metric '{self.name}' has the tolerance {limit!r}; give a number.")
+
+    @property
+    def column(self) -> str:
+        """Name of its column in a sweep's table."""
+        return self.name if self.section else f"metric_{self.name}"
+
+    @property
+    def is_self_check(self) -> bool:
+        """Whether it measures the error of the instrument itself: its exact value is zero."""
+        return self.kind == "instrument" and self.nature != "count"
+
+
+@dataclass(frozen=True)
+class MetricValue:
+    """Value of a metric over the run without the first step.
+
+    Attributes:
+        value: NaN if it could not be measured.
+        unit: SI unit.
+        normalised: name of a reference quantity to value over it [1].
+        first_step: the same metric for the first step, None if it has none.
+    """
+
+    value: float
+    unit: str
+    normalised: Mapping[str, float] = field(default_factory=dict)
+    first_step: float | None = None
+
+
+def spaced(name: str) -> str:
+    """Readable name made from an identifier."""
+    return name.replace("_", " ")
+
+
+@overload
+def display_unit(unit: str, weight: float) -> tuple[float, str]: ...
+@overload
+def display_unit(unit: str, weight: Array) -> tuple[Array | float, str]: ...
+def display_unit(unit: str, weight: Array | float) -> tuple[Array | float, str]:
+    """Factor and unit for display: millimetres, percent of body weight.
+
+    Args:
+        unit: SI unit.
+        weight: of the body [N], or of several.
+    """
+    if unit == "m":
+        return 1e3, "mm"
+    if unit == "N":
+        return 100.0 / weight, "% of body weight"
+    return 1.0, "" if unit == "1" else unit

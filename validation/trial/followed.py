@@ -1,0 +1,199 @@
+"""Which plan a walk followed at which time, as one function of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ampm.planner.centroidal import PlanSample
+from ampm.stepping.planned import PlannedTick
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from ampm.walk import WalkPlan
+
+    Array = NDArray[np.float64]
+
+STEPPING = -1
+"""Number of the plan of the stabiliser that steps, see :attr:`SimulationRecord.tick_plan`."""
+_SAME = 1e-9  # time before a tick that counts as the tick [s]
+_BLOCK = 16_384  # instants sampled at a time
+
+
+@dataclass(frozen=True)
+class Followed:
+    """The plans that a walk followed, one after another.
+
+    A plan holds from the tick after it was made. Off its plan, the stabiliser that steps has planned each
+    tick before it sensed the state of this tick, see :mod:`ampm.stepping.planned`.
+
+    Attributes:
+        plans: of the planner, the first one first.
+        since: first tick of each of them [s].
+        stepped: what the stabiliser planned, a tick each, in turn.
+        tick: control period [s].
+    """
+
+    plans: tuple[WalkPlan, ...]
+    since: tuple[float, ...] = (0.0,)
+    stepped: tuple[PlannedTick, ...] = ()
+    tick: float = 0.0
+
+    @property
+    def moved(self) -> bool:
+        """Whether there was any plan after the first one."""
+        return len(self.plans) > 1 or bool(self.stepped)
+
+    @property
+    def changes(self) -> int:
+        """Number of plans after the first one; the stabiliser's counts once each time that it leaves."""
+        left = 0
+        if self.stepped:
+            left = 1 + int(np.count_nonzero(np.diff(self._rows.time) > 1.5 * self.tick))
+        return len(self.plans) - 1 + left
+
+    def numbers(self, times: Array) -> NDArray[np.int32]:
+        """Number of the plan then valid, 0 the first one, :data:`STEPPING` the stabiliser's; shape (N,)."""
+        number = np.searchsorted(self.since, times + _SAME, side="right") - 1
+        return np.where(self._own(times) >= 0, STEPPING, number).astype(np.int32)
+
+    def sample(self, times: Array) -> PlanSample:
+        """The plan then valid at ascending times, shape (N,) [s]; a plan that has ended stays at its end."""
+        parts = [plan.sample(np.minimum(part, plan.duration)) for plan, part in self._parts(times)]
+        if not self.moved:
+            return parts[0]
+        columns = {
+            item.name: np.concatenate([getattr(part, item.name) for part in parts])
+            for item in fields(PlanSample)
+        }
+        columns["time"] = times.copy()
+        if self.stepped:
+            own = self._own(times)
+            rows = own >= 0
+            for name, values in self._stepped(times[rows], own[rows]).items():
+                columns[name][rows] = values
+        return PlanSample(**columns)
+
+    def feet(self, times: Array) -> Array:
+        """Reference points of both soles, left first, shape (N, 6) [m]."""
+
+        def both(plan: WalkPlan, part: Array) -> Array:
+            return np.hstack([foot.position for foot in plan.feet.sample(np.minimum(part, plan.duration))])
+
+        places = self._by_parts(times, both)
+        own = self._own(times)
+        rows = own >= 0
+        if rows.any():
+            places[rows] = self._between(times[rows], own[rows]).feet.reshape(-1, 6)
+        return places
+
+    def momentum_z(self, times: Array) -> Array:
+        """L_z of the planned posture, shape (N,) [N m s]."""
+        momentum = self._by_parts(times, lambda plan, part: plan.posture.sample(part).angular_momentum_z)
+        own = self._own(times)
+        rows = own >= 0
+        if rows.any():
+            momentum[rows] = self._between(times[rows], own[rows]).angular_momentum[:, 2]
+        return momentum
+
+    def zmp_margin(self, times: Array) -> Array:
+        """See :meth:`StepPlan.zmp_margin`; NaN where the stabiliser steps, whose support is not planned."""
+        margin = self._by_parts(times, lambda plan, part: plan.zmp_margin(np.minimum(part, plan.duration)))
+        return margin if not self.stepped else np.where(self._own(times) >= 0, np.nan, margin)
+
+    def least_zmp_margin(self, times: Array) -> tuple[float, float]:
+        """Least of :meth:`zmp_margin` and its time; of a plan that moved at these times, shape (N,) [s]."""
+        if not self.moved:
+            plan = self.plans[0]
+            return plan.least_zmp_margin(min(float(times[-1]), plan.duration))
+        margin = self.zmp_margin(times)
+        if np.isnan(margin).all():
+            return float("nan"), float(times[0])
+        worst = int(np.nanargmin(margin))
+        return float(margin[worst]), float(times[worst])
+
+    def _parts(self, times: Array) -> list[tuple[WalkPlan, Array]]:
+        """Every plan with the times at which it was valid."""
+        starts = [0, *np.searchsorted(times + _SAME, self.since[1:]), len(times)]
+        parts = zip(self.plans, starts[:-1], starts[1:], strict=True)
+        return [(plan, times[start:end]) for plan, start, end in parts if end > start or not len(times)]
+
+    def _by_parts(self, times: Array, values: Callable[[WalkPlan, Array], Array]) -> Array:
+        """Values of the plan then valid, some instants at a time, to bound the memory."""
+        found = []
+        for plan, part in self._parts(times):
+            for start in range(0, max(len(part), 1), _BLOCK):
+                found.append(values(plan, part[start : start + _BLOCK]))
+        return np.concatenate(found)
+
+    # ------------------------------------------------------------------ the stabiliser that steps
+
+    @cached_property
+    def _rows(self) -> PlannedTick:
+        """All its ticks as arrays."""
+        return PlannedTick(*(np.array(column) for column in zip(*self.stepped, strict=True)))
+
+    def _own(self, times: Array) -> NDArray[np.intp]:
+        """Its tick in which every instant lies, -1 for none, shape (N,)."""
+        if not self.stepped:
+            return np.full(len(times), -1)
+        ticks = self._rows.time
+        row = np.searchsorted(ticks, times + _SAME, side="right") - 1
+        within = (row >= 0) & (times + _SAME < ticks[row] + self.tick)
+        return np.where(within, row, -1)
+
+    def _between(self, times: Array, row: NDArray[np.intp]) -> PlannedTick:
+        """Its plan at instants within its ticks: on straight lines to the next tick."""
+        ticks = self._rows
+        ahead = np.minimum(row + 1, len(ticks.time) - 1)
+        goes_on = ticks.time[ahead] - ticks.time[row] < 1.5 * self.tick
+        share = np.where(goes_on, (times - ticks.time[row]) / self.tick, 0.0)
+
+        def at(column: Array) -> Array:
+            part = share.reshape(-1, *[1] * (column.ndim - 1))
+            return np.asarray((1.0 - part) * column[row] + part * column[ahead])
+
+        found = PlannedTick(*map(at, ticks))
+        return found._replace(time=times, stance=ticks.stance[row], placements=ticks.placements[row])
+
+    def _stepped(self, times: Array, row: NDArray[np.intp]) -> dict[str, Array]:
+        """Columns of a :class:`PlanSample` at instants within its ticks."""
+        at, plan = self._between(times, row), self.plans[0]
+        weight = np.array([0.0, 0.0, plan.weight])
+        frequency = np.sqrt(plan.gravity / plan.com_height)
+        return {
+            "phase": np.asarray(at.stance == 2, dtype=np.int8),
+            "stance": np.asarray(at.stance, dtype=np.int8),
+            "com": at.com,
+            "com_velocity": at.com_velocity,
+            "com_acceleration": at.com_acceleration,
+            "dcm": (at.com + at.com_velocity / frequency)[:, :2],
+            "zmp": at.zmp,
+            "floor": np.asarray(at.floor),
+            "force": plan.mass * at.com_acceleration + weight,
+            "moment": at.moment,
+            "angular_momentum": at.angular_momentum[:, :2],
+            "left_placement": at.placements[:, 0],
+            "right_placement": at.placements[:, 1],
+            "heading": np.asarray(at.heading),
+        }
+
+
+def moved_ticks(ticks: Sequence[PlannedTick], along: float) -> tuple[PlannedTick, ...]:
+    """Ticks of which all places are moved along x [m]."""
+    by = np.array([along, 0.0, 0.0])
+    return tuple(
+        tick._replace(
+            com=tick.com + by,
+            zmp=tick.zmp + by[:2],
+            feet=tick.feet + by,
+            placements=tick.placements + by[:2],
+        )
+        for tick in ticks
+    )
