@@ -3,11 +3,21 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from ampm.exceptions import InputError
+from ampm.planner.contacts import Contacts
 from ampm.planners import PeriodicPlanner, periodic_walk
 from tests.solved import COARSE, body_of, motion_of, simulated, walk_of
+from validation.judge.compare import compare
+from validation.judge.metrics import METRICS, evaluate
+from validation.judge.signals import signals_table
+from validation.measure.measure import measure
+from validation.store.record import StoredRecord, read_table, save_record
+from validation.store.signals import column_of
+from validation.trial.bridge import to_pinocchio
+from validation.trial.disturbances import Push
 from validation.trial.outcome import OutcomeName
 from validation.trial.simulate import simulate
 
@@ -125,3 +135,98 @@ def test_a_plan_without_numbers_is_refused():
 def test_a_period_that_is_none_is_refused():
     with pytest.raises(InputError, match=r"replan_period is -1\.0 s"):
         simulated(planner=Replanning(lambda time, plan: None, -1.0))
+
+
+def moved_plan(plan, by):
+    """The plan, moved along y as a whole [m]."""
+    phases = tuple(phase._replace(origin=(phase.origin[0], phase.origin[1] + by)) for phase in plan.phases)
+
+    def there(step):
+        if step is None:
+            return None
+        x, y, z = step.position
+        return step._replace(position=(x, y + by, z))
+
+    old = plan.contacts
+    supports = (phase._replace(left=there(phase.left), right=there(phase.right)) for phase in old.phases)
+    return replace(plan, phases=phases, contacts=Contacts(tuple(map(there, old.footsteps)), tuple(supports)))
+
+
+def compared(plan, record):
+    return compare(plan, record, measure(record, walk_of(COARSE).robot.model, to_pinocchio))
+
+
+@pytest.fixture(scope="module")
+def replanned():
+    """A walk whose plan moves by 1 mm along y at 0.3 s: first plan, record."""
+    planner = Replanning(lambda time, plan: moved_plan(plan, 1e-3) if abs(time - 0.3) < 1e-9 else None)
+    plan = plan_of(4)
+    return plan, simulate(plan, walk_of(COARSE).run, body_of(COARSE), planner=planner, steps=2)
+
+
+def test_the_record_says_which_plan_was_followed(replanned, fixed, tmp_path):
+    _, record = replanned
+    assert record.outcome.completed
+    np.testing.assert_array_equal(record.tick_plan, record.tick_time > 0.3 + 1e-9)
+    save_record(record, tmp_path / "moved")
+    stored = StoredRecord(tmp_path / "moved")
+    np.testing.assert_array_equal(stored.tick_plan, record.tick_plan)
+    assert stored.metadata["plans"] == "1"
+    save_record(fixed, tmp_path / "fixed")
+    assert not StoredRecord(tmp_path / "fixed").tick_plan.any()
+    assert "plan" not in read_table(tmp_path / "fixed" / "ticks.parquet").column_names
+
+
+def test_a_walk_is_judged_by_the_plan_then_valid(replanned):
+    plan, record = replanned
+    walk = compared(plan, record)
+    now, first = plan.sample(walk.time), moved_plan(plan, 1e-3).sample(walk.time)
+    later = walk.time > 0.3 + 1e-9
+    np.testing.assert_array_equal(walk.sample.zmp, np.where(later[:, None], first.zmp, now.zmp))
+    np.testing.assert_array_equal(walk.first.zmp, now.zmp)
+    np.testing.assert_array_equal(walk.sample.stance, now.stance)
+    metrics = evaluate(walk)
+    assert metrics["plan_moved_zmp_maximum"].value == pytest.approx(1e-3)
+    assert metrics["plan_moved_footsteps"].value == pytest.approx(1e-3)
+    assert metrics["plan_moved_time"].value == 0.0
+    assert metrics["plan_changes"].value == 1.0
+    assert metrics["plan_change_rate"].value == pytest.approx(1.0 / record.time[-1])
+    table = signals_table(walk)
+    np.testing.assert_array_equal(table["first_plan_zmp_y"], now.zmp[:, 1])
+    np.testing.assert_array_equal(table["plan_zmp_y"], walk.sample.zmp[:, 1])
+    for name in table.column_names:
+        column_of(name)  # has a description
+
+
+def test_a_plan_that_stays_has_no_more_metrics_and_columns(fixed):
+    walk = compared(plan_of(4), fixed)
+    assert walk.first is None
+    assert not [name for name in evaluate(walk) if name.startswith(("plan_moved", "plan_c"))]
+    assert not [name for name in signals_table(walk).column_names if name.startswith("first")]
+
+
+def test_a_plan_made_of_the_measurement_is_a_tick_late():
+    """A plan whose COM is put where it is measured is off by a tick's motion, and changes too often."""
+    body = walk_of(COARSE).robot
+
+    class Follows(Replanning):
+        def replan(self, time, state, touch, plan):
+            data = body.model.createData()
+            com = pin.centerOfMass(body.model, data, state.q)
+            off = com - plan.sample([time]).com[0]
+            origins = (phase.origin + off[:2] for phase in plan.phases)
+            phases = (
+                phase._replace(origin=tuple(map(float, origin)))
+                for phase, origin in zip(plan.phases, origins, strict=True)
+            )
+            return replace(plan, phases=tuple(phases))
+
+    plan = plan_of(4)
+    push = Push("chest", (30.0, 0.0, 0.0), at=0.3, duration=0.1)
+    run, model = walk_of(COARSE).run, body_of(COARSE)
+    record = simulate(plan, run, model, planner=Follows(None), disturbances=[push], steps=2)
+    walk = compared(plan, record)
+    off = np.abs(walk.measured.com - walk.sample.com)[:, 0]
+    pushed = (walk.time > 0.32) & (walk.time < 0.4)
+    assert off[pushed].min() > 1e-6
+    assert evaluate(walk)["plan_change_rate"].value > METRICS["plan_change_rate"].tolerances["default"]

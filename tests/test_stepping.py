@@ -15,8 +15,13 @@ from ampm.stepping.floor import feel, force_factor, step_up
 from ampm.stepping.step_choice import dcm_ahead, plan_step, quintic_tick, ramp_share, step_change
 from ampm.stepping.stepper import WALKER, Curves, Stepper
 from tests.records import first_difference
+from validation.judge.compare import compare
+from validation.judge.metrics import evaluate, rms
+from validation.measure.measure import measure
 from validation.run.walk import walk_planned
+from validation.trial.bridge import to_pinocchio
 from validation.trial.disturbances import Push
+from validation.trial.followed import STEPPING
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.simulate import simulate
 
@@ -205,6 +210,32 @@ def test_a_pushed_walk_is_the_same_to_the_bit_each_time():
     pushes = [Push("chest", SHOVES["forward"], AT, 0.1)]
     again = simulate(walk.plan, walk.run, walk.body.model, disturbances=pushes, steps=9)
     assert first_difference(walked("stepping", SHOVES["forward"]), again) is None
+
+
+def test_steps_elsewhere_are_judged_by_what_was_planned_then():
+    """Against the first plan a walk that steps 0.2 m elsewhere is wrong for good."""
+    walk, record = planned("stepping"), walked("stepping", SHOVES["wider"])
+    measured = measure(record, walk.body.robot.model, to_pinocchio)
+    judged = compare(walk.plan, record, measured)
+    metrics = evaluate(judged)
+    assert judged.first is not None
+    first = rms((measured.zmp - judged.first.zmp)[judged.inside, 1])
+    assert metrics["zmp_y_rmse"].value < 0.5 * first
+    assert 0.05 < metrics["plan_moved_footsteps"].value < 1.0
+    assert metrics["plan_changes"].value >= 1.0
+    assert (record.tick_plan == STEPPING).any()
+    assert not record.tick_plan[record.tick_time < AT].any()
+    own = judged.sample.time[np.repeat(record.tick_plan, record.substeps)[: record.steps] == STEPPING]
+    sample = judged.followed.sample(own)
+    # What the stabiliser plans is a motion: its ZMP is that of its COM, moment and force.
+    height = sample.com[:, 2] - sample.floor
+    arm = height[:, None] * sample.force[:, :2] / sample.force[:, 2:]
+    turn = sample.moment[:, ::-1] * (-1.0, 1.0) / sample.force[:, 2:]
+    gap = np.abs(sample.com[:, :2] - arm + turn - sample.zmp)
+    assert np.median(gap) < 1e-3
+    # It stands on its feet, and does not follow the COM.
+    assert np.abs(judged.followed.feet(own)[:, [2, 5]]).min() > -0.02
+    assert np.abs(sample.com - measured.com[np.isin(judged.time, own)]).max() > 0.02
 
 
 @pytest.mark.parametrize("floor", [-0.01, 0.006])
