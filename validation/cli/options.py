@@ -78,7 +78,7 @@ PlannerName = Annotated[
     str | None,
     option(
         "--planner",
-        "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, or a planner of your own.",
+        "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, or your own, which may replan.",
         "NAME|FILE.csv|.parquet|MODULE:CLASS",
     ),
 ]
