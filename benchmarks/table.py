@@ -10,7 +10,7 @@ DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
 MARK = "benchmark table"
 """Between the marks of this name the page has the table."""
 
-HEADER = ("", ">median", ">p99", ">share of the loop")
+HEADER = ("", ">median", ">p99", ">of the loop")
 ON_PAGE = {
     "plan, closed form",
     "periodic motion",
@@ -39,13 +39,18 @@ def conditions(result: BenchmarkResult) -> str:
     )
 
 
-def table(result: BenchmarkResult, *, on_page: bool = False) -> Table:
-    """The table, with the conditions of the measurement as its note; ``on_page`` has fewer lines."""
+def table(result: BenchmarkResult) -> Table:
+    """The table, with the conditions of the measurement as its note."""
     rows: list[tuple[str, ...]] = []
     for heading, lines in result.sections.items():
-        shown = (line.cells() for line in lines if not on_page or line.name in ON_PAGE)
-        rows += [(heading, *_NO_CELLS), *shown]
+        rows += [(heading, *_NO_CELLS), *(line.cells() for line in lines)]
     return Table("benchmark", HEADER, rows, [conditions(result)])
+
+
+def page_table(result: BenchmarkResult) -> Table:
+    """The document's table: medians of some lines."""
+    lines = [line for section in result.sections.values() for line in section if line.name in ON_PAGE]
+    return Table("", HEADER[:2], [line.cells()[:2] for line in lines], [conditions(result)])
 
 
 def update_document(result: BenchmarkResult, document: Path = DOCUMENT) -> None:
@@ -55,5 +60,5 @@ def update_document(result: BenchmarkResult, document: Path = DOCUMENT) -> None:
         ValueError: the file has no marks.
     """
     text = document.read_text(encoding="utf-8")
-    shown = table(result, on_page=True).markdown()
+    shown = page_table(result).markdown()
     document.write_text(replace_between(text, MARK, f"\n{shown}\n"), encoding="utf-8")
