@@ -119,7 +119,7 @@ def _add_sources(name: str, files: dict[str, bytes]) -> None:
     if name in files or not is_users(module):
         return
     files[name] = source = Path(module.__file__).read_bytes()
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(ast.parse(source)) if module.__file__.endswith(".py") else ():
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
