@@ -43,8 +43,6 @@ SHOWN = (
     "zmp_x_rmse",
     "zmp_y_rmse",
     "zmp_x_maximum",
-    "force_x_rmse",
-    "angular_momentum_y_rmse",
     "zmp_agreement_rmse",
 )
 """On the page."""
