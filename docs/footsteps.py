@@ -1,4 +1,4 @@
-"""Walk over footsteps again: ``python docs/footsteps.py`` writes the table of docs/footsteps.md.
+"""Walk over footsteps again: ``python docs/footsteps.py`` writes docs/data/footsteps.csv.
 
 Every row is one trial from standing to standing. The ZMP error is that of all
 instants from the first motion to 2 s after the last one, along and across the mean heading of the feet. Names
@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 from trials import write_rows
@@ -20,18 +19,12 @@ import validation as val
 from ampm.parameters import RunParameters
 from ampm.planner import routes
 from ampm.planner.contacts import Footstep
-from validation.show.text import replace_between
-from validation.table import Table
 from validation.trial.plan import complete, load_request
 
-PAGE = Path(__file__).with_name("footsteps.md")
-ERROR = "ZMP RMSE along, across [mm]"
 COLUMNS = (
-    "walk", "steps", ERROR, "maximum [mm]", "closest parts [mm]", "largest torque",
+    "walk", "steps", "ZMP RMSE along, across [mm]", "maximum [mm]", "closest parts [mm]", "largest torque",
     "QPs with limits, unsolved", "outcome",
 )  # fmt: skip
-SHOWN = ("straight", "turn in place", "sidestep", "backward", "slalom", "5 cm up and down")
-"""Walks on the page."""
 
 
 def walks(length: float, width: float, climb: float) -> dict[str, list[Footstep]]:
@@ -114,21 +107,6 @@ def main() -> None:
                 print(*rows[-1], sep=" | ", flush=True)  # noqa: T201
     if not wanted:
         write_rows("footsteps", [COLUMNS, *rows])
-        page = replace_between(PAGE.read_text(encoding="utf-8"), "footsteps", _errors(rows))
-        PAGE.write_text(page, encoding="utf-8")
-
-
-def _errors(rows: list[tuple[str, ...]]) -> str:
-    """Table of the page: the RMSE of some walks, a column for each gait."""
-    found = {tuple(row[0].split(", ", 1)): _larger(row[COLUMNS.index(ERROR)]) for row in rows}
-    titles = dict.fromkeys(title for title, _ in found)
-    cells = [[name, *(found[title, name] for title in titles)] for name in SHOWN]
-    return Table("", ["walk", *(f">{title}" for title in titles)], cells).markdown()
-
-
-def _larger(errors: str) -> str:
-    """The larger error of the two in a cell, which may be refused."""
-    return max(errors.split(", "), key=float) if ", " in errors else errors
 
 
 def _row(name: str, run: RunParameters, footsteps: list[Footstep]) -> tuple[str, ...]:
