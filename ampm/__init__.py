@@ -28,8 +28,9 @@ if TYPE_CHECKING:
     from ampm.planner.footsteps import plan_footsteps
     from ampm.planners import FootstepPlanner, PeriodicPlanner, TablePlanner
     from ampm.presets import preset_names
+    from ampm.reference import Reference, Timing
     from ampm.run_file import dump_run, load_run
-    from ampm.walk import Controller, ControlOutput, Planner, Posture, Reference, State, Touch, WalkPlan
+    from ampm.walk import Controller, ControlOutput, Planner, Posture, Replanner, State, Touch, WalkPlan
 
 __version__ = "0.1.0"
 
@@ -37,7 +38,8 @@ __all__ = ["__version__", "plan", "preset_names"]
 __all__ += ["AmpmError", "BodilyRefusal", "InputError", "MathematicalRefusal", "RefusedGait", "SolverError"]
 __all__ += ["GaitParameters", "RunParameters", "dump_run", "load_run"]
 __all__ += ["CentroidalPlan", "Contacts", "Footstep", "Law", "Phase", "plan_footsteps"]
-__all__ += ["ControlOutput", "Controller", "Planner", "Posture", "Reference", "State", "Touch", "WalkPlan"]
+__all__ += ["ControlOutput", "Controller", "Planner", "Posture", "Replanner", "State", "Touch", "WalkPlan"]
+__all__ += ["Reference", "Timing"]
 __all__ += ["FootstepPlanner", "PeriodicPlanner", "TablePlanner", "TrackingController"]
 
 _MODULES = (
@@ -47,6 +49,7 @@ _MODULES = (
     "planner.contacts",
     "planner.centroidal",
     "planner.footsteps",
+    "reference",
     "walk",
     "planners",
     "control.controller",

@@ -10,6 +10,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from validation.judge.compare import Comparison as Comparison
+    from validation.judge.compare import Statistics as Statistics
     from validation.judge.metrics import Metric as Metric
     from validation.judge.metrics import register as register
     from validation.judge.metrics import unregister as unregister
@@ -30,11 +32,13 @@ if TYPE_CHECKING:
     from validation.trial.disturbances import Push as Push
 
 _HOMES = {
+    "Comparison": "judge.compare.Comparison",
     "Disturbance": "trial.disturbances.Disturbance",
     "Metric": "judge.metrics.Metric",
     "Plant": "trial.disturbances.Plant",
     "Progress": "progress.Progress",
     "Push": "trial.disturbances.Push",
+    "Statistics": "judge.compare.Statistics",
     "Trial": "run.trial.Trial",
     "judge_log": "run.judge_log.judge_log",
     "load": "store.saved.load_saved_run",
@@ -51,11 +55,13 @@ _HOMES = {
 }
 
 __all__ = [
+    "Comparison",
     "Disturbance",
     "Metric",
     "Plant",
     "Progress",
     "Push",
+    "Statistics",
     "Trial",
     "judge_log",
     "load",
