@@ -15,7 +15,7 @@ from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import TIME_TOLERANCE, Footstep
-from ampm.planner.footstep_walk import plan_footstep_walk, stops
+from ampm.planner.footstep_walk import plan_footstep_walk, stops, with_feet
 from ampm.planner.replan import LiveWalk
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.stride import plan_feet
@@ -84,8 +84,9 @@ _RATE = 200.0  # rows a second of a table that is walked as the plan that wrote 
 class TablePlanner:
     """COM and ZMP of a table on its footsteps, see :mod:`ampm.planner.table`; the feet swing as the gait's.
 
-    Steps that repeat are walked with their periodic whole-body motion, others with a constant posture. From
-    200 rows a second on, the walk is that of the plan that wrote the table, within 5 % of the errors.
+    Steps that repeat are walked with their periodic whole-body motion, others with a constant posture. A
+    table that begins with a double support is walked from standing to standing, as over footsteps. From 200
+    rows a second on, the walk is that of the plan that wrote the table, within 5 % of the errors.
 
     Args:
         table: columns by name, shape (N,) each.
@@ -118,6 +119,8 @@ class TablePlanner:
 
     def _plan(self, run: RunParameters, robot: Robot) -> WalkPlan:
         plan = table_plan(self.table, mass=run.body.mass, com_height=run.gait.com_height)
+        if plan.contacts.phases[0].stance == "both":
+            return _walk_over([with_feet(plan, run, robot.description)], run, robot)[0]
         lift_speed = plan.constants.l_s / plan.constants.single_support_duration
         feet = plan_feet(plan.contacts, run.foot, robot.description.sole, lift_speed)
         steps = StepPlan.of(plan, feet=feet)

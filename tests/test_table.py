@@ -12,6 +12,7 @@ from ampm.body.constant_posture import ConstantPosture
 from ampm.body.motion import PeriodicPosture
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import GRAVITY
+from ampm.planner import routes
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.planner.table import closed_step, repeats, table_plan
 from ampm.planners import TablePlanner
@@ -105,7 +106,9 @@ def changed(name, row, value):
          "velocity of com_x .* must agree within 0.05 m/s"),
         (lambda table: [table.update({name: column[:2]}) for name, column in list(table.items())],
          "2 rows; give three"),
-        (changed("stance", slice(0, None), "both"), "begins with stance = 'both'; remove the rows"),
+        (changed("stance", slice(0, None), "both"), "no single support, only stance = 'both'"),
+        (changed("left_placement_heading", slice(0, None), 0.2), "0.2 must be 0 as the table begins"),
+        (changed("right_placement_heading", 3, math.inf), "right_placement_heading = inf must be a finite"),
         (changed("com_z", slice(0, None), -1.0), "row 1 .* com_z = -1 must be above 0 m"),
         (changed("stance", slice(130, None), "left"), "row 131 .* stance = 'left' must come in the order"),
         (changed("stance", slice(0, None), "right"), "ends with stance = 'right'; end it with a double"),
@@ -237,3 +240,20 @@ def test_steps_that_do_not_repeat_are_walked_with_a_constant_posture():
     assert trial.record.outcome.completed
     assert trial.metrics["zmp_x_rmse"].value < 5e-3
     assert trial.summary["planner"] == "table"
+
+
+def test_a_turning_walk_as_a_table(tmp_path):
+    """Written and read as 'ampm plan --footsteps --samples' and 'ampm validate --planner' do."""
+    run, path = ampm.load_run("normal", simulation={"time_step": 0.002}), tmp_path / "arc.csv"
+    own = val.walk(run, footsteps=routes.arc(4, 0.4, radius=1.0, width=0.2))
+    write_columns(table_of(own.plan), path)
+    found = read(read_columns(path))
+    for a_step, b_step in zip(own.plan.contacts.footsteps, found.contacts.footsteps, strict=True):
+        assert (b_step.foot, b_step.heading) == (a_step.foot, pytest.approx(a_step.heading, abs=1e-12))
+        assert b_step.position == pytest.approx(a_step.position, abs=1e-12)
+    assert found.contacts.footsteps[-1].heading > 1.0
+    trial = val.walk(run, planner=str(path), profile="footsteps")
+    assert trial.verdict.passed, trial.verdict.reason
+    for axis in "xy":
+        expected = own.metrics[f"zmp_{axis}_rmse"].value
+        assert trial.metrics[f"zmp_{axis}_rmse"].value == pytest.approx(expected, rel=0.05)

@@ -130,8 +130,12 @@ class Contacts(Brief):
     @cached_property
     def headings(self) -> NDArray[np.float64]:
         """Mean heading of both feet in every phase, the next one of a foot while it swings, (P,) [rad]."""
-        left, right = self._ahead[:, :, 3].T
-        return _read_only(mean_heading(left, right))
+        return _read_only(mean_heading(*self.foot_headings.T))
+
+    @cached_property
+    def foot_headings(self) -> NDArray[np.float64]:
+        """Heading of left and right foot in every phase, the next one while it swings, (P, 2) [rad]."""
+        return _read_only(self._ahead[:, :, 3])
 
     @cached_property
     def _ahead(self) -> NDArray[np.float64]:

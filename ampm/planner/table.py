@@ -5,10 +5,11 @@ Columns, one row per instant, SI units, world frame (x forward, y left):
 ==============================  ===========================================================================
 ``time``                        ascending from 0 [s]
 ``stance``                      feet on the floor: ``left``, ``right`` or ``both``; single and double support
-                                in turn, single support first
+                                in turn, a double support last
 ``com_x com_y``                 COM [m]
 ``zmp_x zmp_y``                 ZMP [m]
 ``left_placement_x`` ...        (x, y) of either foot's footstep, of the next one while it swings [m]
+``left_placement_heading`` ...  optional: its heading [rad]; 0 by default
 ``phase_start``                 optional: when the row's phase began [s]; by default at its first row, and
                                 equal steps, to a row, at equal times
 ``com_z``                       optional: height of the COM, the same in all rows; that of the gait by default
@@ -17,6 +18,7 @@ Columns, one row per instant, SI units, world frame (x forward, y left):
 ==============================  ===========================================================================
 
 Other columns are not read. The feet are placed on the footsteps; how they swing and roll is the gait's.
+A table that begins with a double support is a walk from standing to standing, and only its feet may turn.
 """
 
 from collections.abc import Mapping
@@ -42,6 +44,7 @@ REPEATED = 1e-3
 _ORDER = np.array(["left", "both", "right", "both"])
 _SAME = 1e-6  # of footsteps and durations that repeat [m, s]
 _SPEED = 0.05  # largest disagreement of the COM's velocity and its acceleration within a phase [m/s]
+_PLACE = ("x", "y", "heading")
 _GRID = 64  # instants of a step that are compared with the first one's
 
 
@@ -62,9 +65,8 @@ def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> C
     _check(
         time, "time", (time[:1] == 0.0) | (np.arange(len(time)) > 0), "begin at 0; subtract the first time"
     )
-    com, zmp, left, right = (
-        _vectors(table, name) for name in ("com", "zmp", "left_placement", "right_placement")
-    )
+    com, zmp = _vectors(table, "com"), _vectors(table, "zmp")
+    left, right = (_placements(table, name) for name in ("left_placement", "right_placement"))
     if "com_z" in table:
         height = _numbers(table, "com_z")
         com_height = float(height[0])
@@ -73,13 +75,13 @@ def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> C
         _check(height, "com_z", level, f"stay at {com_height:g} m: plans have constant height; level it")
     stance = np.asarray(_column(table, "stance")).astype(str)
     _check(stance, "stance", np.isin(stance, STANCE_NAMES), f"be one of {', '.join(STANCE_NAMES)}")
-    if stance[0] == "both":
-        raise InputError(
-            "the table begins with stance = 'both'; remove the rows before the first single support, and "
-            "subtract its time."
-        )
+    if (stance == "both").all():
+        raise InputError("the table has no single support, only stance = 'both'; let a foot swing.")
     begins = np.r_[True, stance[1:] != stance[:-1]]
-    order = np.roll(_ORDER, 2 * (stance[0] == "right"))[(np.cumsum(begins) - 1) % len(_ORDER)]
+    stands = bool(stance[0] == "both")
+    standing = stance[begins][int(stands)]  # foot of the first single support
+    turn = 2 * (standing == "right") - stands
+    order = _ORDER[(np.cumsum(begins) - 1 + turn) % len(_ORDER)]
     rule = f"come in the order {', '.join(_ORDER)}, and so on; give 20 ms or more to a change of feet"
     _check(stance, "stance", stance == order, rule)
     if stance[-1] != "both":
@@ -87,11 +89,14 @@ def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> C
             f"the table ends with stance = '{stance[-1]}'; end it with a double support, 'both'."
         )
     for foot, place in (("left", left), ("right", right)):
-        stands = np.isin(stance, (foot, "both"))
-        stands[1:] &= stands[:-1]
-        for axis, values in zip("xy", place.T, strict=True):
-            rests = ~stands | (np.abs(np.diff(values, prepend=values[0])) <= _SAME)
+        on_floor = np.isin(stance, (foot, "both"))
+        on_floor[1:] &= on_floor[:-1]
+        for axis, values in zip(_PLACE, place.T, strict=True):
+            rests = ~on_floor | (np.abs(np.diff(values, prepend=values[0])) <= _SAME)
             _check(values, f"{foot}_placement_{axis}", rests, "stay in place while the foot stands")
+            if axis == "heading" and not stands:
+                rule = "be 0 as the table begins with a single support; begin with a double support, standing"
+                _check(values, f"{foot}_placement_heading", np.abs(values) <= _SAME, rule)
     started = time
     if "phase_start" in table:
         started = _numbers(table, "phase_start")
@@ -117,6 +122,9 @@ def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> C
     )
     plan = CentroidalPlan(mass, GRAVITY, com_height, 1.0, contacts, (phase,), NO_CONSTANTS)
     constants = plan_constants(plan)
+    if contacts.phases[0].stance == "both":  # the first step may go aside
+        way = np.linalg.norm(np.diff(com, axis=0), axis=1).sum()
+        constants = replace(constants, mean_velocity=float(way) / contacts.duration)
     plan = replace(plan, switching_velocity=constants.mean_velocity, constants=constants)
     _check_motion(plan, time, begins)
     return plan
@@ -125,19 +133,24 @@ def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> C
 def _contacts(times: Array, stance: NDArray[np.str_], left: Array, right: Array) -> Contacts:
     """Contacts of P phases with begins and end (P + 1,) [s], from the columns' rows at their begins.
 
-    The foot that swings first starts as far behind the standing foot as it lands ahead of it.
+    Places are (x, y, heading). Where a single support comes first, the foot that swings starts as far behind
+    the standing foot as it lands ahead of it.
     """
     places: dict[str, Array] = {"left": left, "right": right}
-    sides: tuple[Side, Side] = ("right", "left") if stance[0] == "right" else ("left", "right")
-    footsteps = []
-    for number, phase in enumerate([0, *range(1, len(stance), 2)]):  # the first, then those with a landing
-        side = sides[number % 2]
-        x, y = places[side][phase].tolist()
-        footsteps.append(Footstep(side, (x, y, 0.0)))
+    stands = bool(stance[0] == "both")
+    sides: tuple[Side, Side] = ("right", "left") if stance[int(stands)] == "right" else ("left", "right")
+
+    def placed(side: Side, phase: int) -> Footstep:
+        x, y, heading = places[side][phase].tolist()
+        return Footstep(side, (x, y, 0.0), heading)
+
+    landings = range(1 + stands, len(stance), 2)
+    footsteps = [placed(sides[number % 2], phase) for number, phase in enumerate([0, *landings])]
     here, ahead = footsteps[:2]
     behind = (2.0 * here.position[0] - ahead.position[0], ahead.position[1], 0.0)
+    start = placed(sides[1], 0) if stands else ahead._replace(position=behind)
     begins = times.tolist()[:-1]
-    return contacts_in_turn([ahead._replace(position=behind), *footsteps], begins, np.diff(times).tolist())
+    return contacts_in_turn([start, *footsteps], begins, np.diff(times).tolist(), stand=stands)
 
 
 def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
@@ -185,6 +198,13 @@ def _number(cell: Any) -> float:
 
 def _vectors(table: Mapping[str, Any], name: str) -> Array:
     return np.column_stack([_numbers(table, f"{name}_{axis}") for axis in "xy"])
+
+
+def _placements(table: Mapping[str, Any], name: str) -> Array:
+    """x, y and heading of a foot's footsteps, shape (N, 3) [m, m, rad]."""
+    places, heading = _vectors(table, name), f"{name}_heading"
+    turned = _numbers(table, heading) if heading in table else np.zeros(len(places))
+    return np.column_stack([places, turned])
 
 
 def _check(values: NDArray[Any], name: str, good: NDArray[np.bool_], rule: str) -> None:

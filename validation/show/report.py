@@ -87,7 +87,7 @@ def render(saved: SavedRun) -> str:
         outcome_sentence="" if saved.is_log else outcome.name.sentence,
         is_log=saved.is_log,
         disturbed=_disturbed(saved),
-        from_rest=bool(saved.parameters.footsteps),
+        from_rest=saved.from_rest,
         climbs=len({step.z for step in saved.parameters.footsteps}) > 1,
         facts=_gait(saved, plan) | _facts(saved, plan),
         walker=walker,
@@ -136,11 +136,10 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     drake = saved.parameters.simulation.engine == "drake"
     unsolved = f"{int((record.qp_status == 2).sum())} of {len(record.qp_status)}"
     planned = "" if plan is None else f" of {plan.contacts.steps}"
-    straight = not saved.parameters.footsteps  # over footsteps the way may turn
     facts = {
         "steps walked": f"{record.outcome.steps_completed}{planned}",
         "simulated": f"{record.outcome.time:.4g} s",
-        "distance": f"{_distance(saved, 'measured'):.3g} m" if straight else "",
+        "distance": "" if saved.from_rest else f"{_distance(saved, 'measured'):.3g} m",  # the way may turn
         "mass": f"{record.mass:.3g} kg",
         "body": f"{HUMAN}, {body.height:.3g} m" if body.source == HUMAN else Path(body.source).stem,
         "engine": f"Drake {summary['environment']['versions']['drake']}" if drake else "",
@@ -156,7 +155,7 @@ def _gait(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     time = float(saved.record.outcome.time) - begin
     planner = saved.summary.get("planner", "ampm")
     facts = {"planner": planner, "COM height": f"{gait.com_height:.4g} m"}
-    if not saved.parameters.footsteps:  # over footsteps lengths, times and speed vary
+    if not saved.from_rest:  # lengths, times and speed vary otherwise
         facts |= {"step length": f"{gait.step_length:.4g} m", "step width": f"{gait.step_width:.4g} m"}
         if plan is not None:
             single, both = plan.constants.single_support_duration, plan.constants.double_support_duration

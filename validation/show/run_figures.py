@@ -79,13 +79,13 @@ class RunFigures:
         plan: evaluated again, None if that cannot be done.
         signals: of the run.
         window: rows of the stride that is shown.
-        from_rest: whether the walk is one over footsteps, whose steps differ.
+        from_rest: whether the walk begins with standing; its steps may differ.
     """
 
     def __init__(self, saved: SavedRun, plan: StepPlan | None) -> None:
         self.saved, self.plan, self.signals = saved, plan, saved.signals
         self.window = middle(self.signals)
-        self.from_rest = bool(saved.parameters.footsteps)
+        self.from_rest = saved.from_rest
         self._count = count()
 
     def sections(self) -> dict[str, list[Picture]]:

@@ -99,6 +99,11 @@ class SavedRun(Tabled):
         return "log" in self.summary
 
     @property
+    def from_rest(self) -> bool:
+        """Whether the walk begins with standing on both feet, as over footsteps, so that steps may differ."""
+        return "double_support" in self.signals["phase"][:1]
+
+    @property
     def title(self) -> str:
         """Name of the gait, what was changed in it, and its planner if it is not the default one."""
         return summary_title(self.summary)

@@ -54,11 +54,12 @@ def plan_table(plan: CentroidalPlan, times: NDArray[np.float64]) -> dict[str, ND
         Column name to array (N,). SI units, world frame; undefined entries are NaN.
     """
     sample = plan.sample(times)
+    phase = phase_of(plan.contacts.starts, sample.time)
     columns: dict[str, NDArray[Any]] = {
         "time": sample.time,
         "phase": sample.phase_name.astype(object),
         "stance": sample.stance_name.astype(object),
-        "phase_start": plan.contacts.starts[phase_of(plan.contacts.starts, sample.time)],
+        "phase_start": plan.contacts.starts[phase],
     }
 
     def add(name: str, values: NDArray[Any], endings: Sequence[str]) -> None:
@@ -69,8 +70,9 @@ def plan_table(plan: CentroidalPlan, times: NDArray[np.float64]) -> dict[str, ND
     for name, axes in (("dcm", "xy"), ("zmp", "xy"), ("force", "xyz"), ("moment", "xy")):
         add(name, getattr(sample, name), axes)
     add("angular_momentum", sample.angular_momentum, "xy")
-    for foot in FEET:
+    for foot, heading in zip(FEET, plan.contacts.foot_headings[phase].T, strict=True):
         add(f"{foot}_placement", getattr(sample, f"{foot}_placement"), "xy")
+        columns[f"{foot}_placement_heading"] = heading
     if not isinstance(plan, StepPlan):
         return columns
     for foot, motion in zip(FEET, plan.feet.sample(times), strict=True):
