@@ -17,9 +17,9 @@ from ampm.geometry import Array
 from ampm.run_file import dump_run, load_run
 from validation.cli.console import Narrator
 from validation.store.saved import SavedRun, load_saved_run
+from validation.study.compare.comparison import WalkComparison
 from validation.study.compare.metrics import switch_rows
-from validation.study.compare.pair import Pair
-from validation.study.compare.walks import compare_pair
+from validation.study.compare.walks import compare_walks
 
 HERE = Path(__file__).parent
 PICTURE = HERE / "images" / "continuity.png"
@@ -62,7 +62,7 @@ def main() -> None:
             ),
         ]
         pairs = [
-            compare_pair(*both, half_step=False, folder=Path(folder) / str(number), progress=Narrator())
+            compare_walks(both, half_step=False, folder=Path(folder) / str(number), progress=Narrator())
             for number, both in enumerate(gaits)
         ]
         draw(pairs[1]).savefig(PICTURE, dpi=110)
@@ -70,9 +70,9 @@ def main() -> None:
             csv.writer(file).writerows(table(pairs))
 
 
-def table(pairs: list[Pair]) -> Iterator[tuple[str, ...]]:
+def table(pairs: list[WalkComparison]) -> Iterator[tuple[str, ...]]:
     """Header, outcome, mean speed, and all quantities of all pairs: group, name, unit, values."""
-    sides = [side for pair in pairs for side in (pair.a, pair.b)]
+    sides = [side for pair in pairs for side in pair.sides]
     yield ("group", "quantity", "unit", *(side.label for side in sides))
     yield ("gait", "outcome", "", *(side.outcome for side in sides))
     yield ("gait", "mean speed", "m/s", *(f"{mean_speed(load_saved_run(side.folder)):.3f}" for side in sides))
@@ -88,14 +88,14 @@ def mean_speed(run: SavedRun) -> float:
     return float((x[-1] - x[0]) / (time[-1] - time[0]))
 
 
-def draw(pair: Pair) -> Figure:
+def draw(pair: WalkComparison) -> Figure:
     """Acceleration, ZMP error and torque rate about both kinds of switch, of both sides."""
     figure = Figure(figsize=(10.4, 8.6), facecolor="white")
     axes = figure.subplots(len(CURVES), 2, sharex=True, sharey="row")
     figure.subplots_adjust(left=0.09, right=0.985, top=0.92, bottom=0.06, hspace=0.16, wspace=0.06)
     *both, ink = COLOURS
     handles = []
-    for side, colour in zip((pair.a, pair.b), both, strict=True):
+    for side, colour in zip(pair.sides, both, strict=True):
         run = load_saved_run(side.folder)
         for kind in (0, 1):
             for axis, (time, values, planned) in zip(axes[:, kind], curves(run, kind), strict=True):

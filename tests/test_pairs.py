@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,13 +12,14 @@ import pytest
 from ampm.exceptions import InputError
 from ampm.run_file import load_run
 from tests.saved_run import make_study
+from validation.judge.metrics import added_metrics, unregister
 from validation.judge.uncertainty import Uncertainty
 from validation.store.json import json_ready
 from validation.store.signals import Signals
+from validation.study.compare.comparison import SHARE, Row, Side, comparison_of, load_side
 from validation.study.compare.metrics import JUDGED, PLAN, SWITCH, Quantity, plan_values
-from validation.study.compare.pair import SHARE, Row, Side, load_side, pair_of
 from validation.study.compare.report import NUMBERS, REPORT, render
-from validation.study.compare.walks import compare_pair
+from validation.study.compare.walks import compare_walks
 
 FAST = ["--set", "simulation.time_step=0.002", "--steps", "3", "--workers", "0"]
 
@@ -68,7 +70,7 @@ def test_jumps_of_rounding_size_do_not_count(sides):
         replace(sides[0], values={**sides[0].values, **{item.name: jump for item in PLAN}})
         for jump in (0.0, 1e-14)
     )
-    assert not any(row.better for row in pair_of(a, b).rows)
+    assert all(row.better is None for row in comparison_of([a, b]).rows)
 
 
 def test_finished_runs_of_another_planner_show_its_jumps(folders, tmp_path, ampm):
@@ -86,7 +88,14 @@ def test_finished_runs_of_another_planner_show_its_jumps(folders, tmp_path, ampm
     assert f"{100 * SHARE:g} %" in found["a"]["differences_count_from"]
     page = (out / REPORT).read_text(encoding="utf-8")
     assert found["sentence"] in page
-    assert "http" not in page
+    assert f"{folders[1].name}, planner ipm" in page
+    assert [f'<li><i style="background:var(--part-{n})"></i>' in page for n in (1, 2, 3)] == [
+        True,
+        True,
+        False,
+    ]
+    assert page.count("<svg role=") == 6
+    assert "http" not in page.replace("http://www.w3.org/", "")  # of the pictures
     assert ampm("compare", *folders, "--out", out).status == 2
     told = ampm("compare", *folders, "--out", out, "--resume").out.splitlines()
     assert told[0] == found["sentence"]
@@ -121,13 +130,20 @@ def test_without_walks_at_half_the_step_two_equal_plans_agree(ampm):
 
 
 @pytest.mark.parametrize(
-    ("a", "b", "least", "better"),
-    [(1.0, 2.0, 0.5, "a"), (2.0, 1.0, 0.5, "b"), (1.0, 2.0, 1.0, ""), (1.0, 9.0, math.inf, "")],
+    ("values", "least", "better"),
+    [
+        ((1.0, 2.0), 0.5, 0),
+        ((2.0, 1.0), 0.5, 1),
+        ((1.0, 2.0), 1.0, None),
+        ((1.0, 9.0), math.inf, None),
+        ((3.0, 1.0, 2.0), 0.5, 1),
+        ((3.0, 1.0, 1.2), 0.5, None),
+        ((3.0, 1.0, math.nan), 0.5, None),
+    ],
 )
-def test_which_side_is_better(a, b, least, better):
+def test_which_side_is_better(values, least, better):
     quantity = Quantity(JUDGED, "zmp_x_rmse", "ZMP", "m")
-    assert Row(quantity, a, b, least).better == better
-    assert Row(quantity, math.nan, b, least).better == ""
+    assert Row(quantity, values, least).better == better
 
 
 def with_metrics(side: Side, **values: float) -> Side:
@@ -136,13 +152,13 @@ def with_metrics(side: Side, **values: float) -> Side:
 
 def test_one_sentence_says_who_is_better_and_where_most(sides):
     a, b = sides[0], replace(sides[0], label="other")
-    assert pair_of(a, b).sentence.startswith("smooth and other agree: ")
+    assert comparison_of([a, b]).sentence.startswith("smooth and other agree: ")
     worse = with_metrics(b, zmp_x_rmse=2e-3, force_x_rmse=5.0, zmp_y_rmse=1e-5)
     words = "smooth is better in 2, other is better in 1 of 11 judged metrics by more than 10 %"
-    assert pair_of(a, worse).sentence.startswith(words)
-    assert "they differ most in ground force, RMS error along x: 0.18" in pair_of(a, worse).sentence
+    assert comparison_of([a, worse]).sentence.startswith(words)
+    assert "they differ most in ground force, RMS error along x: 0.18" in comparison_of([a, worse]).sentence
     fell = replace(b, summary={**b.summary, "outcome": "fell", "end": {"time": 2.3, "cause": ""}})
-    assert pair_of(a, fell).sentence == (
+    assert comparison_of([a, fell]).sentence == (
         "smooth walked to the end, other did not walk to the end (fell after 2.30 s)."
     )
 
@@ -177,22 +193,22 @@ def test_a_study_must_be_of_both_gaits(folders, tmp_path, ampm):
 @pytest.mark.parametrize(
     ("sources", "options", "why"),
     [
-        (("normal", "normal"), {}, "the same walk of normal"),
-        (("normal", None), {"choices": {"planner": ["dcm", "dcm"]}}, "the same walk of normal"),
-        (("normal", None), {"choices": {"planner": ["ampm", "dcm", "ipm"]}}, "--planner is given 3 times"),
-        (("normal", None), {"choices": {"planner": ["ampm", "dcm"], "body": ["a", "b"]}}, "give one option"),
-        (("RUN", "RUN"), {"settings": ["gait.steps=3"]}, "already walked"),
-        (("RUN", "RUN"), {"choices": {"controller": ["ampm"]}}, "already walked"),
+        (("normal", "normal"), {}, "1 and 2 are the same walk of normal"),
+        (("normal",), {"choices": {"planner": ["dcm", "dcm"]}}, "1 and 2 are the same walk of normal"),
+        (("normal", "ipm"), {"choices": {"planner": ["ampm", "dcm", "ipm"]}}, "--planner is given 3 times"),
+        (("normal",), {"choices": {"planner": ["ampm", "dcm"], "body": ["a", "b"]}}, "give one option"),
+        (("RUN", "RUN"), {"settings": ["gait.steps=3"]}, "all walks are finished runs"),
+        (("RUN", "RUN"), {"choices": {"controller": ["ampm"]}}, "all walks are finished runs"),
         (("RUN", "EMPTY"), {}, "no folder of a finished run"),
         (("normal", "nowhere"), {}, "unknown preset or file"),
-        (("normal", None), {"choices": {"planner": ["ampm", "absent.csv"]}}, "absent.csv"),
+        (("normal",), {"choices": {"planner": ["ampm", "absent.csv"]}}, "absent.csv"),
         (("RUN", "RUN"), {"uncertainty": [Path("absent.json")]}, "absent.json"),
     ],
 )
 def test_what_cannot_be_compared_is_refused(folders, tmp_path, sources, options, why):
     places = {"RUN": str(folders[0]), "EMPTY": str(tmp_path)}
     with pytest.raises(InputError, match=why):
-        compare_pair(*(places.get(str(text), text) for text in sources), **options)
+        compare_walks([places.get(str(text), text) for text in sources], **options)
 
 
 def test_refused_and_fallen_walks_are_told_by_the_status(sides, ampm, monkeypatch):
@@ -201,11 +217,72 @@ def test_refused_and_fallen_walks_are_told_by_the_status(sides, ampm, monkeypatc
     assert refused.err.count("\n") <= 3
     fell = replace(sides[1], summary={**sides[1].summary, "outcome": "fell"})
     monkeypatch.setattr(
-        "validation.study.compare.walks.compare_pair", lambda *_, **__: pair_of(sides[0], fell)
+        "validation.study.compare.walks.compare_walks", lambda *_, **__: comparison_of([sides[0], fell])
     )
     assert ampm("compare").status == 3
 
 
 def test_a_page_escapes_names(sides):
-    page = render(pair_of(replace(sides[0], label="<script>"), sides[1]))
+    page = render(comparison_of([replace(sides[0], label="<script>"), sides[1]]))
     assert "<script>" not in page
+
+
+OWN = """
+import validation as val
+
+HEIGHT = val.Metric(
+    name="height_error", unit="m", label="height of the COM, largest error", kind="walk",
+    meaning="of the COM",
+    compute=lambda walk: abs((walk.measured.com - walk.sample.com)[walk.inside, 2]).max(),
+    tolerances={"default": 0.01}, reason="More than 1 cm is visible.",
+)
+
+class Rope:
+    def apply(self, time, plant):
+        plant.push("chest", (0.0, -50.0 * plant.position("com")[1], 0.0))
+"""
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """A module of a user's in the working directory."""
+    (tmp_path / "own_parts.py").write_text(OWN, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    yield "own_parts"
+    sys.modules.pop("own_parts", None)
+    if any(metric.name == "height_error" for metric in added_metrics()):
+        unregister("height_error")
+
+
+def test_own_metrics_and_disturbances_of_saved_runs_are_compared(own, folders, tmp_path, ampm):
+    mine = tmp_path / "mine"
+    more = ["--metric", f"{own}:HEIGHT", "--disturbance", f"{own}:Rope"]
+    assert ampm("validate", "normal", *FAST[:4], *more, "--out", mine).status == 1
+    unregister("height_error")  # another process would not know it
+    told = ampm("compare", mine, folders[0], folders[1])
+    lines = {
+        line.split("│")[1].strip(): line.split("│")[2:-1] for line in told.out.splitlines() if "│" in line
+    }
+    values = {name: [cell.strip() for cell in cells] for name, cells in lines.items()}
+    assert values["disturbances"] == ["own_parts:Rope", "none", "none"]
+    assert values["planner"] == ["ampm", "ampm", "ipm"]
+    assert 0.0 < float(values["height of the COM, largest error"][0]) < 10.0
+    assert values["height of the COM, largest error"][1:4] == ["–", "–", "mm"]
+    assert values["verdict"][0] == "fail"
+    assert told.out.splitlines()[0].startswith(f"mine, {folders[0].name} and {folders[1].name} differ in ")
+    assert "nothing is kept; --out DIR keeps" in told.err
+
+
+@pytest.mark.parametrize(
+    ("option", "why"),
+    [
+        ("--metric=own_parts:Rope", "is a type; name a val.Metric"),
+        ("--metric=own_parts:NONE", "cannot be imported"),
+        ("--disturbance=own_parts:dict", "cannot be imported"),
+        ("--disturbance=builtins:dict", "has no method apply"),
+    ],
+)
+def test_parts_that_are_none_are_refused(own, option, why, ampm):
+    answer = ampm("validate", "normal", option)
+    assert answer.status == 2
+    assert why in answer.err

@@ -1,4 +1,4 @@
-"""``ampm compare``: two gaits, two finished runs, or two sweeps."""
+"""``ampm compare``: gaits, finished runs, or two sweeps."""
 
 import shlex
 import sys
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 EPILOG = (
-    "Exit status: 0 both walked to the end, or no regression; 1 a regression of a sweep, 2 bad input or "
+    "Exit status: 0 all walked to the end, or no regression; 1 a regression of a sweep, 2 bad input or "
     "refused, 3 a walk did not complete, 4 crash of ampm itself, 5 stopped from outside: --resume goes on, "
     "130 interrupted: --resume goes on."
 )
@@ -38,31 +38,31 @@ EPILOG = (
 
 @app.command(epilog=EPILOG)
 def compare(
-    a: Annotated[
-        str | None,
-        typer.Argument(help="Preset, TOML file, or folder of a run or sweep; normal if none.", metavar="A"),
-    ] = None,
-    b: Annotated[
-        str | None,
-        typer.Argument(help="Likewise; if none, ipm, or A where an option is given twice.", metavar="B"),
+    walks: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Presets, TOML files, folders of runs, or two sweeps; normal if none. One alone is compared "
+            "with ipm, or with itself where an option is given several times.",
+            metavar="WALK",
+        ),
     ] = None,
     settings: Settings = None,
     as_is: AsIs = False,
     steps: Steps = None,
     planner: Annotated[
         list[str] | None,
-        option("--planner", "Of both; given twice, of A and of B.", "NAME|FILE.csv|.parquet|MODULE:CLASS"),
+        option("--planner", "Of all walks; or once for each.", "NAME|FILE.csv|.parquet|MODULE:CLASS"),
     ] = None,
     body: Annotated[
-        list[str] | None, option("--body", "Of both; given twice, of A and of B.", "NAME|FILE.toml")
+        list[str] | None, option("--body", "Of all walks; or once for each.", "NAME|FILE.toml")
     ] = None,
     controller: Annotated[
         list[str] | None,
-        option("--controller", "Of both; given twice, of A and of B.", "NAME|MODULE:CLASS"),
+        option("--controller", "Of all walks; or once for each.", "NAME|MODULE:CLASS"),
     ] = None,
     engine: Annotated[
         list[str] | None,
-        option("--engine", "Of both; given twice, of A and of B.", "mujoco|drake"),
+        option("--engine", "Of all walks; or once for each.", "mujoco|drake"),
     ] = None,
     quick: Annotated[bool, option("--quick", "Leave out the walks at half the time step.")] = False,
     uncertainty: Uncertainty = None,
@@ -75,19 +75,20 @@ def compare(
         ),
     ] = None,
     require_all: Annotated[
-        bool, option("--require-all", "Of sweeps: runs of A that B lacks are regressions, too.")
+        bool,
+        option("--require-all", "Of sweeps: runs of the first that the second lacks are regressions, too."),
     ] = False,
     workers: Workers = None,
     out: Annotated[Path | None, option("--out", "Keep the page, the numbers and the runs.", "DIR")] = None,
     resume: Resume = False,
     as_json: Json = False,
 ) -> int:
-    """Compare two gaits, two finished runs, or two sweeps.
+    """Compare gaits, finished runs, or two sweeps.
 
     Gaits are walked, sweeps compared run by run. The first line says which is better, in how many metrics,
     and where the difference is largest. Gaits walk at half their time step, too: only a difference larger
-    than the metrics change by that counts. Sweeps are matched by the parameters of their runs, A is the
-    reference, and a regression is told by the status.
+    than the metrics change by that counts. Sweeps are matched by the parameters of their runs, the first
+    is the reference, and a regression is told by the status.
     """
     from validation.study.compare.report import check_folder, write_comparison
 
@@ -101,12 +102,13 @@ def compare(
         "controller": controller or [],
         "engine": engine or [],
     }
-    sweeps = [text for text in (a, b) if text and _is_sweep(Path(text))]
+    sweeps = [text for text in walks or () if _is_sweep(Path(text))]
     found: Result
     if sweeps:
-        if len(sweeps) < 2 or settings or steps is not None or as_is or quick or any(choices.values()):
+        of_a_gait = settings or steps is not None or as_is or quick or any(choices.values())
+        if len(sweeps) != 2 or sweeps != walks or of_a_gait:
             raise InputError(
-                f"{sweeps[0]} is a sweep; compare it with another sweep, without options of a gait."
+                f"{sweeps[0]} is a sweep; compare it with one other sweep, without options of a gait."
             )
         if len(uncertainty or ()) > 1:
             raise InputError("--uncertainty: of two sweeps one convergence study is enough; give one.")
@@ -121,13 +123,12 @@ def compare(
     else:
         if tolerance or require_all:
             raise InputError("--tolerance and --require-all are of sweeps; leave them out.")
-        from validation.study.compare.walks import compare_pair
+        from validation.study.compare.walks import compare_walks
 
         extra = with_short(settings, steps=steps)
         try:
-            pair = compare_pair(
-                a,
-                b,
+            compared = compare_walks(
+                walks or (),
                 extra,
                 choices=choices,
                 as_is=as_is,
@@ -142,8 +143,8 @@ def compare(
                 again = shlex.join(["ampm", *sys.argv[1:], *([] if resume else ["--resume"])])
                 error.add_note(f"finished runs are kept; go on with {again}")
             raise
-        completed = {pair.a.outcome, pair.b.outcome} == {"completed"}
-        found, status = pair, Status.PASS if completed else Status.NOT_COMPLETED
+        completed = {side.outcome for side in compared.sides} == {"completed"}
+        found, status = compared, Status.PASS if completed else Status.NOT_COMPLETED
     if out is not None:
         write_comparison(found, out)
     if as_json:
@@ -152,6 +153,8 @@ def compare(
         print_line(found.sentence, "bold")
         print_tables(found.tables())
     Narrator().wrote(out)
+    if out is None:
+        Narrator().say("nothing is kept; --out DIR keeps a page with curves, the numbers and the runs")
     return status
 
 

@@ -76,6 +76,16 @@ def validate(
             "SEGMENT,FX,FY,FZ,AT,DURATION",
         ),
     ] = None,
+    disturbance: Annotated[
+        list[str] | None,
+        option(
+            "--disturbance", "A disturbance of your own, made without arguments. Repeatable.", "MODULE:CLASS"
+        ),
+    ] = None,
+    metric: Annotated[
+        list[str] | None,
+        option("--metric", "A metric of your own, a val.Metric in a module. Repeatable.", "MODULE:NAME"),
+    ] = None,
 ) -> int:
     """Plan, walk, measure and judge gaits: the trial.
 
@@ -90,11 +100,14 @@ def validate(
     """
     from ampm.run_file import leaves_open
     from validation.judge import profiles
+    from validation.judge.metrics import load_metric
     from validation.judge.uncertainty import load_uncertainty, matching
     from validation.run import validate as run
-    from validation.trial.disturbances import parse_push
+    from validation.trial.disturbances import load_disturbance, parse_push
     from validation.trial.plan import complete, load_requests
 
+    for text in metric or ():  # before the profiles
+        load_metric(text)
     extra = with_short(
         settings, body=body, steps=steps, planner=planner, qp=qp, controller=controller, engine=engine
     )
@@ -109,7 +122,10 @@ def validate(
     for request in requests if known else ():  # before any walks
         if not leaves_open(request.run):
             matching(known, request)
-    pushes = [parse_push(text) for text in push or ()]
+    disturbances = [
+        *(parse_push(text) for text in push or ()),
+        *(load_disturbance(text) for text in disturbance or ()),
+    ]
     targets = run.targets(requests, out, force=force)
     narrator = Narrator()
     answers: list[dict[str, Any]] = []
@@ -122,7 +138,7 @@ def validate(
                 target,
                 judge,
                 force=force,
-                disturbances=pushes,
+                disturbances=disturbances,
                 uncertainty=matching(known, request) if known else None,
                 progress=narrator,
             )

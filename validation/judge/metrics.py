@@ -44,6 +44,7 @@ from validation.judge.metric import spaced
 from validation.judge.plan_moved import PLAN_MOVED
 from validation.judge.sizes import BODY_WEIGHT, FOOT_LENGTH, LIMIT_UNITS, share_of_default
 from validation.trial.record import SimulationRecord
+from validation.trial.users import load_object
 
 _METRICS: dict[str, Metric] = {}
 METRICS: Mapping[str, Metric] = MappingProxyType(_METRICS)
@@ -92,6 +93,18 @@ def add_metrics(metrics: Iterable[Metric]) -> None:
     for metric in metrics:
         if metric.name not in _METRICS:
             register(metric)
+
+
+def load_metric(text: str) -> Metric:
+    """Register the metric ``MODULE:NAME``, unless its module does that itself.
+
+    Raises:
+        InputError: it cannot be imported, is no :class:`Metric`, or cannot be registered.
+    """
+    metric = load_object("--metric", text)
+    if not isinstance(metric, Metric):
+        raise InputError(f"--metric {text!r} is a {type(metric).__name__}; name a val.Metric.")
+    return metric if METRICS.get(metric.name) is metric else register(metric)
 
 
 def evaluate(walk: Comparison, metrics: Iterable[Metric] | None = None) -> dict[str, MetricValue]:

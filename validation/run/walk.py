@@ -29,7 +29,7 @@ from validation.progress import Progress, interruption
 from validation.run.trial import Trial
 from validation.trial.bridge import passive_joints, pinocchio_model, to_pinocchio
 from validation.trial.controllers import find_controller, name_of
-from validation.trial.disturbances import Disturbance
+from validation.trial.disturbances import Disturbance, describe
 from validation.trial.origin import moved_record
 from validation.trial.plan import PlannedWalk, load_request, make_body, plan_walk
 from validation.trial.planners import check_planner
@@ -176,7 +176,7 @@ def walk_planned(
     if planned.planner:
         extra["planner"] = planned.planner
     unusual = run.disturbance.model_dump(exclude_defaults=True)
-    if texts := [f"{key} = {value!r}" for key, value in unusual.items()] + list(map(repr, disturbances)):
+    if texts := [f"{key} = {value!r}" for key, value in unusual.items()] + list(map(describe, disturbances)):
         extra["disturbances"] = texts
     return Trial(planned, record, comparison, metrics, verdict, MappingProxyType(taken), uncertainty, extra)
 

@@ -61,13 +61,14 @@ def middle(signals: Signals) -> slice:
     return found[len(found) // 2] if found else slice(0, len(signals))
 
 
-def shade_double_support(axis: Axes, signals: Signals, window: slice) -> None:
-    """Shade the planned double supports."""
+def shade_double_support(axis: Axes, signals: Signals, window: slice, *, from_zero: bool = False) -> None:
+    """Shade the planned double supports, on the clock of the walk or from 0 on."""
+    first = float(signals.time[window.start]) if from_zero else 0.0
     step = float(signals.time[1] - signals.time[0]) if len(signals) > 1 else 0.0
     for a, b in pairwise([*signals.switches().tolist(), len(signals)]):
         a, b = max(a, window.start), min(b, window.stop)
         if a < b and signals["phase"][a] == "double_support":
-            begin = float(signals.time[a])
+            begin = float(signals.time[a]) - first
             axis.axvspan(begin, begin + (b - a) * step, color=SHADE, linewidth=0, zorder=0)
 
 

@@ -186,7 +186,7 @@ def picture(figure: Figure, name: str, label: str, caption: str = "", *, wide: b
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     for reference in (' id="', "url(#", 'xlink:href="#'):
         text = text.replace(reference, f"{reference}{name}-")
-    text = re.sub("#0101[0-9a-f]{2}", lambda color: f"var(--{_VARIABLES[_COLORS.index(color[0])]})", text)
+    text = re.sub("#0101[0-9a-f]{2}", lambda color: css_color(color[0]), text)
     # The page's own type; matplotlib lists every font of the family it was configured with.
     text = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", text)
     width, height = (72 * size for size in figure.get_size_inches())
@@ -196,6 +196,11 @@ def picture(figure: Figure, name: str, label: str, caption: str = "", *, wide: b
     )
     lines = map(str.strip, text[text.index(">") + 1 :].split("\n"))
     return Picture(Markup("\n".join([head, *filter(None, lines)])), caption, wide)
+
+
+def css_color(placeholder: str) -> str:
+    """CSS of a placeholder colour, such as :data:`PLAN`."""
+    return f"var(--{_VARIABLES[_COLORS.index(placeholder)]})"
 
 
 def decimate(time: Array, value: Array, buckets: int = _BUCKETS) -> tuple[Array, Array]:

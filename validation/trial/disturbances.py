@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from ampm.exceptions import InputError
+from validation.trial.users import make_object
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -160,6 +161,25 @@ def parse_push(text: str) -> Push:
             f"the push {text!r} must be SEGMENT,FX,FY,FZ,AT,DURATION; write for example chest,50,0,0,2.0,0.1."
         ) from None
     return Push(segment, (x, y, z), at, duration)
+
+
+def load_disturbance(text: str) -> Disturbance:
+    """A disturbance of a user's own, from ``MODULE:CLASS``.
+
+    Raises:
+        InputError: it cannot be imported or made, or has no method ``apply``.
+    """
+    made: Disturbance = make_object("--disturbance", text)
+    if not callable(getattr(made, "apply", None)):
+        raise InputError(f"--disturbance {text!r} has no method apply(time, plant); add it.")
+    return made
+
+
+def describe(disturbance: Disturbance) -> str:
+    """Its ``repr``; module and class where that would only be an address."""
+    kind = type(disturbance)
+    is_plain = kind.__repr__ is object.__repr__
+    return f"{kind.__module__}:{kind.__qualname__}" if is_plain else repr(disturbance)
 
 
 def pushes_of(disturbance: DisturbanceParameters) -> list[Push]:

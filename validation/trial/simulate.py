@@ -37,7 +37,7 @@ from ampm.walk import (
 from validation.trial import spill
 from validation.trial.bridge import to_mujoco
 from validation.trial.controllers import find_controller, name_of
-from validation.trial.disturbances import Disturbance, Plant, Push, pushes_of
+from validation.trial.disturbances import Disturbance, Plant, Push, describe, pushes_of
 from validation.trial.divergence import explained
 from validation.trial.engine import drake_of, make_engine
 from validation.trial.faults import FaultyController, behind_faults, started
@@ -240,7 +240,7 @@ def simulate(
     if not record.outcome.completed:
         record = replace(record, outcome=explained(record.outcome, physics.model))
     if disturbances:
-        metadata["disturbances"] = "; ".join(str(disturbance) for disturbance in disturbances)
+        metadata["disturbances"] = "; ".join(map(describe, disturbances))
     return replace(record, metadata=metadata) if metadata else record
 
 

@@ -1,14 +1,14 @@
-"""Quantities that two walks are compared by, all from stored runs, in SI units: smaller is better."""
+"""Quantities that walks are compared by, all from stored runs, in SI units: smaller is better."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ampm.geometry import Array
-from validation.judge.metrics import METRICS, rms
+from validation.judge.metrics import METRICS, added_metrics, rms
 from validation.store.record import StoredRecord
 from validation.store.signals import Signals
 
@@ -51,7 +51,7 @@ class Quantity(NamedTuple):
     extreme: bool = False
 
 
-JUDGED, COST = "judged metrics", "cost"
+JUDGED, COST, OWN = "judged metrics", "cost", "own metrics without a limit"
 _COSTS = ("margin_torque", "margin_friction", "energy_cost_of_transport")
 _PLAN, _SWITCH = "jump of the plan at a switch, largest", "walk near a switch, and elsewhere"
 _NEAR = f"within {1e3 * WINDOW:g} ms"
@@ -85,20 +85,33 @@ def rounding(size: Array | float, unit: str) -> Any:
 
 def metric_entry(summary: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     """Value and tolerance of a metric in ``summary.json``; empty where it has none."""
-    section = METRICS[name].section
+    section = METRICS[name].section if name in METRICS else ""
     entry = summary.get(section or "metrics", {}).get(name.partition("_")[2] if section else name)
     return entry if isinstance(entry, Mapping) else {"value": entry}
 
 
-def metric_quantities(judged: set[str]) -> list[Quantity]:
-    """The given metrics, without checks of the measurement itself, and then costs."""
-    walk = [item for item in METRICS.values() if item.name in judged and item.kind != "instrument"]
+def own_metrics(summaries: Iterable[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+    """Entries of the metrics that users have added to runs; this process may not know them."""
+    built_in = METRICS.keys() - {metric.name for metric in added_metrics()}
+    entries = (item for summary in summaries for item in summary["metrics"].items())
+    return {name: entry for name, entry in entries if name not in built_in}
+
+
+def metric_quantities(judged: set[str], own: Mapping[str, Mapping[str, Any]]) -> list[Quantity]:
+    """The judged metrics, without checks of the measurement itself, then costs and users' own metrics."""
+    walk = [item for item in METRICS.values() if item.name in judged - own.keys()]
     costs = [METRICS[name] for name in _COSTS if name not in judged]
-    return [
+    found = [
         Quantity(group, item.name, item.label, item.unit, item.nature == "extreme")
         for group, items in ((JUDGED, walk), (COST, costs))
         for item in items
+        if item.kind != "instrument"
     ]
+    found += [
+        Quantity(JUDGED if name in judged else OWN, name, entry["label"], entry["unit"])
+        for name, entry in own.items()
+    ]
+    return sorted(found, key=lambda item: item.group != JUDGED)
 
 
 def switch_rows(signals: Signals) -> NDArray[np.intp]:

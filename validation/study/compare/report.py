@@ -1,16 +1,22 @@
-"""Files of a comparison, of two walks or of two sweeps."""
+"""Files of a comparison, of walks or of two sweeps."""
+
+from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from validation.show.page import render_page
 from validation.store.folders import check_target, output_file
 from validation.store.json import write_json
-from validation.study.compare.pair import Pair
+from validation.study.compare.comparison import WalkComparison
 from validation.study.compare.sweeps import SweepComparison
 from validation.study.row_file import ROWS
 
+if TYPE_CHECKING:
+    from validation.show.style import Picture
+
 REPORT, NUMBERS = "report.html", "comparison.json"
-Result = Pair | SweepComparison
+Result = WalkComparison | SweepComparison
 
 
 def check_folder(folder: Path, *, resume: bool) -> None:
@@ -33,7 +39,18 @@ def write_comparison(result: Result, folder: Path) -> None:
 
 def render(result: Result) -> str:
     """A self-contained page."""
-    tables = result.tables()
+    keys: list[tuple[str, str]] = []
+    pictures: list[Picture] = []
+    if isinstance(result, WalkComparison):
+        from validation.study.compare.figures import draw_walks  # matplotlib takes long to load
+
+        keys, pictures = draw_walks(result.sides)
     return render_page(
-        "comparison.html.j2", result.title, styles=["report.css"], sentence=result.sentence, tables=tables
+        "comparison.html.j2",
+        result.title,
+        styles=["report.css"],
+        sentence=result.sentence,
+        tables=result.tables(),
+        keys=keys,
+        pictures=pictures,
     )

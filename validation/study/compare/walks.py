@@ -1,10 +1,12 @@
-"""The walks of a comparison: two gaits, or finished runs, with what differs between them as their names."""
+"""The walks of a comparison: gaits, or finished runs, with what differs between them as their names."""
 
 import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
+from itertools import combinations
 from pathlib import Path
+from string import ascii_lowercase
 from types import MappingProxyType
 from typing import Any
 
@@ -16,7 +18,7 @@ from validation.progress import Progress
 from validation.run.walk import walk_planned
 from validation.store.machine import cores
 from validation.store.saved import RUN_FILE, SUMMARY_FILE
-from validation.study.compare.pair import Pair, load_side, pair_of
+from validation.study.compare.comparison import WalkComparison, comparison_of, load_side
 from validation.study.many import Task, walk_many
 from validation.study.row_file import Row
 from validation.study.walk_options import users_classes
@@ -30,13 +32,12 @@ CHOICES = {
     "controller": "controller.name",
     "engine": "simulation.engine",
 }
-"""Options of which one may be given twice, and their keys."""
+"""Options of which one may be given for each walk, and their keys."""
 _HALF = "-half-step"
 
 
-def compare_pair(
-    a: str | None = None,
-    b: str | None = None,
+def compare_walks(
+    walks: Sequence[str] = (),
     settings: Sequence[str] = (),
     *,
     choices: Mapping[str, Sequence[str]] = MappingProxyType({}),
@@ -46,17 +47,17 @@ def compare_pair(
     folder: Path | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
-) -> Pair:
-    """Walk or load two gaits and compare them.
+) -> WalkComparison:
+    """Walk or load two or more gaits and compare them.
 
     Args:
-        a: preset, TOML file, folder of a run, or None for `normal` or the own gait of another body.
-        b: likewise; None for ``a`` if an option is given twice, else for `ipm`.
+        walks: presets, TOML files, folders of runs. A single one is compared with `ipm`, or walked with every
+            value of the option that has several; if none, it is `normal` or the own gait of another body.
         settings: ``key=value`` texts for the gaits that are to be walked.
-        choices: option of :data:`CHOICES` to its value for both sides, or to one value for each.
+        choices: option of :data:`CHOICES` to its value for all walks, or to one value for each.
         as_is: find nothing that the gaits leave open.
         half_step: walk every gait at half the time step, too.
-        uncertainty: ``convergence.json`` of both gaits; a metric's bound takes the place of its change.
+        uncertainty: ``convergence.json`` of all gaits; a metric's bound takes the place of its change.
         folder: keeps runs and rows, and what is there is not walked again; None keeps nothing.
         workers: processes, one per core by default, 0 to walk in this very process.
         progress: where to report.
@@ -67,62 +68,73 @@ def compare_pair(
         KeyboardInterrupt: Ctrl-C; finished runs are kept.
     """
     progress = progress or Progress()
-    twice = _given_twice(choices)
+    texts: list[str | None] = list(walks) or [None]
+    varied = _varied(choices, len(texts))
+    if len(texts) == 1:
+        texts = texts * len(choices[varied]) if varied else [*texts, "ipm"]
+    if len(texts) > len(ascii_lowercase):
+        raise InputError(f"{len(texts)} walks are too many; give {len(ascii_lowercase)} at most, or sweep.")
     sources = [
-        _source(text, [*settings, *_of_side(choices, side)], as_is=as_is)
-        for side, text in enumerate((a, b or (a if twice else "ipm")))
+        _source(text, [*settings, *_of_side(choices, side)], as_is=as_is) for side, text in enumerate(texts)
     ]
-    walked = [source for source in sources if isinstance(source, Request)]
-    if not walked and (settings or any(choices.values())):
+    gaits = [source for source in sources if isinstance(source, Request)]
+    if not gaits and (settings or any(choices.values())):
         raise InputError(
-            "both sides are runs that are already walked, so options of a gait have nothing to change; leave "
-            "them out."
+            "all walks are finished runs, so options of a gait have nothing to change; leave them out."
         )
-    if len(walked) == 2 and walked[0].run == walked[1].run:
-        raise InputError(
-            f"A and B are the same walk of {walked[0].name}; give another gait as B, or --planner, --body, "
-            "--controller or --engine twice."
-        )
+    for one, two in combinations(range(len(sources)), 2):
+        first, second = sources[one], sources[two]
+        if isinstance(first, Request) and isinstance(second, Request) and first.run == second.run:
+            raise InputError(
+                f"walks {one + 1} and {two + 1} are the same walk of {first.name}; give another gait, or "
+                "--planner, --body, --controller or --engine for each."
+            )
     labels = [item.name if isinstance(item, Request) else item.resolve().name for item in sources]
-    if twice:
-        labels = [f"{label}, {twice} {Path(choices[twice][side]).name}" for side, label in enumerate(labels)]
-    if labels[0] == labels[1]:
-        labels = [f"{labels[0]} (A)", f"{labels[1]} (B)"]
+    if varied:
+        labels = [
+            f"{label}, {varied} {Path(choices[varied][side]).name}" for side, label in enumerate(labels)
+        ]
+    names = ascii_lowercase[: len(sources)]
+    if len(set(labels)) < len(labels):
+        labels = [f"{label} ({name.upper()})" for label, name in zip(labels, names, strict=True)]
     studies = [load_uncertainty(file) for file in uncertainty]
     # With the values that are found; a refused gait is named before the first walk.
-    walks = {
+    requests = {
         name: plan_walk(source, progress).request
-        for name, source in zip("ab", sources, strict=True)
+        for name, source in zip(names, sources, strict=True)
         if isinstance(source, Request)
     }
     place = nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="ampm-compare-")
     with place as path:
         at = Path(path)
-        known = [_study(studies, walks.get(name, source)) for name, source in zip("ab", sources, strict=True)]
-        halves = _walk(walks, at, half_step=half_step, workers=workers, progress=progress)
+        known = [
+            _study(studies, requests.get(name, source)) for name, source in zip(names, sources, strict=True)
+        ]
+        halves = _walk(requests, at, half_step=half_step, workers=workers, progress=progress)
         sides = []
         with progress.stage("comparison"):
-            for name, label, source, study in zip("ab", labels, sources, known, strict=True):
+            for name, label, source, study in zip(names, labels, sources, known, strict=True):
                 run = source if isinstance(source, Path) else at / name
                 sides.append(load_side(label, run, at / f"{name}{_HALF}" if name in halves else None, study))
-    return pair_of(*sides)
+    return comparison_of(sides)
 
 
-def _given_twice(choices: Mapping[str, Sequence[str]]) -> str:
-    """The option that both sides have a value of their own for; empty if there is none.
+def _varied(choices: Mapping[str, Sequence[str]], walks: int) -> str:
+    """The option that has a value for each walk; empty if there is none.
 
     Raises:
-        InputError: there are two, or an option is given more often.
+        InputError: there are two, or it has not one value for each of several walks.
     """
-    twice = {option: len(values) for option, values in choices.items() if len(values) > 1}
-    if len(twice) > 1 or max(twice.values(), default=0) > 2:
-        times = ", ".join(f"--{option} is given {count} times" for option, count in twice.items())
-        raise InputError(f"{times}; give one option twice, for A and for B, and any other once, for both.")
-    return next(iter(twice), "")
+    several = {option: len(values) for option, values in choices.items() if len(values) > 1}
+    if len(several) > 1 or (walks > 1 and any(count != walks for count in several.values())):
+        times = ", ".join(f"--{option} is given {count} times" for option, count in several.items())
+        of = f" of the {walks} walks" if walks > 1 else " walk"
+        raise InputError(f"{times}; give one option once for each{of}, and any other once, for all.")
+    return next(iter(several), "")
 
 
 def _of_side(choices: Mapping[str, Sequence[str]], side: int) -> list[str]:
-    """Settings of the options of one side, 0 or 1; a file's path is absolute."""
+    """Settings of the options of one side, by its place; a file's path is absolute."""
     values = {CHOICES[option]: given[min(side, len(given) - 1)] for option, given in choices.items() if given}
     return [
         f"{key}={json.dumps(str(Path(value).resolve()) if Path(value).is_file() else value)}"
