@@ -2,6 +2,8 @@
 
 import json
 import re
+from collections.abc import Sequence
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -242,9 +244,37 @@ def test_a_limit_covers_no_bar(limit):
     spec = drawn(np.r_[0.0, np.random.default_rng(1).gamma(4.0, 0.4, 300)], limit)
     bars = [bar for bar in spec["data"]["values"] if not bar["from"] == limit == 0.0]
     assert not [bar for bar in bars if bar["from"] + 1e-9 < limit < bar["to"] - 1e-9]
-    assert all(bar["over"] == (bar["from"] > limit - 1e-9) for bar in bars)
+    assert all((bar["group"] == figures.OVER) == (bar["from"] > limit - 1e-9) for bar in bars)
     rule, _ = spec["layer"]  # drawn first, so below the bars
     assert rule["encoding"]["x"]["datum"] == limit
+
+
+def test_parameters_with_texts_have_their_texts_on_axes_and_a_colour_each_in_histograms():
+    planners = ["ampm", "dcm", "lipm"]
+    grid: dict[str, Sequence[Any]] = {
+        "foot.schedule": ["flat", "roll"],
+        "gait.c_s": [0.6, 1.0],
+        "gait.planner": planners,
+    }
+    sweep = sweep_of(make_table(failures=False, grid=grid))
+    assert figures.category(sweep) == ("gait.planner", planners)
+    text = render(sweep)
+    assert set(data_of(text)["gait.planner"]) == set(planners)
+    for name, hue in zip(planners, figures.HUES, strict=False):
+        assert f'<i class="area" style="background:{hue};opacity:1"></i>{name}</li>' in text
+    runs = {"values": figures.run_data(sweep, range(len(sweep)), {})}
+    spec = figures.scatter(sweep)
+    for item in spec["params"]:
+        if item["name"] == "x":
+            item["value"] = "gait.planner"
+    drawing = vl_convert.vegalite_to_svg(json.dumps({**spec, "width": 600, "data": runs}))
+    ticks = re.findall(r">([^<>]+)</text>", drawing)
+    assert ticks[: len(planners)] == planners
+    values, rows = np.array([1.0, 1.1, 3.0]), np.array([True, False, True])
+    picture = figures.distribution(values, 2.5, "mm", "a", {"ampm": rows, "dcm": ~rows})
+    assert picture.count(f'fill="{figures.HUES[0]}"') == 2
+    assert picture.count(f'fill="{figures.HUES[1]}"') == 1
+    assert 'fill="var(--bad)"' not in picture
 
 
 # ---------------------------------------------------------------------------------------- in a browser

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup, escape
+from numpy.typing import NDArray
 
 from ampm.geometry import Array
 from validation.study.sweep.table import STATES, SweepTable
@@ -23,6 +24,9 @@ MOST_POINTS = 2000
 MOST_AXES = 9
 """Axes of the parallel coordinates at most."""
 BINS = 32
+HUES = tuple(f"var(--{name})" for name in ("part-1", "part-2", "part-3", "part-4", "left", "right"))
+"""Colours of the values of a parameter with texts."""
+WITHIN, OVER = "within the limit", "over the limit"
 _AXIS = {"gridColor": "var(--grid)", "domainColor": "var(--line)", "tickColor": "var(--line)"}
 _TEXT = {"labelColor": "var(--ink)", "titleColor": "var(--ink)", "titleFontWeight": "normal"}
 _CONFIG: Spec = {
@@ -45,7 +49,7 @@ _CONFIG: Spec = {
 def quantities(sweep: SweepTable) -> dict[str, Array]:
     """Varied parameters and judged metrics as numbers, by label, shape (N,) each; NaN where absent.
 
-    A parameter with texts is the place of its value among the sorted ones.
+    A parameter with texts is the place of its value among those of :func:`texts`.
     """
     found: dict[str, Array] = {}
     for key in sweep.varied:
@@ -58,6 +62,22 @@ def quantities(sweep: SweepTable) -> dict[str, Array]:
         values, unit = sweep.shown(metric)
         found[f"{sweep.label(metric)} [{unit.replace('of body weight', 'BW')}]"] = values
     return {label: values for label, values in found.items() if np.isfinite(values).any()}
+
+
+def texts(sweep: SweepTable) -> dict[str, list[str]]:
+    """Sorted values of every varied parameter with texts, such as ``gait.planner``."""
+    columns = {key: sweep.values(key) for key in sweep.varied}
+    return {key: np.unique(column).tolist() for key, column in columns.items() if column.dtype.kind == "U"}
+
+
+def category(sweep: SweepTable) -> tuple[str, list[str]]:
+    """The parameter with texts that gives bars their colours, and its values; empty if there is none.
+
+    It is ``gait.planner``, or else the first one with as many values as there are colours.
+    """
+    found = {key: values for key, values in texts(sweep).items() if 2 <= len(values) <= len(HUES)}
+    key = "gait.planner" if "gait.planner" in found else next(iter(found), "")
+    return key, found.get(key, [])
 
 
 def drawn_rows(sweep: SweepTable, keep: Sequence[int]) -> list[int]:
@@ -74,13 +94,14 @@ def run_data(sweep: SweepTable, rows: Sequence[int], links: Mapping[int, str]) -
         rows: that are drawn.
         links: row to the address of its report.
     """
-    names = sweep.words("name")
+    names, named = sweep.words("name"), texts(sweep)
     found: list[dict[str, Any]] = [
         {"run": names[row], "outcome": sweep.state(row).label, "link": links.get(row)} for row in rows
     ]
     for label, values in quantities(sweep).items():
-        for item, value in zip(found, _rounded(values[list(rows)]), strict=True):
-            item[label] = value
+        words = sweep.words(label) if label in named else None
+        for row, item, value in zip(rows, found, _rounded(values[list(rows)]), strict=True):
+            item[label] = value if words is None else words[row]
     return found
 
 
@@ -92,10 +113,19 @@ def scatter(sweep: SweepTable) -> Spec:
         {"name": name, "value": value, "bind": {"input": "select", "options": labels, "name": f"{words} "}}
         for (name, value), words in zip(chosen.items(), ("right:", "up:"), strict=True)
     ]
-    transform = [{"calculate": f"datum[{name}]", "as": f"at_{name}"} for name in chosen]
+    transform = [{"calculate": _number_of(name), "as": f"at_{name}"} for name in chosen]
     scale = {"zero": False, "padding": 12}
     encoding = {
-        name: {"field": f"at_{name}", "type": "quantitative", "title": None, "scale": scale}
+        name: {
+            "field": f"at_{name}",
+            "type": "quantitative",
+            "title": None,
+            "scale": scale,
+            "axis": {  # of texts a tick for each, with its text
+                "tickMinStep": {"expr": f"texts[{name}] ? 1 : 0"},
+                "labelExpr": f"texts[{name}] ? texts[{name}][datum.value] || '' : datum.label",
+            },
+        }
         for name in chosen
     }
     colour = _colour(sweep)
@@ -103,7 +133,7 @@ def scatter(sweep: SweepTable) -> Spec:
     return {
         "title": {"text": {"expr": "'up: ' + y + ', right: ' + x"}},
         "data": {"name": "runs"},
-        "params": params,
+        "params": [{"name": "texts", "value": texts(sweep)}, *params],
         "transform": [*transform, {"filter": "isValid(datum.at_x) && isValid(datum.at_y)"}],
         "mark": {"type": "point", "filled": True, "size": 55, "opacity": 0.8},
         "encoding": {
@@ -126,9 +156,13 @@ def parallel(sweep: SweepTable) -> Spec:
     ranges = "[datum.label, ranges[datum.label]]"
     return {
         "data": {"name": "runs"},
-        "params": [{"name": "ranges", "value": _ranges(sweep, labels)}],
+        "params": [
+            {"name": "texts", "value": texts(sweep)},
+            {"name": "ranges", "value": _ranges(sweep, labels)},
+        ],
         "transform": [
-            {"fold": [_escaped(label) for label in labels], "as": ["axis", "value"]},
+            {"fold": [_escaped(label) for label in labels], "as": ["axis", "given"]},
+            {"calculate": _number_of("datum.axis", "datum.given"), "as": "value"},
             {"filter": "isValid(datum.value)"},
             {"joinaggregate": ends, "groupby": ["axis"]},
             {"calculate": "(datum.value - datum.min) / (datum.max - datum.min || 1)", "as": "share"},
@@ -158,10 +192,17 @@ def parallel(sweep: SweepTable) -> Spec:
     }
 
 
+def _number_of(label: str, value: str = "") -> str:
+    """Expression for a quantity of a run as a number; a text is its place among the sorted ones."""
+    value = value or f"datum[{label}]"
+    return f"texts[{label}] ? indexof(texts[{label}], {value}) : {value}"
+
+
 def _ranges(sweep: SweepTable, labels: Sequence[str]) -> dict[str, str]:
-    """Lowest and highest value of quantities, as text."""
-    found = quantities(sweep)
-    return {label: f"{np.nanmin(found[label]):.4g} to {np.nanmax(found[label]):.4g}" for label in labels}
+    """Lowest and highest value of quantities, or all texts from below, as text."""
+    found, named = quantities(sweep), texts(sweep)
+    ranges = {label: f"{np.nanmin(found[label]):.4g} to {np.nanmax(found[label]):.4g}" for label in labels}
+    return ranges | {label: ", ".join(named[label]) for label in labels if label in named}
 
 
 def _colour(sweep: SweepTable) -> Spec:
@@ -182,23 +223,35 @@ def _escaped(field: str) -> str:
     return re.sub(r"([.\[\]])", r"\\\1", field)
 
 
-def distribution(values: Array, limit: float | None, unit: str, title: str) -> Markup:
+def distribution(
+    values: Array,
+    limit: float | None,
+    unit: str,
+    title: str,
+    groups: Mapping[str, NDArray[np.bool_]] | None = None,
+) -> Markup:
     """Histogram of a metric over the completed runs, with its tolerance, as SVG.
 
     Args:
         values: shape (N,); NaN and infinities are left out.
-        limit: tolerance in ``unit``, None if it has none; more is red.
+        limit: tolerance in ``unit``, None if it has none; without groups more is red.
         unit: of values and axis.
         title: what it is.
+        groups: name to rows, shape (N,) each; every one gets the colour of its place in :data:`HUES`.
     """
-    known, unit = values[np.isfinite(values)], unit.replace("of body weight", "BW")
+    finite = np.isfinite(values)
+    known, unit = values[finite], unit.replace("of body weight", "BW")
     # Few outliers must not put all others into one bin: the number beyond is written above.
     low, high = min(0.0, float(known.min())), float(np.quantile(known, 0.99)) * 1.15
     if limit is not None and high > 0.4 * limit:
         high = max(high, 1.12 * limit)
     high = high if high > low else low + 1.0
     limited = limit is not None and low <= limit <= high
-    over = known > (np.inf if limit is None else limit)
+    if groups is None:
+        over = known > (np.inf if limit is None else limit)
+        parts, hues = {WITHIN: known[~over], OVER: known[over]}, ["var(--plan)", "var(--bad)"]
+    else:
+        parts, hues = {name: values[finite & rows] for name, rows in groups.items()}, [*HUES]
     bins = BINS
     if limit is not None and low < limit <= high:
         # A bin ends at the limit, so that no bar is on both sides of it and its line is beside the bars.
@@ -207,12 +260,12 @@ def distribution(values: Array, limit: float | None, unit: str, title: str) -> M
         bins = math.ceil((high - low) / step - 1e-9)
         high = low + step * bins
     edges = np.linspace(low, high, bins + 1)
-    counts = [np.histogram(known[over == side], edges)[0] for side in (False, True)]
-    most = int(np.add(*counts).max())
+    counts = {name: np.histogram(part, edges)[0] for name, part in parts.items()}
+    most = int(np.sum([*counts.values()], axis=0).max())
     beyond = int((known > high).sum())
     notes = [] if limit is None else [f"limit {limit:.3g}"]
     notes += [f"{beyond} {'run' if beyond == 1 else 'runs'} beyond"] if beyond else []
-    colors = {"domain": [False, True], "range": ["var(--plan)", "var(--bad)"]}
+    colors = {"domain": list(parts), "range": hues[: len(parts)]}
     bars: Spec = {
         "mark": {"type": "bar", "binSpacing": 0},
         "encoding": {
@@ -231,7 +284,7 @@ def distribution(values: Array, limit: float | None, unit: str, title: str) -> M
                 "title": "runs",
                 "axis": {"values": list(range(0, most + 1, _round_step(most / 4))), "format": "d"},
             },
-            "color": {"field": "over", "type": "nominal", "scale": colors, "legend": None},
+            "color": {"field": "group", "type": "nominal", "scale": colors, "legend": None},
         },
     }
     rule: Spec = {
@@ -245,8 +298,8 @@ def distribution(values: Array, limit: float | None, unit: str, title: str) -> M
         "height": 120,
         "data": {
             "values": [
-                {"from": left, "to": right, "runs": count, "over": side}
-                for side, part in zip((False, True), counts, strict=True)
+                {"from": left, "to": right, "runs": count, "group": name}
+                for name, part in counts.items()
                 for left, right, count in zip(
                     edges[:-1].tolist(), edges[1:].tolist(), part.tolist(), strict=True
                 )

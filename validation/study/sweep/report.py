@@ -77,6 +77,8 @@ def render(sweep: SweepTable) -> str:
         share=share,
         charts=charts,
         most_points=figures.MOST_POINTS,
+        category=figures.category(sweep),
+        hues=figures.HUES,
         pictures=[_distribution(sweep, name) for name in judged],
         metrics=metric_table(sweep, judged),
         worst=[
@@ -175,7 +177,9 @@ def _distribution(sweep: SweepTable, metric: str) -> Markup:
     limits = sweep.shown_limits(metric)[0]
     limits = np.unique(limits[np.isfinite(limits)])
     limit = float(limits[0]) if len(limits) == 1 else None
-    return figures.distribution(values, limit, unit, sweep.label(metric))
+    key, names = figures.category(sweep)
+    groups = {name: sweep.values(key) == name for name in names} if names else None
+    return figures.distribution(values, limit, unit, sweep.label(metric), groups)
 
 
 def _amount(value: float, unit: str) -> str:
