@@ -192,11 +192,15 @@ def plan_tables(
     ]
     report = {} if walk is None else walk.plan.posture.report()
     if zmp_margin is not None:
-        notes.append(f"planned ZMP margin, to the edge of the planned support: {1000 * zmp_margin:.1f} mm")
+        millimetres = round(1000 * zmp_margin, 1) + 0.0  # without a sign of zero
+        notes.append(f"planned ZMP margin, to the edge of the planned support: {millimetres:.1f} mm")
     if report and not whole_motion:
+        from ampm.body.limits import CLEARANCE, KNEE_MINIMUM
+
         knee, clearance = report["knee_minimum"], report["clearance"]
-        notes.append(f"least flexion of a knee: {knee['value']:.3f} rad")
-        notes.append(f"closest parts of the body: {1000 * clearance['value']:.1f} mm ({clearance['where']})")
+        distance = f"{1000 * clearance['value']:.1f} mm ({clearance['where']})"
+        notes.append(f"least flexion of a knee: {knee['value']:.3f} rad, at least {KNEE_MINIMUM:g} rad")
+        notes.append(f"least distance of two parts of the body: {distance}, at least {1000 * CLEARANCE:g} mm")
     tables = [Table(f"plan of {request.title}", ("constant", ">value", "unit", "meaning"), rows, notes)]
     if walk is not None and walk.tuned is not None:
         found = [(key, format_value(value)) for key, value in walk.tuned.values.items()]
@@ -224,10 +228,15 @@ def _motion_table(name: str, report: Mapping[str, Any]) -> Table:
 
 
 def _margins(tuned: Tuned) -> list[str]:
-    """Every margin as text, the tightest first."""
+    """Every margin as text, the tightest first, but for those of knees and distances.
+
+    Of these two the search has values on its coarse grid, and of distances only up to its target. The motion
+    of the plan has better ones.
+    """
     from ampm.body.limits import LIMITS
 
-    items = sorted(tuned.margins.items(), key=lambda item: LIMITS[item[0]].margin(item[1]))
+    own = [item for item in tuned.margins.items() if item[0] not in ("knee", "gap")]
+    items = sorted(own, key=lambda item: LIMITS[item[0]].margin(item[1]))
     return [f"{LIMITS[n].what}: {LIMITS[n].quantity(value, 3)}, {LIMITS[n].rule()}" for n, value in items]
 
 
