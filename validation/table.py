@@ -124,6 +124,7 @@ class Table:
 
     def _html_class(self, column: int, cell: str = "") -> str:
         names = ["n"] * self.is_right(column) + ["long"] * (len(cell) > _LONG)
+        names += ["unit"] * (self.columns[column] == "unit")
         if color := COLORS.get(cell.lower()):
             names.append(color)
         return f' class="{" ".join(names)}"' if names else ""
