@@ -42,7 +42,9 @@ def robustness(
     body: Body = None,
     controller: Controller = None,
     engine: Engine = None,
-    quick: Annotated[bool, option("--quick", "Fewer kinds on a coarser grid.")] = False,
+    quick: Annotated[
+        bool, option("--quick", "Fewer pushes, and every grid coarser: a quarter of an hour on two cores.")
+    ] = False,
     only: Annotated[
         list[str] | None,
         option("--only", "Kind: pushes, or a key of the section disturbance. Repeatable.", "KIND"),
