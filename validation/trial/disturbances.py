@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ampm.exceptions import InputError
-from validation.trial.users import make_object
+from validation.trial.users import UsersCode, load_object
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -169,7 +169,9 @@ def load_disturbance(text: str) -> Disturbance:
     Raises:
         InputError: it cannot be imported or made, or has no method ``apply``.
     """
-    made: Disturbance = make_object("--disturbance", text)
+    factory = load_object("--disturbance", text)
+    with UsersCode("disturbance", factory):
+        made: Disturbance = factory()
     if not callable(getattr(made, "apply", None)):
         raise InputError(f"--disturbance {text!r} has no method apply(time, plant); add it.")
     return made
