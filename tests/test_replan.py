@@ -5,20 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from typer.testing import CliRunner
 
 from ampm.exceptions import InputError
 from ampm.planner.contacts import Contacts
 from ampm.planners import PeriodicPlanner, periodic_walk
+from ampm.reference import Timing
 from tests.solved import COARSE, body_of, motion_of, simulated, walk_of
+from validation.cli.app import app
 from validation.judge.compare import compare
 from validation.judge.metrics import METRICS, evaluate
 from validation.judge.signals import signals_table
 from validation.measure.measure import measure
 from validation.store.record import StoredRecord, read_table, save_record
+from validation.store.saved import load_saved_run
 from validation.store.signals import column_of
 from validation.trial.bridge import to_pinocchio
 from validation.trial.disturbances import Push
 from validation.trial.outcome import OutcomeName
+from validation.trial.references import References
 from validation.trial.simulate import simulate
 
 
@@ -230,3 +235,64 @@ def test_a_plan_made_of_the_measurement_is_a_tick_late():
     pushed = (walk.time > 0.32) & (walk.time < 0.4)
     assert off[pushed].min() > 1e-6
     assert evaluate(walk)["plan_change_rate"].value > METRICS["plan_change_rate"].tolerances["default"]
+
+
+def test_torque_is_held_where_a_plan_begins_with_another_acceleration(replanned):
+    """Between two ticks it goes on with its slope, which a jump would double."""
+    plan, _ = replanned
+    timing = Timing(hold=0.0015, slope=0.002)
+    for other, jumps in ((replace(plan), 0), (steeper(plan), 1)):
+        course = References(plan, timing, time_step=0.0005, substeps=4, steps=1)
+        found = []
+        for reference in course:
+            found.append(reference)
+            if len(found) == 100:
+                course.follow(other)
+        wanted = plan.table([reference.time for reference in found], timing).jumps.copy()
+        wanted[100] |= bool(jumps)
+        np.testing.assert_array_equal([reference.jumps for reference in found], wanted)
+
+
+def steeper(plan):
+    """The plan with its COM 1 mm ahead of its ZMP: another acceleration."""
+    law = plan.phases[0].x
+    return replace(plan, phases=(plan.phases[0]._replace(x=Ahead(law)), *plan.phases[1:]))
+
+
+class Ahead:
+    """A law with a larger acceleration."""
+
+    def __init__(self, law):
+        self.law = law
+
+    def evaluate(self, time):
+        state = self.law.evaluate(time)
+        return state._replace(acceleration=state.acceleration + 0.01)
+
+
+PLANNER = """
+from dataclasses import replace
+from ampm.planners import PeriodicPlanner
+
+
+class Online:
+    replan_period = 0.05
+
+    def plan(self, run, robot):
+        return PeriodicPlanner().plan(run, robot)
+
+    def replan(self, time, state, touch, plan):
+        return replace(plan)
+"""
+
+
+@pytest.mark.slow
+def test_a_planner_of_a_module_replans_on_the_command_line(tmp_path, monkeypatch):
+    (tmp_path / "online.py").write_text(PLANNER)
+    monkeypatch.chdir(tmp_path)
+    words = ["validate", "normal", "--planner", "online:Online", "--steps", "3", "--out", "run"]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    saved = load_saved_run("run")
+    assert saved.summary["metrics"]["plan_changes"]["value"] == saved.record.tick_plan.max()
+    assert saved.summary["metrics"]["plan_change_rate"]["value"] == pytest.approx(20.0, abs=1.0)
+    assert saved.summary["metrics"]["zmp_x_rmse"]["value"] < 1e-3

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ampm.walk import Controller, ControlOutput, Replanner, State, Touch
 
 _TICKS = 16_384  # of a table of references
+_SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]
 _FIRST_TICKS = 32  # of the first table of a plan that replaces another one, which may be replaced soon
 
 
@@ -82,10 +83,12 @@ class References(Course):
     def __iter__(self) -> Iterator[Reference]:
         """The references, as long as the plan then valid goes on."""
         count = _TICKS
+        last: Reference | None = None
         while self._tick * self.substeps < self.total:
             plan = self.plans[-1]
-            for reference in self._table(plan, count):
+            for reference in self._table(plan, count, last):
                 self._tick += 1
+                last = reference
                 yield reference
                 if self.plans[-1] is not plan:
                     count = _FIRST_TICKS
@@ -93,15 +96,17 @@ class References(Course):
             else:
                 count = min(2 * count, _TICKS)
 
-    def _table(self, plan: WalkPlan, count: int) -> ReferenceTable:
-        """References of the next ticks, at most ``count``."""
+    def _table(self, plan: WalkPlan, count: int, last: Reference | None) -> ReferenceTable:
+        """References of the next ticks, at most ``count``, after the last one."""
         before = min(self._tick, 1)  # rates of change need the ticks on both sides
-        first, last = self._tick - before, self._tick + count + 1
-        steps = np.arange(first * self.substeps, min(last * self.substeps, self.total), self.substeps)
+        first, end = self._tick - before, self._tick + count + 1
+        steps = np.arange(first * self.substeps, min(end * self.substeps, self.total), self.substeps)
         with UsersCode("planner", self.author or type(plan.posture)):
             table = plan.table(steps * self.time_step, self.timing)
             if plan is not self.plans[0]:
                 _check_numbers(table, float(steps[0] * self.time_step))
+        if last is not None and _jumps(table[0], last):
+            table = table.replace(jumps=np.r_[False, True, table.jumps[2:]])
         if self.along:
             table = moved_table(table, self.along)
         return table.part(before, before + count)
@@ -154,6 +159,14 @@ class ReplannedController:
         references.follow(plan)
         if hasattr(self.controller, "follow"):
             self.controller.follow(plan, references.timing)
+
+
+def _jumps(new: Reference, old: Reference) -> bool:
+    """Whether accelerations at one tick differ between the plan that begins and the one that ends."""
+    return any(
+        np.abs(new.row[name] - old.row[name]).max() > _SAME_ACCELERATION
+        for name in ("com_acceleration", "foot_acceleration", "acceleration")
+    )
 
 
 def _check_numbers(table: ReferenceTable, time: float) -> None:
