@@ -119,8 +119,8 @@ class LiveWalk(NamedTuple):
         plan = replace(self.walk.nominal, contacts=contacts, phases=(*kept, *new))
         steps = with_feet(in_turn([(0.0, plan)]), run, self.body)
         before, after, until = self.steps.feet, steps.feet, float(contacts.starts[2 * k + 2])
-        left = _joined(before.left, after.left, begin, until)
-        right = _joined(before.right, after.right, begin, until)
+        left = joined(before.left, after.left, begin, until)
+        right = joined(before.right, after.right, begin, until)
         feet = FeetPlan(self.body.sole, left, right, steps.duration)
         walk = walks.Walk(self.walk.nominal, contacts, solved)
         return LiveWalk(run, self.body, replace(steps, feet=feet), walk, k, begin)
@@ -193,7 +193,7 @@ def _moved(step: Footstep, by: Array) -> Footstep:
     return step._replace(position=(x + float(by[0]), y + float(by[1]), z))
 
 
-def _joined(old: FootPath, new: FootPath, begin: float, landed: float) -> FootPath:
+def joined(old: FootPath, new: FootPath, begin: float, landed: float) -> FootPath:
     """The old path until the request, then the new one; until the landing their difference fades."""
     kept, row = old.start < begin, int(new.segments(np.array([begin]))[0])
     start = np.maximum(new.start[row:], begin)
