@@ -1,13 +1,14 @@
-"""Model predictive control over `normal`'s footsteps, pushed and not, beside the AMPM. Takes TODO s.
+"""Model predictive control over the footsteps of `normal`, pushed and not, beside the AMPM. Takes TODO s.
 
-A linear inverted pendulum over the footsteps is planned once. Every 50 ms a QP finds how the ZMP and the next
-footsteps must deviate from it, so that the measured error of the divergent component of motion (DCM) dies out::
+The DCM planner makes the first plan. Every 50 ms, a QP finds how far the ZMP and the next footsteps must
+deviate from it for the measured error of the divergent component of motion (DCM) to stay bounded::
 
-    error = integral of omega exp(-omega t) d(t) over 0 ... T  +  exp(-omega T) (last displacement)
+    error = integral of omega exp(-omega t) (d(t) - a(t)) over 0 ... T  +  exp(-omega T) last
 
-Here d is the deviation of the ZMP: that of the feet, and what is left within the sole. After the horizon T the
-walk goes on as planned on the displaced feet (Scianca et al., "MPC for humanoid gait generation: stability and
-feasibility", IEEE T-RO 36(4), 2020, with this tail).
+The ZMP deviates by d, which is the displacement of the standing feet and a rest within the sole. The force line
+misses the COM by a more than planned, until the measured surplus of angular momentum is gone. After the
+horizon T all feet are displaced by `last` (Scianca et al., "MPC for humanoid gait generation: stability and
+feasibility", IEEE T-RO 36(4), 2020).
 """
 
 from dataclasses import replace
@@ -18,149 +19,119 @@ from scipy import sparse
 
 import ampm
 from ampm.planner.centroidal import CentroidalPhase
+from ampm.planner.contacts import contacts_in_turn
 from ampm.planner.feet import FeetPlan
 from ampm.planner.replan import joined
 from ampm.planner.sampled import SampledLaw
 from ampm.planner.stride import plan_feet
 
-HORIZON, NODE, GRID = 1.6, 0.05, 0.005  # [s]: of the QP, between its ZMPs, between samples of a plan
-MARGIN = 0.01  # of the ZMP from the edges of a sole [m]
-FREEZE = 0.08  # a foot that lands sooner is not moved any more [s]
-LONGER, SHORTER, WIDER, NARROWER = 0.28, 0.5, 0.25, 0.03  # limits of a step's change [m]
-FOOT_COST, RATE_COST = 0.3, 0.01  # per squared ZMP deviation [1], [s^2]
+HORIZON, NODE, GRID = 1.6, 0.05, 0.005  # of the QP, between its ZMPs, between the samples of a plan [s]
+AHEAD, NODES = np.arange(321) * GRID, np.arange(33) * NODE  # [s]
+HATS = np.maximum(1.0 - np.abs(AHEAD[:, None] - NODES) / NODE, 0.0)  # of a ZMP that is linear between nodes
+MARGIN, FREEZE = 0.005, 0.08  # from the edges of a sole [m]; no landing is moved later before it [s]
+LONGER, SHORTER, WIDER, NARROWER = 0.28, 0.6, 0.4, 0.08  # by which a step may change [m]
+STEP_COST, RATE_COST, BOUND_COST = 0.3, 0.01, 1e3  # over that of the ZMP in the sole [s, s^2, s]
+MOMENTUM_RATE = 15.0  # at which a surplus of angular momentum dies out [1/s]
 
 
 class Mpc:
-    """Plans once by the DCM planner, then again every 50 ms from the measured COM."""
+    """Plans as the DCM planner does, then again every 50 ms from the measured state."""
 
     replan_period = 0.05  # [s]
 
     def plan(self, run, robot):
         """The walk without disturbances."""
-        self.run, self.robot = run, robot
-        base = ampm.PeriodicPlanner("dcm").plan(run, robot)
-        self.base, self.omega = base, np.sqrt(base.gravity / base.com_height)
-        grid = np.arange(0.0, base.duration, GRID)
-        self.grid = np.unique(np.concatenate([grid, base.contacts.starts, [base.duration]]).round(9))
-        self.sample = base.sample(np.minimum(self.grid, base.duration))
-        self.places = np.array([step.position[:2] for step in base.contacts.footsteps])
-        starts = np.append(base.contacts.starts, base.duration)
-        # Number of the loaded footstep; in double support it goes from one to the next.
-        self.loaded = starts, 1 + np.arange(len(starts)) // 2
-        self.landing = np.concatenate([[-np.inf, -np.inf], base.contacts.starts[1::2]])  # of every footstep
-        return self._walk(base.feet, base.contacts, *np.zeros((4, len(self.grid), 2)))
+        self.run, self.robot, self.base = run, robot, ampm.PeriodicPlanner("dcm").plan(run, robot)
+        contacts, w = self.base.contacts, np.sqrt(self.base.gravity / self.base.com_height)
+        self.omega, self.places = w, np.array([step.position[:2] for step in contacts.footsteps])
+        self.landing = np.concatenate([[-1.0, -1.0], contacts.starts[1::2]])  # of every footstep [s]
+        # COM and its velocity by the points r where the force line passes: x'' = omega^2 (x - r).
+        since = w * np.maximum(AHEAD[:, None] - AHEAD, 0.0)
+        weights = w * GRID * np.where(AHEAD[:, None] >= AHEAD, 1.0, 0.0)
+        weights[:, 0] *= 0.5
+        weights[np.diag_indices(len(AHEAD))] *= 0.5
+        self.com_by_point, self.velocity_by_point = -weights * np.sinh(since), -w * weights * np.cosh(since)
+        self.weights = weights[-1] * np.exp(-w * AHEAD)  # of r in the DCM
+        return self.base
 
     def replan(self, time, state, touch, plan):
-        """The walk from the measured COM on."""
-        terms = self.robot.jacobian(state.q)
-        planned = self.base.sample([time])
-        off = terms.com[:2] - planned.com[0, :2]
-        off_velocity = (terms.jacobian @ state.v)[:2] - planned.com_velocity[0, :2]
-        shifts = np.array([step.position[:2] for step in plan.contacts.footsteps]) - self.places
-        # Shares of the displacements of all footsteps in the ZMP, over the horizon.
-        t = np.arange(0.0, HORIZON + 0.5 * GRID, GRID)
-        shares = np.interp(time + t, *self.loaded)[:, None] - np.arange(len(shifts))
-        shares = np.maximum(1.0 - np.abs(shares), 0.0)
-        error = off + off_velocity / self.omega
-        deviation = np.empty((len(t), 2))
+        """The walk from the measured state on."""
+        base, w = self.base, self.omega
+        terms, now = self.robot.jacobian(state.q), base.sample([time])
+        rates = terms.jacobian @ state.v
+        off, speed = terms.com[:2] - now.com[0, :2], rates[:2] - now.com_velocity[0, :2]
+        surplus = self.robot.mass * rates[3:5] - now.angular_momentum[0]
+        pull = MOMENTUM_RATE / base.weight * np.exp(-MOMENTUM_RATE * AHEAD)
+        arm = pull[:, None] * [surplus[1], -surplus[0]]
+        # Which footstep is loaded: from one to the next in double support.
+        edges = np.append(base.contacts.starts, base.duration)
+        loaded = np.interp(time + AHEAD, edges, 1 + np.arange(len(edges)) // 2)
+        shares = np.maximum(1.0 - np.abs(loaded[:, None] - np.arange(len(self.places))), 0.0)
+        displaced = np.array([step.position[:2] for step in plan.contacts.footsteps]) - self.places
+        error, zmp = off + speed / w + self.weights @ arm, np.empty_like(arm)
         for axis in (0, 1):
-            shifts[:, axis], deviation[:, axis] = self._solve(axis, time, t, shares, shifts[:, axis], error[axis])
-        footsteps = tuple(
-            step._replace(position=(*(place + shift).tolist(), 0.0))
-            for step, place, shift in zip(plan.contacts.footsteps, self.places, shifts, strict=True)
-        )
-        return self._moved(time, plan, footsteps, shifts, deviation, off, off_velocity)
-
-    def _solve(self, axis, time, t, shares, shift, error):
-        """Displacements of all footsteps and deviation of the ZMP along one axis."""
-        w = self.omega
-        free = np.flatnonzero((self.landing > time + FREEZE) & (self.landing < time + HORIZON))
-        nodes = np.arange(0.0, HORIZON + 0.5 * NODE, NODE)
-        n, m = len(nodes), len(free)
-        hats = np.maximum(1.0 - np.abs(t[:, None] - nodes) / NODE, 0.0)
-        # Displacements: those that are fixed, and by the free ones; the last one moves all that follow.
-        moved = np.zeros((len(shift), m))
-        moved[free, np.arange(m)] = 1.0
-        if m:
-            moved[free[-1] :, -1] = 1.0
-        fixed = np.where(moved.any(axis=1), 0.0, shift)
-        weight = w * GRID * np.exp(-w * t)
-        weight[[0, -1]] *= 0.5
-        last = np.exp(-w * HORIZON)
-        row = np.concatenate([weight @ hats, weight @ shares @ moved + last * moved[-1], [1.0]])
-        known = weight @ shares @ fixed + last * fixed[-1]
-        # Room of the ZMP in the sole, in double support between those of both.
-        at = np.minimum(time + nodes, self.base.duration)
-        rolled = self.base.sample(at).zmp[:, axis] - shares[:: round(NODE / GRID)] @ self.places[:, axis]
-        sole = self.base.feet.sole
-        low, high = ((sole.heel_x, sole.ball_x), (-sole.heel_half_width, sole.heel_half_width))[axis]
-        low, high = np.minimum(low + MARGIN - rolled, 0.0), np.maximum(high - MARGIN - rolled, 0.0)
-        # Change of each free step from the planned one.
-        steps = moved[free] - moved[free - 1]
-        before = fixed[free] - fixed[free - 1]
-        outward = np.where(self.places[free, 1] > 0.0, 1.0, -1.0)
-        if axis == 0:
-            least, most = np.full(m, -SHORTER), np.full(m, LONGER)
-        else:
-            least, most = np.minimum(-NARROWER * outward, WIDER * outward), np.maximum(-NARROWER * outward, WIDER * outward)
-        rate = np.diff(np.eye(n), axis=0) / NODE
-        P = np.zeros((n + m + 1, n + m + 1))
-        P[:n, :n] = NODE * (np.eye(n) + RATE_COST * rate.T @ rate)
-        P[n:-1, n:-1] = FOOT_COST * (np.eye(m) + steps.T @ steps)
-        P[-1, -1] = 1e5
-        q = np.concatenate([np.zeros(n), FOOT_COST * steps.T @ before, [0.0]])
-        A = np.zeros((1 + n + m, n + m + 1))
-        A[0], A[1 : n + 1, :n], A[n + 1 :, n:-1] = row, np.eye(n), steps
-        lower = np.concatenate([[error - known], low, least - before])
-        upper = np.concatenate([[error - known], high, most - before])
-        solver = osqp.OSQP()
-        solver.setup(sparse.csc_matrix(np.triu(P)), q, sparse.csc_matrix(A), lower, upper, verbose=False, eps_abs=1e-6, eps_rel=1e-6, max_iter=4000)
-        x = solver.solve().x
-        shift = fixed + moved @ x[n:-1]
-        return shift, hats @ x[:n] + shares @ shift
-
-    def _moved(self, time, plan, footsteps, shifts, deviation, off, off_velocity):
-        """The plan with other footsteps and another ZMP from a time on."""
-        w, grid = self.omega, self.grid
-        contacts = replace(plan.contacts, footsteps=footsteps, phases=tuple(
-            phase._replace(**{step.foot: step for step in footsteps[k // 2 + 1 : (k + 1) // 2 + 2]})
-            for k, phase in enumerate(plan.contacts.phases)
-        ))
-        new = plan_feet(contacts, self.run.foot, self.base.feet.sole, 0.0)
-        landed = self.landing[np.searchsorted(self.landing, time + 1e-9)] if time < self.landing[-1] else self.base.duration
-        feet = FeetPlan(new.sole, joined(plan.feet.left, new.left, time, landed), joined(plan.feet.right, new.right, time, landed), plan.feet.duration)
-        # COM of the pendulum by its modes that grow and decay, over a ZMP that is linear between the samples.
-        motion, rise = [(off, off_velocity)], (np.cosh(w * GRID), np.sinh(w * GRID))
-        for before, after in zip(deviation[:-1], deviation[1:], strict=True):
-            x, v = motion[-1]
-            slope = (after - before) / GRID
-            x1 = after + (x - before) * rise[0] + (v - slope) / w * rise[1]
-            motion.append((x1, slope + (x - before) * w * rise[1] + (v - slope) * rise[0]))
-        x, v = np.array(motion).swapaxes(0, 1)
-        t = time + GRID * np.arange(len(x))
-        t, x, v, d = (np.asarray(values) for values in (t, x, v, deviation))
-        # After the horizon what is left decays.
-        later = np.maximum(grid - t[-1], 0.0)[:, None]
-        tail = np.exp(-w * later) * (x[-1] - shifts[-1])
-        inside = (grid <= t[-1])[:, None]
-
-        def over(values, after):
-            return np.where(inside, np.stack([np.interp(grid, t, column) for column in values.T], axis=1), after)
-
-        x, v, d = over(x, shifts[-1] + tail), over(v, -w * tail), over(d, shifts[-1] + 0.0 * tail)
-        past = grid < time - 1e-9
-        old = plan.phases[0]
-        return self._walk(feet, contacts, x, v, w * w * (x - d), d, old, past)
-
-    def _walk(self, feet, contacts, x, v, a, d, old=None, past=None):
-        s, weight = self.sample, self.base.weight
-        arm = np.stack([-s.moment[:, 1], s.moment[:, 0]], axis=1) / weight
+            displaced[:, axis], zmp[:, axis] = self.solve(axis, time, shares, displaced[:, axis], error[axis])
+        # The pendulum over this ZMP; after the horizon what is left dies out.
+        t = np.concatenate([time + AHEAD, base.contacts.starts, np.arange(time, base.duration, GRID)])
+        t = np.unique(np.append(t[(t >= time) & (t < base.duration)], base.duration).round(9))
+        s, later = base.sample(t), np.exp(-w * np.maximum(t - time - HORIZON, 0.0))[:, None]
+        com = np.cosh(w * AHEAD)[:, None] * off + np.sinh(w * AHEAD)[:, None] * speed / w
+        com += self.com_by_point @ (zmp - arm)
+        velocity = w * np.sinh(w * AHEAD)[:, None] * off + np.cosh(w * AHEAD)[:, None] * speed
+        velocity += self.velocity_by_point @ (zmp - arm)
         laws = []
-        for k in (0, 1):
-            columns = [s.com[:, k] + x[:, k], s.com_velocity[:, k] + v[:, k], s.com_acceleration[:, k] + a[:, k], s.zmp[:, k] + d[:, k], arm[:, k]]
-            if old is not None:
-                law = (old.x, old.y)[k]
-                columns = [np.where(past, was, now) for was, now in zip((law.position, law.velocity, law.acceleration, law.zmp, law.moment_arm), columns, strict=True)]
-            laws.append(SampledLaw(self.grid, *columns))
-        phase = CentroidalPhase(0.0, self.base.duration, (0.0, 0.0), *laws, self.base.phases[0].angular_momentum)
-        return replace(self.base, feet=feet, contacts=contacts, phases=(phase,))
+        for axis in (0, 1):
+            x, v, p, q = (np.interp(t, time + AHEAD, part[:, axis]) for part in (com, velocity, zmp, arm))
+            last, fade = displaced[-1, axis], later[:, 0]
+            x, v, p, q = last + fade * (x - last), np.where(fade < 1.0, w * fade * (last - x), v), p, q
+            acceleration = s.com_acceleration[:, axis] + w * w * (x - p + q)
+            laws.append(SampledLaw(t - time, s.com[:, axis] + x, s.com_velocity[:, axis] + v, acceleration, s.zmp[:, axis] + p, q))
+        momentum = now.angular_momentum[0] + surplus - [0.0, base.constants.angular_momentum_y_offset]
+        phase = CentroidalPhase(time, base.duration - time, (0.0, 0.0), *laws, tuple(momentum))
+        past = [p._replace(duration=min(p.duration, time - p.start)) for p in base.phases if p.start < time]
+        return replace(plan, phases=(*past, phase), **self.stepped(time, plan, displaced))
+
+    def stepped(self, time, plan, displaced):
+        """Contacts and feet with displaced footsteps."""
+        old = plan.contacts
+        places = np.column_stack([self.places + displaced, np.zeros(len(displaced))]).tolist()
+        footsteps = [step._replace(position=tuple(p)) for step, p in zip(old.footsteps, places, strict=True)]
+        contacts = contacts_in_turn(footsteps, old.starts.tolist(), [phase.duration for phase in old.phases])
+        new, landed = plan_feet(contacts, self.run.foot, plan.feet.sole, 0.0), np.append(self.landing, plan.duration)
+        landed = landed[np.searchsorted(landed, time + 1e-9)]
+        left = joined(plan.feet.left, new.left, time, landed)
+        right = joined(plan.feet.right, new.right, time, landed)
+        return {"contacts": contacts, "feet": FeetPlan(new.sole, left, right, plan.feet.duration)}
+
+    def solve(self, axis, time, shares, displaced, error):
+        """Displacements of all footsteps, shape (F,), and deviation of the ZMP ahead, (321,), along an axis [m]."""
+        free = np.flatnonzero((self.landing > time + FREEZE) & (self.landing < time + HORIZON))
+        n, m, sole = len(NODES), len(free), self.base.feet.sole
+        moved = np.zeros((len(displaced), m))  # displacement of all by the free ones; the last moves all after it
+        moved[free, np.arange(m)] = 1.0
+        moved[max([*free, 0]) :, m - 1 :] = 1.0
+        fixed = np.where(moved.any(axis=1), 0.0, displaced)
+        shift = self.weights @ shares
+        shift[-1] += np.exp(-self.omega * HORIZON)
+        # Room of the ZMP within the sole; in double support between that of both.
+        at = np.minimum(time + NODES, self.base.duration)
+        inside = self.base.sample(at).zmp[:, axis] - shares[:: n // 3 - 1] @ self.places[:, axis]
+        width = 0.5 * (sole.heel_half_width + sole.ball_half_width)
+        low, high = ((sole.heel_x, sole.ball_x), (-width, width))[axis]
+        low, high = np.minimum(low + MARGIN - inside, 0.0), np.maximum(high - MARGIN - inside, 0.0)
+        outward = np.sign(self.places[free, 1])
+        limits = np.sort([-NARROWER * outward, WIDER * outward], axis=0) if axis else np.array([[-SHORTER], [LONGER]])
+        change, before = moved[free] - moved[free - 1], fixed[free] - fixed[free - 1]
+        P, A = np.zeros((n + m + 1, n + m + 1)), np.zeros((1 + n + m, n + m + 1))
+        rate = np.diff(np.eye(n), axis=0) / NODE
+        P[:n, :n] = NODE * (np.eye(n) + RATE_COST * rate.T @ rate)
+        P[n:-1, n:-1], P[-1, -1] = STEP_COST * (np.eye(m) + change.T @ change), BOUND_COST
+        q = np.concatenate([np.zeros(n), STEP_COST * change.T @ before, [0.0]])
+        A[0] = np.concatenate([self.weights @ HATS, shift @ moved, [1.0]])
+        A[1 : n + 1, :n], A[n + 1 :, n:-1] = np.eye(n), change
+        lower, upper = ([error - shift @ fixed], low, limits[0] - before), ([error - shift @ fixed], high, limits[1] - before)
+        solver = osqp.OSQP()
+        solver.setup(sparse.csc_matrix(P), q, sparse.csc_matrix(A), np.concatenate(lower), np.concatenate(upper), verbose=False, eps_abs=1e-5, eps_rel=1e-5)
+        x = solver.solve().x
+        displaced = fixed + moved @ x[n:-1]
+        return displaced, HATS @ x[:n] + shares @ displaced
