@@ -56,6 +56,8 @@ class Mpc:
 
     def replan(self, time, state, touch, plan):
         """The walk from the measured state on."""
+        if time == 0.0:
+            return None  # it has just been planned
         base, w = self.base, self.omega
         terms, now = self.robot.jacobian(state.q), base.sample([time])
         rates = terms.jacobian @ state.v
