@@ -1,17 +1,18 @@
 """Model predictive control over the footsteps of `normal`, pushed and not, beside the AMPM. Takes TODO s.
 
-The DCM planner makes the first plan. Every 50 ms, a QP finds how far the ZMP and the next footsteps must
-deviate from it for the measured error of the divergent component of motion (DCM) to stay bounded::
+The DCM planner makes the first plan. Every 50 ms a QP finds how far the ZMP and the next footsteps must
+deviate from it for the measured divergent component of motion (DCM) to stay bounded::
 
-    error = integral of omega exp(-omega t) (d(t) - a(t)) over 0 ... T  +  exp(-omega T) last
+    dcm = integral of omega exp(-omega t) (p(t) - a(t)) over 0 ... T  +  exp(-omega T) (dcm_1 + last)
 
-The ZMP deviates by d, which is the displacement of the standing feet and a rest within the sole. The force line
-misses the COM by a more than planned, until the measured surplus of angular momentum is gone. After the
-horizon T all feet are displaced by `last` (Scianca et al., "MPC for humanoid gait generation: stability and
-feasibility", IEEE T-RO 36(4), 2020).
+The ZMP p is the first plan's, displaced as the feet are, and moved within the sole. The force line misses the COM
+by a, until the measured surplus of angular momentum is gone. After the horizon T the walk goes on as in the first
+plan, where the DCM is dcm_1, displaced by `last` (Scianca et al., "MPC for humanoid gait generation: stability
+and feasibility", IEEE T-RO 36(4), 2020). A swing is shortened where that costs less.
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import osqp
@@ -25,12 +26,13 @@ from ampm.planner.replan import joined
 from ampm.planner.sampled import SampledLaw
 from ampm.planner.stride import plan_feet
 
-HORIZON, NODE, GRID = 1.6, 0.05, 0.005  # of the QP, between its ZMPs, between the samples of a plan [s]
-AHEAD, NODES = np.arange(321) * GRID, np.arange(33) * NODE  # [s]
-HATS = np.maximum(1.0 - np.abs(AHEAD[:, None] - NODES) / NODE, 0.0)  # of a ZMP that is linear between nodes
-MARGIN, FREEZE = 0.005, 0.08  # from the edges of a sole [m]; no landing is moved later before it [s]
+GRID = 0.005  # between the samples of a plan [s]
+AHEAD, NODES = np.arange(321) * GRID, np.arange(33) * 10 * GRID  # the horizon: samples, ZMPs of the QP [s]
+HATS = np.maximum(1.0 - np.abs(AHEAD[:, None] - NODES) / NODES[1], 0.0)  # a ZMP that is linear in between
+MARGIN, FREEZE = 0.005, 0.08  # from the edges of a sole [m]; a foot that lands sooner is not moved [s]
 LONGER, SHORTER, WIDER, NARROWER = 0.28, 0.6, 0.4, 0.08  # by which a step may change [m]
-STEP_COST, RATE_COST, BOUND_COST = 0.3, 0.01, 1e3  # over that of the ZMP in the sole [s, s^2, s]
+SWING, SHARES = 0.32, (1.0, 0.9, 0.8, 0.65, 0.5)  # least duration [s]; rests of a swing that are tried
+STEP_COST, RATE_COST, BOUND_COST, TIME_COST = 0.3, 0.01, 1e3, 0.02  # over that of the ZMP in the sole
 MOMENTUM_RATE = 15.0  # at which a surplus of angular momentum dies out [1/s]
 
 
@@ -40,100 +42,132 @@ class Mpc:
     replan_period = 0.05  # [s]
 
     def plan(self, run, robot):
-        """The walk without disturbances."""
-        self.run, self.robot, self.base = run, robot, ampm.PeriodicPlanner("dcm").plan(run, robot)
+        """The walk without disturbances, and some steps more."""
+        self.run, self.robot = run.replace({"gait.steps": run.gait.steps + 4}), robot
+        self.base = ampm.PeriodicPlanner("dcm").plan(self.run, robot)
         contacts, w = self.base.contacts, np.sqrt(self.base.gravity / self.base.com_height)
         self.omega, self.places = w, np.array([step.position[:2] for step in contacts.footsteps])
-        self.landing = np.concatenate([[-1.0, -1.0], contacts.starts[1::2]])  # of every footstep [s]
-        # COM and its velocity by the points r where the force line passes: x'' = omega^2 (x - r).
-        since = w * np.maximum(AHEAD[:, None] - AHEAD, 0.0)
-        weights = w * GRID * np.where(AHEAD[:, None] >= AHEAD, 1.0, 0.0)
+        self.edges = np.append(contacts.starts, self.base.duration)
+        self.clock = self.edges, self.edges  # times, and the same instants of the first plan [s]
+        # The pendulum x'' = omega^2 (x - r) by the trapezoidal rule: COM and velocity by r, from rest at 0.
+        since, weights = w * np.maximum(AHEAD[:, None] - AHEAD, 0.0), w * GRID * np.tri(len(AHEAD))
         weights[:, 0] *= 0.5
         weights[np.diag_indices(len(AHEAD))] *= 0.5
-        self.com_by_point, self.velocity_by_point = -weights * np.sinh(since), -w * weights * np.cosh(since)
-        self.weights = weights[-1] * np.exp(-w * AHEAD)  # of r in the DCM
+        self.com_by_r, self.velocity_by_r = -weights * np.sinh(since), -w * weights * np.cosh(since)
+        self.dcm_by_r, self.decay = weights[-1] * np.exp(-w * AHEAD), np.exp(-w * AHEAD[-1])
         return self.base
 
     def replan(self, time, state, touch, plan):
         """The walk from the measured state on."""
         if time == 0.0:
-            return None  # it has just been planned
-        base, w = self.base, self.omega
-        terms, now = self.robot.jacobian(state.q), base.sample([time])
-        rates = terms.jacobian @ state.v
-        off, speed = terms.com[:2] - now.com[0, :2], rates[:2] - now.com_velocity[0, :2]
-        surplus = self.robot.mass * rates[3:5] - now.angular_momentum[0]
-        pull = MOMENTUM_RATE / base.weight * np.exp(-MOMENTUM_RATE * AHEAD)
-        arm = pull[:, None] * [surplus[1], -surplus[0]]
-        # Which footstep is loaded: from one to the next in double support.
-        edges = np.append(base.contacts.starts, base.duration)
-        loaded = np.interp(time + AHEAD, edges, 1 + np.arange(len(edges)) // 2)
-        shares = np.maximum(1.0 - np.abs(loaded[:, None] - np.arange(len(self.places))), 0.0)
-        displaced = np.array([step.position[:2] for step in plan.contacts.footsteps]) - self.places
-        error, zmp = off + speed / w + self.weights @ arm, np.empty_like(arm)
-        for axis in (0, 1):
-            displaced[:, axis], zmp[:, axis] = self.solve(axis, time, shares, displaced[:, axis], error[axis])
-        # The pendulum over this ZMP; after the horizon what is left dies out.
-        t = np.concatenate([time + AHEAD, base.contacts.starts, np.arange(time, base.duration, GRID)])
-        t = np.unique(np.append(t[(t >= time) & (t < base.duration)], base.duration).round(9))
-        s, later = base.sample(t), np.exp(-w * np.maximum(t - time - HORIZON, 0.0))[:, None]
-        com = np.cosh(w * AHEAD)[:, None] * off + np.sinh(w * AHEAD)[:, None] * speed / w
-        com += self.com_by_point @ (zmp - arm)
-        velocity = w * np.sinh(w * AHEAD)[:, None] * off + np.cosh(w * AHEAD)[:, None] * speed
-        velocity += self.velocity_by_point @ (zmp - arm)
-        laws = []
-        for axis in (0, 1):
-            x, v, p, q = (np.interp(t, time + AHEAD, part[:, axis]) for part in (com, velocity, zmp, arm))
-            last, fade = displaced[-1, axis], later[:, 0]
-            x, v, p, q = last + fade * (x - last), np.where(fade < 1.0, w * fade * (last - x), v), p, q
-            acceleration = s.com_acceleration[:, axis] + w * w * (x - p + q)
-            laws.append(SampledLaw(t - time, s.com[:, axis] + x, s.com_velocity[:, axis] + v, acceleration, s.zmp[:, axis] + p, q))
-        momentum = now.angular_momentum[0] + surplus - [0.0, base.constants.angular_momentum_y_offset]
-        phase = CentroidalPhase(time, base.duration - time, (0.0, 0.0), *laws, tuple(momentum))
+            return None
+        base, w, terms = self.base, self.omega, self.robot.jacobian(state.q)
+        com, rates = terms.com[:2], terms.jacobian @ state.v
+        surplus = self.robot.mass * rates[3:5] - [0.0, base.constants.angular_momentum_y_offset]
+        fading = MOMENTUM_RATE / base.weight * np.exp(-MOMENTUM_RATE * AHEAD)
+        arm = fading[:, None] * [surplus[1], -surplus[0]]
+        dcm = com + rates[:2] / w + self.dcm_by_r @ arm
+        moved = np.array([step.position[:2] for step in plan.contacts.footsteps]) - self.places
+        tried = [self.best(time, clock, moved, com, dcm) for clock in self.clocks(time)]
+        _, clock, moved, zmp = min(tried, key=lambda item: item[0])
+        self.clock, edges = clock, np.interp(self.edges, *clock[::-1])
+        # The pendulum over this ZMP; after the horizon what is left of its motion dies out.
+        r, speed, angle = zmp - com - arm, rates[:2], w * AHEAD[:, None]
+        x = com + np.sinh(angle) * speed / w + self.com_by_r @ r
+        v = np.cosh(angle) * speed + self.velocity_by_r @ r
+        t = np.arange(time + AHEAD[-1], edges[-1] + 2 * GRID, GRID)
+        later = base.sample(np.interp(t, *clock))
+        left = np.exp(w * (t[0] - t))[:, None] * (x[-1] - later.com[0, :2] - moved[-1])
+        t = np.append(AHEAD, t[1:] - time)
+        x = np.vstack([x, (later.com[:, :2] + moved[-1] + left)[1:]])
+        v = np.vstack([v, (later.com_velocity[:, :2] - w * left)[1:]])
+        zmp = np.vstack([zmp, later.zmp[1:] + moved[-1]])
+        arm = np.vstack([arm, np.zeros((len(t) - len(arm), 2))])
+        motion = x, v, w * w * (x - zmp + arm), zmp, arm
+        laws = [SampledLaw(t, *(part[:, axis] for part in motion)) for axis in (0, 1)]
+        phase = CentroidalPhase(time, edges[-1] - time, (0.0, 0.0), *laws, tuple(surplus))
         past = [p._replace(duration=min(p.duration, time - p.start)) for p in base.phases if p.start < time]
-        return replace(plan, phases=(*past, phase), **self.stepped(time, plan, displaced))
+        places = np.column_stack([self.places + moved, np.zeros(len(moved))]).tolist()
+        footsteps = [
+            step._replace(position=tuple(place))
+            for step, place in zip(plan.contacts.footsteps, places, strict=True)
+        ]
+        contacts = contacts_in_turn(footsteps, edges[:-1].tolist(), np.diff(edges).tolist())
+        new, ends = plan_feet(contacts, self.run.foot, plan.feet.sole, 0.0), np.append(edges[1::2], edges[-1])
+        landed = ends[np.searchsorted(ends, time + 1e-9)]
+        left, right = (
+            joined(getattr(plan.feet, side), getattr(new, side), time, landed) for side in ("left", "right")
+        )
+        posture = SimpleNamespace(
+            sample=lambda t: base.posture.sample(np.interp(t, *clock)), report=base.posture.report
+        )
+        return replace(
+            plan,
+            phases=(*past, phase),
+            contacts=contacts,
+            feet=FeetPlan(new.sole, left, right, contacts.duration),
+            posture=posture,
+        )
 
-    def stepped(self, time, plan, displaced):
-        """Contacts and feet with displaced footsteps."""
-        old = plan.contacts
-        places = np.column_stack([self.places + displaced, np.zeros(len(displaced))]).tolist()
-        footsteps = [step._replace(position=tuple(p)) for step, p in zip(old.footsteps, places, strict=True)]
-        contacts = contacts_in_turn(footsteps, old.starts.tolist(), [phase.duration for phase in old.phases])
-        new, landed = plan_feet(contacts, self.run.foot, plan.feet.sole, 0.0), np.append(self.landing, plan.duration)
-        landed = landed[np.searchsorted(landed, time + 1e-9)]
-        left = joined(plan.feet.left, new.left, time, landed)
-        right = joined(plan.feet.right, new.right, time, landed)
-        return {"contacts": contacts, "feet": FeetPlan(new.sole, left, right, plan.feet.duration)}
+    def clocks(self, time):
+        """The clock of the plan that is valid, and clocks with shorter rests of the present swing."""
+        t, first = self.clock
+        k = np.searchsorted(t, time + 1e-9)
+        edge = np.searchsorted(self.edges, first[k] - 1e-9)
+        rest, swung = t[k] - time, time - np.interp(self.edges[edge - 1], first, t)
+        for share in SHARES if edge % 2 and rest > FREEZE else SHARES[:1]:
+            if share == 1.0:
+                yield t, first
+            elif swung + share * rest > SWING and share * rest > FREEZE:
+                later = t[k:] - (1.0 - share) * rest
+                yield np.concatenate([t[:k], [time], later]), np.insert(first, k, np.interp(time, t, first))
 
-    def solve(self, axis, time, shares, displaced, error):
-        """Displacements of all footsteps, shape (F,), and deviation of the ZMP ahead, (321,), along an axis [m]."""
-        free = np.flatnonzero((self.landing > time + FREEZE) & (self.landing < time + HORIZON))
+    def best(self, time, clock, moved, com, dcm):
+        """Cost, clock, displacements of all footsteps (F, 2) and ZMP ahead (321, 2) [m]."""
+        edges, ahead = np.interp(self.edges, *clock[::-1]), self.base.sample(np.interp(time + AHEAD, *clock))
+        loaded = np.interp(time + AHEAD, edges, 1 + np.arange(len(edges)) // 2)  # number of the footstep
+        shares = np.maximum(1.0 - np.abs(loaded[:, None] - np.arange(len(moved))), 0.0)
+        landing = np.concatenate([[-1.0, -1.0], edges[1::2]])
+        free = np.flatnonzero((landing > time + FREEZE) & (landing < time + AHEAD[-1]))
+        error = dcm - com - self.dcm_by_r @ (ahead.zmp - com) - self.decay * (ahead.dcm[-1] - com)
+        inside = (ahead.zmp - shares @ self.places)[:: len(AHEAD) // len(NODES) + 1]
+        parts = [self.solve(k, free, shares, moved[:, k], inside[:, k], error[k]) for k in (0, 1)]
+        cost, moved, by = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
+        return cost.sum() - TIME_COST * np.log((edges[-1] - time) / (self.edges[-1] - time)), clock, moved, ahead.zmp + by
+
+    def solve(self, axis, free, shares, moved, inside, error):
+        """Cost, displacements (F,) and change of the ZMP (321,) along one axis."""
         n, m, sole = len(NODES), len(free), self.base.feet.sole
-        moved = np.zeros((len(displaced), m))  # displacement of all by the free ones; the last moves all after it
-        moved[free, np.arange(m)] = 1.0
-        moved[max([*free, 0]) :, m - 1 :] = 1.0
-        fixed = np.where(moved.any(axis=1), 0.0, displaced)
-        shift = self.weights @ shares
-        shift[-1] += np.exp(-self.omega * HORIZON)
+        by = np.zeros((len(moved), m))  # displacements by the free ones; the last one moves all after it
+        by[free, np.arange(m)] = 1.0
+        by[free[-1] :, -1] = 1.0
+        fixed = np.where(by.any(axis=1), 0.0, moved)
+        total = self.dcm_by_r @ shares
+        total[-1] += self.decay
         # Room of the ZMP within the sole; in double support between that of both.
-        at = np.minimum(time + NODES, self.base.duration)
-        inside = self.base.sample(at).zmp[:, axis] - shares[:: n // 3 - 1] @ self.places[:, axis]
         width = 0.5 * (sole.heel_half_width + sole.ball_half_width)
         low, high = ((sole.heel_x, sole.ball_x), (-width, width))[axis]
         low, high = np.minimum(low + MARGIN - inside, 0.0), np.maximum(high - MARGIN - inside, 0.0)
         outward = np.sign(self.places[free, 1])
-        limits = np.sort([-NARROWER * outward, WIDER * outward], axis=0) if axis else np.array([[-SHORTER], [LONGER]])
-        change, before = moved[free] - moved[free - 1], fixed[free] - fixed[free - 1]
+        limits = np.sort([-NARROWER * outward, WIDER * outward], axis=0)
+        if axis == 0:
+            limits = np.array([[-SHORTER], [LONGER]])
+        change, before = by[free] - by[free - 1], fixed[free] - fixed[free - 1]
+        rate = np.diff(np.eye(n), axis=0) / NODES[1]
         P, A = np.zeros((n + m + 1, n + m + 1)), np.zeros((1 + n + m, n + m + 1))
-        rate = np.diff(np.eye(n), axis=0) / NODE
-        P[:n, :n] = NODE * (np.eye(n) + RATE_COST * rate.T @ rate)
+        P[:n, :n] = NODES[1] * (np.eye(n) + RATE_COST * rate.T @ rate)
         P[n:-1, n:-1], P[-1, -1] = STEP_COST * (np.eye(m) + change.T @ change), BOUND_COST
         q = np.concatenate([np.zeros(n), STEP_COST * change.T @ before, [0.0]])
-        A[0] = np.concatenate([self.weights @ HATS, shift @ moved, [1.0]])
+        A[0] = np.concatenate([self.dcm_by_r @ HATS, total @ by, [1.0]])
         A[1 : n + 1, :n], A[n + 1 :, n:-1] = np.eye(n), change
-        lower, upper = ([error - shift @ fixed], low, limits[0] - before), ([error - shift @ fixed], high, limits[1] - before)
+        lower, upper = (
+            np.concatenate([[error - total @ fixed], room, limit - before])
+            for room, limit in ((low, limits[0]), (high, limits[1]))
+        )
         solver = osqp.OSQP()
-        solver.setup(sparse.csc_matrix(P), q, sparse.csc_matrix(A), np.concatenate(lower), np.concatenate(upper), verbose=False, eps_abs=1e-5, eps_rel=1e-5)
-        x = solver.solve().x
-        displaced = fixed + moved @ x[n:-1]
-        return displaced, HATS @ x[:n] + shares @ displaced
+        solver.setup(
+            sparse.csc_matrix(P), q, sparse.csc_matrix(A), lower, upper, verbose=False, eps_abs=1e-5, eps_rel=1e-5
+        )
+        found = solver.solve()
+        moved = fixed + by @ found.x[n:-1]
+        return found.info.obj_val, moved, HATS @ found.x[:n] + shares @ moved
