@@ -32,7 +32,7 @@ HATS = np.maximum(1.0 - np.abs(AHEAD[:, None] - NODES) / NODES[1], 0.0)  # a ZMP
 MARGIN, FREEZE = 0.005, 0.08  # from the edges of a sole [m]; a foot that lands sooner is not moved [s]
 LONGER, SHORTER, WIDER, NARROWER = 0.28, 0.6, 0.4, 0.08  # by which a step may change [m]
 SWING, SHARES = 0.32, (1.0, 0.9, 0.8, 0.65, 0.5)  # least duration [s]; rests of a swing that are tried
-STEP_COST, RATE_COST, BOUND_COST, TIME_COST = 0.3, 0.01, 1e3, 0.02  # over that of the ZMP in the sole
+STEP_COST, RATE_COST, BOUND_COST, TIME_COST = 0.03, 0.01, 1e3, 0.002  # over that of the ZMP in the sole
 MOMENTUM_RATE = 15.0  # at which a surplus of angular momentum dies out [1/s]
 
 
@@ -68,7 +68,7 @@ class Mpc:
         arm = fading[:, None] * [surplus[1], -surplus[0]]
         dcm = com + rates[:2] / w + self.dcm_by_r @ arm
         moved = np.array([step.position[:2] for step in plan.contacts.footsteps]) - self.places
-        tried = [self.best(time, clock, moved, com, dcm) for clock in self.clocks(time)]
+        tried = [self.best(time, *clock, moved, com, dcm) for clock in self.clocks(time)]
         _, clock, moved, zmp = min(tried, key=lambda item: item[0])
         self.clock, edges = clock, np.interp(self.edges, *clock[::-1])
         # The pendulum over this ZMP; after the horizon what is left of its motion dies out.
@@ -110,19 +110,20 @@ class Mpc:
         )
 
     def clocks(self, time):
-        """The clock of the plan that is valid, and clocks with shorter rests of the present swing."""
+        """The valid plan's clock, and those with shorter rests of the present swing, each after its cost."""
         t, first = self.clock
         k = np.searchsorted(t, time + 1e-9)
         edge = np.searchsorted(self.edges, first[k] - 1e-9)
         rest, swung = t[k] - time, time - np.interp(self.edges[edge - 1], first, t)
         for share in SHARES if edge % 2 and rest > FREEZE else SHARES[:1]:
             if share == 1.0:
-                yield t, first
+                yield 0.0, (t, first)
             elif swung + share * rest > SWING and share * rest > FREEZE:
                 later = t[k:] - (1.0 - share) * rest
-                yield np.concatenate([t[:k], [time], later]), np.insert(first, k, np.interp(time, t, first))
+                hurried = np.concatenate([t[:k], [time], later])
+                yield -TIME_COST * np.log(share), (hurried, np.insert(first, k, np.interp(time, t, first)))
 
-    def best(self, time, clock, moved, com, dcm):
+    def best(self, time, haste, clock, moved, com, dcm):
         """Cost, clock, displacements of all footsteps (F, 2) and ZMP ahead (321, 2) [m]."""
         edges, ahead = np.interp(self.edges, *clock[::-1]), self.base.sample(np.interp(time + AHEAD, *clock))
         loaded = np.interp(time + AHEAD, edges, 1 + np.arange(len(edges)) // 2)  # number of the footstep
@@ -133,7 +134,7 @@ class Mpc:
         inside = (ahead.zmp - shares @ self.places)[:: len(AHEAD) // len(NODES) + 1]
         parts = [self.solve(k, free, shares, moved[:, k], inside[:, k], error[k]) for k in (0, 1)]
         cost, moved, by = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
-        return cost.sum() - TIME_COST * np.log((edges[-1] - time) / (self.edges[-1] - time)), clock, moved, ahead.zmp + by
+        return haste + cost.sum(), clock, moved, ahead.zmp + by
 
     def solve(self, axis, free, shares, moved, inside, error):
         """Cost, displacements (F,) and change of the ZMP (321,) along one axis."""
@@ -166,8 +167,19 @@ class Mpc:
         )
         solver = osqp.OSQP()
         solver.setup(
-            sparse.csc_matrix(P), q, sparse.csc_matrix(A), lower, upper, verbose=False, eps_abs=1e-5, eps_rel=1e-5
+            sparse.csc_matrix(P),
+            q,
+            sparse.csc_matrix(A),
+            lower,
+            upper,
+            verbose=False,
+            eps_abs=1e-5,
+            eps_rel=1e-5,
         )
         found = solver.solve()
         moved = fixed + by @ found.x[n:-1]
-        return found.info.obj_val, moved, HATS @ found.x[:n] + shares @ moved
+        return (
+            found.info.obj_val + 0.5 * STEP_COST * before @ before,
+            moved,
+            HATS @ found.x[:n] + shares @ moved,
+        )
