@@ -119,9 +119,7 @@ class LiveWalk(NamedTuple):
         plan = replace(self.walk.nominal, contacts=contacts, phases=(*kept, *new))
         steps = with_feet(in_turn([(0.0, plan)]), run, self.body)
         before, after, until = self.steps.feet, steps.feet, float(contacts.starts[2 * k + 2])
-        left = joined(before.left, after.left, begin, until)
-        right = joined(before.right, after.right, begin, until)
-        feet = FeetPlan(self.body.sole, left, right, steps.duration)
+        feet = joined(before, after, begin, until)
         walk = walks.Walk(self.walk.nominal, contacts, solved)
         return LiveWalk(run, self.body, replace(steps, feet=feet), walk, k, begin)
 
@@ -193,8 +191,20 @@ def _moved(step: Footstep, by: Array) -> Footstep:
     return step._replace(position=(x + float(by[0]), y + float(by[1]), z))
 
 
-def joined(old: FootPath, new: FootPath, begin: float, landed: float) -> FootPath:
-    """The old path until the request, then the new one; until the landing their difference fades."""
+def joined(old: FeetPlan, new: FeetPlan, begin: float, landed: float) -> FeetPlan:
+    """Feet that go on otherwise from an instant on; until a landing the difference of both motions fades.
+
+    Args:
+        old: motion until then.
+        new: motion from then on, with the same feet on the floor at that instant.
+        begin: the instant, after the begin of both [s].
+        landed: when the foot lands that swings, or the next one if none does [s].
+    """
+    left = _joined(old.left, new.left, begin, landed)
+    return FeetPlan(new.sole, left, _joined(old.right, new.right, begin, landed), new.duration)
+
+
+def _joined(old: FootPath, new: FootPath, begin: float, landed: float) -> FootPath:
     kept, row = old.start < begin, int(new.segments(np.array([begin]))[0])
     start = np.maximum(new.start[row:], begin)
     curves = shift(new.curve[row:], start - new.start[row:])
