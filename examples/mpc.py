@@ -6,9 +6,9 @@ generation: stability and feasibility", IEEE T-RO 36(4), 2020)::
 
     dcm = integral of omega exp(-omega t) (p(t) - a(t)) over 0 ... T  +  exp(-omega T) (dcm_1 + last)
 
-The ZMP p is the first plan's, displaced with the feet and moved within the sole. The force line misses the COM
-by a, until the measured surplus of angular momentum is gone. After the horizon T the first plan goes on, where
-its DCM is dcm_1, displaced by `last`. A swing is shortened where that costs less.
+The ZMP p is the first plan's, displaced with the feet and moved within the sole. The force line misses the
+COM by a, until the measured surplus of angular momentum is gone. After the horizon T the first plan goes on,
+displaced by `last`; dcm_1 is its DCM there. A swing is shortened where that costs less.
 """
 
 from dataclasses import replace
@@ -28,10 +28,11 @@ from ampm.planner.sampled import SampledLaw
 from ampm.planner.stride import plan_feet
 
 GRID, STRIDE = 0.005, 10  # samples of the horizon [s]; how many from one ZMP of the QP to the next
-AHEAD = GRID * np.arange(321)  # the horizon [s]; the ZMP is linear between the nodes of a QP
+AHEAD = GRID * np.arange(321)  # the horizon [s], where the ZMP is linear in between
 HATS = np.maximum(1.0 - np.abs(AHEAD[:, None] - AHEAD[::STRIDE]) / (GRID * STRIDE), 0.0)
 MARGIN, FREEZE = 0.005, 0.08  # of the ZMP in a sole [m]; a foot that lands sooner is not moved [s]
-LONGER, SHORTER, WIDER, NARROWER = 0.28, 0.6, 0.4, 0.08  # by which a step may change [m]
+# Least and largest change of a step of either foot along x and y [m].
+LEFT, RIGHT = np.array([[[-0.6, -0.08], [0.28, 0.4]], [[-0.6, -0.4], [0.28, 0.08]]])
 SWING, SHARES = 0.32, (0.9, 0.8, 0.65, 0.5)  # shortest swing [s]; shares of its rest that are tried
 STEP_COST, BOUND_COST, TIME_COST = 0.6, 2e4, 0.04  # over that of the ZMP in the sole
 MOMENTUM_RATE = 15.0  # at which a surplus of angular momentum dies out [1/s]
@@ -61,18 +62,18 @@ class Mpc:
         """The walk from the measured state on; what this plan says of earlier times has no meaning."""
         if time == 0.0:
             return None
-        base, w, angle = self.base, self.omega, self.omega * AHEAD[:, None]
-        body = self.robot.jacobian(state.q)
+        base, w, body = self.base, self.omega, self.robot.jacobian(state.q)
         com, rates = body.com[:2], body.jacobian @ state.v
         surplus = self.robot.mass * rates[3:5] - [0.0, base.constants.angular_momentum_y_offset]
-        pull = MOMENTUM_RATE / base.weight * np.array([surplus[1], -surplus[0]])
-        arm = np.exp(-MOMENTUM_RATE * AHEAD)[:, None] * pull
+        fading = MOMENTUM_RATE / base.weight * np.exp(-MOMENTUM_RATE * AHEAD)[:, None]
+        arm = fading * [surplus[1], -surplus[0]]
         dcm = com + rates[:2] / w + self.dcm_by_r @ arm
         moved = np.array([step.position for step in plan.contacts.footsteps]) - self.places
         tried = [self.solve(time, *clock, moved, com, dcm) for clock in self.clocks(time)]
         _, self.clock, moved[:, :2], zmp = min(tried, key=lambda result: result[0])
         last, clock, edges = moved[-1, :2], self.clock, np.interp(self.edges, *self.clock[::-1])
         # The COM over this ZMP; after the horizon what is left of its motion dies out.
+        angle = w * AHEAD[:, None]
         x = com + np.sinh(angle) * rates[:2] / w + self.com_by_r @ (zmp - arm - com)
         v = np.cosh(angle) * rates[:2] + self.velocity_by_r @ (zmp - arm - com)
         t = np.arange(time + AHEAD[-1], edges[-1], GRID)
@@ -90,24 +91,20 @@ class Mpc:
         contacts = contacts_in_turn(footsteps, edges[:-1].tolist(), np.diff(edges).tolist())
         landing = edges[1::2][np.searchsorted(edges[1::2], time + 1e-9)]
         feet = joined(plan.feet, plan_feet(contacts, self.foot, plan.feet.sole, 0.0), time, landing)
-        kept = base.posture
-        posture = SimpleNamespace(sample=lambda t: kept.sample(np.interp(t, *clock)), report=kept.report)
+        posture = SimpleNamespace(sample=lambda t: base.posture.sample(np.interp(t, *clock)), report=dict)
         return replace(plan, phases=(phase,), contacts=contacts, feet=feet, posture=posture)
 
     def clocks(self, time):
         """The valid plan's clock, and those with shorter rests of the present swing, each after its cost."""
         yield 0.0, self.clock
         (t, first), edges = self.clock, np.interp(self.edges, *self.clock[::-1])
-        k, before = np.searchsorted(edges, time + 1e-9), t < time + 1e-9
+        k, past = np.searchsorted(edges, time + 1e-9), t < time + 1e-9
+        first = np.concatenate([first[past], [np.interp(time, t, first)], first[~past]])
         for share in SHARES:
             end = time + share * (edges[k] - time)
             if k % 2 and end - time > FREEZE and end - edges[k - 1] > SWING:
-                now = [time], [np.interp(time, t, first)]
-                times = np.concatenate([t[before], now[0], t[~before] - edges[k] + end])
-                yield (
-                    -TIME_COST * np.log(share),
-                    (times, np.concatenate([first[before], now[1], first[~before]])),
-                )
+                times = np.concatenate([t[past], [time], t[~past] - edges[k] + end])
+                yield -TIME_COST * np.log(share), (times, first)
 
     def solve(self, time, cost, clock, moved, com, dcm):
         """Cost, clock, displacements of all footsteps (F, 2) and ZMP ahead (321, 2) [m]."""
@@ -123,20 +120,20 @@ class Mpc:
         error = dcm - com - self.dcm_by_r @ (zmp - com) - self.decay * (ahead.dcm[-1] - com)
         row = np.concatenate([self.dcm_by_r @ HATS, self.dcm_by_r @ shares @ by + self.decay * by[-1], [1.0]])
         change, before = by[free] - by[free - 1], fixed[free] - fixed[free - 1]
-        n, m, last = len(inside), len(free), np.zeros((0, 1))  # ZMPs, footsteps, what is left of the error
-        rows = sparse.csc_matrix(np.vstack([row, linalg.block_diag(np.eye(n), change, last)]))
+        n, m = len(inside), len(free)  # ZMPs and footsteps; the last variable is what is left of the error
+        rows = np.vstack([row, linalg.block_diag(np.eye(n), change, np.zeros((0, 1)))])
         costs = sparse.diags([1.0] * n + [STEP_COST] * m + [BOUND_COST], format="csc")
         # Room of the ZMP in the sole, in double support between both; how far each step may change.
-        sole, is_left = self.base.feet.sole, self.places[free, 1] > 0.0
+        sole, is_left = self.base.feet.sole, self.places[free, 1, None] > 0.0
         width = 0.5 * (sole.heel_half_width + sole.ball_half_width)
-        least = np.full(m, -SHORTER), np.where(is_left, -NARROWER, -WIDER)
-        most = np.full(m, LONGER), np.where(is_left, WIDER, NARROWER)
         back, front = np.array([sole.heel_x, -width]) + MARGIN, np.array([sole.ball_x, width]) - MARGIN
+        least, most = np.where(is_left, LEFT[:, None], RIGHT[:, None]) - before
+        low = np.vstack([error, np.minimum(back - inside, 0.0), least])
+        high = np.vstack([error, np.maximum(front - inside, 0.0), most])
         for k in (0, 1):
-            low = np.append(np.minimum(back - inside, 0.0)[:, k], least[k] - before[:, k])
-            high = np.append(np.maximum(front - inside, 0.0)[:, k], most[k] - before[:, k])
-            bounds, solver = (np.append(error[k], low), np.append(error[k], high)), osqp.OSQP()
-            solver.setup(costs, np.zeros(n + m + 1), rows, *bounds, verbose=False, eps_abs=1e-5, eps_rel=1e-5)
+            qp = costs, np.zeros(n + m + 1), sparse.csc_matrix(rows), low[:, k], high[:, k]
+            solver = osqp.OSQP()
+            solver.setup(*qp, verbose=False, eps_abs=1e-5, eps_rel=1e-5)
             found = solver.solve()
             cost, fixed[:, k] = cost + found.info.obj_val, fixed[:, k] + by @ found.x[n:-1]
             zmp[:, k] += HATS @ found.x[:n] + shares @ by @ found.x[n:-1]
@@ -147,20 +144,14 @@ if __name__ == "__main__":
     push = val.Push("chest", (0.0, -120.0, 0.0), at=2.3, duration=0.1)  # to the right [N], [s]
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.subplots()
-    for name, planner, kind in (
-        ("AMPM", "ampm", "fixed"),
-        ("AMPM, stepping", "ampm", "stepping"),
-        ("MPC", Mpc(), "fixed"),
-    ):
-        run = ampm.load_run(
-            "normal", gait={"steps": 10}, simulation={"time_step": 0.002}, controller={"stabilizer": kind}
-        )
+    for name, planner in (("AMPM", "ampm"), ("MPC", Mpc())):
+        run = ampm.load_run("normal", gait={"steps": 10}, simulation={"time_step": 0.002})
         for pushes in ([], [push]):
             trial = val.walk(run, planner=planner, disturbances=pushes)
-            x, y = (1e3 * trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy")
-            worst = min(result.margin for result in trial.verdict.judged)
-            print(f"{name}, {len(pushes)} pushes: {trial.record.outcome.name}, ZMP RMSE {x:.2f}, {y:.2f} mm")
-        axes.plot(trial.measured.time, trial.measured.com[:, 1], label=name)
-    axes.set(xlabel="time [s]", ylabel="COM, to the left [m]", title="pushed to the right")
+            x, y = (1e3 * trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy")  # from the valid plan's
+            outcome = trial.record.outcome.name
+            print(f"{name}, {len(pushes)} pushes: {outcome}, ZMP RMSE along x {x:.2f}, y {y:.2f} mm")
+        axes.plot(trial.measured.time, trial.measured.com[:, 1], label=f"{name}, {push.force[1]:g} N")
+    axes.set(xlabel="time [s]", ylabel="COM, to the left [m]", ylim=(-0.8, 0.2))
     axes.legend()
     figure.savefig("mpc.png", dpi=100)
