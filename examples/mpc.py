@@ -1,8 +1,7 @@
-"""Model predictive control over the footsteps of `normal`, pushed and not, beside the AMPM. Takes 30 s.
+"""Model predictive control over the footsteps of `normal`, pushed and not, beside the AMPM. Takes 15 s.
 
 The DCM planner makes the first plan. Every 50 ms QPs find how far ZMP and footsteps must deviate from it for
-the measured divergent component of motion (DCM) to stay bounded (Scianca et al., "MPC for humanoid gait
-generation: stability and feasibility", IEEE T-RO 36(4), 2020)::
+the measured divergent component of motion (DCM) to stay bounded (Scianca et al., IEEE T-RO 36(4), 2020)::
 
     dcm = integral of omega exp(-omega t) (p(t) - a(t)) over 0 ... T  +  exp(-omega T) (dcm_1 + last)
 
@@ -33,7 +32,7 @@ HATS = np.maximum(1.0 - np.abs(AHEAD[:, None] - AHEAD[::STRIDE]) / (GRID * STRID
 MARGIN, FREEZE = 0.005, 0.08  # of the ZMP in a sole [m]; a foot that lands sooner is not moved [s]
 # Least and largest change of a step of either foot along x and y [m].
 LEFT, RIGHT = np.array([[[-0.6, -0.08], [0.28, 0.4]], [[-0.6, -0.4], [0.28, 0.08]]])
-SWING, SHARES = 0.32, (0.9, 0.8, 0.65, 0.5)  # shortest swing [s]; shares of its rest that are tried
+SWING, SHARES = 0.32, (1.0, 0.9, 0.8, 0.65, 0.5)  # shortest swing [s]; shares of its rest that are tried
 STEP_COST, BOUND_COST, TIME_COST = 0.6, 2e4, 0.04  # over that of the ZMP in the sole
 MOMENTUM_RATE = 15.0  # at which a surplus of angular momentum dies out [1/s]
 
@@ -50,11 +49,12 @@ class Mpc:
         self.places = np.array([step.position for step in self.base.contacts.footsteps])
         self.edges = np.append(self.base.contacts.starts, self.base.duration)
         self.clock = self.edges, self.edges  # times, and the same instants of the first plan [s]
-        # COM and velocity of the pendulum x'' = omega^2 (x - r) that starts at rest at 0, by r.
+        # COM and speed of the pendulum x'' = omega^2 (x - r) that starts at 0, by r and its first speed.
         self.omega = w = np.sqrt(self.base.gravity / self.base.com_height)
         weights, since = GRID * w * (np.tri(321) - 0.5 * np.eye(321)), w * (AHEAD[:, None] - AHEAD)
         weights[:, 0] *= 0.5
-        self.com_by_r, self.velocity_by_r = -weights * np.sinh(since), -w * weights * np.cosh(since)
+        self.com_by_r, self.speed_by_r = -weights * np.sinh(since), -w * weights * np.cosh(since)
+        self.com_by_speed, self.speed_by_speed = np.sinh(since[:, :1]) / w, np.cosh(since[:, :1])
         self.dcm_by_r, self.decay = weights[-1] * np.exp(-w * AHEAD), np.exp(-w * AHEAD[-1])
         return self.base
 
@@ -73,9 +73,8 @@ class Mpc:
         _, self.clock, moved[:, :2], zmp = min(tried, key=lambda result: result[0])
         last, clock, edges = moved[-1, :2], self.clock, np.interp(self.edges, *self.clock[::-1])
         # The COM over this ZMP; after the horizon what is left of its motion dies out.
-        angle = w * AHEAD[:, None]
-        x = com + np.sinh(angle) * rates[:2] / w + self.com_by_r @ (zmp - arm - com)
-        v = np.cosh(angle) * rates[:2] + self.velocity_by_r @ (zmp - arm - com)
+        x = com + self.com_by_speed * rates[:2] + self.com_by_r @ (zmp - arm - com)
+        v = self.speed_by_speed * rates[:2] + self.speed_by_r @ (zmp - arm - com)
         t = np.arange(time + AHEAD[-1], edges[-1], GRID)
         later = base.sample(np.interp(t, *clock))
         left = np.exp(w * (t[0] - t))[:, None] * (x[-1] - later.com[0, :2] - last)
@@ -85,7 +84,6 @@ class Mpc:
         motion = x, v, w * w * (x - zmp + arm), zmp, arm
         laws = [SampledLaw(GRID * np.arange(len(x)), *(part[:, k] for part in motion)) for k in (0, 1)]
         phase = CentroidalPhase(time, edges[-1] - time, (0.0, 0.0), *laws, tuple(surplus))
-        # Footsteps, feet and posture by the same clock.
         pairs = zip(base.contacts.footsteps, (self.places + moved).tolist(), strict=True)
         footsteps = [step._replace(position=tuple(place)) for step, place in pairs]
         contacts = contacts_in_turn(footsteps, edges[:-1].tolist(), np.diff(edges).tolist())
@@ -95,14 +93,13 @@ class Mpc:
         return replace(plan, phases=(phase,), contacts=contacts, feet=feet, posture=posture)
 
     def clocks(self, time):
-        """The valid plan's clock, and those with shorter rests of the present swing, each after its cost."""
-        yield 0.0, self.clock
+        """Costs and clocks: the valid plan's, and those with shorter rests of the present swing."""
         (t, first), edges = self.clock, np.interp(self.edges, *self.clock[::-1])
         k, past = np.searchsorted(edges, time + 1e-9), t < time + 1e-9
         first = np.concatenate([first[past], [np.interp(time, t, first)], first[~past]])
         for share in SHARES:
             end = time + share * (edges[k] - time)
-            if k % 2 and end - time > FREEZE and end - edges[k - 1] > SWING:
+            if share == 1.0 or (k % 2 and end - time > FREEZE and end - edges[k - 1] > SWING):
                 times = np.concatenate([t[past], [time], t[~past] - edges[k] + end])
                 yield -TIME_COST * np.log(share), (times, first)
 
@@ -120,20 +117,18 @@ class Mpc:
         error = dcm - com - self.dcm_by_r @ (zmp - com) - self.decay * (ahead.dcm[-1] - com)
         row = np.concatenate([self.dcm_by_r @ HATS, self.dcm_by_r @ shares @ by + self.decay * by[-1], [1.0]])
         change, before = by[free] - by[free - 1], fixed[free] - fixed[free - 1]
-        n, m = len(inside), len(free)  # ZMPs and footsteps; the last variable is what is left of the error
-        rows = np.vstack([row, linalg.block_diag(np.eye(n), change, np.zeros((0, 1)))])
-        costs = sparse.diags([1.0] * n + [STEP_COST] * m + [BOUND_COST], format="csc")
-        # Room of the ZMP in the sole, in double support between both; how far each step may change.
+        n = len(inside)  # ZMPs come first, then footsteps; the last variable is what is left of the error
+        rows = sparse.csc_matrix(np.vstack([row, linalg.block_diag(np.eye(n), change, np.zeros((0, 1)))]))
+        costs = sparse.diags([1.0] * n + [STEP_COST] * len(free) + [BOUND_COST], format="csc")
         sole, is_left = self.base.feet.sole, self.places[free, 1, None] > 0.0
         width = 0.5 * (sole.heel_half_width + sole.ball_half_width)
         back, front = np.array([sole.heel_x, -width]) + MARGIN, np.array([sole.ball_x, width]) - MARGIN
         least, most = np.where(is_left, LEFT[:, None], RIGHT[:, None]) - before
-        low = np.vstack([error, np.minimum(back - inside, 0.0), least])
+        low = np.vstack([error, np.minimum(back - inside, 0.0), least])  # of DCM, ZMP in the soles, steps
         high = np.vstack([error, np.maximum(front - inside, 0.0), most])
         for k in (0, 1):
-            qp = costs, np.zeros(n + m + 1), sparse.csc_matrix(rows), low[:, k], high[:, k]
             solver = osqp.OSQP()
-            solver.setup(*qp, verbose=False, eps_abs=1e-5, eps_rel=1e-5)
+            solver.setup(costs, None, rows, low[:, k], high[:, k], verbose=False, eps_abs=1e-5, eps_rel=1e-5)
             found = solver.solve()
             cost, fixed[:, k] = cost + found.info.obj_val, fixed[:, k] + by @ found.x[n:-1]
             zmp[:, k] += HATS @ found.x[:n] + shares @ by @ found.x[n:-1]
@@ -142,16 +137,14 @@ class Mpc:
 
 if __name__ == "__main__":
     push = val.Push("chest", (0.0, -120.0, 0.0), at=2.3, duration=0.1)  # to the right [N], [s]
-    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
-    axes = figure.subplots()
+    axes = Figure(figsize=(8.0, 4.0), layout="constrained").subplots()
     for name, planner in (("AMPM", "ampm"), ("MPC", Mpc())):
         run = ampm.load_run("normal", gait={"steps": 10}, simulation={"time_step": 0.002})
         for pushes in ([], [push]):
             trial = val.walk(run, planner=planner, disturbances=pushes)
             x, y = (1e3 * trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy")  # from the valid plan's
-            outcome = trial.record.outcome.name
-            print(f"{name}, {len(pushes)} pushes: {outcome}, ZMP RMSE along x {x:.2f}, y {y:.2f} mm")
+            print(f"{name}, {len(pushes)} pushes: {trial.record.outcome.name}, ZMP RMSE {x:.2f}, {y:.2f} mm")
         axes.plot(trial.measured.time, trial.measured.com[:, 1], label=f"{name}, {push.force[1]:g} N")
-    axes.set(xlabel="time [s]", ylabel="COM, to the left [m]", ylim=(-0.8, 0.2))
+    axes.set(xlabel="time [s]", ylabel="COM, to the left [m]", ylim=(-0.4, 0.1))
     axes.legend()
-    figure.savefig("mpc.png", dpi=100)
+    axes.figure.savefig("mpc.png", dpi=100)
