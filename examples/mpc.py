@@ -69,7 +69,7 @@ class Mpc:
         arm = fading * [surplus[1], -surplus[0]]
         dcm = com + rates[:2] / w + self.dcm_by_r @ arm
         moved = np.array([step.position for step in plan.contacts.footsteps]) - self.places
-        tried = [self.solve(time, *clock, moved, com, dcm) for clock in self.clocks(time)]
+        tried = [self.solve(time, cost, clock, moved, com, dcm) for cost, clock in self.clocks(time)]
         _, self.clock, moved[:, :2], zmp = min(tried, key=lambda result: result[0])
         last, clock, edges = moved[-1, :2], self.clock, np.interp(self.edges, *self.clock[::-1])
         # The COM over this ZMP; after the horizon what is left of its motion dies out.
@@ -82,8 +82,8 @@ class Mpc:
         v = np.vstack([v, (later.com_velocity[:, :2] - w * left)[1:]])
         zmp, arm = np.vstack([zmp, later.zmp[1:] + last]), np.pad(arm, ((0, len(t) - 1), (0, 0)))
         motion = x, v, w * w * (x - zmp + arm), zmp, arm
-        laws = [SampledLaw(GRID * np.arange(len(x)), *(part[:, k] for part in motion)) for k in (0, 1)]
-        phase = CentroidalPhase(time, edges[-1] - time, (0.0, 0.0), *laws, tuple(surplus))
+        laws = [SampledLaw(np.arange(len(x), dtype=float) * GRID, *(u[:, k] for u in motion)) for k in (0, 1)]
+        phase = CentroidalPhase(time, edges[-1] - time, (0.0, 0.0), laws[0], laws[1], tuple(surplus))
         pairs = zip(base.contacts.footsteps, (self.places + moved).tolist(), strict=True)
         footsteps = [step._replace(position=tuple(place)) for step, place in pairs]
         contacts = contacts_in_turn(footsteps, edges[:-1].tolist(), np.diff(edges).tolist())
@@ -137,7 +137,7 @@ class Mpc:
 
 if __name__ == "__main__":
     push = val.Push("chest", (0.0, -120.0, 0.0), at=2.3, duration=0.1)  # to the right [N], [s]
-    axes = Figure(figsize=(8.0, 4.0), layout="constrained").subplots()
+    axes = (figure := Figure(figsize=(8.0, 4.0), layout="constrained")).subplots()
     for name, planner in (("AMPM", "ampm"), ("MPC", Mpc())):
         run = ampm.load_run("normal", gait={"steps": 10}, simulation={"time_step": 0.002})
         for pushes in ([], [push]):
@@ -147,4 +147,4 @@ if __name__ == "__main__":
         axes.plot(trial.measured.time, trial.measured.com[:, 1], label=f"{name}, {push.force[1]:g} N")
     axes.set(xlabel="time [s]", ylabel="COM, to the left [m]", ylim=(-0.4, 0.1))
     axes.legend()
-    axes.figure.savefig("mpc.png", dpi=100)
+    figure.savefig("mpc.png", dpi=100)

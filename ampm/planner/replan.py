@@ -205,6 +205,7 @@ def joined(old: FeetPlan, new: FeetPlan, begin: float, landed: float) -> FeetPla
 
 
 def _joined(old: FootPath, new: FootPath, begin: float, landed: float) -> FootPath:
+    """One foot of :func:`joined`."""
     kept, row = old.start < begin, int(new.segments(np.array([begin]))[0])
     start = np.maximum(new.start[row:], begin)
     curves = shift(new.curve[row:], start - new.start[row:])
