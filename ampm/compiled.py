@@ -31,6 +31,7 @@ _SOURCES = (
     "ampm/vectors.py",
     "ampm/body/*.py",
     "ampm/control/*.py",
+    "ampm/sensors/*.py",
     "ampm/stepping/*.py",
     "validation/trial/*.py",
 )

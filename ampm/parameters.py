@@ -33,6 +33,7 @@ from ampm.section import (
     unknown,
     whole,
 )
+from ampm.sensor_parameters import SensorParameters
 
 GRAVITY = 9.81
 """Gravitational acceleration of the paper [m/s^2]."""
@@ -183,36 +184,29 @@ class DisturbanceParameters(Section, section="disturbance"):
     )
     mass_change: Real = parameter(0.0, "relative change of their mass and inertia", ge=-0.9, le=10)
     joint_damping: Real = parameter(0.0, "further damping of every joint", "N m s/rad", ge=0, le=1e3)
-    sensing_delay: Real = parameter(
-        0.0, "delay of sensed state and contact, in whole ticks of the controller", "s", ge=0, le=0.2
-    )
-    actuation_delay: Real = parameter(0.0, "delay of the torques, likewise", "s", ge=0, le=0.2)
-    angle_noise: Real = parameter(
-        0.0, "standard deviation of white noise on sensed joint angles, at every tick", "rad", ge=0, le=0.5
-    )
-    rate_noise: Real = parameter(
-        0.0, "standard deviation of white noise on sensed joint rates, at every tick", "rad/s", ge=0, le=50
+    actuation_delay: Real = parameter(
+        0.0, "delay of the torques, in whole ticks of the controller", "s", ge=0, le=0.2
     )
     torque_bias: Real = parameter(
         0.0, "constant error of every motor's torque; its signs are random", "N m", ge=0, le=1e3
     )
 
-    def delays(self, frequency: float) -> tuple[int, int]:
-        """Delays of sensing and actuation in ticks of a controller [Hz].
+    def ticks_late(self, frequency: float) -> int:
+        """Delay of the torques in ticks of a controller [Hz].
 
         Raises:
-            InputError: one is no whole number.
+            InputError: it is no whole number.
         """
-        sensing, actuation = self.sensing_delay * frequency, self.actuation_delay * frequency
-        for key, ticks in (("sensing_delay", sensing), ("actuation_delay", actuation)):
-            if whole(ticks) is None:
-                raise InputError(
-                    f"disturbance.{key} = {ticks / frequency:g} s is no multiple of the controller's tick of "
-                    f"{1.0 / frequency:g} s; choose for example {round(ticks) / frequency:.12g}.",
-                    key=f"disturbance.{key}",
-                    value=ticks / frequency,
-                )
-        return round(sensing), round(actuation)
+        delay = self.actuation_delay
+        ticks = whole(delay * frequency)
+        if ticks is None:
+            raise InputError(
+                f"disturbance.actuation_delay = {delay:g} s is no multiple of the controller's tick of "
+                f"{1.0 / frequency:g} s; choose for example {round(delay * frequency) / frequency:.12g}.",
+                key="disturbance.actuation_delay",
+                value=delay,
+            )
+        return ticks
 
 
 class FootstepParameters(Section, section="footsteps"):
@@ -248,6 +242,7 @@ class RunParameters(Section):
     simulation: SimulationParameters = Field(default_factory=SimulationParameters)
     solver: SolverParameters = Field(default_factory=SolverParameters)
     disturbance: DisturbanceParameters = Field(default_factory=DisturbanceParameters)
+    sensors: SensorParameters = Field(default_factory=SensorParameters)
     footsteps: tuple[FootstepParameters, ...] = Field(
         (),
         description="places to walk over, from rest to rest; none: the periodic gait",
@@ -274,7 +269,9 @@ class RunParameters(Section):
                 value=contact.impedance_min,
                 way_out="exchange them",
             )
-        self.disturbance.delays(self.controller.frequency)
+        self.disturbance.ticks_late(self.controller.frequency)
+        self.sensors.steps_late(self.simulation.time_step)
+        self.sensors.ticks_per_fix(self.controller.frequency)
         if self.simulation.engine == "drake":
             self._check_drake()
         return self
@@ -356,8 +353,8 @@ class RunParameters(Section):
 
     @property
     def undisturbed(self) -> "RunParameters":
-        """The run as planner and controller know it: without its section ``disturbance``."""
-        return self.model_copy(update={"disturbance": DisturbanceParameters()})
+        """The run as planner and controller know it: without its sections ``disturbance`` and ``sensors``."""
+        return self.model_copy(update={"disturbance": DisturbanceParameters(), "sensors": SensorParameters()})
 
     @property
     def given(self) -> frozenset[str]:

@@ -15,6 +15,12 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from ampm.exceptions import InputError
 
+MOVED = {
+    "disturbance.sensing_delay": "sensors.delay",
+    "disturbance.angle_noise": "sensors.angle_noise",
+    "disturbance.rate_noise": "sensors.rate_noise",
+}
+"""Keys that have another name now."""
 _MOST_LISTED = 12  # known names that are listed when none resembles the unknown one
 
 
@@ -49,6 +55,12 @@ Option = bool | int | float | str
 """Value of an option of a user's class."""
 Options = Mapping[str, Annotated[Option, BeforeValidator(_option)]]
 """Options of a user's class, by the names of its parameters."""
+
+
+def whole(number: float) -> int | None:
+    """The whole number that a number is but for rounding, or None."""
+    nearest = round(number)
+    return nearest if abs(number - nearest) <= 1e-9 * max(1.0, number) else None
 
 
 def whole(number: float) -> int | None:
@@ -116,7 +128,7 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
 def unknown(name: str, known: Iterable[str], what: str = "key", **details: Any) -> InputError:
     """Error about an unknown name, with the nearest of the known ones, or all if they are few."""
     known = tuple(known)
-    similar = nearest(name, known)
+    similar = MOVED.get(name) or nearest(name, known)
     hint = way_out = "'ampm keys' lists all."
     if similar:
         hint, way_out = f"did you mean {similar!r}?", f"write {similar}"

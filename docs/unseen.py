@@ -32,9 +32,9 @@ PICTURE = PAGE.parent / "images" / "unseen.png"
 EXAMPLES = PAGE.parent / "examples"
 KEPT = PAGE.parents[1] / "build" / "unseen"
 SENSED = {
-    "disturbance.sensing_delay": 0.002,  # [s]
-    "disturbance.angle_noise": 1e-4,  # [rad]
-    "disturbance.rate_noise": 1e-2,  # [rad/s]
+    "sensors.delay": 0.002,  # [s]
+    "sensors.angle_noise": 1e-4,  # [rad]
+    "sensors.rate_noise": 1e-2,  # [rad/s]
     "disturbance.mass_change": 0.02,
 }
 """Sensing that is not exact, and a body that is not the controller's."""

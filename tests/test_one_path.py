@@ -24,11 +24,12 @@ class Ours(TrackingController):
         ((), {}, TrackingController),
         ((), {"controller": Ours}, Ours),
         ((), {"controller": JointPD}, JointPD),
-        (("disturbance.sensing_delay=0.002",), {}, FaultyController),
+        (("disturbance.actuation_delay=0.002",), {}, FaultyController),
+        (("sensors.estimator=kalman",), {}, TrackingController),
         (("disturbance.step_height=0.002", "disturbance.step_number=3"), {}, TrackingController),
         (("controller.stabilizer=stepping",), {}, TrackingController),
     ],
-    ids=["ours", "a subclass", "a user's", "faults", "stones", "stepping"],
+    ids=["ours", "a subclass", "a user's", "faults", "sensors", "stones", "stepping"],
 )
 def test_every_tick_is_one_call_of_update_in_the_loops_tick(monkeypatch, settings, options, kind):
     ticks, updates, tick, update = [], [], ClosedLoop.tick, kind.update

@@ -11,6 +11,7 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.presets import preset_names
+from ampm.run_file import load_run
 from models.human import sole_geometry
 from tests.walk import APART, STILL, perfect_walk, with_state
 from validation.judge.compare import compare
@@ -244,12 +245,13 @@ def test_the_docs_state_the_limits_that_hold():
 
 def test_profiles_are_found_by_name_and_by_preset():
     assert profile("wide") is WIDE
-    with pytest.raises(InputError, match="default, strict, wide, jumps, footsteps"):
+    with pytest.raises(InputError, match="default, strict, wide, jumps, footsteps, odometry"):
         profile("lenient")
     own = {name: own_profile(name).name for name in (*preset_names(), "my-gait")}
     special = {name: found for name, found in own.items() if found != DEFAULT.name}
     assert special == {"pitch": "wide", "ipm": "jumps"}  # no other demo may take wider limits
-    assert own_profile("pitch", footsteps=True).name == "footsteps"
+    steps = [{"foot": foot, "x": 0.0, "y": 0.0} for foot in ("left", "right") * 2]
+    assert own_profile("pitch", load_run("pitch").replace({}, footsteps=steps)).name == "footsteps"
 
 
 def test_over_footsteps_only_the_angular_momentum_and_moves_of_the_plan_have_wider_limits():

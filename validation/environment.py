@@ -82,6 +82,8 @@ def load(
     if unusual := request.run.disturbance.model_dump(exclude_defaults=True):
         keys = ", ".join(f"disturbance.{key}" for key in unusual)
         raise InputError(f"an environment has no disturbances; leave out {keys}.")
+    if not request.run.sensors.perfect:
+        raise InputError("an environment has no sensors; leave out the section sensors.")
     if request.run.simulation.engine != "mujoco":
         raise InputError("an environment is stepped by MuJoCo; leave out simulation.engine.")
     if isinstance(profile, str):

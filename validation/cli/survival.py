@@ -47,7 +47,7 @@ def robustness(
     ] = False,
     only: Annotated[
         list[str] | None,
-        option("--only", "Kind: pushes, or a key of the section disturbance. Repeatable.", "KIND"),
+        option("--only", "Kind: pushes, or a key of disturbance or sensors. Repeatable.", "KIND"),
     ] = None,
     replicas: Annotated[
         int, option("--replicas", "Walks of every value, of which four fifths have to survive.", "N")
@@ -64,7 +64,7 @@ def robustness(
     """Find the pushes and disturbances that a gait survives.
 
     Body and controller are those of the run. Pushes of 0.1 s by direction, phase and height, each beside the
-    bound that legs set, and rising values of all keys of the section disturbance. A value counts if it and
+    bound that legs set, and rising values of the keys of disturbance and sensors. A value counts if it and
     all smaller ones are survived.
     """
     from validation.study.robustness.result import Robustness

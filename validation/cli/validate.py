@@ -113,9 +113,7 @@ def validate(
     )
     requests = load_requests(gaits or [None], extra, as_is=as_is, sections=with_footsteps(footsteps, steps))
     judges = [
-        profiles.own_profile(gait, footsteps=bool(request.run.footsteps))
-        if profile is None
-        else profiles.profile(profile)
+        profiles.own_profile(gait, request.run) if profile is None else profiles.profile(profile)
         for gait, request in zip(gaits or ["normal"], requests, strict=True)
     ]
     known = [load_uncertainty(path) for path in uncertainty or ()]

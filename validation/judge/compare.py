@@ -84,11 +84,13 @@ class Signal(NamedTuple):
 
 
 _MINUS, _ABOUT_COM = "measured minus planned", "angular momentum about the COM"
+_FROM_FOOT = "ZMP from the standing foot in its heading, both feet weighted by their loads"
 _FOOT, _WEIGHT = ("foot_length",), ("body_weight",)
 _MOMENTUM = ("mass_height_velocity", "mass_height_froude_velocity")
 _YAW = "angular momentum about the vertical, measured minus that of the whole-body motion"
 _VECTORS: tuple[tuple[str, str, str, str, str, tuple[str, ...]], ...] = (
     ("zmp", "xy", "m", "ZMP", f"ZMP, {_MINUS}", _FOOT),
+    ("zmp_foot", "xy", "m", "ZMP from the standing foot", f"{_FROM_FOOT}, {_MINUS}", _FOOT),
     ("force", "xyz", "N", "ground force", f"net ground force, {_MINUS}", _WEIGHT),
     ("angular_momentum", "xy", "N m s", "angular momentum", f"{_ABOUT_COM}, {_MINUS}", _MOMENTUM),
     ("angular_momentum", "z", "N m s", "angular momentum", _YAW, _MOMENTUM),
@@ -261,6 +263,7 @@ def compare(
     }
     for array in (momentum_z, *rows.values()):
         array.setflags(write=False)
+    forward = record.foot_forward[: time.size]
     height, mass = plan.com_height, measured.mass
     scales = {
         "body_weight": measured.weight,
@@ -283,7 +286,9 @@ def compare(
         momentum_z=momentum_z,
         rows=MappingProxyType(rows),
         scales=MappingProxyType(scales),
-        signals=MappingProxyType(_signal_errors(followed, sample, measured, rows, scales, momentum_z)),
+        signals=MappingProxyType(
+            _signal_errors(followed, sample, measured, rows, scales, momentum_z, forward)
+        ),
         zmp_split=_split_zmp_error(sample, measured, run),
         costs=MappingProxyType(costs),
         followed=followed,
@@ -298,11 +303,13 @@ def _signal_errors(
     rows: Mapping[str, Rows],
     scales: Mapping[str, float],
     momentum_z: Array,
+    forward: Array,
 ) -> dict[str, Mapping[str, Statistics]]:
     """Errors of all :data:`SIGNALS` in all windows."""
     feet = followed.feet(sample.time)
     pairs = {
         "zmp": (measured.zmp, sample.zmp),
+        "zmp_foot": _from_standing_foot(sample, measured, feet, followed.headings(sample.time), forward),
         "force": (measured.force, sample.force),
         "angular_momentum": (
             measured.angular_momentum,
@@ -320,6 +327,32 @@ def _signal_errors(
             {window: statistics(error[w], reference[w], scale, signal.unit) for window, w in rows.items()}
         )
     return found
+
+
+def _from_standing_foot(
+    sample: PlanSample, measured: MeasuredGait, feet: Array, headings: Array, forward: Array
+) -> tuple[Array, Array]:
+    """ZMP from the standing foot, along and across its heading, measured and planned, shapes (K, 2) [m].
+
+    Of two loaded feet it is the mean, weighted by the measured loads. Where the walk is in the world does not
+    count, which an estimator without fixes of the position cannot know.
+    """
+    load = np.maximum(measured.foot_force[:, :, 2], 0.0)
+    load = load / np.where(load.any(axis=1), load.sum(axis=1), np.nan)[:, None]
+    found, wanted = np.zeros((2, len(load), 2))
+    for foot in (0, 1):
+        planned, x, y = feet[:, 3 * foot : 3 * foot + 2], forward[:, foot, 0], forward[:, foot, 1]
+        along = np.column_stack([x, y]) / np.hypot(x, y)[:, None]
+        heading = np.column_stack([np.cos(headings[:, foot]), np.sin(headings[:, foot])])
+        found += load[:, foot, None] * _along(measured.zmp - measured.foot_position[:, foot, :2], along)
+        wanted += load[:, foot, None] * _along(sample.zmp - planned, heading)
+    return found, wanted
+
+
+def _along(vectors: Array, heading: Array) -> Array:
+    """Components along and across unit vectors in the floor, all of shape (K, 2)."""
+    across = heading[:, 0] * vectors[:, 1] - heading[:, 1] * vectors[:, 0]
+    return np.column_stack([(vectors * heading).sum(axis=1), across])
 
 
 def statistics(error: Array, reference: Array, scale: float, unit: str) -> Statistics:

@@ -167,7 +167,7 @@ def metric_label(name: str) -> str:
 def _errors() -> Iterator[Metric]:
     """Errors of all signals: first those that the profiles judge."""
     every = [(name, statistic) for name in SIGNALS for statistic in ("rmse", "maximum")]
-    for key in dict.fromkeys([*_LIMITS, *every]):
+    for key in dict.fromkeys([*_LIMITS, *_ODOMETRY_LIMITS, *every]):
         (name, statistic), limits = key, _LIMITS.get(key)
         signal, mean = SIGNALS[name], statistic == "rmse"
         yield Metric(
@@ -179,7 +179,7 @@ def _errors() -> Iterator[Metric]:
             compute=partial(_statistic, name=name, statistic=statistic),
             tolerances=_tolerances(key),
             tolerance_unit=LIMIT_UNITS[signal.unit],
-            reason=limits[2] if limits else "",
+            reason=limits[2] if limits else _FROM_FOOT if key in _ODOMETRY_LIMITS else "",
             scales=signal.scales,
             nature="mean" if mean else "extreme",
             by_window=True,
@@ -190,6 +190,7 @@ def _tolerances(key: tuple[str, str]) -> Mapping[str, float]:
     """Limits of a signal's statistic by profile, as shares of what grows with the body."""
     found = {} if key not in _LIMITS else dict(zip(("strict", "default"), _LIMITS[key][:2], strict=True))
     found |= {"jumps": _JUMP_LIMITS[key]} if key in _JUMP_LIMITS else {}
+    found |= {"odometry": _ODOMETRY_LIMITS[key]} if key in _ODOMETRY_LIMITS else {}
     found |= {"footsteps": _FOOTSTEPS_LIMIT} if key in _LIMITS and key[0].startswith("angular") else {}
     unit = LIMIT_UNITS[SIGNALS[key[0]].unit]
     return {name: share_of_default(limit, unit) for name, limit in found.items()}
@@ -231,6 +232,16 @@ _JUMP_LIMITS: Mapping[tuple[str, str], float] = {
 """Limits of ``jumps``. The ZMP of `ipm` jumps by J = 0.24 m along x and 0.08 m along y twice in a step of
 D = 0.775 s. With torques held for T = 2 ms each jump comes up to T/2 early or late, which makes an RMSE of
 J (T/2D)^1/2 = 8.6 and 2.9 mm."""
+_ODOMETRY_LIMITS: Mapping[tuple[str, str], float] = {
+    ("zmp_foot_x", "rmse"): 4e-3, ("zmp_foot_y", "rmse"): 4e-3,
+    ("zmp_foot_x", "maximum"): 40e-3, ("zmp_foot_y", "maximum"): 30e-3,
+}  # fmt: skip
+"""Limits of ``odometry``."""
+_FROM_FOOT = (
+    "An estimator without fixes of the position does not know where in the world it is, so the ZMP counts "
+    "from the standing foot. Good sensors tell the COM's velocity to 1.5 mm/s, and each mm/s moves the ZMP "
+    "by 1.3 mm."
+)
 _FOOTSTEPS_LIMIT = 0.5
 """Limit of ``footsteps`` on the angular momentum [N m s]. What keeps a trunk upright while legs and arms
 swing, 0.47 N m s for `normal`, is part of a periodic motion; over footsteps it is found while walking."""
@@ -389,6 +400,20 @@ _SHORTFALL = Metric(
 )  # fmt: skip
 
 
+def _drift(walk: Comparison) -> float:
+    """Drift in a step [m]; NaN for less than three steps."""
+    ends = walk.plan.contacts.step_ends
+    ends = ends[ends <= walk.time[-1] + 2.0 * walk.record.time_step] if walk.time.size else ends[:0]
+    if len(ends) < 3:
+        return math.nan
+    error = (walk.measured.com - walk.sample.com)[:, :2]
+    means = [
+        error[(walk.time >= start) & (walk.time < end)].mean(axis=0)
+        for start, end in ((ends[0], ends[1]), (ends[-2], ends[-1]))
+    ]
+    return float(np.linalg.norm(means[1] - means[0])) / (len(ends) - 2)
+
+
 def _longest_slip(walk: Comparison) -> float | None:
     """Largest slip in the window [m]; None where none was measured, as in a log without it."""
     slip = walk.measured.slip
@@ -459,6 +484,11 @@ def _costs() -> Iterator[Metric]:
             )
 
 
-_BUILT_IN = [*_errors(), _SLIP, _SHORTFALL, _SPEED, *PLAN_MOVED, *_INSTRUMENT, *_costs()]
+_DRIFT = Metric(
+    "drift_per_step", "m",
+    "how far the COM left its plan from the second step to the last one, over the steps between", "walk",
+    _drift, label="drift from the plan in a step",
+)  # fmt: skip
+_BUILT_IN = [*_errors(), _SLIP, _SHORTFALL, _SPEED, _DRIFT, *PLAN_MOVED, *_INSTRUMENT, *_costs()]
 _EVERY = sorted(_BUILT_IN, key=lambda item: not item.tolerances)
 _METRICS.update((item.name, item) for item in _EVERY)

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any, Self
 
 from ampm.exceptions import InputError
+from ampm.parameters import RunParameters
 from validation.judge.metrics import METRICS, Metric
 from validation.judge.sizes import limit_in_si
 
@@ -49,12 +50,14 @@ class Profile:
         description: what it is for, one sentence.
         base: profile whose limit holds for a metric that names none for this one.
         factor: on the limits of ``base`` that judge the walk, not its instrument.
+        leaves_out: metrics that it does not judge.
     """
 
     name: str
     description: str
     base: Self | None = None
     factor: float = 1.0
+    leaves_out: tuple[str, ...] = ()
 
     @property
     def tolerances(self) -> tuple[Tolerance, ...]:
@@ -64,6 +67,8 @@ class Profile:
 
     def tolerance(self, metric: Metric) -> Tolerance | None:
         """Limit of one metric, None if it is not judged."""
+        if metric.name in self.leaves_out:
+            return None
         if self.name in metric.tolerances:
             unit = metric.tolerance_unit or metric.unit
             return Tolerance(metric.name, metric.tolerances[self.name], unit, metric.reason)
@@ -105,17 +110,27 @@ FOOTSTEPS = Profile(
     "upright is found while walking; that may be 0.5 N m s off, all else is as in `default`.",
     base=DEFAULT,
 )
+ODOMETRY = Profile(
+    "odometry",
+    "For walks whose state comes from an estimator without fixes of the position: the ZMP is judged from the "
+    "standing foot (`zmp_foot_x`, `zmp_foot_y`) and not in the world, which drifts; all else is as in "
+    "`default`.",
+    base=DEFAULT,
+    leaves_out=tuple(f"zmp_{axis}_{statistic}" for axis in "xy" for statistic in ("rmse", "maximum")),
+)
 PROFILES: Mapping[str, Profile] = MappingProxyType(
-    {item.name: item for item in (DEFAULT, STRICT, WIDE, JUMPS, FOOTSTEPS)}
+    {item.name: item for item in (DEFAULT, STRICT, WIDE, JUMPS, FOOTSTEPS, ODOMETRY)}
 )
 
 OWN: Mapping[str, str] = MappingProxyType({"pitch": "wide", "ipm": "jumps"})
 """Presets that are judged by another profile than `default` unless one is given."""
 
 
-def own_profile(gait: str, *, footsteps: bool = False) -> Profile:
-    """Profile of a gait, or of its walk over footsteps, unless another one is given."""
-    return FOOTSTEPS if footsteps else PROFILES[OWN.get(gait, DEFAULT.name)]
+def own_profile(gait: str, run: RunParameters | None = None) -> Profile:
+    """Profile of a gait, of its run over footsteps or with an estimator, unless another one is given."""
+    if run is not None and run.sensors.relative:
+        return ODOMETRY
+    return FOOTSTEPS if run is not None and run.footsteps else PROFILES[OWN.get(gait, DEFAULT.name)]
 
 
 def profile(name: str) -> Profile:

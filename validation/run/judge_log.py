@@ -64,7 +64,7 @@ def judge_log(
     progress, seconds = progress or Progress(), dict[str, float]()
     request = _request(plan, settings)
     if not isinstance(profile, Profile):
-        own = own_profile(request.name, footsteps=bool(request.run.footsteps))
+        own = own_profile(request.name, request.run)
         profile = own if profile is None else find_profile(profile)
     columns, name = _columns(table)
     with timed(seconds, "planning"):

@@ -99,7 +99,7 @@ def walk(
     if controller is not None:
         request = replace(request, run=request.run.replace({"controller.name": name_of(factory)}))
     if not isinstance(profile, Profile):
-        own = profiles.own_profile(request.name, footsteps=bool(request.run.footsteps))
+        own = profiles.own_profile(request.name, request.run)
         profile = own if profile is None else profiles.profile(profile)
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
@@ -162,7 +162,9 @@ def walk_planned(
         true = body.robot.model if scene is body.model else pinocchio_model(simulated)
         near = moved_record(record, -run.disturbance.origin)
         measured = measure(near, true, to_pinocchio, passive_joints(simulated))
-        upright = run.replace({"gait.com_height": planned.plan.com_height})  # a table may have its own
+        upright = run.undisturbed.replace(
+            {"gait.com_height": planned.plan.com_height}
+        )  # a table may have its own
         standing = weigh(upright, body.model, body.robot)
         description = body.model.description
         comparison = compare(
@@ -176,6 +178,8 @@ def walk_planned(
     if planned.planner:
         extra["planner"] = planned.planner
     unusual = run.disturbance.model_dump(exclude_defaults=True)
+    sensors = run.sensors.model_dump(exclude_defaults=True)
+    unusual |= {f"sensors.{key}": value for key, value in sensors.items()}
     if texts := [f"{key} = {value!r}" for key, value in unusual.items()] + list(map(describe, disturbances)):
         extra["disturbances"] = texts
     return Trial(planned, record, comparison, metrics, verdict, MappingProxyType(taken), uncertainty, extra)

@@ -120,6 +120,8 @@ def _disturbed(saved: SavedRun) -> str:
     """What disturbed the walk, empty if nothing did; pushes are in the record."""
     own = saved.parameters.disturbance.model_dump(exclude_defaults=True)
     parts = [f"{key} = {value}" for key, value in own.items() if not key.startswith(("push_", "seed"))]
+    sensors = saved.parameters.sensors.model_dump(exclude_defaults=True)
+    parts += [f"sensors.{key} = {value}" for key, value in sensors.items()]
     return "; ".join([*parts, *filter(None, [saved.record.metadata.get("disturbances")])])
 
 

@@ -93,6 +93,20 @@ class Followed:
             places[rows] = self._between(times[rows], own[rows]).feet.reshape(-1, 6)
         return places
 
+    def headings(self, times: Array) -> Array:
+        """Yaw of both feet, left first, shape (N, 2) [rad]; off its plan the stabiliser's of the standing foot."""
+
+        def both(plan: WalkPlan, part: Array) -> Array:
+            feet = plan.feet.sample(np.minimum(part, plan.duration))
+            return np.column_stack([foot.heading for foot in feet])
+
+        headings = self._by_parts(times, both)
+        own = self._own(times)
+        rows = own >= 0
+        if rows.any():
+            headings[rows] = self._between(times[rows], own[rows]).heading[:, None]
+        return headings
+
     def momentum_z(self, times: Array) -> Array:
         """L_z of the planned posture, shape (N,) [N m s]."""
         momentum = self._by_parts(times, lambda plan, part: plan.posture.sample(part).angular_momentum_z)

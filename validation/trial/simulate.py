@@ -44,6 +44,7 @@ from validation.trial.faults import FaultyController, behind_faults, started
 from validation.trial.followed import Followed, moved_ticks
 from validation.trial.log import RunLog, SolePoints
 from validation.trial.outcome import Outcome, OutcomeName
+from validation.trial.readings import Sensing, find_estimator
 from validation.trial.record import FLOOR, PLANS, SimulationRecord
 from validation.trial.references import Course, References, ReplannedController
 from validation.trial.scene import disturbed_model
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
 
     from ampm.parameters import RunParameters
     from ampm.reference import Reference
+    from ampm.sensors.readings import Estimator
     from ampm.stepping.planned import PlannedTick
     from ampm.walk import Controller, ControllerFactory, Replanner, WalkPlan
     from models.scene import BodyModel
@@ -197,6 +199,7 @@ def simulate(
     # The soles carry weight from the first instant.
     q[2] += run.disturbance.floor_height - run.simulation.start_depth
     physics.place(q, started(start.v, run.disturbance))
+    estimated = find_estimator(run.sensors.estimator)
     factory = controller or find_controller(run.controller.name)
     with UsersCode("controller", factory):
         known = physics.robot if scene is body else make_robot(body.compile(), body.description)
@@ -207,6 +210,12 @@ def simulate(
             with UsersCode("planner", planner):
                 follower = ReplannedController(follower, planner, course)
         follower = behind_faults(follower, run, known)
+    estimator = None
+    if estimated is not None:
+        q[2] -= run.disturbance.floor_height  # is not known
+        informed = run.undisturbed.model_copy(update={"sensors": run.sensors.known})
+        with UsersCode("estimator", estimated):
+            estimator = estimated(known, informed, State(0.0, q, start.v, 0.5 * dt))
     levels, metadata = [0.0], {}
     if uneven(plan.contacts.footsteps):
         levels = sorted({step.position[2] for step in plan.contacts.footsteps})
@@ -217,6 +226,7 @@ def simulate(
         chain([first], references),
         run,
         course,
+        estimator=estimator,
         levels=levels,
         disturbances=disturbances,
         progress=progress,
@@ -261,6 +271,7 @@ class ClosedLoop:
         references: one for each control tick.
         run: parameters.
         course: when each walking step ends, and the walk; both may change at a tick.
+        estimator: that makes the state; None for the true one, as the sensors of the run read it.
         levels: heights of the floor's surfaces [m].
         disturbances: external forces.
         progress: called with (simulation steps done, all) now and then.
@@ -278,6 +289,7 @@ class ClosedLoop:
         run: RunParameters,
         course: Course,
         *,
+        estimator: Estimator | None = None,
         levels: Sequence[float] = (0.0,),
         disturbances: Sequence[Disturbance] = (),
         progress: Callable[[int, int], None] | None = None,
@@ -286,9 +298,9 @@ class ClosedLoop:
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
         self.plant.segment(run.disturbance.push_segment)  # refused also without a force
         self.physics, self.controller, self.references = physics, controller, references
-        behind = controller
+        self.behind = behind = controller
         while isinstance(behind, FaultyController | ReplannedController):
-            behind = behind.controller
+            self.behind = behind = behind.controller
         self.users_code = UsersCode("controller", behind)
         self.stepped: list[PlannedTick] = []
         self._planned = behind if isinstance(behind, TrackingController) else None
@@ -296,6 +308,9 @@ class ClosedLoop:
         data, robot = physics.data, physics.robot
         self.log = RunLog(course.total, physics.model, data, physics.points, physics.substeps, levels)
         self.log.start(data)
+        self.sensing = None
+        if not run.sensors.perfect:
+            self.sensing = Sensing(run, self.log, robot.gravity, estimator)
         self.watch = Watch(run.controller.unsolved_limit, robot.description.scale)
         self.warnings = data.warning.number[_BAD_STATE]  # a view
         self._row = np.zeros(1, reference_type(robot.nq, robot.nv))
@@ -405,9 +420,12 @@ class ClosedLoop:
         physics = self.physics
         self._sense(physics.data.ncon)
         reference = next(self.references)
-        state = State(time, physics.q, physics.v, 0.5 * physics.time_step)
+        if self.sensing is None:
+            state, touch = State(time, physics.q, physics.v, 0.5 * physics.time_step), self._touch
+        else:
+            state, touch = self.sensing.update(k, getattr(self.behind, "acceleration", None))
         with self.users_code:
-            output = self.controller.update(state, self._touch, reference)
+            output = self.controller.update(state, touch, reference)
             if not isinstance(output, ControlOutput):
                 raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
             try:
@@ -429,6 +447,8 @@ class ClosedLoop:
         if self.course.total > len(self.log.torque):
             self.log = self.log.extended(self.course.total, k)
             self._bind()
+            if self.sensing is not None:
+                self.sensing.attach(self.log)
         limit = self._worst_joint() if status == LIMITED else ""
         return self.watch.check(time, self.stance, status, gap=gap, residual=residual, limit=limit)
 

@@ -173,7 +173,7 @@ def _study(studies: Sequence[Uncertainty], source: Request | Path) -> Uncertaint
 
 def walk_side(request: Request, folder: str, controller: Any = None, planner: Any = None) -> Row:
     """Walk one side, on a worker, and keep the run in a folder."""
-    profile = own_profile(request.name, footsteps=bool(request.run.footsteps))
+    profile = own_profile(request.name, request.run)
     trial = walk_planned(plan_walk(request, planner=planner), profile, controller=controller)
     if trial.record.outcome.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt

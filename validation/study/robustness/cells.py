@@ -84,33 +84,31 @@ def _degrees(*values: float) -> tuple[float, ...]:
 
 
 _LADDERS: tuple[tuple[str, str, tuple[float, ...]], ...] = (
-    ("floor higher", "floor_height", (0.002, 0.005, 0.01, 0.02, 0.03)),
-    ("floor lower", "floor_height", (-0.002, -0.005, -0.01, -0.02, -0.03)),
-    ("one step higher", "step_height", (0.002, 0.005, 0.01, 0.02, 0.03, 0.05)),
-    ("one step lower", "step_height", (-0.002, -0.005, -0.01, -0.02, -0.03, -0.05)),
-    ("slope uphill", "slope_along", _degrees(0.5, 1, 2, 3, 5)),
-    ("slope downhill", "slope_along", _degrees(-0.5, -1, -2, -3, -5)),
-    ("slope across, up to the left", "slope_across", _degrees(0.5, 1, 2, 3, 5)),
-    ("slope across, up to the right", "slope_across", _degrees(-0.5, -1, -2, -3, -5)),
-    ("far from the origin", "origin", (1e3, 1e5)),
-    ("friction", "friction_factor", (0.75, 0.5, 0.375, 0.25)),
-    ("soft floor", "softness_factor", (2.0, 4.0, 6.0, 8.0)),
-    ("delay of sensors", "sensing_delay", (0.002, 0.004, 0.008, 0.012, 0.016)),
-    ("delay of torques", "actuation_delay", (0.002, 0.004, 0.008, 0.012)),
-    ("joint damping", "joint_damping", (0.25, 0.5, 1.0, 2.0, 4.0)),
-    ("noise of joint angles", "angle_noise", (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)),
-    ("noise of joint rates", "rate_noise", (0.01, 0.025, 0.05, 0.1, 0.2)),
-    ("bias of torques", "torque_bias", (0.25, 0.5, 1.0, 2.0, 4.0)),
-    ("all heavier", "mass_change", (0.05, 0.1, 0.2)),
-    ("all lighter", "mass_change", (-0.05, -0.1, -0.2)),
+    ("floor higher", "disturbance.floor_height", (0.002, 0.005, 0.01, 0.02, 0.03)),
+    ("floor lower", "disturbance.floor_height", (-0.002, -0.005, -0.01, -0.02, -0.03)),
+    ("one step higher", "disturbance.step_height", (0.002, 0.005, 0.01, 0.02, 0.03, 0.05)),
+    ("one step lower", "disturbance.step_height", (-0.002, -0.005, -0.01, -0.02, -0.03, -0.05)),
+    ("slope uphill", "disturbance.slope_along", _degrees(0.5, 1, 2, 3, 5)),
+    ("slope downhill", "disturbance.slope_along", _degrees(-0.5, -1, -2, -3, -5)),
+    ("slope across, up to the left", "disturbance.slope_across", _degrees(0.5, 1, 2, 3, 5)),
+    ("slope across, up to the right", "disturbance.slope_across", _degrees(-0.5, -1, -2, -3, -5)),
+    ("far from the origin", "disturbance.origin", (1e3, 1e5)),
+    ("friction", "disturbance.friction_factor", (0.75, 0.5, 0.375, 0.25)),
+    ("soft floor", "disturbance.softness_factor", (2.0, 4.0, 6.0, 8.0)),
+    ("delay of sensors", "sensors.delay", (0.002, 0.004, 0.008, 0.012, 0.016)),
+    ("delay of torques", "disturbance.actuation_delay", (0.002, 0.004, 0.008, 0.012)),
+    ("joint damping", "disturbance.joint_damping", (0.25, 0.5, 1.0, 2.0, 4.0)),
+    ("noise of joint angles", "sensors.angle_noise", (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)),
+    ("noise of joint rates", "sensors.rate_noise", (0.01, 0.025, 0.05, 0.1, 0.2)),
+    ("bias of torques", "disturbance.torque_bias", (0.25, 0.5, 1.0, 2.0, 4.0)),
+    ("all heavier", "disturbance.mass_change", (0.05, 0.1, 0.2)),
+    ("all lighter", "disturbance.mass_change", (-0.05, -0.1, -0.2)),
 )
 
 
 def other_cells(quick: bool = False) -> tuple[Cell, ...]:
-    """All other disturbances; ``quick``: every other value."""
-    return tuple(
-        Cell(name, f"disturbance.{key}", values[1::2] if quick else values) for name, key, values in _LADDERS
-    )
+    """All other disturbances, and errors of sensors; ``quick``: every other value."""
+    return tuple(Cell(name, key, values[1::2] if quick else values) for name, key, values in _LADDERS)
 
 
 def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:

@@ -179,7 +179,7 @@ def robustness(
     folder = study_folder(out, resume=resume)
     request = load_request(run, settings)
     users = users_classes(request.run)
-    limits = profiles.own_profile(request.name) if profile is None else profiles.profile(profile)
+    limits = profiles.own_profile(request.name, request.run) if profile is None else profiles.profile(profile)
     short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
     planned = plan_walk(short, progress, planner=users.get("planner"))
     task = partial(replica_task, planned=planned, profile=limits.name, users=users)
@@ -228,6 +228,7 @@ def replica_task(
     """
     settings: dict[str, Any] = {
         "disturbance.seed": replica,
+        "sensors.seed": replica,
         "disturbance.start_velocity": START if replica else 0.0,
         "gait.steps": PUSH_STEP + 1 + AFTER if cell.is_push else STEPS,
     }

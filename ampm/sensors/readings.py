@@ -1,0 +1,69 @@
+"""What sensors read at a control tick, and the protocol of an estimator."""
+
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ampm.walk import State, Touch
+
+if TYPE_CHECKING:
+    from ampm.parameters import RunParameters
+
+    Array = NDArray[np.float64]
+
+
+class Readings(NamedTuple):
+    """Readings of all sensors for one control tick.
+
+    Attributes:
+        time: of the tick [s].
+        age: how old the readings are [s].
+        angles: of the hinges, shape (nu,) [rad].
+        rates: of the hinges, shape (nu,) [rad/s].
+        gyro: rate of the root in its own axes, shape (3,) [rad/s].
+        accelerometer: acceleration of the root less gravity in its own axes, mean since the reading before,
+            shape (3,) [m/s^2].
+        force: normal force of every sole point, shape (P,) [N].
+        contact: sole points that touch, by switches, shape (P,).
+        position: of the root in the world, shape (3,) [m]; None without a fix.
+    """
+
+    time: float
+    age: float
+    angles: "Array"
+    rates: "Array"
+    gyro: "Array"
+    accelerometer: "Array"
+    force: "Array"
+    contact: NDArray[np.bool_]
+    position: "Array | None" = None
+
+
+class Estimator(Protocol):
+    """Makes the state of the body from readings, once before every control tick."""
+
+    def update(self, readings: Readings, commanded: "Array | None") -> tuple[State, Touch]:
+        """State and touch at the time of a tick.
+
+        Args:
+            readings: of this tick.
+            commanded: accelerations of all coordinates that the controller commanded at the last tick, shape
+                (nv,) [m/s^2, rad/s^2]: its ``acceleration``; None at the first tick, and of a controller
+                without it.
+        """
+        ...
+
+
+class EstimatorFactory(Protocol):
+    """Makes an estimator; an estimator's class is such a factory."""
+
+    def __call__(self, robot: Any, run: "RunParameters", start: State, /) -> Estimator:
+        """Make one.
+
+        Args:
+            robot: the body, :class:`ampm.body.robot.Robot`.
+            run: its section ``sensors`` without biases and seed.
+            start: state in which the walk is planned to start.
+        """
+        ...

@@ -1,0 +1,183 @@
+"""Sensors of the simulated body: true values of the log, with delay, noise and bias."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ampm.compiled import bound, compiled
+from ampm.sensor_parameters import EXACT
+from ampm.sensors.readings import Readings
+from ampm.vectors import from_quaternion, minus, plus, times, turned, vector
+from ampm.walk import State, Touch
+from validation.trial.bridge import to_pinocchio
+from validation.trial.log import Log
+from validation.trial.users import UsersCode, load_named
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from ampm.parameters import RunParameters
+    from ampm.sensors.readings import Estimator, EstimatorFactory
+    from validation.trial.log import RunLog
+
+    Array = NDArray[np.float64]
+
+GROUP = "ampm.estimators"
+"""Entry points by which an installed package adds an estimator."""
+ESTIMATORS: Mapping[str, str] = MappingProxyType({"kalman": "ampm.sensors.kalman:Kalman"})
+"""The project's own estimators beside the true state."""
+_HINGES = 6  # velocities of the free root come first
+
+
+@compiled
+def read_true(log: Log, gravity: float, time_step: float, i: int, values: Array) -> None:
+    """Add the true readings of step i to values: angles, rates, gyro, accelerometer, normal forces.
+
+    The acceleration is the mean of a tick before the step, and forces are those of the step before.
+    """
+    q, v, hinges, points = log.record.q, log.record.qd, log.record.torque.shape[1], log.record.point_force
+    turn = np.empty((3, 3))
+    for j in range(hinges):
+        values[j] += q[i, 7 + j]
+        values[hinges + j] += v[i, 6 + j]
+    for axis in range(3):
+        values[2 * hinges + axis] += v[i, 3 + axis]
+    first = max(i - log.substeps, 0)
+    for k in range(first, max(i, 1)):
+        push = 0.0, 0.0, gravity
+        if i:
+            change = minus(vector(v[k + 1]), vector(v[k]))
+            push = plus(push, times(1.0 / time_step, change))
+        from_quaternion(q[k, 4], q[k, 5], q[k, 6], q[k, 3], turn)
+        push = turned(turn.T, push)
+        for axis in range(3):
+            values[2 * hinges + 3 + axis] += push[axis] / (max(i, 1) - first)
+    if i:
+        for p in range(points.shape[1]):
+            values[2 * hinges + 6 + p] += points[i - 1, p, 2]
+
+
+class Sensors:
+    """Sensors of a walk.
+
+    Args:
+        run: its section ``sensors``.
+        log: of the walk, which keeps the true values.
+        gravity: [m/s^2].
+    """
+
+    def __init__(self, run: RunParameters, log: RunLog, gravity: float) -> None:
+        self.parameters = sensors = run.sensors
+        self._gravity = gravity
+        self._time_step = run.simulation.time_step
+        self._late = sensors.steps_late(self._time_step)
+        self._steps_per_fix = log.substeps * sensors.ticks_per_fix(run.controller.frequency)
+        hinges, points = log.torque.shape[1], log.point_force.shape[1]
+        sizes = {"angle": hinges, "rate": hinges, "gyro": 3, "accelerometer": 3, "force": points}
+        ends = np.cumsum([0, *sizes.values()]).tolist()
+        self._parts = [slice(start, end) for start, end in pairwise(ends)]
+
+        def spread(kind: str) -> Array:
+            values = [np.full(size, getattr(sensors, f"{name}_{kind}")) for name, size in sizes.items()]
+            return np.concatenate(values)
+
+        noise, signs = spread("noise"), np.random.default_rng([sensors.seed, 3])
+        self._bias = spread("bias") * signs.choice([-1.0, 1.0], noise.size)
+        self._noisy = np.flatnonzero(noise)
+        self._noise = noise[self._noisy]
+        self._random, self._fixes = (np.random.default_rng([sensors.seed, stream]) for stream in (0, 4))
+        self.attach(log)
+
+    def attach(self, log: RunLog) -> None:
+        """Read from a log from now on."""
+        self._log, values = log, np.zeros(self._bias.size)
+        self._true = bound(read_true, (log.handle, self._gravity, self._time_step), 0, values)
+
+    def sampled(self, k: int) -> int:
+        """Step at whose begin the readings of step k were sampled."""
+        return max(k - self._late, 0)
+
+    def read(self, k: int) -> Readings:
+        """Readings for the control tick of step k."""
+        log, i = self._log, self.sampled(k)
+        values = self._bias.copy()
+        self._true(i, values)
+        values[self._noisy] += self._noise * self._random.standard_normal(self._noise.size)
+        angles, rates, gyro, accelerometer, force = (values[part] for part in self._parts)
+        position = None
+        if self._steps_per_fix and k % self._steps_per_fix == 0:
+            position = log.q[i, :3] + self.parameters.fix_noise * self._fixes.standard_normal(3)
+        return Readings(
+            time=k * self._time_step,
+            age=(k - i) * self._time_step,
+            angles=angles,
+            rates=rates,
+            gyro=gyro,
+            accelerometer=accelerometer,
+            force=np.maximum(force, 0.0),
+            contact=log.point_penetration[i] > 0.0 if i < k else log.touching.copy(),
+            position=position,
+        )
+
+
+class Sensing:
+    """From the simulated body to the state that a controller gets.
+
+    Args:
+        run: its section ``sensors``.
+        log: of the walk, which keeps the true values.
+        gravity: [m/s^2].
+        estimator: that makes the state; None for the true state, but for what is read.
+    """
+
+    def __init__(self, run: RunParameters, log: RunLog, gravity: float, estimator: Estimator | None) -> None:
+        self.sensors, self._log, self._estimator = Sensors(run, log, gravity), log, estimator
+        self._time_step = run.simulation.time_step
+        self._users_code = UsersCode("estimator", estimator)
+
+    def attach(self, log: RunLog) -> None:
+        """Read from a log from now on, which is longer than the one before."""
+        self._log = log
+        self.sensors.attach(log)
+
+    def update(self, k: int, commanded: Array | None) -> tuple[State, Touch]:
+        """State and touch for the control tick of step k, of new arrays.
+
+        Args:
+            k: step.
+            commanded: accelerations of the last tick, see :class:`~ampm.sensors.readings.Estimator`.
+        """
+        readings = self.sensors.read(k)
+        if self._estimator is None:
+            return self._true(k, readings)
+        with self._users_code:
+            state, touch = self._estimator.update(readings, commanded)
+            if not (isinstance(state, State) and isinstance(touch, Touch)):
+                raise TypeError("it returned no State with a Touch")
+        return state, touch
+
+    def _true(self, k: int, readings: Readings) -> tuple[State, Touch]:
+        """The true state of the root, and the rest as read; of their delay nothing is known."""
+        i = self.sensors.sampled(k)
+        q, v = to_pinocchio(self._log.q[i], self._log.qd[i])
+        q[_HINGES + 1 :], v[_HINGES:], v[3:_HINGES] = readings.angles, readings.rates, readings.gyro
+        touch = Touch(readings.contact, readings.force, self._time_step)
+        return State(readings.time, q, v, 0.5 * self._time_step), touch
+
+
+def find_estimator(name: str) -> EstimatorFactory | None:
+    """The estimator of a name: ours, an installed package's, or ``module:Class``; None for ``exact``.
+
+    Raises:
+        InputError: there is none.
+    """
+    if name == EXACT:
+        return None
+    found: EstimatorFactory = load_named("sensors.estimator", name, ESTIMATORS, GROUP)
+    return found
