@@ -63,12 +63,6 @@ def whole(number: float) -> int | None:
     return nearest if abs(number - nearest) <= 1e-9 * max(1.0, number) else None
 
 
-def whole(number: float) -> int | None:
-    """The whole number that a number is but for rounding, or None."""
-    nearest = round(number)
-    return nearest if abs(number - nearest) <= 1e-9 * max(1.0, number) else None
-
-
 class Section(BaseModel):
     """Base of all parameter sections: immutable, no unknown keys, failures raised as :class:`InputError`."""
 

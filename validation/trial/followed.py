@@ -94,7 +94,7 @@ class Followed:
         return places
 
     def headings(self, times: Array) -> Array:
-        """Yaw of both feet, left first, shape (N, 2) [rad]; off its plan the stabiliser's of the standing foot."""
+        """Yaw of both feet, left first; off the plan that of the standing foot, shape (N, 2) [rad]."""
 
         def both(plan: WalkPlan, part: Array) -> Array:
             feet = plan.feet.sample(np.minimum(part, plan.duration))
