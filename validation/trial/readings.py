@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from ampm.body.robot import Robot
     from ampm.parameters import RunParameters
     from ampm.sensors.readings import Estimator, EstimatorFactory
     from validation.trial.log import RunLog
@@ -171,13 +172,15 @@ class Sensing:
         return State(readings.time, q, v, 0.5 * self._time_step), touch
 
 
-def find_estimator(name: str) -> EstimatorFactory | None:
-    """The estimator of a name: ours, an installed package's, or ``module:Class``; None for ``exact``.
+def make_estimator(run: RunParameters, robot: Robot, start: State) -> Estimator | None:
+    """The estimator that a run names: ours, an installed package's, or ``module:Class``; None for ``exact``.
 
     Raises:
-        InputError: there is none.
+        InputError: there is none, or it cannot be made.
     """
-    if name == EXACT:
+    if run.sensors.estimator == EXACT:
         return None
-    found: EstimatorFactory = load_named("sensors.estimator", name, ESTIMATORS, GROUP)
-    return found
+    factory: EstimatorFactory = load_named("sensors.estimator", run.sensors.estimator, ESTIMATORS, GROUP)
+    informed = run.undisturbed.model_copy(update={"sensors": run.sensors.known})
+    with UsersCode("estimator", factory):
+        return factory(robot, informed, start)

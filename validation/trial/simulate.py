@@ -44,7 +44,7 @@ from validation.trial.faults import FaultyController, behind_faults, started
 from validation.trial.followed import Followed, moved_ticks
 from validation.trial.log import RunLog, SolePoints
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.readings import Sensing, find_estimator
+from validation.trial.readings import Sensing, make_estimator
 from validation.trial.record import FLOOR, PLANS, SimulationRecord
 from validation.trial.references import Course, References, ReplannedController
 from validation.trial.scene import disturbed_model
@@ -199,7 +199,6 @@ def simulate(
     # The soles carry weight from the first instant.
     q[2] += run.disturbance.floor_height - run.simulation.start_depth
     physics.place(q, started(start.v, run.disturbance))
-    estimated = find_estimator(run.sensors.estimator)
     factory = controller or find_controller(run.controller.name)
     with UsersCode("controller", factory):
         known = physics.robot if scene is body else make_robot(body.compile(), body.description)
@@ -210,12 +209,8 @@ def simulate(
             with UsersCode("planner", planner):
                 follower = ReplannedController(follower, planner, course)
         follower = behind_faults(follower, run, known)
-    estimator = None
-    if estimated is not None:
-        q[2] -= run.disturbance.floor_height  # is not known
-        informed = run.undisturbed.model_copy(update={"sensors": run.sensors.known})
-        with UsersCode("estimator", estimated):
-            estimator = estimated(known, informed, State(0.0, q, start.v, 0.5 * dt))
+    q[2] -= run.disturbance.floor_height  # is not known
+    estimator = make_estimator(run, known, State(0.0, q, start.v, 0.5 * dt))
     levels, metadata = [0.0], {}
     if uneven(plan.contacts.footsteps):
         levels = sorted({step.position[2] for step in plan.contacts.footsteps})
