@@ -14,6 +14,7 @@ from tests.walk import APART, STILL, perfect_walk, with_state
 from validation.cli.app import Status, call
 from validation.judge.compare import compare
 from validation.judge.metrics import METRICS, evaluate
+from validation.judge.plan_moved import PLAN_MOVED
 from validation.judge.profiles import DEFAULT, STRICT
 from validation.judge.sizes import DEFAULT_BODY
 from validation.judge.uncertainty import FILE, Uncertainty, load_uncertainty, matching
@@ -338,8 +339,9 @@ def test_a_real_study_and_its_resumption(tmp_path, monkeypatch):
     found = convergence.convergence("flat", settings, **options)
     assert found.completed
     assert found.verdict.name is VerdictName.UNDECIDED
-    unlimited = {"speed_excess"}  # the joints of the human have no speed limits
-    assert METRICS.keys() - unlimited == found.metrics.keys()
+    # The joints of the human have no speed limits, the plan stays, and two steps show no drift.
+    absent = {"speed_excess", "drift_per_step", *(metric.name for metric in PLAN_MOVED)}
+    assert METRICS.keys() - absent == found.metrics.keys()
     assert found.metrics["com_agreement_maximum"].value < 1e-12
     known = matching([load_uncertainty(tmp_path)], load_request("flat", [*settings, "gait.steps=2"]))
     assert known.values["zmp_x_rmse"] == found.metrics["zmp_x_rmse"].uncertainty

@@ -400,18 +400,20 @@ _SHORTFALL = Metric(
 )  # fmt: skip
 
 
-def _drift(walk: Comparison) -> float:
-    """Drift in a step [m]; NaN for less than three steps."""
+def _drift(walk: Comparison) -> float | None:
+    """Drift in a step [m]; None for less than three steps, or where the first or last was not measured."""
     ends = walk.plan.contacts.step_ends
     ends = ends[ends <= walk.time[-1] + 2.0 * walk.record.time_step] if walk.time.size else ends[:0]
     if len(ends) < 3:
-        return math.nan
+        return None
     error = (walk.measured.com - walk.sample.com)[:, :2]
-    means = [
-        error[(walk.time >= start) & (walk.time < end)].mean(axis=0)
+    second, last = (
+        error[(walk.time >= start) & (walk.time < end)]
         for start, end in ((ends[0], ends[1]), (ends[-2], ends[-1]))
-    ]
-    return float(np.linalg.norm(means[1] - means[0])) / (len(ends) - 2)
+    )
+    if not (len(second) and len(last)):
+        return None
+    return float(np.linalg.norm(last.mean(axis=0) - second.mean(axis=0))) / (len(ends) - 2)
 
 
 def _longest_slip(walk: Comparison) -> float | None:
