@@ -1,8 +1,8 @@
 """Tolerance profiles: how far physics may be from the formula.
 
 The limits and their reasons are listed in :mod:`validation.judge.metrics`. They were set before the runs that
-they judge, except ``wide``, and the RMS limits of ``odometry``, which were entered after its first runs (up to
-3.3 mm). Loosening one needs a line in the changelog.
+they judge, except ``wide`` and the RMS limits of ``odometry``, which were entered after its first runs
+(up to 3.3 mm). Loosening one needs a line in the changelog.
 """
 
 from collections.abc import Mapping
