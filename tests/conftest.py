@@ -76,10 +76,13 @@ class Answer(NamedTuple):
 
 
 @pytest.fixture
-def ampm(capsys: pytest.CaptureFixture[str]) -> Callable[..., Answer]:
-    """Run a command line in this process."""
-    # Here, not above: that would load typer for every test.
+def ampm(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Answer]:
+    """Run a command line in this process, as if all functions had been compiled before."""
+    # Here, not above: that would load typer and numba for every test.
+    from ampm.compiled import compilation
     from validation.cli.app import call
+
+    monkeypatch.setattr(compilation, "_announced", True)
 
     def run(*arguments: object) -> Answer:
         capsys.readouterr()

@@ -111,7 +111,7 @@ def test_other_commands_than_the_trial_take_a_body(ampm):
         ("compare --body no-such", "no-such"),
         ("convergence --body no-such", "no-such"),
         ("validate normal normal --out out", "'normal'"),
-        ("validate normal --profile lenient --out out", "strict, wide, jumps, footsteps.\n"),
+        ("validate normal --profile lenient --out out", "strict, wide, jumps, footsteps, odometry.\n"),
         ("validate normal --qp magic --out out", "osqp"),
         ("validate normal bad.toml --out out", "gait.c_y"),
         ("validate normal --controller mine --out out", "MODULE:CLASS"),

@@ -13,7 +13,7 @@ from validation.cli.console import print_json
 from validation.store.folders import check_folder_of, check_output_file
 
 PICTURES = (".png", ".svg", ".pdf")
-PROFILES = "default, strict, wide, jumps or footsteps"
+PROFILES = "default, strict, wide, jumps, footsteps or odometry"
 
 
 class Status(IntEnum):
