@@ -72,7 +72,7 @@ COLUMNS = (
     "sentence",
 )
 FAILURES = [state for state in State if state not in (State.PASS, State.REFUSED)]
-QUANTILES = {"median": 0.5, "90 %": 0.9, "largest": 1.0}
+QUANTILES = (0.5, 0.9, 1.0)
 BINS = np.geomspace(1 / 12, 12.0, 27)
 TICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 """Of the picture [limit]."""
@@ -169,11 +169,9 @@ def outcomes(rows: Sequence[Row]) -> Table:
     body = []
     for name in (HUMAN, HUMAN_FIRST, DRAKE, HUMAN_SENSED, G1, G1_SENSED):
         counts = [len(of_state(drawn[name], state)) for state in states]
-        values = [numbers(drawn[name], title) for title in ERRORS.values()]
-        shown = [f"{np.quantile(zmp, share):.2f}" for zmp in values for share in QUANTILES.values()]
+        shown = [quantiles(numbers(drawn[name], title)) for title in ERRORS.values()]
         body.append((name, str(len(drawn[name])), *map(str, counts), *shown))
-    columns = ["gaits", *(state.label for state in states)]
-    columns += [f"{axis}, {name}" for axis in "xy" for name in QUANTILES]
+    columns = ["gaits", *(state.label for state in states), *(f"ZMP {axis} [mm]" for axis in "xy")]
     return Table("", ("draw", *(f">{column}" for column in columns)), body)
 
 
@@ -188,6 +186,11 @@ def numbers(rows: Sequence[Row], column: str) -> list[float]:
     return [float(row[column]) for row in rows if row[column]]
 
 
+def quantiles(values: Sequence[float]) -> str:
+    """Median, 90 % quantile and largest of some numbers."""
+    return ", ".join(f"{value:.2f}" for value in np.quantile(values, QUANTILES))
+
+
 def refusals(rows: Sequence[Row]) -> Table:
     """Refused gaits of both bodies by reason; sensing and engine change none."""
     counts = [Counter(row[REASON] for row in of_draw(rows, name) if row[REASON]) for name in (HUMAN, G1)]
@@ -200,14 +203,24 @@ def refusals(rows: Sequence[Row]) -> Table:
 
 
 def failures(rows: Sequence[Row]) -> Table:
-    """Every gait that failed with exact sensing, and what is furthest out of its limit."""
-    body = []
-    for name in (HUMAN, DRAKE, G1):
+    """Gaits that failed with exact sensing, by what is furthest out of its limit, and its largest value."""
+    counts: dict[str, Counter[str]] = {}
+    largest: dict[str, str] = {}
+    names = (HUMAN, DRAKE, G1)
+    for name in names:
         for row in of_state(of_draw(rows, name), *FAILURES):
-            first, *more = row[FAILED].split("; ")
-            says = f"{first or row['sentence']}{f'; {len(more)} more' if more else ''}"
-            body.append((f"{name} {row['gait']}", says))
-    return Table("", ("gait", FAILED), body)
+            metric, _, value = (row[FAILED].split("; ")[0] or row[OUTCOME]).partition(" ")
+            counts.setdefault(metric, Counter())[name] += 1
+            largest[metric] = max(largest.get(metric, ""), value, key=size)
+    body = [
+        (metric, *(str(count[name]) for name in names), largest[metric]) for metric, count in counts.items()
+    ]
+    return Table("", ("furthest out of its limit", *(f">{name}" for name in names), "largest"), body)
+
+
+def size(value: str) -> float:
+    """The number that a value with unit and limit begins with; of a gait without one 0."""
+    return float(value.split(" ")[0] or 0.0)
 
 
 class Look(NamedTuple):

@@ -26,7 +26,7 @@ from ampm.planner.support import plan_steps
 from tests.solved import COARSE, motion_of, walk_of
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "errata.md"
-WORDING = PAGE.parent / "data" / "errata-wording.csv"
+DATA = PAGE.parent / "data" / "errata.csv"
 G = 9.81
 
 g, H, m, t, T = sp.symbols("g H m t T", positive=True)
@@ -72,9 +72,9 @@ def integrated(law, start, times):
 def listed():
     """Errata of page and data: number to cells (where, printed, corrected; of claims also the verdict)."""
     rows = re.findall(r"^\| (E\d+) \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
-    with WORDING.open(encoding="utf-8", newline="") as file:
-        wording = {number: cells for number, *cells in list(csv.reader(file))[1:]}
-    return wording | {number: cells.replace("\\", "").split(" | ") for number, cells in rows}
+    with DATA.open(encoding="utf-8", newline="") as file:
+        data = {number: cells for number, _, *cells in list(csv.reader(file))[1:]}
+    return data | {number: cells.replace("\\", "").split(" | ") for number, cells in rows}
 
 
 def test_every_listed_erratum_has_a_test_and_every_test_is_listed():
