@@ -88,13 +88,13 @@ def main() -> None:
     with FILE.open(encoding="utf-8", newline="") as file:
         found = list(csv.DictReader(file))
     page = PAGE.read_text(encoding="utf-8")
-    tables = {
-        "outcomes": outcomes(found),
-        "refusals": refusals(found),
+    parts = {
+        "outcomes": outcomes(found).markdown(),
+        "refusals": refusals(found).markdown(),
         "failures": failures(found),
     }
-    for name, table in tables.items():
-        page = replace_between(page, name, table.markdown())
+    for name, part in parts.items():
+        page = replace_between(page, name, part)
     PAGE.write_text(page, encoding="utf-8")
     draw_histograms(found, PICTURE)
 
@@ -202,25 +202,15 @@ def refusals(rows: Sequence[Row]) -> Table:
     )
 
 
-def failures(rows: Sequence[Row]) -> Table:
-    """Gaits that failed with exact sensing, by what is furthest out of its limit, and its largest value."""
-    counts: dict[str, Counter[str]] = {}
-    largest: dict[str, str] = {}
-    names = (HUMAN, DRAKE, G1)
-    for name in names:
+def failures(rows: Sequence[Row]) -> str:
+    """A list of every gait that failed with exact sensing, and what is furthest out of its limit."""
+    lines = []
+    for name in (HUMAN, DRAKE, G1):
         for row in of_state(of_draw(rows, name), *FAILURES):
-            metric, _, value = (row[FAILED].split("; ")[0] or row[OUTCOME]).partition(" ")
-            counts.setdefault(metric, Counter())[name] += 1
-            largest[metric] = max(largest.get(metric, ""), value, key=size)
-    body = [
-        (metric, *(str(count[name]) for name in names), largest[metric]) for metric, count in counts.items()
-    ]
-    return Table("", ("furthest out of its limit", *(f">{name}" for name in names), "largest"), body)
-
-
-def size(value: str) -> float:
-    """The number that a value with unit and limit begins with; of a gait without one 0."""
-    return float(value.split(" ")[0] or 0.0)
+            first, *more = row[FAILED].split("; ")
+            says = f"{first or row['sentence']}{f'; {len(more)} more' if more else ''}"
+            lines.append(f"- {name} {row['gait']}: {says}")
+    return "\n" + "\n".join(lines) + "\n"
 
 
 class Look(NamedTuple):

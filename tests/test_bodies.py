@@ -209,7 +209,7 @@ def test_check_of_a_body_that_walks_and_of_one_that_cannot(ampm) -> None:
 
     refused = ampm("body", "check", "cmu")
     assert refused.status == 2
-    assert "an ankle joint's torque limit is 1.4" in refused.out
+    assert "an ankle joint's torque limit is 1.1" in refused.out
     assert "54 joints have dampers or springs" in refused.out
 
 
