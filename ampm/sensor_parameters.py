@@ -3,7 +3,7 @@
 from typing import Any
 
 from ampm.exceptions import InputError
-from ampm.section import Real, Section, Whole, parameter, whole
+from ampm.section import Options, Real, Section, Whole, options_of, parameter, whole
 
 EXACT = "exact"
 """Name of the estimator that knows the true state of the root."""
@@ -26,6 +26,7 @@ class SensorParameters(Section, section="sensors"):
         "as read; kalman, from joints, IMU and soles; or MODULE:CLASS",
         min_length=1,
     )
+    options: Options = options_of("sensors", "sensors.estimator")
     delay: Real = parameter(0.0, "delay of all readings, in whole steps of the physics", "s", ge=0, le=0.2)
     angle_noise: Real = _noise("joint angles", "rad", 0.5)
     angle_bias: Real = _bias("every joint angle", "rad", 0.5)

@@ -316,6 +316,8 @@ class Tree:
             pairs[self.segment_of[i]] = self.segment_of[k]
         old = [replace(segment) for segment in self.segments]
         total = sum(segment.inertial.mass for segment in old)
+        if not total > 0.0:
+            raise InputError("the links of the body have no mass; give them masses in its model.")
         coms, masses = [0.0], [0.0]
         for segment, here, pair in zip(self.segments, old, pairs, strict=True):
             other = old[pair]

@@ -94,7 +94,7 @@ def plan_of(steps):
 
 
 @pytest.mark.parametrize(
-    ("first", "then", "asked", "walked"), [(4, 2, None, 2), (1, 3, None, 3), (1, 3, 1, 1), (2, 6, None, 4)]
+    ("first", "then", "asked", "walked"), [(1, 3, None, 3), (1, 3, 1, 1), (2, 6, None, 4)]
 )
 def test_the_plan_then_valid_says_when_a_walk_ends(fixed, first, then, asked, walked):
     """The run asks for 4 steps; a record of a walk that became longer than planned has no gap."""
@@ -296,3 +296,10 @@ def test_a_planner_of_a_module_replans_on_the_command_line(tmp_path, monkeypatch
     assert saved.summary["metrics"]["plan_changes"]["value"] == saved.record.tick_plan.max()
     assert saved.summary["metrics"]["plan_change_rate"]["value"] == pytest.approx(20.0, abs=1.0)
     assert saved.summary["metrics"]["zmp_x_rmse"]["value"] < 1e-3
+
+
+def test_a_plan_of_fewer_steps_than_the_walk_has_is_refused():
+    fewer = plan_of(1)
+    record = simulated(planner=Replanning(lambda time, plan: fewer if time > 0.3 else None))
+    assert record.outcome.name is OutcomeName.CRASHED
+    assert "has 1 steps in all, and the walk goes on to step" in record.outcome.cause

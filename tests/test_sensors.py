@@ -1,5 +1,7 @@
 """Sensors and estimator between the simulated body and its controller."""
 
+import linecache
+import sys
 from dataclasses import replace
 from functools import cache
 from typing import ClassVar
@@ -19,6 +21,8 @@ from tests.records import first_difference
 from tests.solved import simulated
 from validation.judge.compare import _from_standing_foot
 from validation.judge.profiles import own_profile
+from validation.study.many import Task
+from validation.study.walk_options import users_classes
 from validation.trial.bridge import to_pinocchio
 from validation.trial.readings import Sensors
 
@@ -51,6 +55,14 @@ class Wrong(Naive):
 
     def update(self, readings, commanded):
         return super().update(readings, commanded)[0], None
+
+
+class Short(Naive):
+    """Lacks velocities."""
+
+    def update(self, readings, commanded):
+        state, touch = super().update(readings, commanded)
+        return state._replace(v=state.v[:5]), touch
 
 
 class Mine(Kalman):
@@ -287,8 +299,37 @@ def test_refusals(section, keys, words):
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("kalmann", "none of kalman"), ("tests.test_sensors:Wrong", "estimator Wrong failed .* no State")],
+    [
+        ("kalmann", "none of exact, kalman"),
+        ("tests.test_sensors:Wrong", "estimator Wrong failed .* no State"),
+        ("tests.test_sensors:Short", r"estimator Short failed .*'v' of its state must be \d+ finite"),
+    ],
 )
 def test_estimators_that_are_none_are_refused(name, words):
     with pytest.raises(InputError, match=words):
         simulated(f"sensors.estimator={name}")
+
+
+def test_an_estimator_and_its_options_decide_on_the_row_of_a_study(tmp_path, monkeypatch):
+    source = tmp_path / "travelling.py"
+    text = "from ampm.sensors.kalman import Kalman\n\n\nclass Own(Kalman):\n"
+    text += "    def __init__(self, robot, run, start, gain):\n        super().__init__(robot, run, start)\n"
+    source.write_text(text)
+    monkeypatch.chdir(tmp_path)
+
+    def digest(**options):
+        run = load_run("normal", sensors={"estimator": "travelling:Own", "options": options})
+        sent = users_classes(run)
+        assert sent["estimator"].__name__ == "Own"
+        return Task("a", dict, {"run": run, **sent}).digest
+
+    first = digest(gain=1.0)
+    assert first == digest(gain=1.0) != digest(gain=2.0)
+    with pytest.raises(InputError, match=r"sensors\.options\.gian is no option .* write gain"):
+        digest(gian=1.0)
+    with pytest.raises(InputError, match=r"needs sensors\.options\.gain"):
+        digest()
+    source.write_text(text + "        self.gain = gain\n")
+    monkeypatch.delitem(sys.modules, "travelling")  # as in another process
+    linecache.checkcache()
+    assert digest(gain=1.0) != first

@@ -58,12 +58,13 @@ class Estimator(Protocol):
 class EstimatorFactory(Protocol):
     """Makes an estimator; an estimator's class is such a factory."""
 
-    def __call__(self, robot: Any, run: "RunParameters", start: State, /) -> Estimator:
+    def __call__(self, robot: Any, run: "RunParameters", start: State, /, **options: Any) -> Estimator:
         """Make one.
 
         Args:
             robot: the body, :class:`ampm.body.robot.Robot`.
             run: its section ``sensors`` without biases and seed.
             start: state in which the walk is planned to start.
+            options: the run's ``sensors.options``.
         """
         ...

@@ -1,6 +1,6 @@
 """Template of a controller: the project's own, behind motors that take torques in steps. Copy and change it.
 
-ampm validate normal --controller controller_template:MyController --set controller.options.resolution=0.5
+ampm validate normal --controller controller_template:MyController --set controller.options.resolution=0.05
 
 whole_body_qp.py beside it is a controller from nothing.
 """

@@ -16,6 +16,7 @@ from ampm.planner.contacts import Footstep
 from ampm.planner.routes import as_rows
 from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
+from ampm.sensors.readings import EstimatorFactory
 from ampm.walk import ControllerFactory, Planner
 from validation.judge import profiles
 from validation.judge.compare import compare
@@ -120,6 +121,7 @@ def walk_planned(
     profile: Profile = DEFAULT,
     *,
     controller: ControllerFactory | None = None,
+    estimator: EstimatorFactory | None = None,
     disturbances: Sequence[Disturbance] = (),
     uncertainty: Uncertainty | None = None,
     progress: Progress | None = None,
@@ -132,6 +134,7 @@ def walk_planned(
         planned: see :func:`validation.trial.plan.plan_walk`.
         profile: tolerances.
         controller: makes the controller from robot and run; the one that the run names by default.
+        estimator: makes the estimator; the one that the run names by default.
         disturbances: external forces.
         uncertainty: numerical uncertainty of the metrics.
         progress: where to report stages.
@@ -151,6 +154,7 @@ def walk_planned(
             run,
             body.model,
             controller=controller,
+            estimator=estimator,
             planner=planned.replanner,
             disturbances=disturbances,
             progress=advance,

@@ -175,6 +175,7 @@ def walk_tour(
     share: float,
     controller: Any = None,
     planner: Any = None,
+    estimator: Any = None,
 ) -> Row:
     """Walk the tour of a seed.
 
@@ -185,6 +186,7 @@ def walk_tour(
         share: of the protocol's force [1].
         controller: a user's, see :func:`validation.study.walk_options.users_classes`.
         planner: likewise.
+        estimator: likewise.
 
     Returns:
         ``outcome`` and ``cause``, which is empty for a tour that was completed; ``time`` that it lasted and
@@ -205,6 +207,7 @@ def walk_tour(
         planned.run,
         planned.body.model,
         controller=controller,
+        estimator=estimator,
         planner=planned.replanner,
         disturbances=pushes,
     )

@@ -1,4 +1,4 @@
-"""What of a user decides on a walk: controller and planner, sent to workers by value, and body files."""
+"""What of a user decides on a walk: controller, planner, estimator, sent by value, and body files."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -9,23 +9,28 @@ from ampm.parameters import RunParameters
 from ampm.planner.step_planners import STEP_PLANNERS
 from validation.trial.controllers import CONTROLLERS, find_controller
 from validation.trial.planners import load_planner
+from validation.trial.readings import ESTIMATORS, find_estimator
 
 
 def users_classes(run: RunParameters) -> dict[str, Any]:
-    """Controller and planner of a run that are not the project's own; empty if both are.
+    """Controller, planner and estimator of a run that are not the project's own; empty if all are.
 
     Returns:
         ``controller``: what makes the controller, as :func:`validation.run.walk.walk_planned` takes it.
         ``planner``: the planner, as :func:`validation.trial.plan.plan_walk` takes it; of a table its rows.
+        ``estimator``: what makes the estimator, as :func:`validation.run.walk.walk_planned` takes it.
 
     Raises:
-        InputError: there is no such controller or planner.
+        InputError: there is no such controller, planner or estimator.
     """
     found: dict[str, Any] = {}
     if run.controller.name not in CONTROLLERS:
         found["controller"] = find_controller(run.controller.name)
     if run.gait.planner not in STEP_PLANNERS:
         found["planner"] = load_planner(run.gait.planner, run.planner.options)
+    factory = find_estimator(run)
+    if factory is not None and run.sensors.estimator not in ESTIMATORS:
+        found["estimator"] = factory
     return found
 
 

@@ -22,6 +22,7 @@ from ampm.parameters import HUMAN, OPEN_KEYS, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
+from ampm.sensor_parameters import EXACT
 from validation.progress import Progress
 from validation.trial.controllers import check_controller
 from validation.trial.planners import check_planner, load_planner
@@ -163,6 +164,10 @@ def load_request(
     if as_is:
         run = run.as_is()
     check_controller(run.controller.name, run.controller.options)
+    if run.sensors.estimator != EXACT or run.sensors.options:
+        from validation.trial.readings import find_estimator  # imported here: it loads the simulator
+
+        find_estimator(run)
     check_planner(run.gait.planner, run.planner.options)
     path = Path(run.body.source if gait is None else gait)
     # A run folder's own run.toml is named after the folder.

@@ -15,7 +15,7 @@ from ampm.vectors import from_quaternion, minus, plus, times, turned, vector
 from ampm.walk import State, Touch
 from validation.trial.bridge import to_pinocchio
 from validation.trial.log import Log
-from validation.trial.users import UsersCode, load_named
+from validation.trial.users import UsersCode, check_options, load_named
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -140,6 +140,7 @@ class Sensing:
     def __init__(self, run: RunParameters, log: RunLog, gravity: float, estimator: Estimator | None) -> None:
         self.sensors, self._log, self._estimator = Sensors(run, log, gravity), log, estimator
         self._time_step = run.simulation.time_step
+        self._sizes = {"q": log.q.shape[1], "v": log.qd.shape[1]}
         self._users_code = UsersCode("estimator", estimator)
 
     def attach(self, log: RunLog) -> None:
@@ -158,9 +159,16 @@ class Sensing:
         if self._estimator is None:
             return self._true(k, readings)
         with self._users_code:
-            state, touch = self._estimator.update(readings, commanded)
+            result = self._estimator.update(readings, commanded)
+            if not isinstance(result, tuple) or len(result) != 2:
+                raise TypeError(f"it returned a value of type {type(result).__name__}, no State with a Touch")
+            state, touch = result
             if not (isinstance(state, State) and isinstance(touch, Touch)):
                 raise TypeError("it returned no State with a Touch")
+            for name, wanted in self._sizes.items():
+                value = np.asarray(getattr(state, name))
+                if value.shape != (wanted,) or not np.isfinite(value).all():
+                    raise ValueError(f"'{name}' of its state must be {wanted} finite numbers")
         return state, touch
 
     def _true(self, k: int, readings: Readings) -> tuple[State, Touch]:
@@ -172,15 +180,38 @@ class Sensing:
         return State(readings.time, q, v, 0.5 * self._time_step), touch
 
 
-def make_estimator(run: RunParameters, robot: Robot, start: State) -> Estimator | None:
+def find_estimator(run: RunParameters) -> EstimatorFactory | None:
     """The estimator that a run names: ours, an installed package's, or ``module:Class``; None for ``exact``.
+
+    Raises:
+        InputError: there is none, or it does not take the run's ``sensors.options``.
+    """
+    name = run.sensors.estimator
+    if name == EXACT:
+        check_options("sensors.estimator", name, run.sensors.options)
+        return None
+    factory: EstimatorFactory = load_named("sensors.estimator", name, {EXACT: "", **ESTIMATORS}, GROUP)
+    check_options("sensors.estimator", name, run.sensors.options, factory, 3)
+    return factory
+
+
+def make_estimator(
+    run: RunParameters, robot: Robot, start: State, factory: EstimatorFactory | None = None
+) -> Estimator | None:
+    """The estimator of a walk; None for ``exact``.
+
+    Args:
+        run: its section ``sensors``.
+        robot: the body, as the estimator knows it.
+        start: state in which the walk is planned to start.
+        factory: makes it; the one that the run names by default.
 
     Raises:
         InputError: there is none, or it cannot be made.
     """
-    if run.sensors.estimator == EXACT:
+    factory = factory or find_estimator(run)
+    if factory is None:
         return None
-    factory: EstimatorFactory = load_named("sensors.estimator", run.sensors.estimator, ESTIMATORS, GROUP)
     informed = run.undisturbed.model_copy(update={"sensors": run.sensors.known})
     with UsersCode("estimator", factory):
-        return factory(robot, informed, start)
+        return factory(robot, informed, start, **run.sensors.options)

@@ -156,6 +156,12 @@ class ReplannedController:
                     f"the plan made at {time:g} s ends at {plan.duration:g} s, before now; "
                     "plan on the walk's clock, beyond now"
                 )
+            due = len(references.step_ends)
+            if references.steps is not None and plan.contacts.steps < due:
+                raise ValueError(
+                    f"the plan made at {time:g} s has {plan.contacts.steps} steps in all, and the walk "
+                    f"goes on to step {due}; plan as many"
+                )
         references.follow(plan)
         if hasattr(self.controller, "follow"):
             self.controller.follow(plan, references.timing)

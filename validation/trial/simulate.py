@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
     from ampm.parameters import RunParameters
     from ampm.reference import Reference
-    from ampm.sensors.readings import Estimator
+    from ampm.sensors.readings import Estimator, EstimatorFactory
     from ampm.stepping.planned import PlannedTick
     from ampm.walk import Controller, ControllerFactory, Replanner, WalkPlan
     from models.scene import BodyModel
@@ -132,6 +132,7 @@ def simulate(
     body: BodyModel,
     *,
     controller: ControllerFactory | None = None,
+    estimator: EstimatorFactory | None = None,
     planner: Replanner | None = None,
     disturbances: Sequence[Disturbance] = (),
     steps: int | None = None,
@@ -144,6 +145,7 @@ def simulate(
         run: gains, contact, time step; its section ``disturbance`` acts, unknown to the controller.
         body: the simulated body.
         controller: makes the controller from robot and run; the one that ``run`` names by default.
+        estimator: makes the estimator; the one that ``run`` names by default.
         planner: goes on planning while walking.
         disturbances: further forces; the controller gets no information on them.
         steps: walking steps; by default those of the plan, and of a planner that goes on ``gait.steps``, or
@@ -210,7 +212,7 @@ def simulate(
                 follower = ReplannedController(follower, planner, course)
         follower = behind_faults(follower, run, known)
     q[2] -= run.disturbance.floor_height  # is not known
-    estimator = make_estimator(run, known, State(0.0, q, start.v, 0.5 * dt))
+    estimating = make_estimator(run, known, State(0.0, q, start.v, 0.5 * dt), estimator)
     levels, metadata = [0.0], {}
     if uneven(plan.contacts.footsteps):
         levels = sorted({step.position[2] for step in plan.contacts.footsteps})
@@ -221,7 +223,7 @@ def simulate(
         chain([first], references),
         run,
         course,
-        estimator=estimator,
+        estimator=estimating,
         levels=levels,
         disturbances=disturbances,
         progress=progress,

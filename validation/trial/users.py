@@ -15,7 +15,11 @@ from ampm.exceptions import AmpmError, InputError
 from ampm.section import Option, nearest
 
 _OURS = Path(ampm.__file__).parent, Path(__file__).parents[1], Path(traceback.__file__).parent
-OPTIONS_OF: Mapping[str, str] = {"controller.name": "controller.options", "gait.planner": "planner.options"}
+OPTIONS_OF: Mapping[str, str] = {
+    "controller.name": "controller.options",
+    "gait.planner": "planner.options",
+    "sensors.estimator": "sensors.options",
+}
 """Keys that name a class, and the tables of its options."""
 _WAY_OUT = "; correct it, --debug shows the traceback."
 

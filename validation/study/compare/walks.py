@@ -171,10 +171,14 @@ def _study(studies: Sequence[Uncertainty], source: Request | Path) -> Uncertaint
     return matching(studies, source)
 
 
-def walk_side(request: Request, folder: str, controller: Any = None, planner: Any = None) -> Row:
+def walk_side(
+    request: Request, folder: str, controller: Any = None, planner: Any = None, estimator: Any = None
+) -> Row:
     """Walk one side, on a worker, and keep the run in a folder."""
     profile = own_profile(request.name, request.run)
-    trial = walk_planned(plan_walk(request, planner=planner), profile, controller=controller)
+    trial = walk_planned(
+        plan_walk(request, planner=planner), profile, controller=controller, estimator=estimator
+    )
     if trial.record.outcome.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
     trial.save(folder, force=True, recording=False)

@@ -185,14 +185,15 @@ def runs_of(run: RunParameters, found: Sequence[Study]) -> dict[str, RunParamete
     return runs
 
 
-def walk_level(request: Request, controller: Any = None, planner: Any = None) -> Row:
+def walk_level(request: Request, controller: Any = None, planner: Any = None, estimator: Any = None) -> Row:
     """Plan and walk one level, on a worker.
 
     Returns:
         ``outcome`` and ``cause``; ``values`` of all metrics in SI units; ``scales``, reference quantities of
         the walk.
     """
-    walk = walk_planned(plan_walk(request, planner=planner), controller=controller).comparison
+    planned = plan_walk(request, planner=planner)
+    walk = walk_planned(planned, controller=controller, estimator=estimator).comparison
     end = walk.record.outcome
     return {
         "outcome": str(end.name),

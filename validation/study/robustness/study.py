@@ -51,7 +51,13 @@ _EVERY = 0.01  # time between two looks at the distance of the legs [s]
 # ------------------------------------------------------------------------------------------- on a worker
 
 
-def walk_replica(request: Request, profile: str | None, controller: Any = None, planner: Any = None) -> Row:
+def walk_replica(
+    request: Request,
+    profile: str | None,
+    controller: Any = None,
+    planner: Any = None,
+    estimator: Any = None,
+) -> Row:
     """Walk once.
 
     Args:
@@ -59,6 +65,7 @@ def walk_replica(request: Request, profile: str | None, controller: Any = None, 
         profile: name of the tolerances; None to leave the walk unmeasured.
         controller: a user's, see :func:`validation.study.walk_options.users_classes`.
         planner: likewise.
+        estimator: likewise.
 
     Returns:
         ``outcome`` and ``cause``, which is empty for a walk that survived; ``passed``, whether it kept the
@@ -73,11 +80,12 @@ def walk_replica(request: Request, profile: str | None, controller: Any = None, 
             request.run,
             planned.body.model,
             controller=controller,
+            estimator=estimator,
             planner=planned.replanner,
         )
     else:
         disturbed = replace(planned, request=request)
-        trial = walk_planned(disturbed, profiles.profile(profile), controller=controller)
+        trial = walk_planned(disturbed, profiles.profile(profile), controller=controller, estimator=estimator)
         record, passed = trial.record, trial.verdict.passed
         zmp = [trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy"]
     cause = cause_of(record, planned.body.model)

@@ -23,6 +23,7 @@ from ampm.parameters import HUMAN, OPTION_TABLES, RunParameters, is_option, keys
 from ampm.presets import PRESETS
 from ampm.run_file import KeyInfo, key_info, load_run
 from ampm.section import Option, Real, Section, parse_toml, read_toml, unknown
+from ampm.sensor_parameters import EXACT
 from validation.judge.profiles import profile as find_profile
 from validation.store.identity import parameter_values
 from validation.trial.controllers import check_controller
@@ -32,6 +33,7 @@ from validation.trial.planners import check_planner
 MOST_CASES = 1_000_000
 """Runs of one sweep at most, and points of a sampled block: 8 MB for every key."""
 STEPS_KEY, CONTROLLER_KEY, PLANNER_KEY = "gait.steps", "controller.name", "gait.planner"
+ESTIMATOR_KEY = "sensors.estimator"
 ENGINE_KEY = "simulation.engine"
 BODY_KEY = "body.source"
 
@@ -366,6 +368,10 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
         check_drake()
     for planner in sorted(definition.names(PLANNER_KEY)):
         check_planner(planner, first.planner.options)
+    for estimator in sorted(definition.names(ESTIMATOR_KEY) - {EXACT}):
+        from validation.trial.readings import find_estimator  # loads the simulator
+
+        find_estimator(first.replace({ESTIMATOR_KEY: estimator}))
     if definition.push:
         from validation.trial.disturbances import parse_push  # loads the simulator
 

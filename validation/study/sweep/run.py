@@ -159,6 +159,7 @@ def walk(
     pushes: Sequence[Push],
     controller: Any = None,
     planner: Any = None,
+    estimator: Any = None,
     progress: Progress | None = None,
 ) -> Trial:
     """Plan, walk and judge one run.
@@ -169,6 +170,7 @@ def walk(
         pushes: of every run.
         controller: class or function of a user's own that makes the controller; that of the run by default.
         planner: of a user's own; that of the run by default.
+        estimator: class or function of a user's own that makes the estimator; that of the run by default.
         progress: where to report.
     """
     from validation.run.walk import timed, walk_planned  # loads the simulator
@@ -177,7 +179,12 @@ def walk(
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress, planner=planner)
     return walk_planned(
-        planned, find_profile(profile), controller=controller, disturbances=list(pushes), seconds=seconds
+        planned,
+        find_profile(profile),
+        controller=controller,
+        estimator=estimator,
+        disturbances=list(pushes),
+        seconds=seconds,
     )
 
 
