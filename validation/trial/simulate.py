@@ -25,15 +25,7 @@ from ampm.parameters import DisturbanceParameters
 from ampm.physics_parameters import steps_per_tick
 from ampm.planner.heights import uneven
 from ampm.reference import reference_type
-from ampm.walk import (
-    LIMITED,
-    SOLVED,
-    UNSOLVED,
-    ControlOutput,
-    State,
-    Timing,
-    Touch,
-)
+from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, State, Timing, Touch
 from validation.trial import spill
 from validation.trial.bridge import to_mujoco
 from validation.trial.controllers import find_controller, name_of
