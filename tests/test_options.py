@@ -149,7 +149,7 @@ def test_options_reach_a_planner():
 
 def test_keys_tell_of_options():
     names = [info.key for info in find_keys("options")]
-    assert names == ["planner.options", "controller.options"]
+    assert names == ["planner.options", "controller.options", "sensors.options"]
     assert "gait.planner" in [info.key for info in find_keys("planner")]
     assert "the class" in find_keys("controller", "options")[0].meaning
 
