@@ -113,16 +113,6 @@ class FootParameters(Section, section="foot"):
     schedule: Literal["flat", "roll"] = parameter(
         "roll", "flat: no heel rise before lift-off; roll: heel strike, flat, heel rise, toe off"
     )
-    swing: Literal["quintic", "paper"] = parameter(
-        "quintic",
-        "quintic: continuous up to the acceleration; paper: cubic splines, the foot lifts at l_s / T_swing "
-        "at once and lands at rest (swing_lag and heel_strike_rate play no part)",
-    )
-    v_swing_of: Literal["ball", "ankle"] = parameter(
-        "ball",
-        "point that leaves at l_s / T_swing with swing = paper: the ball, which has rested, or the ankle, to "
-        "which a rising heel gives that speed (toe_off_rate plays no part; schedule = roll only)",
-    )
     swing_height: Open = parameter(0.05, "extra lift of the foot at mid swing", "m", ge=0, le=0.5)
     swing_lag: Open = parameter(
         0.08, "how far the foot lags behind at mid swing, as share of its travel", ge=-0.2, le=0.3

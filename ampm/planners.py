@@ -121,8 +121,7 @@ class TablePlanner:
         plan = table_plan(self.table, mass=run.body.mass, com_height=run.gait.com_height)
         if plan.contacts.phases[0].stance == "both":
             return _walk_over([with_feet(plan, run, robot.description)], run, robot)[0]
-        lift_speed = plan.constants.l_s / plan.constants.single_support_duration
-        feet = plan_feet(plan.contacts, run.foot, robot.description.sole, lift_speed)
+        feet = plan_feet(plan.contacts, run.foot, robot.description.sole)
         steps = StepPlan.of(plan, feet=feet)
         if repeats(steps):
             closed = closed_step(steps)

@@ -88,7 +88,7 @@ class Mpc:
         footsteps = [step._replace(position=tuple(place)) for step, place in pairs]
         contacts = contacts_in_turn(footsteps, edges[:-1].tolist(), np.diff(edges).tolist())
         landing = edges[1::2][np.searchsorted(edges[1::2], time + 1e-9)]
-        feet = joined(plan.feet, plan_feet(contacts, self.foot, plan.feet.sole, 0.0), time, landing)
+        feet = joined(plan.feet, plan_feet(contacts, self.foot, plan.feet.sole), time, landing)
         posture = SimpleNamespace(sample=lambda t: base.posture.sample(np.interp(t, *clock)), report=dict)
         return replace(plan, phases=(phase,), contacts=contacts, feet=feet, posture=posture)
 

@@ -22,7 +22,6 @@ from scipy.linalg import null_space
 import ampm
 from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.body.step_reference import step_grid, step_reference
-from ampm.planner.support import plan_steps
 from tests.solved import COARSE, motion_of, walk_of
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "errata.md"
@@ -349,22 +348,15 @@ def test_e16_eqs_10_and_11_order_the_feet_differently():
     assert np.abs(given - np.concatenate([*linear, *angular])).max() > 1.0  # Eq. 10: positions, rotations
 
 
-def lifted(swing, v_swing_of="ball"):
-    """The left foot just before and just after its lift-off, with a form of the swing."""
-    at = walk()
-    foot = at.run.foot.model_copy(update={"swing": swing, "v_swing_of": v_swing_of})
-    plan = plan_steps(at.run.gait, at.run.body.mass, foot, at.robot.description.sole)
-    return plan.feet.sample(plan.constants.step_duration + np.array([-1e-9, 1e-9]))[0]
-
-
 def test_e17_a_foot_at_rest_cannot_leave_at_l_s_over_t_swing():
-    constants, ball = walk().plan.constants, walk().robot.description.sole.ball_x
+    plan, sole = walk().plan, walk().robot.description.sole
+    foot, constants = plan.feet.sample(plan.constants.step_duration)[0], plan.constants
+    forward = np.sin(foot.pitch) * foot.pitch_velocity  # of the reference point, per distance behind a point
+    assert foot.velocity[:, 0] - sole.ball_x * forward == pytest.approx(0.0, abs=1e-6)  # the ball stands
     wanted = constants.l_s / constants.single_support_duration
-    for form, jump in ((("paper", "ball"), wanted), (("paper", "ankle"), 0.0), (("quintic", "ball"), 0.0)):
-        foot = lifted(*form)
-        before, after = foot.velocity[:, 0] - ball * np.sin(foot.pitch) * foot.pitch_velocity
-        assert before == pytest.approx(0.0, abs=1e-6)  # the ball has stood
-        assert after - before == pytest.approx(jump, abs=1e-5)  # none if it is the speed of a rising ankle
+    assert wanted > 0.4  # [m/s]: with this speed of the ball the foot would jump
+    up = (sole.ball_x - sole.ankle_x) * np.sin(foot.pitch) + sole.ankle_height * np.cos(foot.pitch)
+    assert wanted / up == pytest.approx(3.7, abs=0.1)  # as the ankle's, of a heel that rises at 3.7 rad/s
 
 
 def test_e25_a_cubic_cannot_begin_and_end_without_acceleration():
@@ -381,8 +373,6 @@ def test_e25_a_cubic_cannot_begin_and_end_without_acceleration():
     assert zero(sp.diff(path(3, rests), t, 2).subs(t, 0) - (6 * D / T**2 - 4 * v_0 / T))
     quintic = path(5, [*rests, (2, 0, 0), (2, T, 0)])
     assert all(zero(sp.diff(quintic, t, 2).subs(t, at)) for at in (0, T))
-    jump = {form: np.abs(np.diff(lifted(form).acceleration, axis=0)).max() for form in ("paper", "quintic")}
-    assert jump["quintic"] < 1e-4 < 1.0 < jump["paper"]
 
 
 def test_e26_one_letter_for_moment_and_angular_momentum():

@@ -206,7 +206,6 @@ NONE: list[Any] = [
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (lambda: plan(WALKS["straight"], RUN.replace({"foot.swing": "paper"})), "swing = quintic, not paper"),
         *((lambda lead=lead: plan(WALKS["straight"], RUN.replace({"foot.heel_rise_lead": lead})),
            "lets the heel rise before the foot stands alone, or after") for lead in (0.9, -0.9)),
         (lambda: row(foot="lefty", y=0.0), r"footsteps.* = 'lefty' must be 'left' or 'right'"),

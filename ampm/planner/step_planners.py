@@ -34,7 +34,6 @@ from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPhase
 from ampm.planner.closed_form import LIPM
 from ampm.planner.sampled import SampledLaw, plan_constants
-from ampm.planner.stride import cubic
 from ampm.planner.support import StepPlan, plan_steps
 
 Array = NDArray[np.float64]
@@ -163,7 +162,10 @@ def _dcm_step(steps: StepPlan, axis: _Axis, in_single: Array, in_double: Array) 
     first = axis.end + lead + divergence * rise
     last = axis.next + axis.sign * (lead + divergence)
     # The cubic of xi in double support: its values, and its rates w (xi - p).
-    dcm = cubic([first, w * (first - axis.end)], [last, w * (last - axis.next)], double)[:4]
+    begins, ends = w * (first - axis.end), w * (last - axis.next)
+    gap, bend = last - first - begins * double, (ends - begins) * double
+    curvature, third = (3.0 * gap - bend) / double**2, (bend - 2.0 * gap) / (double * double * double)
+    dcm = np.array([first, begins, curvature, third])
     zmp = polynomial.polysub(dcm, polynomial.polyder(dcm) / w)
     moving = np.array([axis.begin, (axis.end - axis.begin) / single])
 

@@ -9,15 +9,9 @@ swing in the heading of the landing; feet that climb rise early or sink late.
 How far a foot rolls at each key-frame is a :class:`Roll`: the gait's for equal steps (:func:`plan_feet`), by
 the planned ZMP for any footsteps (:mod:`ampm.planner.swings`).
 
-``foot.swing = "paper"`` plans the same key-frames as section 2.3 of the paper, for comparison: cubic splines,
-and a ball that leaves the floor with the forward speed ``l_s / T_swing``. The ball is at rest before, so the
-foot's velocity jumps there; accelerations jump at every key-frame. With ``foot.v_swing_of = "ankle"`` it is
-the ankle's speed, which a rising heel gives it: then no velocity jumps.
-
 Everything is closed form; nothing is sampled or integrated.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -52,7 +46,6 @@ _EARLY = polynomial.polyint(168.0 * polynomial.polymul([0.0, 0.0, 1.0], polynomi
 _LATE = polynomial.polyint(168.0 * polynomial.polymul(np.eye(6)[5], polynomial.polypow([1.0, -1.0], 2)))
 _EVEN = np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0, 0.0, 0.0, 0.0])
 """Climbs from 0 to 1 over the share of a swing: of a foot that goes up, one that goes down, a quintic."""
-_CUBIC_RISE = np.array([0.0, 0.0, 3.0, -2.0])  # from 0 to 1 in unit time, at rest at both ends
 
 
 class Roll(NamedTuple):
@@ -64,7 +57,6 @@ class Roll(NamedTuple):
     Attributes:
         lift: pitch of the foot at toe off, shape (n + 1,) [rad]; it leaves flat where it and its rate are 0.
         lift_rate: its rate, shape (n + 1,) [rad/s].
-        lift_speed: forward speed of the ball at toe off, shape (n,) [m/s]; 0 where the ball has rested.
         delay: time by which the heel rises after the begin of the double support, shape (n + 1,) [s].
         strike: pitch at landing, toes up, shape (n,) [rad]; it lands flat where this and its rate are 0.
         strike_rate: speed at which the toes come down, shape (n,) [rad/s].
@@ -75,7 +67,6 @@ class Roll(NamedTuple):
 
     lift: Array
     lift_rate: Array
-    lift_speed: Array
     delay: Array
     strike: Array
     strike_rate: Array
@@ -129,36 +120,13 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:
     return out
 
 
-def cubic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:
-    """Cubics through (position, velocity) at both ends, with coefficients as of :func:`quintic`.
-
-    Args:
-        start: value and first derivative at time 0; further rows are not read, shape (2+, ...).
-        end: the same at ``duration``, shape (2+, ...).
-        duration: [s], positive, shape (...).
-
-    Returns:
-        Coefficients, lowest order first, the last two zero, shape (..., 6).
-    """
-    p0, v0 = np.asarray(start, dtype=np.float64)[:2]
-    p1, v1 = np.asarray(end, dtype=np.float64)[:2]
-    T = np.asarray(duration, dtype=np.float64)
-    dp, dv = p1 - p0 - v0 * T, (v1 - v0) * T
-    out = np.zeros((*dp.shape, _QUINTIC))
-    out[..., 0], out[..., 1] = p0, v0
-    out[..., 2] = (3.0 * dp - dv) / T**2
-    out[..., 3] = (dv - 2.0 * dp) / (T * T * T)
-    return out
-
-
-def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift_speed: float) -> FeetPlan:
+def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry) -> FeetPlan:
     """Plan both feet over footsteps straight ahead, with the gait's key-frames in every step.
 
     Args:
         contacts: which foot stands where, and when.
         foot: key-frame angles, rates and timings.
         sole: the sole's outline.
-        lift_speed: the paper's ``v_swing``, read by ``foot.swing = "paper"`` only [m/s].
 
     Returns:
         Closed-form paths of both feet over the whole plan.
@@ -176,32 +144,20 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift
         raise InputError(
             "feet are planned for single and double supports in turn; give a plan of such phases."
         )
-    n, paper = contacts.steps, foot.swing == "paper"
+    n = contacts.steps
     double = np.array([phase.duration for phase in contacts.phases[1::2]])
-    lift = lift_rate = strike = strike_rate = 0.0
-    speed = lift_speed if paper else 0.0
-    if foot.schedule == "roll":
-        lift, lift_rate = foot.toe_off_angle, foot.toe_off_rate
-        strike, strike_rate = foot.heel_strike_angle, 0.0 if paper else foot.heel_strike_rate
-        if paper and foot.v_swing_of == "ankle":
-            lift_rate, speed = lift_speed / _ankle_rise(sole, lift), 0.0
+    rolls = float(foot.schedule == "roll")
     roll = Roll(
-        lift=np.full(n + 1, lift),
-        lift_rate=np.full(n + 1, lift_rate),
-        lift_speed=np.full(n, speed),
+        lift=np.full(n + 1, rolls * foot.toe_off_angle),
+        lift_rate=np.full(n + 1, rolls * foot.toe_off_rate),
         delay=np.zeros(n + 1),
-        strike=np.full(n, strike),
-        strike_rate=np.full(n, strike_rate),
+        strike=np.full(n, rolls * foot.heel_strike_angle),
+        strike_rate=np.full(n, rolls * foot.heel_strike_rate),
         down=foot.full_contact * double,
         height=np.full(n, foot.swing_height),
         bump=np.zeros(n),
     )
     return rolling_feet(contacts, foot, sole, roll)
-
-
-def _ankle_rise(sole: SoleGeometry, pitch: float) -> float:
-    """Height of the ankle over the ball of a foot pitched about it: forward speed per rate [m]."""
-    return (sole.ball_x - sole.ankle_x) * math.sin(pitch) + sole.ankle_height * math.cos(pitch)
 
 
 def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, roll: Roll) -> FeetPlan:
@@ -212,7 +168,7 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
 
     Args:
         contacts: left and right footsteps, single and double supports in turn, a double support last.
-        foot: key-frame timings and splines.
+        foot: key-frame timings.
         sole: the sole's outline.
         roll: of every step.
 
@@ -245,7 +201,6 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
             for share, curve in swings
         ),
     ]
-    spline = cubic if foot.swing == "paper" else quintic
     # Roll down about the heel, then the whole sole stands.
     strikes = (roll.strike != 0.0) | (roll.strike_rate != 0.0)
     begin, end = np.zeros((2, 3, n))
@@ -253,7 +208,7 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
     on_heel = np.zeros((n, 6, _ORDER))
     along = np.stack([np.cos(yaw[2:]), np.sin(yaw[2:])], axis=1)
     on_heel[:, :Z, 0], on_heel[:, Z, 0] = place[2:, :2] + sole.heel_x * along, place[2:, 2]
-    on_heel[:, PITCH, :_QUINTIC], on_heel[:, HEADING, 0] = spline(begin, end, roll.down), yaw[2:]
+    on_heel[:, PITCH, :_QUINTIC], on_heel[:, HEADING, 0] = quintic(begin, end, roll.down), yaw[2:]
     down = landed + np.where(strikes, roll.down, 0.0)
     segments += [
         _Segment(steps + 2, landed, PIVOT_HEEL, (True, False, False), on_heel, strikes),
@@ -264,7 +219,7 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
     rise = double + foot.heel_rise_lead - roll.delay[1:]
     end[0], end[1] = roll.lift[1:], roll.lift_rate[1:]
     rising = still[1:-1].copy()
-    rising[:, PITCH, :_QUINTIC] = spline(np.zeros((3, n)), end, rise)
+    rising[:, PITCH, :_QUINTIC] = quintic(np.zeros((3, n)), end, rise)
     if sole.has_toes:
         rising[:, TOE] = -rising[:, PITCH]
     segments.append(
@@ -290,7 +245,7 @@ def _swings(
 
     Of footsteps with places (n + 2, 3) [m] and headings (n + 2,) [rad], and swings' durations (n,) [s].
     """
-    n, paper = len(single), foot.swing == "paper"
+    n = len(single)
     behind, ahead = place[:n], place[2:]
     along = np.stack([np.cos(yaw[2:]), np.sin(yaw[2:])], axis=1)
     # Value, rate and acceleration of the ball at both ends. It arrives turning about the heel that has just
@@ -299,7 +254,6 @@ def _swings(
     c, s = np.cos(-roll.strike), np.sin(-roll.strike)
     begin, end = np.zeros((2, 3, 6, n))
     begin[0, :3] = _ball(sole, behind, yaw[:n]).T
-    begin[1, :2] = roll.lift_speed * along.T
     begin[0, PITCH], begin[1, PITCH] = roll.lift[:n], roll.lift_rate[:n]
     end[0, :2] = (ahead[:, :2] + sole.heel_x * along + (x * c)[:, None] * along).T
     end[0, Z], end[0, PITCH], end[0, HEADING] = ahead[:, 2] - x * s, -roll.strike, yaw[2:] - yaw[:n]
@@ -310,7 +264,7 @@ def _swings(
         begin[0, TOE], begin[1, TOE] = -roll.lift[:n], -roll.lift_rate[:n]
         durations[TOE] *= foot.toe_return
     swing = np.zeros((n, 6, _ORDER))
-    swing[:, :, :_QUINTIC] = (cubic if paper else quintic)(begin, end, durations).swapaxes(0, 1)
+    swing[:, :, :_QUINTIC] = quintic(begin, end, durations).swapaxes(0, 1)
     swing[:, HEADING, 0] = yaw[:n]
     powers = np.vander(single, _ORDER, increasing=True)
     travel = ahead - behind
@@ -318,36 +272,15 @@ def _swings(
         climb = np.where(travel[:, 2:] > 0.0, _EARLY, _LATE) - _EVEN
         swing[:, Z] += travel[:, 2:] * climb / powers
     swing[:, PITCH] += roll.bump[:, None] * _BUMP / powers
-    pieces = [(0.0, swing)]
-    if paper:
-        pieces = _paper_swing(swing, single, roll.height)
-    else:
-        lift = LIFT / powers
-        swing[:, X] -= (foot.swing_lag * travel[:, 0])[:, None] * lift
-        swing[:, Y] -= (foot.swing_lag * travel[:, 1])[:, None] * lift
-        swing[:, Z] += roll.height[:, None] * lift
-    if foot.schedule == "roll" and foot.toe_return < 1.0:  # from there on the toe joint is straight
-        share = foot.toe_return
-        since, piece = [item for item in pieces if item[0] <= share][-1]
-        after = [
-            (share, shift(piece, (share - since) * single)),
-            *[item for item in pieces if item[0] > share],
-        ]
-        for _, curve in after:
-            curve[:, TOE] = 0.0
-        pieces = [item for item in pieces if item[0] < share] + after
-    return pieces
-
-
-def _paper_swing(swing: Array, single: Array, height: Array) -> list[tuple[float, Array]]:
-    """Both halves of swings that are clamped cubic splines through one more key-frame, up at mid swing."""
-    half = 0.5 * single
-    shape = height[:, None] * _CUBIC_RISE / np.vander(half, 4, increasing=True)
-    rising, falling = swing.copy(), shift(swing, half)
-    rising[:, Z, :4] += shape
-    falling[:, Z, :4] -= shape
-    falling[:, Z, 0] += height
-    return [(0.0, rising), (0.5, falling)]
+    lift = LIFT / powers
+    swing[:, X] -= (foot.swing_lag * travel[:, 0])[:, None] * lift
+    swing[:, Y] -= (foot.swing_lag * travel[:, 1])[:, None] * lift
+    swing[:, Z] += roll.height[:, None] * lift
+    if foot.schedule == "flat" or foot.toe_return == 1.0:
+        return [(0.0, swing)]
+    straight = shift(swing, foot.toe_return * single)  # from there on the toe joint is straight
+    straight[:, TOE] = 0.0
+    return [(0.0, swing), (foot.toe_return, straight)]
 
 
 def _ball(sole: SoleGeometry, place: Array, heading: Array) -> Array:

@@ -125,8 +125,7 @@ def plan_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: So
     """
     # One step further than the walk: at its end the rear foot is about to leave, as at any other switch.
     plan, further = plan_with_next_step(gait, mass)
-    lift_speed = plan.constants.l_s / plan.constants.single_support_duration
-    return StepPlan.of(plan, feet=plan_feet(further, foot, sole, lift_speed))
+    return StepPlan.of(plan, feet=plan_feet(further, foot, sole))
 
 
 def _ascending(values: Array) -> Array:

@@ -14,7 +14,7 @@ from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from ampm.description import SoleGeometry
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import BodilyRefusal
 from ampm.parameters import FootParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.contacts import Contacts
@@ -50,11 +50,9 @@ def plan_swings(
         step_length: of the gait, for which its key-frames are meant [m].
 
     Raises:
-        InputError: ``foot.swing`` is not quintic, or the heel would rise too early or too late.
+        InputError: the heel would rise too early or too late.
         BodilyRefusal: a foot cannot swing over an edge of the floor.
     """
-    if foot.swing != "quintic":
-        raise InputError(f"footsteps are walked with foot.swing = quintic, not {foot.swing}; leave it out.")
     roll = _rolls(plan, foot, sole, step_length)
     feet = rolling_feet(plan.contacts, foot, sole, roll)
     if uneven(plan.contacts.footsteps):
@@ -132,7 +130,6 @@ def _rolls(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_
     return Roll(
         lift=np.append(angle, 0.0),
         lift_rate=np.append(rate, 0.0),
-        lift_speed=np.zeros(n),
         delay=np.append(np.minimum(wait * double[:-1], latest), 0.0),
         strike=strike * foot.heel_strike_angle,
         strike_rate=strike * foot.heel_strike_rate,

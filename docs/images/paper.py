@@ -179,55 +179,28 @@ def arrow(axis, foot, force):
     axis.annotate("", (foot + 0.6 * force[0], 0.6 * force[1]), (foot, 0.0), arrowprops=head, zorder=6)
 
 
-FORMS = {"quintic": (), "paper": ("foot.swing=paper",)}
-FORMS["paper, ankle"] = (*FORMS["paper"], "foot.v_swing_of=ankle")
-GRIDS = (0.004, 0.002, 0.001)  # of the inverse kinematics [s]
-
-
-def jumps(grid, settings):
-    """Largest changes of a joint's velocity and acceleration over an interval of the grid beside a switch."""
-    plan = planned(*settings, f"solver.ik_time_step={grid}")
-    k, largest = plan.constants, np.zeros(2)
-    for switch in (k.single_support_duration, k.step_duration):
-        state = plan.posture.sample(switch + np.array([-grid, -1e-9, 1e-9, grid]))
-        changes = [np.abs(np.diff(rate[:, 6:], axis=0)).max() for rate in (state.v, state.acceleration)]
-        largest = np.maximum(largest, changes)
-    return largest
-
-
 def figure_7():
-    """The foot's key-frames, and what the paper's form of the swing changes."""
-    every = {form: walk("normal", *settings) for form, settings in FORMS.items()}
-    found = {form: np.array([jumps(grid, settings) for grid in GRIDS]) for form, settings in FORMS.items()}
+    """The foot's key-frames."""
+    its = walk("normal")
     figure = Figure(figsize=(9.6, 5.0))
-    axes = figure.subplot_mosaic("aaa;bcd", height_ratios=(1.2, 1))
-    for form, color in (("quintic", MOTION), ("paper", MEASURED)):
-        its = every[form]
-        time = np.linspace(-its.double, its.single + its.double, 1200)
-        foot, sole = its.plan.feet.sample(its.stride + time)[1], its.robot.description.sole
-        heel, ball, tip = (foot.sole_points[:, k : k + 2].mean(axis=1)[:, [0, 2]] for k in (0, 2, 4))
-        axes["a"].plot(*ball.T, color=color, label=f"path of the ball, {form}")
-        frames = (-its.double, 0.0, 0.5 * its.single, its.single, its.single + 0.9 * its.double)
-        for k in np.searchsorted(time, frames):
-            axes["a"].plot(*np.transpose([heel[k], ball[k], tip[k]]), "o-", color=color, linewidth=2.2)
-        speed = foot.velocity[:, 0] - sole.ball_x * np.sin(foot.pitch) * foot.pitch_velocity
-        axes["b"].plot(time, speed, color=color, label=form)
-        axes["c"].semilogy([1e3 * grid for grid in GRIDS], found[form][:, 1], "o-", color=color, label=form)
-        plan, zmp = its.against("zmp", 0)
-        axes["d"].plot(its.phase, 1e3 * (zmp - plan).T, color=color, linewidth=0.5, alpha=0.5)
+    axes = figure.subplot_mosaic("aa;bc", height_ratios=(1.2, 1))
+    time = np.linspace(-its.double, its.single + its.double, 1200)
+    foot, sole = its.plan.feet.sample(its.stride + time)[1], its.robot.description.sole
+    heel, ball, tip = (foot.sole_points[:, k : k + 2].mean(axis=1)[:, [0, 2]] for k in (0, 2, 4))
+    axes["a"].plot(*ball.T, color=MOTION, label="path of the ball")
+    frames = (-its.double, 0.0, 0.5 * its.single, its.single, its.single + 0.9 * its.double)
+    for k in np.searchsorted(time, frames):
+        axes["a"].plot(*np.transpose([heel[k], ball[k], tip[k]]), "o-", color=MOTION, linewidth=2.2)
+    speed = foot.velocity[:, 0] - sole.ball_x * np.sin(foot.pitch) * foot.pitch_velocity
+    axes["b"].plot(time, speed, color=MOTION)
+    plan, zmp = its.against("zmp", 0)
+    axes["c"].plot(its.phase, 1e3 * (zmp - plan).T, color=MEASURED, linewidth=0.5, alpha=0.5)
     axes["a"].set(title="(a) key-frames of the right foot [m]", aspect="equal")
     axes["b"].set(title="(b) speed of the ball [m/s]", xlabel="time from lift-off [s]")
-    axes["c"].set(title="(c) jump of joint acceleration [rad/s²]", xlabel="grid [ms]")
-    axes["d"].set(title="(d) ZMP x less plan [mm]")
-    shade(axes["d"], every["quintic"])
+    axes["c"].set(title="(c) ZMP x less plan [mm]")
+    shade(axes["c"], its)
     axes["a"].legend(loc="upper right")
-    rows, metrics = [], [its.trial.summary["metrics"] for its in every.values()]
-    changes = (f"{found[form][-1, 1]:.3g}" for form in FORMS)
-    rows.append(("change of joint acceleration [rad/s²]", *changes))
-    for label, name in (("RMSE x", "zmp_x_rmse"), ("RMSE y", "zmp_y_rmse")):
-        shown = (f"{said[name]['display']['value']:.2f}" for said in metrics)
-        rows.append((f"ZMP, {label} [mm]", *shown))
-    return figure, {"foot roll": table(("", *(f"`{form}`" for form in FORMS)), rows)}
+    return figure, {}
 
 
 def chains(body, data):
