@@ -108,14 +108,43 @@ def reference_type(nq: int, nv: int) -> np.dtype[Any]:
     return np.dtype(fields, align=True)
 
 
+class _Field:
+    """A field of a reference's row as its attribute."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, reference: Reference, owner: type | None = None) -> Any:
+        return reference.row[self.name]
+
+
 class Reference:
     """Reference of a controller at one instant; T instants have a leading axis, see :class:`ReferenceTable`.
 
     Args:
-        row: of :func:`reference_type`; every property is a view of it.
+        row: of :func:`reference_type`; every attribute is a view of it.
+
+    Attributes:
+        time: [s].
+        com: centre of mass, shape (3,) [m].
+        com_velocity: shape (3,) [m/s].
+        com_acceleration: shape (3,) [m/s^2].
+        angular_momentum: about the COM; x and y are the plan's, z the posture's, shape (3,) [N m s].
+        moment: rate of the angular momentum, shape (3,) [N m].
+        right_load: share of the weight planned on the right foot [1].
+        jumps: whether the plan's acceleration jumps at this tick of a first-order hold, or at the last one.
     """
 
     __slots__ = ("row",)
+
+    time = _Field()
+    com = _Field()
+    com_velocity = _Field()
+    com_acceleration = _Field()
+    angular_momentum = _Field()
+    moment = _Field()
+    right_load = _Field()
+    jumps = _Field()
 
     def __init__(self, row: Any) -> None:
         self.row = row
@@ -138,7 +167,7 @@ class Reference:
     ) -> Self:
         """Copy the parts into a new reference; T instants have a leading axis.
 
-        Args are the properties of this class.
+        Args are the attributes of this class.
 
         Raises:
             ValueError: a part has another shape, or another number of instants.
@@ -172,46 +201,6 @@ class Reference:
         for name, value in fields.items():
             row[name] = value
         return type(self)(row)
-
-    @property
-    def time(self) -> Scalar:
-        """[s]."""
-        return self.row["time"]
-
-    @property
-    def com(self) -> Array:
-        """Centre of mass, shape (3,) [m]."""
-        return self.row["com"]
-
-    @property
-    def com_velocity(self) -> Array:
-        """Shape (3,) [m/s]."""
-        return self.row["com_velocity"]
-
-    @property
-    def com_acceleration(self) -> Array:
-        """Shape (3,) [m/s^2]."""
-        return self.row["com_acceleration"]
-
-    @property
-    def angular_momentum(self) -> Array:
-        """About the COM; x and y are the plan's, z the posture's, shape (3,) [N m s]."""
-        return self.row["angular_momentum"]
-
-    @property
-    def moment(self) -> Array:
-        """Rate of the angular momentum, shape (3,) [N m]."""
-        return self.row["moment"]
-
-    @property
-    def right_load(self) -> Scalar:
-        """Share of the weight planned on the right foot [1]."""
-        return self.row["right_load"]
-
-    @property
-    def jumps(self) -> Scalar:
-        """Whether the plan's acceleration jumps at this tick of a first-order hold, or at the last one."""
-        return self.row["jumps"]
 
     @property
     def feet(self) -> FeetState:
