@@ -86,8 +86,8 @@ def plan_footsteps(
     Raises:
         InputError: the list is no walk, or a time leaves no time to swing.
         MathematicalRefusal: the gait has no closed form.
-        BodilyRefusal: feet would cross, a foot is out of reach, the ZMP would leave the soles, or the angular
-            momentum would turn the trunk too far.
+        BodilyRefusal: feet would cross, the ZMP would leave the soles, or the angular momentum would turn the
+            trunk too far.
     """
     walk = solve_walk(footsteps, gait, body, landings)
     phases = _stand_phases(0.0, 0, walk.solved)
@@ -346,9 +346,8 @@ def _stand_phases(start: float, end: int, solved: Solution) -> list[CentroidalPh
 def _refuse(
     footsteps: Sequence[Footstep], walk: Walk, body: BodyDescription, plan: CentroidalPlan, first: int
 ) -> None:
-    """Refuse feet that cross or are out of reach, a ZMP near an edge, and a trunk that turns too far."""
+    """Refuse feet that cross, a ZMP near an edge, and a trunk that turns too far."""
     refuse_crossing(footsteps, body.sole, first)
-    _refuse_unreached(footsteps, body, plan, first)
     number, margin = _least_margin(footsteps, body.sole, plan)
     if not margin >= MARGIN:
         raise BodilyRefusal(
@@ -392,44 +391,6 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: in
             unit="m",
             way_out="put it further out on its own side",
         )
-
-
-def _refuse_unreached(
-    footsteps: Sequence[Footstep], body: BodyDescription, plan: CentroidalPlan, number: int
-) -> None:
-    """Refuse a foot that the straight leg does not reach, standing on heel or tip, when it leaves or lands.
-
-    The hips are taken as upright under the COM, along the mean heading of both feet.
-    """
-    sole, place = body.sole, np.array([step.position[:2] for step in footsteps])
-    heading = np.array([step.heading for step in footsteps])
-    lateral = rotations(mean_heading(heading[:-1], heading[1:]))[:, :, 1]
-    side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps])
-    floor = np.array([step.position[2] for step in footsteps])
-    # At the begin of a single support the foot before it leaves, at its end the one after it lands.
-    switches = plan.sample(plan.contacts.starts[1:]).com
-    for moment, first, com in (("lands", 2, switches[1::2]), ("leaves", 0, switches[0::2])):
-        feet = slice(first, first + len(com))
-        across = lateral[min(first, 1) :][: len(com)]
-        over = com[:, 2] - floor[feet] - body.com_over_hip
-        hip = com[:, :2] + side[feet, None] * body.hip_half_width * across
-        beyond = np.full(len(com), math.inf)
-        for x in (sole.heel_x, sole.tip_x):
-            point = place[feet] + x * rotations(heading[feet])[:, :, 0]
-            away = np.sqrt(((point - hip) ** 2).sum(axis=1) + over**2)
-            beyond = np.minimum(beyond, away - math.hypot(x - sole.ankle_x, sole.ankle_height))
-        worst = int(beyond.argmax())
-        if not beyond[worst] <= body.leg_length:
-            step = footsteps[worst + first]
-            raise BodilyRefusal(
-                f"footstep {worst + first + number}: when the {step.foot} foot {moment}, its leg would have "
-                f"to be {beyond[worst]:.3g} m long, and is {body.leg_length:.3g} m",
-                reason="step_out_of_reach",
-                value=float(beyond[worst]),
-                limit=body.leg_length,
-                unit="m",
-                way_out="shorten the steps about it, or lower gait.com_height",
-            )
 
 
 def _least_margin(
