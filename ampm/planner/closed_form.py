@@ -1,14 +1,14 @@
 """The closed form of a periodic gait: its constants, its laws, and the rules that refuse a gait."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ampm.exceptions import MathematicalRefusal
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.centroidal import PlanConstants
-from ampm.planner.pendulum import EPSILON, AffineLaw, double_support_root
+from ampm.planner.pendulum import AffineLaw, double_support_root
 
 LEAST_MID_STANCE_SHARE = 0.2
 """Least speed over the foot, as a share of v0: below it the pendulum nearly stops and every error grows."""
@@ -16,11 +16,6 @@ LEAST_MID_STANCE_SHARE = 0.2
 LIPM = "lipm"
 """Value of ``gait.planner`` for the closed form of the plain inverted pendulum."""
 _PLAIN_SLOPES = {"a_s": math.inf, "c_s": 1.0, "c_y": 1.0}  # ZMP at rest, force through the COM
-
-RESIDUAL_LIMIT = 1e-9
-"""Largest relative jump at a switch that rounding may cause."""
-_ROUNDING = 8.0 * EPSILON
-_LONGEST = 600.0  # single support, in time constants of the lateral pendulum: its cosh fits a double [1]
 
 
 class StepLaws(NamedTuple):
@@ -41,7 +36,7 @@ class StepLaws(NamedTuple):
     double_y: AffineLaw
 
 
-@np.errstate(all="ignore")  # what overflows is refused for its rounding
+@np.errstate(all="ignore")  # what overflows is refused for the plan's jumps
 def step_laws(gait: GaitParameters) -> StepLaws:
     """Constants and laws of a gait (paper, sections 2.1 and 2.2).
 
@@ -54,8 +49,7 @@ def step_laws(gait: GaitParameters) -> StepLaws:
     is what the COM drifts in half a double support, ``beta = v T_DS / 2``.
 
     Raises:
-        MathematicalRefusal: the COM is not driven, does not pass over the foot fast enough, or the numbers
-            are too far apart.
+        MathematicalRefusal: the COM is not driven, or does not pass over the foot fast enough.
     """
     plain = gait.planner == LIPM
     values = gait.model_dump() | (_PLAIN_SLOPES if plain else {})
@@ -116,15 +110,13 @@ def step_laws(gait: GaitParameters) -> StepLaws:
         "mean_velocity": gait.step_length / (t_ss + t_ds),
         "angular_momentum_y_offset": 0.0,
     }
-    laws = StepLaws(
+    return StepLaws(
         PlanConstants(**{name: float(value) for name, value in constants.items()}),
         single_x,
         double_x,
         single_y,
         double_y,
     )
-    _refuse_rounded(gait, laws, k * t_ss)
-    return laws
 
 
 def _refuse_undriven(bracket: float, c_s: float, inverse_a_s: float, c_y: float) -> None:
@@ -177,50 +169,6 @@ def _refuse_slow(v0: float, least: float) -> None:
             limit=float(limit),
             unit="m/s",
             way_out=faster,
-        )
-
-
-def _refuse_rounded(gait: GaitParameters, laws: StepLaws, time_constants: float) -> None:
-    """Refuse a gait whose plan could jump at a switch by rounding.
-
-    The closed form is continuous, so that every jump is rounding. Every law is purely even or purely odd: its
-    amplitude at the ends of the phase bounds what is rounded, in the scales of
-    :class:`ampm.planner.centroidal.PlanResiduals`.
-    """
-    height, v0, plain = gait.com_height, gait.switching_velocity, gait.planner == LIPM
-    far, near = (gait.steps + 1) * gait.step_length, 0.5 * gait.step_width
-    worst: Any = 0.0 if time_constants <= _LONGEST else math.inf
-    for law, origin, sway in (
-        (laws.single_x, far, v0 / np.sqrt(laws.single_x.rate)),
-        (laws.double_x, far, abs(laws.double_x.odd)),
-        (laws.single_y, near, laws.constants.s),
-        (laws.double_y, near, abs(laws.double_y.odd)),
-    ):
-        k = np.sqrt(abs(law.rate))
-        uniform = law.rate == 0.0  # then ``odd`` is a velocity
-        speed = sway if uniform else k * sway
-        sway = sway * law.duration if uniform else sway
-        arm = (abs(law.force_slope) + 1.0) * sway
-        jumps = abs(law.rate) * sway / GRAVITY, (origin + abs(law.zmp_slope) * sway) / height
-        for term in (
-            (origin + sway) / height,
-            speed / v0,
-            arm / height,
-            arm * law.duration * GRAVITY / (height * v0),
-            0.0 if plain else np.maximum(*jumps),
-        ):
-            worst = np.maximum(worst, term * (1.0 + 0.5 * k * law.duration))  # a NaN stays one
-    bound = float(_ROUNDING * worst) if worst >= 0.0 else math.inf
-    if not bound <= RESIDUAL_LIMIT:
-        raise MathematicalRefusal(
-            "the gait's numbers are too far apart to be computed: rounding could make the plan jump by "
-            f"{bound:.1e} of its own scale at a switch, more than {RESIDUAL_LIMIT:g}",
-            reason="ill_conditioned",
-            value=bound,
-            limit=RESIDUAL_LIMIT,
-            unit="1",
-            way_out="bring gait.com_height, gait.step_length, gait.step_width and gait.c_y nearer to each "
-            "other, and gait.single_support_ratio away from 0 and 1, or raise gait.switching_velocity",
         )
 
 

@@ -4,13 +4,19 @@ t = 0 is the start of the first single support, on the left foot, whose referenc
 """
 
 import math
+from dataclasses import replace
 
-from ampm.exceptions import InputError
+import numpy as np
+
+from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
-from ampm.planner.closed_form import StepLaws, step_laws
+from ampm.planner.closed_form import LIPM, StepLaws, step_laws
 from ampm.planner.contacts import Contacts, Footstep, contacts_in_turn
 from ampm.planner.pendulum import AffineLaw, odd_double_integral, position_integral
+
+RESIDUAL_LIMIT = 1e-9
+"""Largest relative jump at a switch that rounding may cause."""
 
 
 def plan_gait(gait: GaitParameters, mass: float) -> CentroidalPlan:
@@ -30,11 +36,36 @@ def plan_gait(gait: GaitParameters, mass: float) -> CentroidalPlan:
     return plan_with_next_step(gait, mass)[0]
 
 
+@np.errstate(all="ignore")  # what overflows is refused for its jumps
 def plan_with_next_step(gait: GaitParameters, mass: float) -> tuple[CentroidalPlan, Contacts]:
     """:func:`plan_gait`, and the contacts of the walk with one more step."""
     if not (math.isfinite(mass) and mass > 0.0):
         raise InputError(f"the mass is {mass:g} kg; it must be a finite number greater than 0 kg.")
-    return _assemble(gait, float(mass), step_laws(gait))
+    plan, further = _assemble(gait, float(mass), step_laws(gait))
+    _refuse_rounded(plan, plain=gait.planner == LIPM)
+    return plan, further
+
+
+def _refuse_rounded(plan: CentroidalPlan, *, plain: bool) -> None:
+    """Refuse a plan that jumps at a switch, which the closed form does not: its numbers lose their digits.
+
+    Acceleration, ZMP and moment of the plain inverted pendulum do jump.
+    """
+    jumps = plan.residuals()
+    if plain:
+        jumps = replace(jumps, acceleration=0.0, zmp=0.0, moment=0.0)
+    largest = jumps.largest
+    if not largest <= RESIDUAL_LIMIT:
+        raise MathematicalRefusal(
+            "the gait's numbers are too far apart to be computed: by rounding the plan jumps by "
+            f"{largest:.1e} of its own scale at a switch, more than {RESIDUAL_LIMIT:g}",
+            reason="ill_conditioned",
+            value=largest,
+            limit=RESIDUAL_LIMIT,
+            unit="1",
+            way_out="bring gait.com_height, gait.step_length, gait.step_width and gait.c_y nearer to each "
+            "other, and gait.single_support_ratio away from 0 and 1, or raise gait.switching_velocity",
+        )
 
 
 def _mirrored(law: AffineLaw) -> AffineLaw:
