@@ -64,16 +64,6 @@ def triangular(system: Array) -> bool:
 
 
 @compiled
-def eliminate(system: Array, d: int) -> None:
-    """Eliminate in one more right-hand side, column d, of a system that is triangular."""
-    count = len(system)
-    for c in range(count):
-        right = system[c, d] / system[c, c]
-        for r in range(c + 1, count):
-            system[r, d] -= system[c, r] * right
-
-
-@compiled
 def substitute(system: Array) -> None:
     """Turn the right-hand sides of a triangular system into its solutions."""
     count, width = system.shape

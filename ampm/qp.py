@@ -16,7 +16,6 @@ import osqp
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
-from ampm.compiled import bound, compiled, refer
 from ampm.exceptions import InputError, SolverError
 
 Array = NDArray[np.float64]
@@ -41,7 +40,7 @@ _OSQP_STATUS = {
 """All others are certificates of infeasibility."""
 
 _INTERRUPTED = int(osqp.SolverStatus.OSQP_SIGINT)
-_INFINITY = 1e30  # OSQP's infinity
+_INFINITY = 1e30  # of both solvers
 
 
 class QPSolution(NamedTuple):
@@ -107,82 +106,21 @@ class QPBackend(Protocol):
 
 
 class _Pattern:
-    """Sparsity pattern of a matrix, and the gather that takes a dense array to its CSC values."""
+    """Sparsity pattern of a matrix, and the places that take a dense array to its CSC values."""
 
     def __init__(self, mask: NDArray[np.bool_]) -> None:
         self._csc = sparse.csc_matrix(mask, dtype=np.float64)
         columns, rows = np.nonzero(mask.T)  # column-major order, as CSC wants
-        self.gather = rows * mask.shape[1] + columns
+        self.places = rows * mask.shape[1] + columns
+
+    def values(self, dense: Array) -> Array:
+        """Values of a dense matrix in CSC order."""
+        return dense.take(self.places)
 
     def matrix(self, dense: Array) -> sparse.csc_matrix:
         """The sparse matrix itself, explicit zeros kept."""
-        values, csc = dense.reshape(-1).take(self.gather), self._csc
-        return sparse.csc_matrix((values, csc.indices, csc.indptr), shape=csc.shape)
-
-
-class SparseValues(NamedTuple):
-    """A problem as OSQP takes it.
-
-    Attributes:
-        P_places: places of the values of P in the dense matrix, in sparse order.
-        A_places: the same of A.
-        P: values of the upper triangle.
-        A: values.
-        lower: finite, shape (m,).
-        upper: finite, shape (m,).
-    """
-
-    P_places: NDArray[np.intp]
-    A_places: NDArray[np.intp]
-    P: Array
-    A: Array
-    lower: Array
-    upper: Array
-
-
-@compiled
-def _take(dense: Array, places: NDArray[np.intp], out: Array) -> None:
-    """Copy some entries."""
-    for i in range(len(places)):
-        out[i] = dense[places[i]]
-
-
-@compiled
-def gather(values: SparseValues, P: Array, A: Array, lower: Array, upper: Array) -> bool:
-    """Take matrices to their values in sparse order, and bounds to finite ones.
-
-    Args:
-        values: written.
-        P: dense, C-contiguous.
-        A: dense, C-contiguous.
-        lower: shape (m,).
-        upper: shape (m,).
-
-    Returns:
-        Whether no lower bound is above its upper one.
-    """
-    _take(P.reshape(-1), values.P_places, values.P)
-    _take(A.reshape(-1), values.A_places, values.A)
-    ordered, low, high = True, values.lower, values.upper
-    for i in range(len(lower)):
-        low[i], high[i] = max(lower[i], -_INFINITY), min(upper[i], _INFINITY)
-        if lower[i] > upper[i]:
-            ordered = False
-    return ordered
-
-
-@compiled
-def violation(A: Array, x: Array, lower: Array, upper: Array) -> float:
-    """By how much ``l <= A x <= u`` is violated at most, 0 if it holds; infinite if it is not a number."""
-    worst = 0.0
-    for i in range(len(lower)):
-        row = 0.0
-        for j in range(len(x)):
-            row += A[i, j] * x[j]
-        if not math.isfinite(row):
-            return math.inf
-        worst = max(worst, lower[i] - row, row - upper[i])
-    return worst
+        csc = self._csc
+        return sparse.csc_matrix((self.values(dense), csc.indices, csc.indptr), shape=csc.shape)
 
 
 class OsqpBackend:
@@ -196,16 +134,6 @@ class OsqpBackend:
 
     def __init__(self, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings) -> None:
         self._P, self._A = _Pattern(np.triu(P_mask)), _Pattern(A_mask)
-        self._values = SparseValues(
-            self._P.gather,
-            self._A.gather,
-            np.empty(self._P.gather.size),
-            np.empty(self._A.gather.size),
-            np.empty(len(A_mask)),
-            np.empty(len(A_mask)),
-        )
-        matrix, vector = np.empty((1, 1)), np.empty(1)
-        self._gather = bound(gather, (refer(self._values),), matrix, matrix, vector, vector)
         self._settings = settings
         self._solver: Any = None
 
@@ -217,20 +145,17 @@ class OsqpBackend:
             KeyboardInterrupt: the user interrupted the solve.
         """
         start = time.perf_counter()
-        P, A = np.ascontiguousarray(P), np.ascontiguousarray(A)
-        if not self._gather(P, A, np.ascontiguousarray(lower), np.ascontiguousarray(upper)):
-            # OSQP would keep the last bounds and solve with those.
-            gap = float((lower - upper).max())
-            return QPSolution(
-                np.full(len(q), np.nan), QPStatus.INFEASIBLE, gap, 0, time.perf_counter() - start
-            )
+        gap = float((lower - upper).max())
+        if gap > 0.0:  # OSQP would keep the last bounds and solve with those
+            no_point = np.full(len(q), np.nan)
+            return QPSolution(no_point, QPStatus.INFEASIBLE, gap, 0, time.perf_counter() - start)
         solver = self._solver
         if solver is None:
             solver = self._solver = self._setup(P, q, A, lower, upper)
         else:
-            values = self._values
-            solver.update_data_vec(q=q, l=values.lower, u=values.upper)
-            solver.update_data_mat(P_x=values.P, P_i=None, A_x=values.A, A_i=None)
+            low, high = np.maximum(lower, -_INFINITY), np.minimum(upper, _INFINITY)
+            solver.update_data_vec(q=q, l=low, u=high)
+            solver.update_data_mat(P_x=self._P.values(P), P_i=None, A_x=self._A.values(A), A_i=None)
         solver.solve()
         x = solver.solution.x  # a copy of the solver's
         seconds = time.perf_counter() - start
@@ -301,13 +226,11 @@ class DaqpBackend:
             ) from error
         self._daqp = daqp
         self._sense = np.zeros(rows, dtype=np.int32)
-        matrix, vector = np.empty((1, 1)), np.empty(1)
-        self._violation = bound(violation, (), matrix, vector, vector, vector)
 
     def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
         """See :class:`QPBackend`; cold-started every time."""
         start = time.perf_counter()
-        up, low = np.minimum(upper, 1e30), np.maximum(lower, -1e30)
+        up, low = np.minimum(upper, _INFINITY), np.maximum(lower, -_INFINITY)
         A = np.ascontiguousarray(A)
         x, _, flag, info = self._daqp.solve(P, q, A, up, low, self._sense)
         seconds = time.perf_counter() - start
@@ -316,7 +239,9 @@ class DaqpBackend:
             status = QPStatus.INFEASIBLE
         else:
             status = QPStatus.SOLVED if flag > 0 and np.isfinite(x).all() else QPStatus.UNSOLVED
-        residual = self._violation(A, x, low, up)
+        rows = A @ x
+        violation = float(max((low - rows).max(), (rows - up).max(), 0.0))
+        residual = violation if math.isfinite(violation) else math.inf
         return QPSolution(x, status, residual, int(info.get("iterations", 0)), seconds)
 
 
