@@ -1,8 +1,7 @@
-"""How values are shown: one line as ``repr``, a few lines by ``print``, a table in a notebook."""
+"""How values are shown: one line as ``repr``, a few lines by ``print``."""
 
 from collections.abc import Sequence
 from dataclasses import fields
-from html import escape
 from typing import Any
 
 _FACTS = 8
@@ -28,14 +27,6 @@ def text_of(title: str, rows: Sequence[Sequence[str]]) -> str:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
     return "\n".join([title, *(f"  {line}".rstrip() for line in lines)])
-
-
-def html_of(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A title, and a table below it, for ``_repr_html_``."""
-    head = "".join(f"<th>{escape(text)}</th>" for text in columns)
-    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
-    table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if rows else ""
-    return f"<p><b>{escape(title)}</b></p>{table}"
 
 
 def _said(value: Any) -> str:

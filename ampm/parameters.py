@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from ampm.brief import html_of, text_of
+from ampm.brief import text_of
 from ampm.controller_parameters import ControllerParameters
 from ampm.exceptions import InputError
 from ampm.physics_parameters import (
@@ -290,31 +290,21 @@ class RunParameters(Section):
     def __str__(self) -> str:
         """Steps, planner, body, controller, and what differs from the defaults."""
         rows = [
-            (key, str(value), unit, f"(default {default})")
-            for key, value, unit, default, _ in self._changes()
+            (key, str(value), unit, f"(default {default})") for key, value, unit, default in self._changes()
         ]
-        return text_of(self._title, rows or [("all values are the defaults",)])
-
-    def _repr_html_(self) -> str:
-        """For notebooks: what differs from the defaults, with its meaning."""
-        rows = [tuple(map(str, row)) for row in self._changes()]
-        return html_of(self._title, ("key", "value", "unit", "default", "meaning"), rows)
-
-    @property
-    def _title(self) -> str:
         way = f"over {len(self.footsteps)} footsteps" if self.footsteps else f"of {self.gait.steps} steps"
         names = f"planner {self.gait.planner}, body {self.body.source}, controller {self.controller.name}"
-        return f"run {way}: {names}"
+        return text_of(f"run {way}: {names}", rows or [("all values are the defaults",)])
 
-    def _changes(self) -> Iterator[tuple[str, Any, str, Any, str]]:
-        """Key, value, unit, default and meaning of every value that differs from its default."""
+    def _changes(self) -> Iterator[tuple[str, Any, str, Any]]:
+        """Key, value, unit and default of every value that differs from its default."""
         for key in (*keys(), *OPTION_TABLES):
             section, _, name = key.partition(".")
             field, value = SECTIONS[section].model_fields[name], self.value(key)
             default = field.get_default(call_default_factory=True)
             if value != default:
                 unit = unit_of(field)
-                yield key, value, "" if unit == "1" else unit, default, str(field.description)
+                yield key, value, "" if unit == "1" else unit, default
 
     def value(self, key: str) -> Any:
         """Value of a namespaced key.

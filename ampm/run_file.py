@@ -1,6 +1,6 @@
 """Runs as TOML files: read from presets, files and settings; written to one file that gives the same bits."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -202,33 +202,21 @@ def find_keys(*words: str) -> tuple[KeyInfo, ...]:
     Raises:
         InputError: no key fits.
     """
-    order = list(SECTIONS)
+
+    def fits(info: KeyInfo, word: str) -> bool:
+        if word in SECTIONS and word != "planner":  # whose name is gait.planner
+            return info.key.partition(".")[0] == word
+        return word in f"{info.key} {info.meaning}".lower()
+
     every = [*describe_keys(), *map(key_info, OPTION_TABLES)]
-    found = tuple(sorted(every, key=lambda info: order.index(info.key.partition(".")[0])))
-    for word in words:
-        text = word.strip().lower()
-        if text in SECTIONS and text != "planner":  # whose name is gait.planner
-            kept = [info for info in found if info.key.partition(".")[0] == text]
-        else:
-            kept = [info for info in found if text in f"{info.key} {info.meaning}".lower()]
-        if not kept:
-            raise _no_key(word, words)
-        found = tuple(kept)
-    return found
-
-
-def _no_key(word: str, words: Sequence[str]) -> InputError:
-    """Error about a word that no key fits, or none that fits the words before."""
-    similar = nearest(word, RunParameters.known_keys())
-    if len(words) > 1:
-        what, way_out = f"no key fits all of {', '.join(map(repr, words))}", "leave out a word"
-    elif word in PRESETS or Path(word).suffix == ".toml":
-        what, way_out = f"no key has {word!r} in its name or meaning", f"write --gait {word} for its values"
-    elif similar:
-        what, way_out = f"no key has {word!r} in its name or meaning", f"did you mean {similar!r}?"
-    else:
-        what, way_out = f"no key has {word!r} in its name or meaning", f"sections are {', '.join(SECTIONS)}"
-    return InputError(f"{what}; {way_out}", value=word, way_out=way_out, nearest=similar)
+    found = [info for info in every if all(fits(info, word.strip().lower()) for word in words)]
+    if not found:
+        similar = nearest(words[0], RunParameters.known_keys())
+        way_out = f"did you mean {similar!r}?" if similar else f"sections are {', '.join(SECTIONS)}."
+        what = " and ".join(map(repr, words))
+        raise InputError(f"no key fits {what}; {way_out}", value=what, way_out=way_out, nearest=similar)
+    order = list(SECTIONS)
+    return tuple(sorted(found, key=lambda info: order.index(info.key.partition(".")[0])))
 
 
 def _parsed(setting: str) -> tuple[str, Any]:

@@ -15,12 +15,6 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from ampm.exceptions import InputError
 
-MOVED = {
-    "disturbance.sensing_delay": "sensors.delay",
-    "disturbance.angle_noise": "sensors.angle_noise",
-    "disturbance.rate_noise": "sensors.rate_noise",
-}
-"""Keys that have another name now."""
 _MOST_LISTED = 12  # known names that are listed when none resembles the unknown one
 
 
@@ -122,7 +116,7 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
 def unknown(name: str, known: Iterable[str], what: str = "key", **details: Any) -> InputError:
     """Error about an unknown name, with the nearest of the known ones, or all if they are few."""
     known = tuple(known)
-    similar = MOVED.get(name) or nearest(name, known)
+    similar = nearest(name, known)
     hint = way_out = "'ampm keys' lists all."
     if similar:
         hint, way_out = f"did you mean {similar!r}?", f"write {similar}"

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ampm.brief import Brief, html_of, text_of
+from ampm.brief import Brief, text_of
 from ampm.exceptions import InputError
 from ampm.geometry import rotations
 from ampm.planner.contacts import PHASE_NAMES, STANCE_NAMES, Contacts, times_within
@@ -229,20 +229,8 @@ class CentroidalPlan(Brief):
             ("supports", f"{single:.4g} s single, {double:.4g} s double"),
             ("largest jump", f"{self.residuals().largest:.1e}, relative, at a switch of support"),
         ]
-        return text_of(self._title, rows)
-
-    def _repr_html_(self) -> str:
-        """For notebooks: the constants with their meanings."""
-        rows = []
-        for entry in fields(self.constants):
-            unit, meaning = entry.metadata["unit"], entry.metadata["meaning"]
-            value = f"{getattr(self.constants, entry.name):.6g}"
-            rows.append((entry.name, value, "" if unit == "1" else unit, meaning))
-        return html_of(self._title, ("constant", "value", "unit", "meaning"), rows)
-
-    @property
-    def _title(self) -> str:
-        return f"{type(self).__name__} of {self.contacts.steps} steps in {self.duration:.4g} s"
+        title = f"{type(self).__name__} of {self.contacts.steps} steps in {self.duration:.4g} s"
+        return text_of(title, rows)
 
     @classmethod
     def of(cls, plan: CentroidalPlan, **more: Any) -> Self:
