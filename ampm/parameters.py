@@ -162,9 +162,6 @@ class DisturbanceParameters(Section, section="disturbance"):
     slope_across: Real = parameter(
         0.0, "slope of the floor across the walk after footstep 2; positive: left up", "rad", ge=-0.3, le=0.3
     )
-    origin: Real = parameter(
-        0.0, "distance along x by which the walk is moved from the world's origin", "m", ge=-1e6, le=1e6
-    )
     friction_factor: Real = parameter(1.0, "friction of the floor over contact.friction", gt=0, le=100)
     softness_factor: Real = parameter(
         1.0, "time constant of contacts over contact.time_constant", ge=1, le=100

@@ -150,7 +150,7 @@ def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch,
 def test_an_error_of_the_program_is_told(monkeypatch):
     monkeypatch.setattr(robustness, "walk_replica", lambda **_: 1 / 0)
     monkeypatch.setattr(robustness, "PICTURES", ())
-    found = robustness.robustness("normal", only=["origin"], replicas=1, workers=0)
+    found = robustness.robustness("normal", only=["torque_bias"], replicas=1, workers=0)
     assert len(found.crashes) == 1
     assert "division by zero" in found.tables()[0].notes[0]
 

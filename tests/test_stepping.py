@@ -246,18 +246,6 @@ def test_a_floor_at_another_height_is_found_by_the_feet(floor):
     assert height - planned("stepping").run.gait.com_height == pytest.approx(floor, abs=0.003)
 
 
-@pytest.mark.slow
-def test_a_pushed_walk_a_kilometre_away_ends_as_here():
-    here, there = (
-        walk_over(f"disturbance.origin={origin}", "disturbance.push_y=-150", "disturbance.push_at=1.64")
-        for origin in (0.0, 1000.0)
-    )
-    assert there.outcome.completed
-    assert here.outcome.completed
-    np.testing.assert_allclose(there.q[-1, 0] - 1000.0, here.q[-1, 0], atol=1e-3)
-    np.testing.assert_allclose(there.q[-1, 1:], here.q[-1, 1:], atol=1e-3)
-
-
 def test_a_walk_over_footsteps_is_the_fixed_stabilisers_and_steps_when_pushed():
     rows = routes.as_rows(routes.arc(5, 0.4, 1.0, 0.2))
     still, fixed = (

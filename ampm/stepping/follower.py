@@ -83,7 +83,6 @@ class Follower:
         self._pass_time = bound(pass_time, (self._walker, stepper.tick))
         self._index, self._loaded, self._next = -1, -1, -math.inf
         self._starts = [*plan.contacts.starts.tolist(), math.inf]
-        self._origin = np.zeros(2)  # of the references from the plan: a walk may be moved
         self._ahead: list[Curves] = []  # of the plan's phases
         end = plan.sample(np.array([plan.duration])).com_velocity
         placements = plan.contacts.placements
@@ -102,8 +101,6 @@ class Follower:
             Reference to the :class:`~ampm.stepping.stepper.Stepper` of this phase.
         """
         if not self._ahead:
-            moved = reference.com[:2] - self.plan.sample(np.array([time])).com[0, :2]
-            self._origin = moved * (np.abs(moved) > 1e-9)
             self._ahead = self._look_ahead()
         if self._leaves[0]:
             self._leave()
@@ -118,7 +115,7 @@ class Follower:
                 self._load()
             phase, moved = self._phase(self._index)
             following, _ = self._phase(self._index + 1)
-            self.planned = planned_tick(self._stepper, time, phase, following, moved + self._origin)
+            self.planned = planned_tick(self._stepper, time, phase, following, moved)
         else:
             self.planned = None
             if time + 1e-9 >= self._next:
@@ -165,9 +162,7 @@ class Follower:
         phases = self.plan.contacts.phases
         grids = np.concatenate([self._grid(phase, _COARSE) for phase in phases])
         sample = self.plan.sample(grids)
-        com = sample.com.copy()
-        com[:, :2] += self._origin
-        curves = self._curves(com, sample.com_velocity, sample.com_acceleration, sample.moment)
+        curves = self._curves(sample.com, sample.com_velocity, sample.com_acceleration, sample.moment)
         parts = [range(k * _COARSE, (k + 1) * _COARSE) for k in range(len(phases))]
         return [Curves(*(curve[part.start : part.stop] for curve in curves)) for part in parts]
 
@@ -195,8 +190,8 @@ class Follower:
         phase, offset = self._phase(self._index)
         count = max(math.ceil(phase.duration / (_TICKS * self._stepper.tick)), 4) + 1
         rows = rows_of(self.plan.table(self._grid(phase, count), self._timing).row)
-        rows.com[:, :2] += offset + self._origin
-        rows.foot_position[:, :, :2] += offset + self._origin
+        rows.com[:, :2] += offset
+        rows.foot_position[:, :, :2] += offset
         self._take(self._curves(rows.com, rows.com_velocity, rows.com_acceleration, rows.moment), rows)
         self._loaded = self._index
 

@@ -31,7 +31,6 @@ from validation.run.trial import Trial
 from validation.trial.bridge import passive_joints, pinocchio_model, to_pinocchio
 from validation.trial.controllers import find_controller, name_of
 from validation.trial.disturbances import Disturbance, describe
-from validation.trial.origin import moved_record
 from validation.trial.plan import PlannedWalk, load_request, make_body, plan_walk
 from validation.trial.planners import check_planner
 from validation.trial.record import SimulationRecord
@@ -164,15 +163,14 @@ def walk_planned(
         scene = disturbed_model(body.model, run, planned.plan.contacts)
         simulated = scene.compile()
         true = body.robot.model if scene is body.model else pinocchio_model(simulated)
-        near = moved_record(record, -run.disturbance.origin)
-        measured = measure(near, true, to_pinocchio, passive_joints(simulated))
+        measured = measure(record, true, to_pinocchio, passive_joints(simulated))
         upright = run.undisturbed.replace(
             {"gait.com_height": planned.plan.com_height}
         )  # a table may have its own
         standing = weigh(upright, body.model, body.robot)
         description = body.model.description
         comparison = compare(
-            planned.plan, near, measured, description=description, standing=standing, shapes=body.shapes
+            planned.plan, record, measured, description=description, standing=standing, shapes=body.shapes
         )
         metrics = MappingProxyType(evaluate(comparison))
         verdict = judge(metrics, profile, comparison.scales, uncertainty, ended=record.outcome.ending)

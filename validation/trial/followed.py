@@ -12,7 +12,7 @@ from ampm.planner.centroidal import PlanSample
 from ampm.stepping.planned import PlannedTick
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
 
@@ -197,17 +197,3 @@ class Followed:
             "right_placement": at.placements[:, 1],
             "heading": np.asarray(at.heading),
         }
-
-
-def moved_ticks(ticks: Sequence[PlannedTick], along: float) -> tuple[PlannedTick, ...]:
-    """Ticks of which all places are moved along x [m]."""
-    by = np.array([along, 0.0, 0.0])
-    return tuple(
-        tick._replace(
-            com=tick.com + by,
-            zmp=tick.zmp + by[:2],
-            feet=tick.feet + by,
-            placements=tick.placements + by[:2],
-        )
-        for tick in ticks
-    )

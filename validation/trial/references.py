@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ampm.walk import WalkPlan
-from validation.trial.origin import moved_table
 from validation.trial.users import UsersCode
 
 if TYPE_CHECKING:
@@ -47,7 +46,6 @@ class References(Course):
         time_step: of the physics [s].
         substeps: steps of a control tick.
         steps: walking steps asked for; None: all of the plan then valid.
-        along: how far all places are moved along x [m].
         author: of the plans, for messages; by default their postures.
 
     Attributes:
@@ -63,11 +61,10 @@ class References(Course):
         time_step: float,
         substeps: int,
         steps: int | None = None,
-        along: float = 0.0,
         author: Any = None,
     ) -> None:
         self.timing, self.time_step, self.substeps = timing, time_step, substeps
-        self.steps, self.along, self.author = steps, along, author
+        self.steps, self.author = steps, author
         self.plans: list[WalkPlan] = []
         self.since: list[int] = []
         self._tick = 0
@@ -107,8 +104,6 @@ class References(Course):
                 _check_numbers(table, float(steps[0] * self.time_step))
         if last is not None and _jumps(table[0], last):
             table = table.replace(jumps=np.r_[False, True, table.jumps[2:]])
-        if self.along:
-            table = moved_table(table, self.along)
         return table.part(before, before + count)
 
 
@@ -141,10 +136,6 @@ class ReplannedController:
     def _replan(self, time: float, state: State, touch: Touch) -> None:
         """Ask the planner, and follow what it makes."""
         references, valid = self.references, self.references.plans[-1]
-        if references.along:  # plans are made where the walk would be unmoved
-            q = state.q.copy()
-            q[0] -= references.along
-            state = state._replace(q=q)
         with UsersCode("planner", self.planner):
             plan = self.planner.replan(time, state, touch, valid)
             if plan is None or plan is valid:

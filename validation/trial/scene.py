@@ -142,7 +142,7 @@ def _change_floor(
         tiles = [part for tile in tiles for part in _split(tile, low, high, wanted.step_height)]
     tilt = _about_y(-wanted.slope_along) @ _about_x(wanted.slope_across)
     world.remove(plane)
-    up = np.array([wanted.origin, 0.0, wanted.floor_height])
+    up = np.array([0.0, 0.0, wanted.floor_height])
     for number, tile in enumerate(tiles):
         low_, high_ = np.array(tile.low), np.array(tile.high)
         centre = np.array([*(0.5 * (low_ + high_)), tile.height - 0.5 * _THICK])
@@ -159,7 +159,7 @@ def _raise_floor(
     world: ElementTree.Element, plane: ElementTree.Element, ground: Ground, wanted: DisturbanceParameters
 ) -> None:
     """Put boxes on the plane, which is as high as the lowest footstep."""
-    up, turn = np.array([wanted.origin, 0.0, wanted.floor_height]), _about_z(ground.heading)
+    up, turn = np.array([0.0, 0.0, wanted.floor_height]), _about_z(ground.heading)
     plane.set("pos", _text([0.0, 0.0, ground.base + wanted.floor_height]))
     for number, (low, high, top) in enumerate(
         zip(ground.low, ground.high, ground.height, strict=True), start=1

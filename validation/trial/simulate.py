@@ -33,7 +33,7 @@ from validation.trial.disturbances import Disturbance, Plant, Push, describe, pu
 from validation.trial.divergence import explained
 from validation.trial.engine import drake_of, make_engine
 from validation.trial.faults import FaultyController, behind_faults, started
-from validation.trial.followed import Followed, moved_ticks
+from validation.trial.followed import Followed
 from validation.trial.log import RunLog, SolePoints
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.readings import Sensing, make_estimator
@@ -175,7 +175,6 @@ def simulate(
         time_step=dt,
         substeps=physics.substeps,
         steps=steps,
-        along=run.disturbance.origin,
         author=planner,
     )
     for push in disturbances:
@@ -224,7 +223,7 @@ def simulate(
     followed = Followed(
         tuple(course.plans),
         tuple(tick * physics.substeps * dt for tick in course.since),
-        moved_ticks(loop.stepped, -run.disturbance.origin),
+        tuple(loop.stepped),
         physics.substeps * dt,
     )
     if followed.moved:

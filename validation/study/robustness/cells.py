@@ -92,7 +92,6 @@ _LADDERS: tuple[tuple[str, str, tuple[float, ...]], ...] = (
     ("slope downhill", "disturbance.slope_along", _degrees(-0.5, -1, -2, -3, -5)),
     ("slope across, up to the left", "disturbance.slope_across", _degrees(0.5, 1, 2, 3, 5)),
     ("slope across, up to the right", "disturbance.slope_across", _degrees(-0.5, -1, -2, -3, -5)),
-    ("far from the origin", "disturbance.origin", (1e3, 1e5)),
     ("friction", "disturbance.friction_factor", (0.75, 0.5, 0.375, 0.25)),
     ("soft floor", "disturbance.softness_factor", (2.0, 4.0, 6.0, 8.0)),
     ("delay of sensors", "sensors.delay", (0.002, 0.004, 0.008, 0.012, 0.016)),
