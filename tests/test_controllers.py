@@ -19,7 +19,7 @@ from validation.store.record import StoredRecord
 from validation.study.sweep.design import dump_sweep, parse_sweep
 from validation.study.sweep.run import task_of
 from validation.trial import users
-from validation.trial.controllers import GROUP, find_controller, name_of
+from validation.trial.users import CONTROLLER
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 QUICK: dict[str, Any] = {
@@ -38,21 +38,21 @@ class Refined(TrackingController):
 def installed(monkeypatch):
     """A package that adds the controller ``refined``, and one whose module is missing."""
     points = [
-        EntryPoint("refined", f"{__name__}:Refined", GROUP),
-        EntryPoint("broken", "no_such_module:Controller", GROUP),
+        EntryPoint("refined", f"{__name__}:Refined", "ampm.controllers"),
+        EntryPoint("broken", "no_such_module:Controller", "ampm.controllers"),
     ]
     monkeypatch.setattr(users, "entry_points", lambda group: [p for p in points if p.group == group])
 
 
 def test_a_controller_has_one_name_wherever_it_comes_from(installed):
-    assert find_controller("ampm") is TrackingController
-    assert find_controller("joint-pd") is JointPD
-    assert find_controller("refined") is find_controller(f"{__name__}:Refined") is Refined
-    assert (name_of(JointPD), name_of(Refined)) == ("joint-pd", f"{__name__}:Refined")
+    assert CONTROLLER.find("ampm") is TrackingController
+    assert CONTROLLER.find("joint-pd") is JointPD
+    assert CONTROLLER.find("refined") is CONTROLLER.find(f"{__name__}:Refined") is Refined
+    assert (CONTROLLER.name_of(JointPD), CONTROLLER.name_of(Refined)) == ("joint-pd", f"{__name__}:Refined")
     with pytest.raises(InputError, match="'joint_pd' is none of ampm, joint-pd, refined, broken"):
-        find_controller("joint_pd")
+        CONTROLLER.find("joint_pd")
     with pytest.raises(InputError, match="no_such_module:Controller' cannot be imported"):
-        find_controller("broken")
+        CONTROLLER.find("broken")
 
 
 def test_a_named_controller_walks_and_the_run_says_so(tmp_path):
@@ -185,7 +185,7 @@ def test_a_module_that_cannot_be_imported_is_bad_input(tmp_path, monkeypatch, co
     monkeypatch.chdir(tmp_path)
     (tmp_path / "spoilt_module.py").write_text(code, encoding="utf-8")
     with pytest.raises(InputError, match="cannot be imported"):
-        find_controller("spoilt_module:Controller")
+        CONTROLLER.find("spoilt_module:Controller")
 
 
 SWEEP = f"""

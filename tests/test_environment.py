@@ -1,7 +1,6 @@
 """The walk as a dm_control environment, and policies as controllers."""
 
-import runpy
-import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,6 @@ from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
 from ampm.walk import ControlOutput
 from validation import environment
-from validation.trial.controllers import find_controller
-from validation.trial.policy import OnnxPolicy
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 COARSE: dict[str, Any] = {
@@ -136,21 +133,13 @@ class Springs:
 def test_a_policy_in_an_onnx_file_walks_like_the_same_law_in_python(tmp_path, monkeypatch):
     for package in ("onnx", "onnxruntime"):
         pytest.importorskip(package, reason=f"needs {package}: .venv/bin/pip install {package}")
-    monkeypatch.setattr(sys, "argv", ["toy_policy.py", str(tmp_path / "toy.onnx")])
-    runpy.run_path(str(EXAMPLES / "toy_policy.py"), run_name="__main__")
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(EXAMPLES)
+    toy = str(tmp_path / "toy.onnx")
+    import_module("onnx_policy").main(toy)
+    changes = {"controller.name": "onnx_policy:OnnxPolicy", "controller.options.file": toy}
     run = ampm.load_run("normal", **COARSE)
-    learned = val.walk(run, controller="onnx:toy.onnx")
+    learned = val.walk(run.replace(changes))
     same = val.walk(run, controller=Springs)
-    assert learned.summary["controller"] == "onnx:toy.onnx"
+    assert learned.summary["controller"] == "onnx_policy:OnnxPolicy"
     assert learned.record.outcome.name == same.record.outcome.name == "fell"
     np.testing.assert_allclose(learned.record.torque[:20], same.record.torque[:20], atol=1e-3)
-
-
-def test_a_missing_policy_or_runtime_is_refused(tmp_path, monkeypatch):
-    with pytest.raises(InputError, match=r"there is no policy 'nowhere.onnx'"):
-        find_controller("onnx:nowhere.onnx")
-    (tmp_path / "empty.onnx").touch()
-    monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(InputError, match="install the extra 'policy'"):
-        val.walk(ampm.load_run("normal", **COARSE), controller=OnnxPolicy(tmp_path / "empty.onnx"))

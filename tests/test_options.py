@@ -100,8 +100,8 @@ def test_a_value_that_is_no_option_is_refused(setting, words):
         ),
         (
             {"controller": {"options": {"gain": 2}}},
-            "^controller.options.gain is no option of ampm, which takes none; leave it out, or name another "
-            r"class as controller.name\.$",
+            "^controller.options.gain is no option of the controller ampm, which takes none; leave it out, "
+            r"or name another class as controller.name\.$",
         ),
         ({"controller": {"name": "joint-pd", "options": {"gain": 2}}}, "which takes frequency, stance"),
         ({"planner": {"options": {"far": 2}}}, "no option of the planner ampm, which takes none"),
@@ -136,7 +136,7 @@ def test_options_reach_a_class_given_in_python_and_the_saved_run_keeps_them(tmp_
     assert "controller.options.gain" in val.report(folder).read_text(encoding="utf-8")
     again = val.walk(str(folder / "run.toml"))
     np.testing.assert_array_equal(again.record.q, trial.record.q)
-    with pytest.raises(InputError, match=r"controller\.options\.gain is no option of joint-pd"):
+    with pytest.raises(InputError, match=r"options\.gain is no option of the controller joint-pd"):
         val.walk(run, controller="joint-pd")
 
 
@@ -209,7 +209,7 @@ def test_a_sweep_refuses_an_option_that_a_controller_of_it_lacks():
     with pytest.raises(InputError, match=r"controller\.options\.gian is no option of"):
         parse_sweep(SWEEP.replace("gain", "gian"))
     both = SWEEP.replace(f'"{SOFT}"', '"joint-pd"')
-    with pytest.raises(InputError, match="is no option of joint-pd, which takes frequency, stance"):
+    with pytest.raises(InputError, match="the controller joint-pd, which takes frequency, stance"):
         parse_sweep(both)
 
 

@@ -29,14 +29,13 @@ from validation.measure.standing import weigh
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
 from validation.trial.bridge import passive_joints, pinocchio_model, to_pinocchio
-from validation.trial.controllers import find_controller, name_of
 from validation.trial.disturbances import Disturbance, describe
 from validation.trial.plan import PlannedWalk, load_request, make_body, plan_walk
 from validation.trial.planners import check_planner
 from validation.trial.record import SimulationRecord
 from validation.trial.scene import disturbed_model
 from validation.trial.simulate import simulate
-from validation.trial.users import check_options
+from validation.trial.users import CONTROLLER
 
 
 def walk(
@@ -89,15 +88,18 @@ def walk(
         if not len(footsteps):
             raise InputError("footsteps holds none; leave it out to walk the gait's own, or give at least 4.")
         request = replace(request, run=request.run.replace({}, footsteps=as_rows(footsteps)))
-    factory = (
-        controller if callable(controller) else find_controller(controller or request.run.controller.name)
-    )
+    options = request.run.controller.options
+    if callable(controller):
+        factory = controller
+    else:
+        factory = CONTROLLER.find(controller or request.run.controller.name, options)
     if isinstance(planner, str):
         check_planner(planner, request.run.planner.options)
         request, planner = replace(request, run=request.run.replace({"gait.planner": planner})), None
-    check_options("controller.name", name_of(factory), request.run.controller.options, factory, 2)
+    name_of_class = CONTROLLER.name_of(factory)
+    CONTROLLER.check_options(name_of_class, factory, options)
     if controller is not None:
-        request = replace(request, run=request.run.replace({"controller.name": name_of(factory)}))
+        request = replace(request, run=request.run.replace({"controller.name": name_of_class}))
     if not isinstance(profile, Profile):
         own = profiles.own_profile(request.name, request.run)
         profile = own if profile is None else profiles.profile(profile)

@@ -6,10 +6,8 @@ from typing import Any
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from ampm.planner.step_planners import STEP_PLANNERS
-from validation.trial.controllers import CONTROLLERS, find_controller
 from validation.trial.planners import load_planner
-from validation.trial.readings import ESTIMATORS, find_estimator
+from validation.trial.users import CONTROLLER, ESTIMATOR, PLANNER
 
 
 def users_classes(run: RunParameters) -> dict[str, Any]:
@@ -24,13 +22,12 @@ def users_classes(run: RunParameters) -> dict[str, Any]:
         InputError: there is no such controller, planner or estimator.
     """
     found: dict[str, Any] = {}
-    if run.controller.name not in CONTROLLERS:
-        found["controller"] = find_controller(run.controller.name)
-    if run.gait.planner not in STEP_PLANNERS:
+    if run.controller.name not in CONTROLLER.known:
+        found["controller"] = CONTROLLER.find(run.controller.name, run.controller.options)
+    if run.gait.planner not in PLANNER.known:
         found["planner"] = load_planner(run.gait.planner, run.planner.options)
-    factory = find_estimator(run)
-    if factory is not None and run.sensors.estimator not in ESTIMATORS:
-        found["estimator"] = factory
+    if run.sensors.estimator not in ESTIMATOR.known:
+        found["estimator"] = ESTIMATOR.find(run.sensors.estimator, run.sensors.options)
     return found
 
 

@@ -22,11 +22,9 @@ from ampm.parameters import HUMAN, OPEN_KEYS, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
-from ampm.sensor_parameters import EXACT
 from validation.progress import Progress
-from validation.trial.controllers import check_controller
 from validation.trial.planners import check_planner, load_planner
-from validation.trial.users import UsersCode
+from validation.trial.users import CONTROLLER, ESTIMATOR, UsersCode
 
 if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
@@ -163,11 +161,8 @@ def load_request(
     run = own_gait(run)
     if as_is:
         run = run.as_is()
-    check_controller(run.controller.name, run.controller.options)
-    if run.sensors.estimator != EXACT or run.sensors.options:
-        from validation.trial.readings import find_estimator  # imported here: it loads the simulator
-
-        find_estimator(run)
+    CONTROLLER.check(run.controller.name, run.controller.options)
+    ESTIMATOR.check(run.sensors.estimator, run.sensors.options)
     check_planner(run.gait.planner, run.planner.options)
     path = Path(run.body.source if gait is None else gait)
     # A run folder's own run.toml is named after the folder.

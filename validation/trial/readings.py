@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ampm.compiled import bound, compiled
-from ampm.sensor_parameters import EXACT
 from ampm.sensors.readings import Readings
 from ampm.vectors import from_quaternion, minus, plus, times, turned, vector
 from ampm.walk import State, Touch
 from validation.trial.bridge import to_pinocchio
 from validation.trial.log import Log
-from validation.trial.users import UsersCode, check_options, load_named
+from validation.trial.users import ESTIMATOR, UsersCode
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from numpy.typing import NDArray
 
     from ampm.body.robot import Robot
@@ -29,10 +25,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-GROUP = "ampm.estimators"
-"""Entry points by which an installed package adds an estimator."""
-ESTIMATORS: Mapping[str, str] = MappingProxyType({"kalman": "ampm.sensors.kalman:Kalman"})
-"""The project's own estimators beside the true state."""
 _HINGES = 6  # velocities of the free root come first
 
 
@@ -180,21 +172,6 @@ class Sensing:
         return State(readings.time, q, v, 0.5 * self._time_step), touch
 
 
-def find_estimator(run: RunParameters) -> EstimatorFactory | None:
-    """The estimator that a run names: ours, an installed package's, or ``module:Class``; None for ``exact``.
-
-    Raises:
-        InputError: there is none, or it does not take the run's ``sensors.options``.
-    """
-    name = run.sensors.estimator
-    if name == EXACT:
-        check_options("sensors.estimator", name, run.sensors.options)
-        return None
-    factory: EstimatorFactory = load_named("sensors.estimator", name, {EXACT: "", **ESTIMATORS}, GROUP)
-    check_options("sensors.estimator", name, run.sensors.options, factory, 3)
-    return factory
-
-
 def make_estimator(
     run: RunParameters, robot: Robot, start: State, factory: EstimatorFactory | None = None
 ) -> Estimator | None:
@@ -209,7 +186,7 @@ def make_estimator(
     Raises:
         InputError: there is none, or it cannot be made.
     """
-    factory = factory or find_estimator(run)
+    factory = factory or ESTIMATOR.find(run.sensors.estimator, run.sensors.options)
     if factory is None:
         return None
     informed = run.undisturbed.model_copy(update={"sensors": run.sensors.known})

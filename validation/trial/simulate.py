@@ -28,7 +28,6 @@ from ampm.reference import reference_type
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, State, Timing, Touch
 from validation.trial import spill
 from validation.trial.bridge import to_mujoco
-from validation.trial.controllers import find_controller, name_of
 from validation.trial.disturbances import Disturbance, Plant, Push, describe, pushes_of
 from validation.trial.divergence import explained
 from validation.trial.engine import drake_of, make_engine
@@ -42,7 +41,7 @@ from validation.trial.references import Course, References, ReplannedController
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
 from validation.trial.step import Command, Simulated, act, end_step, sense
-from validation.trial.users import UsersCode, UsersError
+from validation.trial.users import CONTROLLER, UsersCode, UsersError
 from validation.trial.watch import End, Stance, Watch
 
 if TYPE_CHECKING:
@@ -192,7 +191,7 @@ def simulate(
     # The soles carry weight from the first instant.
     q[2] += run.disturbance.floor_height - run.simulation.start_depth
     physics.place(q, started(start.v, run.disturbance))
-    factory = controller or find_controller(run.controller.name)
+    factory = controller or CONTROLLER.find(run.controller.name, run.controller.options)
     with UsersCode("controller", factory):
         known = physics.robot if scene is body else make_robot(body.compile(), body.description)
         follower = factory(known, run.undisturbed, **run.controller.options)
@@ -229,8 +228,8 @@ def simulate(
     if followed.moved:
         record = replace(record, followed=followed, tick_plan=followed.numbers(record.tick_time))
         metadata[PLANS] = str(followed.changes)
-    if factory is not find_controller("ampm"):
-        metadata["controller"] = name_of(factory)
+    if factory is not TrackingController:
+        metadata["controller"] = CONTROLLER.name_of(factory)
     elif run.controller.stabilizer == "fixed" and (
         disturbances or run.disturbance != DisturbanceParameters()
     ):

@@ -4,23 +4,20 @@ import inspect
 import sys
 import traceback
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any
 
 import ampm
 from ampm.exceptions import AmpmError, InputError
+from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.section import Option, nearest
+from ampm.sensor_parameters import EXACT
 
 _OURS = Path(ampm.__file__).parent, Path(__file__).parents[1], Path(traceback.__file__).parent
-OPTIONS_OF: Mapping[str, str] = {
-    "controller.name": "controller.options",
-    "gait.planner": "planner.options",
-    "sensors.estimator": "sensors.options",
-}
-"""Keys that name a class, and the tables of its options."""
 _WAY_OUT = "; correct it, --debug shows the traceback."
 
 
@@ -82,85 +79,136 @@ def load_object(option: str, text: str) -> Any:
         sys.path.pop(0)
 
 
-def load_named(option: str, text: str, known: Mapping[str, str], group: str) -> Any:
-    """Import what a name stands for, or ``module:name``.
+@dataclass(frozen=True)
+class Role:
+    """A part of a walk that may be played by a user's own class.
 
-    Args:
-        option: that names it, for messages.
-        text: a name or ``module:name``.
-        known: the project's own names, and what they stand for.
-        group: of entry points, by which installed packages add names.
-
-    Raises:
-        InputError: nothing has this name, or it cannot be imported.
+    Attributes:
+        name: of the part; installed packages add classes by entry points of the group ``ampm.NAMEs``.
+        key: of the run's parameters, that names the class.
+        options: table of the parameters with the class's options.
+        known: the project's own names and what they stand for, ``module:Class``, or empty for what is no
+            class of its own.
+        arguments: number of arguments that a class gets before its options.
+        otherwise: what may stand in the place of a name, for messages.
     """
-    if ":" not in text and text not in known:
-        known = {**known, **{item.name: item.value for item in entry_points(group=group)}}
-        if text not in known:
+
+    name: str
+    key: str
+    options: str
+    known: Mapping[str, str]
+    arguments: int
+    otherwise: str = "MODULE:CLASS"
+
+    def find(self, text: str, options: Mapping[str, Option] = MappingProxyType({})) -> Any:
+        """Import the class or function of a name: ours, an installed package's, or ``module:Class``.
+
+        Args:
+            text: the name.
+            options: that it has to take.
+
+        Returns:
+            The class; None where a name of ours stands for none.
+
+        Raises:
+            InputError: nothing has this name, it cannot be imported, or an option is unknown or missing.
+        """
+        known = dict(self.known)
+        if ":" not in text and text not in known:
+            known |= {item.name: item.value for item in entry_points(group=f"ampm.{self.name}s")}
+            if text not in known:
+                raise InputError(
+                    f"{self.key} {text!r} is none of {', '.join(known)}; take one of them, or "
+                    f"{self.otherwise}, for example mine:{self.name.capitalize()}.",
+                    key=self.key,
+                    value=text,
+                )
+        place = known.get(text, text)
+        factory = load_object(self.key, place) if place else None
+        self.check_options(text, factory, options)
+        return factory
+
+    def check(self, text: str, options: Mapping[str, Option]) -> None:
+        """Refuse a name and options as :meth:`find` does, before anything is planned.
+
+        Nothing is imported for a name of ours without options.
+        """
+        if text not in self.known or options:
+            self.find(text, options)
+
+    def check_options(
+        self, text: str, factory: Callable[..., Any] | None, options: Mapping[str, Option]
+    ) -> None:
+        """Refuse options that a class does not take, and the lack of one that it needs.
+
+        Args:
+            text: name of the class.
+            factory: the class or function; None if it takes no options.
+            options: by name.
+
+        Raises:
+            InputError: an option is unknown or missing.
+        """
+        try:
+            every = [] if factory is None else list(inspect.signature(factory).parameters.values())
+        except (TypeError, ValueError):  # compiled code has no signature; its call will say what is wrong
+            return
+        before = [item for item in every if item.kind in (item.POSITIONAL_ONLY, item.POSITIONAL_OR_KEYWORD)]
+        named = [item for item in every if item.kind in (item.POSITIONAL_OR_KEYWORD, item.KEYWORD_ONLY)]
+        taken = {item.name: item for item in named if item not in before[: self.arguments]}
+        takes_all = any(item.kind is item.VAR_KEYWORD for item in every)
+        for option in options:
+            if option in taken or takes_all:
+                continue
+            similar = nearest(option, taken)
+            way_out = f"write {similar}" if similar else f"leave it out, or name another class as {self.key}"
             raise InputError(
-                f"{option} {text!r} is none of {', '.join(known)}; take one of them, or MODULE:CLASS, "
-                "for example mine:Controller."
+                f"{self.options}.{option} is no option of the {self.name} {text}, which takes "
+                f"{', '.join(taken) or 'none'}; {way_out}.",
+                key=f"{self.options}.{option}",
+                value=options[option],
+                way_out=way_out,
             )
-    return load_object(option, known.get(text, text))
+        for option, item in taken.items():
+            if item.default is item.empty and option not in options:
+                way_out = f"write {self.options}.{option} = ..."
+                raise InputError(
+                    f"the {self.name} {text} needs {self.options}.{option}; {way_out}",
+                    key=self.key,
+                    way_out=way_out,
+                )
+
+    def name_of(self, factory: Any) -> str:
+        """Name of a class or function, as :meth:`find` takes it."""
+        kind = factory if hasattr(factory, "__qualname__") else type(factory)
+        text = f"{kind.__module__}:{kind.__qualname__}"
+        return next((name for name, place in self.known.items() if place == text), text)
 
 
-def check_options(
-    key: str,
-    name: str,
-    options: Mapping[str, Option],
-    factory: Callable[..., Any] | None = None,
-    positional: int = 0,
-) -> None:
-    """Refuse options that a class does not take, and the lack of one that it needs.
-
-    Args:
-        key: that names the class, one of :data:`OPTIONS_OF`.
-        name: of the class.
-        options: by name.
-        factory: the class or function; None if it takes no options.
-        positional: number of arguments that it gets before the options.
-
-    Raises:
-        InputError: an option is unknown or missing.
-    """
-    try:
-        every = [] if factory is None else list(inspect.signature(factory).parameters.values())
-    except (TypeError, ValueError):  # compiled code has no signature; its call will say what is wrong
-        return
-    before = [item for item in every if item.kind in (item.POSITIONAL_ONLY, item.POSITIONAL_OR_KEYWORD)]
-    named = [item for item in every if item.kind in (item.POSITIONAL_OR_KEYWORD, item.KEYWORD_ONLY)]
-    taken = {item.name: item for item in named if item not in before[:positional]}
-    table = OPTIONS_OF[key]
-    for option in options:
-        if option in taken or any(item.kind is item.VAR_KEYWORD for item in every):
-            continue
-        similar = nearest(option, taken)
-        way_out = f"write {similar}" if similar else f"leave it out, or name another class as {key}"
-        raise InputError(
-            f"{table}.{option} is no option of {name}, which takes {', '.join(taken) or 'none'}; {way_out}.",
-            key=f"{table}.{option}",
-            value=options[option],
-            way_out=way_out,
-        )
-    for option, item in taken.items():
-        if item.default is item.empty and option not in options:
-            way_out = f"write {table}.{option} = ..."
-            raise InputError(f"{name} needs {table}.{option}; {way_out}", key=key, way_out=way_out)
-
-
-def make_object(key: str, text: str, options: Mapping[str, Option], *arguments: Any) -> Any:
-    """Call what :func:`load_object` imports.
-
-    Args:
-        key: that names the class, one of :data:`OPTIONS_OF`.
-        text: ``module:Class``.
-        options: keyword arguments.
-        arguments: before them.
-
-    Raises:
-        InputError: as it does, an option is unknown or missing, or the call fails.
-    """
-    factory = load_object(key, text)
-    check_options(key, text, options, factory, len(arguments))
-    with UsersCode("class", factory):
-        return factory(*arguments, **options)
+CONTROLLER = Role(
+    name="controller",
+    key="controller.name",
+    options="controller.options",
+    known=MappingProxyType(
+        {
+            "ampm": "ampm.control.controller:TrackingController",
+            "joint-pd": "ampm.control.joint_pd:JointPD",
+        }
+    ),
+    arguments=2,
+)
+ESTIMATOR = Role(
+    name="estimator",
+    key="sensors.estimator",
+    options="sensors.options",
+    known=MappingProxyType({EXACT: "", "kalman": "ampm.sensors.kalman:Kalman"}),
+    arguments=3,
+)
+PLANNER = Role(
+    name="planner",
+    key="gait.planner",
+    options="planner.options",
+    known=MappingProxyType(dict.fromkeys(STEP_PLANNERS, "")),
+    arguments=0,
+    otherwise="a table FILE.csv or FILE.parquet, or MODULE:CLASS",
+)

@@ -23,12 +23,11 @@ from ampm.parameters import HUMAN, OPTION_TABLES, RunParameters, is_option, keys
 from ampm.presets import PRESETS
 from ampm.run_file import KeyInfo, key_info, load_run
 from ampm.section import Option, Real, Section, parse_toml, read_toml, unknown
-from ampm.sensor_parameters import EXACT
 from validation.judge.profiles import profile as find_profile
 from validation.store.identity import parameter_values
-from validation.trial.controllers import check_controller
 from validation.trial.plan import own_gait
 from validation.trial.planners import check_planner
+from validation.trial.users import CONTROLLER, ESTIMATOR
 
 MOST_CASES = 1_000_000
 """Runs of one sweep at most, and points of a sampled block: 8 MB for every key."""
@@ -361,17 +360,15 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
         )
     first = definition.shared.replace({key: values[0] for key, values in definition.options.items()})
     for controller in sorted(definition.names(CONTROLLER_KEY)):
-        check_controller(controller, first.controller.options)
+        CONTROLLER.check(controller, first.controller.options)
     if "drake" in definition.names(ENGINE_KEY):
         from validation.trial.engine import check_drake  # loads the simulator
 
         check_drake()
     for planner in sorted(definition.names(PLANNER_KEY)):
         check_planner(planner, first.planner.options)
-    for estimator in sorted(definition.names(ESTIMATOR_KEY) - {EXACT}):
-        from validation.trial.readings import find_estimator  # loads the simulator
-
-        find_estimator(first.replace({ESTIMATOR_KEY: estimator}))
+    for estimator in sorted(definition.names(ESTIMATOR_KEY)):
+        ESTIMATOR.check(estimator, first.sensors.options)
     if definition.push:
         from validation.trial.disturbances import parse_push  # loads the simulator
 
