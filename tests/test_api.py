@@ -78,7 +78,6 @@ def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path):
     shared: list[Any] = [saved.record.torque_limit, saved.record.point_foot, *saved.signals.columns.values()]
     assert not any(array.flags.writeable for array in shared)
     assert val.replay(folder).identical
-    assert trial.report() == folder / "report.html"
 
     out = tmp_path / "again"
     settings = [f"--set={s}.{k}={v}" for s, table in RUN.items() for k, v in table.items()]
@@ -92,11 +91,6 @@ def test_users_code_cannot_change_arrays_of_body_plan_and_comparison(trial):
     arrays += [*comparison.rows.values(), comparison.momentum_z]
     arrays += [trial.plan.jump_times, trial.plan.table([0.3])[0].contacts.until_lift]
     assert not any(array.flags.writeable for array in arrays)
-
-
-def test_a_trial_that_was_not_saved_has_its_report(trial):
-    page = replace(trial, _folders=[]).report()
-    assert page.stat().st_size > 50_000
 
 
 def test_a_controller_and_a_planner_of_ones_own(tmp_path, ampm):

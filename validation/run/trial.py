@@ -1,9 +1,6 @@
 """A judged walk: in memory, and the files of its folder."""
 
-import atexit
 import math
-import shutil
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -70,7 +67,6 @@ class Trial(Tabled):
     seconds: Mapping[str, float]
     uncertainty: Uncertainty | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
-    _folders: list[Path] = field(default_factory=list, repr=False)
 
     def __repr__(self) -> str:
         """Gait, steps, outcome and verdict."""
@@ -148,41 +144,7 @@ class Trial(Tabled):
             write_results(work, self, environment)
             if recording:
                 draw_run(work)
-        self._folders[:] = [target]
         return target
-
-    def report(self) -> Path:
-        """Write ``report.html`` into the trial's folder, and return its path.
-
-        A trial that was not saved has a temporary folder, which is removed at the end of the process.
-        """
-        from validation.show.report import write_report  # imported here because matplotlib is slow to load
-
-        return write_report(self._folder())
-
-    def view(self, *, web: bool = False) -> int:
-        """Open the recording in Rerun's viewer and wait until it is closed.
-
-        Args:
-            web: show it in a web browser instead of a window.
-
-        Returns:
-            The viewer's exit status.
-
-        Raises:
-            InputError: there is no display, or no viewer installed.
-        """
-        from validation.show.rerun.record import write_recording  # imported here: rerun is slow to load
-        from validation.show.viewer import show_recording
-
-        return show_recording(write_recording(self._folder()), web=web)
-
-    def _folder(self) -> Path:
-        if not self._folders:
-            place = Path(tempfile.mkdtemp(prefix="ampm-trial-"))
-            atexit.register(shutil.rmtree, place, ignore_errors=True)
-            self.save(place, recording=False)
-        return self._folders[0]
 
 
 def write_inputs(folder: Path, planned: PlannedWalk, environment: Mapping[str, Any]) -> None:
