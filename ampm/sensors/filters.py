@@ -46,6 +46,8 @@ POINT_ERROR, FLOOR_ERROR = 1e-3, 3e-4
 """Standard deviation of a resting point, and of the height of one that has just touched [m]."""
 STEP_ERROR = 5e-3
 """Distance of a touching point from all known floors from which it stands on something else [m]."""
+CLOCK = 1e-9
+"""Shortest time that is none but for rounding [s]."""
 
 
 class Filter(NamedTuple):
@@ -65,7 +67,6 @@ class Filter(NamedTuple):
         joint_covariance: variance of the angle, covariance with the rate, variance of the rate, (nu, 3).
         rate_variance: of the root's rate, shape (1,) [(rad/s)^2].
         covariance: of the root's errors, shape (15 + 3 P, 15 + 3 P).
-        column: covariance of these errors with one measurement, shape (15 + 3 P,).
         change: their correction, shape (15 + 3 P,).
         turn: axes of the root to world, shape (3, 3).
         tree: of the body.
@@ -75,7 +76,8 @@ class Filter(NamedTuple):
         variance: of angles, rates, gyro and fixes as read, shape (4,).
         levels: heights of the floor's surfaces [m].
         angles, rates, gyro, accelerometer, force, contact, position: as read.
-        commanded: accelerations, mean since the readings before, shape (nv,).
+        commanded: accelerations of the last N ticks, latest last, shape (N, nv).
+        begin: times at which they began to act, and that of this tick, shape (N + 1,) [s].
         weight: of the body [N].
         gravity: [m/s^2].
         lag: how much older velocities are than configurations [s].
@@ -94,7 +96,6 @@ class Filter(NamedTuple):
     joint_covariance: Array
     rate_variance: Array
     covariance: Array
-    column: Array
     change: Array
     turn: Array
     tree: Any
@@ -111,27 +112,67 @@ class Filter(NamedTuple):
     contact: Any
     position: Array
     commanded: Array
+    begin: Array
     weight: float
     gravity: float
     lag: float
 
 
 @compiled
-def estimate(f: Filter, period: float, has_fix: bool) -> None:
-    """Take in the readings of a tick.
+def update(f: Filter, last: float, now: float, age: float, has_fix: bool, q: Array, v: Array) -> None:
+    """Take in the readings of a tick, and go on to the tick itself.
 
     Args:
-        f: with the readings.
-        period: time since the readings before, 0 if these are the same or the first [s].
+        f: with the readings, and with what was commanded until now.
+        last: time of the readings before [s].
+        now: time of the tick [s].
+        age: of the readings [s].
         has_fix: whether the position was read.
+        q: configuration at the tick, written, shape (nq,).
+        v: velocity at the tick, written, shape (nv,).
     """
+    read = now - age
+    period = read - last if read - last > CLOCK else 0.0
     if period > 0.0:
-        factor = LANDING_FACTOR if f.quiet[0] < LANDING else 1.0
-        filter_joints(f, period, factor)
-        force = move_root(f, period, factor)
-        spread_rows(f, period, force, f.covariance)
-        spread_rows(f, period, force, f.covariance.T)
-        add_errors(f, period)
+        predict(f, last, period)
+    correct(f, period, has_fix)
+    q[:] = f.q
+    put(v[0:3], turned(f.turn.T, vector(f.velocity)))
+    put(v[3:6], vector(f.rate))
+    v[6:] = f.joint_rate
+    for n in range(len(f.commanded)):
+        span = acted(f, n, read, now)
+        if span > 0.0:
+            q[:] = moved(q, span * (v + (f.lag + 0.5 * span) * f.commanded[n]))
+            v += span * f.commanded[n]
+
+
+@compiled
+def acted(f: Filter, n: int, start: float, stop: float) -> float:
+    """How long a command acted between two times [s]."""
+    span = min(f.begin[n + 1], stop) - max(f.begin[n], start)
+    return span if span > CLOCK else 0.0
+
+
+@compiled
+def predict(f: Filter, last: float, period: float) -> None:
+    """State and covariance a period after the readings before."""
+    commanded = np.zeros(f.commanded.shape[1])
+    for n in range(len(f.commanded)):
+        span = acted(f, n, last, last + period)
+        if span > 0.0:
+            commanded += span / period * f.commanded[n]
+    factor = LANDING_FACTOR if f.quiet[0] < LANDING else 1.0
+    filter_joints(f, commanded, period, factor)
+    force = move_root(f, commanded, period, factor)
+    spread_rows(f, period, force, f.covariance)
+    spread_rows(f, period, force, f.covariance.T)
+    add_errors(f, period)
+
+
+@compiled
+def correct(f: Filter, period: float, has_fix: bool) -> None:
+    """Correct the root by sole points that touch or rest, and by a fix."""
     from_quaternion(f.q[3], f.q[4], f.q[5], f.q[6], f.turn)
     place_links(f.tree, f.q, f.link)
     f.change[:] = 0.0
@@ -142,18 +183,18 @@ def estimate(f: Filter, period: float, has_fix: bool) -> None:
                 rest(f, i, axis)
     if has_fix:
         for axis in range(3):
-            f.column[:] = f.covariance[:, axis]
+            column = f.covariance[axis].copy()
             off = f.position[axis] - f.q[axis] - f.change[axis]
-            correct(f, off, f.column[axis] + f.variance[3])
+            apply(f, column, off, column[axis] + f.variance[3])
     add_correction(f)
 
 
 @compiled
-def filter_joints(f: Filter, period: float, factor: float) -> None:
+def filter_joints(f: Filter, commanded: Array, period: float, factor: float) -> None:
     """Angle and rate of every hinge, by the commanded acceleration and two sensors."""
     shift = period * (0.5 * period + f.lag)  # of the angle by an acceleration
     for j in range(len(f.joint_rate)):
-        a, start, covariance = f.commanded[6 + j], f.joint_rate[j], f.joint_covariance[j]
+        a, start, covariance = commanded[6 + j], f.joint_rate[j], f.joint_covariance[j]
         angle, rate = f.q[7 + j] + period * start + shift * a, start + period * a
         error = (factor * f.joint_error[j]) ** 2
         aa = covariance[0] + period * (2.0 * covariance[1] + period * covariance[2]) + error * shift * shift
@@ -168,7 +209,7 @@ def filter_joints(f: Filter, period: float, factor: float) -> None:
 
 
 @compiled
-def move_root(f: Filter, period: float, factor: float) -> Vector:
+def move_root(f: Filter, commanded: Array, period: float, factor: float) -> Vector:
     """Attitude by the gyro, velocity and place by the accelerometer.
 
     Returns:
@@ -178,11 +219,11 @@ def move_root(f: Filter, period: float, factor: float) -> Vector:
     gain = f.rate_variance[0] / (f.rate_variance[0] + f.variance[2])
     f.rate_variance[0] *= 1.0 - gain
     start = vector(f.rate)
-    rate = plus(start, times(period, vector(f.commanded[3:6])))
+    rate = plus(start, times(period, vector(commanded[3:6])))
     rate = plus(rate, times(gain, minus(minus(vector(f.gyro), vector(f.gyro_bias)), rate)))
     put(f.rate, rate)
     mean = plus(times(0.5, plus(start, rate)), times(f.lag / period, minus(rate, start)))
-    half = np.zeros(len(f.commanded))
+    half = np.zeros(len(commanded))
     put(half[3:6], times(0.5 * period, mean))
     f.q[:] = moved(f.q, half)
     from_quaternion(f.q[3], f.q[4], f.q[5], f.q[6], f.turn)
@@ -227,70 +268,69 @@ def update_contacts(f: Filter, period: float) -> None:
     """Which points rest, from now on where they are; heights of those that have just touched."""
     p, changed = f.covariance, False
     for i in range(len(f.points)):
-        rows, place = (
-            slice(POINTS + 3 * i, POINTS + 3 * i + 3),
-            plus(vector(f.q), place_of(f.link, f.points[i])),
-        )
-        if f.contact[i] and not f.touched[i] and period > 0.0:
-            stand(f, i, place[2])
+        arm = place_of(f.link, f.points[i])
+        if f.contact[i] and not f.touched[i]:
+            stand(f, arm)
         f.touched[i] = f.contact[i]
         loaded = f.contact[i] and f.force[i] > (0.5 if f.loaded[i] else 1.0) * LOAD * f.weight
         if loaded != f.loaded[i]:
-            put(f.place[i], place)
-            f.change[rows], p[rows], p[:, rows] = 0.0, 0.0, 0.0
+            put(f.place[i], plus(vector(f.q), arm))
             for row in range(POINTS + 3 * i, POINTS + 3 * i + 3):
+                f.change[row] = 0.0
+                p[row] = 0.0
+                p[:, row] = 0.0
                 p[row, row] = 1.0
             f.loaded[i], changed = loaded, True
     f.quiet[0] = 0.0 if changed else f.quiet[0] + period
 
 
 @compiled
-def stand(f: Filter, i: int, z: float) -> None:
-    """Correct by the height of a point that has just touched, estimated at z [m]."""
+def coordinate(errors: Any, axis: int, arm: Vector) -> Any:
+    """One coordinate of a point at an arm from the root, of errors of place and attitude or of their rows."""
+    after, last = (axis + 1) % 3, (axis + 2) % 3  # (turn x arm)[axis] = turn[after] arm[last] - ...
+    return errors[axis] + errors[TURN + after] * arm[last] - errors[TURN + last] * arm[after]
+
+
+@compiled
+def stand(f: Filter, arm: Vector) -> None:
+    """Correct by the height of a point that has just touched the floor."""
+    z = f.q[2] + arm[2]
     level = f.levels[0]
     for other in f.levels:
         if abs(z - other) < abs(z - level):
             level = other
-    x, y, _ = place_of(f.link, f.points[i])
-    p, change, column = f.covariance, f.change, f.column
-    for e in range(len(column)):
-        column[e] = p[2, e] + y * p[TURN, e] - x * p[TURN + 1, e]
-    variance = column[2] + y * column[TURN] - x * column[TURN + 1] + FLOOR_ERROR**2
-    off = level - z - (change[2] + y * change[TURN] - x * change[TURN + 1])
+    column = coordinate(f.covariance, 2, arm)
+    off = level - z - coordinate(f.change, 2, arm)
     if abs(off) < STEP_ERROR:
-        correct(f, off, variance)
+        apply(f, column, off, coordinate(column, 2, arm) + FLOOR_ERROR**2)
 
 
 @compiled
 def rest(f: Filter, i: int, axis: int) -> None:
     """Correct by one coordinate of a loaded point: ``c_i - p - R s_i`` is zero."""
-    p, change, column, arm = f.covariance, f.change, f.column, place_of(f.link, f.points[i])
-    after, last, point = (axis + 1) % 3, (axis + 2) % 3, POINTS + 3 * i + axis
-    first, second = TURN + after, TURN + last  # (turn x arm)[axis] = turn[after] arm[last] - ...
-    for e in range(len(column)):  # of rows, as the covariance is symmetric
-        column[e] = p[axis, e] + p[first, e] * arm[last] - p[second, e] * arm[after] - p[point, e]
-    variance = column[axis] + column[first] * arm[last] - column[second] * arm[after] - column[point]
-    expected = change[axis] + change[first] * arm[last] - change[second] * arm[after] - change[point]
-    off = f.place[i, axis] - f.q[axis] - arm[axis] - expected
-    correct(f, off, variance + POINT_ERROR**2)
+    arm, row = place_of(f.link, f.points[i]), POINTS + 3 * i + axis
+    column = coordinate(f.covariance, axis, arm) - f.covariance[row]
+    off = f.place[i, axis] - f.q[axis] - arm[axis] - (coordinate(f.change, axis, arm) - f.change[row])
+    apply(f, column, off, coordinate(column, axis, arm) - column[row] + POINT_ERROR**2)
 
 
 @compiled
-def correct(f: Filter, off: float, variance: float) -> None:
-    """Correct the errors by a number that is ``off``, whose covariance with them is ``f.column``."""
-    for e in range(len(f.change)):
-        gain = f.column[e] / variance
+def apply(f: Filter, column: Array, off: float, variance: float) -> None:
+    """Correct the errors by a number that is off, with its variance and its covariance with all of them."""
+    change, covariance = f.change, f.covariance
+    for e in range(len(change)):
+        gain = column[e] / variance
         if gain != 0.0:  # of points in the air it is zero
-            f.change[e] += gain * off
-            row = f.covariance[e]
+            change[e] += gain * off
+            row = covariance[e]
             for d in range(len(row)):
-                row[d] -= gain * f.column[d]
+                row[d] -= gain * column[d]
 
 
 @compiled
 def add_correction(f: Filter) -> None:
     """Add the correction to the state."""
-    change, step = f.change, np.zeros(len(f.commanded))
+    change, step = f.change, np.zeros(f.commanded.shape[1])
     put(step[0:3], turned(f.turn.T, vector(change[0:3])))
     f.q[:] = moved(f.q, step)
     put(step[0:3], (0.0, 0.0, 0.0))

@@ -1,14 +1,12 @@
 """State of a walking body from joints, IMU and soles."""
 
-from collections import deque
-
 import numpy as np
 
-from ampm.body.rigid_body import LINK, frames_of, moved, tree_of
+from ampm.body.rigid_body import LINK, frames_of, tree_of
 from ampm.body.robot import Robot
 from ampm.compiled import bound, records, refer
 from ampm.parameters import RunParameters
-from ampm.sensors.filters import POINTS, Filter, estimate
+from ampm.sensors.filters import POINTS, Filter, update
 from ampm.sensors.readings import Readings
 from ampm.vectors import Array, from_quaternion
 from ampm.walk import State, Touch
@@ -22,7 +20,6 @@ _TOE_ERROR = 6.0
 """Errors of commanded accelerations by group of hinges [rad/s^2], three times those of the presets."""
 _NOT_COMMANDED = 30.0
 """The same with a controller that does not say its accelerations [rad/s^2]."""
-_CLOCK = 1e-9  # tolerance of times, for rounding [s]
 
 
 class Kalman:
@@ -40,7 +37,7 @@ class Kalman:
     def __init__(self, robot: Robot, run: RunParameters, start: State) -> None:
         sensors, nu, points = run.sensors, robot.nu, len(robot.point_frames)
         read = sensors.angle_noise, sensors.rate_noise, sensors.gyro_noise, sensors.fix_noise
-        size = POINTS + 3 * points
+        ticks = 2 + int(sensors.delay * run.controller.frequency + 1.0)
         errors = robot.by_group(_ERRORS)
         errors[robot.toe_joints] = _TOE_ERROR
         self.filter = f = Filter(
@@ -52,13 +49,12 @@ class Kalman:
             accelerometer_bias=np.zeros(3),
             place=np.zeros((points, 3)),
             loaded=np.zeros(points, dtype=bool),
-            touched=np.zeros(points, dtype=bool),
+            touched=np.ones(points, dtype=bool),
             quiet=np.zeros(1),
             joint_covariance=np.tile([1e-8, 0.0, 1e-4], (nu, 1)),
             rate_variance=np.full(1, 1e-4),
             covariance=np.diag(np.append(_START**2, np.ones(3 * points))),
-            column=np.zeros(size),
-            change=np.zeros(size),
+            change=np.zeros(POINTS + 3 * points),
             turn=np.zeros((3, 3)),
             tree=tree_of(robot.model),
             link=records(robot.model.njoints - 1, LINK),
@@ -73,49 +69,32 @@ class Kalman:
             force=np.zeros(points),
             contact=np.zeros(points, dtype=bool),
             position=np.zeros(3),
-            commanded=np.zeros(robot.nv),
+            commanded=np.zeros((ticks, robot.nv)),
+            begin=np.full(ticks + 1, start.time),
             weight=robot.mass * robot.gravity,
             gravity=robot.gravity,
             lag=start.velocity_lag,
         )
         from_quaternion(start.q[3], start.q[4], start.q[5], start.q[6], f.turn)
         f.velocity[:] = f.turn @ start.v[:3]
-        self._estimate = bound(estimate, (refer(f),), 0.0, True)
-        self._tick, self._read = start.time, start.time
-        ticks = 2 + int(sensors.delay * run.controller.frequency + 1.0)
-        self._commands: deque[tuple[float, Array]] = deque(maxlen=ticks)
+        self._q, self._v = np.array(start.q), np.array(start.v)
+        self._update = bound(update, (refer(f),), 0.0, 0.0, 0.0, True, self._q, self._v)
+        self._read = start.time
 
     def update(self, readings: Readings, commanded: Array | None) -> tuple[State, Touch]:
         """See :class:`~ampm.sensors.readings.Estimator`."""
-        f, now, read = self.filter, readings.time, readings.time - readings.age
-        if commanded is not None:
-            self._commands.append((self._tick, commanded.copy()))
-        elif now > self._tick:
+        f, now, age = self.filter, readings.time, readings.age
+        f.commanded[:-1], f.begin[:-1] = f.commanded[1:], f.begin[1:]
+        f.commanded[-1], f.begin[-1] = 0.0 if commanded is None else commanded, now
+        if commanded is None and now > f.begin[-2]:
             f.joint_error[:], f.quiet[0] = _NOT_COMMANDED, 0.0
-        period = read - self._read if read - self._read > _CLOCK else 0.0
-        f.commanded[:] = 0.0
-        for span, acceleration in self._between(self._read, read):
-            f.commanded[:] += span / period * acceleration
         f.angles[:], f.rates[:], f.gyro[:] = readings.angles, readings.rates, readings.gyro
         f.accelerometer[:] = readings.accelerometer
         f.force[:], f.contact[:] = readings.force, readings.contact
         has_fix = readings.position is not None
         if has_fix:
             f.position[:] = readings.position
-        self._estimate(period, has_fix)
-        self._tick, self._read = now, read
-        q, v = f.q.copy(), np.concatenate([f.turn.T @ f.velocity, f.rate, f.joint_rate])
-        for span, acceleration in self._between(read, now):
-            q = moved(q, span * (v + (f.lag + 0.5 * span) * acceleration))
-            v += span * acceleration
-        touch = Touch(readings.contact, readings.force, 2.0 * f.lag + readings.age)
-        return State(now, q, v, f.lag), touch
-
-    def _between(self, start: float, stop: float) -> list[tuple[float, Array]]:
-        """Accelerations that were commanded between two times, each after how long they acted [s]."""
-        spans = []
-        for begin, acceleration in reversed(self._commands):
-            if stop - max(begin, start) > _CLOCK:
-                spans.append((stop - max(begin, start), acceleration))
-                stop = begin
-        return spans[::-1]
+        self._update(self._read, now, age, has_fix, self._q, self._v)
+        self._read = now - age
+        touch = Touch(readings.contact, readings.force, 2.0 * f.lag + age)
+        return State(now, self._q, self._v, f.lag), touch
