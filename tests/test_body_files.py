@@ -382,7 +382,7 @@ def test_a_segment_without_a_shape_has_the_ellipsoid_of_its_inertia() -> None:
 
 
 def test_hulls_are_in_the_recording(tmp_path: Path) -> None:
-    from validation.show.rerun.meshes import mesh_of
+    from validation.show.rerun.body import mesh_of
 
     write_mesh(tmp_path / "box.stl", (0.1, 0.2, 0.3))
     spec = mujoco.MjSpec()

@@ -1,11 +1,10 @@
-"""A body that passes through itself is found: before it walks, in the walk, in the recording."""
+"""A body that passes through itself is found: before it walks, and in the walk."""
 
 from unittest.mock import patch
 
 import mujoco
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 from scipy.optimize import lsq_linear
 
 from ampm.body.limits import CLEARANCE
@@ -14,7 +13,6 @@ from ampm.run_file import load_run
 from models.human import build
 from tests.saved_run import make_run
 from validation.show.report import render
-from validation.show.rerun.record import write_recording
 from validation.show.run_figures import RunFigures
 from validation.store.saved import load_saved_run
 from validation.trial.plan import load_request, plan_walk
@@ -117,7 +115,7 @@ def test_a_walk_that_passes_through_itself_fails(passing_through):
     assert clearance["where"] in render(saved)
 
 
-def test_report_and_recording_show_the_clearance_over_time_with_its_limit(passing_through):
+def test_the_report_shows_the_clearance_over_time_with_its_limit(passing_through):
     saved = load_saved_run(passing_through)
     least = saved.summary["margins"]["clearance"]["value"]
     with patch.object(RunFigures, "_picture") as picture:
@@ -127,28 +125,3 @@ def test_report_and_recording_show_the_clearance_over_time_with_its_limit(passin
     assert 1e-3 * drawn.min() == pytest.approx(least)
     assert set(limit) == {1e3 * CLEARANCE}
     assert axis.get_ylim()[0] < 1e3 * least
-
-    chunks = RrdReader(write_recording(saved)).stream().filter(content="/margin/clearance")
-    (batch,) = (chunk.to_record_batch() for chunk in chunks if not chunk.is_static)
-    distance, limit = np.array(batch.column("Scalars:scalars").to_pylist()).T
-    gaps = Shapes(mujoco.MjModel.from_xml_string(saved.model_xml)).recorded_gaps(saved.record.q[:-1])
-    np.testing.assert_allclose(distance, 1e3 * gaps.distance)
-    assert distance.min() <= 1e3 * least
-    assert set(limit) == {1e3 * CLEARANCE}
-
-
-def test_where_a_walk_passes_through_itself_shows_in_the_recording(passing_through, tmp_path):
-    drawn = [write_recording(folder) for folder in (passing_through, make_run(tmp_path, steps=2))]
-    chunks = [RrdReader(path).stream().filter(content="/world/clearance") for path in drawn]
-    strips = [
-        [
-            row
-            for chunk in found
-            if chunk.num_rows and not chunk.is_static
-            for row in chunk.to_record_batch()["LineStrips3D:strips"]
-        ]
-        for found in chunks
-    ]
-    shown = [sum(bool(row.as_py()) for row in rows) for rows in strips]
-    assert shown[0] > 10
-    assert shown[1] == 0

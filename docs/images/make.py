@@ -1,7 +1,7 @@
 """Draw the pictures of the documentation again: ``python docs/images/make.py MOMENTUM TIME RUN RUN``.
 
 The first folder is a run of this preset; the time is the end of a single support of it [s]. The other two are
-overlaid: ``normal`` with 8 steps and ``controller.hold`` ``zero-order`` and ``first-order``.
+shown together: ``normal`` with 8 steps and ``controller.hold`` ``zero-order`` and ``first-order``.
 
 Needs a Vulkan driver; Mesa's software one will do (``mesa-vulkan-drivers`` on Debian).
 """
@@ -16,7 +16,6 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from validation.cli.view import choose, write_sources
-from validation.progress import Progress
 from validation.show.plan import plot_plan
 from validation.show.rerun.views import PHASE
 from validation.trial.plan import load_request, plan_walk
@@ -70,11 +69,11 @@ def picture_of_recording(
         image.quantize(192, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
-def picture_of_overlay(folders: list[Path], phase: float, target: Path) -> None:
+def picture_of_several(folders: list[Path], phase: float, target: Path) -> None:
     """Save the viewer's picture of several runs of one gait at one phase."""
     with tempfile.TemporaryDirectory() as folder:
         merged = Path(folder) / "merged.rrd"
-        write_sources(choose(folders, None)[0], merged, Progress(), one_sweep=False)
+        write_sources(choose(folders, None), merged)
         picture_of_recording(merged, phase, target, timeline=PHASE, port=9912)
 
 
@@ -91,4 +90,4 @@ if __name__ == "__main__":
     picture_of_plan("momentum", HERE / "plan.png")
     momentum, *overlaid = (Path(argument) for argument in (sys.argv[1], *sys.argv[3:]))
     picture_of_recording(momentum / "recording.rrd", float(sys.argv[2]), HERE / "recording.png")
-    picture_of_overlay(overlaid, 4.3, HERE / "overlay.png")
+    picture_of_several(overlaid, 4.3, HERE / "overlay.png")

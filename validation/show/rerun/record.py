@@ -22,20 +22,16 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from ampm.body.limits import CLEARANCE
-from ampm.body.robot import Gaps
 from ampm.geometry import Array, convex_hull
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
-from validation.show.rerun.meshes import mesh_of
+from validation.show.curves import CURVES, DIFFERENCES
+from validation.show.rerun.body import segment_entity, segment_poses, segment_shapes
 from validation.show.rerun.views import (
-    ALERT,
     COMMAND,
     FAINT,
     LEFT,
-    LEGEND,
     MEASURED,
     PHASE,
     PLAN,
@@ -43,16 +39,13 @@ from validation.show.rerun.views import (
     TIMELINE,
     Color,
     axis_range,
-    legend,
     run_blueprint,
 )
-from validation.show.walker import drawn_geoms
 from validation.store.folders import output_file
 from validation.store.saved import RECORDING_FILE as RECORDING_FILE
 from validation.store.saved import SavedRun, load_saved_run, run_events
 from validation.store.signals import Signals, changes
 from validation.trial.record import support_height
-from validation.trial.shapes import Shapes
 
 PICTURE_RATE = 100.0
 """Pictures of the body per second [Hz]."""
@@ -70,23 +63,9 @@ FORCE_SCALE = 1.0 / 500.0
 """Length of a force arrow [m/N]: the weight of a person reaches from the floor past the COM, to show whether
 the line of the force meets it."""
 
-_GEOM = mujoco.mjtGeom
-_SHAPES: dict[int, Any] = {
-    int(_GEOM.mjGEOM_CAPSULE): rr.Capsules3D,
-    int(_GEOM.mjGEOM_CYLINDER): rr.Cylinders3D,
-    int(_GEOM.mjGEOM_BOX): rr.Boxes3D,
-    int(_GEOM.mjGEOM_ELLIPSOID): rr.Ellipsoids3D,
-    int(_GEOM.mjGEOM_SPHERE): rr.Ellipsoids3D,
-}
-"""How a kind of MuJoCo's geoms is drawn; meshes have entities of their own, and the floor is the grid."""
-
-_FAR = 0.07
-"""Largest distance of two parts that is drawn [m]: the axis then has labels every 10 mm."""
-
 SERIES = {"plan": PLAN, "command": COMMAND, "measured": MEASURED}
 _AXES: dict[str, Color] = {"x": (255, 99, 99, 255), "y": (120, 220, 120, 255), "z": (110, 160, 255, 255)}
 _FEET = {"left": LEFT, "right": RIGHT}
-_CLEARANCE_LINES = {"measured": MEASURED, "limit": ALERT}
 
 
 class _Log:
@@ -149,24 +128,14 @@ def write_recording(run: str | Path | SavedRun) -> Path:
     frames = _pictures(saved)
     times, curves = _curves(saved) if len(frames.time) else (np.zeros(0), {})
     ranges = {entity: axis_range(values) for entity, (values, _) in curves.items()}
-    model = mujoco.MjModel.from_xml_string(saved.model_xml)
-    if not saved.is_log:
-        gaps = Shapes(model).recorded_gaps(frames.q)
-        limit = np.full(len(frames.time), CLEARANCE)
-        distance = 1e3 * np.column_stack([np.minimum(gaps.distance, _FAR), limit])
-        ranges["margin/clearance"] = axis_range(distance)
     with open_stream("ampm", "ampm-run", path, run_blueprint(ranges)) as stream:
-        log, plan = _Log(stream, saved), saved.plan()
+        log = _Log(stream, saved)
         log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
-        log.static("legend", legend(LEGEND))
         if not saved.is_log:
-            _log_body(log, model, frames)
+            _log_body(log, mujoco.MjModel.from_xml_string(saved.model_xml), frames)
         if len(frames.time):
-            if not saved.is_log:
-                log.series("margin/clearance", frames.time, distance, _CLEARANCE_LINES)
-                _log_near(log, frames.time, gaps)
-            _log_ground(log, saved, frames, plan)
+            _log_ground(log, saved, frames, saved.plan())
             for entity, (values, lines) in curves.items():
                 log.series(entity, times, values, lines)
             _log_states(log, saved.signals)
@@ -266,62 +235,13 @@ def plain_text(text: str) -> str:
 
 
 def _log_body(log: _Log, model: mujoco.MjModel, frames: _Pictures) -> None:
-    """Segments of the model, moved by forward kinematics of the recorded q.
-
-    Shapes of one kind are one entity: every further one costs a short recording more than the motion in it.
-    The millimetre spheres of the soles are omitted: contact points are drawn at the contact.
-    """
-    data = mujoco.MjData(model)
-    drawn = drawn_geoms(model)
-    count = len(frames.time)
-    position = np.empty((count, len(drawn), 3))
-    rotation = np.empty((count, len(drawn), 9))
-    for row, qpos in enumerate(frames.q):
-        data.qpos[:] = qpos
-        mujoco.mj_kinematics(model, data)
-        position[row], rotation[row] = data.geom_xpos[drawn], data.geom_xmat[drawn]
-    for kind, shape in _SHAPES.items():
-        mine = np.flatnonzero(model.geom_type[drawn] == kind)
-        if not len(mine):
-            continue
-        size = model.geom_size[drawn[mine]]
-        place, at = position[:, mine], "centers"
-        style: dict[str, Any] = {"colors": [_shape_color(model.geom_rgba[geom]) for geom in drawn[mine]]}
-        if shape in (rr.Capsules3D, rr.Cylinders3D):
-            style |= {"lengths": 2 * size[:, 1], "radii": size[:, 0]}
-        else:
-            style["half_sizes"] = np.repeat(size[:, :1], 3, axis=1) if kind == _GEOM.mjGEOM_SPHERE else size
-        if shape is rr.Capsules3D:
-            # MuJoCo centres a capsule, Rerun starts it at its lower hemisphere's centre.
-            place, at = place - rotation[:, mine][..., 2::3] * size[:, 1:2], "translations"
-        entity = f"world/body/{mujoco.mjtGeom(kind).name.removeprefix('mjGEOM_').lower()}"
-        log.static(entity, shape.from_fields(fill_mode=rr.components.FillMode.Solid, **style))
-        if count:
-            turned = Rotation.from_matrix(rotation[:, mine].reshape(-1, 3, 3)).as_quat()
-            poses = shape.columns(**{at: place.reshape(-1, 3)}, quaternions=turned)
-            log.columns(entity, frames.time, poses.partition(np.full(count, len(mine))))
-    for geom in np.flatnonzero(model.geom_type[drawn] == _GEOM.mjGEOM_MESH).tolist():
-        entity, color = f"world/body/mesh/{geom}", _shape_color(model.geom_rgba[drawn[geom]])
-        log.static(entity, mesh_of(model, int(model.geom_dataid[drawn[geom]]), color))
-        if count:
-            turned = Rotation.from_matrix(rotation[:, geom].reshape(-1, 3, 3)).as_quat()
-            poses = rr.Transform3D.columns(translation=position[:, geom], quaternion=turned)
-            log.columns(entity, frames.time, poses)
-
-
-def _log_near(log: _Log, times: Array, gaps: Gaps) -> None:
-    """Line between the nearest points of two parts of the body that come closer than they may."""
-    near = gaps.distance < CLEARANCE
-    entity = "world/clearance"
-    log.static(entity, rr.LineStrips3D.from_fields(colors=[ALERT], radii=[0.012]))
-    lines = rr.LineStrips3D.columns(strips=gaps.points[near].astype(np.float32))
-    log.columns(entity, times, lines.partition(near.astype(int)))
-
-
-def _shape_color(rgba: Array) -> Color:
-    """Colour of the model, lightened for a dark background; transparent, to show force and COM inside."""
-    r, g, b = (round(255 * (0.7 * float(c) + 0.3)) for c in rgba[:3])
-    return (r, g, b, 90)
+    """Segments of the model, moved by forward kinematics of the recorded q."""
+    for entity, parts in segment_shapes(model).items():
+        log.static(entity, *parts)
+    position, quaternion = segment_poses(model, frames.q)
+    for body in range(1, model.nbody):
+        poses = rr.Transform3D.columns(translation=position[:, body], quaternion=quaternion[:, body])
+        log.columns(segment_entity(model, body), frames.time, poses)
 
 
 # --------------------------------------------------------------------------------------------- ground
@@ -430,7 +350,11 @@ def _log_polygon(log: _Log, plan: StepPlan, times: Array) -> None:
 # ------------------------------------------------------------------------------------------ time series
 
 
-def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Mapping[str, Color]]]]:
+Lines = Mapping[str, Color]
+"""Name to colour of the columns of an entity."""
+
+
+def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Lines]]]:
     """Plan, command and measurement, and their differences.
 
     Returns:
@@ -445,38 +369,20 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Mapping[str,
     even = np.arange(0, len(every), _stride(float(every.time[1:2].sum()), least))
     rows = np.unique(np.concatenate([even, change, change - 1, [len(every) - 1]]))
     signals, weight = every.take(rows), saved.record.mass * saved.record.gravity
-    found: dict[str, tuple[Array, Mapping[str, Color]]] = {}
 
     series = SERIES | ({"first_plan": FAINT} if "first_plan_zmp_x" in signals else {})
-
-    def each(name: str) -> Array:
-        return np.column_stack([signals[f"{kind}_{name}"] for kind in series])
-
-    # x is drawn about the planned COM, because the travel would flatten every curve.
-    com_x = signals["plan_com_x"][:, None]
-    found["signals/zmp_x"] = 1e3 * (each("zmp_x") - com_x), series
-    found["signals/zmp_y"] = 1e3 * each("zmp_y"), series
-    found["signals/com_x"] = each("com_x") - com_x, series
-    momentum = ("angular_momentum_x", "angular_momentum_y")
-    for name in ("force_x", "force_y", "force_z", *momentum, "com_y", "com_z"):
-        found[f"signals/{name}"] = each(name), series
-    yaw = np.column_stack([signals[f"{kind}_angular_momentum_z"] for kind in ("motion", "measured")])
-    found["signals/angular_momentum_z"] = yaw, {"motion": PLAN, "measured": MEASURED}
-    for entity, one, other, axes, scale in (
-        ("residual/zmp", "measured_zmp", "plan_zmp", "xy", 1e3),
-        ("residual/force", "measured_force", "plan_force", "xyz", 100.0 / weight),
-        ("residual/angular_momentum", "measured_angular_momentum", "plan_angular_momentum", "xy", 1.0),
-        ("residual/com", "measured_com", "plan_com", "xyz", 1e3),
-        ("feedback/zmp", "command_zmp", "plan_zmp", "xy", 1e3),
-        ("selfcheck/zmp", "measured_zmp_momentum", "measured_zmp", "xy", 1e3),
-    ):
-        gap = scale * (signals.vector(one, axes) - signals.vector(other, axes))
-        found[entity] = gap, {axis: _AXES[axis] for axis in axes}
+    yaw = {"motion": PLAN, "measured": MEASURED}
+    found: dict[str, tuple[Array, Lines]] = {}
+    for column, curve in CURVES.items():
+        lines = yaw if curve.reference == "motion" else series
+        found[f"signals/{column}"] = np.column_stack([curve.values(signals, kind) for kind in lines]), lines
+    for entity, gap in DIFFERENCES.items():
+        found[entity] = gap.values(signals, weight), {axis: _AXES[axis] for axis in gap.axes}
     feet = np.column_stack([signals["left_force_z"], signals["right_force_z"], signals["plan_force_z"]])
-    found["signals/foot_force_z"] = feet, {**_FEET, "plan, both": PLAN}
+    found["signals/foot_force_z"] = feet, {**_FEET, "plan": PLAN}
     if not saved.is_log:
         use = np.abs(saved.record.torque_at(saved.signal_steps[rows])) / saved.record.torque_limit
-        found["effort/torque"] = 100 * use.max(axis=1)[:, None], {"busiest motor": MEASURED}
+        found["effort/torque"] = 100 * use.max(axis=1)[:, None], {"torque": MEASURED}
     return signals.time, found
 
 

@@ -1,0 +1,89 @@
+"""The curves of a walk, drawn alike by report and recording: what they are, and in which unit."""
+
+from typing import NamedTuple
+
+from ampm.geometry import Array
+from validation.judge.compare import SIGNALS
+from validation.store.signals import Signals
+
+
+class Curve(NamedTuple):
+    """A signal of which plan, command and measurement are drawn.
+
+    Attributes:
+        column: its name, without the kind before it, such as ``zmp_x``.
+        title: what it is.
+        unit: in which it is drawn.
+        scale: drawn value per SI value.
+        about: column that is subtracted, because the travel would flatten the curve; empty for none.
+    """
+
+    column: str
+    title: str
+    unit: str
+    scale: float = 1.0
+    about: str = ""
+
+    @property
+    def reference(self) -> str:
+        """What the measurement is compared with: ``plan`` or ``motion``."""
+        return SIGNALS[self.column].reference
+
+    def values(self, signals: Signals, kind: str) -> Array:
+        """Drawn values of the plan, the command or the measurement, shape (N,)."""
+        values = signals[f"{kind}_{self.column}"]
+        return self.scale * (values - signals[self.about] if self.about else values)
+
+
+class Difference(NamedTuple):
+    """The difference of two vectors.
+
+    Attributes:
+        title: what it is.
+        minuend: columns without their axis.
+        subtrahend: likewise.
+        axes: that are drawn.
+        unit: in which they are drawn.
+    """
+
+    title: str
+    minuend: str
+    subtrahend: str
+    axes: str
+    unit: str = "mm"
+
+    def values(self, signals: Signals, weight: float) -> Array:
+        """Drawn values, shape (N, len(axes)), of a body with a weight [N]."""
+        scale = {"mm": 1e3, "% of body weight": 100.0 / weight}.get(self.unit, 1.0)
+        return scale * (signals.vector(self.minuend, self.axes) - signals.vector(self.subtrahend, self.axes))
+
+
+CURVES = {
+    curve.column: curve
+    for curve in (
+        Curve("zmp_x", "ZMP along x, from the planned COM", "mm", 1e3, about="plan_com_x"),
+        Curve("zmp_y", "ZMP along y", "mm", 1e3),
+        *(Curve(f"force_{axis}", f"Ground force along {axis}", "N") for axis in "xyz"),
+        *(Curve(f"angular_momentum_{axis}", f"Angular momentum about {axis}", "N m s") for axis in "xyz"),
+        Curve("com_x", "COM along x, from the plan", "m", about="plan_com_x"),
+        Curve("com_y", "COM along y", "m"),
+        Curve("com_z", "COM along z", "m"),
+    )
+}
+"""By the name of their column."""
+
+DIFFERENCES = {
+    "residual/zmp": Difference("ZMP error, measured - plan", "measured_zmp", "plan_zmp", "xy"),
+    "residual/force": Difference(
+        "Ground force error", "measured_force", "plan_force", "xyz", "% of body weight"
+    ),
+    "residual/angular_momentum": Difference(
+        "Angular momentum error", "measured_angular_momentum", "plan_angular_momentum", "xy", "N m s"
+    ),
+    "residual/com": Difference("COM error", "measured_com", "plan_com", "xyz"),
+    "feedback/zmp": Difference("Feedback, commanded - planned ZMP", "command_zmp", "plan_zmp", "xy"),
+    "selfcheck/zmp": Difference(
+        "Self-check, ZMP by momentum - by contact", "measured_zmp_momentum", "measured_zmp", "xy"
+    ),
+}
+"""By their entity in a recording."""
