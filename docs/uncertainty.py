@@ -1,14 +1,14 @@
 """Study the gaits of docs/uncertainty.md again; rewrite its tables, its picture and their files in data.
 
-    python docs/uncertainty.py [contact]
-Each study is one ``ampm convergence GAIT``, half a minute on two idle cores. With ``contact`` only the
-contact laws are studied. data/uncertainty.csv has the numerical studies, data/contact-laws.csv the others.
+    python docs/uncertainty.py
+One ``ampm convergence GAIT`` for every preset, each half a minute on two idle cores. data/uncertainty.csv has
+the numerical studies, data/contact-laws.csv the others.
 """
 
 import csv
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from trials import write_rows
@@ -16,7 +16,6 @@ from trials import write_rows
 from ampm.presets import PRESETS
 from validation.judge.metrics import metric_label
 from validation.show.text import replace_between
-from validation.study.convergence.levels import STUDIES
 from validation.study.convergence.picture import draw
 from validation.study.convergence.result import Convergence
 from validation.study.convergence.study import convergence
@@ -24,9 +23,9 @@ from validation.table import Table, format_number, short_unit
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "convergence.svg"
-DATA = PAGE.parent / "data" / "uncertainty.csv"
-LAW_DATA = DATA.with_name("contact-laws.csv")
+LAW_DATA = PAGE.parent / "data" / "contact-laws.csv"
 GAITS = ("normal", "momentum")
+"""Of which the page has the numerical uncertainty."""
 LAWS = (
     "gait",
     "ZMP RMSE x, own [mm]",
@@ -52,31 +51,27 @@ INTEGRALS = ("energy_positive_work", "energy_cost_of_transport", "effort_zmp_x")
 
 def main() -> None:
     """Study every gait, and write the tables."""
-    write_rows("contact-laws", [LAWS, *(_laws(gait) for gait in PRESETS if gait != "roll-1.0")])  # is normal
-    write_law_table()
-    if "contact" in sys.argv[1:]:
-        return
-    studies = [convergence(gait) for gait in GAITS]
-    for gait, found in zip(GAITS, studies, strict=True):
+    studies = {gait: convergence(gait) for gait in PRESETS if gait != "roll-1.0"}  # roll-1.0 is normal
+    for gait, found in studies.items():
         print(gait, found.verdict.name, found.verdict.reason, file=sys.stderr, flush=True)  # noqa: T201
-    draw(studies[0], PICTURE)
-    page = replace_between(PAGE.read_text(encoding="utf-8"), "uncertainty", _table(studies).markdown())
+    write_rows("contact-laws", [LAWS, *(_laws(gait, found) for gait, found in studies.items())])
+    write_law_table()
+    numerical = {gait: studies[gait] for gait in GAITS}
+    draw(numerical["normal"], PICTURE)
+    page = replace_between(PAGE.read_text(encoding="utf-8"), "uncertainty", _table(numerical).markdown())
     PAGE.write_text(page, encoding="utf-8")
-    rows = [row for found in studies for row in _levels(found)]
-    with DATA.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file).writerows(
-            [("gait", "study", "metric", "unit", "levels", "values", "orders", "u"), *rows]
-        )
+    rows = [row for found in numerical.values() for row in _levels(found)]
+    header = ("gait", "study", "metric", "unit", "levels", "values", "orders", "u")
+    write_rows("uncertainty", [header, *rows])
 
 
-def _laws(gait: str) -> tuple[str, ...]:
+def _laws(gait: str, found: Convergence) -> tuple[str, ...]:
     """Row of a gait: its own value and the largest over all contact laws, and the metrics left undecided."""
-    names = [study.name for study in STUDIES if not study.numerical]
-    found = convergence(gait, only=names)
+    laws = [study.name for study in found.studies if not study.numerical]
     values: list[str] = []
     for name in ("zmp_x_rmse", "zmp_y_rmse", "zmp_x_maximum"):
         item, levels = found.metrics[name], found.studied[name].levels
-        by_law = [(value * item.factor, study) for study in levels for value in levels[study]]
+        by_law = [(value * item.factor, study) for study in laws for value in levels[study]]
         worst = max(by_law, key=lambda pair: math.inf if math.isnan(pair[0]) else pair[0])
         values += [
             format_number(item.value * item.factor, 2),
@@ -111,15 +106,15 @@ def _count(names: str) -> str:
     return str(len(list(filter(None, names.split("; ")))))
 
 
-def _table(studies: Sequence[Convergence]) -> Table:
+def _table(studies: Mapping[str, Convergence]) -> Table:
     """Limit, and of each gait the value with its numerical uncertainty."""
     rows = []
     for name in SHOWN:
-        first, *others = (found.metrics[name] for found in studies)
+        first, *others = (found.metrics[name] for found in studies.values())
         limit = "" if first.tolerance is None else f"{first.tolerance * first.factor:.3g}"
         values = (item.quoted for item in (first, *others))
         rows.append((f"{metric_label(name)} [{short_unit(first.display_unit)}]", limit, *values))
-    return Table("", ("metric", ">limit", *(f">`{gait}`" for gait in GAITS)), rows)
+    return Table("", ("metric", ">limit", *(f">`{gait}`" for gait in studies)), rows)
 
 
 def _levels(found: Convergence) -> Iterator[tuple[str, ...]]:
@@ -131,9 +126,16 @@ def _levels(found: Convergence) -> Iterator[tuple[str, ...]]:
         for item in items:
             studied = found.studied[item.name]
             one = studied.estimates[study.name]
-            orders, levels = " ".join(f"{order:.2f}" for order in one.orders), "; ".join(study.shown)
-            values, u = " ".join(f"{value:.6g}" for value in studied.levels[study.name]), one.uncertainty
-            yield found.request.name, study.name, item.name, item.of.unit, levels, values, orders, f"{u:.3g}"
+            yield (
+                found.request.name,
+                study.name,
+                item.name,
+                item.of.unit,
+                "; ".join(f"{value:g}" for value in study.values),
+                " ".join(f"{value:.6g}" for value in studied.levels[study.name]),
+                " ".join(f"{order:.2f}" for order in one.orders),
+                f"{one.uncertainty:.3g}",
+            )
 
 
 if __name__ == "__main__":

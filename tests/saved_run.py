@@ -61,11 +61,7 @@ def walked(
 
 def make_study(folder: Path, metrics: Mapping[str, Any], **more: Any) -> Path:
     """Write a ``convergence.json`` of the numerical uncertainties that it is given."""
-    entries = {name: {"uncertainty_at_least": value, "not_studied": []} for name, value in metrics.items()}
-    table = {
-        "gait": "normal", "steps": 6, "run": "abc", "levels": {}, "metrics": entries, "parameters": {},
-        "studies": ["time_step", "ik_grid", "qp_tolerance"], "not_studied": [], **more,
-    }  # fmt: skip
+    known = {"gait": "normal", "steps": 6, "values": metrics, **more}
     path = folder / "convergence.json"
-    path.write_text(json.dumps(table), encoding="utf-8")
+    path.write_text(json.dumps({"uncertainty": known}), encoding="utf-8")
     return path

@@ -136,7 +136,6 @@ def test_other_commands_than_the_trial_take_a_body(ampm):
         ("convergence normal --steps 1", "walk 2 at least"),
         ("convergence normal --levels 2", "choose 3"),
         ("convergence normal --levels 7", "choose 3"),
-        ("convergence normal --study steps", "use one of time_step"),
         (
             "convergence normal --workers -1",
             "--workers '-1' must be at least 0; write for example --workers 10.",

@@ -13,7 +13,6 @@ from validation.study.convergence.order import (
     Kind,
     estimate,
     observed_orders,
-    spread,
 )
 
 STEPS = 2e-3 / 2.0 ** np.arange(4)
@@ -121,9 +120,3 @@ def test_the_uncertainty_covers_the_limit_of_disturbed_sequences():
         values = 10.0 + 100.0 * STEPS + rng.normal(scale=0.01, size=4)
         covered.append(abs(values[0] - 10.0) <= estimate(values, 2.0).uncertainty)
     assert np.mean(covered) > 0.95
-
-
-def test_a_spread_is_the_largest_deviation():
-    assert spread([1.3, 1.0, 0.9], 1) == pytest.approx(0.3)
-    assert math.isinf(spread([math.nan, 1.0, 0.9], 1))
-    assert math.isnan(spread([1.0, math.nan, 0.9], 1))

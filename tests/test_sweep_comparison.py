@@ -11,8 +11,7 @@ import pytest
 
 from ampm.exceptions import InputError
 from tests.saved_run import make_study
-from validation.judge.uncertainty import Uncertainty
-from validation.study.compare.metrics import ABSOLUTE_FLOOR
+from validation.judge.uncertainty import ABSOLUTE_FLOOR, Uncertainty
 from validation.study.compare.report import REPORT
 from validation.study.compare.sweeps import compare_sweeps
 from validation.study.sweep.table import METRIC, TABLE_METADATA, SweepTable
@@ -101,7 +100,7 @@ def test_a_lost_value_is_a_regression_and_a_found_one_is_none():
 def test_no_difference_below_the_numerical_uncertainty_counts():
     grown = sweep("B", zmp_x_rmse=[1.4e-3])
     for bound, changes in ((3e-4, ["worse"]), (5e-4, []), (float("inf"), [])):
-        known = Uncertainty("normal", 6, "", {"zmp_x_rmse": bound}, {})
+        known = Uncertainty("normal", 6, {"zmp_x_rmse": bound})
         assert kinds(sweep(), grown, uncertainty=known) == changes
 
 

@@ -36,13 +36,11 @@ def compared(walk, **change):
     return compare(plan, record, with_state(plan, measured, **change), standing=STILL, shapes=APART)
 
 
-def verdict_of(comparison, limits, known=None, incomplete=None, **values):
+def verdict_of(comparison, limits, known=None, **values):
     """Verdict; numerical uncertainties and other values of single metrics."""
     metrics = evaluate(comparison)
     metrics |= {name: replace(metrics[name], value=value) for name, value in values.items()}
-    study = None
-    if known is not None:
-        study = Uncertainty("x", 6, "", known, {}, incomplete=incomplete or {})
+    study = None if known is None else Uncertainty("x", 6, known)
     return judge(metrics, limits, comparison.scales, study, ended=comparison.record.outcome.ending)
 
 
@@ -144,17 +142,6 @@ def test_without_a_study_nothing_changes(walk):
     text = json.dumps(build_summary(comparison, verdict))
     assert "uncertainty" not in text
     assert "undecided" not in text
-
-
-@pytest.mark.parametrize(("known", "least"), [({}, None), ({"zmp_x_rmse": 1e-9}, 1e-9)])
-def test_what_was_not_studied_decides_nothing(walk, known, least):
-    comparison = compared(walk, com_shift=(0.0018, 0.0, 0.0))
-    verdict = verdict_of(comparison, STRICT, known, {"zmp_x_rmse": ("qp_tolerance",)})
-    assert verdict.name is VerdictName.UNDECIDED
-    assert "not studied: qp_tolerance" in verdict.reason
-    entry = build_summary(comparison, verdict)["metrics"]["zmp_x_rmse"]
-    assert (entry["uncertainty"], entry["pass"], entry["undecided"]) == (None, None, True)
-    assert (entry["uncertainty_at_least"], entry["not_studied"]) == (least, ["qp_tolerance"])
 
 
 # ---------------------------------------------------------------------------------------- the summary

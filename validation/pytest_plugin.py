@@ -319,7 +319,7 @@ def _baseline(trial: Trial) -> dict[str, Any]:
 def _differences(before: Mapping[str, Any], trial: Trial) -> tuple[bool, list[str]]:
     """Whether a trial is worse than a baseline, and a line on every difference beyond rounding."""
     from validation.judge.metrics import metric_label  # loads NumPy
-    from validation.study.compare.metrics import rounding  # loads pyarrow
+    from validation.judge.uncertainty import rounding  # loads NumPy
     from validation.study.compare.sweeps import TOLERANCE  # loads pyarrow
 
     now, lines, worse = _baseline(trial), [], False

@@ -47,10 +47,6 @@ CONVERGENCE_EPILOG = (
     "it, undecided or not measured, 2 bad input or refused, 3 a walk of a numerical study did not complete, "
     "4 crash of ampm itself, 5 stopped from outside, 130 interrupted: --resume goes on."
 )
-_STUDIES = (
-    "time_step, ik_grid, qp_tolerance, contact_stiffness, contact_depth, contact_damping, contact_impedance, "
-    "drake_stiffness, drake_dissipation or engine"
-)
 
 
 @app.command(epilog=SWEEP_EPILOG)
@@ -127,9 +123,6 @@ def convergence(
     levels: Annotated[
         int, option("--levels", "Of every numerical study, 3 ... 6; 4 can confirm an order.", "N")
     ] = 4,
-    only: Annotated[
-        list[str] | None, option("--study", f"{_STUDIES}; repeatable, all by default.", "NAME")
-    ] = None,
     profile: Annotated[str, option("--profile", f"Tolerance profile: {PROFILES}.", "P")] = "default",
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -156,7 +149,6 @@ def convergence(
         as_is=as_is,
         steps=steps,
         levels=levels,
-        only=only or (),
         profile=profile,
         workers=workers,
         scheduler=scheduler,
@@ -164,7 +156,7 @@ def convergence(
         resume=resume,
         progress=Narrator(),
     )
-    answer(found, Convergence.as_dict, lambda found: print_tables([found.table()]), as_json=as_json)
+    answer(found, Convergence.as_dict, lambda found: print_tables(found.tables()), as_json=as_json)
     Narrator().wrote(out)
     if not found.completed:
         return Status.NOT_COMPLETED

@@ -1,17 +1,18 @@
-"""Numerical uncertainty of a gait's metrics, as ``ampm convergence`` stores it."""
+"""Numerical uncertainty of a gait's metrics, as ``ampm convergence`` stores it; what rounding changes."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from pydantic import BaseModel, NonNegativeFloat, ValidationError
 
 from ampm.exceptions import InputError
-from ampm.parameters import OPTION_TABLES
+from ampm.geometry import Array
+from validation.store.identity import parameter_values
 from validation.store.json import json_ready
 
 if TYPE_CHECKING:
@@ -20,6 +21,31 @@ if TYPE_CHECKING:
 FILE = "convergence.json"
 _FREE = "gait.steps"
 """Key in which a study and a run may differ: the gait is periodic."""
+RELATIVE_FLOOR = 1e-6
+"""Share of a metric's value below which a difference is rounding [1].
+
+Perturbing the body's mass by 1e-15 to 1e-12 of itself moves every metric of `normal` and `momentum` that is
+not rounding itself by less than 1e-9 of its value; this is a thousand times that.
+"""
+ABSOLUTE_FLOOR: Mapping[str, float] = {
+    "m": 1e-11,
+    "m/s^2": 1e-10,
+    "N": 1e-8,
+    "N m": 1e-8,
+    "N m s": 1e-10,
+    "1": 1e-12,
+}
+"""The same in a metric's SI unit, for values near zero: ten times the largest observed effect of rounding."""
+
+
+def rounding(size: Array | float, unit: str) -> Any:
+    """Difference between two values that may be rounding.
+
+    Args:
+        size: of the values, in SI units.
+        unit: SI unit.
+    """
+    return np.fmax(RELATIVE_FLOOR * np.abs(size), ABSOLUTE_FLOOR.get(unit, 0.0))
 
 
 @dataclass(frozen=True)
@@ -29,69 +55,33 @@ class Uncertainty:
     Attributes:
         gait: name.
         steps: walked at every level.
-        run: key of the run that was studied.
-        values: metric to uncertainty in its SI unit; infinite where there is no bound. Of a metric that is
-            ``incomplete``, the sum of the studies that were made; no entry if none was.
-        parameters: of the run, by section.
-        studies: inside the uncertainty.
-        not_studied: numerical studies of the gait that were not made.
-        incomplete: metric to the studies that its uncertainty lacks.
+        values: metric to uncertainty in its SI unit; infinite where there is no bound.
         spreads: metric to its largest change by another contact law or engine, in its SI unit; infinite where
             a walk with one did not complete.
+        parameters: of the run, by key.
     """
 
     gait: str
     steps: int
-    run: str
-    values: Mapping[str, float]
-    parameters: Mapping[str, Mapping[str, Any]]
-    studies: tuple[str, ...] = ()
-    not_studied: tuple[str, ...] = ()
-    incomplete: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    spreads: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def bounds(self) -> Mapping[str, float]:
-        """Metric to the least difference that is a result; infinite where studies are lacking."""
-        return {**self.values, **dict.fromkeys(self.incomplete, math.inf)}
+    values: Mapping[str, NonNegativeFloat]
+    spreads: Mapping[str, NonNegativeFloat] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
 
     def difference(self, request: Request) -> str:
         """First key in which a run differs from the studied one, with both values; empty if none does."""
-        own = json_ready(request.run.model_dump())
-        if own.pop("footsteps", None):
+        own, studied = json_ready(parameter_values(request.run)), json_ready(self.parameters)
+        if "footsteps" in own:
             return "it walks over footsteps"
-        studied = json_ready(self.parameters)
-        for section, _, name in (table.partition(".") for table in OPTION_TABLES):
-            studied[section] = {name: None, **studied.get(section, {})}
-        for section, entries in studied.items():
-            for key, value in entries.items():
-                here = own.get(section, {}).get(key)
-                if f"{section}.{key}" != _FREE and value != here:
-                    return f"{section}.{key} = {value}, and here {here}"
+        for key in {**studied, **own}:
+            if key != _FREE and studied.get(key) != own.get(key):
+                return f"{key} = {studied.get(key)}, and here {own.get(key)}"
         return ""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Description of the study, for ``summary.json``."""
-        return {key: getattr(self, key) for key in ("gait", "steps", "run", "studies", "not_studied")}
-
-
-class _Metric(BaseModel):
-    """Entries read for a metric from the file; other keys are ignored, here and below."""
-
-    uncertainty_at_least: NonNegativeFloat | None
-    not_studied: tuple[str, ...]
-    spread: NonNegativeFloat | None = None
 
 
 class _File(BaseModel):
-    gait: str
-    steps: int
-    run: str
-    levels: dict[str, Any]  # a run's summary.json has metrics too, and no levels
-    metrics: dict[str, _Metric]
-    parameters: dict[str, dict[str, Any]]
-    studies: tuple[str, ...]
-    not_studied: tuple[str, ...]
+    """What is read of the file."""
+
+    uncertainty: Uncertainty
 
 
 def load_uncertainty(path: Path) -> Uncertainty:
@@ -105,7 +95,7 @@ def load_uncertainty(path: Path) -> Uncertainty:
     """
     file = path / FILE if path.is_dir() else path
     try:
-        table = _File.model_validate_json(file.read_bytes())
+        found = _File.model_validate_json(file.read_bytes()).uncertainty
     except OSError as error:
         raise InputError(
             f"--uncertainty {file} cannot be read ({error.strerror}); give the {FILE} of 'ampm convergence'."
@@ -117,25 +107,9 @@ def load_uncertainty(path: Path) -> Uncertainty:
             f"--uncertainty {file} is no convergence study ({where}{': ' if where else ''}{first['msg']}); "
             f"give the {FILE} that 'ampm convergence --out' writes."
         ) from None
-    if not table.metrics:
+    if not found.values:
         raise InputError(f"--uncertainty {file} holds no metrics: its walk did not complete; study again.")
-    # A metric that the study did not measure has no bound; without a study there is no value, not zero.
-    values = {
-        name: math.inf if item.uncertainty_at_least is None else item.uncertainty_at_least
-        for name, item in table.metrics.items()
-        if item.uncertainty_at_least is not None or not item.not_studied
-    }
-    return Uncertainty(
-        table.gait,
-        table.steps,
-        table.run,
-        values,
-        table.parameters,
-        table.studies,
-        table.not_studied,
-        {name: item.not_studied for name, item in table.metrics.items() if item.not_studied},
-        {name: item.spread for name, item in table.metrics.items() if item.spread is not None},
-    )
+    return found
 
 
 def matching(known: Sequence[Uncertainty], request: Request) -> Uncertainty:

@@ -45,10 +45,7 @@ class MetricResult:
             is known.
         spread: largest change of the value by another contact law or engine, in SI units; None if none was
             studied.
-        undecided: whether the value is closer to the tolerance than its uncertainty or its spread, or a study
-            that belongs to it was not made.
-        not_studied: studies without which the uncertainty is not known; ``uncertainty`` is then the sum of
-            the others, a lower bound.
+        undecided: whether the value is closer to the tolerance than its uncertainty or its spread.
     """
 
     name: str
@@ -62,7 +59,6 @@ class MetricResult:
     uncertainty: float | None
     spread: float | None
     undecided: bool
-    not_studied: tuple[str, ...]
 
     @property
     def label(self) -> str:
@@ -93,12 +89,10 @@ class MetricResult:
     def quoted(self) -> str:
         """The value, and its uncertainty if it is known, in ``display_unit``."""
         value = "–" if math.isnan(self.value) else f"{self.value * self.factor:.3g}"
-        if math.isnan(self.value):
+        if math.isnan(self.value) or self.uncertainty is None:
             return value
-        if self.uncertainty is None:
-            return f"{value} ± not studied" if self.not_studied else value
         known = "∞" if math.isinf(self.uncertainty) else f"{self.uncertainty * self.factor:.2g}"
-        return f"{value} ± {'≥ ' if self.not_studied else ''}{known}"
+        return f"{value} ± {known}"
 
     def __str__(self) -> str:
         """The quoted value and its unit, if it has one."""
@@ -129,16 +123,10 @@ class MetricResult:
             "display": display,
             "reason": self.reason or None,
         }
-        if self.uncertainty is None and not self.not_studied:
-            return entry
-        entry |= {"undecided": self.undecided, "spread": self.spread}
-        display["spread"] = self.displayed(self.spread)
-        # The sum of the other studies is only a lower bound of the uncertainty.
-        key = "uncertainty_at_least" if self.not_studied else "uncertainty"
-        for place, known in ((entry, self.uncertainty), (display, self.displayed(self.uncertainty))):
-            place |= {"uncertainty": None, key: known}
-        if self.not_studied:
-            entry["not_studied"] = self.not_studied
+        if self.uncertainty is not None:
+            entry |= {"undecided": self.undecided, "uncertainty": self.uncertainty, "spread": self.spread}
+            display["uncertainty"] = self.displayed(self.uncertainty)
+            display["spread"] = self.displayed(self.spread)
         return entry
 
 
@@ -196,8 +184,8 @@ def judge(
         profile: tolerances.
         scales: ``body_weight`` [N] and ``foot_length`` [m], as :attr:`Comparison.scales` has them.
         uncertainty: numerical uncertainty of the metrics, and their spread over contact laws. A metric whose
-            distance to its tolerance is below either is undecided: neither met nor missed. So is one that
-            lacks a study, whatever its value. A metric that is not named is judged by its value.
+            distance to its tolerance is below either is undecided: neither met nor missed. A metric that is
+            not named is judged by its value.
         may_lack: metrics without which a log of another instrument may pass; what it lacks is named.
         ended: how the walk ended, see :attr:`validation.trial.outcome.Outcome.ending`; empty if it completed.
     """
@@ -230,7 +218,6 @@ def _result(
     judged: bool,
 ) -> MetricResult:
     known = None if uncertainty is None else uncertainty.values.get(name)
-    lacking = () if uncertainty is None else uncertainty.incomplete.get(name, ())
     spread = None if uncertainty is None else uncertainty.spreads.get(name)
     limit = passed = margin = None
     undecided = False
@@ -238,20 +225,18 @@ def _result(
         limit = float(tolerance.limit_for(scales))
         if judged and not math.isnan(of.value):
             bound = max(known or 0.0, spread or 0.0)
-            undecided = bool(lacking) or (bound > 0.0 and abs(limit - of.value) < bound)
+            undecided = bound > 0.0 and abs(limit - of.value) < bound
             passed = None if undecided else of.value <= limit
     if limit is not None and passed is not None:
         margin = 1.0 - of.value / limit if limit > 0.0 else 1.0 if passed else -math.inf
     reason = "" if tolerance is None else tolerance.reason
     factor, unit = display_unit(of.unit, scales["body_weight"])
-    return MetricResult(
-        name, of, limit, passed, margin, reason, factor, unit, known, spread, undecided, lacking
-    )
+    return MetricResult(name, of, limit, passed, margin, reason, factor, unit, known, spread, undecided)
 
 
 def _by_contact(item: MetricResult) -> bool:
     """Whether it is the contact law that leaves a metric undecided."""
-    return (item.spread or 0.0) > (item.uncertainty or 0.0) and not item.not_studied
+    return (item.spread or 0.0) > (item.uncertainty or 0.0)
 
 
 def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int) -> tuple[VerdictName, str]:
@@ -262,12 +247,9 @@ def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int
 
     failed = [item for item in results if item.passed is False]
     undecided = [item for item in results if item.undecided]
-    lacking = dict.fromkeys(study for item in undecided for study in item.not_studied)
     why = "closer to the limit than the numerical uncertainty"
     if any(_by_contact(item) for item in undecided):
         why += ", or than another contact law may move them"
-    if lacking:
-        why = f"their numerical uncertainty is not known (not studied: {', '.join(lacking)})"
     signals = dict.fromkeys(METRICS[name].label.partition(",")[0] for name in missing)
     unknown = f" Not measured: {', '.join(signals)}." if missing else ""
     if failed:
@@ -283,7 +265,7 @@ def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int
         reason = f"{len(undecided)} of {limits} tolerances undecided, {why}"
         if _by_contact(least):
             reason += f"; the least certain is {against(least)}, which changes by up to {least.moved}"
-        elif least.uncertainty is not None:
+        else:
             reason += f"; the least certain is {against(least)}"
         return VerdictName.UNDECIDED, f"{reason}."
     met = (item for item in results if item.tolerance and item.passed)

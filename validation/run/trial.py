@@ -188,7 +188,7 @@ def results_of(trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
         motion=trial.plan.posture.report(),
         standing=standing,
         memory_peak={"value": memory_peak(), "unit": "MB"},
-        **({} if known is None else {"uncertainty": known.as_dict()}),
+        **({} if known is None else {"uncertainty": {"gait": known.gait, "steps": known.steps}}),
         **trial.extra,
     )
 

@@ -50,9 +50,6 @@ def _row(metric: Mapping[str, Any]) -> tuple[str, ...]:
 def _spread(metric: Mapping[str, Any]) -> str:
     """Numerical uncertainty of a value, empty if none is known."""
     shown = metric["display"]
-    if metric.get("not_studied"):
-        least = shown["uncertainty_at_least"]
-        return " ± not studied" if least is None else f" ± ≥ {format_number(float(least), 2)}"
     known = shown.get("uncertainty")
     return "" if known is None else f" ± {format_number(float(known), 2)}"
 
@@ -60,12 +57,8 @@ def _spread(metric: Mapping[str, Any]) -> str:
 def _notes(summary: Mapping[str, Any], rows: list[tuple[str, ...]]) -> list[str]:
     notes = ["BW: body weight."] if any(BODY_WEIGHT in row for row in rows) else []
     if known := summary.get("uncertainty"):
-        studies = " + ".join(known["studies"])
-        inside = f" ({studies})" if studies else ""
         notes.append(
-            f"±: numerical uncertainty{inside} by a convergence study of {known['gait']}, {known['steps']} "
-            "steps a level. A value closer to its limit than that is undecided."
+            f"±: numerical uncertainty by a convergence study of {known['gait']}, {known['steps']} steps a "
+            "level. A value closer to its limit than that is undecided."
         )
-        if known["not_studied"]:
-            notes.append(f"Not studied, so nothing is decided: {', '.join(known['not_studied'])}.")
     return [*notes, *summary.get("log", {}).get("notes", ())]

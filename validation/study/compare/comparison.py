@@ -17,7 +17,7 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.judge.metrics import METRICS, display_unit
-from validation.judge.uncertainty import Uncertainty
+from validation.judge.uncertainty import Uncertainty, rounding
 from validation.show.text import format_value
 from validation.store.identity import parameter_values
 from validation.store.json import json_ready
@@ -31,7 +31,6 @@ from validation.study.compare.metrics import (
     metric_quantities,
     own_metrics,
     plan_values,
-    rounding,
     switch_values,
 )
 from validation.table import Table, Tabled, format_number, short_unit
@@ -100,8 +99,8 @@ class Side(Brief):
         """Change of a value for numerical reasons, in SI units; infinite without a bound."""
         value, halved = self.value(item), self.halved.get(item.name, math.nan)
         change = (SHARE_OF_EXTREMES if item.extreme else SHARE) * abs(value)
-        if self.study is not None and item.name in self.study.bounds:
-            change = self.study.bounds[item.name]
+        if self.study is not None and item.name in self.study.values:
+            change = self.study.values[item.name]
         elif math.isfinite(halved):
             change = abs(value - halved)
         return max(change, float(rounding(value, item.unit)))

@@ -16,21 +16,6 @@ WINDOW = 0.05
 """Half-width of the window about a switch [s]."""
 ACROSS = 0.02
 """Interval on either side of a switch over which the ground force is averaged for its change [s]."""
-RELATIVE_FLOOR = 1e-6
-"""Share of a metric's value below which a difference is rounding [1].
-
-Perturbing the body's mass by 1e-15 to 1e-12 of itself moves every metric of `normal` and `momentum` that is
-not rounding itself by less than 1e-9 of its value; this is a thousand times that.
-"""
-ABSOLUTE_FLOOR: Mapping[str, float] = {
-    "m": 1e-11,
-    "m/s^2": 1e-10,
-    "N": 1e-8,
-    "N m": 1e-8,
-    "N m s": 1e-10,
-    "1": 1e-12,
-}
-"""The same in a metric's SI unit, for values near zero: ten times the largest observed effect of rounding."""
 
 
 class Quantity(NamedTuple):
@@ -71,16 +56,6 @@ SWITCH = (
     Quantity(_SWITCH, "feedback_near", f"ZMP, RMS feedback {_NEAR}", "m"),
     Quantity(_SWITCH, "feedback_far", "ZMP, RMS feedback elsewhere", "m"),
 )
-
-
-def rounding(size: Array | float, unit: str) -> Any:
-    """Difference between two values that may be rounding.
-
-    Args:
-        size: of the values, in SI units.
-        unit: SI unit.
-    """
-    return np.fmax(RELATIVE_FLOOR * np.abs(size), ABSOLUTE_FLOOR.get(unit, 0.0))
 
 
 def metric_entry(summary: Mapping[str, Any], name: str) -> Mapping[str, Any]:

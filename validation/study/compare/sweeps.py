@@ -18,10 +18,9 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from validation.judge.metrics import display_unit
-from validation.judge.uncertainty import Uncertainty, load_uncertainty
+from validation.judge.uncertainty import Uncertainty, load_uncertainty, rounding
 from validation.show.text import format_value
 from validation.store.json import json_ready
-from validation.study.compare.metrics import rounding
 from validation.study.sweep.table import METRIC, STATES, State, SweepTable, read_sweep
 from validation.table import Table, Tabled, format_number, short_unit
 
@@ -257,7 +256,7 @@ def compare_sweeps(
     metrics = []
     for name in a.metrics:
         if METRIC + name in b and (name in a.limits or name in b.limits):
-            bound = 0.0 if known is None else known.bounds.get(name, 0.0)
+            bound = 0.0 if known is None else known.values.get(name, 0.0)
             share = shares.get(name, shares[""])
             metrics.append(_compare_metric(name, (a, rows_a), (b, rows_b), share, bound))
     notes += _notes(a, b)

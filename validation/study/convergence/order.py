@@ -162,22 +162,3 @@ def _why_not_asymptotic(values: Sequence[float], orders: Sequence[float]) -> str
     if abs(before - last) > AGREEMENT:
         return f"the observed orders, {pair}, do not agree"
     return ""
-
-
-def spread(values: Sequence[float], own: int) -> float:
-    """Largest deviation of a metric from its own value when a model parameter changes.
-
-    A derivative would be less useful: it vanishes for parameters that were chosen to minimise a metric.
-
-    Args:
-        values: at every value of the parameter; NaN where the walk did not complete.
-        own: index of the run's own value.
-
-    Returns:
-        In the metric's unit; infinite if a value is missing, NaN if the own one is.
-    """
-    reference = float(values[own])
-    if math.isnan(reference):
-        return math.nan
-    deviations = [abs(float(value) - reference) for value in values]
-    return math.inf if any(math.isnan(value) for value in deviations) else max(deviations)

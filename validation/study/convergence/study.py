@@ -29,7 +29,6 @@ def convergence(
     as_is: bool = False,
     steps: int = STEPS,
     levels: int = LEVELS,
-    only: Sequence[str] = (),
     profile: str = "default",
     workers: int | None = None,
     scheduler: str | None = None,
@@ -45,7 +44,6 @@ def convergence(
         as_is: find nothing that the gait leaves open.
         steps: walked at every level.
         levels: of every numerical study.
-        only: studies, all by default.
         profile: name of the tolerance profile.
         workers: processes; None for one a core, 0 for this very process.
         scheduler: address of a dask scheduler that is running already.
@@ -61,12 +59,12 @@ def convergence(
         raise InputError(f"--steps {steps}: the first step is in no metric; walk 2 at least.", value=steps)
     limits, folder = profiles.profile(profile), study_folder(out, resume=resume)
     request = load_request(gait, [*settings, f"gait.steps={steps}"], as_is=as_is)
-    studies(request.run, only, levels=levels)  # refuse before anything is planned
+    studies(request.run, levels)  # refuse before anything is planned
     # Halving the time step does not correct a control period that is no multiple of it.
     steps_per_tick(request.run.controller.frequency, request.run.simulation.time_step)
     users = users_classes(request.run)
     request = plan_walk(request, progress, planner=users.get("planner")).request  # with all values
-    found = studies(request.run, only, levels=levels)
+    found = studies(request.run, levels)
     runs = runs_of(request.run, found)
     # The finest steps take longest. Started first, they leave no worker idle at the end.
     order = sorted(runs, key=lambda task: runs[task].simulation.time_step)
@@ -88,7 +86,7 @@ def write(result: Convergence, folder: Path) -> None:
 
     (folder / FILE).unlink(missing_ok=True)
     with output_file(folder / MARKDOWN) as path:
-        path.write_text(markdown_page([result.table(list(result.metrics))]), encoding="utf-8")
+        path.write_text(markdown_page(result.tables()), encoding="utf-8")
     draw(result, folder / PICTURE)
     with output_file(folder / FILE) as path:
         write_json(path, result.as_dict())
