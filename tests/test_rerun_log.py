@@ -1,7 +1,6 @@
 """The recording verifies, holds the data it is drawn from, and can be written of any run."""
 
 import errno
-import re
 import subprocess
 import sys
 from pathlib import Path
