@@ -11,12 +11,12 @@ import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ampm.planner.capture import DIRECTIONS, PUSH_PHASES
 from ampm.run_file import describe_keys
 from validation.cli.console import Narrator
 from validation.show.text import replace_between
 from validation.study.robustness.cells import PUSHES, REPLICAS, other_cells
 from validation.study.robustness.picture import draw
+from validation.study.robustness.push import DIRECTIONS, PUSH_PHASES
 from validation.study.robustness.result import Robustness
 from validation.study.robustness.study import robustness
 from validation.table import Table
@@ -28,7 +28,7 @@ PICTURE = PAGE.parent / "images" / "robustness.png"
 KEPT = PAGE.parents[1] / "build" / "robustness"
 SECTION = "disturbance."
 STABILIZERS = ("fixed", "stepping")
-PUSH = ("direction", ">fixed", ">stepping", ">bound")
+PUSH = ("direction", ">fixed", ">stepping")
 HEIGHT = "com"
 """Where the pushes of the page act; the data file has those at the chest, too."""
 
@@ -72,8 +72,7 @@ def _pushes(found: Rows) -> Table:
         fixed, stepping = (
             [float(found[name, cell]["survived"] or 0.0) for cell in cells] for name in STABILIZERS
         )
-        bound = [float(found["fixed", cell]["bound"]) for cell in cells]
-        rows.append((direction, *(_range(values) for values in (fixed, stepping, bound))))
+        rows.append((direction, *(_range(values) for values in (fixed, stepping))))
     return Table("", PUSH, rows)
 
 
@@ -88,11 +87,11 @@ def write(studies: Studies) -> None:
     draw(studies["stepping"][0], PICTURE)
     with DATA.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        names = ("cell", "unit", "survived", "within", "bound", "zmp_x", "zmp_y", "cause")
+        names = ("cell", "unit", "survived", "within", "zmp_x", "zmp_y", "cause")
         table.writerow(("stabilizer", *names))
         for name, (pushes, others) in studies.items():
             for item in (*pushes.pushes, *others.others):
-                values = item.cell.name, item.cell.unit, item.survived, item.within, item.bound, *item.zmp
+                values = item.cell.name, item.cell.unit, item.survived, item.within, *item.zmp
                 table.writerow((name, *values, item.cause))
     write_table()
 

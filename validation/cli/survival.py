@@ -63,8 +63,8 @@ def robustness(
 ) -> int:
     """Find the pushes and disturbances that a gait survives.
 
-    Body and controller are those of the run. Pushes of 0.1 s by direction, phase and height, each beside the
-    bound that legs set, and rising values of the keys of disturbance and sensors. A value counts if it and
+    Body and controller are those of the run. Pushes of 0.1 s by direction, phase and height, and rising
+    values of the keys of disturbance and sensors. A value counts if it and
     all smaller ones are survived.
     """
     from validation.study.robustness.result import Robustness

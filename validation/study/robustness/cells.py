@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ampm.exceptions import InputError
-from ampm.planner.capture import DIRECTIONS, PUSH_PHASES, Direction, PushPhase
 from ampm.run_file import key_info
+from validation.study.robustness.push import DIRECTIONS, PUSH_PHASES, Direction, PushPhase
 
 HEIGHTS = ("com", "chest")
 """Where pushes act."""

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from ampm.brief import Brief
-from ampm.planner.capture import DIRECTIONS, PUSH_PHASES
 from validation.show.text import ABSENT
 from validation.store.json import json_ready
 from validation.study.robustness.cells import DURATION, Cell, needed
+from validation.study.robustness.push import DIRECTIONS, PUSH_PHASES
 from validation.table import Table, Tabled
 
 PHASE_NAMES = {
@@ -26,7 +26,6 @@ class CellResult:
 
     Attributes:
         cell: the disturbance.
-        bound: of a push, what legs can capture [m/s]; None for all else.
         survived: largest value survived with all smaller ones; None if there is none.
         within: largest value that kept the tolerances with all smaller ones; None if there is none.
         zmp: largest RMSE of the ZMP along x and y at ``survived`` [m]; NaN if there is none.
@@ -34,7 +33,6 @@ class CellResult:
     """
 
     cell: Cell
-    bound: float | None = None
     survived: float | None = None
     within: float | None = None
     zmp: tuple[float, float] = (math.nan, math.nan)
@@ -46,11 +44,8 @@ class CellResult:
         return self.survived == self.cell.values[-1]
 
     def push_text(self) -> str:
-        """Survived of the bound, and the share of it; ``>`` where the end of the ladder was survived."""
-        survived = f"{'> ' if self.complete else ''}{self.survived or 0.0:.2f}"
-        if not self.bound:
-            return survived
-        return f"{survived} of {self.bound:.2f} ({100.0 * (self.survived or 0.0) / self.bound:.0f} %)"
+        """Velocity change survived; ``>`` where the end of the ladder was survived."""
+        return f"{'> ' if self.complete else ''}{self.survived or 0.0:.2f}"
 
     def cells(self) -> tuple[str, ...]:
         """Row of :meth:`Robustness.others_table`."""
@@ -111,7 +106,7 @@ class Robustness(Brief, Tabled):
         return [table for table in (self.pushes_table(), self.others_table()) if table.rows]
 
     def pushes_table(self) -> Table:
-        """Velocity change survived, of the bound, by height, phase and direction."""
+        """Velocity change survived, by height, phase and direction."""
         texts = {
             (item.cell.height, item.cell.phase, item.cell.direction): item.push_text() for item in self.pushes
         }
@@ -122,7 +117,7 @@ class Robustness(Brief, Tabled):
             if (height, phase, DIRECTIONS[0]) in texts
         ]
         columns = ("push at", "begins at", *(f"{name} [m/s]" for name in DIRECTIONS))
-        notes = (f"Pushes of {DURATION:g} s, survived with all smaller ones; of the bound.", *self.crashes)
+        notes = (f"Pushes of {DURATION:g} s, survived with all smaller ones.", *self.crashes)
         return Table(self.title, columns, rows, notes)
 
     def others_table(self) -> Table:

@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ampm.geometry import Array
 from ampm.parameters import RunParameters
-from ampm.planner.capture import Reach, largest_velocity_change, push_instant
 from models.scene import BodyModel
 from validation.judge import profiles
 from validation.progress import Progress
@@ -33,6 +31,7 @@ from validation.study.robustness.cells import (
     other_cells,
     push_cells,
 )
+from validation.study.robustness.push import push_instant
 from validation.study.robustness.result import CellResult, Robustness
 from validation.study.row_file import Row, crash_notes
 from validation.study.walk_options import users_classes
@@ -119,7 +118,7 @@ def _planned(name: str, run: RunParameters) -> PlannedWalk:
 
 
 def climb(
-    start: CellResult,
+    cell: Cell,
     replicas: int,
     task: Callable[[Cell, float, int], Task],
     results: MutableMapping[str, CellResult],
@@ -127,12 +126,12 @@ def climb(
     """Walk rising values of a cell up to the first that is not survived, and store the result.
 
     Args:
-        start: the cell and its bound.
+        cell: the disturbance.
         replicas: of each value; the rest of them is not walked once too many have failed.
         task: makes the walk of a cell, a value and a replica.
         results: where to store, by name of the cell.
     """
-    cell, least, kept, found = start.cell, needed(replicas), True, start
+    least, kept, found = needed(replicas), True, CellResult(cell)
     for value in cell.values:
         rows: list[Row] = []
         causes: list[str] = []
@@ -192,7 +191,7 @@ def robustness(
     planned = plan_walk(short, progress, planner=users.get("planner"))
     task = partial(replica_task, planned=planned, profile=limits.name, users=users)
     results: dict[str, CellResult] = {}
-    searches = [climb(start, replicas, task, results) for start in _with_bounds(cells, planned)]
+    searches = [climb(cell, replicas, task, results) for cell in cells]
     rows = walk_many(
         searches,
         folder,
@@ -256,33 +255,6 @@ def replica_task(
     request = Request(planned.name, planned.run.as_is().replace(settings))
     options = {"request": request, "profile": None if cell.is_push else profile, **users}
     return Task(f"{cell.name} {value:g}, replica {replica}", walk_replica, options)
-
-
-def _with_bounds(cells: Sequence[Cell], planned: PlannedWalk) -> list[CellResult]:
-    """Cells that were not walked yet, those of pushes with what legs can capture."""
-    plan, description = planned.plan, planned.body.model.description
-    middle = 0.5 * plan.duration
-    reach = Reach.of(description, float(plan.sample([middle]).com[0, 2]))
-    lever = {"chest": max(_lever(planned, plan.posture.sample([middle]).q[0]), 0.0), "com": 0.0}
-    found = []
-    for cell in cells:
-        bound = None
-        if cell.is_push:
-            push = push_instant(plan.contacts, cell.direction, cell.phase, PUSH_STEP, DURATION)
-            bound = largest_velocity_change(plan, push, reach, DURATION, lever[cell.height])
-        found.append(CellResult(cell, bound))
-    return found
-
-
-def _lever(planned: PlannedWalk, q: Array) -> float:
-    """Height of the trunk's centre of mass over the body's, in a configuration [m]."""
-    import pinocchio as pin  # slow to load
-
-    model = planned.body.robot.model
-    data = model.createData()
-    trunk = model.frames[model.getFrameId(planned.body.model.description.trunk_segment)].parentJoint
-    com = pin.centerOfMass(model, data, q)
-    return float((data.oMi[trunk] * model.inertias[trunk].lever)[2] - com[2])
 
 
 def write(found: Robustness, folder: Path) -> None:
