@@ -1,7 +1,6 @@
 """Refusal of a gait that no choice makes walkable: the limit that stayed broken, and the best value."""
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 from ampm.body.limits import LIMITS
@@ -15,22 +14,13 @@ class NoFeasibleChoice(BodilyRefusal):
     """No choice was found; value and limit are those of the best that was tried.
 
     Attributes:
-        broken: limit that stayed broken, a name in :data:`LIMITS`, or the reason of another refusal.
         tried: how many choices had been tried.
         values: of all limits for the best choice, by name in :data:`LIMITS`.
     """
 
-    def __init__(
-        self,
-        why: str,
-        *,
-        broken: str,
-        tried: int,
-        values: Mapping[str, float] = MappingProxyType({}),
-        **refusal: Any,
-    ) -> None:
+    def __init__(self, why: str, *, tried: int, values: Mapping[str, float], **refusal: Any) -> None:
         super().__init__(why, **refusal)
-        self.broken, self.tried, self.values = broken, tried, values
+        self.tried, self.values = tried, values
 
 
 def broken_limit(name: str, values: Mapping[str, float], tried: int) -> NoFeasibleChoice:
@@ -46,7 +36,6 @@ def broken_limit(name: str, values: Mapping[str, float], tried: int) -> NoFeasib
     best = f"at best of {tried} choices" if tried > 1 else "at best"
     return NoFeasibleChoice(
         f"{_NONE}: {limit.what} is {reached} {best} and must be {rule}",
-        broken=name,
         tried=tried,
         values=values,
         reason=limit.reason,
@@ -65,7 +54,6 @@ def no_feasible_choice(search: ChoiceSearch) -> NoFeasibleChoice:
     why = next((candidate.why for candidate in search.candidates if candidate.why is not None), None)
     return NoFeasibleChoice(
         f"{_NONE}: {why or 'the formula has no solution'}",
-        broken="no_periodic_motion",
         tried=tried,
         values=best.values,
         reason="no_periodic_motion",

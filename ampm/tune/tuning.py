@@ -213,8 +213,8 @@ def _confirmed(search: ChoiceSearch) -> Tuned:
         tried = len(search.candidates)
         raise NoFeasibleChoice(
             f"the best choice just fails: {error.args[0]} ({tried} choices tried)",
-            broken=error.reason,
             tried=tried,
+            values=best.values,
             reason=error.reason,
             value=error.value,
             limit=error.limit,
