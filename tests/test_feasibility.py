@@ -103,7 +103,7 @@ def test_a_bodily_refusal_names_value_limit_and_way_out(gait, foot, reason, valu
 )
 def test_motions_that_do_not_return_or_pass_a_limit_are_refused(change, reason, words):
     good = Extreme(0.4, 0.1, "right")
-    report = MotionReport(0.4, 1e-10, 0.0, (), 0.0, 0.0, 0.0, good, good, good, 0.0, 1)
+    report = MotionReport(0.4, 1e-10, 0.0, (), good, good, good)
     check_motion(report, BODY)
     with pytest.raises(BodilyRefusal) as caught:
         check_motion(replace(report, **change), BODY)

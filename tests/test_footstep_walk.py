@@ -168,7 +168,6 @@ def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
 @pytest.mark.parametrize(
     ("number", "change", "words"),
     [
-        (8, {"x": 4.5}, r"footstep 9: when the right foot lands, its leg"),
         (8, {"y": 0.3}, r"footstep 9: the right foot is .* m aside"),
         (8, {"time": 5.0}, r"footstep 9 is reached at 5 s, but its swing begins at 7\.353 s"),
         (

@@ -71,11 +71,10 @@ class InverseKinematics:
 
     Attributes:
         rest: angles of the hinges at rest, shape (nu,) [rad].
-        integrations: steps that were integrated.
     """
 
     def __init__(self, robot: Robot, run: RunParameters) -> None:
-        self.robot, self.integrations = robot, 0
+        self.robot = robot
         arms = robot.arm_joints - 6
         inside = np.minimum(ARM_BEND, 0.5 * (robot.upper - robot.lower))
         self.rest = np.zeros(robot.nu)
@@ -118,7 +117,7 @@ class InverseKinematics:
         """
         q, v = q.copy(), v.copy()
         try:
-            reached, _, _ = correct(self.body, reference, k, q, v, EXACT, np.inf)
+            reached = correct(self.body, reference, k, q, v, EXACT, np.inf)
         except np.linalg.LinAlgError as error:
             raise _dependent(float(reference.time[k])) from error
         if not reached:
@@ -145,7 +144,6 @@ class InverseKinematics:
         Raises:
             Unreachable: the legs cannot follow.
         """
-        self.integrations += 1
         n, nv = len(reference.time), self.robot.nv
         step = StepTrajectory(
             q=np.empty((n, nv + 1)),
@@ -153,7 +151,6 @@ class InverseKinematics:
             acceleration=np.empty((n, nv)),
             trunk_pitch=np.full(n, np.nan),
             angular_momentum_z=np.empty(n),
-            errors=np.zeros((n, 3)),
         )
         step.q[0], step.v[0] = q, v
         try:

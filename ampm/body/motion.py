@@ -49,28 +49,18 @@ class MotionReport:
         residual: largest difference of the mirrored return, q and qd.
         mean_trunk_pitch: over the step.
         multipliers: largest eigenvalues of the one-step return map, by magnitude, as (real, imaginary).
-        constraint_position: largest task error of an integration step before projection.
-        constraint_velocity: likewise.
-        constraint_acceleration: largest residual of the acceleration constraints.
         knee_minimum: smallest knee flexion, and its side; the left foot stands.
         joint_limit_margin: smallest distance of any joint from its limits, negative beyond them.
         clearance: smallest distance of two parts of the body, negative where they overlap.
-        acceleration_jump: largest change of a joint's acceleration over a grid interval beside a switch.
-        evaluations: one-step integrations that the solution took.
     """
 
     angular_momentum_y_offset: float = field(metadata={"unit": "N m s"})
     residual: float = field(metadata={"unit": "rad, m, rad/s, m/s"})
     mean_trunk_pitch: float = field(metadata={"unit": "rad"})
     multipliers: tuple[tuple[float, float], ...] = field(metadata={"unit": "1"})
-    constraint_position: float = field(metadata={"unit": "m, rad"})
-    constraint_velocity: float = field(metadata={"unit": "m/s, rad/s"})
-    constraint_acceleration: float = field(metadata={"unit": "m/s², rad/s²"})
     knee_minimum: Extreme = field(metadata={"unit": "rad"})
     joint_limit_margin: Extreme = field(metadata={"unit": "rad"})
     clearance: Extreme = field(metadata={"unit": "m"})
-    acceleration_jump: float = field(metadata={"unit": "rad/s²"})
-    evaluations: int = field(metadata={"unit": "1"})
 
 
 MOTION_UNITS: Mapping[str, str] = {

@@ -8,7 +8,6 @@ where that fails from the periodic step with a lower COM.
 """
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,6 @@ from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.motion import Extreme, MotionReport, WholeBodyMotion
 from ampm.body.return_map import Orbit, StepMap, leading_multipliers, newton, start_orbit
 from ampm.body.robot import Robot
-from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import step_grid, step_reference
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import RunParameters
@@ -35,20 +33,13 @@ _STABLE = 0.8  # largest product of a posture gain's rate and the grid's step th
 _COARSE_TOLERANCE = 1e-7
 
 
-def solve_motion(
-    plan: StepPlan,
-    run: RunParameters,
-    robot: Robot,
-    *,
-    progress: Callable[[str], None] | None = None,
-) -> WholeBodyMotion:
+def solve_motion(plan: StepPlan, run: RunParameters, robot: Robot) -> WholeBodyMotion:
     """Solve the periodic whole-body motion of a plan.
 
     Args:
         plan: centroidal motion and feet.
         run: posture gains, lean, the choice for L_z, the grid.
         robot: the body.
-        progress: called with a line of text after every Newton step.
 
     Returns:
         One step whose mirrored end is its start.
@@ -65,18 +56,14 @@ def solve_motion(
             f"{longest:.2g} s, or lower body.posture_damping and body.posture_stiffness."
         )
 
-    def report(text: str) -> None:
-        if progress is not None:
-            progress(f"{text} after {ik.integrations} steps")
-
     def map_on(grid_step: float) -> StepMap:
         reference = step_reference(plan, step_grid(plan, grid_step))
         return StepMap(ik, reference, plan.contacts.step_length, run.body.lean)
 
     coarse, fine = map_on(max(fine_step, min(COARSE_STEP, longest))), map_on(fine_step)
     try:
-        rough = start_orbit(coarse, _COARSE_TOLERANCE, report)
-        orbit = newton(fine, rough.z, TOLERANCE, rough.inverse, report=report)
+        rough = start_orbit(coarse, _COARSE_TOLERANCE)
+        orbit = newton(fine, rough.z, TOLERANCE, rough.inverse)
     except Unreachable as error:
         raise _refusal(error, plan.com_height) from error
     # The multipliers hardly depend on the grid.
@@ -108,25 +95,18 @@ def _motion(
 ) -> WholeBodyMotion:
     """The motion of an orbit, with its report."""
     robot, step, time = step_map.ik.robot, orbit.trajectory, step_map.reference.time
-    single = plan.constants.single_support_duration
     angles = step.q[:, 7:]
     margins = np.minimum(angles - robot.lower, robot.upper - angles)
     gaps = robot.shapes.gaps(step.q[::2])
     closest = int(gaps.distance.argmin())
-    position, velocity, acceleration = step.errors.max(axis=0).tolist()
     report = MotionReport(
         angular_momentum_y_offset=orbit.offset,
         residual=step_map.size(step_map.residual(orbit.z, step)),
         mean_trunk_pitch=step_map.mean_pitch(step),
         multipliers=multipliers,
-        constraint_position=position,
-        constraint_velocity=velocity,
-        constraint_acceleration=acceleration,
         knee_minimum=_least(robot.knee_flexion(step.q), time, ("left", "right")),
         joint_limit_margin=_least(margins, time, robot.joint_names),
         clearance=Extreme(float(gaps.distance[closest]), float(time[2 * closest]), gaps.parts[closest]),
-        acceleration_jump=_jump(robot, step, int(np.searchsorted(time, single - 1e-12))),
-        evaluations=step_map.ik.integrations,
     )
     return WholeBodyMotion(
         robot.joint_names,
@@ -137,17 +117,9 @@ def _motion(
         step.trunk_pitch,
         step.angular_momentum_z,
         plan.contacts.step_length,
-        float(single),
+        plan.constants.single_support_duration,
         report,
     )
-
-
-def _jump(robot: Robot, step: StepTrajectory, switch: int) -> float:
-    """Largest change of a joint's acceleration over one grid interval on either side of both switches."""
-    a = step.acceleration[:, 6:]
-    before_start = robot.mirror_joints(a[-2])  # the interval before the step's start, mirrored
-    pairs = (a[switch], a[switch - 1]), (a[switch + 1], a[switch]), (a[0], before_start), (a[1], a[0])
-    return max(float(np.abs(after - before).max()) for after, before in pairs)
 
 
 def _least(values: Array, time: Array, names: tuple[str, ...]) -> Extreme:

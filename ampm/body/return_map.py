@@ -5,7 +5,6 @@ on a small Krylov space and takes it as minus the identity elsewhere.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -187,7 +186,6 @@ def newton(
     inverse: BroydenInverse | None = None,
     *,
     rebuilds: int = 4,
-    report: Callable[[str], None] | None = None,
 ) -> Orbit:
     """Fixed point of a map near ``z``.
 
@@ -197,7 +195,6 @@ def newton(
         tolerance: of the residual [rad, m, rad/s, m/s].
         inverse: of the Jacobian at a neighbour; built here if it is missing or too inaccurate.
         rebuilds: how many times it may be built.
-        report: called with a line of text before every step.
 
     Raises:
         Unreachable: the guess itself, or its neighbourhood, cannot be walked, or Newton does not converge.
@@ -212,8 +209,6 @@ def newton(
     best = step_map.size(value)
     cause: Unreachable | None = None
     while not best <= tolerance:  # a NaN is no orbit
-        if report is not None:
-            report(f"residual {best:.2e}")
         fresh = inverse is None
         if inverse is None:
             if rebuilds == 0:
@@ -247,29 +242,28 @@ def newton(
     return Orbit(step_map.reference, z, trajectory, float(z[-1] / step_map.scale[-1]), inverse)
 
 
-def start_orbit(step_map: StepMap, tolerance: float, report: Callable[[str], None] | None = None) -> Orbit:
+def start_orbit(step_map: StepMap, tolerance: float) -> Orbit:
     """Fixed point of a map from a body that stands upright, else from the periodic step with a lower COM.
 
     Args:
         step_map: the map.
         tolerance: of the residual [rad, m, rad/s, m/s].
-        report: called with a line of text before every step.
 
     Raises:
         Unreachable: none was found; ``drop`` is by how much lower the COM of one is.
     """
     try:
-        return newton(step_map, step_map.guess(), tolerance, report=report)
+        return newton(step_map, step_map.guess(), tolerance)
     except Unreachable as error:
         cause = error
     for drop in (step_map.ik.robot.description.scale * drop for drop in _DROPS):
         lower = step_map.lowered(drop)
         try:
-            orbit = newton(lower, lower.guess(), max(tolerance, _LOWER_TOLERANCE), report=report)
+            orbit = newton(lower, lower.guess(), max(tolerance, _LOWER_TOLERANCE))
         except Unreachable:
             continue
         try:
-            return newton(step_map, orbit.z, tolerance, orbit.inverse, report=report)
+            return newton(step_map, orbit.z, tolerance, orbit.inverse)
         except Unreachable as error:
             error.drop = drop
             raise

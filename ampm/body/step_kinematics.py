@@ -72,8 +72,6 @@ class StepTrajectory(NamedTuple):
         acceleration: Pinocchio accelerations, shape (n+1, nv).
         trunk_pitch: pitch of the trunk segment, shape (n+1,) [rad].
         angular_momentum_z: about the COM, shape (n+1,) [N m s].
-        errors: largest errors of task positions and velocities before they were corrected, and of task
-            accelerations, shape (n+1, 3) [m and rad, per s, per s^2].
     """
 
     q: Array
@@ -81,7 +79,6 @@ class StepTrajectory(NamedTuple):
     acceleration: Array
     trunk_pitch: Array
     angular_momentum_z: Array
-    errors: Array
 
 
 @compiled
@@ -125,12 +122,6 @@ def nearest(body: Kinematics, rows: Rows, x: Array, wanted: Array) -> Array:
 
 
 @compiled
-def largest_error(body: Kinematics, x: Array, wanted: Array) -> float:
-    """Largest component of ``wanted - J x`` among the rows that are met."""
-    return np.abs(wanted - body.columns.T @ x)[body.rows].max()
-
-
-@compiled
 def limited(change: Array, most: float) -> Array:
     """A change of the coordinates, shortened so that none changes by more than ``most`` [m, rad]."""
     return change * min(1.0, most / max(np.abs(change).max(), 1e-300))
@@ -151,7 +142,7 @@ def posture(body: Kinematics, q: Array, v: Array) -> Array:
 @compiled
 def correct(
     body: Kinematics, tasks: StepReference, k: int, q: Array, v: Array, tolerance: float, far: float
-) -> tuple[bool, float, float]:
+) -> bool:
     """Bring a state onto the tasks at node k, by Newton's method for positions and once for velocities.
 
     Args:
@@ -164,23 +155,22 @@ def correct(
         far: position error at which it gives up [m, rad].
 
     Returns:
-        Whether it converged, and the largest errors of position and velocity before.
+        Whether it converged.
     """
-    size = first = place(body, tasks, k, q)
+    size = place(body, tasks, k, q)
     for iteration in range(_MOST):
         if size < tolerance:
             break
         if not size < far or iteration == _MOST - 1:
-            return False, first, 0.0
+            return False
         change = nearest(body, body.position_rows, np.zeros(len(v)), body.miss)
         q[:] = moved(q, limited(change, _LONGEST))
         converged = size * size < tolerance  # Newton's next error is about the square of the last
         size = place(body, tasks, k, q)
         if converged:
             break
-    error = largest_error(body, v, tasks.velocity[k])
     v[:] = nearest(body, body.rows, v, tasks.velocity[k][body.rows])
-    return True, first, error
+    return True
 
 
 @compiled
@@ -197,8 +187,8 @@ def upright(body: Kinematics, tasks: StepReference, k: int, q: Array) -> Array:
 
 
 @compiled
-def accelerate(body: Kinematics, wanted: Array, q: Array, v: Array) -> tuple[Array, float]:
-    """Accelerations that meet the tasks and are closest to the posture's, and the largest error of the tasks.
+def accelerate(body: Kinematics, wanted: Array, q: Array, v: Array) -> Array:
+    """Accelerations that meet the tasks and are closest to the posture's.
 
     Eqs. 8-12: minimise ``1/2 || a - p ||^2_W`` subject to ``J a = wanted - dJ/dt v``, p the posture's.
 
@@ -210,8 +200,7 @@ def accelerate(body: Kinematics, wanted: Array, q: Array, v: Array) -> tuple[Arr
     """
     drift = np.zeros(len(wanted))
     task_drift(body.tree, body.link, body.soles, v, v, np.zeros(len(v)), drift)
-    acceleration = nearest(body, body.rows, posture(body, q, v), (wanted - drift)[body.rows])
-    return acceleration, largest_error(body, acceleration, wanted - drift)
+    return nearest(body, body.rows, posture(body, q, v), (wanted - drift)[body.rows])
 
 
 @compiled
@@ -238,12 +227,10 @@ def follow(body: Kinematics, tasks: StepReference, step: StepTrajectory) -> int:
             advance(step, tasks.time, k - 1)
         q, v = step.q[k], step.v[k]
         tolerance, far = EXACT if k in (0, last) else CORRECTED, _FAR if k else np.inf
-        reached, step.errors[k, 0], step.errors[k, 1] = correct(body, tasks, k, q, v, tolerance, far)
-        if not reached:
+        if not correct(body, tasks, k, q, v, tolerance, far):
             return k
-        step.acceleration[k], step.errors[k, 2] = accelerate(body, tasks.acceleration[k], q, v)
+        step.acceleration[k] = accelerate(body, tasks.acceleration[k], q, v)
         step.angular_momentum_z[k] = body.link[0].mass * (body.columns[:, _L_Z] * v).sum()
         axis = turned(body.link[body.trunk[0].joint].turn, column(body.trunk[0].turn, 2))
         step.trunk_pitch[k] = math.atan2(axis[0], axis[2])
-    step.errors[0, :2] = 0.0  # the first state is a guess
     return last + 1
