@@ -93,12 +93,6 @@ def test_a_reference_hands_over_the_fields_of_nested_tuples_by_their_names(monke
     assert grid[1, 0] == 4.5
 
 
-def test_other_sources_are_compiled_anew(tmp_path, monkeypatch):
-    now = compiled.folder()
-    monkeypatch.setattr(compiled, "_SOURCES", compiled._SOURCES[1:])
-    assert compiled.folder.__wrapped__() != now
-
-
 @pytest.mark.slow
 def test_a_walk_has_the_same_bits_in_another_process(tmp_path):
     """Plan, body, periodic motion, walk and metrics."""

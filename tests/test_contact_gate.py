@@ -63,27 +63,6 @@ def touch(robot, left=(), right=(), one_point=False):
     return sensed
 
 
-def test_a_run_starts_on_what_is_planned(robot):
-    gate = Gate(robot)
-    gate.update(ContactState(AIR, AIR, NEVER), np.zeros(12, dtype=bool))
-    assert gate.limits() == [0.0, 0.0, 0.0]
-    assert gate.limits(1) == [1.0, 1.0, 1.0]
-
-
-def test_a_tip_off_the_floor_can_carry_no_force_if_that_is_asked_for(gate, robot):
-    stands = ContactState(AIR, AIR, NEVER)
-    on, off = (0, 1, 2), (0, 1)
-    for sensed, close_lifted_tips, tip in (
-        (off, True, 1),
-        (off, True, 1),
-        (off, False, 1),
-        (off, True, 0),
-        (on, True, 1),
-    ):
-        gate.update(stands, touch(robot, right=sensed), close_lifted_tips)
-        assert gate.limits(1) == [1.0, 1.0, tip]
-
-
 @pytest.mark.parametrize(
     ("planned", "due", "left", "expected"),
     [
@@ -99,13 +78,6 @@ def test_a_group_opens_where_it_is_due_and_has_touched(robot, gate, planned, due
     assert gate.limits() == pytest.approx(expected)
     assert gate.landing == bool(left)
     assert gate.lines["touching"][0].tolist() == [group in left for group in range(3)]
-
-
-def test_a_line_that_bounces_off_is_still_landing(robot, gate):
-    gate.update(ContactState(ALL, ALL, NEVER), touch(robot, left=(HEEL,), right=(0, 1, 2)))
-    gate.update(ContactState(ALL, ALL, NEVER), touch(robot, right=(0, 1, 2)))
-    assert not gate.lines["touching"][0].any()
-    assert gate.landing
 
 
 def test_a_group_opens_over_the_ramp_once_one_of_its_points_has_touched(robot, gate):
@@ -139,11 +111,3 @@ def test_after_lift_off_a_group_must_touch_again(robot, gate):
     assert gate.limits() == [0.0, 0.0, 0.0]
     gate.update(ContactState(ALL, ALL, NEVER), both)
     assert gate.limits() == pytest.approx([RATE, RATE, RATE])
-
-
-def test_tips_hold_the_body_before_the_ball_touches_only_where_nothing_else_does(robot, gate):
-    due = np.array([[True] * 3, [False] * 3])
-    gate.update(ContactState(ALL, ALL, NEVER), touch(robot, left=(TIP,), right=(0, 1, 2)))
-    assert gate.limits()[TIP] == 0.0
-    gate.update(ContactState(due, due, NEVER), touch(robot, left=(TIP,)))
-    assert gate.limits() == [0.0, 0.0, 1.0]

@@ -10,7 +10,6 @@ from ampm.control.forces import (
     LEAST_NORMAL,
     TWIST_ARM,
     share_forces,
-    without_closed,
     wrench_map,
 )
 from ampm.control.workspace import ANGULAR, LINE, POINT, Contact
@@ -70,27 +69,6 @@ def fill(qp, points, momentum=UPRIGHT, least=0.0, load=0.4, yaw=(0.2, -0.03)):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_forces_at_closed_points_are_dropped_within_the_friction(seed):
-    def still_open(phi, opening):
-        points = records(2 * POINTS, POINT)
-        points["limit"] = opening
-        return without_closed(2, points, phi)
-
-    rng = np.random.default_rng(seed)
-    phi, opening = rng.uniform(0.1, 1.0, FORCES), np.ones(2 * POINTS)
-    phi[[6, 7, 8, 15, 16, 17]] *= 0.1
-    np.testing.assert_array_equal(still_open(phi, opening), phi)
-    opening[[0, 1, 8]] = 0.0
-    kept = still_open(phi, opening).reshape(2, FOOT)
-    assert kept[0, 0] == kept[0, 1] == kept[1, 2] == 0.0
-    before = phi.reshape(2, FOOT)
-    ratio = before[:, POINTS:] / before[:, :POINTS].sum(axis=1, keepdims=True)
-    np.testing.assert_allclose(kept[:, POINTS:] / kept[:, :POINTS].sum(axis=1, keepdims=True), ratio)
-    assert (still_open(phi, np.zeros(12)) == 0.0).all()
-    assert (still_open(np.zeros(18), np.ones(12)) == 0.0).all()
-
-
-@pytest.mark.parametrize("seed", SEEDS)
 def test_wanted_wrench_is_given_where_it_can_be(seed):
     """That of forces shared as planned: hardly any slack, but for the yaw, which has little weight."""
     rng, (arm, opening), qp = np.random.default_rng(seed), stance(seed), contact_qp()
@@ -128,16 +106,6 @@ def test_forces_stay_within_friction_and_ramps_whatever_is_asked(seed, solver):
             assert abs(phi[8]) * TWIST_ARM <= TWIST_SHARE * FRICTION * normal @ lever + slack
 
 
-def test_closed_feet_carry_nothing_and_landing_points_what_they_sense():
-    qp, points = contact_qp(), soles(stance(0)[0], np.array([1.0] * 6 + [0.0] * 6))
-    fill(qp, points, load=0.0, yaw=(0.1, 0.0))
-    np.testing.assert_allclose(qp.solve().x[FOOT : 2 * FOOT], 0.0, rtol=0.0, atol=1e-9)
-    landing = np.zeros(12)
-    landing[6:8] = 0.03, 0.05
-    fill(qp, points, least=landing, load=0.0, yaw=(0.1, 0.0))
-    np.testing.assert_allclose(qp.solve().x[FOOT : FOOT + POINTS], landing[6:], rtol=0.0, atol=1e-9)
-
-
 @pytest.mark.parametrize("load", [0.0, 0.3, 1.0])
 def test_load_goes_where_it_is_planned_if_the_wrench_leaves_it_open(load):
     """With the wanted moment of that very load, both agree to the last gram."""
@@ -148,19 +116,3 @@ def test_load_goes_where_it_is_planned_if_the_wrench_leaves_it_open(load):
     fill(qp, soles(arm, np.ones(12)), [*normal.sum(axis=(0, 1)), *moment], load=load, yaw=(0.1, 0.0))
     by_foot = qp.solve().x[:FORCES].reshape(2, FOOT)[:, :POINTS].sum(axis=1)
     np.testing.assert_allclose(by_foot, [1.0 - load, load], atol=0.03)
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_a_qp_keeps_its_sparsity_and_nothing_of_the_tick_before(seed):
-    """But the twist's linear force, which is zero but for rounding."""
-    (arm, opening), used, new = stance(seed), contact_qp(), contact_qp()
-    fill(used, soles(arm, 1.0 - opening), 0.5 * UPRIGHT, 0.02, 0.9, (0.3, 0.1))
-    for qp in (used, new):
-        fill(qp, soles(arm, opening))
-    for one, other in zip(used.problem, new.problem, strict=True):
-        np.testing.assert_array_equal(one, other)
-    P, A = used.problem.P, used.problem.A
-    np.testing.assert_allclose(P, P.T, rtol=0.0, atol=1e-15)
-    assert np.linalg.eigvalsh(P).min() > 0.1
-    assert not P[~used.P_mask()].any()
-    assert np.abs(A[~used.A_mask()]).max() < 1e-15

@@ -9,7 +9,7 @@ import pytest
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
 from ampm.control.limited_qp import acceleration_bounds, limit_broken
-from ampm.control.workspace import TIP, Joints
+from ampm.control.workspace import Joints
 from ampm.planners import periodic_walk
 from ampm.qp import BACKENDS
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, State, Timing, Touch
@@ -74,24 +74,6 @@ def test_torques_forces_and_accelerations_obey_the_dynamics(time, shift):
     np.testing.assert_allclose(total[6:], output.torque, rtol=0.0, atol=1e-9)
 
 
-def test_a_body_without_toes_and_with_four_points_a_foot_obeys_the_dynamics():
-    whole = walk_of(COARSE).robot
-    flat = Robot(whole.model, whole.description, whole.shapes)
-    kept = flat.point_group < TIP
-    flat.point_frames = tuple(np.array(flat.point_frames)[kept].tolist())
-    flat.point_foot, flat.point_group = flat.point_foot[kept], flat.point_group[kept]
-    flat.toe_joints = np.zeros(0, dtype=np.intp)
-    it = TrackingController(flat, walk_of(COARSE, "solver.qp=daqp").run)
-    for time in INSTANTS:
-        now, sensed = state(time, 0.005), touch(time).contact[np.tile(np.arange(6) < 4, 2)]
-        output = it.update(now, Touch(sensed, np.zeros(8)), reference(time))
-        assert output.status == SOLVED
-        assert len(np.array(output.point_force)) == 8
-        total = dynamics(it, now.q, now.v, output)
-        np.testing.assert_allclose(total[:6], 0.0, atol=1e-6)
-        np.testing.assert_allclose(total[6:], output.torque, rtol=0.0, atol=1e-9)
-
-
 @pytest.mark.parametrize("time", INSTANTS)
 def test_forces_give_what_is_asked_for_within_the_friction(time):
     it, q, _, output = tick(time, shift=0.002)
@@ -142,44 +124,6 @@ def test_the_other_foot_makes_up_for_what_a_landing_foot_does_not_carry(miss):
     assert lost.sum() == pytest.approx(-2.0 * gains.landing_compensation * miss)
     assert total == pytest.approx(output.force[2], abs=0.5)
     assert (output.point_force[heel, 2] >= gains.landing_force * 60.0 * 9.81 - 1e-6).all()
-
-
-def test_on_the_orbit_the_plan_is_asked_for_as_it_is():
-    for time in INSTANTS:
-        output = tick(time)[-1]
-        ref = reference(time)
-        np.testing.assert_allclose(output.angular_momentum, ref.angular_momentum, atol=1e-4)
-        planned = 60.0 * (ref.com_acceleration + np.array([0.0, 0.0, 9.81]))
-        np.testing.assert_allclose(output.force, planned, atol=1.0)
-
-
-def test_feedback_pushes_back():
-    """A COM ahead of the plan is pulled back, and the ZMP asked for moves ahead of it."""
-    on_plan = tick(0.3)[-1]
-    ahead = state(0.3)
-    ahead.q[0] += 0.01
-    output = controller("solver.qp=daqp").update(ahead, touch(0.3), reference(0.3))
-    gains = walk_of(COARSE).run.controller
-    np.testing.assert_allclose(
-        output.force - on_plan.force, [-60.0 * gains.com_stiffness * 0.01, 0.0, 0.0], atol=1e-6
-    )
-    assert output.zmp[0] > on_plan.zmp[0] + 0.01
-
-
-@pytest.mark.parametrize(("axis", "row", "sign"), [("pitch", 1, -1.0), ("roll", 0, -1.0)])
-def test_a_tilted_trunk_asks_for_angular_momentum_against_the_tilt(axis, row, sign):
-    it, q, _, level = tick(0.3)
-    turn = np.zeros(40)
-    world = np.zeros(3)
-    world[row] = 0.01
-    turn[3:6] = pin.Quaternion(q[3:7]).matrix().T @ world
-    tilted = pin.integrate(it.robot.model, q, turn)
-    leaning = State(0.3, tilted, reference(0.3).posture.v)
-    wanted = controller().update(leaning, touch(0.3), reference(0.3)).angular_momentum
-    gain = walk_of(COARSE).run.controller.trunk_gain
-    change = np.zeros(3)
-    change[row] = sign * gain * 0.01
-    np.testing.assert_allclose(wanted - level.angular_momentum, change, atol=1e-4 * gain)
 
 
 @pytest.mark.parametrize("time", INSTANTS)
@@ -244,27 +188,3 @@ def test_a_state_that_is_no_number_gives_no_torque_and_is_told():
     assert output.status == UNSOLVED
     assert output.residual == np.inf
     assert (output.torque == 0.0).all()
-
-
-def test_dependent_rows_hold_the_last_command():
-    it, q, v, output = tick(0.3)
-    c, torque = it.workspace, output.torque.copy()
-    forces, acceleration = c.contact.forces.copy(), it.acceleration.copy()
-    c.motion.root_weight[:] = np.inf  # nothing moves: the task rows are zero
-    output = it.update(State(0.302, q, v), touch(0.3), reference(0.3, 1))
-    assert output.status == UNSOLVED
-    np.testing.assert_allclose(c.contact.forces, forces, rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(it.acceleration, acceleration)
-    np.testing.assert_allclose(output.torque, torque, atol=1e-6)
-
-
-def test_what_comes_from_outside_may_be_lists_other_types_or_views():
-    """A tick copies them into arrays of its own."""
-    _, q, v, _ = tick(0.3)
-    now, sensed = reference(0.3), touch(0.3)
-    lists = Touch(sensed.contact.astype(int).tolist(), sensed.normal_force.astype(np.float32), sensed.age)
-    expected = controller().update(State(0.3, q, v), sensed, now)
-    output = controller().update(State(0.3, q.tolist(), np.repeat(v, 2)[::2]), lists, now)
-    np.testing.assert_array_equal(output.torque, expected.torque)
-    with pytest.raises(ValueError, match="shape"):
-        controller().update(State(0.3, q[:-1], v), sensed, now)

@@ -1,6 +1,6 @@
 """Foot paths: derivatives, smoothness over key-frames, pivots that rest, soles over the floor."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
 from ampm.parameters import FootParameters
 from ampm.planner.contacts import Contacts, Footstep
-from ampm.planner.feet import BALL, HEEL, TIP, FootSample
+from ampm.planner.feet import FootSample
 from ampm.planner.stride import plan_feet, quintic
 from ampm.planner.support import plan_steps
 from ampm.presets import preset_names
@@ -48,19 +48,6 @@ def between_key_frames(plan, count=400, margin=2e-4):
     frames = np.concatenate([plan.feet.left.start, plan.feet.right.start])
     times = np.linspace(0.01, plan.duration - 0.01, count)
     return times[np.abs(times[:, None] - frames).min(axis=1) > margin]
-
-
-def point_motion(sample: FootSample, x: float):
-    """Position, velocity and acceleration of a point of the foot segment at ``x`` on its centre line."""
-    c, s = np.cos(sample.pitch), np.sin(sample.pitch)
-    zero = np.zeros_like(c)
-    arm, turned = x * np.stack([c, zero, -s], axis=1), x * np.stack([-s, zero, -c], axis=1)
-    rate, acceleration = sample.pitch_velocity[:, None], sample.pitch_acceleration[:, None]
-    return (
-        sample.position + arm,
-        sample.velocity + rate * turned,
-        sample.acceleration + acceleration * turned - rate**2 * arm,
-    )
 
 
 def same(one: FootSample, other: FootSample, names: str, tolerance: float):
@@ -108,18 +95,6 @@ def test_points_in_contact_rest_on_the_floor(plan):
         assert moved[same][contact[:-1][same]].max() < 1e-12
 
 
-def test_contact_groups_follow_the_schedule():
-    plan = planned(SCHEDULES["roll"])
-    single, double = plan.constants.single_support_duration, plan.constants.double_support_duration
-    left, right = plan.feet.sample([0.5 * single, single + 0.5 * double, single + 0.95 * double])
-    assert left.contact.tolist() == [[True] * 3, [False, True, True], [False, True, True]]
-    assert right.contact.tolist() == [[False] * 3, [True, False, False], [True] * 3]
-    assert (HEEL, BALL, TIP) == (0, 1, 2)
-    flat = planned(SCHEDULES["flat"]).feet
-    for foot in flat.sample([0.5 * single, single + 0.5 * double]):
-        assert (foot.contact.all(axis=1) | ~foot.contact.any(axis=1)).all()
-
-
 @pytest.mark.parametrize("name", preset_names())
 def test_soles_stay_over_the_floor(name):
     run = load_run(name, ["gait.steps=4"])
@@ -145,16 +120,6 @@ def test_feet_stand_on_their_placements_and_unequal_ones_need_no_other_code(sche
         assert foot.pitch[0] == foot.toe[0] == 0.0
 
 
-def test_swing_lag_holds_the_foot_back_at_mid_swing_only():
-    plain, late = (planned(FootParameters(swing_lag=lag)).feet for lag in (0.0, 0.1))
-    single = planned(FootParameters()).constants.single_support_duration
-    times = single * np.array([0.0, 0.5, 1.0])
-    shift = late.sample(times)[1].position - plain.sample(times)[1].position
-    np.testing.assert_allclose(
-        shift, -0.12 * np.outer([0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), rtol=0.0, atol=1e-12
-    )
-
-
 @given(
     values=st.lists(st.floats(-3, 3), min_size=6, max_size=6),
     durations=st.lists(st.floats(0.05, 3.0), min_size=2, max_size=2),
@@ -169,14 +134,6 @@ def test_quintics_meet_both_ends(values, durations):
         for time, wanted in ((0.0, start), (duration, end)):
             found = [polynomial.deriv(k)(time) if k else polynomial(time) for k in range(3)]
             np.testing.assert_allclose(found, wanted, atol=1e-11 * size)
-
-
-def test_samples_cannot_be_changed(plan):
-    sample = plan.feet.sample(0.1)[0]
-    for item in fields(sample):
-        assert not getattr(sample, item.name).flags.writeable
-    with pytest.raises(ValueError):
-        plan.feet.left.curve[0] = 0.0
 
 
 def test_what_has_no_feet_is_refused():
@@ -227,11 +184,3 @@ def test_no_instant_undercuts_the_least_margin(plan):
     assert np.isfinite(plan.least_zmp_margin(0.0)[0])
     with pytest.raises(InputError, match="outside"):
         plan.least_zmp_margin(plan.duration + 1.0)
-
-
-def test_contact_alone_is_that_of_the_samples():
-    plan = planned(SCHEDULES["roll"])
-    times = np.sort(np.r_[np.linspace(0.0, plan.duration, 500), plan.feet.left.start, plan.feet.right.start])
-    times = times[(times >= 0.0) & (times <= plan.duration)]
-    for foot, sample in enumerate(plan.feet.sample(times)):
-        np.testing.assert_array_equal(plan.feet.contact(times)[:, foot], sample.contact)

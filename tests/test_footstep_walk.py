@@ -185,40 +185,43 @@ def test_a_refusal_after_a_stand_names_the_footstep_of_the_list(number, change, 
         plan_footstep_walk(RUN.replace({}, footsteps=rows), BODY)
 
 
-def test_a_walk_stops_and_goes_on():
-    run = ampm.load_run("normal", simulation={"time_step": 0.002})
-    rows = routes.as_rows(*stop_and_go(3, 0.5, run))
-    trial = val.walk(run.replace({}, footsteps=rows))
-    assert_follows(trial, 1e-3)
-    assert trial.verdict.passed
-
-
 def row(**keys):
     return ampm.load_run("normal", footsteps=[{"foot": "left", "x": 0.0, **keys}])
 
 
 NONE: list[Any] = [
-    5, {"foot": "left"}, Footstep("left", (0.0, 0.1)), Footstep("left", (0.0, "a", 0.0)), np.zeros(3),  # type: ignore[arg-type]
-]  # fmt: skip
+    5,
+    {"foot": "left"},
+    Footstep("left", (0.0, 0.1)),
+    Footstep("left", (0.0, "a", 0.0)),
+    np.zeros(3),  # type: ignore[arg-type]
+]
 
 
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        *((lambda lead=lead: plan(WALKS["straight"], RUN.replace({"foot.heel_rise_lead": lead})),
-           "lets the heel rise before the foot stands alone, or after") for lead in (0.9, -0.9)),
+        *(
+            (
+                lambda lead=lead: plan(WALKS["straight"], RUN.replace({"foot.heel_rise_lead": lead})),
+                "lets the heel rise before the foot stands alone, or after",
+            )
+            for lead in (0.9, -0.9)
+        ),
         (lambda: row(foot="lefty", y=0.0), r"footsteps.* = 'lefty' must be 'left' or 'right'"),
         (lambda: row(), r"footsteps\.y is missing"),
         (lambda: row(x="a", y=0.0), r"footsteps\.x = 'a' must be a number"),
         (lambda: row(y=0.0, height=1.0), "unknown key"),
-        *((lambda step=step: routes.as_rows([step]), r"footstep 1, .* is none; give ampm\.Footstep")
-          for step in NONE),
+        *(
+            (lambda step=step: routes.as_rows([step]), r"footstep 1, .* is none; give ampm\.Footstep")
+            for step in NONE
+        ),
         *((lambda step=step: live().changed(1.0, [step, step]), r"footstep 1, .* is none") for step in NONE),
         (lambda: val.walk(RUN, footsteps=[]), "footsteps holds none"),
         (lambda: routes.straight(0, 0.4, WIDTH), "no steps"),
         (lambda: routes.arc(4, 0.3, 0.0, WIDTH), "a radius other than 0 m"),
     ],
-)  # fmt: skip
+)
 def test_what_are_no_footsteps_or_no_swings_is_refused(wrong, words):
     with pytest.raises(InputError, match=words):
         wrong()
@@ -345,14 +348,6 @@ def test_a_stop_continues_the_walk_bit_for_bit_and_smoothly(name, share):
     new = walk.changed(at, None).steps
     assert new.contacts.steps == (4 if share < 0.75 else 5)
     assert_continues(walk.steps, new, at)
-
-
-def test_a_stop_in_the_last_swing_changes_nothing_and_one_with_momentum_ends_without_any():
-    walk = live("arc")
-    assert walk.changed(walk.steps.contacts.phases[-2].start + 0.1, None) is walk
-    walk = live("stones", ampm.load_run("momentum", gait={"a_s": 3.0}))
-    at = walk.steps.contacts.phases[7].start + 0.2
-    assert_continues(walk.steps, walk.changed(at, None).steps, at)
 
 
 def onward(walk, at, length):

@@ -153,12 +153,6 @@ def test_a_walk_stands_on_a_platform_and_goes_on():
     np.testing.assert_allclose(walk.sample(walk.duration).com[:, 2], run.gait.com_height, atol=1e-12)
 
 
-def test_the_level_walk_is_the_same_without_heights():
-    level = routes.straight(8, 0.4, WIDTH)
-    assert routes.platform(8, 0.4, WIDTH, 0.0) == level
-    assert all(phase.z is None for phase in plan(level).phases)
-
-
 @pytest.mark.parametrize(
     ("footsteps", "words"),
     [

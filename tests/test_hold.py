@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from ampm.compiled import records
-from ampm.control.controller import TrackingController
 from ampm.control.hold import LARGEST_CHANGE, update_rate
 from ampm.control.workspace import LINE, Joints
 from ampm.run_file import load_run
-from ampm.walk import ControlOutput, Touch
-from validation.judge.metrics import METRICS
+from ampm.walk import ControlOutput
 from validation.run.walk import walk
 
 LIMIT = np.array([100.0, 50.0])
@@ -118,63 +116,3 @@ def test_between_ticks_a_slope_halves_the_error():
     assert (np.array(errors(carried_on)) < 0.6 * np.array(errors(held))).all()
     one = [walk(short(0.002, 2, hold=hold)).record.q[300] for hold in ("zero-order", "first-order")]
     np.testing.assert_array_equal(one[0], one[1])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("gait", "largest"), [("normal", 0.01), ("momentum", 0.002)])
-def test_half_the_step_changes_errors_by_a_tenth_and_the_largest_by_its_instants_alone(gait, largest):
-    """Errors grow until the next tick, so the finer step, whose last instant is later, finds larger ones."""
-    coarse, fine = (walk(short(step, 6, gait)) for step in (0.0005, 0.00025))
-    means = [it for it in METRICS.values() if it.tolerances and it.kind == "walk" and it.nature == "mean"]
-    before, after = ([trial.metrics[it.name].value for it in means] for trial in (coarse, fine))
-    np.testing.assert_allclose(before, after, rtol=0.1)
-    found = []
-    for trial, every in ((coarse, 1), (fine, 2)):
-        error = (trial.comparison.measured.zmp - trial.comparison.sample.zmp)[::every, 0]
-        found.append(np.abs(error[trial.comparison.inside[::every]]).max())
-    assert found[0] == pytest.approx(found[1], rel=largest)
-
-
-def poor(delay, noise):
-    """A controller whose soles feel their force late, and not exactly."""
-
-    class PoorSoles(TrackingController):
-        def __init__(self, robot, run):
-            super().__init__(robot, run)
-            self.kept, self.rng = [], np.random.default_rng(1)
-
-        def update(self, state, touch, reference):
-            self.kept.append(
-                touch._replace(contact=touch.contact.copy(), normal_force=touch.normal_force.copy())
-            )
-            old = self.kept[max(0, len(self.kept) - 1 - delay)]
-            force = old.normal_force + noise * self.rng.normal(size=12) * (old.normal_force > 0.0)
-            age = touch.age + delay * PERIOD
-            return super().update(state, Touch(old.contact, np.maximum(force, 0.0), age), reference)
-
-    return PoorSoles
-
-
-@pytest.mark.parametrize("gait", ["normal", "roll-0.4"])
-def test_late_and_noisy_soles_cost_little(gait):
-    trial = walk(short(0.0005, gait=gait), controller=poor(1, 3.0))
-    assert trial.verdict.passed, trial.verdict.reason
-    assert errors(trial)[0] < 1.3
-
-
-def test_friction_is_shared_by_load_and_nothing_slides_under_load():
-    trial = walk(short(0.0005))
-    assert trial.metrics["margin_friction"].value < 0.3
-    trial = walk(short(0.0005, gait="momentum"))
-    assert trial.metrics["margin_sliding_weight"].value < 0.3
-
-
-def test_the_front_foot_brakes():
-    """In double support: no push forwards at the foot that has landed, on average over the phase."""
-    trial = walk(short(0.002))
-    record = trial.record
-    force = record.point_force.reshape(record.steps, 2, 6, 3).sum(axis=2)
-    stance = trial.plan.sample(record.time[:-1]).stance
-    double = np.flatnonzero(stance == 2)
-    front = record.foot_position[double, :, 0].argmax(axis=1)
-    assert force[double, front, 0].mean() < 0.0

@@ -34,16 +34,6 @@ def same(one: WholeBodyMotion | None, other: WholeBodyMotion) -> bool:
     return one is not None and [*values(one)] == [*values(other)]
 
 
-def test_first_step_is_the_solved_one(motion, robot):
-    sample = motion.sample(motion.time[:-1], robot)
-    np.testing.assert_allclose(sample.q, motion.q[:-1], rtol=0.0, atol=1e-14)
-    np.testing.assert_allclose(sample.v, motion.v[:-1], rtol=0.0, atol=1e-14)
-    np.testing.assert_allclose(sample.acceleration, motion.acceleration[:-1], rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(
-        sample.angular_momentum_z, motion.angular_momentum_z[:-1], rtol=0.0, atol=1e-14
-    )
-
-
 def test_every_next_step_is_the_mirror_image_moved_on(motion, robot):
     times = np.linspace(0.0, motion.step_duration, 50, endpoint=False)
     first = motion.sample(times, robot)
@@ -84,15 +74,6 @@ def test_nothing_can_be_changed(motion, robot):
     frozen = replace(motion, q=whole[:])  # no view leads around the freeze
     whole[0, 0] += 1.0
     assert frozen.q.tobytes() == motion.q.tobytes()
-
-
-def test_table_has_a_column_for_every_number(motion, robot):
-    table = motion.table()
-    assert {len(column) for column in table.values()} == {len(motion.time)}
-    assert len(table) == 1 + 7 + 6 + 3 * robot.nu + 2
-    name = robot.joint_names[3]
-    np.testing.assert_array_equal(table[f"q_{name}"], motion.q[:, 10])
-    np.testing.assert_array_equal(table[f"qdd_{name}"], motion.acceleration[:, 9])
 
 
 def test_plan_writes_one_step_of_every_joint(ampm, tmp_path):

@@ -1,19 +1,15 @@
 """The periodic step: does it return, its constant of L_y, how unstable it is, what when there is none."""
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.body import feasibility, orbit, return_map
+from ampm.body import orbit, return_map
 from ampm.body.inverse_kinematics import Unreachable
 from ampm.body.orbit import solve_motion
 from ampm.body.step_reference import step_reference
 from ampm.exceptions import BodilyRefusal, InputError
 from tests.solved import COARSE, motion_of, walk_of
-from tests.test_motion import same
 
 GAITS = {
     "plain": (COARSE,),
@@ -106,16 +102,6 @@ def test_report_is_about_this_motion(settings):
         assert named[least.where][motion.time == least.time] == least.value
 
 
-def test_constant_of_l_y_is_not_zero_and_depends_on_l_z_and_lean():
-    free, held, leaning = (motion_of(*GAITS[name]) for name in ("plain", "no yaw", "lean"))
-    assert np.abs(held.angular_momentum_z).max() < 1e-9
-    assert np.abs(free.angular_momentum_z).max() > 0.1
-    constant = free.report.angular_momentum_y_offset
-    assert held.report.angular_momentum_y_offset != constant
-    assert constant - 0.05 < leaning.report.angular_momentum_y_offset < constant
-    assert 0.15 < constant < 1.0
-
-
 # ---------------------------------------------------------------------- the grid
 
 
@@ -181,18 +167,6 @@ def test_search_goes_by_way_of_a_lower_com(monkeypatch):
     assert motion.report.angular_momentum_y_offset == pytest.approx(offset, abs=1e-7)
 
 
-def test_a_residual_that_is_no_number_is_no_orbit():
-    step_map: Any = SimpleNamespace(
-        n=3,
-        ik=SimpleNamespace(robot=SimpleNamespace(nv=1)),
-        step=lambda z: z,
-        residual=lambda z, moved: np.full(3, np.nan),
-        size=lambda value: float(np.abs(value).max()),
-    )
-    with pytest.raises((Unreachable, np.linalg.LinAlgError)):
-        return_map.newton(step_map, np.zeros(3), 1e-9)
-
-
 def test_out_of_reach_names_the_instant_and_a_height_that_works():
     with pytest.raises(BodilyRefusal, match=r"(left|right)") as caught:
         solve(COARSE, "gait.com_height=0.94")
@@ -220,12 +194,6 @@ def test_gains_too_stiff_for_the_grid_are_told():
         solve(COARSE, "body.posture_stiffness=1e5")
 
 
-def test_stiff_gains_search_on_a_finer_grid():
-    stiff = ("body.posture_stiffness=4e4", "body.posture_damping=390", "solver.ik_time_step=0.002")
-    offset = solve(*stiff).report.angular_momentum_y_offset
-    assert offset == pytest.approx(motion_of(COARSE).report.angular_momentum_y_offset, abs=5e-3)
-
-
 def test_joints_beyond_their_limits_are_refused():
     """A low COM asks more of the ankle than it can bend."""
     with pytest.raises(BodilyRefusal, match="ankle") as caught:
@@ -233,14 +201,3 @@ def test_joints_beyond_their_limits_are_refused():
     assert caught.value.reason == "joint_limits"
     assert caught.value.value < 0.0
     assert "raise gait.com_height" in caught.value.way_out
-
-
-def test_the_same_inputs_give_the_same_bits():
-    assert same(solve(COARSE), motion_of(COARSE))
-    assert same(solve(COARSE, "gait.steps=9"), motion_of(COARSE))  # one step is one step
-
-
-def test_a_straight_knee_is_refused(monkeypatch):
-    monkeypatch.setattr(feasibility, "KNEE_MINIMUM", 3.0)
-    with pytest.raises(BodilyRefusal, match="knee straightens"):
-        solve(COARSE)

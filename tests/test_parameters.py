@@ -29,24 +29,6 @@ def test_presets_are_what_they_are_called():
     assert flat.foot.schedule == "flat"
 
 
-def test_the_demos_of_one_figure_differ_in_one_parameter():
-    normal = load_run("normal")
-    for c_y in (0.1, 0.4, 0.7, 1.0):
-        lead = {"controller.touchdown_lead": 0.004} if c_y == 0.4 else {}  # the plan is the same without it
-        assert load_run(f"roll-{c_y}") == normal.replace({"gait.c_y": c_y, **lead})
-    pitch, low = load_run("pitch").gait, load_run("pitch-low").gait
-    assert pitch.c_s >= 1.5
-    assert low.c_s <= 0.5
-    assert min(pitch.step_length, low.step_length) > normal.gait.step_length
-    assert pitch.c_y == low.c_y == 1.0
-    ipm = load_run("ipm")
-    assert ipm.gait == normal.replace({"gait.planner": "lipm"}).gait
-    for section in ("body", "foot", "contact", "simulation", "solver"):
-        assert getattr(ipm, section) == getattr(normal, section)
-    changed = {k for k, v in ipm.controller if v != getattr(normal.controller, k)}
-    assert all(key.startswith(("contact_", "landing_", "touchdown_", "roll_down_")) for key in changed)
-
-
 @given(
     com_height=st.floats(1e-6, 100.0, exclude_min=True),
     c_s=st.floats(-100, 100),
@@ -63,21 +45,6 @@ def test_a_file_gives_back_the_same_bits(tmp_path_factory, com_height, c_s, a_s,
     again = read_back(run, tmp_path_factory.mktemp("run") / "run.toml")
     assert again == run
     assert again.gait.c_s.hex() == run.gait.c_s.hex()
-
-
-def test_overrides_come_last_and_take_toml_or_plain_values():
-    run = load_run(
-        "momentum", ["gait.c_s=1.4", "foot.schedule=flat", "gait.steps=7", 'solver.qp="daqp"', "gait.c_y=.5"]
-    )
-    assert (run.gait.c_s, run.gait.steps, run.gait.c_y) == (1.4, 7, 0.5)
-    assert (run.foot.schedule, run.solver.qp) == ("flat", "daqp")
-
-
-def test_a_partial_file_leaves_the_rest_at_its_default(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text("[gait]\nstep_length = 0.5\n", encoding="utf-8")
-    assert load_run(path) == RunParameters(gait=GaitParameters(step_length=0.5))
-    assert load_run(str(path), ["body.mass=70"]).body.mass == 70.0
 
 
 def test_files_that_a_file_names_are_beside_it(tmp_path):

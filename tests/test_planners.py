@@ -1,17 +1,14 @@
 """Planners and postures: the periodic one, and one of a user's own, walked."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.body.motion import PeriodicPosture
 from ampm.exceptions import InputError
-from ampm.planners import PeriodicPlanner, TablePlanner
-from tests.solved import COARSE, motion_of, walk_of
+from tests.solved import COARSE, walk_of
 from tests.test_disturbances import example
-from tests.test_motion import same
 from validation.run.walk import walk_planned
 from validation.study.sweep.design import parse_sweep
 from validation.trial.plan import Request, load_request, plan_walk
@@ -25,16 +22,6 @@ def inputs():
     return walk_of(COARSE).run, walk_of(COARSE).robot
 
 
-def test_the_periodic_walk_is_the_plan_with_its_motion(inputs):
-    plan, motion = PeriodicPlanner().plan(*inputs), motion_of(COARSE)
-    assert isinstance(plan.posture, PeriodicPosture)
-    assert same(plan.posture.motion, motion)
-    assert plan.constants.angular_momentum_y_offset == motion.report.angular_momentum_y_offset
-    assert plan.posture.report() == asdict(motion.report)
-    body = plan.posture.sample([0.1, 0.9])
-    assert body.q.tobytes() == motion.sample([0.1, 0.9], inputs[1]).q.tobytes()
-
-
 def test_a_constant_posture_begins_on_the_plan(inputs):
     plan, robot = UprightWalk().plan(*inputs), inputs[1]
     begin = plan.posture.sample([0.0]).q[0]
@@ -45,11 +32,6 @@ def test_a_constant_posture_begins_on_the_plan(inputs):
     np.testing.assert_allclose(
         momentum.linear / robot.mass, plan.sample(0.0).com_velocity[0], rtol=0.0, atol=1e-9
     )
-
-
-def test_a_table_planner_takes_columns():
-    with pytest.raises(InputError, match="columns, not a file"):
-        TablePlanner("plan.csv")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -26,16 +26,6 @@ def state(robot, seed):
     return q, rng.normal(size=robot.nv)
 
 
-def test_groups_of_joints_cover_every_hinge_once(robot):
-    groups = [*robot.leg_joints, robot.trunk_joints, robot.arm_joints]
-    assert sorted(np.concatenate(groups)) == list(range(6, robot.nv))
-    assert len(robot.joint_names) == robot.nu == 34
-    assert (robot.upper > robot.lower).all()
-    assert (robot.torque_limit > 0.0).all()
-    assert robot.mass == pytest.approx(60.0)
-    assert robot.gravity == pytest.approx(9.81)
-
-
 @pytest.mark.parametrize("seed", SEEDS)
 def test_mirrored_momentum_is_the_momentum_mirrored(robot, seed):
     """Linear momentum is a vector, angular momentum an axial one; the feet change places."""

@@ -38,23 +38,6 @@ def inside(plan, count=401):
 
 @pytest.mark.parametrize("planner", ["ipm", "preview", "dcm"])
 @pytest.mark.parametrize("name", GAITS)
-def test_every_planner_walks_the_same_footsteps_at_the_same_times(name, planner):
-    own, plan = plans(name, planner)
-    for a, b in zip(own.contacts.phases, plan.contacts.phases, strict=True):
-        assert b.start == pytest.approx(a.start, abs=1e-12)
-        assert b.duration == pytest.approx(a.duration, abs=1e-12)
-        for one, other in ((a.left, b.left), (a.right, b.right)):
-            assert (one is None) == (other is None)
-            assert one is None or one.position == pytest.approx(other.position, abs=1e-12)
-    times = inside(own, 31)
-    for mine, others in zip(own.feet.sample(times), plan.feet.sample(times), strict=True):
-        np.testing.assert_allclose(others.position, mine.position, rtol=0.0, atol=1e-9)
-        np.testing.assert_allclose(others.pitch, mine.pitch, rtol=0.0, atol=1e-9)
-    assert plan.constants.mean_velocity == pytest.approx(own.constants.mean_velocity, abs=1e-12)
-
-
-@pytest.mark.parametrize("planner", ["ipm", "preview", "dcm"])
-@pytest.mark.parametrize("name", GAITS)
 def test_the_cart_table(name, planner):
     _, plan = plans(name, planner)
     times = inside(plan)

@@ -26,13 +26,6 @@ class Feedback:
         return np.array(fed_back_tilt(self.gains, tilt, trunk, window, self.memory))
 
 
-def test_without_a_window_the_tilt_is_that_of_the_instant():
-    feedback = Feedback()
-    for tilt in ((0.1, -0.2, 0.3), (0.0, 0.05, 0.0)):
-        np.testing.assert_array_equal(feedback(tilt, 0.0), tilt)
-    assert not any(array.any() for array in feedback.memory)
-
-
 def test_a_swing_of_one_period_is_no_tilt_and_its_mean_is():
     feedback, window = Feedback(integral=0.0), 0.8
     ticks = round(3 * window * FREQUENCY)
@@ -66,9 +59,3 @@ def test_a_turning_body_is_averaged_in_its_own_axes():
         other = turning((c * tilt[0] - s * tilt[1], s * tilt[0] + c * tilt[1], 0.0), 0.6, heading)
     back = c * other[0] + s * other[1], c * other[1] - s * other[0]
     np.testing.assert_allclose(back, one[:2], rtol=0.0, atol=1e-14)
-
-
-def test_a_window_beyond_the_memory_is_cut():
-    feedback = Feedback()
-    feedback((0.1, 0.0, 0.0), 10.0 * LONGEST)
-    assert feedback.memory.longest == len(feedback.memory.past)

@@ -49,29 +49,69 @@ def test_followed_torques_ranges_and_distances_are_those_of_the_walk(footsteps: 
 @pytest.mark.parametrize(
     ("source", "footsteps", "reason", "words"),
     [
-        ("g1", routes.straight(6, 0.33, 0.19), "torque_limits",
-         r"footstep \d: at \S+ s \w+ is too weak: .* mean of 60 ms"),
-        ("g1", routes.straight(4, 0.2, 0.3), "joint_limits",
-         r"for 150 ms \w+ankle_roll_joint would be 0\.0\d+ rad"),
-        ("talos", routes.straight(6, 0.36, 0.19), "speed_limits",
-         r"footstep 4: .* leg_left_3_joint would turn too fast: its rate is 6\.\d+ "),
-        ("suite-humanoid", routes.straight(4, 0.25, 0.2), "torque_limits",
-         r"footstep 3: .* left_hip_x is too weak.*gait\.c_y"),
-        ("g1", routes.arc(4, 0.297, 0.81, 0.162), "torque_limits",  # falls in the second step
-         r"footstep \d: .* waist_pitch_joint would lack 0\.02\d s of"),
-        ("g1", routes.turn(4, -2.356, 0.248, toe_out=0.03), "arm_collision",  # when walked, by 23 mm
-         r"wrist yaw link come too close: .*; shorten or narrow"),
-        ("human", routes.straight(6, 0.72, 0.2), "leg_too_short",
-         r"footstep \d: at \S+ s the \w+ knee would bend .* is 0\.1\d* s"),
-        ("human", [*routes.straight(4, 0.4, 0.2)[:-1], Footstep("left", (1.2, 1.3, 0.0))], "leg_too_short",
-         r"footstep 6: at \S+ s the \w+ leg does not reach"),
+        (
+            "g1",
+            routes.straight(6, 0.33, 0.19),
+            "torque_limits",
+            r"footstep \d: at \S+ s \w+ is too weak: .* mean of 60 ms",
+        ),
+        (
+            "g1",
+            routes.straight(4, 0.2, 0.3),
+            "joint_limits",
+            r"for 150 ms \w+ankle_roll_joint would be 0\.0\d+ rad",
+        ),
+        (
+            "talos",
+            routes.straight(6, 0.36, 0.19),
+            "speed_limits",
+            r"footstep 4: .* leg_left_3_joint would turn too fast: its rate is 6\.\d+ ",
+        ),
+        (
+            "suite-humanoid",
+            routes.straight(4, 0.25, 0.2),
+            "torque_limits",
+            r"footstep 3: .* left_hip_x is too weak.*gait\.c_y",
+        ),
+        (
+            "g1",
+            routes.arc(4, 0.297, 0.81, 0.162),
+            "torque_limits",  # falls in the second step
+            r"footstep \d: .* waist_pitch_joint would lack 0\.02\d s of",
+        ),
+        (
+            "g1",
+            routes.turn(4, -2.356, 0.248, toe_out=0.03),
+            "arm_collision",  # when walked, by 23 mm
+            r"wrist yaw link come too close: .*; shorten or narrow",
+        ),
+        (
+            "human",
+            routes.straight(6, 0.72, 0.2),
+            "leg_too_short",
+            r"footstep \d: at \S+ s the \w+ knee would bend .* is 0\.1\d* s",
+        ),
+        (
+            "human",
+            [*routes.straight(4, 0.4, 0.2)[:-1], Footstep("left", (1.2, 1.3, 0.0))],
+            "leg_too_short",
+            r"footstep 6: at \S+ s the \w+ leg does not reach",
+        ),
         ("human", routes.platform(8, 0.4, 0.2, 0.4), "leg_too_short", r"footstep \d: at \S+ s the \w+ "),
-        ("human", routes.arc(6, 0.4, 1.0, 0.18, toe_out=0.0), "self_collision",
-         r"footstep \d: .* come too close.* turn the toes out"),
-        ("human", routes.straight(4, -0.6, 0.2), "joint_limits",
-         r"footstep 3: .* right_ankle_pitch would pass its range.* is 0\.06\d* rad"),
+        (
+            "human",
+            routes.arc(6, 0.4, 1.0, 0.18, toe_out=0.0),
+            "self_collision",
+            r"footstep \d: .* come too close.* turn the toes out",
+        ),
+        (
+            "human",
+            routes.straight(4, -0.6, 0.2),
+            "joint_limits",
+            r"footstep 3: .* right_ankle_pitch would pass its range.* is 0\.06\d* rad",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_falls_is_too_fast_or_meets_itself_is_refused(
     source: str, footsteps: list[Footstep], reason: str, words: str
 ) -> None:

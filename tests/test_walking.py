@@ -19,14 +19,24 @@ AGREEMENT = 0.5
 """Largest RMSE of the two measured ZMPs against each other [mm]."""
 
 NORMAL = {
-    "zmp_x": (2.0, 15.0), "zmp_y": (1.0, 8.0), "force_x": (0.6, inf), "force_y": (0.4, inf),
-    "force_z": (0.7, inf), "angular_momentum_x": (0.1, inf), "angular_momentum_y": (0.1, inf),
-}  # fmt: skip
+    "zmp_x": (2.0, 15.0),
+    "zmp_y": (1.0, 8.0),
+    "force_x": (0.6, inf),
+    "force_y": (0.4, inf),
+    "force_z": (0.7, inf),
+    "angular_momentum_x": (0.1, inf),
+    "angular_momentum_y": (0.1, inf),
+}
 """Largest RMSE and largest error: ZMP [mm], force [% of body weight], momentum, constant included [N m s]."""
 MOMENTUM = {
-    "zmp_x": (2.5, 40.0), "zmp_y": (1.5, 20.0), "force_x": (0.8, inf), "force_y": (0.6, inf),
-    "force_z": (1.0, inf), "angular_momentum_x": (0.15, inf), "angular_momentum_y": (0.15, inf),
-}  # fmt: skip
+    "zmp_x": (2.5, 40.0),
+    "zmp_y": (1.5, 20.0),
+    "force_x": (0.8, inf),
+    "force_y": (0.6, inf),
+    "force_z": (1.0, inf),
+    "angular_momentum_x": (0.15, inf),
+    "angular_momentum_y": (0.15, inf),
+}
 
 PRESETS = [("normal", None, NORMAL, 1.0), ("momentum", None, MOMENTUM, 1.0), ("flat", None, MOMENTUM, 1.0)]
 

@@ -38,9 +38,10 @@ OVERSHOOT = 1.05
 SOLE_SHARE = 0.8
 """Share of the sole that counts for what the ankle can do until the next switch [1]."""
 
-_NODES, _WEIGHTS = (0.5 * (values + shift) for values, shift in zip(
-    np.polynomial.legendre.leggauss(8), (1.0, 0.0), strict=True
-))  # fmt: skip
+_NODES, _WEIGHTS = (
+    0.5 * (values + shift)
+    for values, shift in zip(np.polynomial.legendre.leggauss(8), (1.0, 0.0), strict=True)
+)
 """Gauss's nodes and weights on 0 ... 1."""
 
 
