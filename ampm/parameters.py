@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from ampm.brief import text_of
 from ampm.controller_parameters import ControllerParameters
 from ampm.exceptions import InputError
 from ampm.physics_parameters import (
@@ -29,7 +28,6 @@ from ampm.section import (
     Whole,
     options_of,
     parameter,
-    unit_of,
     unknown,
     whole,
 )
@@ -285,23 +283,7 @@ class RunParameters(Section):
             yield "footsteps", f"[{len(self.footsteps)}]"
 
     def __str__(self) -> str:
-        """Steps, planner, body, controller, and what differs from the defaults."""
-        rows = [
-            (key, str(value), unit, f"(default {default})") for key, value, unit, default in self._changes()
-        ]
-        way = f"over {len(self.footsteps)} footsteps" if self.footsteps else f"of {self.gait.steps} steps"
-        names = f"planner {self.gait.planner}, body {self.body.source}, controller {self.controller.name}"
-        return text_of(f"run {way}: {names}", rows or [("all values are the defaults",)])
-
-    def _changes(self) -> Iterator[tuple[str, Any, str, Any]]:
-        """Key, value, unit and default of every value that differs from its default."""
-        for key in (*keys(), *OPTION_TABLES):
-            section, _, name = key.partition(".")
-            field, value = SECTIONS[section].model_fields[name], self.value(key)
-            default = field.get_default(call_default_factory=True)
-            if value != default:
-                unit = unit_of(field)
-                yield key, value, "" if unit == "1" else unit, default
+        return repr(self)
 
     def value(self, key: str) -> Any:
         """Value of a namespaced key.
