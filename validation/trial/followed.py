@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +14,7 @@ from ampm.planner.centroidal import PlanSample
 from ampm.stepping.planned import PlannedTick
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
@@ -61,65 +63,57 @@ class Followed:
     def numbers(self, times: Array) -> NDArray[np.int32]:
         """Number of the plan then valid, 0 the first one, :data:`STEPPING` the stabiliser's; shape (N,)."""
         number = np.searchsorted(self.since, times + _SAME, side="right") - 1
-        return np.where(self._own(times) >= 0, STEPPING, number).astype(np.int32)
+        if self.stepped:
+            ticks = self._rows.time
+            row = self._tick_of(times)
+            number[(row >= 0) & (times + _SAME < ticks[row] + self.tick)] = STEPPING
+        return number.astype(np.int32)
 
     def sample(self, times: Array) -> PlanSample:
         """The plan then valid at ascending times, shape (N,) [s]; a plan that has ended stays at its end."""
-        parts = [plan.sample(np.minimum(part, plan.duration)) for plan, part in self._parts(times)]
+        parts = [
+            self._sample_stepped(part) if plan is None else plan.sample(np.minimum(part, plan.duration))
+            for plan, part in self._parts(times)
+        ]
         if not self.moved:
             return parts[0]
         columns = {
             item.name: np.concatenate([getattr(part, item.name) for part in parts])
             for item in fields(PlanSample)
         }
-        columns["time"] = times.copy()
-        if self.stepped:
-            own = self._own(times)
-            rows = own >= 0
-            for name, values in self._stepped(times[rows], own[rows]).items():
-                columns[name][rows] = values
-        return PlanSample(**columns)
+        return PlanSample(**{**columns, "time": times.copy()})
 
     def feet(self, times: Array) -> Array:
         """Reference points of both soles, left first, shape (N, 6) [m]."""
-
-        def both(plan: WalkPlan, part: Array) -> Array:
-            return np.hstack([foot.position for foot in plan.feet.sample(np.minimum(part, plan.duration))])
-
-        places = self._by_parts(times, both)
-        own = self._own(times)
-        rows = own >= 0
-        if rows.any():
-            places[rows] = self._between(times[rows], own[rows]).feet.reshape(-1, 6)
-        return places
+        return self._values(
+            times,
+            lambda plan, part: np.hstack([foot.position for foot in plan.feet.sample(part)]),
+            lambda stepped: stepped.feet.reshape(-1, 6),
+        )
 
     def headings(self, times: Array) -> Array:
         """Yaw of both feet, left first; off the plan that of the standing foot, shape (N, 2) [rad]."""
-
-        def both(plan: WalkPlan, part: Array) -> Array:
-            feet = plan.feet.sample(np.minimum(part, plan.duration))
-            return np.column_stack([foot.heading for foot in feet])
-
-        headings = self._by_parts(times, both)
-        own = self._own(times)
-        rows = own >= 0
-        if rows.any():
-            headings[rows] = self._between(times[rows], own[rows]).heading[:, None]
-        return headings
+        return self._values(
+            times,
+            lambda plan, part: np.column_stack([foot.heading for foot in plan.feet.sample(part)]),
+            lambda stepped: np.column_stack([stepped.heading, stepped.heading]),
+        )
 
     def momentum_z(self, times: Array) -> Array:
         """L_z of the planned posture, shape (N,) [N m s]."""
-        momentum = self._by_parts(times, lambda plan, part: plan.posture.sample(part).angular_momentum_z)
-        own = self._own(times)
-        rows = own >= 0
-        if rows.any():
-            momentum[rows] = self._between(times[rows], own[rows]).angular_momentum[:, 2]
-        return momentum
+        return self._values(
+            times,
+            lambda plan, part: plan.posture.sample(part).angular_momentum_z,
+            lambda stepped: stepped.angular_momentum[:, 2],
+        )
 
     def zmp_margin(self, times: Array) -> Array:
         """See :meth:`StepPlan.zmp_margin`; NaN where the stabiliser steps, whose support is not planned."""
-        margin = self._by_parts(times, lambda plan, part: plan.zmp_margin(np.minimum(part, plan.duration)))
-        return margin if not self.stepped else np.where(self._own(times) >= 0, np.nan, margin)
+        return self._values(
+            times,
+            lambda plan, part: plan.zmp_margin(part),
+            lambda stepped: np.full(len(stepped.time), np.nan),
+        )
 
     def least_zmp_margin(self, times: Array) -> tuple[float, float]:
         """Least of :meth:`zmp_margin` and its time; of a plan that moved at these times, shape (N,) [s]."""
@@ -132,19 +126,27 @@ class Followed:
         worst = int(np.nanargmin(margin))
         return float(margin[worst]), float(times[worst])
 
-    def _parts(self, times: Array) -> list[tuple[WalkPlan, Array]]:
-        """Every plan with the times at which it was valid."""
-        starts = [0, *np.searchsorted(times + _SAME, self.since[1:]), len(times)]
-        parts = zip(self.plans, starts[:-1], starts[1:], strict=True)
-        return [(plan, times[start:end]) for plan, start, end in parts if end > start or not len(times)]
+    def _parts(self, times: Array, most: int = sys.maxsize) -> Iterator[tuple[WalkPlan | None, Array]]:
+        """Stretches of one plan, None where the stabiliser steps, and their times, ``most`` at once."""
+        number = self.numbers(times)
+        changes = np.flatnonzero(np.diff(number)) + 1
+        starts = {0, *changes.tolist(), *range(0, len(times), most)}
+        for start, end in pairwise([*sorted(starts), len(times)]):
+            valid = int(number[start]) if end > start else 0
+            yield None if valid == STEPPING else self.plans[valid], times[start:end]
 
-    def _by_parts(self, times: Array, values: Callable[[WalkPlan, Array], Array]) -> Array:
-        """Values of the plan then valid, some instants at a time, to bound the memory."""
-        found = []
-        for plan, part in self._parts(times):
-            for start in range(0, max(len(part), 1), _BLOCK):
-                found.append(values(plan, part[start : start + _BLOCK]))
-        return np.concatenate(found)
+    def _values(
+        self,
+        times: Array,
+        planned: Callable[[WalkPlan, Array], Array],
+        stepped: Callable[[PlannedTick], Array],
+    ) -> Array:
+        """Values of the plan then valid, or of the stabiliser's ticks; a plan that has ended stays there."""
+        values = [
+            stepped(self._between(part)) if plan is None else planned(plan, np.minimum(part, plan.duration))
+            for plan, part in self._parts(times, _BLOCK)
+        ]
+        return np.concatenate(values)
 
     # ------------------------------------------------------------------ the stabiliser that steps
 
@@ -153,18 +155,13 @@ class Followed:
         """All its ticks as arrays."""
         return PlannedTick(*(np.array(column) for column in zip(*self.stepped, strict=True)))
 
-    def _own(self, times: Array) -> NDArray[np.intp]:
-        """Its tick in which every instant lies, -1 for none, shape (N,)."""
-        if not self.stepped:
-            return np.full(len(times), -1)
-        ticks = self._rows.time
-        row = np.searchsorted(ticks, times + _SAME, side="right") - 1
-        within = (row >= 0) & (times + _SAME < ticks[row] + self.tick)
-        return np.where(within, row, -1)
+    def _tick_of(self, times: Array) -> NDArray[np.intp]:
+        """Its last tick up to every instant, -1 before the first one, shape (N,)."""
+        return np.searchsorted(self._rows.time, times + _SAME, side="right") - 1
 
-    def _between(self, times: Array, row: NDArray[np.intp]) -> PlannedTick:
+    def _between(self, times: Array) -> PlannedTick:
         """Its plan at instants within its ticks: on straight lines to the next tick."""
-        ticks = self._rows
+        ticks, row = self._rows, self._tick_of(times)
         ahead = np.minimum(row + 1, len(ticks.time) - 1)
         goes_on = ticks.time[ahead] - ticks.time[row] < 1.5 * self.tick
         share = np.where(goes_on, (times - ticks.time[row]) / self.tick, 0.0)
@@ -176,24 +173,25 @@ class Followed:
         found = PlannedTick(*map(at, ticks))
         return found._replace(time=times, stance=ticks.stance[row], placements=ticks.placements[row])
 
-    def _stepped(self, times: Array, row: NDArray[np.intp]) -> dict[str, Array]:
-        """Columns of a :class:`PlanSample` at instants within its ticks."""
-        at, plan = self._between(times, row), self.plans[0]
+    def _sample_stepped(self, times: Array) -> PlanSample:
+        """Its plan at instants within its ticks."""
+        at, plan = self._between(times), self.plans[0]
         weight = np.array([0.0, 0.0, plan.weight])
         frequency = np.sqrt(plan.gravity / plan.com_height)
-        return {
-            "phase": np.asarray(at.stance == 2, dtype=np.int8),
-            "stance": np.asarray(at.stance, dtype=np.int8),
-            "com": at.com,
-            "com_velocity": at.com_velocity,
-            "com_acceleration": at.com_acceleration,
-            "dcm": (at.com + at.com_velocity / frequency)[:, :2],
-            "zmp": at.zmp,
-            "floor": np.asarray(at.floor),
-            "force": plan.mass * at.com_acceleration + weight,
-            "moment": at.moment,
-            "angular_momentum": at.angular_momentum[:, :2],
-            "left_placement": at.placements[:, 0],
-            "right_placement": at.placements[:, 1],
-            "heading": np.asarray(at.heading),
-        }
+        return PlanSample(
+            time=times,
+            phase=np.asarray(at.stance == 2, dtype=np.int8),
+            stance=np.asarray(at.stance, dtype=np.int8),
+            com=at.com,
+            com_velocity=at.com_velocity,
+            com_acceleration=at.com_acceleration,
+            dcm=(at.com + at.com_velocity / frequency)[:, :2],
+            zmp=at.zmp,
+            floor=np.asarray(at.floor),
+            force=plan.mass * at.com_acceleration + weight,
+            moment=at.moment,
+            angular_momentum=at.angular_momentum[:, :2],
+            left_placement=at.placements[:, 0],
+            right_placement=at.placements[:, 1],
+            heading=np.asarray(at.heading),
+        )
