@@ -32,7 +32,9 @@ _SOURCES = (
     "ampm/control/*.py",
     "ampm/sensors/*.py",
     "ampm/stepping/*.py",
-    "validation/trial/*.py",
+    "validation/trial/readings.py",
+    "validation/trial/step.py",
+    "validation/trial/watch.py",
 )
 
 
