@@ -46,9 +46,7 @@ def browser() -> str:
     pytest.fail(missing)
 
 
-def look(
-    page: Path, folder: Path, script: str, *, size: tuple[int, int] = (1366, 768), dark: bool = False
-) -> Seen:
+def look(page: Path, folder: Path, script: str, *, size: tuple[int, int] = (1366, 768)) -> Seen:
     """Open a page in a frame of the given size: no window is as narrow as a telephone.
 
     Args:
@@ -56,7 +54,6 @@ def look(
         folder: for the browser's own files.
         script: body of an asynchronous function, run after the page's own; ends with ``tell({...})``.
         size: of the frame, width and height.
-        dark: preferred colours.
     """
     probed, frame = page.with_name(f"probed-{page.name}"), page.with_name(f"frame-{page.name}")
     tell = "const tell = (found) => parent.postMessage(JSON.stringify(found), '*');"
@@ -73,13 +70,20 @@ def look(
     )
     profile = folder / "profile"
     command = [
-        browser(), "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-        "--disable-background-networking", "--disable-component-update", "--disable-sync",
-        "--disable-extensions", "--disable-dev-shm-usage",
-        "--enable-logging=stderr", f"--user-data-dir={profile}", "--window-size=1500,1000",
-        "--virtual-time-budget=60000", f"--blink-settings=preferredColorScheme={0 if dark else 1}",
-        "--dump-dom", frame.resolve().as_uri(),
-    ]  # fmt: skip
+        browser(),
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-dev-shm-usage",
+        "--no-first-run",
+        "--disable-extensions",
+        "--enable-logging=stderr",
+        f"--user-data-dir={profile}",
+        "--window-size=1500,1000",
+        "--virtual-time-budget=60000",
+        "--dump-dom",
+        frame.resolve().as_uri(),
+    ]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=False)
     finally:

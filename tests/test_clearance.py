@@ -118,7 +118,7 @@ def test_a_walk_that_passes_through_itself_fails(passing_through):
 def test_the_report_shows_the_clearance_over_time_with_its_limit(passing_through):
     saved = load_saved_run(passing_through)
     least = saved.summary["margins"]["clearance"]["value"]
-    with patch.object(RunFigures, "_picture") as picture:
+    with patch("validation.show.run_figures.picture") as picture:
         RunFigures(saved, None).clearance()
     (axis,) = picture.call_args.args[0].axes
     drawn, limit, *_ = (line.get_ydata() for line in axis.lines)

@@ -107,14 +107,6 @@ def summary():
     }  # fmt: skip
 
 
-def test_a_hint_stands_below_its_row_on_a_page_and_among_the_notes_elsewhere():
-    table = Table("t", ("a", ">b"), [("x", "1"), ("y", "2")], ["n"], {"y": "Why <2>.", "z": "not there"})
-    page = table.__html__()
-    assert '<tr class="hint"><td colspan="2">Why &lt;2&gt;.</td></tr>' in page.partition(">2</td>")[2]
-    assert page.count("hint") == 1
-    assert table.markdown().endswith("\n\nn\n\ny: Why <2>.")
-
-
 def test_metrics_of_a_run():
     table = metric_table(summary())
     assert table.title == "normal: measured against plan, without the first step (profile default)"

@@ -298,13 +298,11 @@ tell({ before, drawn, choices: document.querySelectorAll("#scatter select").leng
 """
 
 
-@pytest.mark.parametrize(
-    ("size", "dark"), [((1366, 768), False), ((390, 844), True)], ids=["laptop light", "phone dark"]
-)
-def test_page_lives(html, tmp_path, size, dark):
+@pytest.mark.parametrize("size", [(1366, 768), (390, 844)], ids=["laptop", "phone"])
+def test_page_lives(html, tmp_path, size):
     path = tmp_path / "report.html"
     path.write_text(html, encoding="utf-8")
-    seen = look(path, tmp_path, PROBE, size=size, dark=dark)
+    seen = look(path, tmp_path, PROBE, size=size)
     assert seen.console == []
     told = seen.told
     assert told["choices"] == 2

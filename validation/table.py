@@ -1,7 +1,7 @@
 """The one table of results: printed on a terminal, shown on a page, written as Markdown."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from html import escape
 
@@ -34,14 +34,12 @@ class Table:
         columns: header of each column; a ``>`` before it aligns the column to the right.
         rows: cells, as many in each row as there are columns.
         notes: sentences below.
-        hints: first cell of a row to a sentence about it: on a page below this row, else among the notes.
     """
 
     title: str
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     notes: Sequence[str] = field(default=())
-    hints: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for row in self.rows:
@@ -57,18 +55,12 @@ class Table:
         """Whether a column is aligned to the right."""
         return self.columns[column].startswith(">")
 
-    @property
-    def sentences(self) -> list[str]:
-        """Notes, and the hints of rows that are there."""
-        shown = [row[0] for row in self.rows if row[0] in self.hints]
-        return [*self.notes, *(f"{label}: {self.hints[label]}" for label in shown)]
-
     def markdown(self) -> str:
         """Table and notes in Markdown, without the title and without a line break at the end."""
         marks = ["---:" if self.is_right(column) else "---" for column in range(len(self.columns))]
         body = [[f"**{row[0]}**", *row[1:]] if is_heading(row) else row for row in self.rows]
         lines = [_markdown_row(cells) for cells in (self.headers, marks, *body)]
-        return "\n".join(lines) + "".join(f"\n\n{note}" for note in self.sentences)
+        return "\n".join(lines) + "".join(f"\n\n{note}" for note in self.notes)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Title, table and notes for a terminal."""
@@ -89,7 +81,7 @@ class Table:
             yield Text(self.title, style="bold")
         if self.rows:
             yield table
-        for note in self.sentences:
+        for note in self.notes:
             yield Text(note)
 
     def __html__(self) -> str:
@@ -99,7 +91,7 @@ class Table:
             f"<th{self._html_class(number)}>{escape(text)}</th>" for number, text in enumerate(self.headers)
         )
         head = f"<thead><tr>{header}</tr></thead>" if any(self.headers) else ""
-        rows = "\n".join(f"<tr>{self._html_row(row)}</tr>{self._html_hint(row)}" for row in self.rows)
+        rows = "\n".join(f"<tr>{self._html_row(row)}</tr>" for row in self.rows)
         table = f'<div class="scroll"><table>{head}<tbody>\n{rows}\n</tbody></table></div>' if rows else ""
         notes = "".join(f'<p class="note">{escape(note)}</p>' for note in self.notes)
         return f"{title}{table}{notes}" if rows or notes else ""
@@ -110,12 +102,6 @@ class Table:
         if is_heading(row):
             return f'<th colspan="{len(row)}" class="group">{escape(row[0])}</th>'
         return "".join(self._html_cell(number, cell) for number, cell in enumerate(row))
-
-    def _html_hint(self, row: Sequence[str]) -> str:
-        """A row below this one with the sentence about it; empty without one."""
-        if row[0] not in self.hints:
-            return ""
-        return f'<tr class="hint"><td colspan="{len(row)}">{escape(self.hints[row[0]])}</td></tr>'
 
     def _html_cell(self, column: int, cell: str) -> str:
         tag, scope = ("td", "") if column else ("th", ' scope="row"')

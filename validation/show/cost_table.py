@@ -1,10 +1,8 @@
 """The tables of what a walk cost, and of all that is not judged, made from its ``summary.json``."""
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from validation.judge.margins import LOADED
 from validation.judge.metrics import METRICS, Metric, cost_entry, display_unit
 from validation.table import ABSENT, USED, Table, format_number, format_share, short_unit
 
@@ -35,7 +33,7 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
     if "log" in summary:
         rows = [row for row in rows if row[1] != ABSENT]
     columns = ("cost", ">value", ">limit", "unit", USED, "where")
-    return Table("effort and margins", columns, rows, [_sentence(summary)], _hints(summary))
+    return Table("effort and margins", columns, rows, [_sentence(summary)])
 
 
 def reported_table(summary: Mapping[str, Any]) -> Table:
@@ -51,47 +49,7 @@ def reported_table(summary: Mapping[str, Any]) -> Table:
         rows.append((label, value, unit, where))
     if "log" in summary:
         rows = [row for row in rows if row[1] != ABSENT]
-    return Table("", ("", ">value", "unit", "where"), rows, hints=_hints(summary))
-
-
-def _hints(summary: Mapping[str, Any]) -> dict[str, str]:
-    """Label to one sentence about a value that looks worse than it is, or whose cause is not obvious."""
-    margins, motion = summary["margins"], summary.get("motion", {})
-    found = {}
-    for axis in "xy":
-        feedback, metric = cost_entry(summary, METRICS[f"effort_zmp_{axis}"]), f"zmp_{axis}_rmse"
-        error = summary["metrics"].get(metric, {}).get("value")
-        if None not in (feedback, error) and feedback > error:
-            found[f"effort_zmp_{axis}"] = (
-                "More than the error is normal: the command shifts the ZMP to bring COM and momentum back."
-            )
-    planned, loaded = margins["plan_polygon"]["value"], margins["plan_in_measured_polygon"]["value"]
-    if None not in (planned, loaded) and -1e-6 <= planned < 0.01:
-        inside = f"stays {_millimetres(loaded)} or more inside" if loaded >= 0.0 else "leaves"
-        found["margin_plan_polygon"] = (
-            "The worst instant: a rolling foot lifts its heel as the ZMP passes the ball, which is then the "
-            f"edge. The planned ZMP {inside} the sole points that carry force."
-        )
-    friction, net = margins["friction"]["value"], margins["friction_net"]["value"]
-    if None not in (friction, net) and friction > 0.5 * (margins["friction_available"] or math.inf):
-        found["margin_friction"] = (
-            f"Of one foot, which may carry as little as {LOADED:.0%} of the weight; the net force uses "
-            f"{format_number(net, 3)} at most."
-        )
-    joint, limit = motion.get("joint_limit_margin"), margins["joint"]["value"]
-    if joint and limit is not None and limit < 0.1:
-        found["margin_joint"] = f"The planned motion comes to {format_number(joint['value'], 3)} rad itself."
-    if (sliding := margins["sliding_time"]["value"]) is not None:
-        found["margin_sliding_weight"] = (
-            f"More than {LOADED:.0%} of the weight slides for {format_number(1e3 * sliding, 3)} ms at most."
-        )
-    if 0.0 < (margins["penetration"]["value"] or 0.0) < 0.003:
-        found["margin_penetration"] = "The contact is soft: the weight presses the soles in."
-    return {METRICS[name].label: sentence for name, sentence in found.items()}
-
-
-def _millimetres(length: float) -> str:
-    return f"{format_number(1e3 * length, 3)} mm"
+    return Table("", ("", ">value", "unit", "where"), rows)
 
 
 def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:

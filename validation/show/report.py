@@ -1,28 +1,25 @@
 """The report: one self-contained HTML page about a run, made from its folder alone.
 
 Agreement and cost are shown together, because either alone is misleading. All text is escaped; pictures are
-inline SVG whose colours follow the page.
+inline SVG.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from ampm.body.motion import MOTION_UNITS
-from ampm.parameters import HUMAN, RunParameters, is_option
+from ampm.parameters import HUMAN
 from ampm.planner.support import StepPlan
-from ampm.run_file import describe_keys, key_info
+from ampm.run_file import dump_run
 from validation.judge.compare import PARTS, SIGNALS
 from validation.judge.metrics import display_unit
 from validation.show.cost_table import cost_table, reported_table
 from validation.show.page import render_page
-from validation.show.run_figures import RunFigures, middle
+from validation.show.run_figures import RunFigures
 from validation.show.style import style
-from validation.show.text import format_value
-from validation.show.walker import FLOOR_MARKS, arrow_scale, draw_walker
 from validation.store.folders import output_file
-from validation.store.identity import parameter_values
+from validation.store.json import dump_json
 from validation.store.saved import REPORT_FILE, SavedRun, load_saved_run, run_events
 from validation.table import Table, format_number, short_unit
 from validation.trial.outcome import OutcomeName
@@ -37,12 +34,8 @@ _WINDOWS = {
     "measured_double_support": "measured double support",
     "first_step": "first step",
 }
-_UNITS = {
-    **MOTION_UNITS,
-    **dict.fromkeys(("planning", "simulation", "measurement", "simulated", "time_median", "time_p99"), "s"),
-    "memory": "GB",
-}
-"""Units of entries of the summary that carry none, by their documented SI."""
+_OTHERS = ("solver", "motion", "timing", "environment")
+"""Entries of the summary that are shown as they are."""
 
 
 def write_report(run: str | Path | SavedRun) -> Path:
@@ -71,11 +64,10 @@ def render(saved: SavedRun) -> str:
     lost = outcome.name not in (OutcomeName.COMPLETED, OutcomeName.INTERRUPTED)
     headline = "out of tolerance" if verdict == "fail" else verdict.replace("_", " ")
     headline = headline if outcome.completed else f"{outcome.name}, {headline}"
-    pictures, walker = {}, []
+    pictures = {}
     if len(saved.signals) > 1:
         with style():
             pictures = RunFigures(saved, plan).sections()
-        walker = [] if saved.is_log else draw_walker(saved, plan, middle(saved.signals))
     return render_page(
         "report.html.j2",
         f"{saved.title}: {headline}",
@@ -88,24 +80,16 @@ def render(saved: SavedRun) -> str:
         is_log=saved.is_log,
         disturbed=_disturbed(saved),
         from_rest=saved.from_rest,
-        climbs=len({step.z for step in saved.parameters.footsteps}) > 1,
         facts=_gait(saved, plan) | _facts(saved, plan),
-        walker=walker,
-        floor_marks=FLOOR_MARKS,
-        newtons=format_number(1.0 / arrow_scale(saved), 3) if walker else "",
         agreement=saved.table(),
         cost=cost_table(summary),
-        reasons=_reasons(summary),
+        limits=_limits(summary),
         reported=reported_table(summary),
-        first_step=_first_step(summary),
         windows=Table("", _WINDOW_COLUMNS, list(_window_rows(summary))),
         split=_split(summary["zmp_error_split"]),
-        solver=_plain("The controller's QP", _known(summary["solver"])),
-        motion=_plain("Periodic whole-body motion", summary["motion"], _multipliers(summary["motion"])),
-        parameters=_parameters(saved.parameters),
-        environment=_plain("Versions and platform", summary["environment"]),
-        timing=_plain("Timing", summary["timing"]),
-        pictures_by_section=pictures,
+        parameters=dump_run(saved.parameters),
+        others=dump_json({name: summary[name] for name in _OTHERS}),
+        pictures=pictures,
         events=_events(saved),
     )
 
@@ -169,31 +153,20 @@ def _gait(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     return {label: value for label, value in facts.items() if value}
 
 
-def _reasons(summary: Summary) -> Table:
-    """Why every tolerance is what it is."""
-    rows = [
-        (item["label"], _displayed(summary, item, "tolerance"), item["reason"] or "")
-        for item in _judged(summary)
-    ]
-    return Table("", ("metric", ">tolerance", "reason"), rows)
-
-
-def _first_step(summary: Summary) -> Table:
-    """The first step, and the rest of the run, of every judged metric that has a first step."""
-    rows = [
-        (item["label"], _displayed(summary, item, "first_step"), _displayed(summary, item, "value"))
-        for item in _judged(summary)
-        if item["first_step"] is not None
-    ]
-    return Table("", ("metric", ">first step", ">rest of the run"), rows)
-
-
-def _judged(summary: Summary) -> list[Summary]:
-    return [item for item in summary["metrics"].values() if item["tolerance"] is not None]
+def _limits(summary: Summary) -> Table:
+    """Every judged metric with its first step, which is not judged, and the reason of its tolerance."""
+    judged = [item for item in summary["metrics"].values() if item["tolerance"] is not None]
+    rows = []
+    for item in judged:
+        values = [_displayed(summary, item, key) for key in ("value", "first_step", "tolerance")]
+        rows.append((item["label"], *values, item["reason"] or ""))
+    return Table("", ("metric", ">value", ">first step", ">tolerance", "reason of the tolerance"), rows)
 
 
 def _displayed(summary: Summary, metric: Summary, key: str) -> str:
-    """An SI value of a metric in the unit of reports."""
+    """An SI value of a metric in the unit of reports; empty where there is none."""
+    if metric[key] is None:
+        return ""
     scale, unit = display_unit(metric["unit"], summary["scales"]["body_weight"])
     return f"{_scaled(metric[key], scale, 4)} {short_unit(unit)}".rstrip()
 
@@ -238,57 +211,3 @@ def _events(saved: SavedRun) -> Table:
     """What happened, but for touch-downs and lift-offs."""
     events = [(f"{time:.3f} s", text) for time, level, text in sorted(run_events(saved)) if level != "DEBUG"]
     return Table("", ("time", "event"), events)
-
-
-def _plain(title: str, entries: Summary, notes: Sequence[str] = ()) -> Table:
-    """Any table of the summary by name and value."""
-    return Table(title, ("", ">"), list(_plain_rows(entries)), notes)
-
-
-def _known(solver: Summary) -> Summary:
-    """How the QPs were solved; nothing without a QP."""
-    if solver["unsolved"] is None:
-        return {}
-    return {name: value for name, value in solver.items() if value is not None}
-
-
-def _multipliers(motion: Summary) -> list[str]:
-    """What a multiplier above one means, if there is one."""
-    if not any(math.hypot(*pair) > 1.0 for pair in motion.get("multipliers", ())):
-        return []
-    return [
-        "A multiplier beyond 1 in magnitude amplifies a deviation in every step. The motion is therefore "
-        "solved as a fixed point, and the controller holds it."
-    ]
-
-
-def _plain_rows(entries: Summary, prefix: str = "", unit: str = "") -> Iterator[tuple[str, str]]:
-    """Rows of a table of the summary, nested names joined by a dot."""
-    for key, value in entries.items():
-        name = f"{prefix}{key.replace('_', ' ')}"
-        if isinstance(value, Mapping):
-            yield from _plain_rows(value, f"{name} · ", _UNITS.get(key, ""))
-        elif isinstance(value, Sequence) and not isinstance(value, str):
-            yield name, ", ".join(map(_item, value))
-        else:
-            own = "s" if unit and key == "time" else _UNITS.get(key, unit)
-            yield name, f"{format_value(value)} {own}".rstrip() if value is not None else format_value(value)
-
-
-def _item(value: Any) -> str:
-    """An entry of a list; a pair of numbers is a complex one."""
-    if isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 2:
-        real, imaginary = (float(part) for part in value)
-        return f"{complex(real, imaginary):.4g}" if imaginary else format_value(real)
-    return format_value(value)
-
-
-def _parameters(run: RunParameters) -> Table:
-    """Value with unit, and meaning of every parameter."""
-    rows = []
-    options = (key_info(key) for key in parameter_values(run) if is_option(key))
-    for info in (*describe_keys(), *options):
-        value = run.value(info.key)
-        text = f"{value:.10g}" if isinstance(value, float) else str(value)
-        rows.append((info.key, text if info.unit == "1" else f"{text} {info.unit}".strip(), info.meaning))
-    return Table("", ("parameter", ">value", "meaning"), rows)

@@ -1,65 +1,30 @@
-"""Pictures of the walking body from the side, from saved joint angles, forces and ZMPs."""
+"""The walking body from the side, drawn from saved joint angles, forces and ZMPs."""
 
 from itertools import pairwise
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ampm.geometry import Array, rotations
 from ampm.planner.support import StepPlan
+from validation.show.style import FAINT, INK, LEFT, MEASURED, PLAN, RIGHT, WIDTH
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals
 from validation.trial.outcome import OutcomeName
 from validation.trial.record import support_height
 
 INSTANTS = 6
-"""Pictures of a walk."""
+"""Poses of a walk that are drawn."""
 LAST = 1.0
 """Of a walk that was lost its end is shown [s]."""
-FLOOR_MARKS = 0.2
-"""Distance of the marks on the floor [m]."""
-_PIXELS = 200.0  # of a picture, per metre
-_MARGIN = 0.06  # around everything that is drawn [m]
-_BEYOND = 1.25  # length of the arrow of the weight, over the height of the COM: it passes the COM
+_ARROW = 1.25  # length of the weight's arrow, over the height of the COM: it passes the COM
 _SMALLEST = 0.005  # radius from which a shape of the body is drawn [m]
 _WHOLE = 1e3  # radius from which a part of the floor is not drawn: it is the plane [m]
 _OUTLINE = rotations(np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False))[..., 0]
 _GEOM = mujoco.mjtGeom
-
-
-class Instant(NamedTuple):
-    """One picture.
-
-    Attributes:
-        svg: markup.
-        time: [s].
-        phase: planned phase in words.
-    """
-
-    svg: Markup
-    time: float
-    phase: str
-
-
-class _Pose(NamedTuple):
-    """What one picture shows, in its plane: forward [m], upward [m].
-
-    Attributes:
-        shapes: side and corners (n, 2) of every shape, the farthest first.
-        zmp: planned and measured.
-        com: measured.
-        force: planned and measured, as long as they are drawn.
-        marks: places of the marks on the floor, and its height.
-    """
-
-    shapes: list[tuple[str, Array]]
-    zmp: tuple[Array, Array]
-    com: Array
-    force: tuple[Array, Array]
-    marks: Array
 
 
 def drawn_geoms(model: mujoco.MjModel) -> NDArray[np.intp]:
@@ -68,7 +33,7 @@ def drawn_geoms(model: mujoco.MjModel) -> NDArray[np.intp]:
     return np.flatnonzero(((model.geom_bodyid > 0) | steps) & (model.geom_rbound > _SMALLEST))
 
 
-def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> list[Instant]:
+def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> Figure | None:
     """Draw the body with ZMP and ground force at a few instants, moved by the recorded joint angles.
 
     Args:
@@ -77,40 +42,32 @@ def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> list[I
         stride: rows of the signals that are shown; of a walk that was lost its last second.
 
     Returns:
-        Pictures of equal size in order of time; none of a run without states.
+        One pose beside the other in order of time; None for a run without states.
     """
     record, signals = saved.record, saved.signals
-    steps, states, rows = np.intersect1d(record.state_rows[:-1], saved.signal_steps, return_indices=True)
-    if not len(steps):
-        return []
+    _, states, rows = np.intersect1d(record.state_rows[:-1], saved.signal_steps, return_indices=True)
+    if not len(states):
+        return None
     if record.outcome.name not in (OutcomeName.COMPLETED, OutcomeName.INTERRUPTED):
-        first = int(np.searchsorted(signals.time, record.outcome.time - LAST))
-        stride = slice(first, len(signals))
-    chosen = np.unique(np.abs(rows - _rows_shown(signals, stride)[:, None]).argmin(axis=1))
+        stride = slice(int(np.searchsorted(signals.time, record.outcome.time - LAST)), len(signals))
+    chosen = np.unique(np.abs(rows - rows_shown(signals, stride)[:, None]).argmin(axis=1))
     model = mujoco.MjModel.from_xml_string(saved.model_xml)
-    scale = arrow_scale(saved)
-    poses = []
-    for state, row in zip(states[chosen], rows[chosen], strict=True):
+    figure = Figure(figsize=(2 * WIDTH, 3.4))
+    axes = figure.subplots(1, len(chosen), sharex=True, sharey=True, squeeze=False)[0]
+    figure.subplots_adjust(left=0.0, right=1.0, bottom=0.01, top=0.88, wspace=0.02)
+    for axis, state, row in zip(axes, states[chosen], rows[chosen], strict=True):
         time = float(signals.time[row])
         heading = 0.0 if plan is None else float(plan.sample([min(time, plan.duration)]).heading[0])
         points, forces = record.point_position[[state], :, 2], record.point_force[[state], :, 2]
         floor = float(support_height(record.metadata, points, forces)[0])
-        poses.append(_pose(model, record.q[state], signals, int(row), rotations(heading), floor, scale))
-    corners = np.vstack([part for pose in poses for side, part in pose.shapes if side != "step"])
-    low, high = corners.min(axis=0) - _MARGIN, corners.max(axis=0) + _MARGIN
-    return [
-        Instant(_svg(pose, low, high), float(signals.time[row]), _phase(signals, int(row)))
-        for pose, row in zip(poses, rows[chosen], strict=True)
-    ]
+        _draw_pose(axis, model, record.q[state], signals.take(np.array([row])), rotations(heading), floor)
+        axis.set_title(f"{time:.2f} s\n{_phase(signals, int(row))}", fontsize=8, loc="center")
+        axis.set(aspect="equal", xlim=(-0.45, 0.45))
+        axis.axis("off")
+    return figure
 
 
-def arrow_scale(saved: SavedRun) -> float:
-    """Length of a force's arrow [m/N]: that of the weight passes the COM."""
-    weight = saved.record.mass * saved.record.gravity
-    return _BEYOND * float(saved.signals["measured_com_z"][0]) / weight
-
-
-def _rows_shown(signals: Signals, window: slice) -> NDArray[np.intp]:
+def rows_shown(signals: Signals, window: slice) -> NDArray[np.intp]:
     """Rows of a window: early and late in a single support, the middle of a double support."""
     begun = [*signals.switches().tolist(), len(signals)]
     phases = [(a, b) for a, b in pairwise(begun) if window.start <= a and b <= window.stop]
@@ -127,51 +84,51 @@ def _phase(signals: Signals, row: int) -> str:
     return "double support" if stance == "both" else f"{stance} single support"
 
 
-def _pose(
-    model: mujoco.MjModel, q: Array, signals: Signals, row: int, axes: Array, floor: float, scale: float
-) -> _Pose:
-    """What is seen of one instant by someone on the right of the body.
+def _draw_pose(
+    axis: Axes, model: mujoco.MjModel, q: Array, signals: Signals, axes: Array, floor: float
+) -> None:
+    """What is seen of one instant by someone on the right of the body, about the COM.
 
     Args:
+        axis: to draw into; forward [m], upward [m].
         model: the body.
         q: its configuration.
-        signals: of the run.
-        row: of the signals at this instant.
+        signals: one row, of this instant.
         axes: forward and left, by columns, shape (2, 2).
         floor: height of the floor [m].
-        scale: length of the arrows [m/N].
     """
-    forward = np.array([*axes[:, 0], 0.0])
-    plane = np.stack([forward, [0.0, 0.0, 1.0]])
-    com = {kind: signals.vector(f"{kind}_com")[row] for kind in ("plan", "measured")}
-    middle = plane @ (com["measured"] * (1.0, 1.0, 0.0))
-    data, sides = mujoco.MjData(model), _sides(model)
+    plane = np.stack([[*axes[:, 0], 0.0], [0.0, 0.0, 1.0]])
+    com = signals.vector("measured_com")[0]
+    middle = plane @ (com * (1.0, 1.0, 0.0))
+    data, colors = mujoco.MjData(model), _colors(model)
     data.qpos[:] = q
     mujoco.mj_kinematics(model, data)
     geoms = drawn_geoms(model)
-    far_first = geoms[np.argsort(-data.geom_xpos[geoms, :2] @ axes[:, 1])]
-    marks = np.arange(np.ceil((middle[0] - 2.0) / FLOOR_MARKS), (middle[0] + 2.0) / FLOOR_MARKS)
-    zmp = {kind: np.append(signals.vector(f"{kind}_zmp", "xy")[row], floor) for kind in com}
-    force = {kind: scale * signals.vector(f"{kind}_force")[row] for kind in com}
-    return _Pose(
-        [(sides[geom], outline(model, data, int(geom), plane) - middle) for geom in far_first],
-        (plane @ zmp["plan"] - middle, plane @ zmp["measured"] - middle),
-        plane @ com["measured"] - middle,
-        (plane @ force["plan"], plane @ force["measured"]),
-        np.column_stack([FLOOR_MARKS * marks - middle[0], np.full(len(marks), floor)]),
-    )
+    for geom in geoms[np.argsort(-data.geom_xpos[geoms, :2] @ axes[:, 1])].tolist():  # the farthest first
+        corners = outline(model, data, geom, plane) - middle
+        axis.fill(*corners.T, facecolor=colors[geom], edgecolor=FAINT, alpha=0.35, linewidth=0.6)
+    axis.axhline(floor, color=FAINT, linewidth=0.8)
+    weight = float(signals["plan_force_z"][0])
+    scale = _ARROW * com[2] / weight if weight > 0.0 else 0.0
+    for kind, color, width in (("plan", PLAN, 4.0), ("measured", MEASURED, 1.5)):
+        zmp = plane @ [*signals.vector(f"{kind}_zmp", "xy")[0], floor] - middle
+        tip = zmp + scale * plane @ signals.vector(f"{kind}_force")[0]
+        if np.isfinite([*zmp, *tip]).all():
+            arrow = {"arrowstyle": "-|>", "color": color, "linewidth": width, "shrinkA": 0, "shrinkB": 0}
+            axis.annotate("", xy=tuple(tip), xytext=tuple(zmp), arrowprops=arrow)
+            axis.plot(*zmp, "o", color=color, markersize=3 + width)
+    axis.plot(*(plane @ com - middle), "o", color=INK, markersize=5)
 
 
-def _sides(model: mujoco.MjModel) -> list[str]:
-    """Side of every shape: where it is with all joints at zero."""
+def _colors(model: mujoco.MjModel) -> list[str]:
+    """Colour of every shape by the side where it is with all joints at zero."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     off = data.geom_xpos[:, 1] - data.qpos[1]
     beside = 0.01 * model.stat.extent
-    sides = np.select(
-        [model.geom_bodyid == 0, off > beside, off < -beside], ["step", "left", "right"], "trunk"
-    )
-    return [str(side) for side in sides]
+    is_segment = model.geom_bodyid > 0
+    sides = [is_segment & (off > beside), is_segment & (off < -beside)]
+    return [str(color) for color in np.select(sides, [LEFT, RIGHT], FAINT)]
 
 
 def outline(model: mujoco.MjModel, data: mujoco.MjData, geom: int, plane: Array) -> Array:
@@ -203,37 +160,3 @@ def outline(model: mujoco.MjModel, data: mujoco.MjData, geom: int, plane: Array)
     else:  # capsule; a cylinder gets round ends
         farthest = size[0] * local + np.sign(local[:, 2:]) * (0.0, 0.0, size[1])
     return np.asarray((centre + farthest @ turned.T) @ plane.T)
-
-
-def _svg(pose: _Pose, low: Array, high: Array) -> Markup:
-    """One picture, whose colours are the page's."""
-
-    def at(point: Array) -> tuple[str, str]:
-        x, y = _PIXELS * (point[0] - low[0]), _PIXELS * (high[1] - point[1])
-        return f"{x:.1f}", f"{y:.1f}"
-
-    def line(kind: str, begin: Array, end: Array) -> str:
-        (x1, y1), (x2, y2) = at(begin), at(end)
-        return f'<line class="{kind}" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"/>'
-
-    def dot(kind: str, place: Array, radius: float) -> str:
-        x, y = at(place)
-        return f'<circle class="{kind}" cx="{x}" cy="{y}" r="{radius:g}"/>'
-
-    width, height = _PIXELS * (high - low)
-    marks = [line("floor", mark, mark - (0.0, 0.03)) for mark in pose.marks]
-    parts = [line("floor", pose.marks[0], pose.marks[-1]), *marks]
-    for side, corners in pose.shapes:
-        path = " ".join(",".join(at(corner)) for corner in corners)
-        parts.append(f'<polygon class="{side}" points="{path}"/>')
-    for kind, zmp, force, radius in zip(("plan", "measured"), pose.zmp, pose.force, (7, 3.5), strict=True):
-        if np.isfinite([*zmp, *force]).all():
-            tip = zmp + force
-            along = force / max(float(np.linalg.norm(force)), 1e-9)
-            across = np.array([-along[1], along[0]])
-            ends = (tip + 0.07 * along, tip + 0.03 * across, tip - 0.03 * across)
-            head = " ".join(",".join(at(end)) for end in ends)
-            parts += [line(kind, zmp, tip), dot(kind, zmp, radius)]
-            parts.append(f'<polygon class="{kind}" points="{head}"/>')
-    parts.append(dot("com", pose.com, 5))
-    return Markup(f'<svg viewBox="0 0 {width:.0f} {height:.0f}">{"".join(parts)}</svg>')

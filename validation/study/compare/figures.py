@@ -13,7 +13,6 @@ from validation.show.style import (
     INK,
     PARTS,
     Picture,
-    css_color,
     decimate,
     new_figure,
     picture,
@@ -59,7 +58,7 @@ def draw_walks(sides: Sequence[Side]) -> tuple[list[tuple[str, str]], list[Pictu
     """Errors of the ZMP, angular momentum and COM of all walks.
 
     Returns:
-        Name of every walk with its planner, and the CSS colour of its curves; the pictures, without those of
+        Name of every walk with its planner, and the colour of its curves; the pictures, without those of
         signals that no walk has.
     """
     runs = [load_saved_run(side.folder, check=False) for side in sides]
@@ -67,7 +66,7 @@ def draw_walks(sides: Sequence[Side]) -> tuple[list[tuple[str, str]], list[Pictu
         side.label if ", planner " in side.label else f"{side.label}, planner {side.planner}"
         for side in sides
     ]
-    keys = [(name, css_color(color)) for name, color in zip(names, cycle(_COLORS), strict=False)]
+    keys = [(name, color) for name, color in zip(names, cycle(_COLORS), strict=False)]
     with style():
         pictures = [_errors(runs, signal) for signal in _ERRORS if _is_measured(runs, signal)]
         pictures += [_curves(runs, signal) for signal in _CURVES if _is_measured(runs, signal)]
@@ -80,7 +79,7 @@ def _is_measured(runs: Sequence[SavedRun], signal: _Signal) -> bool:
 
 def _errors(runs: Sequence[SavedRun], signal: _Signal) -> Picture:
     """Measured minus planned, over two steps and over the whole walk."""
-    figure, (two_steps, whole) = new_figure(4.4, 2, top=0.28, gap=0.76, ratios=[3, 2])
+    figure, (two_steps, whole) = new_figure(4.4, 2, ratios=[3, 2])
     for axis in (two_steps, whole):
         axis.axhline(0.0, color=FAINT, linewidth=0.7)
     shade_double_support(two_steps, runs[0].signals, middle(runs[0].signals), from_zero=True)
@@ -93,12 +92,12 @@ def _errors(runs: Sequence[SavedRun], signal: _Signal) -> Picture:
         axis.set(title=f"Error of {signal.title}, {title}", xlabel="time [s]", ylabel=f"[{signal.unit}]")
         axis.margins(x=0)
     label = f"Error of {signal.title} of all walks"
-    return picture(figure, f"e-{signal.column}", label, "Measured minus planned. Two steps from the middle.")
+    return picture(figure, label, "Measured minus planned. Two steps from the middle.")
 
 
 def _curves(runs: Sequence[SavedRun], signal: _Signal) -> Picture:
     """Measurement and plan over two steps."""
-    figure, (axis,) = new_figure(2.6, top=0.28)
+    figure, (axis,) = new_figure(2.6)
     shade_double_support(axis, runs[0].signals, middle(runs[0].signals), from_zero=True)
     for run, color in zip(runs, cycle(_COLORS), strict=False):
         signals, rows = run.signals, middle(run.signals)
@@ -109,7 +108,7 @@ def _curves(runs: Sequence[SavedRun], signal: _Signal) -> Picture:
         axis.plot(time, signal.scale * (plan - base), color=color, linewidth=1.0, linestyle=_DASHED)
     axis.set(title=f"{signal.title}, two steps", xlabel="time [s]", ylabel=f"[{signal.unit}]")
     axis.margins(x=0)
-    return picture(figure, f"c-{signal.column}", f"{signal.title} of all walks, planned and measured")
+    return picture(figure, f"{signal.title} of all walks, planned and measured")
 
 
 def _from_zero(time: Array) -> Array:

@@ -1,7 +1,7 @@
 """Pictures of a sweep's report in Vega-Lite: scatter, parallel coordinates, distributions.
 
 The page carries data, specification and the library itself (vl-convert has the script), so that it works
-offline. Colours are the page's CSS variables: light and dark need no second picture.
+offline. Colours are the CSS variables of the page.
 """
 
 import json
