@@ -1,0 +1,188 @@
+"""One step of differential inverse kinematics by pink and mink, on the tasks of ours."""
+
+import time
+from typing import Any, Protocol
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ampm.body.inverse_kinematics import InverseKinematics
+from ampm.body.robot import Robot
+from ampm.body.step_kinematics import StepTrajectory
+from ampm.body.step_reference import StepReference, step_grid, step_reference
+from ampm.planner.support import plan_steps
+from benchmarks.peer import Peer
+from benchmarks.timing import least, repeat
+from validation.progress import Progress
+from validation.trial.bridge import to_mujoco, to_pinocchio
+from validation.trial.plan import PlannedWalk
+
+Array = NDArray[np.float64]
+TASK, TRUNK, POSTURE = 1.0, 0.1, 1e-3
+"""Costs of feet and COM, and of the first orientation of the trunk and the first posture."""
+DAMPING = 1e-9
+"""Of the velocities, for QPs that are positive definite."""
+_ROUNDS = 3  # equal passes over the step, of which the least times count
+
+
+class Follower(Protocol):
+    """A library with one body."""
+
+    def tick(self, com: Array, sole: Array, turn: Array, time_step: float) -> None:
+        """Move towards targets for one time step [s].
+
+        Args:
+            com: in world, shape (3,) [m].
+            sole: places of both soles in world, shape (2, 3) [m].
+            turn: their rotations to world, shape (2, 3, 3).
+            time_step: [s].
+        """
+        ...
+
+    @property
+    def q(self) -> Array:
+        """Configuration in Pinocchio's coordinates, shape (nq,)."""
+        ...
+
+
+class Pink:
+    """pink on the Pinocchio model of the robot, from a first configuration (nq,)."""
+
+    def __init__(self, planned: PlannedWalk, q: Array) -> None:
+        import pink  # an optional package
+
+        self.pink, robot = pink, planned.body.robot
+        frames = robot.model.frames
+        self.feet = [pink.tasks.FrameTask(frames[frame].name, TASK, TASK) for frame in robot.sole_frames]
+        self.com = pink.tasks.ComTask(TASK)
+        trunk = pink.tasks.FrameTask(frames[robot.trunk_frame].name, 0.0, TRUNK)
+        posture = pink.tasks.PostureTask(POSTURE)
+        self.tasks = [*self.feet, self.com, trunk, posture]
+        self.configuration = pink.Configuration(robot.model, robot.model.createData(), q)
+        for task in (trunk, posture):
+            task.set_target_from_configuration(self.configuration)
+
+    def tick(self, com: Array, sole: Array, turn: Array, time_step: float) -> None:
+        """See :class:`Follower`."""
+        for foot, task in enumerate(self.feet):
+            task.set_target(pin.SE3(turn[foot], sole[foot]))
+        self.com.set_target(com)
+        v = self.pink.solve_ik(self.configuration, self.tasks, time_step, "daqp", damping=DAMPING)
+        self.configuration.integrate_inplace(v, time_step)
+
+    @property
+    def q(self) -> Array:
+        """See :class:`Follower`."""
+        return np.array(self.configuration.q)
+
+
+class Mink:
+    """mink on the MuJoCo model of the body, from a first configuration (nq,)."""
+
+    def __init__(self, planned: PlannedWalk, q: Array) -> None:
+        import mink  # an optional package
+
+        self.mink, robot, model = mink, planned.body.robot, planned.body.model.compile()
+        self.still = np.zeros(robot.nv)
+        qpos, _ = to_mujoco(q, self.still)
+        self.configuration = mink.Configuration(model, q=qpos)
+        body = robot.description
+        self.feet = [mink.FrameTask(leg.sole_frame, "site", TASK, TASK) for leg in body.legs]
+        self.com = mink.ComTask(TASK)
+        trunk = mink.FrameTask(body.trunk_segment, "body", 0.0, TRUNK)
+        posture = mink.PostureTask(model, POSTURE)
+        self.tasks = [*self.feet, self.com, trunk, posture]
+        for task in (trunk, posture):
+            task.set_target_from_configuration(self.configuration)
+
+    def tick(self, com: Array, sole: Array, turn: Array, time_step: float) -> None:
+        """See :class:`Follower`."""
+        SE3, SO3 = self.mink.SE3, self.mink.SO3
+        for foot, task in enumerate(self.feet):
+            task.set_target(SE3.from_rotation_and_translation(SO3.from_matrix(turn[foot]), sole[foot]))
+        self.com.set_target(com)
+        v = self.mink.solve_ik(self.configuration, self.tasks, time_step, "daqp", damping=DAMPING)
+        self.configuration.integrate_inplace(v, time_step)
+
+    @property
+    def q(self) -> Array:
+        """See :class:`Follower`."""
+        q, _ = to_pinocchio(self.configuration.q, self.still)
+        return q
+
+
+FOLLOWERS: dict[str, Any] = {"pink": Pink, "mink": Mink}
+"""Libraries by the name of their module."""
+DISTRIBUTIONS = {"pink": "pin-pink", "mink": "mink"}
+
+
+def compare_kinematics(planned: PlannedWalk, progress: Progress) -> list[Peer]:
+    """Ticks of our inverse kinematics, which also keeps the angular momentum, and of the others."""
+    robot, reference = planned.body.robot, ik_reference(planned)
+    with progress.stage("inverse kinematics"):
+        seconds, step = time_ik(planned, reference)
+    peers = [Peer.of("ours", np.array(seconds), error_text(robot, reference, step.q))]
+    for name, library in FOLLOWERS.items():
+        with progress.stage(f"inverse kinematics by {name}"):
+            try:
+                spans, q = follow(library, planned, reference)
+            except ImportError as error:
+                peers.append(Peer.missing(name, error))
+                continue
+        peers.append(Peer.of(name, spans, error_text(robot, reference, q), DISTRIBUTIONS[name]))
+    return peers
+
+
+def ik_reference(planned: PlannedWalk) -> StepReference:
+    """Tasks of the inverse kinematics over the first step of a periodic walk."""
+    run, robot = planned.run, planned.body.robot
+    steps = plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
+    offset = planned.motion.report.angular_momentum_y_offset / robot.mass
+    reference = step_reference(steps, step_grid(steps, run.solver.ik_time_step))
+    return reference.with_angular_momentum_y(offset)
+
+
+def time_ik(planned: PlannedWalk, reference: StepReference) -> tuple[list[float], StepTrajectory]:
+    """Mean time of a tick over one step of the inverse kinematics [s], once per pass, and the step.
+
+    A tick is drift correction, accelerations and integration; all ticks of a step are one compiled loop.
+    """
+    kinematics, motion = InverseKinematics(planned.body.robot, planned.run), planned.motion
+
+    def walk() -> StepTrajectory:
+        return kinematics.integrate(reference, motion.q[0], motion.v[0])
+
+    ticks = len(reference.time) - 1
+    return [seconds / ticks for seconds in repeat(walk, _ROUNDS)], walk()
+
+
+def follow(library: Any, planned: PlannedWalk, reference: StepReference) -> tuple[Array, Array]:
+    """Times of the n ticks, shape (n,) [s], and configurations, shape (n + 1, nq).
+
+    Raises:
+        ImportError: the library is not installed.
+    """
+    start, steps = planned.motion.q[0], np.diff(reference.time)
+    rounds = []
+    for _ in range(_ROUNDS):
+        follower: Follower = library(planned, start)
+        spans, q = [], [start]
+        for k, time_step in enumerate(steps.tolist(), start=1):
+            com, sole = reference.position[k, 0], reference.position[k, 1:]
+            begin = time.perf_counter()
+            follower.tick(com, sole, reference.rotation[k], time_step)
+            spans.append(time.perf_counter() - begin)
+            q.append(follower.q)
+        rounds.append(spans)
+    return least(rounds), np.stack(q)
+
+
+def error_text(robot: Robot, reference: StepReference, q: Array) -> str:
+    """Largest distance of COM and soles from their targets, for configurations of shape (n + 1, nq)."""
+    com = sole = 0.0
+    for configuration, target in zip(q, reference.position, strict=True):
+        terms = robot.jacobian(configuration)
+        com = max(com, float(np.linalg.norm(terms.com - target[0])))
+        sole = max(sole, float(np.linalg.norm(terms.sole - target[1:], axis=1).max()))
+    return f"COM {1e3 * com:.1g} mm, soles {1e3 * sole:.1g} mm"

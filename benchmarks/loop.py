@@ -1,0 +1,157 @@
+"""The closed loop beside the bare physics: how long one control period of a walk takes."""
+
+import contextlib
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+from unittest import mock
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from ampm.physics_parameters import steps_per_tick
+from benchmarks.timing import least
+from models.scene import BodyModel
+from validation.progress import Progress, interruption
+from validation.show.text import format_duration
+from validation.table import Table
+from validation.trial.outcome import OutcomeName
+from validation.trial.plan import PlannedWalk
+from validation.trial.record import SimulationRecord
+from validation.trial.simulate import ClosedLoop, simulate
+from validation.trial.watch import End
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LoopTimes:
+    """Times of one walk; medians over its control periods, unless said otherwise.
+
+    Attributes:
+        time_step: of the physics [s].
+        qp: name of the QP solver.
+        period: one control period of the closed loop, recording included [s].
+        tick: of that the control tick, from sensors to torques [s].
+        tick_p99: 99th percentile of the same [s].
+        solve: of that the QP, update and solve [s]; NaN for a controller that does not report it.
+        physics: the physics of one control period alone [s].
+        ending: how the walk ended; empty if it was completed.
+    """
+
+    time_step: float
+    qp: str
+    period: float
+    tick: float
+    tick_p99: float
+    solve: float
+    physics: float
+    ending: str
+
+    @property
+    def ratio(self) -> float:
+        """Time of the closed loop over that of the physics alone [1]."""
+        return self.period / self.physics
+
+
+def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes:
+    """Make the same walk several times and step its physics alone; of each period the least time counts.
+
+    Raises:
+        KeyboardInterrupt: the user interrupted a walk.
+    """
+    run, body = planned.run, planned.body.model
+    periods, ticks, solves, physics = [], [], [], []
+    label = f"{walks} walks at {1e3 * run.simulation.time_step:g} ms with {run.solver.qp.upper()}"
+    with progress.stage(label, "steps") as stage:
+        for _ in range(walks):
+            with timed_ticks() as (starts, spans):
+                record = simulate(planned.plan, run, body, planner=planned.replanner, progress=stage.advance)
+            if record.outcome.name == OutcomeName.INTERRUPTED:  # simulate keeps the record instead of raising
+                interruption.acknowledge()
+                raise KeyboardInterrupt
+            periods.append(np.diff(starts))
+            ticks.append(spans)
+            solves.append(record.qp_time)
+            physics.append(time_physics(record, body, run.controller.frequency))
+    return LoopTimes(
+        time_step=run.simulation.time_step,
+        qp=run.solver.qp,
+        period=float(np.median(least(periods))),
+        tick=float(np.median(least(ticks))),
+        tick_p99=float(np.percentile(least(ticks), 99)),
+        solve=float(np.median(least(solves))),
+        physics=float(np.median(least(physics))),
+        ending="" if record.outcome.completed else record.outcome.ending,
+    )
+
+
+def time_physics(record: SimulationRecord, body: BodyModel, frequency: float) -> Array:
+    """Step the physics of a walk again with the recorded torques.
+
+    Returns:
+        Time of each whole control period, shape (T,) [s].
+    """
+    model = body.compile()
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = record.q[0], record.qd[0]
+    spans = np.empty(record.steps)
+    for k in range(record.steps):
+        data.ctrl[:] = record.torque[k]
+        start = time.perf_counter()
+        mujoco.mj_step(model, data)
+        spans[k] = time.perf_counter() - start
+    substeps = steps_per_tick(frequency, record.time_step)
+    whole = record.steps // substeps * substeps
+    return np.asarray(spans[:whole].reshape(-1, substeps).sum(axis=1))
+
+
+@contextlib.contextmanager
+def timed_ticks() -> Iterator[tuple[list[float], list[float]]]:
+    """When each control tick of the walks made meanwhile begins, and how long it takes [s]."""
+    tick, clock = ClosedLoop.tick, time.perf_counter
+    starts: list[float] = []
+    spans: list[float] = []
+
+    def timed(*step: Any) -> End | None:
+        start = clock()
+        end = tick(*step)
+        spans.append(clock() - start)
+        starts.append(start)
+        return end
+
+    with mock.patch.object(ClosedLoop, "tick", timed):
+        yield starts, spans
+
+
+def loop_table(walks: Sequence[LoopTimes]) -> Table:
+    """One row for each time step and solver."""
+    columns = (
+        "time step",
+        "QP",
+        ">control period",
+        ">control tick",
+        ">99th percentile",
+        ">QP alone",
+        ">physics alone",
+        ">period / physics",
+    )
+    rows = [
+        (
+            f"{1e3 * walk.time_step:g} ms",
+            walk.qp.upper(),
+            format_duration(walk.period),
+            format_duration(walk.tick),
+            format_duration(walk.tick_p99),
+            format_duration(walk.solve),
+            format_duration(walk.physics),
+            f"{walk.ratio:.2f}",
+        )
+        for walk in walks
+    ]
+    endings = [
+        f"{1e3 * walk.time_step:g} ms, {walk.qp.upper()}: {walk.ending}" for walk in walks if walk.ending
+    ]
+    return Table("closed loop", columns, rows, endings)

@@ -1,0 +1,34 @@
+"""The measurements on the page of the documentation."""
+
+from pathlib import Path
+
+from validation.show.text import replace_between
+from validation.store.environment import describe_environment
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
+
+
+def conditions(title: str, load: float) -> str:
+    """One sentence on gait, machine and versions of a measurement.
+
+    Args:
+        title: of the gait.
+        load: of the machine at the start, mean of the last minute [1].
+    """
+    known = describe_environment()
+    names = {"MuJoCo": "mujoco", "Pinocchio": "pin", "OSQP": "osqp", "DAQP": "daqp", "NumPy": "numpy"}
+    versions = ", ".join(f"{name} {known['versions'][key]}" for name, key in names.items())
+    return (
+        f"{title}; {known['processor']}, one of {known['cores']} cores, load {load:.1f} at the start; "
+        f"Python {known['python']}, {versions}."
+    )
+
+
+def write_page(mark: str, text: str) -> None:
+    """Replace what stands between the marks of a name on the page.
+
+    Raises:
+        ValueError: the page has no such marks.
+    """
+    changed = replace_between(PAGE.read_text(encoding="utf-8"), mark, f"\n{text}\n")
+    PAGE.write_text(changed, encoding="utf-8")

@@ -1,0 +1,134 @@
+"""The control QPs of a walk, solved by other solvers through qpsolvers (Caron et al.)."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
+
+from ampm.body.robot import Robot
+from ampm.control.controller import TrackingController
+from ampm.control.workspace import Problem
+from ampm.parameters import RunParameters
+from ampm.qp import BACKENDS, QPBackend, QPSolution
+from benchmarks.peer import Peer
+from benchmarks.timing import least
+from validation.progress import Progress
+from validation.trial.plan import PlannedWalk
+from validation.trial.simulate import simulate
+
+Array = NDArray[np.float64]
+SOLVERS = {
+    "osqp": "osqp",
+    "daqp": "daqp",
+    "proxqp": "proxsuite",
+    "piqp": "piqp",
+    "clarabel": "clarabel",
+    "quadprog": "quadprog",
+}
+"""Solvers by their names in qpsolvers, and the distributions that have them."""
+EXACT = "daqp"
+"""Our backend whose solutions errors are measured from; quadprog, as exact, confirms them."""
+_ROUNDS = 3  # equal passes over all problems, of which the least times count
+
+
+def compare_solvers(planned: PlannedWalk, problems: Sequence[Problem], progress: Progress) -> list[Peer]:
+    """Our backends, timed with the update of the workspace, and solvers by qpsolvers, without their set-up.
+
+    Args:
+        planned: the walk of the problems.
+        problems: see :func:`record_problems`.
+        progress: where to report stages.
+
+    Returns:
+        Times of a QP; errors are the largest of a point's normal force, beside :data:`EXACT`.
+    """
+    run, robot = planned.run, planned.body.robot
+    found: dict[str, tuple[Array, Array]] = {}
+    for name in BACKENDS:
+        with progress.stage(f"QPs by {name}"):
+            found[name] = _solve(problems, run.replace({"solver.qp": name}), robot)
+    exact, normals = found[EXACT][1], TrackingController(robot, run).contact_qp.normals
+
+    def error(x: Array) -> str:
+        return f"{robot.mass * robot.gravity * np.abs(x - exact)[:, normals].max():.2g} N"
+
+    peers = [Peer.of(f"ours, {name}", seconds, error(x)) for name, (seconds, x) in found.items()]
+    for name, distribution in SOLVERS.items():
+        title = f"qpsolvers, {name}"
+        with progress.stage(f"QPs by qpsolvers, {name}"):
+            try:
+                seconds, x = _solve_by_qpsolvers(problems, name)
+            except ImportError as reason:
+                peers.append(Peer.missing(title, reason))
+                continue
+        peers.append(Peer.of(title, seconds, error(x), distribution))
+    return peers
+
+
+class _Recorder:
+    """A backend that keeps its problems."""
+
+    def __init__(self, backend: QPBackend) -> None:
+        self.backend, self.problems = backend, list[Problem]()
+
+    def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
+        """See :class:`ampm.qp.QPBackend`."""
+        self.problems.append(Problem(P.copy(), q.copy(), A.copy(), lower.copy(), upper.copy()))
+        return self.backend.solve(P, q, A, lower, upper)
+
+
+def record_problems(planned: PlannedWalk, progress: Progress) -> list[Problem]:
+    """The QPs of a walk as the controller hands them to its solver, one for each tick."""
+    recorders: list[_Recorder] = []
+
+    def recorded(robot: Robot, run: RunParameters) -> TrackingController:
+        controller = TrackingController(robot, run)
+        recorders.append(_Recorder(controller.contact_qp.backend))
+        controller.contact_qp.backend = recorders[0]
+        return controller
+
+    with progress.stage("control QPs of a walk"):
+        simulate(planned.plan, planned.run, planned.body.model, controller=recorded)
+    return recorders[0].problems
+
+
+def _solve(problems: Sequence[Problem], run: RunParameters, robot: Robot) -> tuple[Array, Array]:
+    """Times [s] and solutions of the controller's own backend, shapes (T,) and (T, n)."""
+    rounds = []
+    for _ in range(_ROUNDS):
+        backend = TrackingController(robot, run).contact_qp.backend
+        rounds.append([backend.solve(*problem) for problem in problems])
+    seconds = least([[solution.seconds for solution in solutions] for solutions in rounds])
+    return seconds, np.stack([solution.x for solution in rounds[0]])
+
+
+def _solve_by_qpsolvers(problems: Sequence[Problem], solver: str) -> tuple[Array, Array]:
+    """Times without set-up [s] and solutions with the solver's defaults, shapes (T,) and (T, n).
+
+    Raises:
+        ImportError: qpsolvers or the solver is not installed.
+    """
+    import qpsolvers  # an optional package
+
+    if solver not in qpsolvers.available_solvers:
+        raise ImportError(f"{solver} is not installed")
+    options = {"raise_error": False} if solver == "osqp" else {}  # without it, OSQP warns at every call
+    matrix = np.ascontiguousarray if solver in qpsolvers.dense_solvers else csc_matrix
+    forms = [qpsolvers.Problem(*_one_sided(problem, matrix)) for problem in problems]
+    rounds = []
+    for _ in range(_ROUNDS):
+        rounds.append([qpsolvers.solve_problem(form, solver, **options) for form in forms])
+    seconds = least([[solution.solve_time for solution in solutions] for solutions in rounds])
+    return seconds, np.stack([solution.x for solution in rounds[0]])
+
+
+def _one_sided(problem: Problem, matrix: Callable[[Array], Any]) -> tuple[Any, ...]:
+    """P, q, G, h, A, b of a problem with ``G x <= h`` and ``A x = b``; matrices made by ``matrix``."""
+    P, q, rows, lower, upper = problem
+    same = lower == upper
+    above, below = ~same & np.isfinite(upper), ~same & np.isfinite(lower)
+    G = np.concatenate([rows[above], -rows[below]])
+    h = np.concatenate([upper[above], -lower[below]])
+    return matrix(P), q, matrix(G), h, matrix(rows[same]), upper[same]

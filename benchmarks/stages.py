@@ -1,0 +1,83 @@
+"""The stages of a run, from the plan to the report, and what it takes of memory and disk."""
+
+import math
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ampm.body.orbit import solve_motion
+from ampm.planner.support import plan_steps
+from benchmarks.timing import repeat
+from validation.progress import Progress, StageClock
+from validation.run.validate import validate
+from validation.show.text import format_duration
+from validation.store.machine import memory_peak
+from validation.table import Table
+from validation.trial.plan import PlannedWalk, Request
+
+_PLANS = 200  # how often a plan is made
+
+
+@dataclass(frozen=True)
+class Cost:
+    """One cost of a run.
+
+    Attributes:
+        name: what costs.
+        value: in ``unit``; NaN if unknown.
+        unit: s, MB, or MB/s for megabytes per simulated second.
+    """
+
+    name: str
+    value: float
+    unit: str = "s"
+
+    @property
+    def text(self) -> str:
+        """Value and unit."""
+        return format_duration(self.value) if self.unit == "s" else f"{self.value:.3g} {self.unit}"
+
+
+def time_run(request: Request, runs: int, progress: Progress) -> list[Cost]:
+    """Make the same run several times, with report and recording; of each stage the least time counts."""
+    found: list[dict[str, float]] = []
+    with progress.stage(f"{runs} runs"), tempfile.TemporaryDirectory(prefix="ampm-benchmark-") as folder:
+        for number in range(runs):
+            target, clock = Path(folder) / str(number), StageClock()
+            summary = validate(request, target, progress=clock)
+            size = (target / "recording.rrd").stat().st_size / 1e6
+            found.append(
+                {
+                    **summary["timing"],
+                    "recording": clock.seconds["recording"],
+                    "report": clock.seconds["report"],
+                    "size": size / summary["timing"]["simulated"],
+                }
+            )
+    stages = ("planning", "simulation", "measurement", "recording", "report")
+    return [
+        *(Cost(stage, min(run[stage] for run in found)) for stage in stages),
+        Cost("size of the recording", found[0]["size"], "MB/s"),
+        Cost("memory peak", memory_peak() or math.nan, "MB"),
+    ]
+
+
+def time_planning(planned: PlannedWalk, progress: Progress) -> list[Cost]:
+    """Parts of planning a periodic walk: the closed form, and the whole-body motion."""
+    run, robot = planned.run, planned.body.robot
+    sole = robot.description.sole
+    with progress.stage("planning"):
+        steps = plan_steps(run.gait, run.body.mass, run.foot, sole)
+        plans = repeat(lambda: plan_steps(run.gait, run.body.mass, run.foot, sole), _PLANS)
+        motions = repeat(lambda: solve_motion(steps, run, robot), 3)
+    return [
+        Cost("plan of COM, ZMP and feet", float(np.median(plans))),
+        Cost("periodic whole-body motion", min(motions)),
+    ]
+
+
+def cost_table(costs: list[Cost]) -> Table:
+    """One row for each cost."""
+    return Table("run", ("", ">"), [(cost.name, cost.text) for cost in costs])
