@@ -136,13 +136,9 @@ def test_the_whole_body_qp_walks(monkeypatch):
     [
         (lambda output: output._replace(torque=output.torque * np.nan), "torque of .* is nan"),
         (lambda output: output._replace(torque=output.torque + np.inf), "torque of .* is inf"),
-        (lambda output: output._replace(rate=np.where(np.arange(34) == 3, np.nan, 0.0)), "rate of .* is nan"),
-        (
-            lambda output: output._replace(torque=output.torque[:3]),
-            r"torque has shape \(3,\) and must have \(34,\)",
-        ),
+        (lambda output: output._replace(rate=np.where(np.arange(34) == 3, np.inf, 0.0)), "rate of .* is inf"),
+        (lambda output: output._replace(torque=output.torque[:3]), r"shape \(3,\) into shape \(34,\)"),
         (lambda output: output._replace(status=300), "status 300"),
-        (lambda output: output._replace(iterations=2**40), "iterations 1099511627776"),
         (lambda output: 1 / 0, "division by zero.* in test_controllers.py, line [0-9]+"),
     ],
 )

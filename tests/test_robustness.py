@@ -134,7 +134,7 @@ def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch,
     found = robustness.robustness("normal", settings, **options)
     thrown, slid = found.cells
     assert thrown.survived is None
-    assert "first sign was a ZMP" in thrown.cause
+    assert "first sign was a COM" in thrown.cause
     assert slid.survived in (0.25, 0.5)
     assert slid.zmp[0] < 1e-3
     assert {row["outcome"] for row in read_rows(tmp_path)} == {"fell", "completed"}

@@ -120,7 +120,8 @@ def step_again(
                     data.xfrc_applied[pushed] = np.hstack(push)
                 if check is not None:
                     check.begin(data)
-                engine.step()
+                engine.step1()
+                engine.step2()
                 if check is not None:
                     check.end(k, data)
             recorded = np.concatenate([record.q[row], record.qd[row]])

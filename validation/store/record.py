@@ -287,7 +287,7 @@ class StoredRecord:
         """Torques of some steps, shape (n, nu) [N m]."""
         tick, since = np.divmod(np.minimum(np.asarray(rows, dtype=np.intp), self.steps - 1), self.substeps)
         torque = self.tick_torque[tick]
-        if since.any():  # as carry_on of validation.trial.step does it
+        if since.any():  # as end_step of validation.trial.step does it
             rate, limit = self.torque_rate[tick], self.torque_limit
             moved = np.clip(torque + (since * self.time_step)[:, None] * rate, -limit, limit)
             torque = np.where(np.isnan(rate) | (since == 0)[:, None], torque, moved)

@@ -288,11 +288,6 @@ class DrakeEngine:
         data.qvel[3:6] = _rotation(quaternion).T @ x[plant.spin]
         data.time += self.model.opt.timestep
 
-    def step(self) -> None:
-        """Both halves."""
-        self.step1()
-        self.step2()
-
     def _keep(self, found: dict[tuple[int, int], Contact], force: Array) -> None:
         """Write contacts into MuJoCo's, in the axes of their frames; add them to the generalised force."""
         data, contact, efc_force = self.data, self.data.contact, self.data.efc_force

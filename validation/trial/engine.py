@@ -30,10 +30,6 @@ class Engine(Protocol):
         """
         ...
 
-    def step(self) -> None:
-        """Both, as ``mj_step``."""
-        ...
-
 
 class MujocoEngine:
     """MuJoCo's own calls."""
@@ -41,7 +37,6 @@ class MujocoEngine:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self.step1 = partial(mujoco.mj_step1, model, data)
         self.step2 = partial(mujoco.mj_step2, model, data)
-        self.step = partial(mujoco.mj_step, model, data)
 
 
 def drake_of(run: RunParameters) -> DrakeParameters | None:

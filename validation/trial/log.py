@@ -1,212 +1,153 @@
-"""Log of a running walk: the record's own arrays, filled step by step."""
+"""Log of a running walk: the record's own arrays, and the views that compiled functions fill them from."""
+
+from __future__ import annotations
 
 from collections import namedtuple
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from ampm.compiled import compiled, refer
-from ampm.vectors import put, vector
+from ampm.compiled import refer
 from validation.trial import spill
 from validation.trial.record import INTEGERS, SHAPES, shape_of
-from validation.trial.watch import zmp_gap
+from validation.trial.step import keep_instant
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from validation.trial.simulate import Physics
+
+    Array = NDArray[np.float64]
+
+LOGGED = (
+    "q",
+    "qd",
+    "torque",
+    "torque_rate",
+    "point_force",
+    "point_position",
+    "point_penetration",
+    "point_place",
+    "com",
+    "angular_momentum",
+    "foot_position",
+    "foot_forward",
+    "command_com",
+    "command_zmp",
+    "command_force",
+    "command_angular_momentum",
+    "qp_status",
+    "qp_residual",
+    "qp_iterations",
+    "qp_time",
+)
+"""Arrays of a :class:`validation.trial.record.SimulationRecord` that are filled step by step."""
+
+# Code for a class of a function would be compiled by every process.
+Recorded: Any = namedtuple("Recorded", LOGGED)  # type: ignore[misc]
 
 
-class Contacts(NamedTuple):
-    """MuJoCo's contacts, as many rows as its memory can hold.
+class Body(NamedTuple):
+    """The body that is simulated, as views of MuJoCo's data.
+
+    Contacts have as many rows as MuJoCo's memory can hold.
 
     Attributes:
-        geom: both geoms. MuJoCo sorts them by type: a floor that is a plane comes first, a box last.
-        address: of the contact's first force, along the normal, -1 for none: two along the tangents follow.
-        frame: normal and tangents.
-        place: [m].
-        distance: negative where they overlap [m].
+        qpos: shape (nq,).
+        qvel: shape (nv,).
+        ctrl: torques, shape (nu,) [N m].
+        com: of a sensor, shape (3,) [m].
+        angular_momentum: about it, of a sensor, shape (3,) [N m s].
+        root_rotation: axes of the root to world, shape (3, 3).
+        trunk: its long axis in world, shape (3,).
+        site_place: shape (sites, 3) [m].
+        site_rotation: shape (sites, 9).
+        sites: numbers of the sole points and, last, of the two soles.
+        contact_geom: both geoms. MuJoCo sorts them by type: a floor that is a plane comes first, a box last.
+        contact_address: of the first force, along the normal, -1 for none: two along the tangents follow.
+        contact_frame: normal and tangents.
+        contact_place: [m].
+        contact_distance: negative where they overlap [m].
         point_of_geom: sole point of every geom, -1 for none: a sphere, with one contact at most.
+        warnings: counts of states that MuJoCo could not step.
+        q: Pinocchio configuration, written by :func:`validation.trial.step.sense`, shape (nq,).
+        v: its velocity, shape (nv,).
+        torque_limit: shape (nu,) [N m].
+        scale: size of the body, of which 1.70 m is one [1].
+        time_step: [s].
     """
-
-    geom: NDArray[np.int32]
-    address: NDArray[np.int32]
-    frame: Array
-    place: Array
-    distance: Array
-    point_of_geom: NDArray[np.intp]
-
-
-class SimulatedData(NamedTuple):
-    """Views of MuJoCo's data; sensors of COM [m] and angular momentum [N m s]."""
 
     qpos: Array
     qvel: Array
     ctrl: Array
-    site_place: Array
-    site_rotation: Array
     com: Array
     angular_momentum: Array
+    root_rotation: Array
+    trunk: Array
+    site_place: Array
+    site_rotation: Array
+    sites: NDArray[np.intp]
+    contact_geom: NDArray[np.int32]
+    contact_address: NDArray[np.int32]
+    contact_frame: Array
+    contact_place: Array
+    contact_distance: Array
+    point_of_geom: NDArray[np.intp]
+    warnings: NDArray[np.int32]
+    q: Array
+    v: Array
+    torque_limit: Array
+    scale: float
+    time_step: float
+
+
+class Command(NamedTuple):
+    """What a controller commands at a tick; NaN where it says nothing.
+
+    Attributes:
+        torque: shape (nu,) [N m].
+        rate: at which the torques go on, NaN holds them, shape (nu,) [N m/s].
+        force: of the ground, shape (3,) [N].
+        zmp: shape (2,) [m].
+        angular_momentum: about the COM, shape (3,) [N m s].
+        com: of the reference that it follows, shape (3,) [m].
+        trunk: of the same, to world, shape (3, 3).
+        soles: reference points of the same, shape (2, 3) [m].
+    """
+
+    torque: Array
+    rate: Array
+    force: Array
+    zmp: Array
+    angular_momentum: Array
+    com: Array
+    trunk: Array
+    soles: Array
 
 
 class Log(NamedTuple):
-    """What compiled functions keep of a run.
+    """What the compiled functions of a step read and write.
 
     Attributes:
-        record: arrays of :class:`RunLog` under their names.
-        simulated: by MuJoCo.
-        contacts: by MuJoCo.
-        sites: of sole points and, last, of the two soles.
+        record: arrays of :data:`LOGGED`.
+        body: of this step.
+        command: of the last tick.
         normal_force: of every sole point in the last step, shape (P,) [N].
         touching: sole points that touch, shape (P,).
-        levels: heights of the floor's surfaces if there are several [m].
+        levels: heights of the floor's surfaces [m].
         substeps: steps of a control tick.
     """
 
     record: Any
-    simulated: SimulatedData
-    contacts: Contacts
-    sites: NDArray[np.intp]
+    body: Body
+    command: Command
     normal_force: Array
     touching: NDArray[np.bool_]
     levels: Array
     substeps: int
-
-
-def _contacts(data: mujoco.MjData, point_of_geom: NDArray[np.intp]) -> Contacts:
-    """Views of MuJoCo's contacts that hold for the whole walk.
-
-    MuJoCo's own views have one row per present contact, so they would have to be taken at every step.
-    Contacts lie at the beginning of the simulation's arena; these views have as many rows as it can hold.
-    """
-
-    def view(present: NDArray[Any]) -> NDArray[Any]:
-        shape = (data.narena // present.strides[0], *present.shape[1:])
-        return np.lib.stride_tricks.as_strided(present, shape, present.strides, writeable=False)
-
-    contact = data.contact
-    return Contacts(
-        geom=view(contact.geom),
-        address=view(contact.efc_address),
-        frame=view(contact.frame),
-        place=view(contact.pos),
-        distance=view(contact.dist),
-        point_of_geom=point_of_geom,
-    )
-
-
-@compiled
-def point_of(geoms: NDArray[np.int32], of_geom: NDArray[np.intp]) -> int:
-    """Sole point of a contact by its two geoms, -1 for none."""
-    return max(of_geom[geoms[0]], of_geom[geoms[1]])
-
-
-@compiled
-def read_touch(log: Log, contacts: int) -> None:
-    """Read which sole points are in contact, after ``mj_step1``."""
-    touching, geom, of_geom = log.touching, log.contacts.geom, log.contacts.point_of_geom
-    touching[:] = False
-    for i in range(contacts):
-        point = point_of(geom[i], of_geom)
-        if point >= 0:
-            touching[point] = True
-
-
-@compiled
-def keep_instant(log: Log, k: int) -> None:
-    """Copy the places of sole points and soles, COM and angular momentum at t_k."""
-    record, sites, place = log.record, log.sites, log.simulated.site_place
-    point_place, foot_position = record.point_place[k], record.foot_position[k]
-    points = len(point_place)
-    for i in range(points):  # a row copied as an array takes ten times as long
-        put(point_place[i], vector(place[sites[i]]))
-    for i in range(2):
-        put(foot_position[i], vector(place[sites[points + i]]))
-        rotation = log.simulated.site_rotation[sites[points + i]]
-        put(record.foot_forward[k, i], (rotation[0], rotation[3], rotation[6]))
-    put(record.com[k], vector(log.simulated.com))
-    put(record.angular_momentum[k], vector(log.simulated.angular_momentum))
-
-
-@compiled
-def keep_step(log: Log, k: int, contacts: int, efc_force: Array) -> None:
-    """Copy places, contacts and torques of step k, and the state after it.
-
-    Args:
-        log: of the run.
-        k: step.
-        contacts: how many there are.
-        efc_force: forces of all constraints.
-    """
-    keep_instant(log, k)
-    record, touch, normal_force = log.record, log.contacts, log.normal_force
-    geom, of_geom, address, frame = touch.geom, touch.point_of_geom, touch.address, touch.frame
-    force, position, place = record.point_force[k], record.point_position[k], record.point_place[k]
-    for p in range(len(place)):
-        put(position[p], vector(place[p]))
-    record.torque[k] = log.simulated.ctrl
-    normal_force[:] = 0.0
-    for i in range(contacts):
-        p, first = point_of(geom[i], of_geom), address[i]
-        if p >= 0 and first >= 0:
-            side = 1.0 if of_geom[geom[i, 1]] >= 0 else -1.0  # the force acts on the second geom
-            for axis in range(3):
-                force[p, axis] = side * (
-                    efc_force[first] * frame[i, axis]
-                    + efc_force[first + 1] * frame[i, 3 + axis]
-                    + efc_force[first + 2] * frame[i, 6 + axis]
-                )
-            distance = touch.distance[i]
-            if distance < 0.0:
-                put(position[p], vector(touch.place[i]))
-            record.point_penetration[k, p] = -distance
-            normal_force[p] = efc_force[first]
-    record.q[k + 1] = log.simulated.qpos
-    record.qd[k + 1] = log.simulated.qvel
-
-
-@compiled
-def floor_height(log: Log, k: int) -> float:
-    """Height of the floor under the contacts of the step before k, averaged by their loads [m].
-
-    Each contact counts as one on the surface nearest to it; the lowest one where there is no load.
-    """
-    load = height = 0.0
-    for p in range(len(log.normal_force)):
-        place, nearest = log.record.point_position[max(k - 1, 0), p, 2], log.levels[0]
-        for level in log.levels:
-            if abs(place - level) < abs(place - nearest):
-                nearest = level
-        load += log.normal_force[p]
-        height += log.normal_force[p] * nearest
-    return height / load if load > 0.0 else log.levels[0]
-
-
-@compiled
-def keep_command(log: Log, k: int, com: Array, zmp: Array, force: Array, momentum: Array) -> None:
-    """Copy the command of the tick at step k.
-
-    A controller's ZMP is on z = 0. On a floor of several levels, that on the plane of the last step's
-    contacts is kept.
-    """
-    record, height = log.record, 0.0
-    if len(log.levels) > 1:
-        height = floor_height(log, k)
-    for i in range(k, min(k + log.substeps, len(record.torque))):
-        put(record.command_com[i], vector(com))
-        for axis in range(2):
-            record.command_zmp[i, axis] = zmp[axis]
-            if height != 0.0:
-                record.command_zmp[i, axis] += height * force[axis] / force[2]
-        put(record.command_force[i], vector(force))
-        put(record.command_angular_momentum[i], vector(momentum))
-
-
-@compiled
-def zmp_gap_before(log: Log, k: int) -> float:
-    """Distance of the ZMP of the step before k from the commanded one [m]."""
-    place, command = log.record.point_position[k - 1], log.record.command_zmp[k - 1]
-    return zmp_gap(log.normal_force, place, command)
 
 
 class SolePoints:
@@ -241,144 +182,93 @@ def point_forces(data: mujoco.MjData, points: SolePoints) -> tuple[Array, Array]
 
 
 class RunLog:
-    """The arrays of a :class:`validation.trial.record.SimulationRecord`, under its names, of K steps at most.
-
-    Rows beyond the steps done have no meaning. Memory is allocated when it is written.
+    """The arrays of a record of K steps at most. Memory is allocated when it is written.
 
     Args:
         steps: K.
-        model: that is stepped.
-        data: its state, of which views are kept.
-        points: the P sole points, and both soles.
-        substeps: steps of a control tick.
+        physics: of the walk.
+        command: of its controller.
         levels: heights of the floor's surfaces [m].
+
+    Attributes:
+        record: the arrays; rows beyond the steps done have no meaning.
+        handle: reference to the :class:`Log`, for compiled functions.
     """
 
-    q: Array
-    qd: Array
-    torque: Array
-    torque_rate: Array
-    point_force: Array
-    point_position: Array
-    point_penetration: Array
-    point_place: Array
-    com: Array
-    angular_momentum: Array
-    foot_position: Array
-    foot_forward: Array
-    command_com: Array
-    command_zmp: Array
-    command_force: Array
-    command_angular_momentum: Array
-    qp_status: NDArray[np.int8]
-    qp_residual: Array
-    qp_iterations: NDArray[np.int32]
-    qp_time: Array
-
     def __init__(
-        self,
-        steps: int,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        points: SolePoints,
-        substeps: int,
-        levels: Sequence[float] = (0.0,),
+        self, steps: int, physics: Physics, command: Command, levels: Sequence[float] = (0.0,)
     ) -> None:
-        self.model, self.substeps, self._made_with = model, substeps, (data, points, substeps, levels)
+        self.physics, self.command, self.levels = physics, command, levels
+        self.substeps = physics.substeps
+        model, points = physics.model, len(physics.points.names)
         sizes = {
             "K": steps,
             "K+1": steps + 1,
-            "T": -(-steps // substeps),
-            "P": len(points.names),
+            "T": -(-steps // self.substeps),
+            "P": points,
             "F": 2,
             "nq": model.nq,
             "nv": model.nv,
             "nu": model.nu,
         }
-        for name in RunLog.__annotations__:
-            setattr(self, name, spill.zeros(shape_of(name, sizes), INTEGERS.get(name, np.float64)))
-        self.external: dict[str, Array] = {}
-        # All that is read and written at every step, as views that are taken once.
-        self.touching, self.normal_force = np.zeros(sizes["P"], dtype=bool), np.zeros(sizes["P"])
-        self.log = Log(
-            record=Recorded(*(getattr(self, name) for name in RunLog.__annotations__)),
-            simulated=SimulatedData(
-                qpos=data.qpos,
-                qvel=data.qvel,
-                ctrl=data.ctrl,
-                site_place=data.site_xpos,
-                site_rotation=data.site_xmat,
-                com=data.sensor("com").data,
-                angular_momentum=data.sensor("angular_momentum").data,
-            ),
-            contacts=_contacts(data, points.of_geom),
-            sites=points.sites,
+        self.record: Any = Recorded(
+            *(spill.zeros(shape_of(name, sizes), INTEGERS.get(name, np.float64)) for name in LOGGED)
+        )
+        self.external: dict[str, Array] = {}  # pushes of every segment that was pushed, shape (K, 9)
+        self.touching, self.normal_force = np.zeros(points, dtype=bool), np.zeros(points)
+        self.parts = Log(
+            record=self.record,
+            body=physics.body,
+            command=command,
             normal_force=self.normal_force,
             touching=self.touching,
             levels=np.array(levels),
-            substeps=substeps,
+            substeps=self.substeps,
         )
-        self.handle = refer(self.log)
-
-    def start(self, data: mujoco.MjData) -> None:
-        """Copy the state from which the first step starts."""
-        self.q[0], self.qd[0] = data.qpos, data.qvel
+        self.handle = refer(self.parts)
 
     def keep_pushes(self, k: int, pushes: Mapping[str, Array]) -> None:
         """Copy force, moment and point of every segment that is pushed in step k, shape (9,)."""
         for segment, push in pushes.items():
-            self.external.setdefault(segment, spill.zeros((len(self.torque), 9)))[k] = push
+            self.external.setdefault(segment, spill.zeros((len(self.record.torque), 9)))[k] = push
 
-    def extended(self, steps: int, done: int) -> "RunLog":
-        """The log with room for more steps, twice as many as now or more.
-
-        Args:
-            steps: to make room for.
-            done: steps that are kept, and what there is of the next one.
-        """
-        log = RunLog(max(steps, 2 * len(self.torque)), self.model, *self._made_with)
-        for name in RunLog.__annotations__:
-            rows = done + 2 if SHAPES[name].startswith("K") else done // self.substeps + 1
-            getattr(log, name)[:rows] = getattr(self, name)[:rows]
-        for name in ("command_com", "command_zmp", "command_force", "command_angular_momentum"):
-            rows = min(done + self.substeps, len(self.torque))
-            getattr(log, name)[:rows] = getattr(self, name)[:rows]
-        log.touching[:], log.normal_force[:] = self.touching, self.normal_force
-        for segment, push in self.external.items():
-            log.external[segment] = spill.zeros((len(log.torque), 9))
-            log.external[segment][: done + 1] = push[: done + 1]
+    def extended(self, steps: int) -> RunLog:
+        """The log with room for more steps, twice as many as now or more."""
+        log = RunLog(max(steps, 2 * len(self.record.torque)), self.physics, self.command, self.levels)
+        log.external = {segment: spill.zeros((len(log.record.torque), 9)) for segment in self.external}
+        arrays = [*zip(log.record, self.record, strict=True)]
+        arrays += [(log.external[segment], push) for segment, push in self.external.items()]
+        arrays += [(log.touching, self.touching), (log.normal_force, self.normal_force)]
+        for array, before in arrays:
+            array[: len(before)] = before
         return log
 
-    def close(self, done: int, data: mujoco.MjData) -> dict[str, Any]:
+    def close(self, done: int) -> dict[str, Any]:
         """Add the instant at which the last step ends, and return the record's arrays.
 
         Args:
             done: whole steps.
-            data: set to their end.
 
         Returns:
             Name to array, read-only and without a copy: ``done + 1`` rows of instants, ``done`` of steps, and
             the ticks that began in them. An incomplete step has no tick either.
         """
+        data, record = self.physics.data, self.record
         # The same whatever ended the walk: no push, the last torques, and no warm start.
-        data.qpos[:], data.qvel[:] = self.q[done], self.qd[done]
+        data.qpos[:], data.qvel[:] = record.q[done], record.qd[done]
         data.xfrc_applied[:], data.qacc_warmstart[:] = 0.0, 0.0
-        data.ctrl[:] = self.torque[done - 1] if done else 0.0
-        mujoco.mj_forward(self.model, data)
+        data.ctrl[:] = record.torque[done - 1] if done else 0.0
+        mujoco.mj_forward(self.physics.model, data)
         keep_instant(self.handle, done)
         rows = {"K+1": done + 1, "K": done, "T": -(-done // self.substeps)}
         result: dict[str, Any] = {}
-        for name in RunLog.__annotations__:
-            array = getattr(self, name)
+        for name, array in zip(LOGGED, record, strict=True):
             array.setflags(write=False)
             result[name] = array[: rows[SHAPES[name].split()[0]]]
         if self.external:
             pushes = np.stack([push[:done] for push in self.external.values()], axis=1)
-            parts = {"force": pushes[..., :3], "moment": pushes[..., 3:6], "position": pushes[..., 6:]}
-            result |= {f"external_{name}": part for name, part in parts.items()}
+            result["external_force"] = pushes[..., :3]
+            result["external_moment"] = pushes[..., 3:6]
+            result["external_position"] = pushes[..., 6:]
             result["external_segments"] = tuple(self.external)
         return result
-
-
-Recorded: Any = namedtuple("Recorded", list(RunLog.__annotations__))  # type: ignore[misc]
-"""Arrays of a record. Code for a class of a function would be compiled by every process."""

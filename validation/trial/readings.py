@@ -71,7 +71,7 @@ class Sensors:
         self._time_step = run.simulation.time_step
         self._late = sensors.steps_late(self._time_step)
         self._steps_per_fix = log.substeps * sensors.ticks_per_fix(run.controller.frequency)
-        hinges, points = log.torque.shape[1], log.point_force.shape[1]
+        hinges, points = log.record.torque.shape[1], log.record.point_force.shape[1]
         sizes = {"angle": hinges, "rate": hinges, "gyro": 3, "accelerometer": 3, "force": points}
         ends = np.cumsum([0, *sizes.values()]).tolist()
         self._parts = [slice(start, end) for start, end in pairwise(ends)]
@@ -105,7 +105,7 @@ class Sensors:
         angles, rates, gyro, accelerometer, force = (values[part] for part in self._parts)
         position = None
         if self._steps_per_fix and k % self._steps_per_fix == 0:
-            position = log.q[i, :3] + self.parameters.fix_noise * self._fixes.standard_normal(3)
+            position = log.record.q[i, :3] + self.parameters.fix_noise * self._fixes.standard_normal(3)
         return Readings(
             time=k * self._time_step,
             age=(k - i) * self._time_step,
@@ -114,7 +114,7 @@ class Sensors:
             gyro=gyro,
             accelerometer=accelerometer,
             force=np.maximum(force, 0.0),
-            contact=log.point_penetration[i] > 0.0 if i < k else log.touching.copy(),
+            contact=log.record.point_penetration[i] > 0.0 if i < k else log.touching.copy(),
             position=position,
         )
 
@@ -132,7 +132,7 @@ class Sensing:
     def __init__(self, run: RunParameters, log: RunLog, gravity: float, estimator: Estimator | None) -> None:
         self.sensors, self._log, self._estimator = Sensors(run, log, gravity), log, estimator
         self._time_step = run.simulation.time_step
-        self._sizes = {"q": log.q.shape[1], "v": log.qd.shape[1]}
+        self._sizes = {"q": log.record.q.shape[1], "v": log.record.qd.shape[1]}
         self._users_code = UsersCode("estimator", estimator)
 
     def attach(self, log: RunLog) -> None:
@@ -166,7 +166,7 @@ class Sensing:
     def _true(self, k: int, readings: Readings) -> tuple[State, Touch]:
         """The true state of the root, and the rest as read; of their delay nothing is known."""
         i = self.sensors.sampled(k)
-        q, v = to_pinocchio(self._log.q[i], self._log.qd[i])
+        q, v = to_pinocchio(self._log.record.q[i], self._log.record.qd[i])
         q[_HINGES + 1 :], v[_HINGES:], v[3:_HINGES] = readings.angles, readings.rates, readings.gyro
         touch = Touch(readings.contact, readings.force, self._time_step)
         return State(readings.time, q, v, 0.5 * self._time_step), touch

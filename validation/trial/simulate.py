@@ -13,12 +13,12 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 
-from ampm.compiled import bound, refer
+from ampm.compiled import bound
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import DisturbanceParameters
@@ -33,14 +33,14 @@ from validation.trial.divergence import explained
 from validation.trial.engine import drake_of, make_engine
 from validation.trial.faults import FaultyController, behind_faults, started
 from validation.trial.followed import Followed
-from validation.trial.log import RunLog, SolePoints
+from validation.trial.log import Body, Command, RunLog, SolePoints
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.readings import Sensing, make_estimator
 from validation.trial.record import FLOOR, PLANS, SimulationRecord
 from validation.trial.references import Course, References, ReplannedController
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
-from validation.trial.step import Command, Simulated, act, end_step, sense
+from validation.trial.step import act, end_step, sense
 from validation.trial.users import CONTROLLER, UsersCode, UsersError
 from validation.trial.watch import End, Stance, Watch
 
@@ -57,7 +57,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _PROGRESS_STEPS = 50
-_MOST_ITERATIONS = 2**31 - 1
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
 
 
@@ -83,33 +82,59 @@ class Physics:
     """
 
     def __init__(self, body_model: BodyModel, run: RunParameters) -> None:
-        self.model = body_model.compile()
-        self.data = mujoco.MjData(self.model)
-        self.engine = make_engine(self.model, self.data, drake_of(run))
-        self.robot = make_robot(self.model, body_model.description)
-        self.time_step = float(self.model.opt.timestep)
+        self.model = model = body_model.compile()
+        self.data = data = mujoco.MjData(model)
+        self.engine = make_engine(model, data, drake_of(run))
+        self.robot = robot = make_robot(model, body_model.description)
+        self.time_step = float(model.opt.timestep)
         self.substeps = steps_per_tick(run.controller.frequency, self.time_step)
         description = body_model.description
-        self.points = SolePoints(
-            self.model,
+        self.points = points = SolePoints(
+            model,
             tuple(site for _, _, site in description.sole_points()),
             tuple(leg.sole_frame for leg in description.legs),
         )
-        self.q, self.v = np.zeros(self.robot.nq), np.zeros(self.robot.nv)
-        # Views of MuJoCo's own memory.
-        root = self.model.body(description.root_segment).id
-        rotations = self.data.xmat.reshape(-1, 3, 3)
-        self.root_rotation = rotations[root]
-        self.com = self.data.subtree_com[root]
-        self.trunk = self._axes(description.trunk_frame)[:, 2]  # its long axis
-        sites = self.points.sites[-2:]
-        self.soles = self.data.site_xpos[sites[0] : sites[1] + 1 : sites[1] - sites[0]]
+        contact, sites = data.contact, points.sites[-2:]
+        self.soles = data.site_xpos[sites[0] : sites[1] + 1 : sites[1] - sites[0]]
+        self.body = Body(
+            qpos=data.qpos,
+            qvel=data.qvel,
+            ctrl=data.ctrl,
+            com=data.sensor("com").data,
+            angular_momentum=data.sensor("angular_momentum").data,
+            root_rotation=self._axes(description.root_segment),
+            trunk=self._axes(description.trunk_frame)[:, 2],
+            site_place=data.site_xpos,
+            site_rotation=data.site_xmat,
+            sites=points.sites,
+            contact_geom=self._all_rows(contact.geom),
+            contact_address=self._all_rows(contact.efc_address),
+            contact_frame=self._all_rows(contact.frame),
+            contact_place=self._all_rows(contact.pos),
+            contact_distance=self._all_rows(contact.dist),
+            point_of_geom=points.of_geom,
+            warnings=data.warning.number[_BAD_STATE],
+            q=np.zeros(robot.nq),
+            v=np.zeros(robot.nv),
+            torque_limit=robot.torque_limit.copy(),
+            scale=description.scale,
+            time_step=self.time_step,
+        )
 
     def _axes(self, name: str) -> Array:
         """Axes of a segment, or of a site, to world; a view of shape (3, 3)."""
         site = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, name)
         flat = self.data.xmat[self.model.body(name).id] if site < 0 else self.data.site_xmat[site]
         return np.asarray(flat.reshape(3, 3))
+
+    def _all_rows(self, present: NDArray[Any]) -> NDArray[Any]:
+        """View of a column of MuJoCo's contacts that holds for the whole walk.
+
+        MuJoCo's own views have one row per present contact, so they would have to be taken at every step.
+        Contacts lie at the beginning of the simulation's arena; this view has as many rows as it can hold.
+        """
+        shape = (self.data.narena // present.strides[0], *present.shape[1:])
+        return np.lib.stride_tricks.as_strided(present, shape, present.strides, writeable=False)
 
     def place(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
         """Set the state from Pinocchio's coordinates."""
@@ -292,14 +317,7 @@ class ClosedLoop:
         self.stepped: list[PlannedTick] = []
         self._planned = behind if isinstance(behind, TrackingController) else None
         self.course, self.progress = course, progress
-        data, robot = physics.data, physics.robot
-        self.log = RunLog(course.total, physics.model, data, physics.points, physics.substeps, levels)
-        self.log.start(data)
-        self.sensing = None
-        if not run.sensors.perfect:
-            self.sensing = Sensing(run, self.log, robot.gravity, estimator)
-        self.watch = Watch(run.controller.unsolved_limit, robot.description.scale)
-        self.warnings = data.warning.number[_BAD_STATE]  # a view
+        robot = physics.robot
         self._row = np.zeros(1, reference_type(robot.nq, robot.nv))
         self.command = command = Command(
             torque=np.zeros(robot.nu),
@@ -311,30 +329,23 @@ class ClosedLoop:
             trunk=self._row["trunk"][0],
             soles=self._row["foot_position"][0],
         )
-        self.stance = Stance(
-            physics.com, physics.trunk, physics.soles, command.com, command.trunk[:, 2], command.soles
-        )
-        self._simulated = Simulated(
-            q=physics.q,
-            v=physics.v,
-            root_rotation=physics.root_rotation,
-            com=physics.com,
-            trunk=physics.trunk,
-            warnings=self.warnings,
-            torque_limit=robot.torque_limit.copy(),
-            scale=robot.description.scale,
-            time_step=physics.time_step,
-        )
+        self.log = RunLog(course.total, physics, command, levels)
+        self.log.record.q[0], self.log.record.qd[0] = physics.data.qpos, physics.data.qvel
+        self.sensing = None
+        if not run.sensors.perfect:
+            self.sensing = Sensing(run, self.log, robot.gravity, estimator)
+        body, planned_trunk = physics.body, command.trunk[:, 2]
+        self.stance = Stance(body.com, body.trunk, physics.soles, command.com, planned_trunk, command.soles)
+        self.watch = Watch(run.controller.unsolved_limit, robot.description.scale)
         self._bind()
 
     def _bind(self) -> None:
         """Bind the compiled functions to the log."""
-        data, physics = self.physics.data, self.physics
-        body, said, log = refer(self._simulated), refer(self.command), self.log.handle
-        self._touch = Touch(self.log.touching, self.log.normal_force, physics.time_step)
-        self._sense = bound(sense, (body, log), 0)
-        self._act = bound(act, (body, said, log), 0, 0, 0.0, 0, 0.0)
-        self._end_step = bound(end_step, (body, said, log), 0, 0, data.efc_force)
+        log = self.log.handle
+        self._touch = Touch(self.log.touching, self.log.normal_force, self.physics.time_step)
+        self._sense = bound(sense, (log,), 0)
+        self._act = bound(act, (log,), 0, 0, 0.0, 0, 0.0)
+        self._end_step = bound(end_step, (log,), 0, 0, self.physics.data.efc_force)
 
     def run(self) -> SimulationRecord:
         """Step to the end of the run; an interrupt or a user's error ends it, and the record is kept.
@@ -350,7 +361,7 @@ class ClosedLoop:
                         self.progress(done, self.course.total)
                     end = self._step(done)
                     if end is not None:
-                        done += not self.warnings.any()
+                        done += not self.physics.body.warnings.any()
                         break
                     done += 1
             if self.progress is not None:
@@ -376,21 +387,18 @@ class ClosedLoop:
     def _step(self, k: int) -> End | None:
         """One step of the physics, with a control tick where one is due."""
         physics, end = self.physics, None
-        engine, data, time, since = physics.engine, physics.data, k * physics.time_step, k % physics.substeps
-        if since and not self.disturbances:
-            engine.step()
-        else:
-            engine.step1()
-            if self.disturbances:
-                self._disturb(k, time)
-            if not since:
-                end = self.tick(k, time)
-            engine.step2()
+        data, time = physics.data, k * physics.time_step
+        physics.engine.step1()
+        if self.disturbances:
+            self._disturb(k, time)
+        if k % physics.substeps == 0:
+            end = self.tick(k, time)
+        physics.engine.step2()
         if k % spill.ROWS == 0:
             spill.release()
         if self._end_step(k, data.ncon, data.efc_force):
             return end
-        if self.warnings.any():
+        if physics.body.warnings.any():
             return self.watch.blown_up(time)
         return self.watch.check(time, self.stance, SOLVED)
 
@@ -404,40 +412,35 @@ class ClosedLoop:
 
     def tick(self, k: int, time: float) -> End | None:
         """One control tick; whether the walk is over."""
-        physics = self.physics
-        self._sense(physics.data.ncon)
+        body = self.physics.body
+        self._sense(self.physics.data.ncon)
         reference = next(self.references)
         if self.sensing is None:
-            state, touch = State(time, physics.q, physics.v, 0.5 * physics.time_step), self._touch
+            state, touch = State(time, body.q, body.v, 0.5 * body.time_step), self._touch
         else:
             state, touch = self.sensing.update(k, getattr(self.behind, "acceleration", None))
         with self.users_code:
             output = self.controller.update(state, touch, reference)
             if not isinstance(output, ControlOutput):
                 raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
-            try:
-                self._take(output)
-            except ValueError:
-                self._check_shapes(output)
-                raise
             if k == 0:  # NumPy spreads a single number over all joints
                 self._check_shapes(output)
+            self._take(output)
             self._row[0] = reference.row if output.reference is None else output.reference.row
-            status, residual, iterations = int(output.status), float(output.residual), int(output.iterations)
-            if status not in (SOLVED, LIMITED, UNSOLVED) or not 0 <= iterations <= _MOST_ITERATIONS:
-                raise ValueError(f"status {status} or iterations {iterations} are none")
-            unusable, gap = self._act(k, status, residual, iterations, float(output.seconds))
-            if unusable >= 0:
-                raise ValueError(self._unusable(unusable))
+            status, residual = int(output.status), float(output.residual)
+            if status not in (SOLVED, LIMITED, UNSOLVED):
+                raise ValueError(f"status {status} is none")
+            if not self._act(k, status, residual, int(output.iterations), float(output.seconds)):
+                raise ValueError(self._not_finite())
         if self._planned is not None and self._planned.planned is not None:
             self.stepped.append(self._planned.planned)
-        if self.course.total > len(self.log.torque):
-            self.log = self.log.extended(self.course.total, k)
+        if self.course.total > len(self.log.record.torque):
+            self.log = self.log.extended(self.course.total)
             self._bind()
             if self.sensing is not None:
                 self.sensing.attach(self.log)
         limit = self._worst_joint() if status == LIMITED else ""
-        return self.watch.check(time, self.stance, status, gap=gap, residual=residual, limit=limit)
+        return self.watch.check(time, self.stance, status, residual=residual, limit=limit)
 
     def _take(self, output: ControlOutput) -> None:
         """Copy a controller's output; NaN for what it does not say."""
@@ -455,14 +458,14 @@ class ClosedLoop:
             if value is not None and np.shape(value) != wanted:
                 raise ValueError(f"{name} has shape {np.shape(value)} and must have {wanted}")
 
-    def _unusable(self, index: int) -> str:
-        """What :func:`~validation.trial.step.act` could not use, in words."""
-        names, command = self.physics.robot.joint_names, self.command
-        what, joint = divmod(index, len(names))
-        if what == 2:
-            return f"the COM of its reference is {command.com}"
-        values = (command.torque, command.rate)[what]
-        return f"{('torque', 'rate')[what]} of {names[joint]} is {values[joint]}"
+    def _not_finite(self) -> str:
+        """Which part of the command is not finite, in words; NaN is a rate that holds the torque."""
+        command, names = self.command, self.physics.robot.joint_names
+        for what, wrong in (("torque", ~np.isfinite(command.torque)), ("rate", np.isinf(command.rate))):
+            if wrong.any():
+                joint = int(wrong.argmax())
+                return f"{what} of {names[joint]} is {getattr(command, what)[joint]}"
+        return f"the COM of its reference is {command.com}"
 
     def _worst_joint(self) -> str:
         """The joint closest to its torque limit."""
@@ -473,7 +476,7 @@ class ClosedLoop:
 
     def _record(self, done: int, outcome: Outcome) -> SimulationRecord:
         dt, robot = self.physics.time_step, self.physics.robot
-        kept = self.log.close(done, self.physics.data)
+        kept = self.log.close(done)
         return SimulationRecord(
             time=np.arange(done + 1, dtype=np.float64) * dt,
             point_foot=robot.point_foot,

@@ -1,74 +1,40 @@
 """Compiled parts of a step of the simulation: what lies between MuJoCo's calls and the controller."""
 
+from __future__ import annotations
+
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.vectors import put, turned, vector
-from validation.trial.log import Log, keep_command, keep_step, read_touch, zmp_gap_before
 from validation.trial.watch import stands
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
+    from validation.trial.log import Log
 
-class Simulated(NamedTuple):
-    """The body of this step.
-
-    Attributes:
-        q: Pinocchio configuration, written by :func:`sense`, shape (nq,).
-        v: its velocity, shape (nv,).
-        root_rotation: axes of the root to world, shape (3, 3).
-        com: shape (3,) [m].
-        trunk: its long axis in world, shape (3,).
-        warnings: MuJoCo's counts of states that it could not step, shape (...).
-        torque_limit: shape (nu,) [N m].
-        scale: size of the body, of which 1.70 m is one [1].
-        time_step: [s].
-    """
-
-    q: Array
-    v: Array
-    root_rotation: Array
-    com: Array
-    trunk: Array
-    warnings: NDArray[np.int32]
-    torque_limit: Array
-    scale: float
-    time_step: float
-
-
-class Command(NamedTuple):
-    """What a controller commands at a tick; NaN where it says nothing.
-
-    Attributes:
-        torque: shape (nu,) [N m].
-        rate: at which the torques go on, NaN holds them, shape (nu,) [N m/s].
-        force: of the ground, shape (3,) [N].
-        zmp: shape (2,) [m].
-        angular_momentum: about the COM, shape (3,) [N m s].
-        com: of the reference that it follows, shape (3,) [m].
-        trunk: of the same, to world, shape (3, 3).
-        soles: reference points of the same, shape (2, 3) [m].
-    """
-
-    torque: Array
-    rate: Array
-    force: Array
-    zmp: Array
-    angular_momentum: Array
-    com: Array
-    trunk: Array
-    soles: Array
+    Array = NDArray[np.float64]
 
 
 @compiled
-def sense(body: Simulated, log: Log, contacts: int) -> None:
+def point_of(geoms: NDArray[np.int32], of_geom: NDArray[np.intp]) -> int:
+    """Sole point of a contact by its two geoms, -1 for none."""
+    return max(of_geom[geoms[0]], of_geom[geoms[1]])
+
+
+@compiled
+def sense(log: Log, contacts: int) -> None:
     """Read which sole points touch, and the state in Pinocchio's coordinates, after ``mj_step1``."""
-    read_touch(log, contacts)
-    qpos, qvel, q, v = log.simulated.qpos, log.simulated.qvel, body.q, body.v
+    body, touching = log.body, log.touching
+    touching[:] = False
+    for i in range(contacts):
+        point = point_of(body.contact_geom[i], body.point_of_geom)
+        if point >= 0:
+            touching[point] = True
+    qpos, qvel, q, v = body.qpos, body.qvel, body.q, body.v
     q[:] = qpos
     q[3], q[4], q[5], q[6] = qpos[4], qpos[5], qpos[6], qpos[3]
     v[:] = qvel
@@ -76,36 +42,10 @@ def sense(body: Simulated, log: Log, contacts: int) -> None:
 
 
 @compiled
-def first_unusable(command: Command) -> int:
-    """Index of the first torque that is not finite, nu more for a rate, 2 nu for the COM; -1 for none."""
-    torque, rate, count = command.torque, command.rate, len(command.torque)
-    for j in range(count):
-        if not math.isfinite(torque[j]):
-            return j
-        if math.isinf(rate[j]) or math.isnan(rate[j]) != math.isnan(rate[0]):
-            return count + j
-    for axis in range(3):
-        if not math.isfinite(command.com[axis]):
-            return 2 * count
-    return -1
-
-
-@compiled
-def act(
-    body: Simulated,
-    command: Command,
-    log: Log,
-    k: int,
-    status: int,
-    residual: float,
-    iterations: int,
-    seconds: float,
-) -> tuple[int, float]:
+def act(log: Log, k: int, status: int, residual: float, iterations: int, seconds: float) -> bool:
     """Let the torque of a tick act, within the motors' limits, and keep its command.
 
     Args:
-        body: of this step.
-        command: of the tick.
         log: of the run.
         k: step.
         status: of the tick, as the three that follow see :class:`~ampm.walk.ControlOutput`.
@@ -114,48 +54,122 @@ def act(
         seconds: of its optimisation [s].
 
     Returns:
-        See :func:`first_unusable`: then nothing acts. Distance of the ZMP of the step before from its
-        command [m].
+        False if nothing acts, as a torque, a rate or the COM of the reference is not finite.
     """
-    unusable = first_unusable(command)
-    if unusable >= 0:
-        return unusable, 0.0
-    torque, limit, ctrl = command.torque, body.torque_limit, log.simulated.ctrl
+    command, record = log.command, log.record
+    torque, rate, limit, ctrl = command.torque, command.rate, log.body.torque_limit, log.body.ctrl
+    for j in range(len(limit)):
+        if not math.isfinite(torque[j]) or math.isinf(rate[j]):
+            return False
+    for axis in range(3):
+        if not math.isfinite(command.com[axis]):
+            return False
     for j in range(len(limit)):
         ctrl[j] = torque[j] = min(max(torque[j], -limit[j]), limit[j])
+    keep_command(log, k)
     tick = k // log.substeps
-    keep_command(log, k, command.com, command.zmp, command.force, command.angular_momentum)
-    log.record.torque_rate[tick] = command.rate
-    log.record.qp_status[tick], log.record.qp_residual[tick] = status, residual
-    log.record.qp_iterations[tick], log.record.qp_time[tick] = iterations, seconds
-    return -1, zmp_gap_before(log, k)
+    record.torque_rate[tick] = rate
+    record.qp_status[tick], record.qp_residual[tick] = status, residual
+    record.qp_iterations[tick], record.qp_time[tick] = iterations, seconds
+    return True
 
 
 @compiled
-def carry_on(torque: Array, rate: Array, limit: Array, ctrl: Array, since: float) -> None:
-    """Let the torque go on with its rate, within the motors' limits.
+def keep_command(log: Log, k: int) -> None:
+    """Copy the command of the tick at step k.
+
+    A controller's ZMP is on z = 0. On a floor of several levels, that on the plane of the last step's
+    contacts is kept.
+    """
+    record, command, height = log.record, log.command, 0.0
+    if len(log.levels) > 1:
+        height = floor_height(log, k)
+    for i in range(k, min(k + log.substeps, len(record.torque))):
+        put(record.command_com[i], vector(command.com))
+        for axis in range(2):
+            record.command_zmp[i, axis] = command.zmp[axis]
+            if height != 0.0:
+                record.command_zmp[i, axis] += height * command.force[axis] / command.force[2]
+        put(record.command_force[i], vector(command.force))
+        put(record.command_angular_momentum[i], vector(command.angular_momentum))
+
+
+@compiled
+def floor_height(log: Log, k: int) -> float:
+    """Height of the floor under the contacts of the step before k, averaged by their loads [m].
+
+    Each contact counts as one on the surface nearest to it; the lowest one where there is no load.
+    """
+    load = height = 0.0
+    for p in range(len(log.normal_force)):
+        place, nearest = log.record.point_position[max(k - 1, 0), p, 2], log.levels[0]
+        for level in log.levels:
+            if abs(place - level) < abs(place - nearest):
+                nearest = level
+        load += log.normal_force[p]
+        height += log.normal_force[p] * nearest
+    return height / load if load > 0.0 else log.levels[0]
+
+
+@compiled
+def keep_instant(log: Log, k: int) -> None:
+    """Copy the places of sole points and soles, COM and angular momentum at t_k."""
+    record, body = log.record, log.body
+    sites, place = body.sites, body.site_place
+    point_place, foot_position = record.point_place[k], record.foot_position[k]
+    points = len(point_place)
+    for i in range(points):  # a row copied as an array takes ten times as long
+        put(point_place[i], vector(place[sites[i]]))
+    for i in range(2):
+        put(foot_position[i], vector(place[sites[points + i]]))
+        rotation = body.site_rotation[sites[points + i]]
+        put(record.foot_forward[k, i], (rotation[0], rotation[3], rotation[6]))
+    put(record.com[k], vector(body.com))
+    put(record.angular_momentum[k], vector(body.angular_momentum))
+
+
+@compiled
+def keep_step(log: Log, k: int, contacts: int, efc_force: Array) -> None:
+    """Copy places, contacts and torques of step k, and the state after it.
 
     Args:
-        torque: of the tick, shape (nu,) [N m].
-        rate: NaN holds the torque, shape (nu,) [N m/s].
-        limit: of the motors, shape (nu,) [N m].
-        ctrl: written, shape (nu,) [N m].
-        since: time since the tick [s].
+        log: of the run.
+        k: step.
+        contacts: how many there are.
+        efc_force: forces of all constraints.
     """
-    for j in range(len(torque)):
-        if np.isnan(rate[j]):
-            ctrl[j] = torque[j]
-        else:
-            ctrl[j] = min(max(torque[j] + since * rate[j], -limit[j]), limit[j])
+    keep_instant(log, k)
+    record, body, normal_force = log.record, log.body, log.normal_force
+    of_geom, frame = body.point_of_geom, body.contact_frame
+    force, position, place = record.point_force[k], record.point_position[k], record.point_place[k]
+    for p in range(len(place)):
+        put(position[p], vector(place[p]))
+    record.torque[k] = body.ctrl
+    normal_force[:] = 0.0
+    for i in range(contacts):
+        p, first = point_of(body.contact_geom[i], of_geom), body.contact_address[i]
+        if p >= 0 and first >= 0:
+            side = 1.0 if of_geom[body.contact_geom[i, 1]] >= 0 else -1.0  # it acts on the second geom
+            for axis in range(3):
+                force[p, axis] = side * (
+                    efc_force[first] * frame[i, axis]
+                    + efc_force[first + 1] * frame[i, 3 + axis]
+                    + efc_force[first + 2] * frame[i, 6 + axis]
+                )
+            distance = body.contact_distance[i]
+            if distance < 0.0:
+                put(position[p], vector(body.contact_place[i]))
+            record.point_penetration[k, p] = -distance
+            normal_force[p] = efc_force[first]
+    record.q[k + 1] = body.qpos
+    record.qd[k + 1] = body.qvel
 
 
 @compiled
-def end_step(body: Simulated, command: Command, log: Log, k: int, contacts: int, efc_force: Array) -> bool:
+def end_step(log: Log, k: int, contacts: int, efc_force: Array) -> bool:
     """Keep a step, and set the torques of the next one if no tick does.
 
     Args:
-        body: of this step.
-        command: of the last tick.
         log: of the run.
         k: step.
         contacts: how many there are.
@@ -165,10 +179,15 @@ def end_step(body: Simulated, command: Command, log: Log, k: int, contacts: int,
         Whether the walk may go on: the body stands, and MuJoCo has warned of nothing.
     """
     keep_step(log, k, contacts, efc_force)
+    body, command = log.body, log.command
+    torque, rate, limit, ctrl = command.torque, command.rate, body.torque_limit, body.ctrl
     since = (k + 1) % log.substeps
     if since:
-        time = since * body.time_step
-        carry_on(command.torque, command.rate, body.torque_limit, log.simulated.ctrl, time)
+        for j in range(len(torque)):
+            if np.isnan(rate[j]):
+                ctrl[j] = torque[j]
+            else:
+                ctrl[j] = min(max(torque[j] + since * body.time_step * rate[j], -limit[j]), limit[j])
     for warning in body.warnings:  # MuJoCo has reset the state instead of stepping it
         if warning != 0:
             return False

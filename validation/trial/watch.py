@@ -7,12 +7,12 @@ failing QP makes the body fall. The order decides: a QP that stays unsolved whil
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ampm.compiled import bound, compiled
+from ampm.vectors import dot, minus, vector
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.trial.outcome import OutcomeName
 
@@ -46,28 +46,11 @@ a good walk."""
 FIRST_TILT = math.radians(10.0)
 """Lean of the trunk from the motion's that is reported as the first sign of a failure [rad]."""
 
-FIRST_GAP = 0.02
-"""Distance of the ZMP from the commanded one, for a body of 1.70 m, that is reported as the first sign of a
-failure [m]: the soles cannot give what the command needs. A good walk has 6 mm at touch-down."""
-
-GAP_TIME = 0.01
-"""Time that this distance has to last [s]."""
-
 CALM = 1.0
 """If no warning sign recurs for this long, the earlier one is discarded as a cause [s]."""
 
 FALL_TIME = 1.0
 """Time that a body off the plan is given to fall while its QP stays unsolved [s]."""
-
-
-@compiled
-def near(
-    com: Array, trunk: Array, planned: Array, planned_trunk: Array, distance: float, cosine: float
-) -> bool:
-    """Whether the body is so near to the plan: its COM [m], and its trunk by the cosine of the angle."""
-    x, y, z = com[0] - planned[0], com[1] - planned[1], com[2] - planned[2]
-    upright = trunk[0] * planned_trunk[0] + trunk[1] * planned_trunk[1] + trunk[2] * planned_trunk[2]
-    return math.sqrt(x * x + y * y + z * z) <= distance and upright >= cosine
 
 
 @compiled
@@ -98,9 +81,14 @@ def posture(
 
 @compiled
 def stands(
-    com: Array, trunk: Array, soles: Array, planned: Array, planned_trunk: Array, planned_soles: Array,
+    com: Array,
+    trunk: Array,
+    soles: Array,
+    planned: Array,
+    planned_trunk: Array,
+    planned_soles: Array,
     scale: float,
-) -> bool:  # fmt: skip
+) -> bool:
     """Whether a body of such a size has not fallen; arguments as in :func:`posture`."""
     height, apart, upright = posture(com, trunk, soles, planned, planned_trunk, planned_soles)
     # Not so where a number is none.
@@ -108,32 +96,15 @@ def stands(
 
 
 @compiled
-def zmp_gap(force: Array, place: Array, command: Array) -> float:
-    """Distance of the ZMP from the commanded one; 0 where there is no force or no command [m].
-
-    Args:
-        force: normal force of every sole point, shape (P,) [N].
-        place: where it acts, shape (P, 3) [m].
-        command: NaN where there is none, shape (2,) [m].
-    """
-    total, x, y = 0.0, 0.0, 0.0
-    for i in range(len(force)):
-        total += force[i]
-        x += force[i] * place[i, 0]
-        y += force[i] * place[i, 1]
-    if total <= 0.0 or np.isnan(command[0]):
-        return 0.0
-    return math.sqrt((x / total - command[0]) ** 2 + (y / total - command[1]) ** 2)
-
-
-@compiled
 def look(
     com: Array, trunk: Array, planned: Array, planned_trunk: Array, last: Array, off: float
 ) -> tuple[float, bool]:
     """Distance of the COM from the last one, which it replaces [m]; whether there is no sign of a failure."""
-    x, y, z = com[0] - last[0], com[1] - last[1], com[2] - last[2]
+    here, axis = vector(com), vector(planned_trunk)
+    way, error = minus(here, vector(last)), minus(here, vector(planned))
     last[:] = com
-    return math.sqrt(x * x + y * y + z * z), near(com, trunk, planned, planned_trunk, off, _UPRIGHT)
+    close = dot(error, error) <= off * off and dot(vector(trunk), axis) >= _UPRIGHT
+    return math.sqrt(dot(way, way)), close
 
 
 class Stance(NamedTuple):
@@ -187,72 +158,52 @@ class Watch:
     """
 
     def __init__(self, unsolved_limit: float, scale: float = 1.0) -> None:
-        self._unsolved_limit = unsolved_limit
-        self._scale, self._off, self._gap = scale, scale * FIRST_SIGN, scale * FIRST_GAP
+        self._unsolved_limit, self._scale, self._off = unsolved_limit, scale, scale * FIRST_SIGN
         self._unsolved: tuple[float, float] | None = None  # since when, and how long it may last
         self._last_com, self._last_time = np.zeros(3), math.inf  # there is none yet
-        self._first_sign, self._first_time, self._last_sign = "", math.inf, 0.0
-        self._gap_since = math.inf
+        self._first_sign, self._last_sign = "", 0.0
         self._stance: Stance | None = None
 
-    def _bind(self, stance: Stance) -> None:
-        """Take the arrays of a stance; a walk has one, whose numbers change."""
-        if stance is not self._stance:
-            com, trunk, _, planned, planned_trunk, _ = self._stance = stance
-            self._look = bound(look, (com, trunk, planned, planned_trunk, self._last_com, self._off))
-
     def check(
-        self,
-        time: float,
-        stance: Stance,
-        status: int,
-        *,
-        gap: float = 0.0,
-        residual: float = 0.0,
-        limit: str = "",
+        self, time: float, stance: Stance, status: int, *, residual: float = 0.0, limit: str = ""
     ) -> End | None:
         """One tick.
 
         Args:
             time: [s].
-            stance: of the body.
+            stance: of the body; a walk has one, whose numbers change.
             status: of the controller's tick.
-            gap: distance of the ZMP from the commanded one over the last step [m], see :func:`zmp_gap`.
             residual: of its QP.
             limit: description of the torque or joint at its limit, if the status is ``LIMITED``.
 
         Returns:
             None while the walk goes on.
         """
+        if stance is not self._stance:
+            self._stance = stance
+            com, trunk, _, planned, planned_trunk, _ = stance
+            self._look = bound(look, (com, trunk, planned, planned_trunk, self._last_com, self._off))
         span, self._last_time = time - self._last_time, time
-        self._bind(stance)
         way, close = self._look()
         speed = way / span if span > 0.0 else 0.0  # mean speed of the COM since the last tick [m/s]
-        if gap <= self._gap:
-            self._gap_since = math.inf
-            if close and status == SOLVED and not self._first_sign and speed <= BLOW_UP:
-                self._unsolved = None
-                return None
-        return self._judge(time, stance, status, gap, residual, limit, speed)
-
-    def _judge(
-        self, time: float, stance: Stance, status: int, gap: float, residual: float, limit: str, speed: float
-    ) -> End | None:
-        """The end of the walk, or its signs noted; arguments as in :meth:`check`."""
-        error = (stance.com - stance.planned_com).tolist()
-        trunk, planned_trunk = stance.trunk.tolist(), stance.planned_trunk.tolist()
-        distance = math.hypot(*error)
-        axis = "xyz"[max(range(3), key=lambda i: abs(error[i]))]
-        lean = math.atan2(_cross_size(trunk, planned_trunk), _dot(trunk, planned_trunk))
-        degrees, at = math.degrees(lean), f"at {time:.3f} s"
-        signs = (
-            (status == UNSOLVED, f"an unsolved QP {at} (residual {residual:.2g})"),
-            (distance > self._off, f"a COM {distance * 1e3:.0f} mm off the plan, mostly along {axis}, {at}"),
-            (lean > FIRST_TILT, f"a trunk {degrees:.0f} degrees off the motion's {at}"),
-            (status == LIMITED, f"a torque or joint limit {at} ({limit})"),
-        )
-        self._note(time, next((text for seen, text in signs if seen), ""))
-        self._note_gap(time, gap)
+        if close and status == SOLVED and not self._first_sign and speed <= BLOW_UP:
+            self._unsolved = None
+            return None
+        error = stance.com - stance.planned_com
+        distance = float(np.linalg.norm(error))
+        lean = float(np.arccos(np.clip(stance.trunk @ stance.planned_trunk, -1.0, 1.0)))
+        at = f"at {time:.3f} s"
+        if status == UNSOLVED:
+            self._note(time, f"an unsolved QP {at} (residual {residual:.2g})")
+        elif distance > self._off:
+            axis = "xyz"[int(np.abs(error).argmax())]
+            self._note(time, f"a COM {distance * 1e3:.0f} mm off the plan, mostly along {axis}, {at}")
+        elif lean > FIRST_TILT:
+            self._note(time, f"a trunk {math.degrees(lean):.0f} degrees off the motion's {at}")
+        elif status == LIMITED:
+            self._note(time, f"a torque or joint limit {at} ({limit})")
+        elif time - self._last_sign > CALM:
+            self._first_sign = ""
         if not math.isfinite(distance + lean):
             return self._end(OutcomeName.DIVERGED, f"the state was no longer finite {at}")
         if speed > BLOW_UP:
@@ -267,26 +218,8 @@ class Watch:
         return self._end(OutcomeName.DIVERGED, f"the accelerations left all bounds at {time:.3f} s")
 
     def _note(self, time: float, sign: str) -> None:
-        """Store the first sign of a failure; discard it after a time without a sign."""
-        if sign:
-            if not self._first_sign:
-                self._first_sign, self._first_time = sign, time
-            self._last_sign = time
-        elif time - self._last_sign > CALM:
-            self._first_sign, self._first_time = "", math.inf
-
-    def _note_gap(self, time: float, gap: float) -> None:
-        """Note a ZMP that stays away from the commanded one; a later sign is its consequence."""
-        if gap <= self._gap:
-            return
-        self._gap_since = min(self._gap_since, time)
-        if time - self._gap_since < GAP_TIME - 1e-9:
-            return
-        if not self._first_sign or self._gap_since <= self._first_time:
-            text = f"a ZMP {1e3 * gap:.0f} mm from the commanded one, for {1e3 * GAP_TIME:.0f} ms"
-            if not self._first_sign.startswith("a ZMP"):
-                self._first_sign = f"{text} from {self._gap_since:.3f} s (the soles cannot give more)"
-                self._first_time = self._gap_since
+        """Keep the first sign of a failure, and the time of the last one."""
+        self._first_sign = self._first_sign or sign
         self._last_sign = time
 
     def _check_unsolved(self, time: float, status: int, on_plan: bool) -> End | None:
@@ -304,11 +237,3 @@ class Watch:
 
     def _end(self, name: OutcomeName, what: str) -> End:
         return End(name, f"{what}; the first sign was {self._first_sign}" if self._first_sign else what)
-
-
-def _cross_size(a: Sequence[float], b: Sequence[float]) -> float:
-    return math.hypot(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
