@@ -32,7 +32,7 @@ from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.profiles import profile as named_profile
 from validation.store.machine import set_variables
 from validation.trial.bridge import to_mujoco, to_pinocchio
-from validation.trial.plan import PlannedWalk, plan_walk, request_of
+from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.policy import observe
 from validation.trial.simulate import quiet_mujoco
 from validation.trial.watch import Stance
@@ -78,7 +78,7 @@ def load(
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
     """
-    request = request_of(source, body, sections)
+    request = load_request(source, body=body, sections=sections)
     if unusual := request.run.disturbance.model_dump(exclude_defaults=True):
         keys = ", ".join(f"disturbance.{key}" for key in unusual)
         raise InputError(f"an environment has no disturbances; leave out {keys}.")

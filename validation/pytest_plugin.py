@@ -229,9 +229,9 @@ def walk_once(
 
     from validation.run.walk import walk
     from validation.store.identity import parameter_values
-    from validation.trial.plan import request_of
+    from validation.trial.plan import load_request
 
-    request = request_of(source, body, sections)
+    request = load_request(source, body=body, sections=sections)
     options: dict[str, Any] = {
         "controller": controller,
         "planner": planner,

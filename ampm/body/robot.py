@@ -75,13 +75,7 @@ class Gaps(NamedTuple):
 
 
 class BodyShapes(Protocol):
-    """Shapes of a body.
-
-    Attributes:
-        digest: text that is another for other shapes.
-    """
-
-    digest: str
+    """Shapes of a body."""
 
     def gaps(self, q: Array) -> Gaps:
         """Parts that come closest at configurations (T, nq)."""

@@ -18,7 +18,7 @@ from ampm.tune.refusal import NoFeasibleChoice
 from models.scene import Findings
 from validation.measure.standing import stand
 from validation.progress import Progress
-from validation.trial.bridge import pinocchio_model, to_mujoco
+from validation.trial.bridge import to_mujoco
 from validation.trial.divergence import explained
 from validation.trial.plan import PlannedWalk, load_request, make_body, tune_walk
 
@@ -168,7 +168,6 @@ def _facts(robot: Robot, model: mujoco.MjModel, findings: Findings) -> dict[str,
         "asymmetry of the source: places": (findings.place, "m"),
         "asymmetry of the source: COM": (findings.com, "m"),
         "asymmetry of the source: masses": (findings.mass, "kg"),
-        "difference of Pinocchio and MuJoCo": (_disagreement(model), "1"),
     }
 
 
@@ -199,25 +198,6 @@ def _feet_over_soles(model: mujoco.MjModel, robot: Robot) -> float:
         if model.geom(g).name not in points
     ]
     return float(min(gaps))
-
-
-def _disagreement(model: mujoco.MjModel) -> float:
-    """Largest relative difference of mass matrix and COM of both libraries at random states."""
-    twin, data = pinocchio_model(model), mujoco.MjData(model)
-    own_data, rng, worst = twin.createData(), np.random.default_rng(0), 0.0
-    for _ in range(5):
-        q = pin.neutral(twin)
-        q[7:] = rng.uniform(-0.5, 0.5, twin.nv - 6)
-        data.qpos[:], data.qvel[:] = to_mujoco(q, np.zeros(twin.nv))
-        mujoco.mj_forward(model, data)
-        mass = np.empty((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, mass)
-        own = np.triu(pin.crba(twin, own_data, q))
-        own += np.triu(own, 1).T
-        worst = max(worst, float(np.abs(own - mass).max() / np.abs(mass).max()))
-        com = pin.centerOfMass(twin, own_data, q)
-        worst = max(worst, float(np.abs(com - data.subtree_com[0]).max()))
-    return worst
 
 
 def _notes(robot: Robot, findings: Findings, off: float = 0.0) -> tuple[str, ...]:

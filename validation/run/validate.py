@@ -4,10 +4,7 @@ The files that are hardest to replace are written first: parameters and environm
 record as soon as it ends, then signals and summary, last the pictures, which can be drawn again.
 """
 
-import shutil
-import tempfile
 from collections.abc import Sequence
-from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -23,7 +20,7 @@ from validation.store.folders import check_run_folder, run_folder
 from validation.store.record import save_record
 from validation.trial.disturbances import Disturbance
 from validation.trial.outcome import OutcomeName
-from validation.trial.plan import PlannedWalk, Request, plan_walk
+from validation.trial.plan import Request, plan_walk
 from validation.trial.record import SimulationRecord
 
 RUNS = Path("runs")
@@ -85,7 +82,7 @@ def validate(
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met; nothing is written.
-        OSError: the disk is full; a note says where the record is.
+        OSError: the disk is full.
     """
     progress = progress or Progress()
     check_run_folder(target, force=force)
@@ -102,7 +99,7 @@ def validate(
                 interruption.acknowledge()
             else:
                 interruption.holding = True
-            _save_record(record, folder, planned, environment)
+            save_record(record, folder)
 
         try:
             trial = walk_planned(
@@ -128,22 +125,3 @@ def validate(
     if late is not None:
         raise late
     return summary
-
-
-def _save_record(
-    record: SimulationRecord, folder: Path, planned: PlannedWalk, environment: dict[str, Any]
-) -> None:
-    """Write a record; where the disk is full, into the folder of temporary files."""
-    try:
-        save_record(record, folder)
-    except OSError as error:
-        rescue = Path(tempfile.mkdtemp(prefix=f"ampm-{planned.name}-"))
-        try:
-            write_inputs(rescue, planned, environment)
-            save_record(record, rescue)
-            error.add_note(f"the record is in {rescue}")
-        except OSError:
-            shutil.rmtree(rescue, ignore_errors=True)
-        with suppress(OSError):
-            (folder / "joints.parquet").unlink()
-        raise

@@ -137,6 +137,7 @@ def load_request(
     gait: RunParameters | str | None,
     settings: Sequence[str] = (),
     *,
+    body: Mapping[str, Any] | str | None = None,
     as_is: bool = False,
     sections: Mapping[str, Any] = MappingProxyType({}),
 ) -> Request:
@@ -144,14 +145,17 @@ def load_request(
 
     Args:
         gait: preset or TOML file; None for `normal`, or the own gait of another body than the human. Or
-            parameters, which take only ``sections``.
+            parameters, which take only ``body`` and ``sections``.
         settings: ``key=value`` texts.
+        body: its name (``body.source``), or values of the section ``body``.
         as_is: every value counts as given, so that nothing is found.
         sections: values by section and key, after the settings.
 
     Raises:
         InputError: unknown gait, key or controller, or a bad value.
     """
+    if body is not None:
+        sections = {**sections, "body": {"source": body} if isinstance(body, str) else body}
     if isinstance(gait, RunParameters):
         values = {f"{name}.{key}": value for name, keys in sections.items() for key, value in keys.items()}
         return Request("walk", own_gait(gait.replace(values) if values else gait))
@@ -173,26 +177,6 @@ def load_request(
     return Request(name, run, {key: run.value(key) for key in keys if key not in _SHOWN})
 
 
-def request_of(
-    source: RunParameters | str | None,
-    body: Mapping[str, Any] | str | None,
-    sections: Mapping[str, Mapping[str, Any]],
-) -> Request:
-    """Resolve a gait as a Python caller gives it.
-
-    Args:
-        source: parameters, or as in :func:`load_request`.
-        body: its name (``body.source``), or values of the section ``body``.
-        sections: values by section and key.
-
-    Raises:
-        InputError: as :func:`load_request`.
-    """
-    if body is not None:
-        sections = {**sections, "body": {"source": body} if isinstance(body, str) else body}
-    return load_request(source, sections=sections)
-
-
 def load_requests(
     gaits: Sequence[str | None],
     settings: Sequence[str] = (),
@@ -200,13 +184,7 @@ def load_requests(
     as_is: bool = False,
     sections: Mapping[str, Any] = MappingProxyType({}),
 ) -> list[Request]:
-    """Resolve several gaits.
-
-    Args:
-        gaits: as in :func:`load_request`.
-        settings: ``key=value`` texts, the same for all.
-        as_is: every value counts as given, so that nothing is found.
-        sections: values by section and key, after the settings.
+    """Resolve several gaits with the same settings; arguments as in :func:`load_request`.
 
     Raises:
         InputError: as :func:`load_request`, or two gaits of one name.

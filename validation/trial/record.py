@@ -189,16 +189,11 @@ class SimulationRecord:
     followed: Followed | None = None
 
     def __post_init__(self) -> None:
-        time, q, qd = (np.asarray(value) for value in (self.time, self.q, self.qd))
-        if time.ndim != 1 or time.size == 0:
-            raise InputError("a record needs at least the instant at which it starts: time has no entry.")
-        if q.ndim != 2 or qd.ndim != 2:
-            raise InputError("q and qd must be two-dimensional: one row per instant.")
         sizes = {
-            "K+1": time.size,
-            "K": time.size - 1,
-            "nq": q.shape[1],
-            "nv": qd.shape[1],
+            "K+1": len(self.time),
+            "K": len(self.time) - 1,
+            "nq": self.q.shape[1],
+            "nv": self.qd.shape[1],
             "P": len(self.point_foot),
             "F": 2,
             "T": len(self.tick_time),
@@ -216,10 +211,6 @@ class SimulationRecord:
                 raise InputError(f"record: {name} has shape {value.shape}, expected {symbols} = {shape}.")
             object.__setattr__(self, name, value)
         object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
-        for name in ("joint_names", "external_segments", "point_sites"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        for name in ("mass", "gravity", "time_step", "friction"):
-            object.__setattr__(self, name, float(getattr(self, name)))
 
     def __repr__(self) -> str:
         """Outcome and time, without the arrays."""

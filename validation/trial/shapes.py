@@ -6,7 +6,6 @@ between the drawn shapes.
 
 from __future__ import annotations
 
-import hashlib
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -66,8 +65,6 @@ class Shapes:
         ]
         self._pairs = pairs[:, np.array(apart, dtype=bool)]
         self._radii = model.geom_rbound[self._pairs].sum(axis=0)
-        kept = [getattr(model, f"geom_{name}")[shapes] for name in ("bodyid", "type", "size", "pos", "quat")]
-        self.digest = hashlib.sha256(b"".join(array.tobytes() for array in kept)).hexdigest()
 
     def _joined(self, upper: int, lower: int) -> bool:
         """Whether a joint connects a segment with one below it."""
