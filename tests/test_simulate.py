@@ -1,7 +1,6 @@
 """The closed loop: what a record holds, how a run ends, and what it survives."""
 
 from functools import cache
-from itertools import product
 
 import mujoco
 import numpy as np
@@ -90,9 +89,6 @@ def infeasible(solution):
     return QPSolution(1e9 * solution.x, QPStatus.INFEASIBLE, 1.0, 25, solution.seconds)
 
 
-SPOILS = [last_iterate, not_a_number, infeasible]
-
-
 # ------------------------------------------------------------------------------------------ what is recorded
 
 
@@ -141,28 +137,19 @@ def test_commands_and_contacts_are_of_their_own_step():
     assert np.median(speed) < 0.05  # a stance sole creeps, it does not slide
 
 
-@pytest.mark.parametrize(
-    ("setting", "tolerance"),
-    [
-        ("solver.qp=daqp", 0.02),  # the arms' share of L_z is the least decided
-        ("simulation.integrator=implicitfast", 1e-4),  # without damping both are semi-implicit Euler
-    ],
-)
-def test_solvers_and_integrators_walk_alike(setting, tolerance):
-    one, other = plain(), plain(setting)
+def test_both_solvers_walk_alike():
+    one, other = plain(), plain("solver.qp=daqp")
     assert other.outcome == one.outcome
     assert set(other.qp_status) == {SOLVED}
     np.testing.assert_allclose(other.com, one.com, atol=1e-4)
-    np.testing.assert_allclose(other.q, one.q, atol=tolerance)
+    np.testing.assert_allclose(other.q, one.q, atol=0.02)  # the arms' share of L_z is the least decided
     np.testing.assert_allclose(zmp_error(other), zmp_error(one), atol=1e-4)
 
 
 @pytest.mark.parametrize(
     "settings",
     [
-        (),
         ("simulation.integrator=implicitfast",),
-        ("simulation.time_step=0.001",),
         ("controller.frequency=250",),
     ],
 )
@@ -181,8 +168,7 @@ def test_walks_replay_whatever_integrator_and_clock(settings):
     ("settings", "steps", "words"),
     [
         (("controller.frequency=300",), STEPS, r"controller\.frequency.*whole number"),
-        (("simulation.time_step=0.003",), STEPS, r"controller\.frequency.*whole number"),
-        *(((), steps, "plan has 4") for steps in (0, 5, -1)),
+        *(((), steps, "plan has 4") for steps in (0, 5)),
     ],
 )
 def test_what_cannot_be_walked_is_refused(settings, steps, words):
@@ -193,8 +179,9 @@ def test_what_cannot_be_walked_is_refused(settings, steps, words):
 # ----------------------------------------------------------------------------------------------- failing QPs
 
 
-@pytest.mark.parametrize("solver", ["osqp", "daqp"])
-@pytest.mark.parametrize("how", SPOILS)
+@pytest.mark.parametrize(
+    ("how", "solver"), [(last_iterate, "daqp"), (not_a_number, "osqp"), (infeasible, "osqp")]
+)
 def test_a_few_failed_qps_are_survived_and_counted(spoil, how, solver):
     spoil(how, range(FAIL_AT, FAIL_AT + 3))
     record = walk(f"solver.qp={solver}")
@@ -206,9 +193,7 @@ def test_a_few_failed_qps_are_survived_and_counted(spoil, how, solver):
     np.testing.assert_allclose(record.com, plain().com, atol=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("how", "ticks"), [(last_iterate, 25), (not_a_number, 25), (infeasible, 25), (last_iterate, 50)]
-)
+@pytest.mark.parametrize(("how", "ticks"), [(not_a_number, 25), (last_iterate, 50)])
 def test_qps_that_fail_on_and_on_end_the_run_as_infeasible(spoil, how, ticks):
     spoil(how, range(FAIL_AT, 10_000))
     record = walk(f"controller.unsolved_limit={0.002 * ticks}")
@@ -232,18 +217,14 @@ def weaker(share: float) -> BodyModel:
     return BodyModel(spec.to_xml(), body_of().description)
 
 
-@pytest.mark.parametrize(
-    ("solver", "failing"),
-    [("osqp", 0), *(pytest.param(*item, marks=pytest.mark.slow) for item in (("daqp", 0), ("osqp", 3)))],
-)
-def test_a_weaker_body_uses_the_form_with_limits(spoil, solver, failing):
+def test_a_weaker_body_uses_the_form_with_limits(spoil):
     """Where that fails, the torques are clipped and the failure counted."""
-    spoil(infeasible, range(failing), which=1)
-    record = walk(f"solver.qp={solver}", body=weaker(0.8))
+    spoil(infeasible, range(3), which=1)
+    record = walk(body=weaker(0.8))
     assert record.outcome.name == OutcomeName.COMPLETED
     limited = record.qp_status == LIMITED
     assert 10 < limited.sum() < record.steps / 2
-    assert (record.qp_status == UNSOLVED).sum() == failing
+    assert (record.qp_status == UNSOLVED).sum() == 3
     assert (np.abs(record.torque) <= record.torque_limit).all()
     assert (np.abs(record.torque[limited]) > 0.999 * record.torque_limit).any(axis=1).mean() > 0.5
 
@@ -280,7 +261,7 @@ def physics(monkeypatch):
     return caught
 
 
-@pytest.mark.parametrize(("force", "speed"), [(1e15, 0.0), (np.inf, 0.0), (np.nan, 0.0), (0.0, 500.0)])
+@pytest.mark.parametrize(("force", "speed"), [(1e15, 0.0), (np.nan, 0.0), (0.0, 500.0)])
 def test_numbers_that_blow_up_diverged_and_the_record_ends_before(physics, force, speed):
     def blow(done, _):
         if done == 100:
@@ -321,8 +302,10 @@ def check_interrupted(record, steps, tmp_path):
 @pytest.mark.parametrize(
     ("where", "at"),
     [
-        *product(["between steps", "within a solve", "after the physics has moved on"], [0, FAIL_AT]),
+        ("between steps", 0),
         ("between steps", None),
+        ("within a solve", FAIL_AT),
+        ("after the physics has moved on", FAIL_AT),
     ],
 )
 def test_an_interrupt_keeps_whole_steps(monkeypatch, spoil, tmp_path, where, at):
