@@ -190,7 +190,6 @@ def row(**keys):
 
 
 NONE: list[Any] = [5, {"foot": "left"}, np.zeros(3)]
-]
 
 
 @pytest.mark.parametrize(
