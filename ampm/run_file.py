@@ -81,18 +81,14 @@ def _read_source(source: str | Path) -> dict[str, Any]:
 
 
 def _merged(table: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    """A table of sections with the keys of another one; what is no section is left for the refusal."""
+    """A table with the keys of another one, by section; what is no section is left for the refusal."""
     merged = dict(table)
-    for name, values in more.items():
-        old = table.get(name, {})
-        if not isinstance(values, Mapping):
-            merged[name] = values
-        elif not isinstance(old, Mapping):
-            merged[name] = old
+    for name, value in more.items():
+        if isinstance(value, Mapping) and name in merged:
+            old = merged[name]
+            merged[name] = _merged(old, value) if isinstance(old, Mapping) else old
         else:
-            merged[name] = {**old, **values}
-            if isinstance(old.get(OPTIONS), Mapping) and isinstance(values.get(OPTIONS), Mapping):
-                merged[name][OPTIONS] = {**old[OPTIONS], **values[OPTIONS]}
+            merged[name] = value
     return merged
 
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from ampm.compiled import records
-from ampm.control.sole import ACROSS, nearest, share_axis
-from ampm.control.workspace import FOOT, POINT, Body
+from ampm.control.workspace import Body
 from ampm.planner import routes
-from ampm.stepping.floor import feel, force_factor, step_up
+from ampm.stepping.floor import force_factor
 from ampm.stepping.step_choice import dcm_ahead, quintic_tick, ramp_share, step_change
 from ampm.stepping.stepper import WALKER, Stepper
 from tests.records import first_difference
@@ -117,44 +116,6 @@ def test_the_swing_foots_offset_goes_smoothly_to_a_target_that_moves():
         assert np.abs(np.diff(values[:, order])).max() < 1.01 * largest
 
 
-@pytest.mark.parametrize("com_first", [False, True])
-def test_the_sole_is_shared_within_its_edges_and_not_at_all_where_it_is_large_enough(com_first):
-    random = np.random.default_rng(1)
-    changed = 0
-    for d, m in random.uniform(-0.3, 0.3, (300, 2)).tolist():
-        low, high = -0.12, 0.09
-        shared = share_axis(d, m, low, high, com_first)
-        if low <= d + m <= high and low <= d <= high:
-            assert shared == (d, m)
-        else:
-            changed += 1
-            assert low - 1e-12 <= sum(shared) <= high + 1e-12
-            assert abs(shared[1]) <= abs(m) + 1e-12
-    assert changed > 100
-
-
-def test_the_zmp_is_brought_to_the_nearest_point_of_the_soles_hull():
-    corners = [(-0.1, 0.03), (-0.1, -0.03), (0.1, 0.05), (0.1, -0.05)]
-    sole = np.array([*corners, (0.0, 0.0), (0.05, 0.01)])
-    random = np.random.default_rng(2)
-    edge = [  # of the hull, finely
-        np.array(corners[i]) + share * (np.array(corners[j]) - corners[i])
-        for i, j in [(0, 1), (1, 3), (3, 2), (2, 0)]
-        for share in np.linspace(0.0, 1.0, 2001)
-    ]
-    outside = 0
-    for x, y in random.uniform(-0.2, 0.2, (200, 2)).tolist():
-        if abs(x) <= 0.1 and abs(y) <= 0.04 + 0.1 * x:
-            assert nearest(sole, x, y) == (x, y)
-            continue
-        outside += 1
-        distances = [math.hypot(px - x, ACROSS * (py - y)) for px, py in edge]
-        np.testing.assert_allclose(nearest(sole, x, y), edge[int(np.argmin(distances))], atol=3e-4)
-    assert 50 < outside < 190
-    assert nearest(sole[:1], 0.3, 0.2) == pytest.approx((-0.1, 0.03))
-    assert nearest(sole[:2], 0.3, 0.01) == pytest.approx((-0.1, 0.01))  # a line
-
-
 # ------------------------------------------------------------------ walks
 
 
@@ -249,27 +210,6 @@ def test_a_softer_floor_and_other_masses_are_survived(disturbance, zmp_x):
     assert trial.record.outcome.completed
     judged = trial.comparison  # as far from the first plan as if it had not stepped
     assert rms((judged.measured.zmp - (judged.first or judged.sample).zmp)[judged.inside, 0]) < zmp_x
-
-
-@pytest.mark.parametrize(
-    ("tilt", "lands", "tolerance"), [(0.0, True, 1e-3), (0.3, True, 1e-6), (0.6, False, 1e-6)]
-)
-def test_a_foot_that_is_tilted_tells_the_floors_height_by_its_points_and_lands_only_near_level(
-    tilt, lands, tolerance
-):
-    height, floor, tip, touching = 0.87, 0.02, 0.12, np.array([False, True])
-    feet, points = records(2, FOOT), records(2, POINT)
-    feet["pose"] = np.eye(3)
-    c, s = math.cos(tilt), math.sin(tilt)  # toes down, the tip on a floor that is 20 mm higher than planned
-    feet["pose"][1] = [[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]
-    feet["place"][1] = [0.1, -0.1, floor + s * tip - height]
-    points["foot"] = 0, 1
-    points["arm"][1] = [0.1 + c * tip, -0.1, floor - height]
-    it = stepper(contact=touching)
-    it = it._replace(body=it.body._replace(feet=feet, points=points))
-    feel(it)
-    assert (it.walker["touches"][0, 1] > 0) == lands
-    assert step_up(it, 1, np.zeros(3), np.eye(3), 0.0) == pytest.approx(floor, abs=tolerance)
 
 
 def test_a_com_that_sinks_for_lack_of_force_is_brought_back_to_its_height():
