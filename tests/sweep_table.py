@@ -10,11 +10,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
 
-from ampm.parameters import GRAVITY
+from ampm.parameters import GRAVITY, RunParameters
 from models.human import sole_geometry
 from validation.judge.profiles import profile
 from validation.study.sweep.design import parse_sweep
-from validation.study.sweep.table import SweepTable, TableWriter, key_of, wrap_table
+from validation.study.sweep.table import SweepTable, build_table, key_of, wrap_table
 
 RANGES: Mapping[str, tuple[float, float]] = {
     "gait.step_length": (0.4, 0.75),
@@ -61,9 +61,9 @@ def make_table(
         block = {"method": "latin_hypercube", "count": count, **ranges}
     head = {"name": "synthetic", "gait": "normal", "steps": 6, "seed": seed, "profile": profile_name}
     definition = parse_sweep(tomli_w.dumps({"sweep": head, "vary": [block]}))
-    rng, table, kept = np.random.default_rng(seed), TableWriter(definition), 0
+    rng, rows, kept = np.random.default_rng(seed), [], 0
     for run in range(len(definition)):
-        row = _row(definition.column, run, profile_name, rng)
+        row = _row(definition.parameters(run), profile_name, rng)
         if failures and run % 10 == 9:
             end = NO_WALK[run // 10 % len(NO_WALK)]
             walked = end["outcome"] in ("fell", "diverged")
@@ -72,16 +72,14 @@ def make_table(
         if recordings and kept < 20 and row["verdict"] in ("fail", "not_measured"):
             row["recording"] = f"recordings/{definition.name_of(run)}"
             kept += 1
-        table.add({"worker": str(run % 2), "timing_total": 1.4, **row, "key": key_of(definition, run)})
-    return table.finish()
+        rows.append({"worker": str(run % 2), "timing_total": 1.4, **row, "key": key_of(definition, run)})
+    return build_table(definition, rows)
 
 
-def _row(column: Any, run: int, profile_name: str, rng: np.random.Generator) -> dict[str, Any]:
+def _row(run: RunParameters, profile_name: str, rng: np.random.Generator) -> dict[str, Any]:
     """Columns of a walk whose errors grow with the distance of both slopes from 1."""
-    c_s, c_y, height, mass = (
-        float(column(key, np.array([run]))[0]) for key in ("gait.c_s", "gait.c_y", "body.height", "body.mass")
-    )
-    foot = sole_geometry(1.0).length * height
+    c_s, c_y, mass = run.gait.c_s, run.gait.c_y, run.body.mass
+    foot = sole_geometry(1.0).length * run.body.height
     driven = {"zmp_x": 0.25 + 1.1 * (c_s - 1.0) ** 2, "zmp_y": 0.25 + 0.8 * abs(c_y - 1.0) ** 1.5}
     metrics, failed = {"metric_com_x_rmse": 6e-5}, []
     for item in profile(profile_name).tolerances:
@@ -98,7 +96,6 @@ def _row(column: Any, run: int, profile_name: str, rng: np.random.Generator) -> 
         "outcome_time": 3.7,
         "foot_length": foot,
         **metrics,
-        "timing_simulation": 0.8,
         "memory_peak": 300.0,
     }
 

@@ -21,7 +21,7 @@ from validation.study.row_file import ROWS, RowFile
 from validation.study.sweep import report, run
 from validation.study.sweep.design import load_sweep, parse_sweep
 from validation.study.sweep.schema import columns
-from validation.study.sweep.table import SweepTable, TableWriter, key_of, read_sweep, wrap_table
+from validation.study.sweep.table import SweepTable, build_table, key_of, read_sweep, wrap_table
 
 SWEEP = """
 [sweep]
@@ -124,11 +124,9 @@ def test_rows_become_a_table_and_refusals_need_no_walk(command, out, capsys):
 
 
 def test_rows_of_any_order_are_sorted():
-    definition, numbers = parse_sweep(SWEEP), [3, 0, 8, 1]
-    table = TableWriter(definition)
-    for number in numbers:
-        table.add({"key": key_of(definition, number), "outcome": "fell", "verdict": "not_measured"})
-    sweep = wrap_table(table.finish(), None, "x")
+    definition = parse_sweep(SWEEP)
+    rows = [{"key": key_of(definition, number), **FELL} for number in (3, 0, 8, 1)]
+    sweep = wrap_table(build_table(definition, rows), None, "x")
     assert sweep.words("name") == ["0", "1", "3", "8"]
     assert (len(sweep), sweep.planned) == (4, 9)
 
@@ -360,7 +358,7 @@ def test_a_dry_run_counts_refusals_and_times_one_walk(command, capsys, monkeypat
     assert "gait.switching_velocity = -1 m/s" in said
     assert "the sweep about" in said
     assert command("--dry-run", text=SWEEP.replace("0.7, -1.0", "0.2")) == 2
-    assert "nothing would walk" in capsys.readouterr().out
+    assert "no run that was tried can be walked" in capsys.readouterr().out
 
 
 # --------------------------------------------------------------------------------------- real walks

@@ -79,8 +79,8 @@ def sweep(
         if as_json:
             print_json(expected.as_dict())
         else:
-            print_tables([expected.table()])
-        return Status.REFUSED if expected.all_refused else Status.PASS
+            print_tables(expected.tables())
+        return Status.REFUSED if len(expected.refused) == expected.runs else Status.PASS
     if out is None:
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
     try:

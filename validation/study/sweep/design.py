@@ -21,7 +21,7 @@ from pydantic import Field, model_validator
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN, OPTION_TABLES, RunParameters, is_option, keys
 from ampm.presets import PRESETS
-from ampm.run_file import KeyInfo, key_info, load_run
+from ampm.run_file import key_info, load_run
 from ampm.section import Option, Real, Section, parse_toml, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
 from validation.store.identity import parameter_values
@@ -108,19 +108,18 @@ class Block(Section):
             )
         return self
 
-    def columns(self, generator: np.random.Generator) -> dict[str, NDArray[Any]]:
+    def columns(self, generator: np.random.Generator) -> dict[str, list[Option]]:
         """Values of every key: the distinct ones of a grid, those of all cases otherwise."""
         unit = self._points(generator)
         found = {}
         for number, (key, value) in enumerate(self.keys.items()):
-            info = key_info(key)
+            is_whole = key_info(key).kind == "int"
             if not isinstance(value, Range):
-                kinds: Mapping[str, Any] = {"int": np.int64, "float": np.float64}
-                found[key] = np.array(value, dtype=kinds.get(info.kind, object))
+                found[key] = list(value)
             elif unit is None:
-                found[key] = _spaced(info, value)
+                found[key] = _spaced(value, is_whole)
             else:
-                found[key] = _scaled(info, value, unit[:, number])
+                found[key] = _scaled(value, is_whole, unit[:, number])
         return found
 
     def _points(self, generator: np.random.Generator) -> NDArray[np.float64] | None:
@@ -136,32 +135,31 @@ class Block(Section):
         return engine.random_base2((self.count - 1).bit_length())[: self.count]
 
 
-def _spaced(info: KeyInfo, value: Range) -> NDArray[Any]:
+def _spaced(value: Range, is_whole: bool) -> list[Option]:
     """Values of a range of a grid."""
-    count = value.count or 0
-    values = (np.geomspace if value.scale == "log" else np.linspace)(value.start, value.stop, count)
-    if info.kind == "int":
-        values = np.rint(values)
-    else:
-        # 1.0 instead of 1.0000000000000002: some gaits are exact only there.
-        largest = max(abs(value.start), abs(value.stop))
-        values = np.round(values, min(_DIGITS - math.ceil(math.log10(largest)), 300))
-        values[0], values[-1] = value.start, value.stop
-    return values.astype(np.int64) if info.kind == "int" else values
+    values = (np.geomspace if value.scale == "log" else np.linspace)(
+        value.start, value.stop, value.count or 0
+    )
+    if is_whole:
+        return np.rint(values).astype(int).tolist()
+    # 1.0 instead of 1.0000000000000002: some gaits are exact only there.
+    largest = max(abs(value.start), abs(value.stop))
+    values = np.round(values, min(_DIGITS - math.ceil(math.log10(largest)), 300))
+    values[0], values[-1] = value.start, value.stop
+    return values.tolist()
 
 
-def _scaled(info: KeyInfo, value: Range, unit: NDArray[np.float64]) -> NDArray[Any]:
+def _scaled(value: Range, is_whole: bool, unit: NDArray[np.float64]) -> list[Option]:
     """Points of 0 ... 1 as values of a range; every whole number of an integer key gets an equal share."""
-    whole = info.kind == "int"
-    start, stop = (value.start - 0.5, value.stop + 0.5) if whole else (value.start, value.stop)
+    half = 0.5 if is_whole else 0.0
+    start, stop = value.start - half, value.stop + half
     if value.scale == "log":
-        low, high = math.log(start), math.log(stop)
-        values = np.exp(low + unit * (high - low))
+        values = np.exp(math.log(start) + unit * (math.log(stop) - math.log(start)))
     else:
         values = start + unit * (stop - start)
-    if whole:
-        return np.clip(np.rint(values), value.start, value.stop).astype(np.int64)
-    return np.clip(values, value.start, value.stop)
+    if is_whole:
+        values = np.rint(values).astype(int)
+    return np.clip(values, value.start, value.stop).astype(values.dtype).tolist()
 
 
 # ------------------------------------------------------------------- definition
@@ -233,43 +231,26 @@ class SweepDefinition(Section, section="sweep"):
         return tuple(key for block in self.vary for key in block.keys)
 
     @cached_property
-    def axes(self) -> Mapping[str, tuple[NDArray[Any], int]]:
-        """Values of every varied key (read-only), and the number of runs after which the next one comes."""
-        axes: dict[str, tuple[NDArray[Any], int]] = {}
-        stride = len(self)
-        for number, block in enumerate(self.vary):
-            inner, stride = stride, stride // block.size
-            for key, values in block.columns(np.random.default_rng([self.seed, number])).items():
-                values.setflags(write=False)
-                inner //= len(values)  # of a grid the last key changes fastest
-                axes[key] = values, inner if block.method == "grid" else stride
-        return axes
+    def _columns(self) -> list[dict[str, list[Option]]]:
+        """Values of the keys of every block."""
+        return [
+            block.columns(np.random.default_rng([self.seed, number]))
+            for number, block in enumerate(self.vary)
+        ]
 
-    def names(self, key: str) -> frozenset[str]:
-        """Values of a key whose values are texts."""
-        varied = (block.keys[key] for block in self.vary if key in block.keys)
-        names: Any = next(varied, [self.shared.value(key)])
-        return frozenset(names)
+    def values(self, key: str) -> tuple[Option, ...]:
+        """Values of a key: those listed, both ends of a range, or the one that all runs share."""
+        for block in self.vary:
+            if key in block.keys:
+                values = block.keys[key]
+                return (values.start, values.stop) if isinstance(values, Range) else values
+        return (parameter_values(self.shared)[key],)
 
     @property
     def options(self) -> dict[str, tuple[Option, ...]]:
-        """Values of every option of a user's class, by its key; of a range both ends."""
-        found: dict[str, tuple[Option, ...]] = {
-            key: (value,) for key, value in parameter_values(self.shared).items() if is_option(key)
-        }
-        for block in self.vary:
-            for key, values in block.keys.items():
-                if is_option(key):
-                    found[key] = (values.start, values.stop) if isinstance(values, Range) else values
-        return found
-
-    def column(self, key: str, runs: NDArray[np.int64]) -> NDArray[Any]:
-        """Values of any key of the run, varied or not, in some runs, shape (n,)."""
-        if key in self.axes:
-            values, stride = self.axes[key]
-            return values[(runs // stride) % len(values)]
-        value = self.shared.value(key)
-        return np.full(len(runs), value, dtype=object if isinstance(value, str) else None)
+        """Values of every option of a user's class, by its key."""
+        found = dict.fromkeys((*parameter_values(self.shared), *self.keys))
+        return {key: self.values(key) for key in found if is_option(key)}
 
     def varied(self, run: int) -> dict[str, Option]:
         """Varied keys of one run.
@@ -279,7 +260,15 @@ class SweepDefinition(Section, section="sweep"):
         """
         if not 0 <= run < len(self):
             raise IndexError(f"there is no run {run}: the sweep has {len(self)}")
-        return {key: self.column(key, np.array([run])).tolist()[0] for key in self.axes}
+        cases = np.unravel_index(run, [block.size for block in self.vary])
+        found = {}
+        for block, columns, case in zip(self.vary, self._columns, cases, strict=True):
+            places = (case,) * len(columns)
+            if block.method == "grid":
+                places = np.unravel_index(case, [len(values) for values in columns.values()])
+            for (key, values), place in zip(columns.items(), places, strict=True):
+                found[key] = values[place]
+        return found
 
     def parameters(self, run: int) -> RunParameters:
         """Everything that describes one run.
@@ -358,23 +347,28 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
             f"with {BODY_KEY} under [set], and compare them with 'ampm compare'.",
             key=BODY_KEY,
         )
-    first = definition.shared.replace({key: values[0] for key, values in definition.options.items()})
-    for controller in sorted(definition.names(CONTROLLER_KEY)):
-        CONTROLLER.check(controller, first.controller.options)
-    if "drake" in definition.names(ENGINE_KEY):
-        from validation.trial.engine import check_drake  # loads the simulator
-
-        check_drake()
-    for planner in sorted(definition.names(PLANNER_KEY)):
-        check_planner(planner, first.planner.options)
-    for estimator in sorted(definition.names(ESTIMATOR_KEY)):
-        ESTIMATOR.check(estimator, first.sensors.options)
+    _check_classes(definition)
     if definition.push:
         from validation.trial.disturbances import parse_push  # loads the simulator
 
         for text in definition.push:
             parse_push(text)
     return definition
+
+
+def _check_classes(definition: SweepDefinition) -> None:
+    """Refuse a controller, planner, estimator or engine that there is not, before anything is walked."""
+    first = definition.shared.replace({key: values[0] for key, values in definition.options.items()})
+    for controller in definition.values(CONTROLLER_KEY):
+        CONTROLLER.check(str(controller), first.controller.options)
+    for planner in definition.values(PLANNER_KEY):
+        check_planner(str(planner), first.planner.options)
+    for estimator in definition.values(ESTIMATOR_KEY):
+        ESTIMATOR.check(str(estimator), first.sensors.options)
+    if "drake" in definition.values(ENGINE_KEY):
+        from validation.trial.engine import check_drake  # loads the simulator
+
+        check_drake()
 
 
 def _base(folder: Path, gait: Any, body: Any) -> RunParameters:

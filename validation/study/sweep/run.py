@@ -1,5 +1,6 @@
 """A sweep from its definition to a finished folder, in one or several calls."""
 
+import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ampm.exceptions import InputError, RefusedGait
@@ -33,7 +35,7 @@ from validation.study.sweep.table import (
     SUMMARY,
     State,
     SweepTable,
-    TableWriter,
+    build_table,
     key_of,
     wrap_table,
 )
@@ -74,22 +76,19 @@ def sweep(
     """
     if not isinstance(definition, SweepDefinition):
         definition = load_sweep(definition)
-    progress, start = progress or Progress(), time.monotonic()
     folder = study_folder(out, resume=resume)
-    table = TableWriter(definition)
-    many: Any = {"workers": workers, "scheduler": scheduler, "progress": progress}
-    limit = definition.wall_clock
-    for row in walk_many(_Runs(definition, folder), folder, limit=limit, label="sweep", **many):
-        table.add(row)
-    found = wrap_table(table.finish(), folder, definition.name)
+    many: Any = {"workers": workers, "scheduler": scheduler, "progress": progress or Progress()}
+    rows = walk_many(_Runs(definition, folder), folder, limit=definition.wall_clock, label="sweep", **many)
+    found = wrap_table(build_table(definition, rows), folder, definition.name)
     if folder is None:
         return found
-    kept = _keep_worst(definition, found, folder, many)
-    found = replace(found, table=found.with_column("recording", kept))
+    kept = pa.array(_keep_worst(definition, found, folder, many), pa.string())
+    column = found.table.schema.get_field_index("recording")
+    found = replace(found, table=found.table.set_column(column, "recording", kept))
     with output_file(folder / RESULTS) as file:
         pq.write_table(found.table, file, compression="zstd")
-    write_json(folder / SUMMARY, found.summary(time.monotonic() - start))
-    with progress.stage("report"):
+    write_json(folder / SUMMARY, found.summary())
+    with many["progress"].stage("report"):
         from validation.study.sweep.report import write_sweep_report  # loads Vega's JavaScript engine
 
         write_sweep_report(folder)
@@ -228,73 +227,49 @@ class Forecast(Tabled):
     """What a sweep would walk.
 
     Attributes:
-        definition: the sweep.
-        checked: runs whose bounds and formula were checked: all, or a random sample.
-        refused: refusals among them, by reason, each with its number and an example.
+        runs: of the sweep.
+        refused: those of the checked runs that bounds or formula refuse.
+        checked: number of runs that were checked: all, or a random sample.
         seconds: wall-clock time of one run, from a walk; None if the tried runs cannot be walked [s].
         workers: processes.
     """
 
-    definition: SweepDefinition
+    runs: int
+    refused: SweepTable
     checked: int
-    refused: Mapping[str, tuple[int, str]]
     seconds: float | None
     workers: int
 
     @property
     def walking(self) -> int:
         """Runs that can walk, at most; estimated from the checked ones."""
-        refused = sum(count for count, _ in self.refused.values())
-        return round(len(self.definition) * (1.0 - refused / self.checked))
-
-    @property
-    def all_refused(self) -> bool:
-        """Whether it is certain that nothing walks."""
-        return self.checked == len(self.definition) and self.walking == 0
-
-    @property
-    def wall_clock(self) -> float | None:
-        """Estimated duration of the sweep [s]; None if no walk was timed."""
-        return None if self.seconds is None else self.seconds * -(-self.walking // self.workers)
+        return round(self.runs * (1.0 - len(self.refused) / self.checked))
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, times in s."""
         return {
-            "sweep": self.definition.name,
-            "varied": list(self.definition.keys),
-            "runs": len(self.definition),
+            "runs": self.runs,
             "checked": self.checked,
-            "refused": {reason: count for reason, (count, _) in self.refused.items()},
+            "refused": self.refused.summary()["refusals"],
             "walking": self.walking,
             "seconds": self.seconds,
-            "wall_clock": self.wall_clock,
+            "wall_clock": self.seconds and self.seconds * math.ceil(self.walking / self.workers),
             "workers": self.workers,
         }
 
     def tables(self) -> list[Table]:
-        """The one table."""
-        return [self.table()]
-
-    def table(self) -> Table:
         """Numbers of runs, with examples of the refusals."""
-        definition, runs = self.definition, len(self.definition)
-        of = "" if self.checked == runs else f" (of {self.checked:,} drawn ones)"
-        rows = [("runs", f"{runs:,}", f"of {definition.gait}, {definition.steps} steps each")]
-        rows += [
-            (f"refused{of}: {reason.replace('_', ' ')}", f"{count:,}", example)
-            for reason, (count, example) in self.refused.items()
+        rows = [
+            ("runs", f"{self.runs:,}", ""),
+            ("checked by formula", f"{self.checked:,}", ""),
+            *self.refused.result().rows,
+            ("can walk, at most", f"{self.walking:,}", ""),
         ]
-        rows.append(("can walk, at most", f"{self.walking:,}", ""))
-        note = "no run that was tried can be walked, so the time is unknown"
-        if self.all_refused:
-            note = "every run is refused: nothing would walk"
-        elif self.seconds is not None and self.wall_clock is not None:
-            note = (
-                f"one run takes about {format_duration(self.seconds)}, the sweep about "
-                f"{format_duration(self.wall_clock)} with {self.workers} workers"
-            )
-        title = f"dry run of {definition.name}: {', '.join(definition.keys)}"
-        return Table(title, ("", ">runs", "for example"), rows, [note])
+        note = "no run that was tried can be walked"
+        if self.seconds is not None:
+            one, all_runs = (format_duration(self.as_dict()[name]) for name in ("seconds", "wall_clock"))
+            note = f"one run takes about {one}, the sweep about {all_runs} with {self.workers} workers"
+        return [Table(f"dry run of {self.refused.name}", ("", ">runs", "for example"), rows, [note])]
 
 
 def forecast(
@@ -309,27 +284,17 @@ def forecast(
     """
     progress = progress or Progress()
     numbers = np.random.default_rng(definition.seed).permutation(len(definition))[:CHECKED].tolist()
-    refused: dict[str, tuple[int, str]] = {}
-    walking = []
-    with progress.stage("refusals by formula", "runs") as stage:
-        for done, run in enumerate(numbers, start=1):
-            stage.advance(done, len(numbers))
-            known = task_of(definition, run).known
-            if known is None:
-                walking.append(run)
-            else:
-                count, example = refused.get(known["reason"], (0, known["cause"]))
-                refused[known["reason"]] = count + 1, example
-    seconds = _time_walk(definition, walking[:_TRIED], progress)
-    return Forecast(definition, len(numbers), refused, seconds, workers or cores())
-
-
-def _time_walk(definition: SweepDefinition, runs: Sequence[int], progress: Progress) -> float | None:
-    """Wall-clock time of the first of these runs that can be walked [s]."""
-    for run in runs:
+    with progress.stage("refusals by formula"):
+        tasks = {run: task_of(definition, run) for run in numbers}
+    rows = [{"key": task.key, **task.known} for task in tasks.values() if task.known is not None]
+    refused = wrap_table(build_table(definition, rows), None, definition.name)
+    walking = [run for run, task in tasks.items() if task.known is None]
+    seconds = None
+    for run in walking[:_TRIED]:
         with progress.stage(f"walk of run {definition.name_of(run)}, to time it"):
             start = time.perf_counter()
             with suppress(InputError, RefusedGait):
-                walk(**_options(definition, run))
-                return time.perf_counter() - start
-    return None
+                walk(**tasks[run].options)
+                seconds = time.perf_counter() - start
+                break
+    return Forecast(len(definition), refused, len(numbers), seconds, workers or cores())

@@ -1,6 +1,6 @@
 """Columns of a sweep's table: name, type, unit and meaning of each, and the columns that a walk gives.
 
-One row per run. What is undefined is null, never NaN. Every column but those of its cost (``timing_*``,
+One row per run. What is undefined is null, never NaN. Every column but those of its cost (``timing_total``,
 ``worker``, ``memory_peak``) is a function of the definition alone: the same bits for any workers and any
 interruptions. Metrics come from the registry (:mod:`validation.judge.metrics`), parameters from
 :class:`ampm.parameters.RunParameters`: a new one is a new column.
@@ -8,23 +8,18 @@ interruptions. Metrics come from the registry (:mod:`validation.judge.metrics`),
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from functools import cache
-from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-import numpy as np
 import pyarrow as pa
 
 from ampm.planner.centroidal import PlanConstants
 from ampm.run_file import describe_keys, key_info
 from ampm.section import Option
-from ampm.walk import LIMITED, UNSOLVED
-from validation.judge.metrics import METRICS, has_qp
+from validation.judge.metrics import METRICS
 from validation.store.machine import memory_peak
 
 if TYPE_CHECKING:
@@ -53,14 +48,36 @@ class Column(NamedTuple):
     words: str
 
 
-@cache
-def _listed() -> tuple[tuple[str, Column], ...]:
-    """Columns of the file beside this module, each with its place in the table."""
-    with Path(__file__).with_name("columns.csv").open(encoding="utf-8", newline="") as file:
-        return tuple(
-            (row["place"], Column(row["name"], cast(Kind, row["kind"]), row["unit"], row["words"]))
-            for row in csv.DictReader(file)
-        )
+_RUN = (
+    Column("run", "whole", "1", "number of the run in the sweep, from 0"),
+    Column("name", "text", "", "the same, padded with zeros: name of the run's folder"),
+    Column(
+        "key",
+        "text",
+        "",
+        "hash of the parameters that are not at their defaults, to find it in another sweep",
+    ),
+)
+_WALK = (
+    Column("plan_step_duration", "real", "s", "duration of a step"),
+    Column("plan_duration", "real", "s", "duration of the planned walk"),
+    Column("plan_zmp_margin", "real", "m", "least distance of the planned ZMP from the edge of the support"),
+    Column("outcome", "text", "", "completed, fell, diverged, infeasible, refused, crashed, timed_out"),
+    Column("reason", "text", "", "of a refusal, its short name; of a crash, the error's type; else null"),
+    Column("cause", "text", "", "one sentence on why the run did not complete, else null"),
+    Column("traceback", "text", "", "of a crash, its last lines, else null"),
+    Column("verdict", "text", "", "pass, fail or not_measured; null for a run that did not walk"),
+    Column("failed", "text", "", "metrics out of tolerance, separated by commas; empty if none is"),
+    Column("steps_completed", "whole", "1", "whole steps walked; null for a run that did not walk"),
+    Column("outcome_time", "real", "s", "simulated time at the end of the walk"),
+    Column("foot_length", "real", "m", "length of the foot, with which limits grow"),
+    Column("recording", "text", "", "folder of the run, relative to the sweep's; null if it was not kept"),
+)
+_COST = (
+    Column("timing_total", "real", "s", "wall clock of the whole run on its worker"),
+    Column("worker", "text", "", "worker that walked it; null if none had to"),
+    Column("memory_peak", "real", "MB", "largest resident memory of the worker so far"),
+)
 
 
 def columns(options: Options = MappingProxyType({})) -> tuple[Column, ...]:
@@ -69,21 +86,16 @@ def columns(options: Options = MappingProxyType({})) -> tuple[Column, ...]:
     Args:
         options: of a sweep, each of which adds a column.
     """
-
-    def at(place: str) -> Iterator[Column]:
-        return (column for where, column in _listed() if where == place)
-
     keys = ((item, _KINDS[item.kind]) for item in describe_keys())
     constants = ((f"plan_{item.name}", item.metadata) for item in fields(PlanConstants))
     return (
-        *at("run"),
+        *_RUN,
         *(Column(item.key, kind, "" if kind == "text" else item.unit, item.meaning) for item, kind in keys),
         *(Column(key, _kind(values), "", key_info(key).meaning) for key, values in options.items()),
         *(Column(name, "real", data["unit"], data["meaning"]) for name, data in constants),
-        *at("plan"),
-        *at("walk"),
+        *_WALK,
         *(Column(item.column, "real", item.unit, item.meaning) for item in METRICS.values()),
-        *at("cost"),
+        *_COST,
     )
 
 
@@ -100,9 +112,8 @@ def schema(options: Options = MappingProxyType({})) -> pa.Schema:
 
 
 def walk_columns(trial: Trial) -> dict[str, Any]:
-    """Plan, outcome, metrics and cost of a walk; what is undefined is None."""
-    record, plan, constants = trial.record, trial.plan, trial.plan.constants
-    outcome, margins = record.outcome, trial.comparison.costs["margins"]
+    """Plan, outcome and metrics of a walk; what is undefined is None."""
+    plan, constants, outcome = trial.plan, trial.plan.constants, trial.record.outcome
     row = {
         **{f"plan_{item.name}": getattr(constants, item.name) for item in fields(constants)},
         "plan_step_duration": constants.step_duration,
@@ -116,15 +127,6 @@ def walk_columns(trial: Trial) -> dict[str, Any]:
         "outcome_time": outcome.time,
         "foot_length": trial.comparison.scales["foot_length"],
         **{METRICS[name].column: metric.value for name, metric in trial.metrics.items()},
-        "margin_torque_joint": margins["torque"].where or None,
-        "margin_joint_name": margins["joint"].where or None,
-        "margin_clearance_parts": margins["clearance"].where or None,
-        "qp_ticks": int(record.qp_status.size),
-        **{f"timing_{name}": seconds for name, seconds in trial.timing.items() if name != "simulated"},
         "memory_peak": memory_peak(),
     }
-    if has_qp(record):
-        row["qp_limited"] = int(np.count_nonzero(record.qp_status == LIMITED))
-        row["qp_unsolved"] = int(np.count_nonzero(record.qp_status == UNSOLVED))
-        row["qp_iterations_maximum"] = int(record.qp_iterations.max(initial=0))
     return {name: None if isinstance(v, float) and math.isnan(v) else v for name, v in row.items()}

@@ -5,11 +5,13 @@ sweep is not finished, its table is made from the rows that are there.
 """
 
 import json
+import shlex
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Any, Self
 
@@ -26,7 +28,6 @@ from ampm.section import Option
 from validation.judge.metrics import METRICS, display_unit, metric_label
 from validation.judge.profiles import Tolerance
 from validation.judge.profiles import profile as find_profile
-from validation.judge.sizes import BODY_WEIGHT
 from validation.store.environment import describe_environment
 from validation.store.identity import code_hash, parameter_values, run_key
 from validation.study.row_file import ROWS, Row, read_rows
@@ -42,7 +43,6 @@ RECORDINGS = "recordings"
 TABLE_METADATA = b"ampm_sweep"
 """Schema metadata of a table: JSON, see :func:`table_metadata`."""
 METRIC = "metric_"
-_SHOWN = 10
 _BATCH = 1000  # rows that are turned into columns at a time
 
 
@@ -103,7 +103,6 @@ class SweepTable(Brief, Tabled):
     metadata: Mapping[str, Any]
     directory: Path | None
     source: str
-    _cache: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
 
     def __len__(self) -> int:
         return self.table.num_rows
@@ -147,7 +146,7 @@ class SweepTable(Brief, Tabled):
         """Rows in one of these states, shape (N,)."""
         return np.isin(self.states, [STATES.index(state) for state in states])
 
-    @cached_property
+    @property
     def counts(self) -> Mapping[State, int]:
         """Runs in every state, zeros included."""
         counted = np.bincount(self.states, minlength=len(STATES))
@@ -166,40 +165,25 @@ class SweepTable(Brief, Tabled):
         that used most of a tolerance. Ties go to the lower row.
         """
         lost = np.flatnonzero(self.is_state(*LOST))
-        steps, time = (
-            np.nan_to_num(self.numbers(name)[lost], nan=np.inf)
-            for name in ("steps_completed", "outcome_time")
-        )
+        time = np.nan_to_num(self.numbers("outcome_time")[lost], nan=np.inf)
         measured = np.flatnonzero(self.measured)
         used = np.nan_to_num(self.worst_used[measured], nan=-np.inf)
         return [
-            *lost[np.lexsort((lost, time, steps))].tolist(),
+            *lost[np.argsort(time, kind="stable")].tolist(),
             *measured[np.argsort(-used, kind="stable")].tolist(),
         ]
 
     # -------------------------------------------------------------------------- columns
 
-    def with_column(self, name: str, values: list[Any]) -> pa.Table:
-        """The table with other values in a column."""
-        place = self.table.schema.get_field_index(name)
-        field = self.table.schema.field(name)
-        return self.table.set_column(place, field, pa.array(values, field.type))
-
     def numbers(self, name: str) -> Array:
-        """A column of numbers, shape (N,), read-only; NaN where there is none, or no such column."""
-        if name not in self._cache:
-            values = np.full(len(self), np.nan)
-            if name in self:
-                column = self.table.column(name)
-                try:
-                    values = np.array(column.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=float)
-                except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-                    raise InputError(
-                        f"{self.source}: column {name} holds {column.type}, not numbers."
-                    ) from None
-            values.flags.writeable = False
-            self._cache[name] = values
-        return self._cache[name]
+        """A column of numbers, shape (N,); NaN where there is none, or no such column."""
+        if name not in self:
+            return np.full(len(self), np.nan)
+        column = self.table.column(name)
+        try:
+            return np.array(column.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=float)
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+            raise InputError(f"{self.source}: column {name} holds {column.type}, not numbers.") from None
 
     def words(self, name: str) -> list[str]:
         """A column as text; empty where there is none."""
@@ -208,10 +192,9 @@ class SweepTable(Brief, Tabled):
         return ["" if value is None else str(value) for value in self.table.column(name).to_pylist()]
 
     def values(self, name: str) -> NDArray[Any]:
-        """A column as numbers, or as texts if it holds none, shape (N,)."""
-        kind = self.table.schema.field(name).type
-        numeric = pa.types.is_floating(kind) or pa.types.is_integer(kind)
-        return self.numbers(name) if numeric else np.array(self.words(name))
+        """A column as texts or as numbers, shape (N,)."""
+        is_text = pa.types.is_string(self.table.schema.field(name).type)
+        return np.array(self.words(name)) if is_text else self.numbers(name)
 
     def unit(self, name: str) -> str:
         """Unit of a column, ``1`` if it has none."""
@@ -238,7 +221,7 @@ class SweepTable(Brief, Tabled):
         present = [name.removeprefix(METRIC) for name in self.table.column_names if name.startswith(METRIC)]
         return tuple(dict.fromkeys((*self.judged, *present)))
 
-    @cached_property
+    @property
     def judged(self) -> tuple[str, ...]:
         """Metrics with a column and a tolerance, in the profile's order."""
         return tuple(name for name in self.limits if METRIC + name in self)
@@ -269,15 +252,10 @@ class SweepTable(Brief, Tabled):
 
         A tolerance of zero is used by 0 if it is met, and by infinity if not.
         """
-        key = f"used:{metric}"
-        if key not in self._cache:
-            value, limit = self.numbers(METRIC + metric), self.limit_values(metric)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                share = np.where(limit > 0.0, value / limit, np.where(value > 0.0, np.inf, 0.0))
-            share = np.where(self.measured & np.isfinite(value) & np.isfinite(limit), share, np.nan)
-            share.flags.writeable = False
-            self._cache[key] = share
-        return self._cache[key]
+        value, limit = self.numbers(METRIC + metric), self.limit_values(metric)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(limit > 0.0, value / limit, np.where(value > 0.0, np.inf, 0.0))
+        return np.where(self.measured & np.isfinite(value) & np.isfinite(limit), share, np.nan)
 
     @cached_property
     def worst_used(self) -> Array:
@@ -286,20 +264,13 @@ class SweepTable(Brief, Tabled):
 
     def shown(self, metric: str) -> tuple[Array, str]:
         """A metric of the completed runs in display units, shape (N,), NaN elsewhere; the unit."""
-        scale, unit = self._scale(metric)
+        scale, unit = display_unit(self.unit(METRIC + metric), self.weight)
         return scale * np.where(self.measured, self.numbers(METRIC + metric), np.nan), unit
 
     def shown_limits(self, metric: str) -> tuple[Array, str]:
         """Limits of a metric in display units, by run, shape (N,), NaN where it is not judged; the unit."""
-        limit = self.limits.get(metric)
-        scale, unit = self._scale(metric)
-        if limit is not None and limit.unit == BODY_WEIGHT:
-            return np.full(len(self), 100.0 * limit.limit), unit
+        scale, unit = display_unit(self.unit(METRIC + metric), self.weight)
         return scale * self.limit_values(metric), unit
-
-    def _scale(self, metric: str) -> tuple[Array | float, str]:
-        """Factor to display units, and their name."""
-        return display_unit(self.unit(METRIC + metric), self.weight)
 
     # -------------------------------------------------------------------------- the whole sweep
 
@@ -308,47 +279,46 @@ class SweepTable(Brief, Tabled):
         return [self.result()]
 
     def result(self) -> Table:
-        """How many runs ended how, for a reader."""
-        summary = self.summary()
-        rows = [(name.replace("_", " "), f"{number:,}") for name, number in summary["states"].items()]
-        rows += [
-            (f"  {name.replace('_', ' ')}", f"{number:,}") for name, number in summary["refusals"].items()
-        ]
+        """How many runs ended how, with an example of every reason why one did not walk."""
+        names, causes, rows = self.words("name"), self.words("cause"), []
+        for state, count in self.counts.items():
+            if count:
+                rows.append((state.label, f"{count:,}", ""))
+            for reason, (number, row) in self._reasons(state).items():
+                example = f"run {names[row]}: {causes[row]}"
+                rows.append((f"  {reason.replace('_', ' ')}", f"{number:,}", example))
         notes = []
+        summary = self.summary()
         if summary["failed"]:
-            failed = list(summary["failed"].items())[:_SHOWN]
-            words = "; ".join(f"{self.label(name)} ({number:,})" for name, number in failed)
+            words = "; ".join(f"{self.label(name)} ({n:,})" for name, n in summary["failed"].items())
             notes.append(f"out of tolerance: {words}")
         if summary["unfinished"]:
             notes.append(f"runs without a result: {summary['unfinished']:,}; --resume walks them again")
-        return Table(f"sweep {self.name}", ("state", ">runs"), rows, notes)
+        return Table(f"sweep {self.name}", ("state", ">runs", "for example"), rows, notes)
 
-    def summary(self, seconds: float | None = None) -> dict[str, Any]:
-        """Contents of ``sweep.json``.
+    def _reasons(self, state: State) -> dict[str, tuple[int, int]]:
+        """Why runs in this state did not walk: how many, and the first of them; the most frequent first."""
+        if state.walked:
+            return {}
+        reasons = np.array(self.words("reason"))
+        rows = np.flatnonzero(self.is_state(state))
+        counted = Counter(reasons[rows].tolist()).most_common()
+        return {reason: (count, int(rows[reasons[rows] == reason][0])) for reason, count in counted}
 
-        Args:
-            seconds: wall-clock time of this call [s].
-        """
+    def summary(self) -> dict[str, Any]:
+        """Contents of ``sweep.json``."""
         failed = Counter(name for words in self.words("failed") for name in words.split(",") if name)
-        reasons = self.words("reason")
-        refused = np.flatnonzero(self.is_state(State.REFUSED)).tolist()
-        unfinished = sum(self.counts[state] for state in BROKEN)
-        worst = self.table.select(["run", "name", "outcome", "verdict", "failed", "recording"])
+        broken = sum(self.counts[state] for state in BROKEN)
         return {
             "name": self.name,
             "profile": self.profile,
             "runs": self.planned,
             "states": {state.value: count for state, count in self.counts.items() if count},
-            "refusals": dict(Counter(reasons[row] for row in refused).most_common()),
+            "refusals": {reason: count for reason, (count, _) in self._reasons(State.REFUSED).items()},
             "failed": dict(failed.most_common()),
-            "worst": worst.take(np.array(self.worst[:_SHOWN], dtype=np.int64)).to_pylist(),
-            "unfinished": unfinished + self.planned - len(self),
+            "unfinished": broken + self.planned - len(self),
             "environment": self.metadata["environment"],
-            "timing": {
-                "wall": seconds,
-                "workers": float(np.nansum(self.numbers("timing_total"))),
-                "unit": "s",
-            },
+            "computing_time": {"value": float(np.nansum(self.numbers("timing_total"))), "unit": "s"},
         }
 
 
@@ -366,42 +336,25 @@ def _values(definition: SweepDefinition, run: int) -> dict[str, Any]:
     return parameter_values(definition.shared) | definition.varied(run)
 
 
-class TableWriter:
-    """Makes the table from the rows of the engine, with little memory.
+def build_table(definition: SweepDefinition, rows: Iterable[Row]) -> pa.Table:
+    """Table of a sweep, sorted by run, from the rows of the engine; a batch of them at a time in memory."""
+    names, source, batches = schema(definition.options), iter(rows), []
+    while batch := list(islice(source, _BATCH)):
+        found = [_table_row(definition, row) for row in batch]
+        for key in definition.options:
+            if pa.types.is_string(names.field(key).type):
+                for row in found:
+                    row[key] = _toml(row[key])
+        batches.append(pa.RecordBatch.from_pylist(found, schema=names))
+    table = pa.Table.from_batches(batches, names).sort_by("run").combine_chunks()
+    return table.replace_schema_metadata({TABLE_METADATA: json.dumps(table_metadata(definition)).encode()})
 
-    Args:
-        definition: of the sweep.
-    """
 
-    def __init__(self, definition: SweepDefinition) -> None:
-        self._definition = definition
-        self._schema = schema(definition.options)
-        self._texts = [key for key in definition.options if pa.types.is_string(self._schema.field(key).type)]
-        self._rows: list[dict[str, Any]] = []
-        self._batches: list[pa.RecordBatch] = []
-
-    def add(self, row: Row) -> None:
-        """Add the row of a run."""
-        name = row["key"].partition("-")[0]
-        run = int(name)
-        values = _values(self._definition, run)
-        found = {**values, **row, "run": run, "name": name, "key": run_key(values)}
-        for key in self._texts:
-            found[key] = _toml(found[key])
-        self._rows.append({name: found.get(name) for name in self._schema.names})
-        if len(self._rows) == _BATCH:
-            self._pack()
-
-    def _pack(self) -> None:
-        self._batches.append(pa.RecordBatch.from_pylist(self._rows, schema=self._schema))
-        self._rows = []
-
-    def finish(self) -> pa.Table:
-        """The table, sorted by run."""
-        self._pack()
-        table = pa.Table.from_batches(self._batches, self._schema).sort_by("run").combine_chunks()
-        metadata = json.dumps(table_metadata(self._definition)).encode()
-        return table.replace_schema_metadata({TABLE_METADATA: metadata})
+def _table_row(definition: SweepDefinition, row: Row) -> dict[str, Any]:
+    """A row of the engine with the parameters of its run."""
+    name = row["key"].partition("-")[0]
+    values = _values(definition, int(name))
+    return {**values, **row, "run": int(name), "name": name, "key": run_key(values)}
 
 
 def _toml(value: Option) -> str:
@@ -412,8 +365,8 @@ def _toml(value: Option) -> str:
 def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
     """Description of a table, JSON-ready.
 
-    ``definition`` (TOML), ``name``, ``runs``, ``varied`` (keys), ``profile``, ``options`` (of ``ampm
-    validate``, beside ``--set``, that walk one of the runs),
+    ``definition`` (TOML), ``name``, ``runs``, ``varied`` (keys), ``profile``, ``command`` (that walks a run,
+    if it is told the varied keys),
     ``tolerances`` (metric to ``limit``, ``unit`` and ``reason``; forces in body weights), ``labels`` (metric
     to readable name), ``columns`` (name to ``unit`` and ``words``) and ``environment`` (versions, platform,
     and the hash of the code).
@@ -425,7 +378,7 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
         "runs": len(definition),
         "varied": list(definition.keys),
         "profile": profile.name,
-        "options": [word for push in definition.push for word in ("--push", push)],
+        "command": _command(definition),
         "tolerances": {
             item.metric: {"limit": item.limit, "unit": item.unit, "reason": item.reason}
             for item in profile.tolerances
@@ -436,6 +389,18 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
         },
         "environment": {**describe_environment(), "code": code_hash()},
     }
+
+
+def _command(definition: SweepDefinition) -> str:
+    """Command that walks a run, but for the varied keys."""
+    words = ["ampm", "validate", "--steps", str(definition.steps), "--profile", definition.profile]
+    if definition.gait != Path(definition.base.body.source).stem:  # else it is the body's own gait
+        words.insert(2, definition.gait)
+    for push in definition.push:
+        words += ["--push", push]
+    for key, value in definition.set.items():
+        words += ["--set", f"{key}={_toml(value)}"]
+    return shlex.join(words if definition.tune else [*words, "--as-is"])
 
 
 # -------------------------------------------------------------------------------------------- reading
@@ -465,16 +430,12 @@ def read_sweep(path: Path | str) -> SweepTable:
     if (path / RESULTS).is_file():
         return wrap_table(_read_table(path / RESULTS), path)
     definition = load_sweep(path / DEFINITION)
-    keys = {key_of(definition, run) for run in range(len(definition))}
-    places = {row["key"]: row for row in (read_rows(path) if (path / ROWS).is_file() else ())}
-    table = TableWriter(definition)
-    for key, row in places.items():
-        if key in keys:
-            table.add(row)
-    found = table.finish()
-    if not found.num_rows:
+    rows = {row["key"]: row for row in (read_rows(path) if (path / ROWS).is_file() else ())}
+    keys = (key_of(definition, run) for run in range(len(definition)))
+    table = build_table(definition, (rows[key] for key in keys if key in rows))
+    if not table.num_rows:
         raise InputError(f"the sweep in {path} has no result yet; wait for its first rows.")
-    return wrap_table(found, path)
+    return wrap_table(table, path)
 
 
 def _read_table(path: Path) -> pa.Table:
