@@ -9,12 +9,10 @@ import ast
 import hashlib
 import inspect
 import sys
-import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sized
-from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache, cached_property, partial
+from functools import cached_property
 from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any
@@ -32,8 +30,6 @@ from validation.study.exceptions import StudyStopped
 from validation.study.pool import is_users, open_pool
 from validation.study.row_file import ROWS, Row, RowFile
 from validation.study.walk_options import body_files
-
-_LEAST = 3  # walks after which a rate is known
 
 
 @dataclass(frozen=True)
@@ -66,51 +62,28 @@ def _identity(value: Any) -> str:
     """Text that is equal for equal values, in every process."""
     if isinstance(value, BaseModel):  # with the keys that count as given
         files = _identity(body_files(value)) if isinstance(value, RunParameters) else ""
-        texts = value.model_dump_json(), value.model_dump_json(exclude_unset=True)
-        return f"{type(value).__name__}{texts}{files}"
-    if isinstance(value, np.ndarray) and value.dtype == object:  # its bytes are addresses
-        return _identity(value.tolist())
+        return f"{value.model_dump_json()}{value.model_dump_json(exclude_unset=True)}{files}"
     if isinstance(value, Path) and value.is_file():  # such as a policy
         return f"{value} {hashlib.sha256(value.read_bytes()).hexdigest()}"
     if isinstance(value, np.ndarray):
-        return f"{value.dtype}{value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
+        return _identity(value.tolist())
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key!r}: {_identity(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_identity, value)) + "]"
-    if isinstance(value, partial):
-        return _identity(("partial", value.func, value.args, value.keywords))
     if inspect.isroutine(value) or inspect.isclass(value):
         thing: Any = value
-        return f"{thing.__module__}:{thing.__qualname__} {_source_hash(thing)} {_identity(_bound(thing))}"
-    if value is None or isinstance(value, str | bytes | bool | int | float | Path):
-        return repr(value)
+        return f"{thing.__module__}:{thing.__qualname__} {_sources(thing.__module__)}"
     if hasattr(value, "__dict__"):
         return f"{_identity(type(value))} {_identity(vars(value))}"
-    return f"{_identity(type(value))} {value!r}"
+    return repr(value)
 
 
-def _bound(thing: Any) -> list[Any]:
-    """Values that a function has beside its source: its object, defaults, and variables around it."""
-    values = [thing.__self__] if inspect.ismethod(thing) else []
-    values += getattr(thing, "__defaults__", None) or ()
-    for cell in getattr(thing, "__closure__", None) or ():
-        with suppress(ValueError):  # an empty cell
-            values.append(cell.cell_contents)
-    return [value for value in values if value is not thing]
-
-
-@cache
-def _source_hash(thing: Any) -> str:
-    """Hash of the file that defines a class or function and of a user's files that it imports.
-
-    Empty for one without a file.
-    """
+def _sources(module: str) -> str:
+    """Hash of a user's module and of the user's modules that it imports; empty for other modules."""
     files: dict[str, bytes] = {}
-    _add_sources(thing.__module__, files)
-    with suppress(OSError, TypeError):  # of a class that is not in a module's file
-        files.setdefault(thing.__module__, Path(inspect.getfile(thing)).read_bytes())
-    return hashlib.sha256(b"".join(files.values())).hexdigest()[:16] if files else ""
+    _add_sources(module, files)
+    return hashlib.sha256(b"".join(files.values())).hexdigest() if files else ""
 
 
 def _add_sources(name: str, files: dict[str, bytes]) -> None:
@@ -202,7 +175,7 @@ def walk_many(
                 if row is None:
                     ready.append((search, task))
                     return
-                report.count(row)
+                report.outcomes[row.get("outcome", "finished")] += 1
                 yield row
         except StopIteration:
             report.done += 1
@@ -232,7 +205,7 @@ def walk_many(
                         search, task = flying.pop(name)
                         row = {"key": task.key, "digest": task.digest, **columns}
                         rows.append(row)
-                        report.count(row, walked=True)
+                        report.outcomes[row.get("outcome", "finished")] += 1
                         yield row
                         yield from advance(search, row)
                         yield from refill()
@@ -258,7 +231,7 @@ def _as_search(item: Task | Search) -> Search:
 
 
 class _Report:
-    """Progress of a study: how its runs ended, and how fast.
+    """Progress of a study: how its runs ended.
 
     Args:
         stage: where to report.
@@ -266,26 +239,16 @@ class _Report:
 
     Attributes:
         done: tasks and searches that have ended.
+        outcomes: of the runs.
     """
 
     def __init__(self, stage: Stage, total: int) -> None:
         self._stage, self._total, self.done = stage, total, 0
-        self._outcomes: Counter[str] = Counter()
-        self._walked, self._start = 0, time.monotonic()
-
-    def count(self, row: Row, *, walked: bool = False) -> None:
-        """Count a finished run."""
-        self._outcomes[str(row.get("outcome", "finished")).replace("_", " ")] += 1
-        self._walked += walked
+        self.outcomes: Counter[str] = Counter()
 
     def show(self, *, waiting: bool = False) -> None:
         """Report the present state; ``waiting`` for workers."""
-        parts = [f"{number} {word}" for word, number in self._outcomes.most_common()]
-        if self._walked >= _LEAST:
-            rate = self._walked / max(time.monotonic() - self._start, 1e-9)
-            parts.append(f"{rate:.3g}/s" if rate >= 1.0 else f"{60.0 * rate:.3g}/min")
-        if waiting:
-            parts.append("waiting for workers")
+        parts = [f"{number} {word.replace('_', ' ')}" for word, number in self.outcomes.most_common()]
         if self._total:
             self._stage.advance(self.done, self._total)
-        self._stage.note(", ".join(parts))
+        self._stage.note(", ".join([*parts, "waiting for workers"] if waiting else parts))

@@ -17,7 +17,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from functools import cache
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -30,7 +30,7 @@ from ampm.exceptions import InputError, RefusedGait
 from validation.judge.metrics import add_metrics, added_metrics
 from validation.store.folders import disk_is_full
 from validation.store.identity import code_hash
-from validation.store.machine import THREAD_VARIABLES, cores, hidden_main, set_variables
+from validation.store.machine import cores, hidden_main
 from validation.study.exceptions import StudyStopped
 from validation.study.row_file import Row
 from validation.trial.users import UsersError
@@ -42,30 +42,22 @@ GRACE = 3.0
 NO_WORKER = 120.0
 """Time without any worker after which a study on this machine stops [s]."""
 _WAIT, _CONNECT = 0.5, 30.0  # for a result, for a scheduler [s]
+_NANNY = "distributed.nanny.pre-spawn-environ"
 _SETTINGS: Mapping[str, Any] = {
     # A run whose worker dies six times is the cause. With 3, innocent runs were blamed under many kills.
     "distributed.scheduler.allowed-failures": 5,
     # A run that hangs in C sends no heartbeat. Its own timer ends it.
     "distributed.scheduler.worker-ttl": None,
-    # A worker above these shares of its memory would spill or pause. A paused worker halts the study.
-    **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},
     # Memory that is given back after every array doubles the time of a measurement.
-    "distributed.nanny.pre-spawn-environ": {
-        "MALLOC_MMAP_THRESHOLD_": str(2**25),
-        "MALLOC_TRIM_THRESHOLD_": str(2**27),
-    },
-    "distributed.worker.profile.enabled": False,
+    f"{_NANNY}.MALLOC_MMAP_THRESHOLD_": str(2**25),
+    f"{_NANNY}.MALLOC_TRIM_THRESHOLD_": str(2**27),
+    f"{_NANNY}.MUJOCO_GL": "disable",
 }
-"""What differs from dask's defaults, and why."""
-ONE_THREAD = {
-    **dict.fromkeys(THREAD_VARIABLES, "1"),
-    **dict.fromkeys(("MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"),
-    "MUJOCO_GL": "disable",
-}
+"""What differs from dask's defaults, and why. By default a worker has one thread of linear algebra."""
 _one_at_a_time = threading.Lock()  # a worker with several threads still walks one run after the other
 
-Done = tuple[str, Row]
-"""Name of a run, as ``send`` gave it, and its columns."""
+Work = Callable[..., Row]
+Options = Mapping[str, Any]
 
 
 # ------------------------------------------------------------------------------------------- on a worker
@@ -92,98 +84,50 @@ def call(data: bytes, limit: float | None, client_code: str) -> Row:
         if limit is not None:
             faulthandler.dump_traceback_later(limit + GRACE, exit=True, file=nowhere)
         try:
-            work, options = _load(data)
+            work, options, metrics = cloudpickle.loads(data)
+            add_metrics(metrics)
+        except Exception as error:
+            raise StudyStopped(
+                f"a worker cannot load a class or module of yours ({type(error).__name__}: {error})",
+                "install what it needs on every worker",
+            ) from error
+        try:
             return {"worker": str(worker.name), **_columns(work, options)}
         finally:
             faulthandler.cancel_dump_traceback_later()
 
 
-def _load(data: bytes) -> tuple[Callable[..., Row], Mapping[str, Any]]:
-    try:
-        work, options, metrics = cloudpickle.loads(data)
-        add_metrics(metrics)
-    except Exception as error:
-        raise StudyStopped(
-            f"a worker cannot load a class or module of yours ({type(error).__name__}: {one_line(error)})",
-            "install what it needs on every worker",
-        ) from error
-    return work, options
-
-
-def _columns(work: Callable[..., Row], options: Mapping[str, Any]) -> Row:
-    start, cpu = time.perf_counter(), time.thread_time()
+def _columns(work: Work, options: Options) -> Row:
+    """Columns of a run that is walked in this process, whatever ends it."""
+    start = time.perf_counter()
     try:
         columns = work(**options)
     except StudyStopped:
         raise
     except (Exception, SystemExit) as error:
         if disk_is_full(error):
-            raise StudyStopped(f"the disk is full ({one_line(error)})", "free some space") from error
+            raise StudyStopped(f"the disk is full ({error})", "free some space") from error
         columns = error_columns(error)
-    times = {"timing_total": time.perf_counter() - start, "timing_cpu_total": time.thread_time() - cpu}
-    return {**columns, **times}
+    return {**columns, "timing_total": time.perf_counter() - start}
 
 
 def error_columns(error: BaseException) -> Row:
     """Columns of a run that an error ended: refused by a refusal, crashed by anything else."""
-    cause = one_line(error)
+    cause = _printable(" ".join(str(error).split()))[:400] or type(error).__name__
     behind = error.__cause__ or error.__context__
     refused = isinstance(error, RefusedGait | InputError) and not isinstance(error, UsersError)
     if refused and not isinstance(behind, OSError | MemoryError):
         return {"outcome": "refused", "reason": getattr(error, "reason", "bad_parameter"), "cause": cause}
-    text = "".join(traceback.format_exception(error))[-4000:]
-    return {
-        "outcome": "crashed",
-        "reason": type(error).__name__,
-        "cause": cause,
-        "traceback": text.encode("utf-8", "backslashreplace").decode(),
-    }
+    trace = _printable("".join(traceback.format_exception(error))[-4000:])
+    return {"outcome": "crashed", "reason": type(error).__name__, "cause": cause, "traceback": trace}
 
 
-def one_line(error: BaseException) -> str:
-    """An error's text, or its type if it has none."""
-    try:
-        text = " ".join(str(error).split()).encode("utf-8", "backslashreplace").decode()
-    except Exception:
-        text = ""
-    return text[:400] or type(error).__name__
+def _printable(text: str) -> str:
+    """A text that UTF-8 can hold; names of files may have other bytes."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
-# ------------------------------------------------------------------------------------------- in the client
-
-
-@contextmanager
-def open_pool(
-    workers: int | None, scheduler: str | None, limit: float | None
-) -> "Iterator[_ThisProcess | _Workers]":
-    """Workers of this machine, of a scheduler, or this very process.
-
-    Args:
-        workers: processes, None for one a core, 0 for this very process.
-        scheduler: address of a dask scheduler, or its scheduler file.
-        limit: wall-clock time of a run [s].
-
-    Raises:
-        InputError: nothing answers at that address.
-        StudyStopped: no worker can be started.
-    """
-    if workers == 0:
-        yield _ThisProcess()
-        return
-    import dask  # slow to load
-    import distributed  # noqa: F401  # sets its defaults once: within `config.set` they would be lost at the end
-
-    _silence()
-    with dask.config.set(_SETTINGS):
-        clients = _local(workers or cores()) if scheduler is None else _remote(scheduler)
-        with clients as client:
-            yield _Workers(client, limit, NO_WORKER if scheduler is None else None)
-
-
-def _packed(work: Callable[..., Row], options: Mapping[str, Any]) -> bytes:
-    """Work, options and added metrics; modules that workers may not have are sent by value."""
-    _send_by_value(len(sys.modules))
-    return bytes(cloudpickle.dumps((work, dict(options), added_metrics())))
+# ---------------------------------------------------------------------------------------- users' modules
 
 
 @cache
@@ -195,65 +139,67 @@ def _known_folders() -> tuple[str, ...]:
     return tuple(path + os.sep for path in (*ours, *installed))
 
 
+@cache
+def _is_users_file(path: str) -> bool:
+    return not os.path.realpath(path).startswith(_known_folders())
+
+
 def is_users(module: Any) -> bool:
     """Whether a loaded module is a file that is neither installed nor of this project."""
     file = getattr(module, "__file__", None)
-    return file is not None and not os.path.realpath(file).startswith(_known_folders())
+    return file is not None and _is_users_file(file)
 
 
-@cache
-def _send_by_value(loaded: int) -> None:
-    """Have cloudpickle send users' modules by value.
+def _packed(work: Work, options: Options) -> bytes:
+    """Work, options and added metrics.
 
-    Otherwise it sends a module's name, which workers started elsewhere cannot import.
-
-    Args:
-        loaded: number of loaded modules; looking at all of them takes 50 ms.
+    Users' modules are sent by value: workers started elsewhere cannot import them by name.
     """
     for name, module in list(sys.modules.items()):
         if name != "__main__" and is_users(module):
             cloudpickle.register_pickle_by_value(module)
+    return bytes(cloudpickle.dumps((work, dict(options), added_metrics())))
 
 
-class _ThisProcess:
+# ------------------------------------------------------------------------------------------ in the client
+
+
+class ThisProcess:
     """This very process, for tests, debuggers and single walks. It has no limit of time."""
 
     def __init__(self) -> None:
-        self._waiting: list[tuple[str, Callable[..., Row], Mapping[str, Any]]] = []
+        self._waiting: list[tuple[Work, Options]] = []
 
     def size(self) -> int:
         """One."""
         return 1
 
-    def send(self, work: Callable[..., Row], options: Mapping[str, Any]) -> str:
-        """Remember a run."""
-        name = uuid4().hex
-        self._waiting.append((name, work, options))
-        return name
+    def send(self, work: Work, options: Options) -> str:
+        """Remember a run; returns its name."""
+        self._waiting.append((work, options))
+        return ""
 
-    def wait(self) -> Iterator[Done]:
-        """Walk the run."""
-        for name, work, options in self._waiting:
-            yield name, {"worker": "", **_columns(work, options)}
-        self._waiting.clear()
+    def wait(self) -> Iterator[tuple[str, Row]]:
+        """Walk it."""
+        yield "", {"worker": "", **_columns(*self._waiting.pop())}
 
 
-class _Workers:
+class Workers:
     """Workers of a dask client, one run each at a time.
 
     Args:
         client: of dask.
         limit: wall-clock time of a run [s].
-        patience: time without any worker after which the study stops [s]; None to wait for ever.
+        patience: time without any worker after which the study stops [s].
     """
 
-    def __init__(self, client: Any, limit: float | None, patience: float | None) -> None:
+    def __init__(self, client: Any, limit: float | None, patience: float) -> None:
         self._client, self._limit, self._patience = client, limit, patience
         self._flying: dict[str, Any] = {}  # futures by name
-        self._started: dict[str, tuple[str, float]] = {}  # worker and time at which an attempt began
-        self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._started: dict[str, tuple[str, float]] = {}  # worker and time at which the last attempt began
         self._addresses: frozenset[str] = frozenset()
-        self._counted, self._alive = -math.inf, time.monotonic()
+        self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._alive = time.monotonic()
         client.subscribe_topic(STARTED, self._note)
 
     def _note(self, event: tuple[float, tuple[str, str]]) -> None:
@@ -261,47 +207,43 @@ class _Workers:
         self._started[name] = address, time.monotonic()
 
     def size(self) -> int:
-        """Workers at present, counted once a second.
+        """Workers at present.
 
         Raises:
             StudyStopped: the scheduler is gone, or no worker came up for a long time.
         """
-        now = time.monotonic()
         if self._client.status in ("closed", "closing", "failed"):
             raise StudyStopped("the dask scheduler is gone", "start it again")
-        if now - self._counted > 1.0:
-            with suppress(OSError, TimeoutError):
-                self._addresses, self._counted = frozenset(self._client.nthreads()), now
+        with suppress(OSError, TimeoutError):
+            self._addresses = frozenset(self._client.nthreads())
+        now = time.monotonic()
         if self._addresses:
             self._alive = now
-        elif self._patience is not None and now - self._alive > self._patience:
+        elif now - self._alive > self._patience:
             raise StudyStopped(
                 "no worker process comes up on this machine", "find out what ends them (memory?)"
             )
         return len(self._addresses)
 
-    def send(self, work: Callable[..., Row], options: Mapping[str, Any]) -> str:
-        """Submit a run."""
+    def send(self, work: Work, options: Options) -> str:
+        """Submit a run; returns its name."""
         name = f"ampm-{uuid4().hex}"
-        data = _packed(work, options)
-        future = self._client.submit(call, data, self._limit, code_hash(), key=name, pure=False)
+        future = self._client.submit(call, _packed(work, options), self._limit, code_hash(), key=name)
         self._flying[name] = future
         future.add_done_callback(self._done.put)
         return name
 
-    def wait(self) -> Iterator[Done]:
-        """Runs that have ended, or have exceeded the limit."""
+    def wait(self) -> Iterator[tuple[str, Row]]:
+        """Names and columns of runs that have ended, or have exceeded the limit."""
         with suppress(queue.Empty):
             future = self._done.get(timeout=_WAIT)
             if self._flying.pop(future.key, None) is not None:
-                self._started.pop(future.key, None)
                 yield future.key, self._result(future)
         now = time.monotonic()
-        for name, future in list(self._flying.items()):
+        for name in list(self._flying):
             address, began = self._started.get(name, ("", math.inf))
             if self._limit is not None and now - began > self._limit and address in self._addresses:
-                del self._flying[name], self._started[name]
-                future.cancel()  # its worker ends itself
+                self._flying.pop(name).cancel()  # its worker ends itself
                 cause = f"the run had not ended after {self._limit:g} s"
                 yield name, {"outcome": "timed_out", "reason": "wall_clock", "cause": cause}
 
@@ -319,10 +261,42 @@ class _Workers:
             raise StudyStopped("the dask scheduler is gone", "start it again") from error
         except Exception as error:
             raise StudyStopped(
-                f"a worker could not take a run ({type(error).__name__}: {one_line(error)})",
+                f"a worker could not take a run ({type(error).__name__}: {error})",
                 "install this version of ampm on every worker",
             ) from error
         return row
+
+
+@contextmanager
+def open_pool(
+    workers: int | None, scheduler: str | None, limit: float | None
+) -> Iterator[ThisProcess | Workers]:
+    """Workers of this machine, of a scheduler, or this very process.
+
+    Args:
+        workers: processes, None for one a core, 0 for this very process.
+        scheduler: address of a dask scheduler, or its scheduler file.
+        limit: wall-clock time of a run [s].
+
+    Raises:
+        InputError: nothing answers at that address.
+    """
+    if workers == 0:
+        yield ThisProcess()
+        return
+    import dask  # slow to load
+    import distributed  # noqa: F401  # sets its defaults once: within `config.set` they would be lost at the end
+
+    for name in ("distributed", "tornado", "asyncio", *logging.root.manager.loggerDict):
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+    with dask.config.set(_SETTINGS):
+        if scheduler is not None:
+            with _remote(scheduler) as client:
+                yield Workers(client, limit, math.inf)
+        else:
+            with _local(workers or cores()) as client:
+                yield Workers(client, limit, NO_WORKER)
 
 
 @contextmanager
@@ -334,9 +308,7 @@ def _local(workers: int) -> Iterator[Any]:
         from validation.run.walk import compile_once  # loads simulator and controller
 
         compile_once()
-    with ExitStack() as stack:
-        stack.enter_context(set_variables(ONE_THREAD))  # to the end: a worker that dies is started again
-        stack.enter_context(hidden_main())
+    with hidden_main():  # to the end: a worker that dies is started again
         # Ctrl-C reaches every process of a terminal. Threads and processes that are started here inherit the
         # blocked signal, so that only the client ends. The tracker's start would unblock it.
         resource_tracker.ensure_running()
@@ -345,15 +317,11 @@ def _local(workers: int) -> Iterator[Any]:
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
+                memory_limit=0,  # a worker that spills or pauses would halt the study
                 dashboard_address="127.0.0.1:0",  # None would mean port 8787 of all interfaces
                 silence_logs=logging.CRITICAL,
             )
             client = Client(cluster, set_as_default=False)
-        except RuntimeError as error:
-            raise StudyStopped(
-                f"a worker process ended while it started ({one_line(error)})",
-                "find out what ends it (memory?)",
-            ) from error
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         try:
@@ -362,8 +330,7 @@ def _local(workers: int) -> Iterator[Any]:
             for nanny in list(cluster.workers.values()):  # closing would wait for runs that are not finished
                 with suppress(Exception):
                     nanny.close_gracefully()
-                    if nanny.pid:
-                        os.kill(nanny.pid, signal.SIGKILL)
+                    os.kill(nanny.pid, signal.SIGKILL)
             for opened in (client, cluster):
                 with suppress(Exception):
                     opened.close(timeout=10.0)
@@ -378,22 +345,14 @@ def _remote(address: str) -> Iterator[Any]:
     where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
     try:
         if "scheduler_file" in where:
-            if not Path(address).is_file():  # a client would wait for it for ever
-                raise OSError("there is no such file")
+            Path(address).read_bytes()  # a client would wait for it for ever
         else:
             resolve_address(address)  # a client of an address that is none waits for a minute
         client = Client(**where, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError, TypeError, KeyError, TimeoutError) as error:
         raise InputError(
-            f"no dask scheduler answers at --scheduler {address} ({one_line(error)}); start one with 'dask "
-            "scheduler', or leave the option out to run on this machine."
+            f"no dask scheduler answers at --scheduler {address} ({error}); start one with 'dask scheduler', "
+            "or leave the option out to run on this machine."
         ) from None
     with client:
         yield client
-
-
-def _silence() -> None:
-    """Silence dask's logs; users get warnings of one sentence."""
-    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
-    for name in (*names, "distributed", "tornado", "asyncio"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)
