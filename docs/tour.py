@@ -16,7 +16,7 @@ from statistics import fmean
 from trials import DATA, write_rows
 
 from validation.cli.console import Narrator
-from validation.study.tour import VALUES, Tours, tour
+from validation.study.tour import Tours, tour
 from validation.table import ABSENT, Table, print_tables
 
 KEPT = Path(__file__).parents[1] / "build" / "tour"
@@ -26,10 +26,15 @@ COLUMNS = ("body", ">force [%]", ">completed [%]", ">survived [%]", ">off target
 """Of the table; means over all tours."""
 
 
+def stabilizer(share: float) -> str:
+    """The stabiliser that steps, if there are punches."""
+    return "stepping" if share else "fixed"
+
+
 def walk(body: str, share: float, seeds: int) -> Tours:
-    """Tours of a body: with the stabiliser that steps, if there are punches."""
+    """Tours of a body."""
     gait, settings = BODIES[body]
-    name = "stepping" if share else "fixed"
+    name = stabilizer(share)
     settings = [*settings, "simulation.time_step=0.002", f"controller.stabilizer={name}"]
     out = KEPT / f"{body}-{name}-{share:.3g}"
     return tour(gait, settings, seeds=seeds, share=share, out=out, resume=True, progress=Narrator())
@@ -37,9 +42,9 @@ def walk(body: str, share: float, seeds: int) -> Tours:
 
 def write(found: Sequence[tuple[str, Tours]]) -> None:
     """Rewrite the data file, and print its table."""
-    names = ("seed", "outcome", *VALUES, "cause")
+    names = ("seed", "outcome", "time", "planned", "reached", "error", "cause")
     cells = [
-        (body, f"{tours.share:.3g}", tours.stabilizer, *(_cell(walk.get(name)) for name in names))
+        (body, f"{tours.share:.3g}", stabilizer(tours.share), *(_cell(walk.get(name)) for name in names))
         for body, tours in found
         for walk in tours.walks
     ]
@@ -56,14 +61,14 @@ def print_table() -> None:
         tours = [walk for walk in walks if (walk["body"], walk["force"]) == (body, force)]
         completed = [float(not tour["cause"]) for tour in tours]
         lasted = [float(tour["time"]) / float(tour["planned"]) if tour["time"] else 0.0 for tour in tours]
-        off = [float(tour["error"]) for tour in tours if tour["error"] not in ("", "nan")]
+        off = [float(tour["error"]) for tour in tours if tour["error"]]
         shares = (f"{100.0 * share:.0f}" for share in (float(force), fmean(completed), fmean(lasted)))
         rows.append((body, *shares, f"{1e3 * fmean(off):.2g}" if off else ABSENT))
     print_tables([Table("tours", COLUMNS, rows)])
 
 
 def _cell(value: object) -> str:
-    if value is None:  # of a tour that was refused
+    if value is None:  # of a tour that was refused, or reached no target
         return ""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 

@@ -11,16 +11,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 import numpy as np
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError, RefusedGait
-from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner import routes
-from validation.judge.margins import energy
 from validation.progress import Progress
 from validation.store.folders import output_file
 from validation.store.json import json_ready, write_json
@@ -44,8 +43,6 @@ feet are wider than the gait's, as a share of its step."""
 SHORTER, TRIES = 0.85, 4
 """Share by which length and turn are tried again where a way is refused, and how often."""
 RESULT = "tour.json"
-VALUES = ("time", "planned", "reached", "error", "turned", "power")
-"""Numbers of a tour, see :func:`walk_tour`."""
 
 
 @dataclass(frozen=True)
@@ -53,15 +50,12 @@ class Tours(Brief, Tabled):
     """Tours of one gait.
 
     Attributes:
-        gait, body, controller, stabilizer: their names.
+        title: gait, body and controller.
         share: of the protocol's force [1].
         walks: by seed, see :func:`walk_tour`.
     """
 
-    gait: str
-    body: str
-    controller: str
-    stabilizer: str
+    title: str
     share: float
     walks: tuple[Row, ...]
 
@@ -75,39 +69,27 @@ class Tours(Brief, Tabled):
         """Tours that an error of program or machine ended, with its cause; they count as not completed."""
         return crash_notes(self.walks)
 
-    def known(self, name: str) -> list[float]:
-        """A number of the tours that have it; a tour that was refused lasted 0 s and reached no target."""
-        absent = 0.0 if name in ("time", "reached") else math.nan
-        values = (walk.get(name, absent) for walk in self.walks)
-        return [value for value in values if not math.isnan(value)]
-
-    def mean(self, name: str) -> float:
-        """Mean of :meth:`known`, NaN if there is none."""
-        return float(np.mean(values)) if (values := self.known(name)) else math.nan
-
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain values in SI units."""
-        means = {name: self.mean(name) for name in VALUES}
-        return dict(json_ready({**vars(self), "completed": self.completed, "mean": means}))
+        return dict(json_ready({**vars(self), "completed": self.completed}))
 
     def tables(self) -> list[Table]:
         """The one table."""
         return [self.table()]
 
     def table(self) -> Table:
-        """Shares and means over all tours."""
-        power = self.known("power")
+        """Shares and means over all tours; one that was refused lasted no time and reached no target."""
+        lasted = [walk["time"] / walk["planned"] if "time" in walk else 0.0 for walk in self.walks]
+        reached = [walk.get("reached", 0) for walk in self.walks]
+        errors = [1e3 * walk["error"] for walk in self.walks if walk.get("error") is not None]
         cells = {
-            "force": f"{self.share:.3g}",
+            "force [%]": f"{100.0 * self.share:.3g}",
             "completed": f"{self.completed} of {len(self.walks)}",
-            "mean survival, of planned [s]": f"{self.mean('time'):.1f} of {self.mean('planned'):.1f}",
-            "targets": f"{self.mean('reached'):.1f}",
-            "error at them [mm], [degrees]": f"{format_number(1e3 * self.mean('error'), 3)}, "
-            f"{format_number(math.degrees(self.mean('turned')), 3)}",
-            "median power [W]": format_number(float(np.median(power)) if power else None, 3),
+            "survived [%]": f"{100.0 * fmean(lasted):.1f}",
+            "targets": f"{fmean(reached):.1f}",
+            "off target [mm]": format_number(fmean(errors) if errors else None, 3),
         }
-        title = f"Tour of {self.gait}, body {self.body}, controller {self.controller} ({self.stabilizer})"
-        return Table(title, [*cells], [[*cells.values()]], self.crashes)
+        return Table(f"Tour of {self.title}", [*cells], [[*cells.values()]], self.crashes)
 
 
 def targets(seed: int, count: int = TARGETS) -> list[routes.Frame]:
@@ -144,17 +126,7 @@ def punches(seed: int, share: float, segments: Sequence[str], until: float) -> l
 
 
 def plan_tour(seed: int, given: Request, count: int, planner: Any = None) -> PlannedWalk:
-    """Plan the tour of a seed with the longest steps that the body can walk.
-
-    Args:
-        seed: of its targets.
-        given: gait, all values found.
-        count: of targets.
-        planner: a user's, see :func:`validation.study.walk_options.users_classes`.
-
-    Raises:
-        RefusedGait: it cannot walk short ones either.
-    """
+    """Plan the tour of a seed with the longest steps that the body can walk; see :func:`walk_tour`."""
     run, places = given.run, targets(seed, count)
     step = LENGTH * run.gait.step_length
     width = run.gait.step_width + WIDER * run.gait.step_length
@@ -168,15 +140,7 @@ def plan_tour(seed: int, given: Request, count: int, planner: Any = None) -> Pla
     raise last
 
 
-def walk_tour(
-    seed: int,
-    given: Request,
-    count: int,
-    share: float,
-    controller: Any = None,
-    planner: Any = None,
-    estimator: Any = None,
-) -> Row:
+def walk_tour(seed: int, given: Request, count: int, share: float, **users: Any) -> Row:
     """Walk the tour of a seed.
 
     Args:
@@ -184,35 +148,29 @@ def walk_tour(
         given: gait, all values found.
         count: of targets.
         share: of the protocol's force [1].
-        controller: a user's, see :func:`validation.study.walk_options.users_classes`.
-        planner: likewise.
-        estimator: likewise.
+        users: classes of a user, see :func:`validation.study.walk_options.users_classes`.
 
     Returns:
         ``outcome`` and ``cause``, which is empty for a tour that was completed; ``time`` that it lasted and
-        that ``planned`` [s]; ``reached``, targets whose time to stand there came; mean distance (``error``
-        [m]) and turn (``turned`` [rad]) of both soles from them, NaN without one; ``power``, mean positive
-        one of the motors [W].
+        that ``planned`` [s]; ``reached``, targets whose time to stand there came; ``error``, mean distance of
+        the feet's middle from them [m], None without one.
 
     Raises:
         RefusedGait: no way to the targets can be walked.
     """
-    planned = plan_tour(seed, given, count, planner)
-    model = planned.body.model.compile()
+    planned = plan_tour(seed, given, count, users.get("planner"))
+    model, plan = planned.body.model.compile(), planned.plan
     hinged = [model.body(int(i)).name for i in dict.fromkeys(model.jnt_bodyid[1:].tolist())]
-    plan = planned.plan
-    pushes = punches(seed, share, hinged, float(plan.contacts.step_ends[-1]))
     record = simulate(
         plan,
         planned.run,
         planned.body.model,
-        controller=controller,
-        estimator=estimator,
+        controller=users.get("controller"),
+        estimator=users.get("estimator"),
         planner=planned.replanner,
-        disturbances=pushes,
+        disturbances=punches(seed, share, hinged, float(plan.contacts.step_ends[-1])),
     )
     errors = _errors(planned, record, targets(seed, count))
-    error, turned = errors.mean(axis=0).tolist() if len(errors) else (math.nan, math.nan)
     cause = cause_of(record, planned.body.model)
     return {
         "seed": seed,
@@ -221,28 +179,23 @@ def walk_tour(
         "time": float(record.outcome.time),
         "planned": float(plan.duration),
         "reached": len(errors),
-        "error": error,
-        "turned": turned,
-        "power": float(energy(record, np.ones(len(record.torque), dtype=bool))["mean_power"]),
+        "error": fmean(errors) if errors else None,
     }
 
 
-def _errors(planned: PlannedWalk, record: SimulationRecord, places: Sequence[routes.Frame]) -> Array:
-    """Distance [m] and turn [rad] from every target, as both feet are to stand there, shape (n, 2)."""
-    found: list[tuple[float, float]] = []
+def _errors(planned: PlannedWalk, record: SimulationRecord, places: Sequence[routes.Frame]) -> list[float]:
+    """Distance from every target [m] when both feet are to stand there."""
+    found: list[float] = []
     for phase in planned.plan.contacts.phases[1:]:
         if len(found) == len(places) or not (phase.left and phase.right):
             continue
-        x, y, heading = places[len(found)]
+        place = places[len(found)][:2]
         middle = 0.5 * (np.array(phase.left.position) + phase.right.position)
         end = phase.start + phase.duration - 1e-9
-        if math.dist(middle[:2], (x, y)) < 1e-9 and end <= record.time[-1]:
-            row = int(np.searchsorted(record.time, end))
-            forward = record.foot_forward[row]
-            turn = np.arctan2(forward[:, 1], forward[:, 0]) - heading
-            away = math.dist(record.foot_position[row].mean(axis=0)[:2], (x, y))
-            found.append((away, abs(math.atan2(np.sin(turn).sum(), np.cos(turn).sum()))))
-    return np.array(found).reshape(-1, 2)
+        if math.dist(middle[:2], place) < 1e-9 and end <= record.time[-1]:
+            feet = record.foot_position[np.searchsorted(record.time, end)]
+            found.append(math.dist(feet.mean(axis=0)[:2], place))
+    return found
 
 
 def tour(
@@ -281,20 +234,15 @@ def tour(
             raise InputError(f"--{name} {value}: give a number of at least {least}.", value=value)
     folder = study_folder(out, resume=resume)
     request = complete(load_request(run, settings), progress)
-    own = request.run
-    options = {"given": request, "count": count, "share": share, **users_classes(own)}
+    run = request.run
+    options = {"given": request, "count": count, "share": share, **users_classes(run)}
     tasks = [Task(f"seed {seed}", walk_tour, {"seed": seed, **options}) for seed in range(seeds)]
     label = f"{request.name}: tours"
     rows = walk_many(tasks, folder, workers=workers, scheduler=scheduler, label=label, progress=progress)
     walks = {row["key"]: row for row in rows}
-    found = Tours(
-        gait=request.title,
-        body=own.body.source,
-        controller=own.controller.name,
-        stabilizer=own.controller.stabilizer,
-        share=share,
-        walks=tuple(walks[task.key] for task in tasks),
-    )
+    controller = f"controller {run.controller.name} ({run.controller.stabilizer})"
+    title = f"{request.title}, body {run.body.source}, {controller}"
+    found = Tours(title, share, tuple(walks[task.key] for task in tasks))
     if folder is not None:
         with output_file(folder / RESULT) as file:
             write_json(file, found.as_dict())
