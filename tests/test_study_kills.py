@@ -17,11 +17,10 @@ import psutil
 import pytest
 
 import validation as val
-from tests.test_sweep import OWN, REAL, same_walks
 from validation.study.exceptions import StudyStopped
 from validation.study.many import Task, walk_many
 from validation.study.row_file import ROWS, read_rows
-from validation.study.sweep.table import read_sweep
+from validation.study.sweep.table import SweepTable, read_sweep
 
 RUNS, EVERY = 24, 4
 SWEEP = f"""
@@ -67,14 +66,7 @@ class Program:
         (folder / "sweep.toml").write_text(SWEEP, encoding="utf-8")
 
     def start(self, *options: str) -> None:
-        words = [
-            "sweep",
-            str(self.folder / "sweep.toml"),
-            "--out",
-            str(self.folder / "out"),
-            "--workers",
-            "2",
-        ]
+        words = ["sweep", str(self.folder / "sweep.toml"), "--out", str(self.folder / "out")]
         self.process = subprocess.Popen(
             [sys.executable, "-c", PROGRAM, *words, "--workers", "2", *options],
             stdout=subprocess.PIPE,
@@ -223,7 +215,6 @@ def started_elsewhere(folder: Path) -> Iterator[str]:
     """Scheduler file of a scheduler with two workers, which run in a folder of their own."""
     elsewhere, file = folder / "elsewhere", folder / "scheduler.json"
     elsewhere.mkdir()
-    dask = [sys.executable, "-m", "distributed.cli.dask_"]
     starts = [
         ["scheduler", "--scheduler-file", str(file), "--host", "127.0.0.1", "--port", "0", "--no-dashboard"],
         *[["worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard"]] * 2,
@@ -231,15 +222,10 @@ def started_elsewhere(folder: Path) -> Iterator[str]:
     processes = []
     try:
         for name, *options in starts:
-            words = [*dask[:2], dask[2] + name, *options]
-            started = subprocess.Popen(
-                words,
-                cwd=elsewhere,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,
+            words = [sys.executable, "-m", f"distributed.cli.dask_{name}", *options]
+            processes.append(
+                subprocess.Popen(words, cwd=elsewhere, stderr=subprocess.DEVNULL, start_new_session=True)
             )
-            processes.append(started)
             while not file.exists():
                 assert processes[0].poll() is None
                 time.sleep(0.1)
@@ -269,26 +255,15 @@ def forget(folder: Path) -> None:
     importlib.invalidate_caches()
 
 
-@pytest.mark.slow
-def test_a_scheduler_started_by_hand_gives_the_same_rows(tmp_path, here):
-    """Its workers have never seen the user's controller and metric."""
-    (here / "own_walk.py").write_text(OWN, encoding="utf-8")
-    (here / "own.toml").write_text(REAL, encoding="utf-8")
-    with started_elsewhere(tmp_path) as scheduler:
-        highest = val.register(importlib.import_module("own_walk").HIGHEST)
-        try:
-            far = val.sweep("own.toml", tmp_path / "far", scheduler=scheduler)
-            near = val.sweep("own.toml", tmp_path / "near", workers=0)
-        finally:
-            val.unregister(highest.name)
-    assert far.words("outcome") == ["completed", "completed", "fell", "fell"]
-    assert same_walks(far, near)
-
-
 WEAK = """
 import ampm
 from own_factor import FACTOR
+from validation.judge.metrics import Metric
 
+HIGHEST = Metric(
+    "highest", "m", "largest height of the COM", "walk",
+    lambda walk: float(walk.measured.com[:, 2].max()), {"default": 2.0}, reason="No body is that tall.",
+)
 
 class Weak(ampm.TrackingController):
     def __init__(self, robot, run, *, gain, held=False):
@@ -313,7 +288,9 @@ OPTIONS = """
 [sweep]
 gait = "flat"
 steps = 2
-recordings = "none"
+recordings = "worst"
+worst = 1
+push = ["chest,5,0,0,0.5,0.1"]
 
 [set]
 controller.name = "own_weak:Weak"
@@ -325,31 +302,50 @@ method = "grid"
 controller.options.gain = [1, 0.999]
 planner.options.ratio = [1.0, 1.01]
 """
+COST = ("worker", "memory_peak", "timing_total")
+
+
+def same_walks(one: SweepTable, two: SweepTable) -> bool:
+    """Whether two sweeps have the same rows but for their cost."""
+    return one.table.drop_columns(COST).equals(two.table.drop_columns(COST))
 
 
 @pytest.mark.slow
 def test_options_and_imported_modules_travel_to_workers_started_elsewhere(tmp_path, here):
+    """Workers have never seen the user's controller, planner and metric."""
     (here / "own_weak.py").write_text(WEAK, encoding="utf-8")
     (here / "own_factor.py").write_text("FACTOR = 1.0\n", encoding="utf-8")
     (here / "options.toml").write_text(OPTIONS, encoding="utf-8")
 
-    def walked(folder: str, **how: Any) -> Any:
-        found = val.sweep("options.toml", tmp_path / folder, **how)
-        forget(here)
+    def walked(folder: str, **how: Any) -> tuple[SweepTable, list[str]]:
+        highest = val.register(importlib.import_module("own_weak").HIGHEST)
+        try:
+            found = val.sweep("options.toml", tmp_path / folder, **how)
+        finally:
+            val.unregister(highest.name)
+            forget(here)
         return found, [row["digest"] for row in read_rows(tmp_path / folder)]
 
     with started_elsewhere(tmp_path) as scheduler:
         far, digests = walked("far", scheduler=scheduler)
         again, same = walked("far", scheduler=scheduler, resume=True)
-        near, _ = walked("near", workers=0)
+        near, _ = walked("near", workers=2)
         (here / "own_factor.py").write_text("FACTOR = 0.9995\n", encoding="utf-8")
         changed, more = walked("far", scheduler=scheduler, resume=True)
     assert far.words("outcome") == ["completed"] * 4
     assert far.numbers("controller.options.gain").tolist() == [1, 1, 0.999, 0.999]
     assert far.words("controller.options.held") == ["true"] * 4
     assert len(set(far.numbers("metric_zmp_x_rmse"))) == 4
+    assert far.numbers("metric_highest").min() > 0.8
     assert same_walks(far, near)
     assert same_walks(far, again)
     assert same == digests
     assert len({*digests, *more}) == 8
     assert not set(changed.numbers("metric_zmp_x_rmse")) & set(far.numbers("metric_zmp_x_rmse"))
+
+    (kept,) = filter(None, near.words("recording"))
+    summary = json.loads((tmp_path / "near" / kept / "summary.json").read_text(encoding="utf-8"))
+    assert summary["controller"] == "own_weak:Weak"
+    assert "force=(5.0, 0.0, 0.0)" in summary["disturbances"][0]
+    row = near.words("recording").index(kept)
+    assert summary["metrics"]["highest"]["value"] == near.numbers("metric_highest")[row]

@@ -1,10 +1,7 @@
 """A sweep from its definition to its folder: rows, resume, recordings, dry run, exit statuses."""
 
 import errno
-import importlib
 import json
-import shutil
-import sys
 from typing import Any
 
 import pyarrow as pa
@@ -21,7 +18,7 @@ from validation.study.row_file import ROWS, RowFile
 from validation.study.sweep import report, run
 from validation.study.sweep.design import load_sweep, parse_sweep
 from validation.study.sweep.schema import columns
-from validation.study.sweep.table import SweepTable, build_table, key_of, read_sweep, wrap_table
+from validation.study.sweep.table import read_sweep, wrap_table
 
 SWEEP = """
 [sweep]
@@ -39,7 +36,7 @@ PASS = {"outcome": "completed", "verdict": "pass", "failed": "", "steps_complete
 FELL = {"outcome": "fell", "verdict": "not_measured"}
 CRASH = {"outcome": "crashed", "reason": "ValueError", "cause": "a bug"}
 REFUSAL = BodilyRefusal("a", reason="leg_too_short", value=1.0, limit=1.0, unit="m", way_out="bend it")
-COST = ["worker", "memory_peak", *(c.name for c in columns() if c.name.startswith("timing_"))]
+COST = ["worker", "memory_peak", "timing_total"]
 
 ENDS: dict[int, Any] = {}
 """What walking a run gives or raises; other runs pass."""
@@ -123,14 +120,6 @@ def test_rows_become_a_table_and_refusals_need_no_walk(command, out, capsys):
     assert memory.counts == read_sweep(out).counts
 
 
-def test_rows_of_any_order_are_sorted():
-    definition = parse_sweep(SWEEP)
-    rows = [{"key": key_of(definition, number), **FELL} for number in (3, 0, 8, 1)]
-    sweep = wrap_table(build_table(definition, rows), None, "x")
-    assert sweep.words("name") == ["0", "1", "3", "8"]
-    assert (len(sweep), sweep.planned) == (4, 9)
-
-
 def test_every_parameter_and_metric_has_its_column_with_unit_and_meaning():
     units = {item.name: item.unit for item in columns()}
     assert len(units) == len(columns())
@@ -145,10 +134,9 @@ def test_every_parameter_and_metric_has_its_column_with_unit_and_meaning():
 
 def test_the_key_of_a_run_is_of_what_is_not_at_its_default():
     base = RunParameters()
-    changed = (base, base.replace({"gait.steps": 31}), base.replace({"gait.c_s": 1.0 + 2.3e-16}))
-    keys = [run_key(parameter_values(item)) for item in changed]
-    assert len(set(keys)) == 3
-    assert [run_key({}), run_key({"gait.steps": 31})] == keys[:2]
+    keys = {run_key(parameter_values(item)) for item in (base, base.replace({"gait.c_s": 1.0 + 2.3e-16}))}
+    assert len(keys) == 2
+    assert run_key({}) in keys
 
 
 # -------------------------------------------------------------------------------------------- resume
@@ -206,20 +194,6 @@ def test_a_changed_definition_walks_what_it_changes(command, out, old, new, walk
     assert load_sweep(out / "sweep.toml").keys == read_sweep(out).varied
     (out / "results.parquet").unlink()
     assert len(read_sweep(out)) == 9  # rows of the other definition do not count
-
-
-def test_a_changed_source_of_a_controller_walks_again(command, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    text = SWEEP.replace("[[vary]]", '[set]\ncontroller.name = "own_source:Limp"\n[[vary]]')
-    for source, walked in (
-        ("class Limp: ...", [1, 4, 7]),
-        ("class Limp: ...", []),
-        ("class Limp: a = 1", [1, 4, 7]),
-    ):
-        (tmp_path / "own_source.py").write_text(source, encoding="utf-8")
-        sys.modules.pop("own_source", None)
-        assert command("--resume", text=text) == 0
-        assert walked == WALKED
 
 
 @pytest.mark.parametrize(
@@ -350,7 +324,7 @@ def test_a_dry_run_counts_refusals_and_times_one_walk(command, capsys, monkeypat
     assert command("--dry-run", "--json") == 0
     said = json.loads(capsys.readouterr().out)
     assert said["refused"] == {"switching_velocity_too_low": 3, "bad_parameter": 3}
-    assert (said["runs"], said["checked"], said["walking"]) == (9, 9, 3)
+    assert (said["runs"], said["walking"]) == (9, 3)
     assert said["wall_clock"] >= said["seconds"] >= 0.0
     assert len(tried) == 2
     assert command("--dry-run") == 0
@@ -359,77 +333,3 @@ def test_a_dry_run_counts_refusals_and_times_one_walk(command, capsys, monkeypat
     assert "the sweep about" in said
     assert command("--dry-run", text=SWEEP.replace("0.7, -1.0", "0.2")) == 2
     assert "no run that was tried can be walked" in capsys.readouterr().out
-
-
-# --------------------------------------------------------------------------------------- real walks
-
-OWN = """
-import numpy as np
-from ampm.walk import ControlOutput
-from validation.judge.metrics import Metric
-
-class Own:
-    def __init__(self, robot, run):
-        self.torque = np.zeros(robot.nu)
-
-    def update(self, state, touch, reference):
-        return ControlOutput(self.torque)
-
-HIGHEST = Metric(
-    "highest", "m", "largest height of the COM", "walk",
-    lambda walk: float(walk.measured.com[:, 2].max()), {"default": 2.0}, reason="No body is that tall.",
-    label="COM, highest",
-)
-"""
-REAL = """
-[sweep]
-gait = "flat"
-steps = 2
-recordings = "worst"
-worst = 1
-push = ["chest,5,0,0,0.5,0.1"]
-
-[[vary]]
-method = "grid"
-controller.name = ["ampm", "own_walk:Own"]
-contact.friction = [0.7, 0.8]
-"""
-
-
-@pytest.fixture
-def own(tmp_path, monkeypatch):
-    """Controller and metric in a module of the current folder; definition of a sweep with both."""
-    (tmp_path / "own_walk.py").write_text(OWN, encoding="utf-8")
-    (tmp_path / "own.toml").write_text(REAL, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    metric = val.register(importlib.import_module("own_walk").HIGHEST)
-    yield metric
-    val.unregister(metric.name)
-    del sys.modules["own_walk"]
-
-
-def same_walks(one: SweepTable, two: SweepTable) -> bool:
-    """Whether two sweeps have the same rows but for their cost."""
-    return one.table.drop_columns(COST).equals(two.table.drop_columns(COST))
-
-
-@pytest.mark.slow
-def test_own_controller_and_metric_reach_worker_processes(own, tmp_path, capsys):
-    found = val.sweep("own.toml", tmp_path / "two", workers=2)
-    assert found.words("outcome") == ["completed", "completed", "fell", "fell"]
-    assert min(found.numbers("metric_highest")) > 0.8
-    assert {"0", "1"} >= set(found.words("worker")) - {""} != set()
-    (kept,) = filter(None, found.words("recording"))
-    summary = json.loads((tmp_path / "two" / kept / "summary.json").read_text(encoding="utf-8"))
-    assert summary["controller"] == "own_walk:Own"
-    assert "force=(5.0, 0.0, 0.0)" in summary["disturbances"][0]
-    row = found.table.to_pylist()[found.words("recording").index(kept)]
-    assert summary["metrics"]["highest"]["value"] == row["metric_highest"]
-    assert own.label in (tmp_path / "two" / "report.html").read_text(encoding="utf-8")
-    shutil.copytree(tmp_path / "two", tmp_path / "one")
-    lines = (tmp_path / "one" / ROWS).read_text().splitlines(keepends=True)
-    (tmp_path / "one" / ROWS).write_text("".join(lines[:2]))
-    assert same_walks(val.sweep("own.toml", tmp_path / "one", workers=0, resume=True), found)
-    assert call(["compare", str(tmp_path / "two"), str(tmp_path / "one"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["metrics"]["highest"]["worse"] == 0

@@ -9,7 +9,7 @@ import pytest
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters, keys
 from ampm.run_file import dump_run, leaves_open, load_run
-from validation.study.sweep.design import MOST_CASES, dump_sweep, load_sweep, parse_sweep
+from validation.study.sweep.design import dump_sweep, load_sweep, parse_sweep
 
 DOCS = Path(__file__).parents[1] / "docs"
 EXAMPLES = [DOCS / "examples" / f"{name}.toml" for name in ("gate", "unseen")]
@@ -29,9 +29,6 @@ def sampled(lines, method="sobol", count=8, seed=1):
     return values(f'[sweep]\nseed = {seed}\n[[vary]]\nmethod = "{method}"\ncount = {count}\n{lines}')
 
 
-# --- examples ---
-
-
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
 def test_examples_load_and_read_back(path):
     definition = load_sweep(path)
@@ -42,13 +39,10 @@ def test_examples_load_and_read_back(path):
         assert isinstance(definition.parameters(run), RunParameters)
 
 
-def test_the_examples_in_the_docs_are_sweeps():
+def test_the_example_in_the_docs_is_a_sweep():
     text = (DOCS / "sweeps.md").read_text(encoding="utf-8")
     blocks = [part.split("```")[0] for part in text.split("```toml\n")[1:]]
-    whole = [block for block in blocks if "[[vary]]" in block]
-    assert whole
-    for block in whole:
-        assert len(parse_sweep(block)) >= 1
+    assert [len(parse_sweep(block)) for block in blocks if "[[vary]]" in block] == [7 * 3 * 16]
 
 
 # --- what a file means ---
@@ -136,15 +130,11 @@ def test_sampled_blocks_fill_their_ranges_and_hang_on_the_seed_alone(method):
     assert not first & second  # two blocks draw different points
 
 
-@pytest.mark.parametrize("scale", ["linear", "log"])
-def test_whole_numbers_get_equal_shares(scale):
-    lines = f'solver.max_iterations = {{ from = 10, to = 13, scale = "{scale}" }}'
+def test_whole_numbers_get_equal_shares():
+    lines = "solver.max_iterations = { from = 10, to = 13 }"
     drawn = sampled(lines, "latin_hypercube", 4096)["solver.max_iterations"]
     assert drawn.dtype == np.int64
-    number, count = np.unique(drawn, return_counts=True)
-    assert number.tolist() == [10, 11, 12, 13]
-    expected = np.diff(np.log(np.arange(9.5, 14))) if scale == "log" else np.ones(4)
-    np.testing.assert_allclose(count / 4096, expected / expected.sum(), atol=2e-3)
+    assert np.bincount(drawn)[10:] / 4096 == pytest.approx(0.25, abs=2e-3)
 
 
 def test_any_number_of_sobol_points_are_the_first_of_more(recwarn):
@@ -152,17 +142,6 @@ def test_any_number_of_sobol_points_are_the_first_of_more(recwarn):
     few, more = (sampled(lines, count=count)["gait.c_y"] for count in (3, 128))
     np.testing.assert_array_equal(few, more[:3])  # a design grows without losing runs
     assert not recwarn.list
-
-
-def test_a_million_cases_are_not_held():
-    sweep = parse_sweep(
-        GRID + "gait.c_s = { from = 0.5, to = 1.5, count = 1000 }\n"
-        "gait.c_y = { from = 0.1, to = 1.1, count = 1000 }"
-    )
-    assert len(sweep) == MOST_CASES == 1_000_000
-    last = sweep.parameters(len(sweep) - 1)
-    assert (last.gait.c_s, last.gait.c_y) == (1.5, 1.1)
-    assert sweep.name_of(1) == "000001"
 
 
 def test_a_gait_from_a_file_is_carried_along(tmp_path):
@@ -190,39 +169,31 @@ def test_a_gait_from_a_file_is_carried_along(tmp_path):
         ("[gait]\nc_s = 1", ["[gait]", "[set]"]),
         ("[sweep]\nsede = 3", ["sweep.sede", "sweep.seed"]),
         ('[sweep]\nsteps = "5"', ["sweep.steps", "a whole number"]),
-        ("[sweep]\ngait = 3", ["'3'", "normal"]),
         ('[sweep]\nprofile = "strct"\n' + GRID + "gait.c_y = [1.0]", ["strct", "strict"]),
         ('[sweep]\nrecordings = "some"\n' + GRID + "gait.c_y = [1.0]", ["some", "none", "failures", "worst"]),
         (GRID + 'controller.name = ["ampm", "mine"]', ["controller.name", "joint-pd", "MODULE:CLASS"]),
         ('[sweep]\npush = ["chest,1"]\n' + GRID + "gait.c_y = [1.0]", ["chest,1", "SEGMENT"]),
-        ("[set]\ngait.c_y = [1, 2]\n", ["[set]", "gait.c_y", "number"]),
         ("[set]\ngait.c_y = 1e9\n" + GRID + "gait.c_s = [1.0]", ["gait.c_y", "at most 100"]),
         ("[set]\ngait.steps = 9\n" + GRID + "gait.c_s = [1.0]", ["gait.steps", "[sweep]"]),
         (GRID + "gait.steps = [5, 10]", ["gait.steps", "[sweep]"]),
         (GRID + "c_s = [1.0]", ["c_s", "gait.c_s"]),
         (GRID, ["block 1", "no key is varied"]),
         ("[[vary]]\ngait.c_s = [1.0]", ["method", "grid"]),
-        ('[[vary]]\nmethod = "gird"\ngait.c_s = [1.0]', ["gird", "grid"]),
         (GRID + "gait.c_s = []", ["gait.c_s = []", "list of values"]),
         (GRID + "gait.c_s = 1.0", ["gait.c_s", "[set]"]),
         (GRID + 'solver.qp = ["osqp", "dapq"]', ["dapq", "daqp"]),
         (GRID + "solver.qp = { from = 1, to = 2, count = 2 }", ["text", "osqp"]),
-        (GRID + "gait.c_s = { from = 1, to = 2 }", ["count"]),
         (GRID + "gait.c_s = { from = 2, to = 1, count = 3 }", ["from", "less than"]),
-        (GRID + "gait.c_s = { from = 1, to = 2, count = 1 }", ["at least 2"]),
         (GRID + 'gait.c_s = { from = 0, to = 2, count = 3, scale = "log" }', ["log", "> 0"]),
         (GRID + "count = 3\ngait.c_s = [1.0]", ["count"]),
         (GRID + "gait.c_s = [1.0]\n" + GRID + "gait.c_s = [2.0]", ["block 1", "block 2"]),
         ("[set]\ngait.c_s = 1\n" + GRID + "gait.c_s = [1.0]", ["[set]", "block 1"]),
         ('[[vary]]\nmethod = "list"\ngait.c_s = [1, 2]\ngait.c_y = [1]', ["equally long", "grid"]),
         ('[[vary]]\nmethod = "list"\ngait.c_s = { from = 1, to = 2, count = 3 }', ["grid"]),
-        ('[[vary]]\nmethod = "sobol"\ngait.c_s = { from = 1, to = 2 }', ["count"]),
         (SOBOL + "gait.c_s = { from = 1, to = 2, count = 3 }", ["block"]),
         (SOBOL + "gait.c_s = [1, 2]", ["range", "block of their own"]),
         (SOBOL.replace("8", str(10**12)) + "gait.c_s = { from = 1, to = 2 }", ["count", "at most 1000000"]),
         (GRID + "".join(f"{k} = {{ from = 0.1, to = 1, count = 9999 }}\n" for k in keys()[6:9]), ["runs"]),
-        (f"{GRID}gait.c_s = [{10**400}, 1]", ["gait.c_s", "number"]),
-        ("[base]\ngait.c_x = 1\n" + GRID + "gait.c_s = [1.0]", ["gait.c_x"]),
     ],
 )
 def test_errors_name_the_value_and_a_way_out(text, words):

@@ -80,7 +80,7 @@ def sweep(
             print_json(expected.as_dict())
         else:
             print_tables(expected.tables())
-        return Status.REFUSED if len(expected.refused) == expected.runs else Status.PASS
+        return Status.PASS if expected.walking else Status.REFUSED
     if out is None:
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
     try:

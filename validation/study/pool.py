@@ -133,10 +133,10 @@ def _printable(text: str) -> str:
 @cache
 def _known_folders() -> tuple[str, ...]:
     """Folders of this project's packages, and of what is installed."""
-    root = os.path.dirname(os.path.realpath(sys.modules["ampm"].__path__[0]))
-    ours = [os.path.join(root, name) for name in ("ampm", "models", "validation", "benchmarks")]
-    installed = map(os.path.realpath, {sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()})
-    return tuple(path + os.sep for path in (*ours, *installed))
+    root = Path(__file__).resolve().parents[2]
+    ours = [str(root / name) for name in ("ampm", "models", "validation", "benchmarks")]
+    installed = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
+    return tuple(os.path.realpath(path) + os.sep for path in (*ours, *installed))
 
 
 @cache

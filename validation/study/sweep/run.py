@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.planner.step_planners import STEP_PLANNERS
+from ampm.walk import Planner
 from validation.judge.profiles import profile as find_profile
 from validation.progress import Progress
 from validation.run.trial import Trial
@@ -45,8 +45,6 @@ from validation.trial.disturbances import Push, parse_push
 from validation.trial.plan import Request, check_formula, plan_walk
 from validation.trial.users import UsersError
 
-CHECKED = 1000
-"""Runs whose refusals a dry run counts at most."""
 _TRIED = 8  # runs that a dry run tries until one of them can be walked
 
 
@@ -153,13 +151,7 @@ def walk_run(**options: Any) -> Row:
 
 
 def walk(
-    request: Request,
-    profile: str,
-    pushes: Sequence[Push],
-    controller: Any = None,
-    planner: Any = None,
-    estimator: Any = None,
-    progress: Progress | None = None,
+    request: Request, profile: str, pushes: Sequence[Push], planner: Planner | None = None, **users: Any
 ) -> Trial:
     """Plan, walk and judge one run.
 
@@ -167,24 +159,15 @@ def walk(
         request: parameters and name.
         profile: name of the tolerance profile.
         pushes: of every run.
-        controller: class or function of a user's own that makes the controller; that of the run by default.
         planner: of a user's own; that of the run by default.
-        estimator: class or function of a user's own that makes the estimator; that of the run by default.
-        progress: where to report.
+        users: other classes of a user, see :func:`validation.study.walk_options.users_classes`.
     """
     from validation.run.walk import timed, walk_planned  # loads the simulator
 
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
-        planned = plan_walk(request, progress, planner=planner)
-    return walk_planned(
-        planned,
-        find_profile(profile),
-        controller=controller,
-        estimator=estimator,
-        disturbances=list(pushes),
-        seconds=seconds,
-    )
+        planned = plan_walk(request, planner=planner)
+    return walk_planned(planned, find_profile(profile), disturbances=list(pushes), seconds=seconds, **users)
 
 
 # ------------------------------------------------------------------------------------------ kept folders
@@ -227,29 +210,24 @@ class Forecast(Tabled):
     """What a sweep would walk.
 
     Attributes:
-        runs: of the sweep.
-        refused: those of the checked runs that bounds or formula refuse.
-        checked: number of runs that were checked: all, or a random sample.
+        refused: runs that bounds or formula refuse.
         seconds: wall-clock time of one run, from a walk; None if the tried runs cannot be walked [s].
         workers: processes.
     """
 
-    runs: int
     refused: SweepTable
-    checked: int
     seconds: float | None
     workers: int
 
     @property
     def walking(self) -> int:
-        """Runs that can walk, at most; estimated from the checked ones."""
-        return round(self.runs * (1.0 - len(self.refused) / self.checked))
+        """Runs that can walk, at most."""
+        return self.refused.planned - len(self.refused)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, times in s."""
         return {
-            "runs": self.runs,
-            "checked": self.checked,
+            "runs": self.refused.planned,
             "refused": self.refused.summary()["refusals"],
             "walking": self.walking,
             "seconds": self.seconds,
@@ -260,15 +238,14 @@ class Forecast(Tabled):
     def tables(self) -> list[Table]:
         """Numbers of runs, with examples of the refusals."""
         rows = [
-            ("runs", f"{self.runs:,}", ""),
-            ("checked by formula", f"{self.checked:,}", ""),
+            ("runs", f"{self.refused.planned:,}", ""),
             *self.refused.result().rows,
             ("can walk, at most", f"{self.walking:,}", ""),
         ]
         note = "no run that was tried can be walked"
         if self.seconds is not None:
-            one, all_runs = (format_duration(self.as_dict()[name]) for name in ("seconds", "wall_clock"))
-            note = f"one run takes about {one}, the sweep about {all_runs} with {self.workers} workers"
+            one, every = (format_duration(self.as_dict()[name]) for name in ("seconds", "wall_clock"))
+            note = f"one run takes about {one}, the sweep about {every} with {self.workers} workers"
         return [Table(f"dry run of {self.refused.name}", ("", ">runs", "for example"), rows, [note])]
 
 
@@ -283,18 +260,23 @@ def forecast(
         progress: where to report stages.
     """
     progress = progress or Progress()
-    numbers = np.random.default_rng(definition.seed).permutation(len(definition))[:CHECKED].tolist()
-    with progress.stage("refusals by formula"):
-        tasks = {run: task_of(definition, run) for run in numbers}
-    rows = [{"key": task.key, **task.known} for task in tasks.values() if task.known is not None]
-    refused = wrap_table(build_table(definition, rows), None, definition.name)
-    walking = [run for run, task in tasks.items() if task.known is None]
+    rows: list[Row] = []
+    walking: list[Task] = []
+    with progress.stage("refusals by formula", "runs") as stage:
+        for run in range(len(definition)):
+            stage.advance(run, len(definition))
+            task = task_of(definition, run)
+            if task.known is not None:
+                rows.append({"key": task.key, **task.known})
+            elif len(walking) < _TRIED:
+                walking.append(task)
     seconds = None
-    for run in walking[:_TRIED]:
-        with progress.stage(f"walk of run {definition.name_of(run)}, to time it"):
+    for task in walking:
+        with progress.stage("walk of one run, to time it"):
             start = time.perf_counter()
             with suppress(InputError, RefusedGait):
-                walk(**tasks[run].options)
+                walk(**task.options)
                 seconds = time.perf_counter() - start
                 break
-    return Forecast(len(definition), refused, len(numbers), seconds, workers or cores())
+    refused = wrap_table(build_table(definition, rows), None, definition.name)
+    return Forecast(refused, seconds, workers or cores())

@@ -179,11 +179,7 @@ class SweepTable(Brief, Tabled):
         """A column of numbers, shape (N,); NaN where there is none, or no such column."""
         if name not in self:
             return np.full(len(self), np.nan)
-        column = self.table.column(name)
-        try:
-            return np.array(column.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=float)
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-            raise InputError(f"{self.source}: column {name} holds {column.type}, not numbers.") from None
+        return self.table.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False)
 
     def words(self, name: str) -> list[str]:
         """A column as text; empty where there is none."""
