@@ -96,7 +96,6 @@ def _row(run: RunParameters, profile_name: str, rng: np.random.Generator) -> dic
         "outcome_time": 3.7,
         "foot_length": foot,
         **metrics,
-        "memory_peak": 300.0,
     }
 
 

@@ -302,7 +302,7 @@ method = "grid"
 controller.options.gain = [1, 0.999]
 planner.options.ratio = [1.0, 1.01]
 """
-COST = ("worker", "memory_peak", "timing_total")
+COST = ("worker", "timing_total")
 
 
 def same_walks(one: SweepTable, two: SweepTable) -> bool:

@@ -36,7 +36,7 @@ PASS = {"outcome": "completed", "verdict": "pass", "failed": "", "steps_complete
 FELL = {"outcome": "fell", "verdict": "not_measured"}
 CRASH = {"outcome": "crashed", "reason": "ValueError", "cause": "a bug"}
 REFUSAL = BodilyRefusal("a", reason="leg_too_short", value=1.0, limit=1.0, unit="m", way_out="bend it")
-COST = ["worker", "memory_peak", "timing_total"]
+COST = ["worker", "timing_total"]
 
 ENDS: dict[int, Any] = {}
 """What walking a run gives or raises; other runs pass."""

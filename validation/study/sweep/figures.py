@@ -1,7 +1,7 @@
 """Pictures of a sweep's report in Vega-Lite: a scatter over any two quantities, and parallel coordinates.
 
 The page carries data, specification and the library itself (vl-convert has the script), so that it works
-offline. Colours are the CSS variables of the page.
+offline.
 """
 
 import json
@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from ampm.geometry import Array
 from validation.show.text import format_value
-from validation.study.sweep.table import STATES, SweepTable
+from validation.study.sweep.table import STATES, State, SweepTable
 
 Spec = dict[str, Any]
 
@@ -22,14 +22,21 @@ MOST_POINTS = 2000
 """Runs in a picture at most: all, or a random sample."""
 MOST_AXES = 9
 """Axes of the parallel coordinates at most."""
-_TEXT = {"labelColor": "var(--ink)", "titleColor": "var(--ink)", "labelFontSize": 12}
-_LINES = {"gridColor": "var(--grid)", "domainColor": "var(--line)", "tickColor": "var(--line)"}
+_COLORS: Mapping[State, str] = {
+    State.PASS: "#0072b2",
+    State.OUT_OF_TOLERANCE: "#e69f00",
+    State.NOT_MEASURED: "#7d8590",
+    State.FELL: "#d0480f",
+    State.DIVERGED: "#a8327d",
+    State.INFEASIBLE: "#6b4226",
+    State.REFUSED: "#c3c9d1",
+    State.CRASHED: "#111418",
+    State.TIMED_OUT: "#6a51a3",
+}
 _CONFIG: Spec = {
-    "background": None,
     "font": "system-ui, -apple-system, Roboto, DejaVu Sans, sans-serif",
-    "view": {"stroke": None},
-    "axis": {**_TEXT, **_LINES},
-    "legend": {**_TEXT, "orient": "bottom", "title": None, "columns": 7},
+    "axis": {"labelFontSize": 12},
+    "legend": {"labelFontSize": 12, "orient": "bottom", "title": None, "columns": 7},
 }
 
 
@@ -145,8 +152,7 @@ def parallel(sweep: SweepTable) -> Spec:
 def _color(sweep: SweepTable) -> Spec:
     """Encoding of the outcome."""
     present = [state for state in STATES if sweep.counts[state]]
-    colors = [f"var(--state-{state.value.replace('_', '-')})" for state in present]
-    scale = {"domain": [state.label for state in present], "range": colors}
+    scale = {"domain": [state.label for state in present], "range": [_COLORS[state] for state in present]}
     return {"field": "outcome", "type": "nominal", "scale": scale}
 
 

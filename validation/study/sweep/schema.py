@@ -1,7 +1,7 @@
 """Columns of a sweep's table: name, type, unit and meaning of each, and the columns that a walk gives.
 
 One row per run. What is undefined is null, never NaN. Every column but those of its cost (``timing_total``,
-``worker``, ``memory_peak``) is a function of the definition alone: the same bits for any workers and any
+``worker``) is a function of the definition alone: the same bits for any workers and any
 interruptions. Metrics come from the registry (:mod:`validation.judge.metrics`), parameters from
 :class:`ampm.parameters.RunParameters`: a new one is a new column.
 """
@@ -20,7 +20,6 @@ from ampm.planner.centroidal import PlanConstants
 from ampm.run_file import describe_keys, key_info
 from ampm.section import Option
 from validation.judge.metrics import METRICS
-from validation.store.machine import memory_peak
 
 if TYPE_CHECKING:
     from validation.run.trial import Trial
@@ -76,7 +75,6 @@ _WALK = (
 _COST = (
     Column("timing_total", "real", "s", "wall clock of the whole run on its worker"),
     Column("worker", "text", "", "worker that walked it; null if none had to"),
-    Column("memory_peak", "real", "MB", "largest resident memory of the worker so far"),
 )
 
 
@@ -127,6 +125,5 @@ def walk_columns(trial: Trial) -> dict[str, Any]:
         "outcome_time": outcome.time,
         "foot_length": trial.comparison.scales["foot_length"],
         **{METRICS[name].column: metric.value for name, metric in trial.metrics.items()},
-        "memory_peak": memory_peak(),
     }
     return {name: None if isinstance(v, float) and math.isnan(v) else v for name, v in row.items()}
