@@ -92,24 +92,3 @@ def look(page: Path, folder: Path, script: str, *, size: tuple[int, int] = (1366
     console = [line for line in done.stderr.splitlines() if ":CONSOLE" in line]
     told = re.search(r'data-told="([^"]*)"', done.stdout)
     return Seen(json.loads(base64.b64decode(told[1])) if told else {}, console)
-
-
-def assert_in_cards(
-    page: Path, folder: Path, selector: str, least: int, size: tuple[int, int], *, whole: bool = False
-) -> None:
-    """Check that elements, so many at least, are inside their cards; ``whole``: that these do not scroll."""
-    script = f"""
-    const cells = [...document.querySelectorAll(`{selector}`)];
-    const inside = (cell) => {{
-      const box = cell.getBoundingClientRect(), card = cell.closest(".card");
-      const around = card.getBoundingClientRect();
-      return box.width > 0 && box.left >= around.left && box.right <= around.right
-        && ({int(not whole)} || card.scrollWidth <= card.clientWidth);
-    }};
-    tell({{ cells: cells.length, inside: cells.every(inside),
-      fits: document.documentElement.scrollWidth <= innerWidth }});
-    """
-    told = look(page, folder, script, size=size).told
-    assert told["cells"] >= least
-    assert told["inside"]
-    assert told["fits"]

@@ -188,6 +188,6 @@ def test_only_the_simulation_side_owns_simulator_data():
         "validation/trial/simulate.py",
         "validation/run/replay.py",
         "validation/trial/shapes.py",
-        "validation/show/rerun/record.py",
+        "validation/show/rerun/body.py",
         "validation/show/walker.py",
     }

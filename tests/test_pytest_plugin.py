@@ -39,7 +39,7 @@ def run(pytester, monkeypatch):
     monkeypatch.setenv("COUNT", str(pytester.path / "count"))
 
     def call(*arguments):
-        plugins = ("-p", "validation.pytest_plugin", "-p", "xdist", "-p", "no:cacheprovider")
+        plugins = ("-p", "validation.pytest_plugin", "-p", "no:cacheprovider")
         return pytester.runpytest_subprocess(*plugins, *arguments)
 
     return call
@@ -55,22 +55,17 @@ def test_the_example_gates_its_controller(run, pytester):
     for name in ("controller.py", "test_controller.py"):
         shutil.copy(EXAMPLE / name, pytester.path)
     assert len((EXAMPLE / "test_controller.py").read_text(encoding="utf-8").splitlines()) <= 21
-    written = run("-n", "2", "--ampm-update")
-    written.assert_outcomes(passed=5)
-    written.stdout.fnmatch_lines(
-        ["*AMPM baselines*", "*test_is_no_worse_than_before.json: normal with *", "*new*"]
-    )
+    run("--ampm-update").assert_outcomes(passed=5)
     (path,) = pytester.path.glob("ampm_baselines/*.json")
     baseline = json.loads(path.read_text(encoding="utf-8"))
-    value = baseline["metrics"]["zmp_x_rmse"]
-    baseline["metrics"]["zmp_x_rmse"] = value / 2
+    baseline["metrics"]["zmp_x_rmse"] /= 2
     baseline["metrics"]["zmp_y_rmse"] *= 2
     path.write_text(json.dumps(baseline), encoding="utf-8")
     failed = run("-k", "no_worse")
     failed.assert_outcomes(failed=1, deselected=4)
     text = failed.stdout.str()
-    assert re.search(r"ZMP, RMS error along x: [\d.]+ -> [\d.]+ mm \(limit 2.5\), worse", text)
-    assert re.search(r"ZMP, RMS error along y: [\d.]+ -> [\d.]+ mm \(limit 1.5\)$", text, re.MULTILINE)
+    assert re.search(r"ZMP, RMS error along x: [\d.]+ -> [\d.]+ mm \(limit 2.5\)", text)
+    assert "ZMP, RMS error along y" not in text
     folder = re.search(r"4 steps, completed; ampm view (.*)", text)
     assert folder is not None
     assert {"recording.rrd", "report.html"} <= {file.name for file in Path(folder[1]).iterdir()}
@@ -78,7 +73,7 @@ def test_the_example_gates_its_controller(run, pytester):
 
 
 @pytest.mark.slow
-def test_equal_inputs_are_walked_once_by_all_workers(run, pytester):
+def test_equal_inputs_are_walked_once(run, pytester):
     pytester.makepyfile(
         FILE
         + """
@@ -93,7 +88,7 @@ def test_another(walked):
     assert trial.record.mass == pytest.approx(61.0)
 """
     )
-    run("-n", "2").assert_outcomes(passed=5)
+    run().assert_outcomes(passed=5)
     assert (pytester.path / "count").read_text(encoding="utf-8").count("walked") == 2
 
 
@@ -116,9 +111,6 @@ def test_unknown_gait(walked):
     walked("nromal")
 """
     )
-    damaged = pytester.path / "ampm_baselines"
-    damaged.mkdir()
-    (damaged / f"{next(pytester.path.glob('test_*.py')).stem}-test_no_baseline.json").write_text("{")
     result = run("--ampm-runs", tmp_path / "runs")
     result.assert_outcomes(failed=4)
     result.stdout.no_fnmatch_line("*cannot be saved*")
@@ -127,7 +119,7 @@ def test_unknown_gait(walked):
             "normal with joint-pd: not measured (default). The body fell*",
             f"*ampm view {tmp_path / 'runs'}/*test_falls/0-normal",
             "this test walked nothing; call walked() first, or give the trials.",
-            "normal with joint-pd: there is no whole baseline *; write it with --ampm-update.",
+            "normal with joint-pd: there is no baseline *; write it with --ampm-update.",
             "*did you mean 'normal'*",
         ]
     )

@@ -4,41 +4,31 @@
         walked("momentum", controller=MyController, gait={"steps": 10})
         assert_within("default")
 
-A walk is made once in a session for equal inputs, also by the workers of pytest-xdist. The runs of a failed
-test are saved with their recordings. Importing this module loads nothing but pytest.
+A walk is made once in a process for equal inputs. The runs of a failed test are saved with their recordings.
+Importing this module loads nothing but pytest.
 """
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
 import json
-import os
-import pickle
 import re
-import tempfile
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from uuid import uuid4
 
 import pytest
 
 if TYPE_CHECKING:
     from ampm.parameters import RunParameters
-    from ampm.walk import ControllerFactory, Planner
     from validation.judge.profiles import Profile
-    from validation.judge.verdict import MetricResult
     from validation.run.trial import Trial
-    from validation.trial.disturbances import Disturbance
 
 BASELINES = "ampm_baselines"
 """Folder beside a test's file that holds its baselines."""
-_SESSION = "AMPM_PYTEST_SESSION"  # environment variable: folder of the session's walks, also for its workers
-_PROPERTY = "ampm baseline"
 _WALKED, _PLACE = pytest.StashKey[list["Trial"]](), pytest.StashKey[Path]()
+_walks: list[tuple[tuple[Any, ...], Trial]] = []
+"""Inputs of every walk of this process, and the trial."""
 
 
 # ------------------------------------------------------------------------------------------- hooks
@@ -47,32 +37,13 @@ _WALKED, _PLACE = pytest.StashKey[list["Trial"]](), pytest.StashKey[Path]()
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the options."""
     group = parser.getgroup("ampm", "walks of the AMPM testbed")
-    group.addoption(
-        "--ampm-update", action="store_true", help="write the baselines of walks, and show what changed"
-    )
+    group.addoption("--ampm-update", action="store_true", help="write the baselines of walks")
     group.addoption(
         "--ampm-runs",
         metavar="DIR",
         type=Path,
         help="folder for runs of failed tests; a temporary one if not given",
     )
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Make the folder of the session's walks."""
-    if hasattr(config, "workerinput"):  # of pytest-xdist, which has it from the session
-        return
-    folder = tempfile.TemporaryDirectory(prefix="ampm-pytest-")
-    outer = os.environ.get(_SESSION)
-    os.environ[_SESSION] = folder.name
-
-    def end() -> None:
-        folder.cleanup()
-        os.environ.pop(_SESSION)
-        if outer is not None:
-            os.environ[_SESSION] = outer
-
-    config.add_cleanup(end)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -84,22 +55,6 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
         report.sections.append(("AMPM runs", "\n".join(_saved(item, trials))))
         trials.clear()  # a failure of the teardown needs no second copy
     return report
-
-
-def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Show the baselines that were written."""
-    reports = [report for group in terminalreporter.stats.values() for report in group]
-    texts = [
-        text
-        for report in reports
-        if getattr(report, "when", "") == "call"
-        for name, text in report.user_properties
-        if name == _PROPERTY
-    ]
-    if texts:
-        terminalreporter.section("AMPM baselines")
-        for text in texts:
-            terminalreporter.write_line(text)
 
 
 # ---------------------------------------------------------------------------------------- fixtures
@@ -165,40 +120,21 @@ def assert_baseline(request: pytest.FixtureRequest) -> Callable[..., None]:
         wrong = []
         for number, trial in enumerate(trials or _walks_of(request)):
             path = _baseline_path(request, number)
-            before = _earlier(path)
-            now = _baseline(trial)
             if request.config.getoption("--ampm-update"):
-                lines = _differences(before, trial)[1] if before else ["new"]
-                if before is None or lines:
-                    path.parent.mkdir(exist_ok=True)
-                    path.write_text(json.dumps(now, indent=2) + "\n", encoding="utf-8")
-                    text = "\n  ".join([f"{path}: {_title(trial)}", *lines])
-                    request.node.user_properties.append((_PROPERTY, text))
-            elif before is None:
-                wrong.append(
-                    f"{_title(trial)}: there is no whole baseline {path}; write it with --ampm-update."
-                )
-            else:
-                worse, lines = _differences(before, trial)
-                if worse:
-                    title = f"{_title(trial)}: worse than {path}; if that is meant, --ampm-update."
-                    wrong += [title, *(f"    {line}" for line in lines)]
+                path.parent.mkdir(exist_ok=True)
+                path.write_text(json.dumps(_baseline(trial), indent=2) + "\n", encoding="utf-8")
+            elif not path.is_file():
+                wrong.append(f"{_title(trial)}: there is no baseline {path}; write it with --ampm-update.")
+            elif worse := _worse(json.loads(path.read_text(encoding="utf-8")), trial):
+                title = f"{_title(trial)}: worse than {path}; if that is meant, --ampm-update."
+                wrong += [title, *(f"    {line}" for line in worse)]
         if wrong:
             pytest.fail("\n".join(wrong), pytrace=False)
 
     return check
 
 
-def _earlier(path: Path) -> dict[str, Any] | None:
-    """A baseline; None if there is none or it is damaged."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        return found if {"outcome", "steps_completed", "metrics"} <= found.keys() else None
-    except (OSError, ValueError, AttributeError):
-        return None
-
-
-# ------------------------------------------------------------------------------------ walks of a session
+# ------------------------------------------------------------------------------------ walks of a process
 
 
 def walk_once(
@@ -206,65 +142,30 @@ def walk_once(
     /,
     *,
     body: Mapping[str, Any] | str | None = None,
-    controller: ControllerFactory | str | None = None,
-    planner: Planner | str | None = None,
-    disturbances: Sequence[Disturbance] = (),
+    controller: Any = None,
+    planner: Any = None,
+    disturbances: Sequence[Any] = (),
     **sections: Mapping[str, Any],
 ) -> Trial:
-    """Walk, unless a walk of equal inputs was made in this session.
-
-    Args:
-        source: parameters, or a preset or TOML file; `normal` by default, or the own gait of another body.
-        body: its name (``body.source``), or values of the section ``body``.
-        controller: class or name, as :func:`validation.walk` takes it.
-        planner: likewise.
-        disturbances: likewise.
-        sections: values by section and key, as :func:`ampm.load_run` takes them.
+    """Walk as :func:`validation.walk` does, unless equal inputs were walked in this process.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk, or a user's class fails.
     """
     # Imported here: they load simulator, controller and NumPy.
-    import cloudpickle
-
     from validation.run.walk import walk
-    from validation.store.identity import parameter_values
     from validation.trial.plan import load_request
 
     request = load_request(source, body=body, sections=sections)
-    options: dict[str, Any] = {
-        "controller": controller,
-        "planner": planner,
-        "disturbances": list(disturbances),
-    }
-    try:
-        inputs = cloudpickle.dumps(options)
-    except (
-        TypeError,
-        AttributeError,
-        pickle.PicklingError,
-    ):  # a class that holds a file or a library's handle
-        inputs = uuid4().bytes
     run, name = request.run, request.name
-    text = json.dumps([name, parameter_values(run), sorted(run.given)])
-    path = Path(os.environ[_SESSION]) / hashlib.sha256(text.encode() + inputs).hexdigest()[:16]
-    with _locked(path.with_suffix(".lock")):
-        if path.is_file():
-            return pickle.loads(path.read_bytes())
-        trial = walk(run, name=name, **options)
-        with suppress(TypeError, AttributeError, pickle.PicklingError):  # of a user's own posture or plan
-            part = path.with_suffix(".part")
-            part.write_bytes(cloudpickle.dumps(trial))
-            part.rename(path)  # a process may be killed while it writes
-        return trial
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Lock, so that two processes do not walk the same."""
-    with path.open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+    options = {"controller": controller, "planner": planner, "disturbances": list(disturbances)}
+    inputs = (name, run, run.given, options)
+    for earlier, trial in _walks:
+        if earlier == inputs:
+            return trial
+    trial = walk(run, name=name, **options)
+    _walks.append((inputs, trial))
+    return trial
 
 
 def _walks_of(request: pytest.FixtureRequest) -> list[Trial]:
@@ -316,35 +217,18 @@ def _baseline(trial: Trial) -> dict[str, Any]:
     }
 
 
-def _differences(before: Mapping[str, Any], trial: Trial) -> tuple[bool, list[str]]:
-    """Whether a trial is worse than a baseline, and a line on every difference beyond rounding."""
-    from validation.judge.metrics import metric_label  # loads NumPy
-    from validation.judge.uncertainty import rounding  # loads NumPy
+def _worse(before: Mapping[str, Any], trial: Trial) -> list[str]:
+    """A line on everything in which a trial is worse than a baseline."""
     from validation.study.compare.sweeps import TOLERANCE  # loads pyarrow
 
-    now, lines, worse = _baseline(trial), [], False
-    ends = [(item["outcome"] == "completed", item["steps_completed"]) for item in (before, now)]
-    if ends[0] != ends[1]:
-        worse = not ends[1][0] and ends[1] < ends[0]
-        lines.append(
-            " -> ".join(f"{item['outcome']} after {item['steps_completed']} steps" for item in (before, now))
-        )
-    known: Mapping[str, MetricResult] = {item.name: item for item in trial.verdict.judged}
-    for name in {**before["metrics"], **now["metrics"]}:
-        old, new = before["metrics"].get(name), now["metrics"].get(name)
-        item = known.get(name)
-        if old is None or new is None or item is None:
-            if old != new:
-                worse = worse or new is None
-                words = ["none" if value is None else str(value) for value in (old, new)]
-                lines.append(f"{metric_label(name)}: {' -> '.join(words)}")
+    outcome, lines = trial.record.outcome, []
+    now = outcome.completed, outcome.steps_completed
+    if now < (before["outcome"] == "completed", before["steps_completed"]):
+        lines.append(f"{before['outcome']} after {before['steps_completed']} steps -> {outcome.summary}")
+    for item in trial.verdict.judged:
+        old, limit = before["metrics"].get(item.name), item.tolerance or 0.0
+        if old is None or item.value - old <= TOLERANCE * limit:
             continue
-        if abs(new - old) > rounding(max(abs(old), abs(new)), item.of.unit):
-            limit = item.tolerance or 0.0
-            grown = new - old > TOLERANCE * limit
-            worse = worse or grown
-            shown = [f"{number * item.factor:.4g}" for number in (old, new, limit)]
-            mark = ", worse" if grown else ""
-            unit = f" {item.display_unit}".rstrip()
-            lines.append(f"{item.label}: {shown[0]} -> {shown[1]}{unit} (limit {shown[2]}){mark}")
-    return worse, lines
+        values = " -> ".join(f"{number * item.factor:.4g}" for number in (old, item.value))
+        lines.append(f"{item.label}: {values} {item.display_unit} (limit {limit * item.factor:.4g})")
+    return lines
