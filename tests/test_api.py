@@ -99,7 +99,7 @@ def test_a_fall_without_qp_has_its_folder_and_report(tmp_path, ampm):
     answer = ampm("validate", "normal", "--controller", f"{HERE}:Limp", *settings)
     assert answer.status == Status.NOT_COMPLETED
     assert "no QP was reported" in answer.out
-    assert f"│ {'ZMP, RMS feedback along x':<39} │      – │" in answer.out
+    assert re.search(r"ZMP, RMS feedback along x +│ +– │", answer.out)
     assert "failed_qp" not in val.load(tmp_path / "a").summary["metrics"]
     assert "no QP" in (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
 

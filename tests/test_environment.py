@@ -49,17 +49,6 @@ def episode(env, act):
     return np.array(found), step.discount
 
 
-def test_an_action_that_is_no_number_is_refused():
-    env = load()
-    env.reset()
-    action = np.zeros(env.action_spec().shape)
-    action[7] = np.nan
-    with pytest.raises(ValueError, match=rf"{env.task.robot.joint_names[7]} \(entry 7\) is no number"):
-        env.step(action)
-    with pytest.raises(ValueError, match=r"shape \(1,\) and must have \(34,\)"):
-        env.step(action[:1])
-
-
 def test_what_an_environment_has_not_is_refused():
     with pytest.raises(InputError, match="no disturbances; leave out disturbance"):
         load(disturbance={"slope_along": 0.1})

@@ -21,15 +21,17 @@ if TYPE_CHECKING:
     from validation.run.replay import replay as replay
     from validation.run.trial import Trial as Trial
     from validation.run.walk import walk as walk
-    from validation.show.report import write_report as report
-    from validation.show.viewer import show_recording as view
-    from validation.store.saved import load_saved_run as load
+    from validation.show.report import write_report
+    from validation.show.viewer import show_recording
+    from validation.store.saved import load_saved_run
     from validation.study.robustness.study import robustness as robustness
     from validation.study.sweep.run import sweep as sweep
     from validation.study.tour import tour as tour
     from validation.trial.disturbances import Disturbance as Disturbance
     from validation.trial.disturbances import Plant as Plant
     from validation.trial.disturbances import Push as Push
+
+    load, report, view = load_saved_run, write_report, show_recording
 
 _HOMES = {
     "Comparison": "judge.compare.Comparison",
@@ -54,28 +56,7 @@ _HOMES = {
     "walk": "run.walk.walk",
 }
 
-__all__ = [
-    "Comparison",
-    "Disturbance",
-    "Metric",
-    "Plant",
-    "Progress",
-    "Push",
-    "Statistics",
-    "Trial",
-    "judge_log",
-    "load",
-    "load_uncertainty",
-    "register",
-    "replay",
-    "report",
-    "robustness",
-    "sweep",
-    "tour",
-    "unregister",
-    "view",
-    "walk",
-]
+__all__ = list(_HOMES)
 
 
 def __getattr__(name: str) -> Any:

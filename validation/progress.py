@@ -6,13 +6,10 @@ checked between stages and at the end. Only the standard library is imported her
 possible.
 """
 
-import os
 import signal
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 INTERRUPTED = 130
 
@@ -24,12 +21,11 @@ class Interruption:
         count: signals so far.
         answered: number of handled signals.
         holding: whether the first signal is deferred until the present work is done; a second one interrupts.
-        finished: whether all output is written, so that a further signal may end the program at once.
     """
 
     def __init__(self) -> None:
         self.count = self.answered = 0
-        self.holding = self.finished = False
+        self.holding = False
 
     @property
     def pending(self) -> bool:
@@ -40,18 +36,9 @@ class Interruption:
         """Handle Ctrl-C and a termination signal from now on."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._receive)
-        unraisable = sys.unraisablehook
-
-        def silent(lost: Any) -> None:
-            if not (self.count and isinstance(lost.exc_value, KeyboardInterrupt)):
-                unraisable(lost)
-
-        sys.unraisablehook = silent
 
     def _receive(self, number: int, frame: object) -> None:
         self.count += 1
-        if self.finished:
-            os._exit(INTERRUPTED)
         if self.holding and self.count - self.answered == 1:
             return
         raise KeyboardInterrupt

@@ -93,10 +93,9 @@ def call(arguments: Sequence[str]) -> int:
     debug = "--debug" in arguments
     arguments = [argument for argument in arguments if argument != "--debug"]
     command = typer.main.get_command(app)
-    log, shown = logging.getLogger("ampm"), logging.StreamHandler()
     if debug:
-        log.addHandler(shown)
-        log.setLevel(logging.DEBUG)
+        logging.basicConfig(level=logging.WARNING)
+        logging.getLogger("ampm").setLevel(logging.DEBUG)
     try:
         with command.make_context("ampm", list(arguments)) as context:
             status = int(command.invoke(context) or 0)
@@ -112,9 +111,6 @@ def call(arguments: Sequence[str]) -> int:
         if interruption.pending and not isinstance(error, KeyboardInterrupt):
             error = KeyboardInterrupt()  # some extensions make another error of it
             error.__cause__ = caught
-            for note in getattr(caught, "__notes__", ()):
-                error.add_note(note)
-        interruption.finished = interruption.pending
         status, text = explain(error)
         if "--json" in arguments:
             print_json(describe_error(error))
@@ -124,7 +120,3 @@ def call(arguments: Sequence[str]) -> int:
             text += f"; {keep_traceback(error)}, please report it."
         print(f"ampm: {text}", file=sys.stderr)  # noqa: T201
         return status
-    finally:
-        if debug:
-            log.removeHandler(shown)
-            log.setLevel(logging.NOTSET)

@@ -1,10 +1,9 @@
 """Output of the command line: results on stdout, everything else on stderr.
 
-Every command reports its progress by :class:`Narrator`: a bar on a terminal, and elsewhere (logs, pipes) a
-line every half minute and one at the end of each stage.
+Every command reports its progress by :class:`Narrator`: a bar on a terminal, and elsewhere (logs, pipes) at
+most a line every half minute and one at the end of each stage.
 """
 
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -45,33 +44,29 @@ class _Bar(Stage):
 
 
 class _Lines(Stage):
-    """Progress without a terminal."""
+    """Progress without a terminal: a line when something is reported, if the last one is long ago."""
 
-    def __init__(self, label: str, unit: str) -> None:
-        self._label, self._unit = label, unit
-        self._start = time.monotonic()
-        self._first: tuple[float, int] | None = None  # time and count of the first report
-        self._done = self._total = 0
+    def __init__(self, console: Console, label: str, unit: str) -> None:
+        self._console, self._label, self._unit = console, label, unit
+        self._start = self._last = time.monotonic()
+        self._before: int | None = None  # done at the first report, as stored rows say nothing of the speed
         self._note = ""
 
     def advance(self, done: int, total: int) -> None:
-        self._first = self._first or (time.monotonic(), done)
-        self._done, self._total = done, total
+        now = time.monotonic()
+        if self._before is None:
+            self._start, self._before = now, done
+        if now - self._last < _LINE_EVERY:
+            return
+        self._last = now
+        line = f"{self._label}: {done:,} of {total:,} {self._unit}"
+        if done > self._before:
+            left = (now - self._start) * (total - done) / (done - self._before)
+            line += f", about {format_duration(round(left))} left"
+        self._console.print(line + self._note, markup=False)
 
     def note(self, text: str) -> None:
-        self._note = text
-
-    def line(self) -> str:
-        """Time since the start, and what is known of the rest."""
-        now = time.monotonic()
-        parts = [format_duration(round(now - self._start, 1))]
-        if self._first is not None:
-            parts.append(f"{self._done:,} of {self._total:,} {self._unit}")
-            begun, before = self._first
-            if self._done > before:
-                left = (now - begun) * (self._total - self._done) / (self._done - before)
-                parts.append(f"about {format_duration(round(left))} left")
-        return f"{self._label}: {', '.join([*parts, *filter(None, [self._note])])}"
+        self._note = f", {text}"
 
 
 class Narrator(Progress):
@@ -85,8 +80,11 @@ class Narrator(Progress):
         """Enter one stage; see :meth:`Progress.stage`."""
         interruption.check()
         start = time.perf_counter()
-        with (self._bar if self.console.is_terminal else self._lines)(label, unit) as stage:
-            yield stage
+        if self.console.is_terminal:
+            with self._bar(label, unit) as stage:
+                yield stage
+        else:
+            yield _Lines(self.console, label, unit)
         self.console.print(f"{label}: {time.perf_counter() - start:.1f} s", style="dim", markup=False)
         interruption.check()
 
@@ -98,23 +96,6 @@ class Narrator(Progress):
         columns = (SpinnerColumn(), words, BarColumn(), *count, TimeElapsedColumn(), *left)
         with Bars(*columns, console=self.console, transient=True, speed_estimate_period=_WHOLE_STAGE) as bars:
             yield _Bar(bars, bars.add_task(label, total=None), label)
-
-    @contextmanager
-    def _lines(self, label: str, unit: str) -> Iterator[Stage]:
-        """Print a line at intervals, from a thread, so that no work has to think of it."""
-        stage, ended = _Lines(label, unit), threading.Event()
-
-        def repeat() -> None:
-            while not ended.wait(_LINE_EVERY):
-                self.say(stage.line())
-
-        thread = threading.Thread(target=repeat, daemon=True)
-        thread.start()
-        try:
-            yield stage
-        finally:
-            ended.set()
-            thread.join()
 
     def say(self, text: str) -> None:
         """Print one line on stderr."""

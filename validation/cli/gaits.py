@@ -35,8 +35,6 @@ from validation.store.folders import check_folder_of, check_output_file, output_
 from validation.table import Table, format_number, print_tables
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from ampm.planner.centroidal import CentroidalPlan
     from ampm.run_file import KeyInfo
     from ampm.tune.tuning import Tuned
@@ -148,7 +146,7 @@ def plan(
     if as_json:
         print_json(describe_plan(request, planned, walk, margin))
     else:
-        print_tables(plan_tables(request, planned, walk, margin, whole_motion=motion is not None))
+        print_tables(plan_tables(request, planned, walk, margin))
     narrator.wrote(save, samples, motion, plot)
     return Status.PASS
 
@@ -173,14 +171,9 @@ def describe_plan(
 
 
 def plan_tables(
-    request: Request,
-    plan: CentroidalPlan,
-    walk: PlannedWalk | None,
-    zmp_margin: float | None,
-    *,
-    whole_motion: bool,
+    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, zmp_margin: float | None
 ) -> list[Table]:
-    """A plan for a reader: constants, the values found, and the whole report of the motion if asked for."""
+    """A plan for a reader: constants, and the values found."""
     rows = []
     for field in fields(plan.constants):
         unit, meaning = field.metadata["unit"], field.metadata["meaning"]
@@ -194,7 +187,7 @@ def plan_tables(
     if zmp_margin is not None:
         millimetres = round(1000 * zmp_margin, 1) + 0.0  # without a sign of zero
         notes.append(f"planned ZMP margin, to the edge of the planned support: {millimetres:.1f} mm")
-    if report and not whole_motion:
+    if report:
         from ampm.body.limits import CLEARANCE, KNEE_MINIMUM
 
         knee, clearance = report["knee_minimum"], report["clearance"]
@@ -206,25 +199,7 @@ def plan_tables(
         found = [(key, format_value(value)) for key, value in walk.tuned.values.items()]
         notes = ["tightest margins:", *(f"  {text}" for text in _margins(walk.tuned)[:4])]
         tables.append(Table(f"found for {request.name}", ("key", ">value"), found, notes))
-    if whole_motion:
-        tables.append(_motion_table(request.name, report))
     return tables
-
-
-def _motion_table(name: str, report: Mapping[str, Any]) -> Table:
-    """Every quantity of the report of a periodic motion."""
-    from ampm.body.motion import MOTION_UNITS
-
-    rows = []
-    for quantity, value in report.items():
-        if quantity == "multipliers":
-            text = ", ".join(f"{re:.4g}{im:+.2g}i" if im else f"{re:.4g}" for re, im in value[:4])
-        elif isinstance(value, dict):
-            text = f"{format_number(value['value'], 5)} at {value['time']:.3f} s ({value['where']})"
-        else:
-            text = format_value(value)
-        rows.append((quantity.replace("_", " "), text, MOTION_UNITS.get(quantity, "")))
-    return Table(f"motion of {name}, one step", ("quantity", "value", "unit"), rows)
 
 
 def _margins(tuned: Tuned) -> list[str]:
