@@ -1,35 +1,37 @@
 """Walk the comparisons of docs/paper.md on continuity again; rewrite its picture and data/continuity.csv.
 
     python docs/continuity.py
-Four times ``ampm compare --quick`` with eight walks in all: about two minutes.
+Seven walks of thirty steps: about two minutes.
 """
 
-import csv
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from trials import write_rows
 
+import validation as val
 from ampm.geometry import Array
 from ampm.run_file import dump_run, load_run
 from validation.cli.console import Narrator
+from validation.judge.metrics import rms
 from validation.store.saved import SavedRun, load_saved_run
-from validation.study.compare.comparison import WalkComparison
-from validation.study.compare.metrics import switch_rows
-from validation.study.compare.walks import compare_walks
 
-HERE = Path(__file__).parent
-PICTURE = HERE / "images" / "continuity.png"
-DATA = HERE / "data" / "continuity.csv"
+PICTURE = Path(__file__).parent / "images" / "continuity.png"
 FASTER = "gait.switching_velocity=1.0808"
 """The plain pendulum slows down more over the foot: this v0 gives it the normal gait's mean speed."""
 RESTING = "gait.a_s=inf"
 """On flat feet the ZMP rests in single support, so that both models differ in double support alone."""
 REACH = 0.1
 """Time that the picture shows on either side of a switch [s]."""
+NEAR = 0.05
+"""Half-width of the window about a switch [s]."""
+Side = tuple[str, SavedRun]
+"""Label and finished run."""
 COLOURS = ("#0072b2", "#d55e00", "#5b6270")
 """Of both sides and of the plan."""
 SWITCHES = ("single to double support", "double to single support")
@@ -45,58 +47,71 @@ def main() -> None:
     """Walk all pairs, and rewrite the values and the picture of the page."""
     with tempfile.TemporaryDirectory() as folder:
 
-        def gait(name: str, preset: str, *settings: str, like: str) -> str:
+        def walked(label: str, preset: str, *settings: str, like: str) -> Side:
             """A preset with the controller of another one."""
-            path, run = Path(folder) / f"{name}.toml", load_run(preset, settings)
+            path, run = Path(folder) / f"{label}.toml", load_run(preset, settings)
             run = run.model_copy(update={"controller": load_run(like).controller})
             path.write_text(dump_run(run), encoding="utf-8")
-            return str(path)
+            trial = val.walk(path, progress=Narrator())
+            return label, load_saved_run(trial.save(path.with_suffix(""), recording=False))
 
-        gaits = [
-            ("normal", gait("ipm-gentle", "ipm", like="normal")),
-            (gait("normal-quick", "normal", like="ipm"), "ipm"),
-            ("normal", gait("ipm-faster", "ipm", FASTER, like="ipm")),
-            (
-                gait("flat-quick", "flat", RESTING, like="ipm"),
-                gait("flat-ipm", "flat", RESTING, "gait.planner=lipm", like="ipm"),
-            ),
+        sides = [
+            walked("normal", "normal", like="normal"),
+            walked("ipm-gentle", "ipm", like="normal"),
+            walked("normal-quick", "normal", like="ipm"),
+            walked("ipm", "ipm", like="ipm"),
+            walked("ipm-faster", "ipm", FASTER, like="ipm"),
+            walked("flat-quick", "flat", RESTING, like="ipm"),
+            walked("flat-ipm", "flat", RESTING, "gait.planner=lipm", like="ipm"),
         ]
-        pairs = [
-            compare_walks(both, half_step=False, folder=Path(folder) / str(number), progress=Narrator())
-            for number, both in enumerate(gaits)
-        ]
-        draw(pairs[1]).savefig(PICTURE, dpi=110)
-        with DATA.open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file).writerows(table(pairs))
+        draw(sides[2:4]).savefig(PICTURE, dpi=110)
+        columns = [values(run) for _, run in sides]
+        rows = [(name, *(f"{column[name]:.3g}" for column in columns)) for name in columns[0]]
+        write_rows("continuity", [("quantity", *(label for label, _ in sides)), *rows])
 
 
-def table(pairs: list[WalkComparison]) -> Iterator[tuple[str, ...]]:
-    """Header, outcome, mean speed, and all quantities of all pairs: group, name, unit, values."""
-    sides = [side for pair in pairs for side in pair.sides]
-    yield ("group", "quantity", "unit", *(side.label for side in sides))
-    yield ("gait", "outcome", "", *(side.outcome for side in sides))
-    yield ("gait", "mean speed", "m/s", *(f"{mean_speed(load_saved_run(side.folder)):.3f}" for side in sides))
-    for same in zip(*(pair.rows for pair in pairs), strict=True):
-        cells = [pair.cells(row) for pair, row in zip(pairs, same, strict=True)]
-        yield (same[0].of.group, cells[0][0], cells[0][3], *(value for row in cells for value in row[1:3]))
+def values(run: SavedRun) -> dict[str, float]:
+    """What the switches of a walk do to it, by name with unit; the first step is left out."""
+    signals, record = run.signals, run.record
+    time, rows = signals.time, switch_rows(run)
+    x, begins = signals["plan_com_x"][rows[::2]], time[rows[::2]]
+    acceleration = signals.vector("plan_force", "xy") / record.mass
+    zmp = signals.vector("plan_zmp", "xy")
+    found = {
+        "mean speed [m/s]": (x[-1] - x[0]) / (begins[-1] - begins[0]),
+        "planned COM acceleration, jump at a switch [m/s^2]": jump(acceleration, rows),
+        "planned ZMP, jump at a switch [mm]": 1e3 * jump(zmp, rows),
+    }
+    is_near = np.abs(time[:, None] - time[rows]).min(axis=1) <= NEAR
+    judged = np.arange(len(time)) >= signals.first_step()
+    error = 1e3 * (signals.vector("measured_zmp", "xy") - zmp)
+    torque = record.torque_at(run.signal_steps)
+    rate = np.diff(torque, axis=0, append=torque[-1:]) / (time[1] - time[0])
+    for place, inside in (("within 50 ms", judged & is_near), ("elsewhere", judged & ~is_near)):
+        found[f"ZMP, RMS error along x {place} [mm]"] = rms(error[inside, 0])
+        found[f"ZMP, RMS error along y {place} [mm]"] = rms(error[inside, 1])
+        found[f"torque rate, RMS of all joints {place} [N m/s]"] = rms(rate[inside])
+    return found
 
 
-def mean_speed(run: SavedRun) -> float:
-    """Speed of the planned COM from the second step to the last switch [m/s]."""
-    rows = switch_rows(run.signals)[::2]
-    x, time = run.signals["plan_com_x"][rows], run.signals.time[rows]
-    return float((x[-1] - x[0]) / (time[-1] - time[0]))
+def jump(values: Array, rows: NDArray[np.intp]) -> float:
+    """Largest change of a vector, shape (n, 2), in the time step before one of the rows."""
+    return float(np.linalg.norm(values[rows] - values[rows - 1], axis=1).max())
 
 
-def draw(pair: WalkComparison) -> Figure:
+def switch_rows(run: SavedRun) -> NDArray[np.intp]:
+    """First row after each planned switch of support, without the switches of the first step."""
+    return run.signals.switches()[2:]
+
+
+def draw(sides: Sequence[Side]) -> Figure:
     """Acceleration, ZMP error and torque rate about both kinds of switch, of both sides."""
     figure = Figure(figsize=(10.4, 8.6), facecolor="white")
     axes = figure.subplots(len(CURVES), 2, sharex=True, sharey="row")
     figure.subplots_adjust(left=0.09, right=0.985, top=0.92, bottom=0.06, hspace=0.16, wspace=0.06)
     *both, ink = COLOURS
     handles = []
-    for side, colour in zip(pair.sides, both, strict=True):
-        run = load_saved_run(side.folder)
+    for (label, run), colour in zip(sides, both, strict=True):
         for kind in (0, 1):
             for axis, (time, values, planned) in zip(axes[:, kind], curves(run, kind), strict=True):
                 low, median, high = (f(values, axis=0) for f in (np.nanmin, np.nanmedian, np.nanmax))
@@ -104,7 +119,7 @@ def draw(pair: WalkComparison) -> Figure:
                 axis.plot(time, median, color=colour, linewidth=1.4)
                 if planned is not None:
                     axis.plot(time, np.median(planned, axis=0), color=colour, lw=1.1, ls=(0, (4, 2)))
-        handles += axes[0, 0].plot([], [], color=colour, label=side.label)
+        handles += axes[0, 0].plot([], [], color=colour, label=label)
     for axis in axes.flat:
         axis.axvline(0.0, color=ink, linewidth=0.8)
         axis.set_xlim(-1e3 * REACH, 1e3 * REACH)
@@ -132,9 +147,7 @@ def curves(run: SavedRun, kind: int) -> Iterator[tuple[Array, Array, Array | Non
     time, steps = signals.time, run.signal_steps
     dt = int(steps[1] - steps[0]) * record.time_step
     reach = round(REACH / dt)
-    rows = switch_rows(signals)[
-        1 - kind :: 2
-    ]  # the first of them begins the single support of the second step
+    rows = switch_rows(run)[1 - kind :: 2]  # the first begins the single support of the second step
     rows = rows[(rows >= reach) & (rows < len(time) - reach)]
     offset = np.arange(-reach, reach + 1)
     about = rows[:, None] + offset

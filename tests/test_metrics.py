@@ -109,7 +109,7 @@ def test_report_also_of_a_process_that_does_not_know_the_metric(drop, tmp_path):
 def test_comparison(drop, tmp_path, capsys):
     folder = str(make_run(tmp_path / "run"))
     assert call(["compare", folder, folder, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["quantities"][drop.name]["label"] == drop.label
+    assert json.loads(capsys.readouterr().out)["metrics"][drop.name]["label"] == drop.label
 
 
 def test_one_that_fails_names_itself_and_one_without_an_instant_is_not_measured(drop):

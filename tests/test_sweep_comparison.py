@@ -58,7 +58,7 @@ def sweep(name: str = "A", rows: slice = slice(None), **changes) -> SweepTable:
 
 
 def kinds(*sides, **options) -> list[str]:
-    return [change.kind for change in compare_sweeps(*sides, **options).changes]
+    return [kind for kind in compare_sweeps(*sides, **options).kinds if kind]
 
 
 def test_equal_sweeps_have_no_difference_in_any_order():
@@ -71,24 +71,19 @@ def test_equal_sweeps_have_no_difference_in_any_order():
 @pytest.mark.parametrize("factor", [1.0 + 1e-10, 1.0 - 5e-7])
 def test_rounding_is_no_difference(factor):
     other = sweep("B", zmp_x_rmse=[1e-3 * factor], failed_qp=[0.1 * ABSOLUTE_FLOOR["1"]])
-    assert compare_sweeps(sweep(), other, tolerances=["0"]).changes == ()
+    assert kinds(sweep(), other, tolerance=0.0) == []
 
 
 def test_growth_is_a_regression_beyond_the_share_of_the_limit_that_is_allowed():
     grown = sweep("B", zmp_x_rmse=[1e-3 + 0.15 * LIMITS["zmp_x_rmse"]])
-    for tolerances, changes in (
-        ((), ["worse"]),
-        (("0.2",), []),
-        (("zmp_x_rmse=0.2",), []),
-        (("0.2", "zmp_x_rmse=0"), ["worse"]),
-    ):
-        assert kinds(sweep(), grown, tolerances=tolerances) == changes
+    assert kinds(sweep(), grown) == ["worse"]
+    assert kinds(sweep(), grown, tolerance=0.2) == []
     found = compare_sweeps(sweep(), grown)
     assert found.sentence == "Regression in 10 matched runs: 1 worse."
     item = found.as_dict()["metrics"]["zmp_x_rmse"]
-    assert (item["better"], item["worse"], item["worst"]["run"]) == (0, 1, "0000")
+    assert (item["better"], item["worse"], item["medians"]) == (0, 1, pytest.approx([1.05e-3] * 2, rel=0.01))
     assert compare_sweeps(grown, sweep()).sentence == "No regression in 10 matched runs: 1 better."
-    assert kinds(sweep(), sweep("B", failed_qp=[1.0]), tolerances=["1e9"]) == ["worse"]  # its limit is 0
+    assert kinds(sweep(), sweep("B", failed_qp=[1.0]), tolerance=1e9) == ["worse"]  # its limit is 0
 
 
 def test_a_lost_value_is_a_regression_and_a_found_one_is_none():
@@ -119,7 +114,7 @@ def test_no_difference_below_the_numerical_uncertainty_counts():
 def test_outcomes(before, after, kind):
     sides = (sweep(name, outcome=[end[0]], verdict=[end[1]]) for name, end in (("A", before), ("B", after)))
     found = compare_sweeps(*sides)
-    assert [change.kind for change in found.changes] == kind
+    assert [change["kind"] for change in found.changes()] == kind
     assert bool(found.regressions) == (kind in (["newly failing"], ["worse"]))
 
 
@@ -134,12 +129,9 @@ def test_a_step_across_the_limit_counts_only_beyond_noise():
         )
     )
     assert kinds(below, above) == kinds(above, below) == []
-    (change,) = compare_sweeps(sweep(), far).changes
-    assert (change.kind, change.metrics, change.parameters) == (
-        "newly failing",
-        ("zmp_y_rmse",),
-        {"gait.c_y": 0.5},
-    )
+    (change,) = compare_sweeps(sweep(), far).changes()
+    assert (change["kind"], change["metrics"]) == ("newly failing", ["zmp_y_rmse"])
+    assert change["parameters"] == {"gait.c_y": 0.5}
     assert kinds(far, sweep()) == ["newly passing"]
     assert kinds(sweep(), sweep("B", verdict=["fail"])) == [
         "newly failing"
@@ -190,9 +182,7 @@ def test_command_line(folders, tmp_path, ampm):
 @pytest.mark.parametrize(
     ("extra", "why"),
     [
-        (["--tolerance", "much"], "--tolerance much"),
         (["--tolerance", "nan"], "--tolerance nan"),
-        (["--tolerance", "zmp=0.1"], "--tolerance zmp=0.1"),
         (["--uncertainty", "absent.json"], "absent.json"),
         (["--planner", "dcm"], "without options of a gait"),
         (["--out", "."], "not empty"),

@@ -1,5 +1,7 @@
 """``ampm compare``: gaits, finished runs, or two sweeps."""
 
+from __future__ import annotations
+
 import shlex
 import sys
 from pathlib import Path
@@ -25,7 +27,8 @@ from validation.show.text import print_line
 from validation.table import print_tables
 
 if TYPE_CHECKING:
-    from validation.study.compare.report import Result
+    from validation.study.compare.comparison import WalkComparison
+    from validation.study.compare.sweeps import SweepComparison
 
 app = typer.Typer()
 
@@ -64,14 +67,13 @@ def compare(
         list[str] | None,
         option("--engine", "Of all walks; or once for each.", "mujoco|drake"),
     ] = None,
-    quick: Annotated[bool, option("--quick", "Leave out the walks at half the time step.")] = False,
     uncertainty: Uncertainty = None,
     tolerance: Annotated[
-        list[str] | None,
+        float | None,
         option(
             "--tolerance",
-            "Of sweeps: by which share of its limit a metric may grow (0.1 if not given); repeatable.",
-            "SHARE|METRIC=SHARE",
+            "Of sweeps: by which share of its limit a metric may grow, 0.1 if not given.",
+            "SHARE",
         ),
     ] = None,
     require_all: Annotated[
@@ -86,67 +88,60 @@ def compare(
     """Compare gaits, finished runs, or two sweeps.
 
     Gaits are walked, sweeps compared run by run. The first line says which is better, in how many metrics,
-    and where the difference is largest. Gaits walk at half their time step, too: only a difference larger
-    than the metrics change by that counts. Sweeps are matched by the parameters of their runs, the first
-    is the reference, and a regression is told by the status.
+    and where the difference is largest. Sweeps are matched by the parameters of their runs, the first is the
+    reference, and a regression is told by the status.
     """
-    from validation.study.compare.report import check_folder, write_comparison
+    from validation.study.compare.report import write_comparison
+    from validation.study.many import study_folder
+    from validation.study.sweep.table import is_sweep
 
-    if resume and out is None:
-        raise InputError("--resume needs the folder of the comparison; give --out DIR.")
-    if out is not None:
-        check_folder(out, resume=resume)
-    choices = {
-        "planner": planner or [],
-        "body": body or [],
-        "controller": controller or [],
-        "engine": engine or [],
-    }
-    sweeps = [text for text in walks or () if _is_sweep(Path(text))]
-    found: Result
+    folder = study_folder(out, resume=resume)
+    choices = {"planner": planner, "body": body, "controller": controller, "engine": engine}
+    sweeps = [text for text in walks or () if Path(text).suffix == ".parquet" or is_sweep(Path(text))]
+    found: WalkComparison | SweepComparison
     if sweeps:
-        of_a_gait = settings or steps is not None or as_is or quick or any(choices.values())
+        of_a_gait = settings or steps is not None or as_is or any(choices.values())
         if len(sweeps) != 2 or sweeps != walks or of_a_gait:
             raise InputError(
                 f"{sweeps[0]} is a sweep; compare it with one other sweep, without options of a gait."
             )
         if len(uncertainty or ()) > 1:
             raise InputError("--uncertainty: of two sweeps one convergence study is enough; give one.")
-        from validation.study.compare.sweeps import compare_sweeps
+        from validation.study.compare.sweeps import TOLERANCE, compare_sweeps
 
-        known = uncertainty[0] if uncertainty else None
         with Narrator().stage("comparison"):
-            diff = compare_sweeps(
-                *sweeps, tolerances=tolerance or (), uncertainty=known, require_all=require_all
+            found = compare_sweeps(
+                *sweeps,
+                tolerance=TOLERANCE if tolerance is None else tolerance,
+                uncertainty=uncertainty[0] if uncertainty else None,
+                require_all=require_all,
             )
-        found, status = diff, Status.OUT_OF_TOLERANCE if diff.regressions else Status.PASS
+        status = Status.OUT_OF_TOLERANCE if found.regressions else Status.PASS
     else:
-        if tolerance or require_all:
+        if tolerance is not None or require_all:
             raise InputError("--tolerance and --require-all are of sweeps; leave them out.")
         from validation.study.compare.walks import compare_walks
 
-        extra = with_short(settings, steps=steps)
         try:
-            compared = compare_walks(
+            found = compare_walks(
                 walks or (),
-                extra,
-                choices=choices,
+                with_short(settings, steps=steps),
+                choices={name: values for name, values in choices.items() if values},
                 as_is=as_is,
-                half_step=not quick,
                 uncertainty=uncertainty or (),
-                folder=out,
+                folder=folder,
                 workers=workers,
                 progress=Narrator(),
             )
         except KeyboardInterrupt as error:
-            if out is not None:
+            if folder is not None:
                 again = shlex.join(["ampm", *sys.argv[1:], *([] if resume else ["--resume"])])
                 error.add_note(f"finished runs are kept; go on with {again}")
             raise
-        completed = {side.outcome for side in compared.sides} == {"completed"}
-        found, status = compared, Status.PASS if completed else Status.NOT_COMPLETED
-    if out is not None:
-        write_comparison(found, out)
+        completed = {side.outcome for side in found.sides} == {"completed"}
+        status = Status.PASS if completed else Status.NOT_COMPLETED
+    if folder is not None:
+        write_comparison(found, folder)
     if as_json:
         print_json(found.as_dict())
     else:
@@ -156,10 +151,3 @@ def compare(
     if out is None:
         Narrator().say("nothing is kept; --out DIR keeps a page with curves, the numbers and the runs")
     return status
-
-
-def _is_sweep(path: Path) -> bool:
-    """Whether a path names a sweep: its folder or its table."""
-    from validation.study.sweep.table import is_sweep  # loads pyarrow
-
-    return path.suffix == ".parquet" or is_sweep(path)

@@ -1,46 +1,34 @@
-"""Result of comparing walks, read from their stored runs; the plan too, so any planner can be compared.
+"""Walks side by side, by the metrics of their stored runs; so any planners and controllers can be compared.
 
-A difference counts if it is larger than the values change for numerical reasons: by a convergence study, by
-a second walk at half the time step, or, of a finished run, by the share that the presets show at most.
+A difference counts if it is larger than the values change for numerical reasons: by a convergence study, or,
+without one, by the share that the presets show at most.
 """
 
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
-from pathlib import Path
-from string import ascii_lowercase
 from typing import Any, NamedTuple
 
 from ampm.brief import Brief
-from ampm.exceptions import InputError
-from ampm.parameters import RunParameters
-from validation.judge.metrics import METRICS, display_unit
+from validation.judge.metrics import METRICS, added_metrics, display_unit
 from validation.judge.uncertainty import Uncertainty, rounding
 from validation.show.text import format_value
 from validation.store.identity import parameter_values
 from validation.store.json import json_ready
-from validation.store.saved import load_saved_run
-from validation.study.compare.metrics import (
-    JUDGED,
-    PLAN,
-    SWITCH,
-    Quantity,
-    metric_entry,
-    metric_quantities,
-    own_metrics,
-    plan_values,
-    switch_values,
-)
+from validation.store.saved import SavedRun
 from validation.table import Table, Tabled, format_number, short_unit
 from validation.trial.outcome import OutcomeName
 
 SHARE, SHARE_OF_EXTREMES = 0.1, 0.4
-"""Assumed change of a value, and of a largest value, at half the time step [1].
+"""Assumed numerical change of a value, and of a largest value, without a convergence study [1].
 
-Of the presets, judged RMSEs change by 9.5 % at most (``momentum``), largest errors by 38 % (``pitch``).
+At half the time step, judged RMSEs of the presets change by 9.5 % at most (``momentum``), largest errors by
+38 % (``pitch``).
 """
+COSTS = ("margin_torque", "margin_friction", "energy_cost_of_transport")
+"""Metrics that are compared without being judged."""
+JUDGED, COST, OWN = "judged metrics", "cost", "own metrics without a limit"
 
 
 @dataclass(frozen=True)
@@ -49,74 +37,77 @@ class Side(Brief):
 
     Attributes:
         label: name in tables.
-        folder: of the run.
-        parameters: of the run.
-        summary: ``summary.json``.
-        values: name of a quantity to its value in SI units, NaN if it has none.
-        halved: the same at half the time step; empty if that was not walked.
-        study: convergence study of the gait.
+        run: the finished run.
+        study: convergence study of its gait; None if none is known.
     """
 
     label: str
-    folder: Path
-    parameters: RunParameters
-    summary: Mapping[str, Any]
-    values: Mapping[str, float]
-    halved: Mapping[str, float]
-    study: Uncertainty | None
+    run: SavedRun
+    study: Uncertainty | None = None
 
     @property
     def outcome(self) -> str:
         """Name of the outcome."""
-        return str(self.summary["outcome"])
+        return str(self.run.summary["outcome"])
 
     @property
     def ending(self) -> str:
         """How the walk ended, in words."""
         if self.outcome == OutcomeName.COMPLETED:
             return "walked to the end"
-        return f"did not walk to the end ({self.outcome} after {self.summary['end']['time']:.2f} s)"
+        return f"did not walk to the end ({self.outcome} after {self.run.summary['end']['time']:.2f} s)"
 
     @property
     def basis(self) -> str:
-        """Where :meth:`change` of a judged metric comes from."""
+        """Where :meth:`change` comes from."""
         if self.study is not None:
             return "their numerical uncertainty"
-        if self.halved:
-            return "their own changes at half the time step"
         return f"{100 * SHARE:g} % ({100 * SHARE_OF_EXTREMES:g} % of largest values)"
 
     @property
     def planner(self) -> str:
         """Name of the planner."""
-        return str(self.summary.get("planner") or "ampm")
+        return str(self.run.summary.get("planner") or "ampm")
 
-    def value(self, item: Quantity) -> float:
-        """Value of a quantity in SI units, NaN if the walk has none."""
-        return self.values.get(item.name, math.nan)
+    def entry(self, name: str) -> Mapping[str, Any]:
+        """What ``summary.json`` says of a metric; empty if it says nothing."""
+        section = METRICS[name].section if name in METRICS else ""
+        entries = self.run.summary.get(section or "metrics", {})
+        found = entries.get(name.partition("_")[2] if section else name)
+        return found if isinstance(found, Mapping) else {"value": found}
 
-    def change(self, item: Quantity) -> float:
-        """Change of a value for numerical reasons, in SI units; infinite without a bound."""
-        value, halved = self.value(item), self.halved.get(item.name, math.nan)
-        change = (SHARE_OF_EXTREMES if item.extreme else SHARE) * abs(value)
-        if self.study is not None and item.name in self.study.values:
-            change = self.study.values[item.name]
-        elif math.isfinite(halved):
-            change = abs(value - halved)
-        return max(change, float(rounding(value, item.unit)))
+    def value(self, name: str) -> float:
+        """Value of a metric in SI units, NaN if the walk has none."""
+        value = self.entry(name).get("value")
+        return math.nan if value is None else float(value)
+
+    def change(self, name: str, unit: str) -> float:
+        """Change of a metric for numerical reasons, in SI units; infinite without a bound."""
+        value = self.value(name)
+        is_extreme = name in METRICS and METRICS[name].nature == "extreme"
+        change = (SHARE_OF_EXTREMES if is_extreme else SHARE) * abs(value)
+        if self.study is not None and name in self.study.values:
+            change = self.study.values[name]
+        return max(change, float(rounding(value, unit)))
 
 
 class Row(NamedTuple):
-    """One quantity of all sides, in SI units.
+    """One metric of all sides, in SI units.
 
     Attributes:
-        of: the quantity.
+        group: heading that it stands under.
+        name: of the metric.
+        label: in words.
+        unit: SI unit.
         values: of the sides, NaN where one has none.
         least: difference above which it counts: the sum of the two largest changes of the sides.
         limit: tolerance; None if it is not judged.
     """
 
-    of: Quantity
+    group: str
+    name: str
+    label: str
+    unit: str
     values: tuple[float, ...]
     least: float
     limit: float | None = None
@@ -140,11 +131,11 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class WalkComparison(Brief, Tabled):
-    """Walks and all their compared quantities.
+    """Walks and all their compared metrics.
 
     Attributes:
         sides: the walks, two or more.
-        rows: quantities, group by group.
+        rows: metrics, group by group.
     """
 
     sides: tuple[Side, ...]
@@ -159,25 +150,20 @@ class WalkComparison(Brief, Tabled):
     @property
     def parameters(self) -> dict[str, tuple[Any, ...]]:
         """Key to the values of all sides, of every parameter in which they differ."""
-        values = [parameter_values(side.parameters) for side in self.sides]
-        rows = {key: tuple(item.get(key) for item in values) for key in dict.fromkeys(chain(*values))}
+        values = [parameter_values(side.run.parameters) for side in self.sides]
+        rows = {key: tuple(item.get(key) for item in values) for item in values for key in item}
         return {key: row for key, row in rows.items() if any(value != row[0] for value in row)}
-
-    @property
-    def basis(self) -> str:
-        """What a difference of a judged metric has to exceed."""
-        bases = {side.basis for side in self.sides}
-        return bases.pop() if len(bases) == 1 else "what can be told"
 
     @property
     def sentence(self) -> str:
         """The result in one sentence."""
         if {side.outcome for side in self.sides} != {OutcomeName.COMPLETED}:
             return f"{', '.join(f'{side.label} {side.ending}' for side in self.sides)}."
-        judged = [row for row in self.rows if row.of.group == JUDGED]
+        basis = self.sides[0].basis
+        judged = [row for row in self.rows if row.group == JUDGED]
         counted = [row for row in judged if row.differs]
         if not counted:
-            return f"{self.title} agree: no judged metric differs by more than {self.basis}."
+            return f"{self.title} agree: no judged metric differs by more than {basis}."
         label, *values, unit, _, _ = self.cells(max(counted, key=lambda row: row.share))
         most = f"they differ most in {label}: {', '.join(values[:-1])} and {values[-1]} {unit}".rstrip()
         if len(self.sides) > 2:
@@ -185,48 +171,39 @@ class WalkComparison(Brief, Tabled):
         else:
             wins = Counter(row.better for row in counted)
             found = [f"{side.label} is better in {wins[k]}" for k, side in enumerate(self.sides) if wins[k]]
-        return f"{', '.join(found)} of {len(judged)} judged metrics by more than {self.basis}; {most}."
+        return f"{', '.join(found)} of {len(judged)} judged metrics by more than {basis}; {most}."
 
     def cells(self, row: Row) -> tuple[str, ...]:
         """Label, all values, unit, least difference that counts, and the better side, for tables."""
-        factor, unit = display_unit(row.of.unit, float(self.sides[0].summary["scales"]["body_weight"]))
+        factor, unit = display_unit(row.unit, float(self.sides[0].run.summary["scales"]["body_weight"]))
         *values, least = (_shown(factor * value) for value in (*row.values, row.least))
         better = "" if row.better is None else self.sides[row.better].label
-        return row.of.label, *values, short_unit(unit), least, better
+        return row.label, *values, short_unit(unit), least, better
 
     def tables(self) -> list[Table]:
-        """What differs, and the quantities group by group."""
+        """What differs, and the metrics group by group."""
         heads = ["", *(f">{side.label}" for side in self.sides)]
-        bases = list(dict.fromkeys(side.basis for side in self.sides))
-        if len(bases) > 1:
-            bases = [f"{side.basis} ({side.label})" for side in self.sides]
-        notes = [
-            f"Smaller is better. A difference counts if it exceeds {' plus '.join(bases)}.",
+        notes = (
+            f"Smaller is better. A difference counts if it exceeds {self.sides[0].basis}, added up.",
             "The first step is left out. Measured values are compared with the own plan of each walk.",
-        ]
-        if any(side.study for side in self.sides):
-            notes.append(
-                "What a convergence study lacks counts from its change at half the time step, or, of a "
-                f"finished run, from {100 * SHARE:g} % ({100 * SHARE_OF_EXTREMES:g} % of largest values)."
-            )
+        )
         columns = [*heads, "unit", ">counts from", "better" if len(self.sides) == 2 else "best"]
-        groups = dict.fromkeys(row.of.group for row in self.rows)
-        return [
-            Table("the walks", heads, list(self._facts()), notes),
-            *(
-                Table(group, columns, [self.cells(row) for row in self.rows if row.of.group == group])
-                for group in groups
-            ),
-        ]
+        tables = [Table("the walks", heads, list(self._facts()), notes)]
+        for group in (JUDGED, COST, OWN):
+            rows = [self.cells(row) for row in self.rows if row.group == group]
+            if rows:
+                tables.append(Table(group, columns, rows))
+        return tables
 
     def _facts(self) -> Iterator[tuple[str, ...]]:
         """How the walks ended, and in what they differ; a walk from Python may have more than its keys."""
+        summaries = [side.run.summary for side in self.sides]
         for name in ("outcome", "verdict", "profile"):
-            yield name, *(str(side.summary[name]) for side in self.sides)
+            yield name, *(str(summary[name]) for summary in summaries)
         more = {
             "planner": [side.planner for side in self.sides],
-            "controller": [side.summary.get("controller", "ampm") for side in self.sides],
-            "disturbances": ["; ".join(side.summary.get("disturbances", ["none"])) for side in self.sides],
+            "controller": [summary.get("controller", "ampm") for summary in summaries],
+            "disturbances": ["; ".join(summary.get("disturbances", ["none"])) for summary in summaries],
         }
         for name, values in more.items():
             if len(set(values)) > 1:
@@ -237,19 +214,14 @@ class WalkComparison(Brief, Tabled):
                 yield key, *map(format_value, shown)
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything, as plain data in SI units; sides are ``a``, ``b`` and so on."""
-        sides: dict[str, Any] = {
-            name: {"label": side.label, "differences_count_from": side.basis}
-            | {key: side.summary[key] for key in ("outcome", "verdict", "profile", "steps_completed")}
-            for name, side in zip(ascii_lowercase, self.sides, strict=False)
-        }
-        quantities = {
-            row.of.name: {"group": row.of.group, "label": row.of.label, "unit": row.of.unit}
-            | dict(zip(ascii_lowercase, row.values, strict=False))
-            | {"counts_from": row.least, "better": "" if row.better is None else ascii_lowercase[row.better]}
-            for row in self.rows
-        }
-        found = {"sentence": self.sentence, **sides, "parameters": self.parameters, "quantities": quantities}
+        """Everything, as plain data in SI units; lists have one entry for each walk."""
+        walks = [
+            {"label": side.label, "differences_count_from": side.basis}
+            | {key: side.run.summary[key] for key in ("outcome", "verdict", "profile", "steps_completed")}
+            for side in self.sides
+        ]
+        metrics = {row.name: {**row._asdict(), "better": row.better} for row in self.rows}
+        found = {"sentence": self.sentence, "walks": walks, "parameters": self.parameters, "metrics": metrics}
         return dict(json_ready(found))
 
 
@@ -258,53 +230,25 @@ def _shown(value: float) -> str:
     return "0" if abs(value) < 1e-9 else format_number(value, 3)
 
 
-def load_side(label: str, folder: Path, half: Path | None = None, study: Uncertainty | None = None) -> Side:
-    """Read a run.
-
-    Args:
-        label: name in tables.
-        folder: of the run.
-        half: of the same walk at half the time step.
-        study: convergence study of the gait.
-
-    Raises:
-        InputError: a folder cannot be used.
-    """
-    run = load_saved_run(folder)
-    halved = {} if half is None else _values(half)
-    return Side(label, folder, run.parameters, run.summary, _values(folder), halved, study)
-
-
-def _values(folder: Path) -> dict[str, float]:
-    """All quantities of a run, in SI units."""
-    run = load_saved_run(folder, check=False)
-    if len(run.signals) < 2:
-        raise InputError(f"the run in {folder} ended before its first instant; there is nothing to compare.")
-    names = (*METRICS, *own_metrics([run.summary]))
-    metrics = {name: metric_entry(run.summary, name).get("value") for name in names}
-    return {
-        **plan_values(run.signals, run.record.mass),
-        **switch_values(run.signals, run.record),
-        **{name: math.nan if value is None else value for name, value in metrics.items()},
-    }
-
-
 def comparison_of(sides: Sequence[Side]) -> WalkComparison:
-    """All quantities of two or more walks; judged metrics first."""
-    limits: dict[str, float] = {}
-    own = own_metrics([side.summary for side in sides])
-    for side in reversed(sides):  # of several limits the first side's counts
-        entries = {name: metric_entry(side.summary, name).get("tolerance") for name in (*METRICS, *own)}
-        limits |= {name: limit for name, limit in entries.items() if limit is not None}
-    metrics = metric_quantities(set(limits), own)
-    judged = [item for item in metrics if item.group == JUDGED]
-    rows = [
-        Row(
-            item,
-            tuple(side.value(item) for side in sides),
-            sum(sorted(side.change(item) for side in sides)[-2:]),
-            limits.get(item.name),
-        )
-        for item in (*judged, *PLAN, *SWITCH, *metrics[len(judged) :])
-    ]
-    return WalkComparison(tuple(sides), tuple(rows))
+    """All metrics of two or more walks: judged ones, costs, and users' own without a limit.
+
+    Checks of the measurement itself are left out. Of several limits the first side's counts.
+    """
+    built_in = METRICS.keys() - {metric.name for metric in added_metrics()}
+    rows: dict[str, list[Row]] = {JUDGED: [], COST: [], OWN: []}
+    entries: dict[str, Mapping[str, Any]] = {}
+    for side in reversed(sides):  # this process may not know users' metrics, but the summaries say all
+        entries |= side.run.summary["metrics"]
+    for name in COSTS:
+        entries.setdefault(name, {"label": METRICS[name].label, "unit": METRICS[name].unit, "kind": "cost"})
+    for name, entry in entries.items():
+        tolerances = (side.entry(name).get("tolerance") for side in sides)
+        limit = next((value for value in tolerances if value is not None), None)
+        group = JUDGED if limit is not None else COST if name in COSTS else OWN
+        if entry["kind"] == "instrument" or (group == OWN and name in built_in):
+            continue
+        values = tuple(side.value(name) for side in sides)
+        least = sum(sorted(side.change(name, entry["unit"]) for side in sides)[-2:])
+        rows[group].append(Row(group, name, entry["label"], entry["unit"], values, least, limit))
+    return WalkComparison(tuple(sides), tuple(row for group in rows.values() for row in group))

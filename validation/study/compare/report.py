@@ -6,30 +6,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from validation.show.page import render_page
-from validation.store.folders import check_target, output_file
+from validation.store.folders import output_file
 from validation.store.json import write_json
 from validation.study.compare.comparison import WalkComparison
 from validation.study.compare.sweeps import SweepComparison
-from validation.study.row_file import ROWS
 
 if TYPE_CHECKING:
     from validation.show.style import Picture
 
 REPORT, NUMBERS = "report.html", "comparison.json"
-Result = WalkComparison | SweepComparison
 
 
-def check_folder(folder: Path, *, resume: bool) -> None:
-    """Refuse a folder that must not be written.
-
-    Raises:
-        InputError: it is not empty, and not one of a comparison to go on with.
-    """
-    marks, way_out = (ROWS, NUMBERS), "--resume to go on with its comparison"
-    check_target(folder, None, force=resume, what="comparison", marks=marks, way_out=way_out)
-
-
-def write_comparison(result: Result, folder: Path) -> None:
+def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> None:
     """Write numbers and page into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / NUMBERS, result.as_dict())
@@ -37,8 +25,8 @@ def write_comparison(result: Result, folder: Path) -> None:
         work.write_text(render(result), encoding="utf-8")
 
 
-def render(result: Result) -> str:
-    """A self-contained page."""
+def render(result: WalkComparison | SweepComparison) -> str:
+    """A self-contained page; of walks with their curves."""
     keys: list[tuple[str, str]] = []
     pictures: list[Picture] = []
     if isinstance(result, WalkComparison):

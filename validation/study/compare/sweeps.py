@@ -5,9 +5,10 @@ beyond the numerical uncertainty of a convergence study.
 """
 
 import math
-from collections import Counter, defaultdict, deque
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from validation.store.json import json_ready
 from validation.study.sweep.table import METRIC, STATES, State, SweepTable, read_sweep
 from validation.table import Table, Tabled, format_number, short_unit
 
-Rows = NDArray[np.int64]
+Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 TOLERANCE = 0.1
@@ -36,77 +37,18 @@ _SHOWN = 100
 
 
 @dataclass(frozen=True)
-class MetricChange:
-    """One metric of the N runs that both sweeps have; every array of shape (N,).
-
-    Attributes:
-        name: of the metric.
-        unit: SI unit.
-        a, b: values in the first and in the second sweep, NaN unless both runs completed.
-        worse: whether it grew by more than noise and tolerance, or has no value any more.
-        better: whether it fell by as much.
-        crossed: whether it is on another side of its limit.
-        is_noise: whether the difference is noise.
-    """
-
-    name: str
-    unit: str
-    a: Array
-    b: Array
-    worse: Mask
-    better: Mask
-    crossed: Mask
-    is_noise: Mask
-
-    def as_dict(self, names: Sequence[str], scale: Array | float = 1.0) -> dict[str, Any]:
-        """Counts, medians over the runs with both values, and the run that got worse most.
-
-        Args:
-            names: of the runs.
-            scale: factor on all values, a number or shape (N,).
-        """
-        a, b = scale * self.a, scale * self.b
-        both = np.isfinite(a) & np.isfinite(b)
-        worst = int(np.argmax(np.where(self.worse, np.nan_to_num(b - a, nan=np.inf), -np.inf)))
-        return {
-            "unit": self.unit,
-            "worse": int(self.worse.sum()),
-            "better": int(self.better.sum()),
-            "median_a": float(np.median(a[both])) if both.any() else math.nan,
-            "median_b": float(np.median(b[both])) if both.any() else math.nan,
-            "worst": {"run": names[worst], "a": a[worst], "b": b[worst]} if self.worse.any() else None,
-        }
-
-
-@dataclass(frozen=True)
-class Change:
-    """A run that changed.
-
-    Attributes:
-        kind: one of :data:`KINDS`.
-        run: name in the first sweep.
-        before, after: state in the first and in the second sweep.
-        metrics: that are worse or on another side of their limit; of a better run those that are better.
-        parameters: values of what varies.
-    """
-
-    kind: str
-    run: str
-    before: State
-    after: State
-    metrics: tuple[str, ...]
-    parameters: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
 class SweepComparison(Brief, Tabled):
-    """Two sweeps compared.
+    """Two sweeps compared: the N runs that both have, by M metrics.
 
     Attributes:
         a, b: the sweeps; the first is the reference.
-        rows_a, rows_b: rows of the runs that both have, shape (N,) each.
-        changes: runs that changed, in the order of :data:`KINDS`.
-        metrics: in the profile's order.
+        rows_a, rows_b: rows of the runs, shape (N,) each.
+        metrics: names, in the profile's order.
+        values_a, values_b: of the metrics in SI units, shape (M, N), NaN unless both runs completed.
+        worse: whether a metric grew by more than noise and tolerance, or lost its value, shape (M, N).
+        better: whether it fell by as much, shape (M, N).
+        crossed: whether it is on another side of its limit, shape (M, N).
+        kinds: change of each run, one of :data:`KINDS`; empty if there is none.
         notes: conditions of the comparison.
         require_all: whether missing runs are regressions.
     """
@@ -115,8 +57,13 @@ class SweepComparison(Brief, Tabled):
     b: SweepTable
     rows_a: Rows
     rows_b: Rows
-    changes: tuple[Change, ...]
-    metrics: tuple[MetricChange, ...]
+    metrics: tuple[str, ...]
+    values_a: Array
+    values_b: Array
+    worse: Mask
+    better: Mask
+    crossed: Mask
+    kinds: tuple[str, ...]
     notes: tuple[str, ...]
     require_all: bool = False
 
@@ -132,9 +79,8 @@ class SweepComparison(Brief, Tabled):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of changes of every kind."""
-        found = Counter(change.kind for change in self.changes)
-        return {kind: found[kind] for kind in KINDS}
+        """Number of runs that changed in every way."""
+        return {kind: self.kinds.count(kind) for kind in KINDS}
 
     @property
     def regressions(self) -> list[str]:
@@ -154,59 +100,72 @@ class SweepComparison(Brief, Tabled):
             f"{lacking if self.missing else ''}."
         )
 
+    def changes(self) -> list[dict[str, Any]]:
+        """Runs that changed, regressions first: kind, name, state in both, metrics and varied parameters."""
+        names = self.a.words("name")
+        varied = [key for key in dict.fromkeys((*self.a.varied, *self.b.varied)) if key in self.a]
+        found = []
+        for run, (kind, row_a, row_b) in enumerate(zip(self.kinds, self.rows_a, self.rows_b, strict=True)):
+            named = self.better[:, run] if kind == "better" else self.worse[:, run] | self.crossed[:, run]
+            if kind:
+                found.append(
+                    {
+                        "kind": kind,
+                        "run": names[row_a],
+                        "before": self.a.state(row_a),
+                        "after": self.b.state(row_b),
+                        "metrics": list(compress(self.metrics, named)),
+                        "parameters": {key: self.a.table.column(key)[int(row_a)].as_py() for key in varied},
+                    }
+                )
+        return sorted(found, key=lambda change: (KINDS.index(change["kind"]), change["run"]))
+
+    def medians(self, metric: int, scale: Array | float = 1.0) -> tuple[float, float]:
+        """Medians of a metric in both sweeps, over the runs with both values; NaN without one.
+
+        Args:
+            metric: its number.
+            scale: factor on the values, a number or shape (N,).
+        """
+        a, b = scale * self.values_a[metric], scale * self.values_b[metric]
+        both = np.isfinite(a) & np.isfinite(b)
+        return (float(np.median(a[both])), float(np.median(b[both]))) if both.any() else (math.nan, math.nan)
+
     def tables(self) -> list[Table]:
         """Outcomes, metrics, and runs that changed."""
         counted = Counter(zip(self.a.states[self.rows_a], self.b.states[self.rows_b], strict=True))
         outcomes = [(STATES[a].label, STATES[b].label, f"{n:,}") for (a, b), n in sorted(counted.items())]
-        columns = ("metric", ">worse", ">better", ">median A", ">median B", "unit", "worst")
-        note = "Worse, better: runs of which the metric grew or fell by more than noise and tolerance."
-        changes = [
+        metrics = []
+        for number, name in enumerate(self.metrics):
+            scale, unit = display_unit(self.a.unit(METRIC + name), self.a.weight[self.rows_a])
+            worse, better = f"{self.worse[number].sum():,}", f"{self.better[number].sum():,}"
+            medians = (format_number(value) for value in self.medians(number, scale))
+            metrics.append((self.b.label(name), worse, better, *medians, short_unit(unit)))
+        changes = self.changes()
+        runs = [
             (
-                change.kind,
-                change.run,
-                change.before.label,
-                change.after.label,
-                "; ".join(map(self.b.label, change.metrics)),
-                ", ".join(f"{key} {format_value(value)}" for key, value in change.parameters.items()),
+                change["kind"],
+                change["run"],
+                change["before"].label,
+                change["after"].label,
+                "; ".join(map(self.b.label, change["metrics"])),
+                ", ".join(f"{key} {format_value(value)}" for key, value in change["parameters"].items()),
             )
-            for change in self.changes[:_SHOWN]
+            for change in changes[:_SHOWN]
         ]
-        more = len(self.changes) - _SHOWN
+        more = [f"and {len(changes) - _SHOWN:,} more"] if len(changes) > _SHOWN else []
         heads = ("change", "run", "in A", "in B", "metrics", "parameters")
         found = [
             Table("outcomes", ("in A", "in B", ">runs"), outcomes, self.notes),
             Table(
                 "metrics of the runs that completed in both",
-                columns,
-                [*map(self._cells, self.metrics)],
-                [note],
+                ("metric", ">worse", ">better", ">median A", ">median B", "unit"),
+                metrics,
+                ["Worse, better: runs of which the metric grew or fell by more than noise and tolerance."],
             ),
-            Table("runs that changed", heads, changes, [f"and {more:,} more"] if more > 0 else []),
+            Table("runs that changed", heads, runs, more),
         ]
         return [table for table in found if table.rows]
-
-    def _cells(self, item: MetricChange) -> list[str]:
-        """Cells of a metric, in millimetres and per cent of the body weight of the runs of A."""
-        scale, unit = display_unit(item.unit, self.a.weight[self.rows_a])
-        found = item.as_dict(self._names, scale)
-        worst = ""
-        if found["worst"]:
-            run, a, b = found["worst"].values()
-            worst = f"{run}: {format_number(a, 3)} → {format_number(b, 3)}"
-        return [
-            self.b.label(item.name),
-            f"{found['worse']:,}",
-            f"{found['better']:,}",
-            format_number(found["median_a"]),
-            format_number(found["median_b"]),
-            short_unit(unit),
-            worst,
-        ]
-
-    @property
-    def _names(self) -> list[str]:
-        names = self.a.words("name")
-        return [names[row] for row in self.rows_a]
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain data in SI units."""
@@ -214,6 +173,15 @@ class SweepComparison(Brief, Tabled):
             name: {"source": side.source, "name": side.name, "runs": len(side), "profile": side.profile}
             | {"environment": side.metadata["environment"]}
             for name, side in (("a", self.a), ("b", self.b))
+        }
+        metrics = {
+            name: {
+                "unit": self.a.unit(METRIC + name),
+                "worse": self.worse[number].sum(),
+                "better": self.better[number].sum(),
+                "medians": self.medians(number),
+            }
+            for number, name in enumerate(self.metrics)
         }
         table = {
             "sentence": self.sentence,
@@ -223,8 +191,8 @@ class SweepComparison(Brief, Tabled):
             "missing": self.missing,
             "notes": self.notes,
             "counts": self.counts,
-            "changes": [asdict(change) for change in self.changes],
-            "metrics": {item.name: item.as_dict(self._names) for item in self.metrics},
+            "changes": self.changes(),
+            "metrics": metrics,
         }
         return dict(json_ready(table))
 
@@ -233,7 +201,7 @@ def compare_sweeps(
     a: Path | str | SweepTable,
     b: Path | str | SweepTable,
     *,
-    tolerances: Sequence[str] = (),
+    tolerance: float = TOLERANCE,
     uncertainty: Path | Uncertainty | None = None,
     require_all: bool = False,
 ) -> SweepComparison:
@@ -242,51 +210,71 @@ def compare_sweeps(
     Args:
         a: folder or table of the reference.
         b: folder or table of the sweep that is compared with it.
-        tolerances: shares of the limits by which metrics may grow: ``"0.1"``, or ``"zmp_x_rmse=0.2"``.
+        tolerance: share of its limit by which a metric may grow [1].
         uncertainty: ``convergence.json``; its numerical uncertainty counts where it exceeds rounding.
         require_all: whether a run that the second sweep lacks is a regression.
 
     Raises:
         InputError: no two sweeps, no common run, or a bad tolerance.
     """
+    if not 0.0 <= tolerance < math.inf:
+        raise InputError(
+            f"--tolerance {tolerance:g}: give the share of its limit by which a metric may grow, such as 0.1."
+        )
     a, b = (side if isinstance(side, SweepTable) else read_sweep(side) for side in (a, b))
     known = load_uncertainty(uncertainty) if isinstance(uncertainty, Path) else uncertainty
-    shares = _read_tolerances(tolerances, {*a.metrics, *b.metrics})
+    bounds = {} if known is None else known.values
     rows_a, rows_b, notes = join(a, b)
-    metrics = []
-    for name in a.metrics:
-        if METRIC + name in b and (name in a.limits or name in b.limits):
-            bound = 0.0 if known is None else known.values.get(name, 0.0)
-            share = shares.get(name, shares[""])
-            metrics.append(_compare_metric(name, (a, rows_a), (b, rows_b), share, bound))
+    names = [name for name in a.metrics if METRIC + name in b and (name in a.limits or name in b.limits)]
+    shape = len(names), len(rows_a)
+    values_a, values_b, noise, limit = np.full((4, *shape), np.nan)
+    crossed = np.zeros(shape, dtype=bool)
+    completed = a.measured[rows_a] & b.measured[rows_b]
+    for number, name in enumerate(names):
+        before, after = a.numbers(METRIC + name)[rows_a], b.numbers(METRIC + name)[rows_b]
+        values_a[number] = np.where(completed, before, np.nan)
+        values_b[number] = np.where(completed, after, np.nan)
+        size = np.fmax(np.abs(before), np.abs(after))
+        noise[number] = np.fmax(rounding(size, a.unit(METRIC + name)), bounds.get(name, 0.0))
+        limit_b = b.limit_values(name)[rows_b]
+        limit[number] = np.where(np.isnan(limit_b), a.limit_values(name)[rows_a], limit_b)
+        crossed[number] = (a.used(name)[rows_a] > 1.0) != (b.used(name)[rows_b] > 1.0)
+    is_lost = completed & np.isfinite(values_a) & ~np.isfinite(values_b)
+    growth = np.nan_to_num(values_b - values_a, posinf=0.0, neginf=0.0)
+    allowed = np.fmax(noise, tolerance * limit)
+    worse, better = is_lost | (growth > allowed), -growth > allowed
+    # A verdict may change by a difference below the noise, which is no result.
+    is_noise = crossed.any(axis=0) & ~(crossed & (np.abs(growth) > noise)).any(axis=0)
+    passed, passes = a.is_state(State.PASS)[rows_a], b.is_state(State.PASS)[rows_b]
+    stopped = a.measured[rows_a] & ~b.measured[rows_b]
+    conditions = {
+        "newly failing": passed & ~passes & ~is_noise,
+        "newly passing": passes & ~passed & ~is_noise,
+        "worse": worse.any(axis=0) | stopped,
+        "better": better.any(axis=0),
+    }
     notes += _notes(a, b)
     if known is not None:
         notes.append(f"noise: numerical uncertainty of {known.gait}, taken for all gaits of the sweeps")
-    found = _changes(a, b, rows_a, rows_b, metrics)
-    changes = sorted(found, key=lambda change: (KINDS.index(change.kind), change.run))
-    return SweepComparison(a, b, rows_a, rows_b, tuple(changes), tuple(metrics), tuple(notes), require_all)
-
-
-def _read_tolerances(texts: Sequence[str], metrics: set[str]) -> dict[str, float]:
-    """Shares of the limits by metric; that of the empty name holds for all others."""
-    found = {"": TOLERANCE}
-    for text in texts:
-        name, _, number = text.rpartition("=")
-        try:
-            value = float(number)
-        except ValueError:
-            value = math.nan
-        if name.strip() not in {"", *metrics} or not 0.0 <= value < math.inf:
-            raise InputError(
-                f"--tolerance {text}: give the share of its limit by which a metric may grow, such as 0.1, "
-                "or METRIC=0.1 with a metric of the sweeps, such as zmp_x_rmse=0.1."
-            )
-        found[name.strip()] = value
-    return found
+    return SweepComparison(
+        a=a,
+        b=b,
+        rows_a=rows_a,
+        rows_b=rows_b,
+        metrics=tuple(names),
+        values_a=values_a,
+        values_b=values_b,
+        worse=worse,
+        better=better,
+        crossed=crossed,
+        kinds=tuple(np.select(list(conditions.values()), list(conditions), "").tolist()),
+        notes=tuple(notes),
+        require_all=require_all,
+    )
 
 
 def join(a: SweepTable, b: SweepTable) -> tuple[Rows, Rows, list[str]]:
-    """Rows of the runs that both sweeps have, and notes on how they differ.
+    """Rows of the runs that both sweeps have, in the order of the first, and notes on how they differ.
 
     Runs with the same key are the same: it hashes the parameters that differ from the defaults. Where a
     parameter was changed for all runs no key is the same; runs are then matched by the varied values.
@@ -296,29 +284,22 @@ def join(a: SweepTable, b: SweepTable) -> tuple[Rows, Rows, list[str]]:
     """
     varied = list(dict.fromkeys((*a.varied, *b.varied)))
     notes = []
-    pairs = _pairs(a.words("key"), b.words("key"))
-    if not pairs and varied and all(key in sweep for key in varied for sweep in (a, b)):
-        pairs = _pairs(*(sweep.table.select(varied).to_pylist() for sweep in (a, b)))
-        for key in (key for key in a.parameters if pairs and key in b and key not in varied):
+    _, rows_a, rows_b = np.intersect1d(a.words("key"), b.words("key"), return_indices=True)
+    if not len(rows_a) and varied and all(key in sweep for key in varied for sweep in (a, b)):
+        values_a, values_b = ([str(row) for row in side.table.select(varied).to_pylist()] for side in (a, b))
+        _, rows_a, rows_b = np.intersect1d(values_a, values_b, return_indices=True)
+        for key in (key for key in a.parameters if len(rows_a) and key in b and key not in varied):
             one, two = (sweep.table.column(key)[0].as_py() for sweep in (a, b))
             if one != two:
                 notes.append(f"{key} is {one} in all runs of A, {two} in those of B")
-    if not pairs:
+    if not len(rows_a):
         ranges = " and ".join(", ".join(sorted(sweep.varied)) or "nothing" for sweep in (a, b))
         raise InputError(
             f"no run of {a.source} is in {b.source} (they have {len(a)} and {len(b)} runs, and vary "
             f"{ranges}); give two sweeps of the same definition."
         )
-    rows = np.array(pairs, dtype=np.int64)
-    return rows[:, 0], rows[:, 1], notes
-
-
-def _pairs(a: Sequence[Any], b: Sequence[Any]) -> list[tuple[int, int]]:
-    """Rows of equal identity; runs that were repeated are paired in their order."""
-    places: defaultdict[str, deque[int]] = defaultdict(deque)
-    for row, identity in enumerate(b):
-        places[str(identity)].append(row)
-    return [(row, places[str(i)].popleft()) for row, i in enumerate(a) if places[str(i)]]
+    order = np.argsort(rows_a)
+    return rows_a[order], rows_b[order], notes
 
 
 def _notes(a: SweepTable, b: SweepTable) -> Iterator[str]:
@@ -333,67 +314,3 @@ def _notes(a: SweepTable, b: SweepTable) -> Iterator[str]:
     one, two = (side.metadata["environment"] for side in (a, b))
     if differ := [key for key in ("processor", "platform", "versions") if one.get(key) != two.get(key)]:
         yield f"{', '.join(differ)} of the machines differ; values may differ for that alone"
-
-
-def _compare_metric(
-    name: str, a: tuple[SweepTable, Rows], b: tuple[SweepTable, Rows], share: float, bound: float
-) -> MetricChange:
-    """Compare a metric.
-
-    Args:
-        name: of the metric.
-        a: first sweep and the rows to compare.
-        b: second sweep, likewise.
-        share: of its limit by which it may grow.
-        bound: numerical uncertainty.
-    """
-    (first, rows_a), (second, rows_b) = a, b
-    unit = first.unit(METRIC + name)
-    completed = first.measured[rows_a] & second.measured[rows_b]
-    before, after = (
-        np.where(completed, sweep.numbers(METRIC + name)[rows], np.nan) for sweep, rows in (a, b)
-    )
-    limit = second.limit_values(name)[rows_b]
-    limit = np.where(np.isnan(limit), first.limit_values(name)[rows_a], limit)
-    noise = np.maximum(rounding(np.fmax(np.abs(before), np.abs(after)), unit), bound)
-    lost = completed & np.isfinite(before) & ~np.isfinite(after)
-    growth = np.where(lost, np.inf, np.where(np.isfinite(before) & np.isfinite(after), after - before, 0.0))
-    allowed = np.fmax(noise, share * limit)
-    return MetricChange(
-        name=name,
-        unit=unit,
-        a=before,
-        b=after,
-        worse=lost | (growth > allowed),
-        better=-growth > allowed,
-        crossed=(first.used(name)[rows_a] > 1.0) != (second.used(name)[rows_b] > 1.0),
-        is_noise=np.abs(growth) <= noise,
-    )
-
-
-def _changes(
-    a: SweepTable, b: SweepTable, rows_a: Rows, rows_b: Rows, metrics: Sequence[MetricChange]
-) -> Iterator[Change]:
-    """Runs that changed."""
-    names = a.words("name")
-    varied = [key for key in dict.fromkeys((*a.varied, *b.varied)) if key in a]
-    lost = a.measured[rows_a] & ~b.measured[rows_b]
-    for i, (left, right) in enumerate(zip(rows_a.tolist(), rows_b.tolist(), strict=True)):
-        before, after = a.state(left), b.state(right)
-        worse, better = (
-            [item.name for item in metrics if getattr(item, kind)[i]] for kind in ("worse", "better")
-        )
-        crossed = [item for item in metrics if item.crossed[i]]
-        # A verdict may change by a difference below the noise, which is no result.
-        is_noise = bool(crossed) and all(item.is_noise[i] for item in crossed)
-        if before is not after and State.PASS in (before, after) and not is_noise:
-            kind = "newly failing" if before is State.PASS else "newly passing"
-        elif worse or lost[i]:
-            kind = "worse"
-        elif better:
-            kind = "better"
-        else:
-            continue
-        shown = better if kind == "better" else dict.fromkeys([*worse, *(item.name for item in crossed)])
-        values = {key: a.table.column(key)[left].as_py() for key in varied}
-        yield Change(kind, names[left], before, after, tuple(shown), values)
