@@ -7,7 +7,6 @@ from ampm.control.controller import TrackingController
 from ampm.control.joint_pd import JointPD
 from tests.records import first_difference
 from tests.solved import simulated
-from validation.trial.faults import FaultyController
 from validation.trial.simulate import ClosedLoop
 
 
@@ -24,7 +23,7 @@ class Ours(TrackingController):
         ((), {}, TrackingController),
         ((), {"controller": Ours}, Ours),
         ((), {"controller": JointPD}, JointPD),
-        (("disturbance.actuation_delay=0.002",), {}, FaultyController),
+        (("disturbance.actuation_delay=0.002",), {}, TrackingController),
         (("sensors.estimator=kalman",), {}, TrackingController),
         (("disturbance.step_height=0.002", "disturbance.step_number=3"), {}, TrackingController),
         (("controller.stabilizer=stepping",), {}, TrackingController),

@@ -244,7 +244,7 @@ def test_torque_is_held_where_a_plan_begins_with_another_acceleration(replanned)
     for other, jumps in ((replace(plan), 0), (steeper(plan), 1)):
         course = References(plan, timing, time_step=0.0005, substeps=4, steps=1)
         found = []
-        for reference in course:
+        for reference in course.references:
             found.append(reference)
             if len(found) == 100:
                 course.follow(other)

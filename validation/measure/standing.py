@@ -77,8 +77,8 @@ def stand(run: RunParameters, body_model: BodyModel, duration: float | None = No
     physics.place(start, still)
     duration = duration or _duration(robot.description)
     controller, steps = TrackingController(robot, run), round(duration / physics.time_step)
-    course = Course(steps, np.array([duration]))
-    return ClosedLoop(physics, controller, repeat(reference), run, course).run()
+    course = Course(steps, np.array([duration]), repeat(reference))
+    return ClosedLoop(physics, controller, course, run).run()
 
 
 def weigh(run: RunParameters, body_model: BodyModel, robot: Robot) -> StandingCheck:

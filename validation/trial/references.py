@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.reference import Reference, ReferenceTable, Timing
-    from ampm.walk import Controller, ControlOutput, Replanner, State, Touch
+    from ampm.walk import Controller, Replanner, State, Touch
 
 _TICKS = 16_384  # of a table of references
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]
@@ -26,15 +26,17 @@ _FIRST_TICKS = 32  # of the first table of a plan that replaces another one, whi
 
 @dataclass
 class Course:
-    """Extent of a walk.
+    """What a walk follows, and when it ends.
 
     Attributes:
         total: steps of the physics until it ends.
         step_ends: when each walking step ends, shape (steps,) [s].
+        references: one for each control tick.
     """
 
     total: int
     step_ends: NDArray[np.float64]
+    references: Iterator[Reference]
 
 
 class References(Course):
@@ -68,6 +70,7 @@ class References(Course):
         self.plans: list[WalkPlan] = []
         self.since: list[int] = []
         self._tick = 0
+        self.references = self._walk()
         self.follow(plan)
 
     def follow(self, plan: WalkPlan) -> None:
@@ -77,7 +80,7 @@ class References(Course):
         self.plans.append(plan)
         self.since.append(self._tick)
 
-    def __iter__(self) -> Iterator[Reference]:
+    def _walk(self) -> Iterator[Reference]:
         """The references, as long as the plan then valid goes on."""
         count = _TICKS
         last: Reference | None = None
@@ -107,35 +110,29 @@ class References(Course):
         return table.part(before, before + count)
 
 
-class ReplannedController:
-    """A controller, and the planner that goes on planning from what this controller senses.
+class Replanning:
+    """The planner that goes on planning, at its period, from what the controller senses.
 
     Args:
-        controller: gets every plan, if it has ``follow``.
         planner: of the plans.
-        references: of the walk, which go on with each new plan.
+        course: of the walk, which goes on with each new plan.
+        controller: gets every plan, if it has ``follow``.
     """
 
-    def __init__(self, controller: Controller, planner: Replanner, references: References) -> None:
-        self.controller, self.planner, self.references = controller, planner, references
+    def __init__(self, planner: Replanner, course: References, controller: Controller) -> None:
+        self.planner, self.course, self.controller = planner, course, controller
         self.period = float(getattr(planner, "replan_period", 0.0))
         if not 0.0 <= self.period < math.inf:
             raise ValueError(f"its replan_period is {self.period} s; give a number of seconds, 0 or more")
         self._due = 0.0
 
-    def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
-        """One tick: the controller's, and a new plan from the next one on where one is made."""
-        output = self.controller.update(state, touch, reference)
-        time = float(reference.time)
-        if time + 1e-9 >= self._due:
-            if self.period:
-                self._due = (math.floor(time / self.period + 1e-9) + 1) * self.period
-            self._replan(time, state, touch)
-        return output
-
-    def _replan(self, time: float, state: State, touch: Touch) -> None:
-        """Ask the planner, and follow what it makes."""
-        references, valid = self.references, self.references.plans[-1]
+    def update(self, time: float, state: State, touch: Touch) -> None:
+        """After a tick: ask the planner where it is due, and follow what it makes from the next tick on."""
+        if time + 1e-9 < self._due:
+            return
+        if self.period:
+            self._due = (math.floor(time / self.period + 1e-9) + 1) * self.period
+        course, valid = self.course, self.course.plans[-1]
         with UsersCode("planner", self.planner):
             plan = self.planner.replan(time, state, touch, valid)
             if plan is None or plan is valid:
@@ -147,15 +144,15 @@ class ReplannedController:
                     f"the plan made at {time:g} s ends at {plan.duration:g} s, before now; "
                     "plan on the walk's clock, beyond now"
                 )
-            due = len(references.step_ends)
-            if references.steps is not None and plan.contacts.steps < due:
+            due = len(course.step_ends)
+            if course.steps is not None and plan.contacts.steps < due:
                 raise ValueError(
                     f"the plan made at {time:g} s has {plan.contacts.steps} steps in all, and the walk "
                     f"goes on to step {due}; plan as many"
                 )
-        references.follow(plan)
+        course.follow(plan)
         if hasattr(self.controller, "follow"):
-            self.controller.follow(plan, references.timing)
+            self.controller.follow(plan, course.timing)
 
 
 def _jumps(new: Reference, old: Reference) -> bool:

@@ -12,7 +12,6 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -31,13 +30,13 @@ from validation.trial.bridge import to_mujoco
 from validation.trial.disturbances import Disturbance, Plant, Push, describe, pushes_of
 from validation.trial.divergence import explained
 from validation.trial.engine import drake_of, make_engine
-from validation.trial.faults import FaultyController, behind_faults, started
+from validation.trial.faults import MotorFaults, started
 from validation.trial.followed import Followed
 from validation.trial.log import Body, Command, RunLog, SolePoints
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.readings import Sensing, make_estimator
 from validation.trial.record import FLOOR, PLANS, SimulationRecord
-from validation.trial.references import Course, References, ReplannedController
+from validation.trial.references import Course, References, Replanning
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
 from validation.trial.step import act, end_step, sense
@@ -48,7 +47,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.parameters import RunParameters
-    from ampm.reference import Reference
     from ampm.sensors.readings import Estimator, EstimatorFactory
     from ampm.stepping.planned import PlannedTick
     from ampm.walk import Controller, ControllerFactory, Replanner, WalkPlan
@@ -209,9 +207,7 @@ def simulate(
             )
         if isinstance(push, Push):  # before the walk, not when it is pushed
             Plant(physics.model, physics.data, physics.robot.description).position(push.segment)
-    references = iter(course)
-    first = next(references)
-    start = first.posture
+    start = plan.table([0.0], timing)[0].posture
     q = start.q.copy()
     # The soles carry weight from the first instant.
     q[2] += run.disturbance.floor_height - run.simulation.start_depth
@@ -222,10 +218,10 @@ def simulate(
         follower = factory(known, run.undisturbed, **run.controller.options)
         if hasattr(follower, "follow"):
             follower.follow(plan, timing)
-        if planner is not None:
-            with UsersCode("planner", planner):
-                follower = ReplannedController(follower, planner, course)
-        follower = behind_faults(follower, run, known)
+    replanning = None
+    if planner is not None:
+        with UsersCode("planner", planner):
+            replanning = Replanning(planner, course, follower)
     q[2] -= run.disturbance.floor_height  # is not known
     estimating = make_estimator(run, known, State(0.0, q, start.v, 0.5 * dt), estimator)
     levels, metadata = [0.0], {}
@@ -235,9 +231,9 @@ def simulate(
     loop = ClosedLoop(
         physics,
         follower,
-        chain([first], references),
-        run,
         course,
+        run,
+        replanning=replanning,
         estimator=estimating,
         levels=levels,
         disturbances=disturbances,
@@ -280,9 +276,9 @@ class ClosedLoop:
     Args:
         physics: placed at the start.
         controller: at its first tick.
-        references: one for each control tick.
-        run: parameters.
-        course: when each walking step ends, and the walk; both may change at a tick.
+        course: what the walk follows and when it ends; both may change at a tick.
+        run: parameters; its section ``disturbance`` has the faults of the motors.
+        replanning: the planner that goes on planning, if there is one.
         estimator: that makes the state; None for the true one, as the sensors of the run read it.
         levels: heights of the floor's surfaces [m].
         disturbances: external forces.
@@ -297,10 +293,10 @@ class ClosedLoop:
         self,
         physics: Physics,
         controller: Controller,
-        references: Iterator[Reference],
-        run: RunParameters,
         course: Course,
+        run: RunParameters,
         *,
+        replanning: Replanning | None = None,
         estimator: Estimator | None = None,
         levels: Sequence[float] = (0.0,),
         disturbances: Sequence[Disturbance] = (),
@@ -309,15 +305,15 @@ class ClosedLoop:
         self.disturbances = [(item, UsersCode("disturbance", item)) for item in disturbances]
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
         self.plant.segment(run.disturbance.push_segment)  # refused also without a force
-        self.physics, self.controller, self.references = physics, controller, references
-        self.behind = behind = controller
-        while isinstance(behind, FaultyController | ReplannedController):
-            self.behind = behind = behind.controller
-        self.users_code = UsersCode("controller", behind)
+        self.physics, self.controller, self.replanning = physics, controller, replanning
+        self.users_code = UsersCode("controller", controller)
         self.stepped: list[PlannedTick] = []
-        self._planned = behind if isinstance(behind, TrackingController) else None
+        self._planned = controller if isinstance(controller, TrackingController) else None
         self.course, self.progress = course, progress
-        robot = physics.robot
+        robot, fault = physics.robot, run.disturbance
+        self.faults = None
+        if fault.actuation_delay or fault.torque_bias:
+            self.faults = MotorFaults(run, robot.torque_limit)
         self._row = np.zeros(1, reference_type(robot.nq, robot.nv))
         self.command = command = Command(
             torque=np.zeros(robot.nu),
@@ -414,15 +410,17 @@ class ClosedLoop:
         """One control tick; whether the walk is over."""
         body = self.physics.body
         self._sense(self.physics.data.ncon)
-        reference = next(self.references)
+        reference = next(self.course.references)
         if self.sensing is None:
             state, touch = State(time, body.q, body.v, 0.5 * body.time_step), self._touch
         else:
-            state, touch = self.sensing.update(k, getattr(self.behind, "acceleration", None))
+            state, touch = self.sensing.update(k, getattr(self.controller, "acceleration", None))
         with self.users_code:
             output = self.controller.update(state, touch, reference)
             if not isinstance(output, ControlOutput):
                 raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
+            if self.faults is not None:
+                output = self.faults.act(output)
             if k == 0:  # NumPy spreads a single number over all joints
                 self._check_shapes(output)
             self._take(output)
@@ -434,6 +432,8 @@ class ClosedLoop:
                 raise ValueError(self._not_finite())
         if self._planned is not None and self._planned.planned is not None:
             self.stepped.append(self._planned.planned)
+        if self.replanning is not None:
+            self.replanning.update(float(reference.time), state, touch)
         if self.course.total > len(self.log.record.torque):
             self.log = self.log.extended(self.course.total)
             self._bind()
