@@ -10,7 +10,7 @@ import numpy as np
 
 from ampm.compiled import refer
 from validation.trial import spill
-from validation.trial.record import INTEGERS, SHAPES, shape_of
+from validation.trial.record import INTEGERS, LOGGED, SHAPES, shape_of
 from validation.trial.step import keep_instant
 
 if TYPE_CHECKING:
@@ -21,30 +21,6 @@ if TYPE_CHECKING:
     from validation.trial.simulate import Physics
 
     Array = NDArray[np.float64]
-
-LOGGED = (
-    "q",
-    "qd",
-    "torque",
-    "torque_rate",
-    "point_force",
-    "point_position",
-    "point_penetration",
-    "point_place",
-    "com",
-    "angular_momentum",
-    "foot_position",
-    "foot_forward",
-    "command_com",
-    "command_zmp",
-    "command_force",
-    "command_angular_momentum",
-    "qp_status",
-    "qp_residual",
-    "qp_iterations",
-    "qp_time",
-)
-"""Arrays of a :class:`validation.trial.record.SimulationRecord` that are filled step by step."""
 
 # Code for a class of a function would be compiled by every process.
 Recorded: Any = namedtuple("Recorded", LOGGED)  # type: ignore[misc]
@@ -132,7 +108,7 @@ class Log(NamedTuple):
     """What the compiled functions of a step read and write.
 
     Attributes:
-        record: arrays of :data:`LOGGED`.
+        record: arrays of :data:`validation.trial.record.LOGGED`.
         body: of this step.
         command: of the last tick.
         normal_force: of every sole point in the last step, shape (P,) [N].

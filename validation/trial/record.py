@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import mmap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -23,48 +23,11 @@ if TYPE_CHECKING:
 
 FEET = ("left", "right")
 
-SHAPES = {
-    "time": "K+1",
-    "q": "K+1 nq",
-    "qd": "K+1 nv",
-    "torque": "K nu",
-    "torque_rate": "T nu",
-    "point_force": "K P 3",
-    "point_position": "K P 3",
-    "point_penetration": "K P",
-    "point_place": "K+1 P 3",
-    "point_foot": "P",
-    "point_group": "P",
-    "com": "K+1 3",
-    "angular_momentum": "K+1 3",
-    "foot_position": "K+1 F 3",
-    "foot_forward": "K+1 F 3",
-    "command_com": "K 3",
-    "command_zmp": "K 2",
-    "command_force": "K 3",
-    "command_angular_momentum": "K 3",
-    "tick_time": "T",
-    "qp_status": "T",
-    "qp_residual": "T",
-    "qp_iterations": "T",
-    "qp_time": "T",
-    "tick_plan": "T",
-    "torque_limit": "nu",
-    "joint_range": "nu 2",
-    "external_force": "K S 3",
-    "external_moment": "K S 3",
-    "external_position": "K S 3",
-}
-"""Shape of every array: K steps, P sole points, T control ticks, S pushed segments."""
 
-INTEGERS: dict[str, Any] = {
-    "point_foot": np.int8,
-    "point_group": np.int8,
-    "qp_status": np.int8,
-    "qp_iterations": np.int32,
-    "tick_plan": np.int32,
-}
-"""Types of the arrays that are not float64."""
+def _of(shape: str, kind: Any = np.float64, *, logged: bool = False) -> dict[str, Any]:
+    """Metadata of an array: its shape in symbols, its type, and whether it is filled step by step."""
+    return {"shape": shape, "kind": kind, "logged": logged}
+
 
 FLOOR = "floor"
 """Key of the metadata that has the heights of a floor's surfaces, ascending, separated by spaces [m]."""
@@ -147,45 +110,47 @@ class SimulationRecord:
         followed: the plans that were followed, not on disk; None if only the first one was.
     """
 
-    time: Array
-    q: Array
-    qd: Array
-    torque: Array
-    torque_rate: Array
-    point_force: Array
-    point_position: Array
-    point_penetration: Array
-    point_place: Array
-    point_foot: NDArray[np.int8]
-    point_group: NDArray[np.int8]
-    com: Array
-    angular_momentum: Array
-    foot_position: Array
-    foot_forward: Array
-    command_com: Array
-    command_zmp: Array
-    command_force: Array
-    command_angular_momentum: Array
-    tick_time: Array
-    qp_status: NDArray[np.int8]
-    qp_residual: Array
-    qp_iterations: NDArray[np.int32]
-    qp_time: Array
+    time: Array = field(metadata=_of("K+1"))
+    q: Array = field(metadata=_of("K+1 nq", logged=True))
+    qd: Array = field(metadata=_of("K+1 nv", logged=True))
+    torque: Array = field(metadata=_of("K nu", logged=True))
+    torque_rate: Array = field(metadata=_of("T nu", logged=True))
+    point_force: Array = field(metadata=_of("K P 3", logged=True))
+    point_position: Array = field(metadata=_of("K P 3", logged=True))
+    point_penetration: Array = field(metadata=_of("K P", logged=True))
+    point_place: Array = field(metadata=_of("K+1 P 3", logged=True))
+    point_foot: NDArray[np.int8] = field(metadata=_of("P", np.int8))
+    point_group: NDArray[np.int8] = field(metadata=_of("P", np.int8))
+    com: Array = field(metadata=_of("K+1 3", logged=True))
+    angular_momentum: Array = field(metadata=_of("K+1 3", logged=True))
+    foot_position: Array = field(metadata=_of("K+1 F 3", logged=True))
+    foot_forward: Array = field(metadata=_of("K+1 F 3", logged=True))
+    command_com: Array = field(metadata=_of("K 3", logged=True))
+    command_zmp: Array = field(metadata=_of("K 2", logged=True))
+    command_force: Array = field(metadata=_of("K 3", logged=True))
+    command_angular_momentum: Array = field(metadata=_of("K 3", logged=True))
+    tick_time: Array = field(metadata=_of("T"))
+    qp_status: NDArray[np.int8] = field(metadata=_of("T", np.int8, logged=True))
+    qp_residual: Array = field(metadata=_of("T", logged=True))
+    qp_iterations: NDArray[np.int32] = field(metadata=_of("T", np.int32, logged=True))
+    qp_time: Array = field(metadata=_of("T", logged=True))
     outcome: Outcome
     mass: float
     gravity: float
     time_step: float
-    torque_limit: Array
-    joint_range: Array
+    torque_limit: Array = field(metadata=_of("nu"))
+    joint_range: Array = field(metadata=_of("nu 2"))
     joint_names: tuple[str, ...]
     friction: float = math.nan
     external_segments: tuple[str, ...] = ()
-    external_force: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
-    external_moment: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
-    external_position: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    external_force: Array = field(metadata=_of("K S 3"), default_factory=lambda: np.zeros((0, 0, 3)))
+    external_moment: Array = field(metadata=_of("K S 3"), default_factory=lambda: np.zeros((0, 0, 3)))
+    external_position: Array = field(metadata=_of("K S 3"), default_factory=lambda: np.zeros((0, 0, 3)))
     point_sites: tuple[str, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
-    tick_plan: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    tick_plan: NDArray[np.int32] = field(
+        metadata=_of("T", np.int32), default_factory=lambda: np.zeros(0, np.int32)
+    )
     followed: Followed | None = None
 
     def __post_init__(self) -> None:
@@ -248,6 +213,15 @@ class SimulationRecord:
     def hinge_qd(self) -> NDArray[np.float64]:
         """Hinge rates in actuator order, shape (K + 1, nu) [rad/s]."""
         return self.qd[:, self.qd.shape[1] - len(self.joint_names) :]
+
+
+_ARRAYS = {item.name: item.metadata for item in fields(SimulationRecord) if item.metadata}
+SHAPES: dict[str, str] = {name: of["shape"] for name, of in _ARRAYS.items()}
+"""Shape of every array: K steps, P sole points, T control ticks, S pushed segments."""
+INTEGERS: dict[str, Any] = {name: of["kind"] for name, of in _ARRAYS.items() if of["kind"] is not np.float64}
+"""Types of the arrays that are not float64."""
+LOGGED = tuple(name for name, of in _ARRAYS.items() if of["logged"])
+"""Arrays that are filled step by step."""
 
 
 def support_height(metadata: Mapping[str, str], height: Array, load: Array) -> Array:
