@@ -32,9 +32,7 @@ _SOURCES = (
     "ampm/control/*.py",
     "ampm/sensors/*.py",
     "ampm/stepping/*.py",
-    "validation/trial/readings.py",
-    "validation/trial/step.py",
-    "validation/trial/watch.py",
+    "validation/trial/*.py",  # also where the named tuples are defined
 )
 
 

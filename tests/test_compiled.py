@@ -109,10 +109,3 @@ def test_what_a_walk_needs_is_compiled_before_workers_start_and_only_once(tmp_pa
     monkeypatch.setattr(walk, "walk", None)
     walk.compile_once()
     assert [path.name for path in tmp_path.iterdir()] == ["complete"]
-
-
-def test_every_file_with_compiled_functions_decides_on_the_cache():
-    files = {file for room in ("ampm", "validation") for file in (ROOT / room).rglob("*.py")}
-    compiling = {file for file in files if "\n@compiled\n" in file.read_text(encoding="utf-8")}
-    known = {file for pattern in compiled._SOURCES for file in ROOT.glob(pattern)}
-    assert compiling <= known
