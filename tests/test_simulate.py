@@ -16,9 +16,9 @@ from tests.solved import COARSE, body_of, motion_of, walk_of
 from tests.solved import simulated as walk
 from validation.measure.measure import measure
 from validation.run.replay import step_again
-from validation.trial import simulate as simulation
 from validation.trial.bridge import to_pinocchio
 from validation.trial.outcome import OutcomeName
+from validation.trial.physics import Physics
 
 STEPS = 2
 FAIL_AT = 150  # a tick in single support
@@ -251,13 +251,13 @@ def test_a_body_without_any_strength_fell():
 def physics(monkeypatch):
     """The physics of the next walk."""
     caught = []
-    place = simulation.Physics.place
+    place = Physics.place
 
     def catch(self, *state):
         caught.append(self)
         place(self, *state)
 
-    monkeypatch.setattr(simulation.Physics, "place", catch)
+    monkeypatch.setattr(Physics, "place", catch)
     return caught
 
 

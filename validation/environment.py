@@ -32,9 +32,9 @@ from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.profiles import profile as named_profile
 from validation.store.machine import set_variables
 from validation.trial.bridge import to_mujoco, to_pinocchio
+from validation.trial.physics import quiet_mujoco
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.policy import observe
-from validation.trial.simulate import quiet_mujoco
 from validation.trial.watch import Stance
 
 # dm_control looks for an OpenGL context when it is imported, and warns or fails where there is none. MuJoCo

@@ -25,9 +25,10 @@ from models.scene import BodyModel
 from validation.measure.measure import StandingCheck, measure, standing_check
 from validation.trial.bridge import to_pinocchio
 from validation.trial.outcome import OutcomeName
+from validation.trial.physics import Physics
 from validation.trial.record import SimulationRecord
 from validation.trial.references import Course
-from validation.trial.simulate import ClosedLoop, Physics
+from validation.trial.simulate import ClosedLoop
 
 DURATION = 2.0
 """How long the body stands [s]."""

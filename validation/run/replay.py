@@ -24,9 +24,8 @@ from validation.store.record import StoredRecord, state_names
 from validation.store.saved import ENVIRONMENT_FILE, RUN_FILE, check_files
 from validation.trial.bridge import passive_joints, pinocchio_model, to_pinocchio
 from validation.trial.engine import drake_of, make_engine
-from validation.trial.log import SolePoints, point_forces
+from validation.trial.physics import SolePoints, point_forces, quiet_mujoco
 from validation.trial.record import SimulationRecord
-from validation.trial.simulate import quiet_mujoco
 
 _BLOCK = 1024  # steps whose equations are checked at a time
 

@@ -18,66 +18,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from validation.trial.simulate import Physics
+    from validation.trial.physics import Body, Physics
 
     Array = NDArray[np.float64]
 
 # Code for a class of a function would be compiled by every process.
 Recorded: Any = namedtuple("Recorded", LOGGED)  # type: ignore[misc]
-
-
-class Body(NamedTuple):
-    """The body that is simulated, as views of MuJoCo's data.
-
-    Contacts have as many rows as MuJoCo's memory can hold.
-
-    Attributes:
-        qpos: shape (nq,).
-        qvel: shape (nv,).
-        ctrl: torques, shape (nu,) [N m].
-        com: of a sensor, shape (3,) [m].
-        angular_momentum: about it, of a sensor, shape (3,) [N m s].
-        root_rotation: axes of the root to world, shape (3, 3).
-        trunk: its long axis in world, shape (3,).
-        site_place: shape (sites, 3) [m].
-        site_rotation: shape (sites, 9).
-        sites: numbers of the sole points and, last, of the two soles.
-        contact_geom: both geoms. MuJoCo sorts them by type: a floor that is a plane comes first, a box last.
-        contact_address: of the first force, along the normal, -1 for none: two along the tangents follow.
-        contact_frame: normal and tangents.
-        contact_place: [m].
-        contact_distance: negative where they overlap [m].
-        point_of_geom: sole point of every geom, -1 for none: a sphere, with one contact at most.
-        warnings: counts of states that MuJoCo could not step.
-        q: Pinocchio configuration, written by :func:`validation.trial.step.sense`, shape (nq,).
-        v: its velocity, shape (nv,).
-        torque_limit: shape (nu,) [N m].
-        scale: size of the body, of which 1.70 m is one [1].
-        time_step: [s].
-    """
-
-    qpos: Array
-    qvel: Array
-    ctrl: Array
-    com: Array
-    angular_momentum: Array
-    root_rotation: Array
-    trunk: Array
-    site_place: Array
-    site_rotation: Array
-    sites: NDArray[np.intp]
-    contact_geom: NDArray[np.int32]
-    contact_address: NDArray[np.int32]
-    contact_frame: Array
-    contact_place: Array
-    contact_distance: Array
-    point_of_geom: NDArray[np.intp]
-    warnings: NDArray[np.int32]
-    q: Array
-    v: Array
-    torque_limit: Array
-    scale: float
-    time_step: float
 
 
 class Command(NamedTuple):
@@ -124,37 +70,6 @@ class Log(NamedTuple):
     touching: NDArray[np.bool_]
     levels: Array
     substeps: int
-
-
-class SolePoints:
-    """Sole points and soles in a compiled model.
-
-    Args:
-        model: that is stepped.
-        names: of the sites of the P sole points; each has a geom of its name.
-        sole_names: of the sites of both soles.
-    """
-
-    def __init__(self, model: mujoco.MjModel, names: tuple[str, ...], sole_names: tuple[str, ...]) -> None:
-        self.names, self.sole_names = names, sole_names
-        self.sites = np.array([model.site(name).id for name in (*names, *sole_names)], dtype=np.intp)
-        self.of_geom = np.full(model.ngeom, -1, dtype=np.intp)  # sole point of every geom, -1 for none
-        self.of_geom[[model.geom(name).id for name in names]] = np.arange(len(names))
-
-
-def point_forces(data: mujoco.MjData, points: SolePoints) -> tuple[Array, Array]:
-    """Forces of the floor on the sole points in the last step, and where they act, shape (P, 3) [N], [m].
-
-    Points without a force have a place of zero.
-    """
-    force, place = np.zeros((2, len(points.names), 3))
-    for contact in data.contact:
-        point, first = int(points.of_geom[contact.geom].max()), contact.efc_address
-        if point >= 0 and first >= 0:
-            side = 1.0 if points.of_geom[contact.geom[1]] >= 0 else -1.0  # it acts on the second geom
-            force[point] = side * contact.frame.reshape(3, 3).T @ data.efc_force[first : first + 3]
-            place[point] = contact.pos
-    return force, place
 
 
 class RunLog:

@@ -7,13 +7,13 @@ compiled, and only there.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
 from ampm.parameters import DisturbanceParameters
@@ -58,22 +58,15 @@ def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> 
     if wanted == DisturbanceParameters() and not uneven(contacts.footsteps):
         return body
     root = ElementTree.fromstring(body.xml)
-    contact = _find(root, ".//default[@class='contact']/geom")
-    _scale(contact, "friction", wanted.friction_factor)
-    _scale(contact, "solref", wanted.softness_factor)
+    for contact in root.iterfind(".//default[@class='contact']/geom"):
+        _scale(contact, "friction", wanted.friction_factor)
+        _scale(contact, "solref", wanted.softness_factor)
     _change_masses(root, body, wanted)
     if wanted.joint_damping:
         for joint in root.findall(".//worldbody//joint"):
             joint.set("damping", repr(float(joint.get("damping", 0.0)) + wanted.joint_damping))
     _change_floor(root, body, wanted, contacts)
     return replace(body, xml=ElementTree.tostring(root, encoding="unicode"))
-
-
-def _find(root: ElementTree.Element, path: str) -> ElementTree.Element:
-    found = root.find(path)
-    if found is None:
-        raise InputError(f"the body's model has no {path}; build it with 'ampm body'.")
-    return found
 
 
 def _scale(element: ElementTree.Element, key: str, factor: float, *, all_of_it: bool = False) -> None:
@@ -99,9 +92,9 @@ def _change_masses(root: ElementTree.Element, body: BodyModel, wanted: Disturban
                 key="disturbance.mass_segment",
                 value=name,
             )
-        inertial = _find(item, "inertial")
-        for key in ("mass", "diaginertia", "fullinertia"):
-            _scale(inertial, key, 1.0 + wanted.mass_change, all_of_it=True)
+        for inertial in item.iterfind("inertial"):
+            for key in ("mass", "diaginertia", "fullinertia"):
+                _scale(inertial, key, 1.0 + wanted.mass_change, all_of_it=True)
 
 
 # ------------------------------------------------------------------------------------------------- the floor
@@ -111,7 +104,8 @@ def _change_floor(
     root: ElementTree.Element, body: BodyModel, wanted: DisturbanceParameters, contacts: Contacts
 ) -> None:
     """Move the plane, or replace it by boxes where the floor has edges."""
-    world, plane = _find(root, "worldbody"), _find(root, "worldbody/geom[@name='floor']")
+    world = next(root.iter("worldbody"))
+    plane = next(world.iterfind("geom[@name='floor']"))
     sloped = bool(wanted.slope_along or wanted.slope_across)
     if uneven(contacts.footsteps):
         if sloped or wanted.step_height:
@@ -140,7 +134,7 @@ def _change_floor(
     if wanted.step_height:
         low, high = _place(body, step, contacts, turn)
         tiles = [part for tile in tiles for part in _split(tile, low, high, wanted.step_height)]
-    tilt = _about_y(-wanted.slope_along) @ _about_x(wanted.slope_across)
+    tilt = Rotation.from_euler("YX", [-wanted.slope_along, wanted.slope_across]).as_matrix()
     world.remove(plane)
     up = np.array([0.0, 0.0, wanted.floor_height])
     for number, tile in enumerate(tiles):
@@ -228,16 +222,5 @@ def _text(numbers: Sequence[float] | Array) -> str:
     return " ".join(repr(float(number)) for number in numbers)
 
 
-def _about_x(angle: float) -> Array:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-
-
-def _about_y(angle: float) -> Array:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-
-
 def _about_z(angle: float) -> Array:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(Rotation.from_euler("z", angle).as_matrix())

@@ -1,4 +1,4 @@
-"""Walk a motion under torque control, in MuJoCo or another engine; the only module that owns ``MjData``.
+"""Walk a motion under torque control, in MuJoCo or another engine.
 
 Each step is ``step1`` (kinematics, contacts, sensors), a control tick where one is due, and ``step2``,
 so that the controller senses the contacts of the state on which it acts. The run starts on the periodic
@@ -7,33 +7,29 @@ motion.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 
 from ampm.compiled import bound
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import DisturbanceParameters
-from ampm.physics_parameters import steps_per_tick
 from ampm.planner.heights import uneven
 from ampm.reference import reference_type
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, State, Timing, Touch
 from validation.trial import spill
-from validation.trial.bridge import to_mujoco
 from validation.trial.disturbances import Disturbance, Plant, Push, describe, pushes_of
 from validation.trial.divergence import explained
-from validation.trial.engine import drake_of, make_engine
 from validation.trial.faults import MotorFaults, started
 from validation.trial.followed import Followed
-from validation.trial.log import Body, Command, RunLog, SolePoints
+from validation.trial.log import Command, RunLog
 from validation.trial.outcome import Outcome, OutcomeName
+from validation.trial.physics import Physics, quiet_mujoco
 from validation.trial.readings import Sensing, make_estimator
 from validation.trial.record import FLOOR, PLANS, SimulationRecord
 from validation.trial.references import Course, References, Replanning
@@ -55,89 +51,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _PROGRESS_STEPS = 50
-_BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
-
-
-@contextlib.contextmanager
-def quiet_mujoco() -> Iterator[None]:
-    """Keep MuJoCo from printing and from writing MUJOCO_LOG.TXT into the working folder."""
-    mujoco.set_mju_user_warning(lambda _: None)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(None)
-
-
-class Physics:
-    """One simulation: model, data, and the quantities read at every step.
-
-    Args:
-        body_model: MJCF and its description.
-        run: engine, time step and control frequency.
-
-    Raises:
-        InputError: the control period is no multiple of the time step, or the engine cannot step the body.
-    """
-
-    def __init__(self, body_model: BodyModel, run: RunParameters) -> None:
-        self.model = model = body_model.compile()
-        self.data = data = mujoco.MjData(model)
-        self.engine = make_engine(model, data, drake_of(run))
-        self.robot = robot = make_robot(model, body_model.description)
-        self.time_step = float(model.opt.timestep)
-        self.substeps = steps_per_tick(run.controller.frequency, self.time_step)
-        description = body_model.description
-        self.points = points = SolePoints(
-            model,
-            tuple(site for _, _, site in description.sole_points()),
-            tuple(leg.sole_frame for leg in description.legs),
-        )
-        contact, sites = data.contact, points.sites[-2:]
-        self.soles = data.site_xpos[sites[0] : sites[1] + 1 : sites[1] - sites[0]]
-        self.body = Body(
-            qpos=data.qpos,
-            qvel=data.qvel,
-            ctrl=data.ctrl,
-            com=data.sensor("com").data,
-            angular_momentum=data.sensor("angular_momentum").data,
-            root_rotation=self._axes(description.root_segment),
-            trunk=self._axes(description.trunk_frame)[:, 2],
-            site_place=data.site_xpos,
-            site_rotation=data.site_xmat,
-            sites=points.sites,
-            contact_geom=self._all_rows(contact.geom),
-            contact_address=self._all_rows(contact.efc_address),
-            contact_frame=self._all_rows(contact.frame),
-            contact_place=self._all_rows(contact.pos),
-            contact_distance=self._all_rows(contact.dist),
-            point_of_geom=points.of_geom,
-            warnings=data.warning.number[_BAD_STATE],
-            q=np.zeros(robot.nq),
-            v=np.zeros(robot.nv),
-            torque_limit=robot.torque_limit.copy(),
-            scale=description.scale,
-            time_step=self.time_step,
-        )
-
-    def _axes(self, name: str) -> Array:
-        """Axes of a segment, or of a site, to world; a view of shape (3, 3)."""
-        site = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, name)
-        flat = self.data.xmat[self.model.body(name).id] if site < 0 else self.data.site_xmat[site]
-        return np.asarray(flat.reshape(3, 3))
-
-    def _all_rows(self, present: NDArray[Any]) -> NDArray[Any]:
-        """View of a column of MuJoCo's contacts that holds for the whole walk.
-
-        MuJoCo's own views have one row per present contact, so they would have to be taken at every step.
-        Contacts lie at the beginning of the simulation's arena; this view has as many rows as it can hold.
-        """
-        shape = (self.data.narena // present.strides[0], *present.shape[1:])
-        return np.lib.stride_tricks.as_strided(present, shape, present.strides, writeable=False)
-
-    def place(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
-        """Set the state from Pinocchio's coordinates."""
-        mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:], self.data.qvel[:] = to_mujoco(q, v)
 
 
 def simulate(

@@ -1,0 +1,193 @@
+"""The simulated body: the only module of a walk that owns ``MjData``."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from ampm.physics_parameters import steps_per_tick
+from validation.trial.bridge import to_mujoco
+from validation.trial.engine import drake_of, make_engine
+from validation.trial.shapes import make_robot
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from ampm.parameters import RunParameters
+    from models.scene import BodyModel
+
+    Array = NDArray[np.float64]
+
+_BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
+
+
+@contextlib.contextmanager
+def quiet_mujoco() -> Iterator[None]:
+    """Keep MuJoCo from printing and from writing MUJOCO_LOG.TXT into the working folder."""
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)
+
+
+class Body(NamedTuple):
+    """The body that is simulated, as views of MuJoCo's data.
+
+    Contacts have as many rows as MuJoCo's memory can hold.
+
+    Attributes:
+        qpos: shape (nq,).
+        qvel: shape (nv,).
+        ctrl: torques, shape (nu,) [N m].
+        com: of a sensor, shape (3,) [m].
+        angular_momentum: about it, of a sensor, shape (3,) [N m s].
+        root_rotation: axes of the root to world, shape (3, 3).
+        trunk: its long axis in world, shape (3,).
+        site_place: shape (sites, 3) [m].
+        site_rotation: shape (sites, 9).
+        sites: numbers of the sole points and, last, of the two soles.
+        contact_geom: both geoms. MuJoCo sorts them by type: a floor that is a plane comes first, a box last.
+        contact_address: of the first force, along the normal, -1 for none: two along the tangents follow.
+        contact_frame: normal and tangents.
+        contact_place: [m].
+        contact_distance: negative where they overlap [m].
+        point_of_geom: sole point of every geom, -1 for none: a sphere, with one contact at most.
+        warnings: counts of states that MuJoCo could not step.
+        q: Pinocchio configuration, written by :func:`validation.trial.step.sense`, shape (nq,).
+        v: its velocity, shape (nv,).
+        torque_limit: shape (nu,) [N m].
+        scale: size of the body, of which 1.70 m is one [1].
+        time_step: [s].
+    """
+
+    qpos: Array
+    qvel: Array
+    ctrl: Array
+    com: Array
+    angular_momentum: Array
+    root_rotation: Array
+    trunk: Array
+    site_place: Array
+    site_rotation: Array
+    sites: NDArray[np.intp]
+    contact_geom: NDArray[np.int32]
+    contact_address: NDArray[np.int32]
+    contact_frame: Array
+    contact_place: Array
+    contact_distance: Array
+    point_of_geom: NDArray[np.intp]
+    warnings: NDArray[np.int32]
+    q: Array
+    v: Array
+    torque_limit: Array
+    scale: float
+    time_step: float
+
+
+class SolePoints:
+    """Sole points and soles in a compiled model.
+
+    Args:
+        model: that is stepped.
+        names: of the sites of the P sole points; each has a geom of its name.
+        sole_names: of the sites of both soles.
+    """
+
+    def __init__(self, model: mujoco.MjModel, names: tuple[str, ...], sole_names: tuple[str, ...]) -> None:
+        self.names = names
+        self.sites = np.array([model.site(name).id for name in (*names, *sole_names)], dtype=np.intp)
+        self.of_geom = np.full(model.ngeom, -1, dtype=np.intp)  # sole point of every geom, -1 for none
+        self.of_geom[[model.geom(name).id for name in names]] = np.arange(len(names))
+
+
+def point_forces(data: mujoco.MjData, points: SolePoints) -> tuple[Array, Array]:
+    """Forces of the floor on the sole points in the last step, and where they act, shape (P, 3) [N], [m].
+
+    Points without a force have a place of zero.
+    """
+    force, place = np.zeros((2, len(points.names), 3))
+    for contact in data.contact:
+        point, first = int(points.of_geom[contact.geom].max()), contact.efc_address
+        if point >= 0 and first >= 0:
+            side = 1.0 if points.of_geom[contact.geom[1]] >= 0 else -1.0  # it acts on the second geom
+            force[point] = side * contact.frame.reshape(3, 3).T @ data.efc_force[first : first + 3]
+            place[point] = contact.pos
+    return force, place
+
+
+class Physics:
+    """One simulation: model, data, and the quantities read at every step.
+
+    Args:
+        body_model: MJCF and its description.
+        run: engine, time step and control frequency.
+
+    Raises:
+        InputError: the control period is no multiple of the time step, or the engine cannot step the body.
+    """
+
+    def __init__(self, body_model: BodyModel, run: RunParameters) -> None:
+        self.model = model = body_model.compile()
+        self.data = data = mujoco.MjData(model)
+        self.engine = make_engine(model, data, drake_of(run))
+        self.robot = robot = make_robot(model, body_model.description)
+        self.time_step = float(model.opt.timestep)
+        self.substeps = steps_per_tick(run.controller.frequency, self.time_step)
+        description = body_model.description
+        self.points = points = SolePoints(
+            model,
+            tuple(site for _, _, site in description.sole_points()),
+            tuple(leg.sole_frame for leg in description.legs),
+        )
+        contact, sites = data.contact, points.sites[-2:]
+        self.soles = data.site_xpos[sites[0] : sites[1] + 1 : sites[1] - sites[0]]
+        self.body = Body(
+            qpos=data.qpos,
+            qvel=data.qvel,
+            ctrl=data.ctrl,
+            com=data.sensor("com").data,
+            angular_momentum=data.sensor("angular_momentum").data,
+            root_rotation=self._axes(description.root_segment),
+            trunk=self._axes(description.trunk_frame)[:, 2],
+            site_place=data.site_xpos,
+            site_rotation=data.site_xmat,
+            sites=points.sites,
+            contact_geom=self._all_rows(contact.geom),
+            contact_address=self._all_rows(contact.efc_address),
+            contact_frame=self._all_rows(contact.frame),
+            contact_place=self._all_rows(contact.pos),
+            contact_distance=self._all_rows(contact.dist),
+            point_of_geom=points.of_geom,
+            warnings=data.warning.number[_BAD_STATE],
+            q=np.zeros(robot.nq),
+            v=np.zeros(robot.nv),
+            torque_limit=robot.torque_limit.copy(),
+            scale=description.scale,
+            time_step=self.time_step,
+        )
+
+    def _axes(self, name: str) -> Array:
+        """Axes of a segment, or of a site, to world; a view of shape (3, 3)."""
+        site = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, name)
+        flat = self.data.xmat[self.model.body(name).id] if site < 0 else self.data.site_xmat[site]
+        return np.asarray(flat.reshape(3, 3))
+
+    def _all_rows(self, present: NDArray[Any]) -> NDArray[Any]:
+        """View of a column of MuJoCo's contacts that holds for the whole walk.
+
+        MuJoCo's own views have one row per present contact, so they would have to be taken at every step.
+        Contacts lie at the beginning of the simulation's arena; this view has as many rows as it can hold.
+        """
+        shape = (self.data.narena // present.strides[0], *present.shape[1:])
+        return np.lib.stride_tricks.as_strided(present, shape, present.strides, writeable=False)
+
+    def place(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
+        """Set the state from Pinocchio's coordinates."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:], self.data.qvel[:] = to_mujoco(q, v)
