@@ -94,10 +94,9 @@ def test_followed_torques_ranges_and_distances_are_those_of_the_walk(footsteps: 
         (
             "human",
             [*routes.straight(4, 0.4, 0.2)[:-1], Footstep("left", (1.2, 1.3, 0.0))],
-            "leg_too_short",
-            r"footstep 6: at \S+ s the \w+ leg does not reach",
+            "joint_limits",
+            r"footstep 6: .* left_ankle_roll would pass its range",
         ),
-        ("human", routes.platform(8, 0.4, 0.2, 0.4), "leg_too_short", r"footstep \d: at \S+ s the \w+ "),
         (
             "human",
             routes.arc(6, 0.4, 1.0, 0.18, toe_out=0.0),

@@ -230,7 +230,7 @@ def _largest_inverse_a(solved: Solution, sole: SoleGeometry) -> Array:
     ahead, behind = sole.tip_x - MARGIN - _ROOM, -sole.heel_x - MARGIN - _ROOM
     from_foot = np.stack([solved.state[:, 0], solved.end[:, 0]], axis=1) - supports.place[:, None]
     along = (from_foot * supports.axes[:, None, :, 0]).sum(axis=2)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         return np.asarray(
             np.minimum(
                 ahead / np.maximum(along.max(axis=1), 0.0), behind / np.maximum(-along.min(axis=1), 0.0)
