@@ -151,7 +151,8 @@ class FootstepPlanner:
             stop, see :meth:`ampm.planner.replan.LiveWalk.changed`. Each is met by a new plan at its time.
         measured: plan again where a single support begins and the measured DCM is off its plan by more than
             :data:`MEASURED_OFF`: the walk goes on from the measured COM and its velocity, and the next
-            footsteps move with them.
+            footsteps move with them. At no other time does it plan: a push later in a support is answered
+            when the next one begins.
     """
 
     def __init__(

@@ -32,7 +32,11 @@ def summary(folder):
 
 @pytest.fixture
 def table(folder):
-    """What a robot would have told of the run: every fifth row, force and ZMP of both feet, COM, momentum."""
+    return signals_of(folder)
+
+
+def signals_of(folder):
+    """What a robot would have told of a run: every fifth row, force and ZMP of both feet, COM, momentum."""
     signals = load_saved_run(folder).signals
     names = {"time": "time"}
     names |= {f"{name}_{axis}": f"measured_{name}_{axis}" for name in OF_PLAN[1:] for axis in "xyz"}

@@ -115,7 +115,7 @@ def test_the_plan_then_valid_says_when_a_walk_ends(fixed, first, then, asked, wa
     ("change", "words"),
     [
         (lambda time, plan: 1 / 0, "planner Replanning failed .ZeroDivisionError"),
-        (lambda time, plan: plan.contacts, "replan at 0 s made a Contacts, not a WalkPlan or None"),
+        (lambda time, plan: plan.contacts, "replan at 0 s made a Contacts, not a WalkPlan; None keeps"),
     ],
 )
 def test_errors_at_the_first_tick_are_the_planners(change, words):
@@ -140,6 +140,25 @@ def test_a_plan_without_numbers_is_refused():
 def test_a_period_that_is_none_is_refused():
     with pytest.raises(InputError, match=r"replan_period is -1\.0 s"):
         simulated(planner=Replanning(lambda time, plan: None, -1.0))
+
+
+def swapped(plan):
+    """The plan with the contacts of the other foot's walk."""
+    phases = tuple(phase._replace(left=phase.right, right=phase.left) for phase in plan.contacts.phases)
+    return replace(plan, contacts=Contacts(plan.contacts.footsteps, phases))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (swapped, "at 0.*s its contacts have the left foot in the air, and the path of the foot has it on"),
+        (lambda plan: replace(plan, contacts=moved_plan(plan, 0.02).contacts), "left foot is 0.02 m off"),
+        (lambda plan: replace(plan, phases=moved_plan(plan, 0.2).phases), "its ZMP is 0.1.* m outside its"),
+    ],
+)
+def test_a_plan_that_contradicts_its_contacts_is_refused(change, words):
+    with pytest.raises(InputError, match=words):
+        simulated(planner=Replanning(lambda time, plan: change(plan)))
 
 
 def moved_plan(plan, by):

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from validation.judge.uncertainty import load_uncertainty as load_uncertainty
     from validation.progress import Progress as Progress
     from validation.run.judge_log import judge_log as judge_log
+    from validation.run.judge_log import judge_run as judge_run
     from validation.run.replay import replay as replay
     from validation.run.trial import Trial as Trial
     from validation.run.walk import walk as walk
@@ -43,6 +44,7 @@ _HOMES = {
     "Statistics": "judge.compare.Statistics",
     "Trial": "run.trial.Trial",
     "judge_log": "run.judge_log.judge_log",
+    "judge_run": "run.judge_log.judge_run",
     "load": "store.saved.load_saved_run",
     "load_uncertainty": "judge.uncertainty.load_uncertainty",
     "register": "judge.metrics.register",

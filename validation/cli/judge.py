@@ -3,14 +3,25 @@
 Commands import what they run: simulator, Pinocchio and NumPy take long to load.
 """
 
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import Body, Force, Json, OwnProfile, Settings, Steps, option, with_short
+from validation.cli.options import (
+    Body,
+    Force,
+    Json,
+    OwnMetrics,
+    OwnProfile,
+    Settings,
+    Steps,
+    option,
+    with_short,
+)
 from validation.cli.validate import print_result, status_of
 
 app = typer.Typer()
@@ -27,13 +38,13 @@ def judge(
         Path, typer.Argument(help="Table of measured signals, or the folder of a run.", metavar="LOG")
     ],
     plan: Annotated[
-        str,
+        str | None,
         option(
             "--plan",
-            "Preset, TOML file, folder of a run, or a table of COM, ZMP and footsteps.",
+            "Preset (normal if not given), TOML file, folder of a run, or a table of COM, ZMP and footsteps.",
             "GAIT|DIR|FILE.csv|.parquet",
         ),
-    ] = "normal",
+    ] = None,
     settings: Settings = None,
     steps: Steps = None,
     body: Body = None,
@@ -48,6 +59,7 @@ def judge(
         bool, option("--strides", "Compare the mean stride with that of a periodic plan.")
     ] = False,
     profile: OwnProfile = None,
+    metric: OwnMetrics = None,
     out: Annotated[
         Path | None, option("--out", "Folder of the result. runs/LOG-TIME if not given.", "DIR")
     ] = None,
@@ -68,20 +80,42 @@ def judge(
     0 0 keeps a log as it is. An empty cell is a gap. What the log does not have is not measured, and named.
     A plan for another mass: --set body.mass=72.
 
+    The folder of a run is judged again by the metrics that it holds, which are of the plans that it followed.
+
     ampm judge walk.csv --plan gait.toml
     ampm judge person.csv --plan normal --set body.mass=72 --strides
+    ampm judge runs/walk --profile strict
     """
-    from validation.run.judge_log import judge_log
+    from ampm.exceptions import InputError
+    from validation.judge.metrics import load_metric
+    from validation.run.judge_log import judge_log, judge_run
     from validation.run.validate import RUNS
     from validation.store.folders import check_run_folder
     from validation.store.json import json_ready
 
+    def show(summary: Mapping[str, Any], folder: Path) -> None:
+        if as_json:
+            print_json({**json_ready(summary), "directory": str(folder)})
+        else:
+            print_result(summary, folder)
+
+    for text in metric or ():
+        load_metric(text)
+    if log.is_dir():
+        own = plan is None or (Path(plan).is_dir() and Path(plan).samefile(log))
+        others = {"--set": settings, "--steps": steps, "--body": body, "--start": start, "--place": place}
+        others |= {"--plan": None if own else plan, "--strides": strides or None, "--out": out}
+        if used := ", ".join(name for name, value in others.items() if value is not None):
+            raise InputError(f"{log} is a folder, judged by what it holds; {used} is for a table of signals.")
+        summary = dict(judge_run(log, profile).summary)
+        show(summary, log)
+        return status_of(summary)
     narrator = Narrator()
     target = out or RUNS / f"{log.stem}-{datetime.now():%Y%m%d-%H%M%S-%f}"
     check_run_folder(target, force=force)
     trial = judge_log(
         log,
-        plan,
+        plan or "normal",
         settings=with_short(settings, steps=steps, body=body),
         profile=profile,
         start=start,
@@ -91,8 +125,5 @@ def judge(
     )
     with narrator.stage("recording and report"):
         trial.save(target, force=force)
-    if as_json:
-        print_json({**json_ready(trial.summary), "directory": str(target)})
-    else:
-        print_result(trial.summary, target)
+    show(trial.summary, target)
     return status_of(trial.summary)

@@ -97,6 +97,10 @@ Controller = Annotated[
 Engine = Annotated[
     str | None, option("--engine", "Short for simulation.engine: mujoco, or drake.", "mujoco|drake")
 ]
+OwnMetrics = Annotated[
+    list[str] | None,
+    option("--metric", "A metric of your own, a val.Metric in a module. Repeatable.", "MODULE:NAME"),
+]
 OwnProfile = Annotated[
     str | None,
     option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P"),

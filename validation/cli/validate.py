@@ -21,6 +21,7 @@ from validation.cli.options import (
     Force,
     Gaits,
     Json,
+    OwnMetrics,
     OwnProfile,
     PlannerName,
     RunFolder,
@@ -82,10 +83,7 @@ def validate(
             "--disturbance", "A disturbance of your own, made without arguments. Repeatable.", "MODULE:CLASS"
         ),
     ] = None,
-    metric: Annotated[
-        list[str] | None,
-        option("--metric", "A metric of your own, a val.Metric in a module. Repeatable.", "MODULE:NAME"),
-    ] = None,
+    metric: OwnMetrics = None,
 ) -> int:
     """Plan, walk, measure and judge gaits: the trial.
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ampm.brief import Brief
+from ampm.exceptions import InputError
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.judge.compare import Comparison, statistics_table
 from validation.judge.metrics import METRICS, MetricValue, display_unit, has_qp
@@ -284,16 +285,9 @@ def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> d
     outcome, split = comparison.record.outcome, comparison.zmp_split
     summary = {
         "outcome": outcome.name,
-        "verdict": verdict.name,
         "steps_completed": outcome.steps_completed,
-        "reason": verdict.reason,
-        "profile": verdict.profile,
         "end": {"time": outcome.time, "cause": outcome.cause},
-        "metrics": {
-            item.name: item.as_dict()
-            for item in verdict.metrics
-            if not METRICS[item.name].section  # its section has it
-        },
+        **_entries(verdict),
         "timing": {},
         "statistics": statistics_table(comparison),
         "zmp_error_split": {
@@ -310,6 +304,60 @@ def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> d
         **entries,
     }
     return dict(json_ready(summary))
+
+
+def _entries(verdict: Verdict) -> dict[str, Any]:
+    """What a summary says of a verdict."""
+    return {
+        "verdict": verdict.name,
+        "reason": verdict.reason,
+        "profile": verdict.profile,
+        # Others are in their sections.
+        "metrics": {item.name: item.as_dict() for item in verdict.metrics if not METRICS[item.name].section},
+    }
+
+
+def judge_summary(
+    summary: Mapping[str, Any], profile: Profile, *, ended: str = "", may_lack: Collection[str] = ()
+) -> dict[str, Any]:
+    """A run's summary, its metrics judged again as they are by a profile.
+
+    Args:
+        summary: contents of ``summary.json``.
+        profile: tolerances.
+        ended: as for :func:`judge`.
+        may_lack: likewise.
+
+    Raises:
+        InputError: it has a metric that is not registered here.
+    """
+    entries = summary["metrics"]
+    if unknown := [name for name in entries if name not in METRICS]:
+        raise InputError(f"metric '{unknown[0]}' is not known here; register it, or name it with --metric.")
+    metrics = {
+        name: MetricValue(_number(item["value"]), item["unit"], item["normalised"], item["first_step"])
+        for name, item in entries.items()
+    }
+    known = None
+    if study := summary.get("uncertainty"):
+        least = {
+            name: item.get("uncertainty_at_least", item.get("uncertainty")) for name, item in entries.items()
+        }
+        spreads = {name: item.get("spread") for name, item in entries.items()}
+        known = Uncertainty(
+            **study,
+            parameters={},
+            values={name: float(value) for name, value in least.items() if value is not None},
+            incomplete={name: item["not_studied"] for name, item in entries.items() if "not_studied" in item},
+            spreads={name: float(value) for name, value in spreads.items() if value is not None},
+        )
+    verdict = judge(metrics, profile, summary["scales"], known, ended=ended, may_lack=may_lack)
+    return dict(json_ready({**summary, **_entries(verdict)}))
+
+
+def _number(value: float | str | None) -> float:
+    """A number of a summary: null is NaN, and infinity a word."""
+    return math.nan if value is None else float(value)
 
 
 def _solver(record: SimulationRecord) -> dict[str, Any]:

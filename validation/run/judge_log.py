@@ -1,4 +1,4 @@
-"""A log of measured signals, judged by a plan as a walk of the simulation is."""
+"""A log of measured signals, judged by a plan as a walk of the simulation is; a saved run, judged again."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -16,13 +16,12 @@ from validation.judge.log import find_place, find_start, mean_stride
 from validation.judge.metrics import METRICS, evaluate
 from validation.judge.profiles import Profile, own_profile
 from validation.judge.profiles import profile as find_profile
-from validation.judge.verdict import judge
+from validation.judge.verdict import judge, judge_summary
 from validation.measure.log import Log, log_record, measure_log, read_log
 from validation.progress import Progress
 from validation.run.trial import Trial
 from validation.run.walk import timed
-from validation.store.saved import RUN_FILE
-from validation.store.signals import SIGNALS_FILE
+from validation.store.saved import RUN_FILE, SavedRun, load_saved_run
 from validation.trial.columns import SUFFIXES, read_columns
 from validation.trial.plan import Request, load_request, plan_walk
 
@@ -44,7 +43,7 @@ def judge_log(
     """Compare a log of measured signals with a plan, by the metrics and limits of a walk.
 
     Args:
-        table: CSV or Parquet file, folder of a run, or columns by name; see :mod:`validation.measure.log`.
+        table: CSV or Parquet file, or columns by name; see :mod:`validation.measure.log`.
         plan: parameters, preset, TOML file, folder of a run, or table of a plan.
         settings: ``key=value`` texts that change the plan, not with parameters.
         profile: tolerances, or the name of a profile; by default that of the preset.
@@ -82,11 +81,37 @@ def judge_log(
     return Trial(planned, record, comparison, metrics, verdict, MappingProxyType(seconds), extra=extra)
 
 
+def judge_run(directory: str | Path, profile: Profile | str | None = None) -> SavedRun:
+    """Judge the folder of a run, or of a log, again by the metrics that it holds.
+
+    They were measured from the plans that were followed, with the states that were recorded at every step, of
+    which the folder keeps some. Nothing is written.
+
+    Args:
+        directory: the folder.
+        profile: tolerances, or the name of a profile; by default those that it was judged by.
+
+    Returns:
+        The run with the new verdict in its summary.
+
+    Raises:
+        InputError: the folder is none of a run, or the profile or one of the metrics is not known.
+    """
+    saved = load_saved_run(directory)
+    if not isinstance(profile, Profile):
+        profile = find_profile(profile or saved.summary["profile"])
+    may_lack = _CHECKS if saved.is_log else ()
+    ended = saved.record.outcome.ending
+    return replace(saved, summary=judge_summary(saved.summary, profile, ended=ended, may_lack=may_lack))
+
+
 def _columns(table: str | Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
     """Columns of a log by name, and its name."""
     if not isinstance(table, str | Path):
         return dict(table), "the log"
-    path = Path(table) / SIGNALS_FILE if Path(table).is_dir() else Path(table)
+    path = Path(table)
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; judge_run judges the folder of a run, judge_log a table.")
     return read_columns(path), path.name
 
 
@@ -96,8 +121,11 @@ def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Reque
         request = load_request(plan)
     elif Path(plan).suffix in SUFFIXES:
         request = load_request(None, [*settings, f"gait.planner='{Path(plan).resolve()}'"])
+    elif Path(plan).is_dir():
+        gait = load_saved_run(plan).summary["gait"]
+        request = replace(load_request(str(Path(plan) / RUN_FILE), settings), name=gait)
     else:
-        request = load_request(str(Path(plan) / RUN_FILE if Path(plan).is_dir() else plan), settings)
+        request = load_request(str(plan), settings)
     return replace(request, run=request.run.undisturbed)
 
 

@@ -23,7 +23,7 @@ from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
 from validation.progress import Progress
-from validation.trial.planners import check_planner, load_planner
+from validation.trial.planners import check_planner, load_planner, no_walk
 from validation.trial.users import CONTROLLER, ESTIMATOR, UsersCode
 
 if TYPE_CHECKING:
@@ -285,6 +285,7 @@ def plan_walk(
     # Imported here: Pinocchio is slow to load.
     from ampm.planners import FootstepPlanner, PeriodicPlanner, TablePlanner
     from ampm.walk import WalkPlan
+    from validation.trial.contact_check import check_contacts
 
     if planner is None and run.footsteps and run.gait.planner == "ampm":
         planner = FootstepPlanner()
@@ -318,9 +319,10 @@ def plan_walk(
         with _way_out(run) if built_in else UsersCode("planner", planner):
             plan = planner.plan(run.undisturbed, body.robot)
             if not isinstance(plan, WalkPlan):
-                raise TypeError(f"it made a {type(plan).__name__}, not a WalkPlan")
-            if not built_in:
+                raise TypeError(f"it made {no_walk(plan)}")
+            if not built_in and not isinstance(planner, TablePlanner):
                 _check_posture(plan, body.robot)
+                check_contacts(plan)
     if run.footsteps and not built_in:
         _check_footsteps(plan, run, name)
     period = getattr(planner, "replan_period", 0.0)  # infinite: it never will

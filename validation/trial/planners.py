@@ -3,9 +3,11 @@
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.step_planners import STEP_PLANNERS
+from ampm.planner.support import StepPlan
 from validation.trial.columns import SUFFIXES, read_columns
 from validation.trial.users import PLANNER, UsersCode
 
@@ -47,3 +49,16 @@ def check_planner(text: str, options: "Mapping[str, Option]") -> None:
     """
     if text not in STEP_PLANNERS or options:
         load_planner(text, options)
+
+
+def no_walk(made: Any) -> str:
+    """What a planner made instead of a WalkPlan, and what completes it."""
+    text = f"a {type(made).__name__}, not a WalkPlan"
+    if isinstance(made, StepPlan):
+        return f"{text}; ampm.WalkPlan.of(plan, posture=...) adds the posture"
+    if isinstance(made, CentroidalPlan):
+        return (
+            f"{text}; it lacks feet and posture. Return ampm.PeriodicPlanner().plan(run, robot), or of a "
+            "plan of your own ampm.TablePlanner(table).plan(run, robot)"
+        )
+    return text

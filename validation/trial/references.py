@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ampm.walk import WalkPlan
+from validation.trial.contact_check import NEXT, check_contacts
+from validation.trial.planners import no_walk
 from validation.trial.users import UsersCode
 
 if TYPE_CHECKING:
@@ -138,7 +140,7 @@ class Replanning:
             if plan is None or plan is valid:
                 return
             if not isinstance(plan, WalkPlan):
-                raise TypeError(f"replan at {time:g} s made a {type(plan).__name__}, not a WalkPlan or None")
+                raise TypeError(f"replan at {time:g} s made {no_walk(plan)}; None keeps the plan")
             if not plan.duration >= time:
                 raise ValueError(
                     f"the plan made at {time:g} s ends at {plan.duration:g} s, before now; "
@@ -150,6 +152,7 @@ class Replanning:
                     f"the plan made at {time:g} s has {plan.contacts.steps} steps in all, and the walk "
                     f"goes on to step {due}; plan as many"
                 )
+            check_contacts(plan, time, NEXT)
         course.follow(plan)
         if hasattr(self.controller, "follow"):
             self.controller.follow(plan, course.timing)
