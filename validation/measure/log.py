@@ -2,8 +2,7 @@
 
 A table has one row per instant, in SI units: x in the walking direction, y to the left, z up. It needs
 ``time`` and a force: of both feet together, of either foot, or at sensors. All that is read is in
-:data:`COLUMNS`; the columns of ``signals.parquet`` may keep their ``measured_``. An empty cell was not
-measured.
+:data:`COLUMNS`. An empty cell was not measured.
 """
 
 from collections.abc import Mapping
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from ampm.brief import Brief
@@ -23,28 +23,31 @@ from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import FEET, INTEGERS, SHAPES, SimulationRecord, shape_of
 
 _OF_BODY = {
-    "xyz": "force com angular_momentum command_force command_com command_angular_momentum",
-    "xy": "zmp zmp_momentum command_zmp",
-    "": "zmp_margin floor belt_speed",
+    "force": "xyz",
+    "zmp": "xy",
+    "com": "xyz",
+    "angular_momentum": "xyz",
+    "command_force": "xyz",
+    "command_zmp": "xy",
+    "command_com": "xyz",
+    "command_angular_momentum": "xyz",
+    "floor": "",
+    "belt_speed": "",
 }
-_OF_FEET = {
-    "xyz": "force sensor sensor_force sensor_torque foot",
-    "xy": "cop",
-    "wxyz": "sensor_quaternion",
-    "": "contact slip penetration",
+_OF_FOOT = {
+    "force": "xyz",
+    "cop": "xy",
+    "sensor_force": "xyz",
+    "sensor_torque": "xyz",
+    "sensor": "xyz",
+    "sensor_quaternion": "wxyz",
+    "foot": "xyz",
 }
 COLUMNS: Mapping[str, str] = MappingProxyType(
-    {
-        f"{whose}{name}": axes
-        for whose, quantities in (("", _OF_BODY), *((f"{foot}_", _OF_FEET) for foot in FEET))
-        for axes, names in quantities.items()
-        for name in names.split()
-    }
+    _OF_BODY | {f"{foot}_{name}": axes for foot in FEET for name, axes in _OF_FOOT.items()}
 )
 """Quantities of a log, and the endings of their columns, such as ``force_x``; empty for a single one."""
-PLACES = frozenset(
-    name for name in COLUMNS if name.endswith(("zmp", "zmp_momentum", "com", "cop", "sensor", "foot"))
-)
+PLACES = frozenset(name for name in COLUMNS if name.endswith(("zmp", "com", "cop", "sensor", "foot")))
 """Quantities that are places in the world [m]."""
 NEEDED = (
     "time, and force_x, _y, _z with zmp_x, _y of both feet; or left_force_x, _y, _z with left_cop_x, _y and "
@@ -55,7 +58,7 @@ LOADED = 0.05
 """Share of the weight from which a foot is on the floor [1]: a sensor is never quite at zero."""
 _SLOWEST = 0.05  # most time from row to row [s]
 _RATIO = 2.0  # of mean vertical force and weight: more is another unit, or another body [1]
-_FARTHEST, _MOST_BESIDE = 1000.0, 30.0  # of a place forward, and sideways or up: more are other units [m]
+_FARTHEST = 1000.0  # of a place: more is another unit [m]
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,6 @@ class Log(Brief):
         time_step: median time from row to row [s].
         gaps: lengths of the gaps [s].
         weight: of the body that it is compared with [N].
-        is_of_run: whether it is the signals of a run of ours, on the clock of its plan.
     """
 
     name: str
@@ -79,7 +81,6 @@ class Log(Brief):
     time_step: float
     gaps: tuple[float, ...]
     weight: float
-    is_of_run: bool
 
     def rows(self, rows: NDArray[np.bool_]) -> "Log":
         """Some of the rows, (K,)."""
@@ -104,38 +105,28 @@ def read_log(table: Mapping[str, Any], weight: float, name: str = "the log") -> 
     Raises:
         InputError: a column is missing, or has values that cannot be.
     """
-    have, is_of_run = ", ".join(map(str, table)) or "none", "measured_zmp_x" in table
-    columns = {str(key).removeprefix("measured_"): values for key, values in table.items()}
-
-    def column(key: str) -> Array:
-        if np.shape(columns[key]) != np.shape(columns["time"]):
-            raise InputError(f"{name}: {key} and time must have equally many rows, and one column each.")
-        # What a controller does not tell is null in the signals of a run.
-        return _numbers(columns[key], key, name, may_be_empty=is_of_run)
-
-    if "time" not in columns:
+    have = ", ".join(map(str, table)) or "none"
+    if "time" not in table:
         raise InputError(f"{name} has no column 'time'; it needs {NEEDED}; it has {have}.")
-    time, signals = column("time"), dict[str, Array]()
+    time, signals = _numbers(table, "time", name), dict[str, Array]()
     step = _step(time, name)
     for key, axes in COLUMNS.items():
         parts = [f"{key}_{axis}" for axis in axes] or [key]
-        missing = [part for part in parts if part not in columns]
+        missing = [part for part in parts if part not in table]
         if not missing:
-            signals[key] = np.column_stack([column(part) for part in parts]) if axes else column(key)
+            columns = [_numbers(table, part, name) for part in parts]
+            signals[key] = np.column_stack(columns) if axes else columns[0]
         elif len(missing) < len(parts):
             raise InputError(f"{name} has no column {missing[0]!r}; {key} needs {', '.join(parts)}.")
     if "belt_speed" in signals:
-        way = np.cumsum(
-            np.append(0.0, 0.5 * (signals["belt_speed"][1:] + signals["belt_speed"][:-1]) * np.diff(time))
-        )
-        signals["belt_way"] = way
+        signals["belt_way"] = cumulative_trapezoid(signals["belt_speed"], time, initial=0.0)
         for key in PLACES & signals.keys():
-            signals[key][:, 0] += way
+            signals[key][:, 0] += signals["belt_way"]
     try:
         _add_force(signals, weight)
     except KeyError as error:
         raise InputError(f"{name} has no {error.args[0]}; it needs {NEEDED}; it has {have}.") from None
-    except ValueError as error:  # of a quaternion
+    except ValueError as error:
         raise InputError(f"{name}: a sensor's quaternion is none ({error}).") from None
     _check_units(signals, name, weight)
     known = np.asarray(np.isfinite(signals["force"]).all(axis=1))
@@ -146,26 +137,27 @@ def read_log(table: Mapping[str, Any], weight: float, name: str = "the log") -> 
         raise InputError(f"{name} has {np.count_nonzero(known)} rows with force and ZMP; give three or more.")
     apart = np.diff(time[known])
     gaps = tuple((apart[apart > 1.5 * step] - step).tolist())
-    return Log(name, time, signals, step, gaps, weight, is_of_run).rows(known)
+    return Log(name, time, signals, step, gaps, weight).rows(known)
 
 
-def _numbers(values: Any, key: str, name: str, *, may_be_empty: bool) -> Array:
+def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
     """A column of numbers; NaN where not measured."""
     try:
-        numbers = np.array(values, dtype=np.float64)
+        numbers = np.array(table[key], dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name}: {key} must be numbers ({error}).") from None
+    if numbers.shape != np.shape(table["time"]) or numbers.ndim != 1:
+        raise InputError(f"{name}: {key} and time must have equally many rows, and one column each.")
     bad = np.flatnonzero(np.isinf(numbers) | (np.isnan(numbers) & (key == "time")))
     if bad.size:
         raise InputError(f"row {bad[0] + 1} of {name}: {key} = {numbers[bad[0]]:g} must be a number.")
-    count = np.count_nonzero(np.isfinite(numbers))
-    if count < 3 and not (may_be_empty and len(numbers) >= 3):
-        raise InputError(f"{name}: {key} has {count} numbers; give three or more, or leave the column out.")
     return numbers
 
 
 def _step(time: Array, name: str) -> float:
     """Median time from row to row [s]."""
+    if len(time) < 3:
+        raise InputError(f"{name} has {len(time)} rows; give three or more.")
     late = np.flatnonzero(np.diff(time) <= 0.0)
     if late.size:
         raise InputError(
@@ -221,9 +213,9 @@ def _check_units(signals: Mapping[str, Array], name: str, weight: float) -> None
             "N; give the force of the floor on the body in newtons, z upwards, and the mass by body.mass."
         )
     for key in PLACES & signals.keys():
-        far = np.nanmax(np.abs(signals[key]), axis=0, initial=0.0)
-        if far[0] > _FARTHEST or far[1:].max() > _MOST_BESIDE:
-            raise InputError(f"{name}: {key} is up to {far.max():.4g} m away; give lengths in metres.")
+        far = float(np.nanmax(np.abs(signals[key]), initial=0.0))
+        if far > _FARTHEST:
+            raise InputError(f"{name}: {key} is up to {far:.4g} m away; give lengths in metres.")
 
 
 def measure_log(log: Log, mass: float, gravity: float) -> MeasuredGait:
@@ -236,32 +228,26 @@ def measure_log(log: Log, mass: float, gravity: float) -> MeasuredGait:
     """
     rows, nan = log.time.size, float("nan")
 
-    def of(name: str, *shape: int) -> Array:
-        return log.signals.get(name, np.full((rows, *shape), nan))
+    def of(name: str, size: int) -> Array:
+        return log.signals.get(name, np.full((rows, size), nan))
 
-    def feet(name: str, *shape: int) -> Array:
-        return np.stack([of(f"{foot}_{name}", *shape) for foot in FEET], axis=1)
-
-    force, foot_force, contact = log.signals["force"], feet("force", 3), feet("contact")
-    loaded = foot_force[..., 2] >= LOADED * mass * gravity
-    light = int(np.count_nonzero(force[:, 2] < LEAST_SUPPORT * mass * gravity))
+    foot_force = np.stack([of(f"{foot}_force", 3) for foot in FEET], axis=1)
+    light = int(np.count_nonzero(log.signals["force"][:, 2] < LEAST_SUPPORT * mass * gravity))
     known: dict[str, Any] = {
         "time": log.time,
         "foot_force": foot_force,
-        "foot_torque": np.full((rows, 2, 3), nan),
-        "force": force,
+        "force": log.signals["force"],
         "zmp": of("zmp", 2),
-        "zmp_momentum": of("zmp_momentum", 2),
+        "zmp_momentum": np.full((rows, 2), nan),
         "floor": log.signals.get("floor", np.zeros(rows)),
         "com": of("com", 3),
-        "com_pin": of("com", 3),
         "angular_momentum": of("angular_momentum", 3),
-        "foot_contact": np.where(np.isnan(contact), loaded, contact > 0.5),
+        "foot_contact": foot_force[..., 2] >= LOADED * mass * gravity,
         "point_contact": np.zeros((rows, 0), dtype=bool),
-        "foot_position": feet("foot", 3),
-        "slip": feet("slip"),
-        "penetration": feet("penetration"),
-        "polygon_margin": of("zmp_margin"),
+        "foot_position": np.stack([of(f"{foot}_foot", 3) for foot in FEET], axis=1),
+        "slip": np.full((rows, 2), nan),
+        "penetration": np.full((rows, 2), nan),
+        "polygon_margin": np.full(rows, nan),
         "mass": mass,
         "gravity": gravity,
         "time_step": log.time_step,

@@ -47,9 +47,8 @@ def judge_log(
         plan: parameters, preset, TOML file, folder of a run, or table of a plan.
         settings: ``key=value`` texts that change the plan, not with parameters.
         profile: tolerances, or the name of a profile; by default that of the preset.
-        start: time in the log at which the plan begins [s]; found if None, 0 of the signals of a run.
-        place: what to add to x and y of the log [m]; if None its mean ZMP becomes the plan's, but for the
-            signals of a run.
+        start: time in the log at which the plan begins [s]; found if None.
+        place: what to add to x and y of the log [m]; if None its mean ZMP becomes the plan's.
         strides: compare the mean stride with that of a periodic plan.
         progress: where to report stages.
 
@@ -141,13 +140,12 @@ def _aligned(
 ) -> tuple[Log, dict[str, Any]]:
     """A log on clock and floor of a plan, and what was done to it: numbers [SI], and sentences."""
     share = float(log.signals["force"][:, 2].mean()) / log.weight
-    facts: dict[str, Any] = {"rows": log.time.size, "rate": 1.0 / log.time_step, "weight_share": share}
+    facts: dict[str, Any] = {"rows": log.time.size, "rate": 1.0 / log.time_step}
     notes = [
         f"{log.name}: {log.time.size} rows at {facts['rate']:.4g} Hz; the mean vertical force is {share:.1%} "
         "of the plan's weight."
     ]
     if log.gaps:
-        facts |= {"gaps": len(log.gaps), "gap_total": sum(log.gaps), "gap_longest": max(log.gaps)}
         notes.append(
             f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s, are "
             "left out."
@@ -163,24 +161,24 @@ def _aligned(
             f"x/y/z: {spread} % of body weight."
         )
     else:
-        if start is None and not log.is_of_run:
+        if start is None:
             start, facts["correlation"] = find_start(log, plan)
             notes.append(
                 f"The plan begins at {start:.4f} s of the log, by cross-correlation of force and ZMP "
                 f"({facts['correlation']:.3f})."
             )
-        facts["start"] = start or 0.0
-        time = log.time - facts["start"]
+        facts["start"] = start
+        time = log.time - start
         log = replace(log, time=time).rows((time >= 0.0) & (time <= plan.duration + 1e-9))
     judged = log.rows(log.time >= plan.judged_from - 1e-9)
     if judged.time.size < 3:
         raise InputError(
             f"{log.name} has {judged.time.size} rows between {plan.judged_from:.4g} and {plan.duration:.4g} "
-            f"s of the plan, which begins at {start or 0.0:.6g} s; give a longer log, or another start "
-            "(--start)."
+            f"s of the plan, which begins at {facts.get('start', 0.0):.6g} s; give a longer log, or another "
+            "start (--start)."
         )
     by, mean_of = np.array(place or (0.0, 0.0)), ""
-    if place is None and (strides or not log.is_of_run):
+    if place is None:
         by, mean_of = find_place(judged, plan)
     if mean_of:
         notes.append(
