@@ -111,7 +111,6 @@ def test_two_bodies_pass_in_drake(drake, ampm, tmp_path, walker):
     answer = ampm("validate", *walker, *words, "--out", out)
     assert answer.status == 0, answer.err
     metrics, versions = answer.json["metrics"], answer.json["environment"]["versions"]
-    assert metrics["standing_weight_error"]["value"] < 1e-6  # standing, weighed in the same engine
     assert metrics["equations_defect_maximum"]["value"] < 1e-9  # forces and motion fit to rounding
     assert versions["drake"].startswith("1.51")
     assert load_saved_run(out).parameters.drake == DrakeParameters()

@@ -217,7 +217,7 @@ def assert_walked(trial, limit):
     np.testing.assert_allclose(measured.floor[single], sample.floor[single], atol=1e-9)
     assert np.abs(measured.floor - sample.floor).max() < 0.05
     assert np.abs(measured.com - sample.com)[:, 2].max() < 2e-3
-    assert trial.measured.self_checks.zmp_agreement < 1.5e-3
+    assert trial.metrics["zmp_agreement_rmse"].value < 1.5e-3
     assert trial.comparison.zmp_split.residual < 1e-12
 
 

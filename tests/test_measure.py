@@ -9,7 +9,8 @@ import pytest
 from ampm.exceptions import InputError
 from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, pinocchio_model, simulate, swinging, to_pinocchio
 from tests.walk import without_point
-from validation.measure.measure import measure, standing_check
+from validation.judge.built_in import rms
+from validation.measure.measure import measure
 
 WEIGHT = (MASS + ARM_MASS) * GRAVITY
 
@@ -29,23 +30,30 @@ def still():
     return measured_of(simulate(steps=2000))
 
 
+def zmp_gap(measured):
+    """RMS distance of the two measured ZMPs [m]."""
+    return rms(np.linalg.norm(measured.zmp - measured.zmp_momentum, axis=1))
+
+
+def force_gap(measured):
+    """RMS distance of force and m (a + g) [N]."""
+    return rms(np.linalg.norm(measured.force - measured.momentum_force, axis=1))
+
+
 def test_a_still_block_weighs_its_weight_under_its_com(still):
-    check = standing_check(still, settle=3.5)
-    assert check.still
-    assert check.relative_error < 1e-6
+    rest = still.time >= 3.5
+    force = still.force[rest].mean(axis=0)
+    np.testing.assert_allclose(force, [0.0, 0.0, WEIGHT], rtol=0.0, atol=1e-6 * WEIGHT)
     # The hinge has no damping, so the arm must hang plumb for the block to be still: it does.
-    np.testing.assert_allclose(check.zmp_error, 0.0, atol=1e-6)
+    np.testing.assert_allclose(still.zmp[rest].mean(axis=0), still.com[rest, :2].mean(axis=0), atol=1e-6)
     np.testing.assert_allclose(still.zmp[-1], [0.0, 0.02 * ARM_MASS / (MASS + ARM_MASS)], atol=1e-5)
     assert abs(still.self_checks.impulse_residual) < 1e-6
-    with pytest.raises(InputError, match="99 s"):
-        standing_check(still, settle=99.0)
 
 
 def test_falling_body_has_no_zmp_and_loses_momentum_by_its_weight():
     measured = measured_of(simulate(steps=50, height=1.0))
     for name in ("zmp", "zmp_momentum", "polygon_margin"):
         assert np.isnan(getattr(measured, name)).all(), name
-    assert measured.self_checks.unsupported == 50
     np.testing.assert_allclose(measured.momentum_force, 0.0, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(
         measured.com_acceleration, np.tile([0, 0, -GRAVITY], (50, 1)), rtol=0.0, atol=1e-9
@@ -70,8 +78,8 @@ def test_the_two_zmps_agree_while_the_zmp_moves_by_centimetres(swing):
     _, measured = swing
     assert np.ptp(measured.zmp[:, 0]) > 0.05
     checks = measured.self_checks
-    assert checks.zmp_agreement < 2e-4
-    assert max(checks.force_agreement) < 2e-3 * WEIGHT
+    assert zmp_gap(measured) < 2e-4
+    assert force_gap(measured) < 2e-3 * WEIGHT
     assert checks.com_agreement < 1e-12
     assert checks.angular_momentum_agreement < 1e-12
     assert abs(checks.impulse_residual) < 1e-6
@@ -90,8 +98,8 @@ def test_the_gap_of_the_two_zmps_shrinks_with_the_time_step():
 @pytest.mark.parametrize("index", [None, 0, 1, 2, 3])
 def test_a_contact_left_out_of_the_log_breaks_the_agreement(swing, index):
     broken = measured_of(without_point(swing[0], index))
-    assert broken.self_checks.zmp_agreement > 5e-3
-    assert max(broken.self_checks.force_agreement) > 0.05 * WEIGHT
+    assert zmp_gap(broken) > 5e-3
+    assert force_gap(broken) > 0.05 * WEIGHT
     assert abs(broken.self_checks.impulse_residual) > 0.05
 
 

@@ -1,54 +1,38 @@
-"""The still body: it weighs m g, and an instrument that is off does not find it."""
+"""The still body: it presses with its weight under its COM, and an instrument that is off shows."""
 
 from dataclasses import replace
 
-import pinocchio as pin
+import numpy as np
 import pytest
 
 from ampm.exceptions import BodilyRefusal
 from ampm.parameters import RunParameters
 from models.human import build
-from validation.measure.measure import measure, standing_check
-from validation.measure.standing import SETTLE, stand, weigh
+from validation.measure.measure import measure
+from validation.run.standing import stand
 from validation.trial.bridge import pinocchio_model, to_pinocchio
-from validation.trial.record import SimulationRecord
-from validation.trial.shapes import make_robot
 
 RUN = RunParameters()
 
 
-@pytest.fixture(scope="module")
-def record() -> SimulationRecord:
-    return stand(RUN, build(RUN.body, RUN.contact, RUN.simulation))
-
-
-def model_of(run: RunParameters) -> pin.Model:
-    return pinocchio_model(build(run.body, run.contact, run.simulation).compile())
-
-
-def test_a_still_body_presses_with_its_weight_under_its_com(record: SimulationRecord) -> None:
-    check = standing_check(measure(record, model_of(RUN), to_pinocchio), settle=SETTLE)
-    assert check.still
-    assert check.relative_error < 1e-7
-    assert abs(check.zmp_error).max() < 1e-5
+def test_a_still_body_presses_with_its_weight_under_its_com():
+    body = build(RUN.body, RUN.contact, RUN.simulation)
+    model = pinocchio_model(body.compile())
+    record = stand(RUN, body, 2.0)
+    measured = measure(record, model, to_pinocchio)
+    rest = measured.time >= 1.5
+    force = measured.force[rest].mean(axis=0)
+    np.testing.assert_allclose(force, [0.0, 0.0, measured.weight], rtol=0.0, atol=1e-7 * measured.weight)
+    zmp, com = measured.zmp[rest].mean(axis=0), measured.com[rest].mean(axis=0)
+    np.testing.assert_allclose(zmp, com[:2], rtol=0.0, atol=1e-5)
     assert record.outcome.completed
     assert (record.qp_status == 0).all()
+    scaled = measure(replace(record, point_force=1.001 * record.point_force), model, to_pinocchio)
+    residual = scaled.self_checks.impulse_residual - measured.self_checks.impulse_residual
+    assert residual == pytest.approx(0.001, rel=1e-3)
 
 
-def test_a_force_law_with_a_wrong_scale_shows(record: SimulationRecord) -> None:
-    scaled = replace(record, point_force=1.001 * record.point_force)
-    check = standing_check(measure(scaled, model_of(RUN), to_pinocchio), settle=SETTLE)
-    assert check.relative_error == pytest.approx(0.001, rel=1e-3)
-
-
-def test_a_com_that_is_too_high_is_refused() -> None:
+def test_a_com_that_is_too_high_is_refused():
     run = RUN.replace({"gait.com_height": 1.2})
     with pytest.raises(BodilyRefusal, match=r"1\.2 m; lower gait\.com_height"):
-        stand(run, build(run.body, run.contact, run.simulation))
-
-
-def test_the_run_s_own_gains_do_not_decide_what_a_body_weighs() -> None:
-    slack = RUN.replace({"controller.com_damping": 3.0, "controller.posture_damping": 10.0})
-    model = build(RUN.body, RUN.contact, RUN.simulation)
-    robot = make_robot(model.compile(), model.description)
-    assert weigh(slack, model, robot).relative_error == weigh(RUN, model, robot).relative_error < 1e-7
+        stand(run, build(run.body, run.contact, run.simulation), 1.0)

@@ -14,8 +14,9 @@ from ampm.stepping.floor import force_factor
 from ampm.stepping.step_choice import dcm_ahead, quintic_tick, ramp_share, step_change
 from ampm.stepping.stepper import WALKER, Stepper
 from tests.records import first_difference
+from validation.judge.built_in import rms
 from validation.judge.compare import compare
-from validation.judge.metrics import evaluate, rms
+from validation.judge.metrics import evaluate
 from validation.measure.measure import measure
 from validation.run.walk import walk_planned
 from validation.trial.bridge import to_pinocchio

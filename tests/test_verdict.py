@@ -13,7 +13,7 @@ from ampm.exceptions import InputError
 from ampm.presets import preset_names
 from ampm.run_file import load_run
 from models.human import sole_geometry
-from tests.walk import APART, STILL, perfect_walk, with_state
+from tests.walk import APART, perfect_walk, with_state
 from validation.judge.compare import compare
 from validation.judge.metrics import METRICS, evaluate
 from validation.judge.profiles import DEFAULT, PROFILES, STRICT, WIDE, own_profile, profile
@@ -33,7 +33,7 @@ def walk():
 def compared(walk, **change):
     """The walk with another state, and a body that was weighed right."""
     plan, record, measured = walk
-    return compare(plan, record, with_state(plan, measured, **change), standing=STILL, shapes=APART)
+    return compare(plan, record, with_state(plan, measured, **change), shapes=APART)
 
 
 def verdict_of(comparison, limits, known=None, **values):
@@ -159,10 +159,8 @@ def test_summary_is_plain_json_with_the_entries_of_the_contract(walk):
     assert metric["value"] == pytest.approx(0.003)
     assert (metric["unit"], metric["tolerance"], metric["pass"]) == ("m", 0.0025, False)
     assert metric["first_step"] == pytest.approx(0.003)
-    assert metric["normalised"]["foot_length"] == pytest.approx(0.003 / 0.258)
-    assert metric["display"] == {
-        "value": pytest.approx(3.0), "unit": "mm", "tolerance": 2.5, "uncertainty": 0.3, "spread": None
-    }  # fmt: skip
+    display = {"value": pytest.approx(3.0), "unit": "mm", "tolerance": 2.5}
+    assert metric["display"] == {**display, "uncertainty": 0.3, "spread": None}
     assert (metric["uncertainty"], metric["undecided"]) == (0.0003, False)
     assert summary["metrics"]["zmp_y_rmse"]["pass"] is True
     assert summary["metrics"]["zmp_x_maximum"]["uncertainty"] == "inf"
@@ -170,7 +168,6 @@ def test_summary_is_plain_json_with_the_entries_of_the_contract(walk):
     assert summary["metrics"]["com_x_rmse"]["tolerance"] is None
     assert not {"margin_torque", "energy_distance"} & summary["metrics"].keys()  # in sections of their own
     assert summary["statistics"]["force_z"]["run"]["r2"] is None
-    assert "does not vary" in summary["statistics"]["force_z"]["run"]["r2_reason"]
     assert summary["margins"]["knee"]["value"] is None  # no body was described
     assert summary["zmp_error_split"]["share"]["com_position"][0] == pytest.approx(1.0)
     assert summary["timing"] == {"simulation": 1.5}
@@ -195,7 +192,7 @@ def test_the_longest_slip_after_the_first_step_is_judged(walk):
     plan, record, measured = walk
     slip = np.zeros((record.steps, 2))
     slip[3, 0], slip[-1, 1] = 0.5, 12e-3  # in the first step, and in the last one
-    comparison = compare(plan, record, replace(measured, slip=slip), standing=STILL, shapes=APART)
+    comparison = compare(plan, record, replace(measured, slip=slip), shapes=APART)
     verdicts = [verdict_of(comparison, limits) for limits in (DEFAULT, STRICT)]
     assert [named(verdict, "slip_maximum").value for verdict in verdicts] == [12e-3, 12e-3]
     assert [[item.name for item in verdict.failed] for verdict in verdicts] == [[], ["slip_maximum"]]

@@ -15,16 +15,12 @@ from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
 from ampm.walk import UNSOLVED, PostureState, WalkPlan
 from validation.measure.equations import Equations
-from validation.measure.measure import MeasuredGait, SelfChecks, StandingCheck, zmp_from_momentum
+from validation.measure.measure import MeasuredGait, SelfChecks, zmp_from_momentum
 from validation.run.trial import Trial
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import SimulationRecord
 
 MASS = 60.0
-STILL = StandingCheck(
-    force_error=np.zeros(3), relative_error=0.0, zmp_error=np.zeros(2), speed=0.0, still=True
-)
-"""A still body that was weighed right."""
 EXACT = Equations(steps=1, median=0.0, largest=0.0, coordinate="", time=0.0, change=1.0)
 """Steps that obey the equations of motion."""
 
@@ -145,7 +141,7 @@ def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
         mass=MASS,
         gravity=9.81,
         time_step=dt,
-        self_checks=SelfChecks(0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0, EXACT),
+        self_checks=SelfChecks(0.0, 0.0, 0.0, EXACT),
     )
     return (
         WalkPlan.of(plan, posture=PlannedMomentum(lambda t: 0.5 * np.sin(3 * t))),

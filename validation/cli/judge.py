@@ -103,7 +103,13 @@ def judge(
         load_metric(text)
     if log.is_dir():
         own = plan is None or (Path(plan).is_dir() and Path(plan).samefile(log))
-        others = {"--set": settings, "--steps": steps, "--body": body, "--start": start, "--place": place}
+        others: dict[str, Any] = {
+            "--set": settings,
+            "--steps": steps,
+            "--body": body,
+            "--start": start,
+            "--place": place,
+        }
         others |= {"--plan": None if own else plan, "--strides": strides or None, "--out": out}
         if used := ", ".join(name for name, value in others.items() if value is not None):
             raise InputError(f"{log} is a folder, judged by what it holds; {used} is for a table of signals.")

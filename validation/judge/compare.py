@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ampm.geometry import Array
     from ampm.planner.centroidal import PlanSample
     from ampm.walk import WalkPlan
-    from validation.measure.measure import MeasuredGait, StandingCheck
+    from validation.measure.measure import MeasuredGait
     from validation.trial.record import SimulationRecord
     from validation.trial.shapes import Shapes
 
@@ -49,6 +49,7 @@ PARTS: Mapping[str, str] = MappingProxyType(
 """Parts of the ZMP error, and their labels; see :class:`ZmpErrorSplit`."""
 
 _CONSTANT = 1e-9
+_SCALES = {"m": "foot_length", "N": "body_weight", "N m s": "mass_height_velocity"}
 
 
 class Signal(NamedTuple):
@@ -60,7 +61,6 @@ class Signal(NamedTuple):
         unit: SI unit.
         quantity: what the vector is, in words.
         meaning: of the error.
-        scales: names of the reference quantities that its error is divided by.
         reference: ``plan``, or ``motion`` for quantities that the plan does not have.
     """
 
@@ -69,8 +69,7 @@ class Signal(NamedTuple):
     unit: str
     quantity: str
     meaning: str
-    scales: tuple[str, ...]
-    reference: str = "plan"
+    reference: str
 
     @property
     def direction(self) -> str:
@@ -85,25 +84,21 @@ class Signal(NamedTuple):
 
 _MINUS, _ABOUT_COM = "measured minus planned", "angular momentum about the COM"
 _FROM_FOOT = "ZMP from the standing foot in its heading, both feet weighted by their loads"
-_FOOT, _WEIGHT = ("foot_length",), ("body_weight",)
-_MOMENTUM = ("mass_height_velocity", "mass_height_froude_velocity")
 _YAW = "angular momentum about the vertical, measured minus that of the whole-body motion"
-_VECTORS: tuple[tuple[str, str, str, str, str, tuple[str, ...]], ...] = (
-    ("zmp", "xy", "m", "ZMP", f"ZMP, {_MINUS}", _FOOT),
-    ("zmp_foot", "xy", "m", "ZMP from the standing foot", f"{_FROM_FOOT}, {_MINUS}", _FOOT),
-    ("force", "xyz", "N", "ground force", f"net ground force, {_MINUS}", _WEIGHT),
-    ("angular_momentum", "xy", "N m s", "angular momentum", f"{_ABOUT_COM}, {_MINUS}", _MOMENTUM),
-    ("angular_momentum", "z", "N m s", "angular momentum", _YAW, _MOMENTUM),
-    ("com", "xyz", "m", "COM", f"COM, {_MINUS}", _FOOT),
-    ("left_foot", "xyz", "m", "left foot", f"left foot's reference point, {_MINUS}", _FOOT),
-    ("right_foot", "xyz", "m", "right foot", f"right foot's reference point, {_MINUS}", _FOOT),
+_VECTORS = (
+    ("zmp", "xy", "m", "ZMP", f"ZMP, {_MINUS}", "plan"),
+    ("zmp_foot", "xy", "m", "ZMP from the standing foot", f"{_FROM_FOOT}, {_MINUS}", "plan"),
+    ("force", "xyz", "N", "ground force", f"net ground force, {_MINUS}", "plan"),
+    ("angular_momentum", "xy", "N m s", "angular momentum", f"{_ABOUT_COM}, {_MINUS}", "plan"),
+    ("angular_momentum", "z", "N m s", "angular momentum", _YAW, "motion"),
+    ("com", "xyz", "m", "COM", f"COM, {_MINUS}", "plan"),
+    ("left_foot", "xyz", "m", "left foot", f"left foot's reference point, {_MINUS}", "plan"),
+    ("right_foot", "xyz", "m", "right foot", f"right foot's reference point, {_MINUS}", "plan"),
 )
 SIGNALS: Mapping[str, Signal] = MappingProxyType(
     {
-        f"{group}_{axis}": Signal(
-            group, axis, unit, quantity, meaning, scales, "motion" if meaning == _YAW else "plan"
-        )
-        for group, axes, unit, quantity, meaning, scales in _VECTORS
+        f"{group}_{axis}": Signal(group, axis, unit, quantity, meaning, reference)
+        for group, axes, unit, quantity, meaning, reference in _VECTORS
         for axis in axes
     }
 )
@@ -121,7 +116,6 @@ class Statistics:
         maximum: largest absolute error.
         bias: mean error.
         r2: 1 - sum(error^2) / sum((reference - mean reference)^2); None where the reference does not vary.
-        r2_reason: why ``r2`` is None.
     """
 
     count: int
@@ -130,7 +124,6 @@ class Statistics:
     maximum: float
     bias: float
     r2: float | None
-    r2_reason: str | None = None
 
 
 @dataclass(frozen=True)
@@ -172,11 +165,11 @@ class Comparison(Brief):
         plan: that was walked, the first one if it moved.
         record: of the simulation.
         measured: measurement of the record, independent of the plan.
-        standing: the same body weighed while it stands still; None if not weighed.
         sample: the plan then valid at the measured instants t_k, K of them.
         momentum_z: L_z of the planned posture at t_k, shape (K,) [N m s].
         rows: window name to rows, shape (K,). Planned phases and measured contacts divide :data:`RUN`.
-        scales: reference quantities that errors are divided by, such as ``body_weight`` [N].
+        scales: sizes of body and gait: ``body_weight`` [N], ``foot_length`` [m] and
+            ``mass_height_velocity`` [N m s].
         signals: statistics of every compared signal, by its name and the window's.
         zmp_split: causes of the ZMP error.
         costs: ``effort``, ``effort_first_step``, ``margins`` and ``energy``, see
@@ -190,7 +183,6 @@ class Comparison(Brief):
     plan: WalkPlan
     record: SimulationRecord
     measured: MeasuredGait
-    standing: StandingCheck | None
     sample: PlanSample
     momentum_z: Array
     rows: Mapping[str, Rows]
@@ -219,7 +211,6 @@ def compare(
     measured: MeasuredGait,
     *,
     description: BodyDescription | None = None,
-    standing: StandingCheck | None = None,
     shapes: Shapes | None = None,
 ) -> Comparison:
     """Compare a walk with its plan.
@@ -229,7 +220,6 @@ def compare(
         record: the walk; one that ended early is compared up to its end.
         measured: its measurement.
         description: names the knees.
-        standing: the same body weighed with the same instrument while it stands still.
         shapes: the body's, for the clearance of its parts.
 
     Raises:
@@ -268,7 +258,6 @@ def compare(
     scales = {
         "body_weight": measured.weight,
         "mass_height_velocity": mass * height * plan.constants.mean_velocity,
-        "mass_height_froude_velocity": mass * height * float(np.sqrt(measured.gravity * height)),
         "foot_length": plan.feet.sole.length,
     }
     costs = {
@@ -281,7 +270,6 @@ def compare(
         plan=plan,
         record=record,
         measured=measured,
-        standing=standing,
         sample=sample,
         momentum_z=momentum_z,
         rows=MappingProxyType(rows),
@@ -322,9 +310,9 @@ def _signal_errors(
     found: dict[str, Mapping[str, Statistics]] = {}
     for name, signal in SIGNALS.items():
         value, reference = (values[:, "xyz".index(signal.axis)] for values in pairs[signal.group])
-        error, scale = value - reference, max(scales[key] for key in signal.scales)
+        error, scale = value - reference, scales[_SCALES[signal.unit]]
         found[name] = MappingProxyType(
-            {window: statistics(error[w], reference[w], scale, signal.unit) for window, w in rows.items()}
+            {window: statistics(error[w], reference[w], scale) for window, w in rows.items()}
         )
     return found
 
@@ -355,35 +343,28 @@ def _along(vectors: Array, heading: Array) -> Array:
     return np.column_stack([(vectors * heading).sum(axis=1), across])
 
 
-def statistics(error: Array, reference: Array, scale: float, unit: str) -> Statistics:
+def statistics(error: Array, reference: Array, scale: float) -> Statistics:
     """Statistics of an error in one window.
 
     Args:
         error: shape (n,); NaN where not measured.
         reference: what it is an error from, shape (n,).
         scale: a reference whose spread is negligible on it counts as constant.
-        unit: of all three, for messages.
     """
     known = np.isfinite(error)
     unmeasured = int(error.size - np.count_nonzero(known))
     if not known.any():
-        reason = "no instant" if error.size == 0 else "not measured"
-        return Statistics(error.size, unmeasured, math.nan, math.nan, math.nan, None, reason)
+        return Statistics(error.size, unmeasured, math.nan, math.nan, math.nan, None)
     error, reference = error[known], reference[known]
     squares = float(np.sum(error * error))
-    r2, why = None, None
-    if float(np.ptp(reference)) <= _CONSTANT * scale:
-        why = f"the reference does not vary: it is {reference[0]:.6g} {unit} throughout"
-    else:
-        r2 = 1.0 - squares / float(np.sum((reference - reference.mean()) ** 2))
+    varies = float(np.ptp(reference)) > _CONSTANT * scale
     return Statistics(
         count=int(known.size),
         unmeasured=unmeasured,
         rmse=float(np.sqrt(squares / error.size)),
         maximum=float(np.abs(error).max()),
         bias=float(error.mean()),
-        r2=r2,
-        r2_reason=why,
+        r2=1.0 - squares / float(np.sum((reference - reference.mean()) ** 2)) if varies else None,
     )
 
 
@@ -427,23 +408,11 @@ def _split_zmp_error(sample: PlanSample, measured: MeasuredGait, rows: Rows) -> 
 
 
 def statistics_table(comparison: Comparison) -> dict[str, dict[str, dict[str, Any]]]:
-    """Signal to window to statistics, with normalised values, as plain data for JSON and reports.
-
-    Normalised values are named after what they are divided by: ``rmse_per_foot_length``.
-    """
+    """Signal to window to statistics, as plain data for JSON and reports."""
     return {
         name: {
-            window: {
-                **vars(statistics),
-                "unit": SIGNALS[name].unit,
-                "reference": SIGNALS[name].reference,
-                **{
-                    f"{statistic}_per_{scale}": getattr(statistics, statistic) / comparison.scales[scale]
-                    for scale in SIGNALS[name].scales
-                    for statistic in ("rmse", "maximum", "bias")
-                },
-            }
-            for window, statistics in windows.items()
+            window: {**vars(found), "unit": SIGNALS[name].unit, "reference": SIGNALS[name].reference}
+            for window, found in windows.items()
         }
         for name, windows in comparison.signals.items()
     }

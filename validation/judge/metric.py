@@ -32,7 +32,6 @@ class Metric:
         tolerance_unit: of ``tolerances``: ``unit`` by default, or one that grows with the body, such as
             :data:`BODY_WEIGHT`.
         reason: why the tolerance is what it is, one or two sentences.
-        scales: names of the reference quantities that give the normalised values.
         nature: ``mean``; ``extreme``, which is never extrapolated to a vanishing time step; ``count``, which
             is exact.
         by_window: whether ``compute`` depends on :attr:`Comparison.window`; the first step is then reported,
@@ -49,7 +48,6 @@ class Metric:
     tolerances: Mapping[str, float] = field(default_factory=dict)
     tolerance_unit: str = ""
     reason: str = ""
-    scales: tuple[str, ...] = ()
     nature: Literal["mean", "extreme", "count"] = "mean"
     by_window: bool = False
     section: str = ""
@@ -82,13 +80,11 @@ class MetricValue:
     Attributes:
         value: NaN if it could not be measured.
         unit: SI unit.
-        normalised: name of a reference quantity to value over it [1].
         first_step: the same metric for the first step, None if it has none.
     """
 
     value: float
     unit: str
-    normalised: Mapping[str, float] = field(default_factory=dict)
     first_step: float | None = None
 
 

@@ -13,10 +13,6 @@ BODY_WEIGHT, FOOT_LENGTH, FOOT_MOMENTUM = "body weight", "foot length", "foot mo
 momentum m (g L^3)^1/2 [N m s]."""
 DEFAULT_BODY: Mapping[str, float] = MappingProxyType({"body_weight": 60.0 * GRAVITY, "foot_length": 0.258})
 """Weight [N] and length of a foot [m] of the default body, for which limits in m and N m s are listed."""
-LIMIT_UNITS: Mapping[str, str] = MappingProxyType(
-    {"m": FOOT_LENGTH, "N": BODY_WEIGHT, "N m s": FOOT_MOMENTUM}
-)
-"""Unit of a signal to the unit of its limits."""
 
 
 def _size(unit: str, scales: Mapping[str, Any]) -> Any:

@@ -11,8 +11,9 @@ import numpy as np
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
+from validation.judge.built_in import has_qp
 from validation.judge.compare import Comparison, statistics_table
-from validation.judge.metrics import METRICS, MetricValue, display_unit, has_qp
+from validation.judge.metrics import METRICS, MetricValue, display_unit
 from validation.judge.profiles import Profile, Tolerance
 from validation.judge.uncertainty import Uncertainty
 from validation.store.json import json_ready
@@ -120,7 +121,6 @@ class MetricResult:
             "pass": self.passed,
             "margin": self.margin,
             "first_step": self.of.first_step,
-            "normalised": self.of.normalised,
             "display": display,
             "reason": self.reason or None,
         }
@@ -335,7 +335,7 @@ def judge_summary(
     if unknown := [name for name in entries if name not in METRICS]:
         raise InputError(f"metric '{unknown[0]}' is not known here; register it, or name it with --metric.")
     metrics = {
-        name: MetricValue(_number(item["value"]), item["unit"], item["normalised"], item["first_step"])
+        name: MetricValue(_number(item["value"]), item["unit"], item["first_step"])
         for name, item in entries.items()
     }
     known = None

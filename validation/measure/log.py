@@ -232,7 +232,6 @@ def measure_log(log: Log, mass: float, gravity: float) -> MeasuredGait:
         return log.signals.get(name, np.full((rows, size), nan))
 
     foot_force = np.stack([of(f"{foot}_force", 3) for foot in FEET], axis=1)
-    light = int(np.count_nonzero(log.signals["force"][:, 2] < LEAST_SUPPORT * mass * gravity))
     known: dict[str, Any] = {
         "time": log.time,
         "foot_force": foot_force,
@@ -251,7 +250,7 @@ def measure_log(log: Log, mass: float, gravity: float) -> MeasuredGait:
         "mass": mass,
         "gravity": gravity,
         "time_step": log.time_step,
-        "self_checks": SelfChecks(nan, nan, nan, nan, (nan, nan, nan), nan, nan, nan, light),
+        "self_checks": SelfChecks(nan, nan, nan),
     }
     others = {field.name: np.full((rows, 3), nan) for field in fields(MeasuredGait)}
     return MeasuredGait(**{**others, **known})

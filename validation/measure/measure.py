@@ -7,7 +7,7 @@ log.
 """
 
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -23,37 +23,24 @@ from validation.trial.spill import blocks
 
 LEAST_SUPPORT = 0.01
 """Share of body weight below which there is no ZMP: the quotient of two vanishing numbers is meaningless."""
-_SETTLED = 1e-3
 
 
 @dataclass(frozen=True)
 class SelfChecks:
-    """Agreement of the independent measurements, over the whole run; all zero for a perfect instrument.
+    """Checks of the instrument over the whole run that rows of a measurement do not tell.
 
     Attributes:
-        zmp_agreement: RMS distance in the floor plane of the two measured ZMPs [m].
-        zmp_agreement_x, zmp_agreement_y: its two components [m].
-        zmp_agreement_maximum: largest distance [m].
-        force_agreement: RMS of F - m (a + g e_z), a from Pinocchio's COM velocity, less external forces,
-            x, y, z [N].
         com_agreement: largest distance between the simulator's COM and Pinocchio's [m].
         angular_momentum_agreement: largest distance between the two momenta about the COM [N m s].
         impulse_residual: vertical impulse over the run, less weight and gain of momentum, over the weight's
             impulse [1]. A standing body presses with exactly its weight; a walking one with its weight and
             the rate of its momentum.
-        unsupported: steps in which the floor carries less than :data:`LEAST_SUPPORT` of the weight.
         equations: the equations of motion of the recorded steps; None if they were not checked.
     """
 
-    zmp_agreement: float
-    zmp_agreement_x: float
-    zmp_agreement_y: float
-    zmp_agreement_maximum: float
-    force_agreement: tuple[float, float, float]
     com_agreement: float
     angular_momentum_agreement: float
     impulse_residual: float
-    unsupported: int
     equations: Equations | None = None
 
 
@@ -134,25 +121,6 @@ class MeasuredGait(Brief):
         return self.mass * self.gravity
 
 
-@dataclass(frozen=True)
-class StandingCheck:
-    """A still body on the floor: the floor must carry its weight, straight under its COM.
-
-    Attributes:
-        force_error: mean ground force less the weight, shape (3,) [N].
-        relative_error: its norm over the weight [1].
-        zmp_error: mean ZMP less mean COM, shape (2,) [m].
-        speed: largest COM speed while measured [m/s]; the check is meaningless unless it is small.
-        still: whether ``speed`` was below 1 mm/s.
-    """
-
-    force_error: Array
-    relative_error: float
-    zmp_error: Array
-    speed: float
-    still: bool
-
-
 def measure(
     record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchio, passive: Passive | None = None
 ) -> MeasuredGait:
@@ -186,10 +154,9 @@ def measure(
     weight = mass * gravity
     least = LEAST_SUPPORT * weight
 
-    foot_force, foot_torque = foot_wrenches(record)
-    force, torque = foot_force.sum(axis=1), foot_torque.sum(axis=1)
-    floor = floor_height(record)
-    zmp = centre_of_pressure(force, torque, least, floor)
+    soles = _soles(record)
+    force, torque = soles.force.sum(axis=1), soles.torque.sum(axis=1)
+    zmp = centre_of_pressure(force, torque, least, soles.floor)
 
     com_pin, com_velocity, momentum = _centroidal(model, to_pinocchio, record.q, record.qd)
     first = _step_back(record.q[:1], record.qd[:1], dt)
@@ -207,43 +174,30 @@ def measure(
     if record.external_segments:
         pushes = record.external_force.sum(axis=1)
         lever = record.external_position - com_pin[:-1, None]
-        moments = record.external_moment + _cross(lever, record.external_force)
+        moments = record.external_moment + np.cross(lever, record.external_force)
         momentum_force, momentum_rate = momentum_force - pushes, momentum_rate - moments.sum(axis=1)
         lifted = pushes[:, 2].sum() * dt
-    zmp_momentum = zmp_from_momentum(com_pin[:-1], momentum_force, momentum_rate, least, floor)
-
-    contact = foot_contact(record)
-    point_contact, penetration, margin = _soles(record, zmp)
-    slip = _slip(record, contact)
-
-    gap = zmp - zmp_momentum
     impulse = force[:, 2].sum() * dt
     gained = mass * (com_velocity[-1, 2] - com_velocity[0, 2])
     checks = SelfChecks(
-        zmp_agreement=_rms(np.hypot(gap[:, 0], gap[:, 1])),
-        zmp_agreement_x=_rms(gap[:, 0]),
-        zmp_agreement_y=_rms(gap[:, 1]),
-        zmp_agreement_maximum=_largest(np.hypot(gap[:, 0], gap[:, 1])),
-        force_agreement=tuple(_rms(column) for column in (force - momentum_force).T),  # type: ignore[arg-type]
         com_agreement=_largest(np.linalg.norm(record.com - com_pin, axis=1)),
         angular_momentum_agreement=_largest(np.linalg.norm(record.angular_momentum - momentum, axis=1)),
         impulse_residual=float((impulse + lifted - gained) / (weight * steps * dt) - 1.0)
         if steps
         else float("nan"),
-        unsupported=int(np.count_nonzero(force[:, 2] < least)),
         equations=None
         if passive is None or passive.friction.any()
         else stored_equations(record, model, passive, to_pinocchio),
     )
     return MeasuredGait(
         time=record.time[:-1],
-        foot_force=foot_force,
-        foot_torque=foot_torque,
+        foot_force=soles.force,
+        foot_torque=soles.torque,
         force=force,
         torque=torque,
         zmp=zmp,
-        zmp_momentum=zmp_momentum,
-        floor=floor,
+        zmp_momentum=zmp_from_momentum(com_pin[:-1], momentum_force, momentum_rate, least, soles.floor),
+        floor=soles.floor,
         com=record.com[:-1],
         com_pin=com_pin[:-1].copy(),
         com_velocity=com_velocity[:-1].copy(),
@@ -251,50 +205,17 @@ def measure(
         momentum_force=momentum_force,
         angular_momentum=record.angular_momentum[:-1],
         angular_momentum_rate=momentum_rate,
-        foot_contact=contact,
-        point_contact=point_contact,
+        foot_contact=soles.foot_contact,
+        point_contact=soles.point_contact,
         foot_position=record.foot_position[:-1],
-        slip=slip,
-        penetration=penetration,
-        polygon_margin=margin,
+        slip=soles.slip,
+        penetration=soles.penetration,
+        polygon_margin=_polygon_margin(record, soles.point_contact, zmp),
         mass=mass,
         gravity=gravity,
         time_step=dt,
         self_checks=checks,
     )
-
-
-def standing_check(measured: MeasuredGait, *, settle: float = 0.0) -> StandingCheck:
-    """Weigh a body that stands still.
-
-    Args:
-        measured: a run in which the body stood.
-        settle: leave out the time before this, in which the contacts settle [s].
-
-    Raises:
-        InputError: nothing was recorded after ``settle``.
-    """
-    rows = measured.time >= settle
-    if not rows.any():
-        raise InputError(f"nothing was recorded after {settle:g} s; stand longer or settle less")
-    error = measured.force[rows].mean(axis=0) - np.array([0.0, 0.0, measured.weight])
-    speed = float(np.linalg.norm(measured.com_velocity[rows], axis=1).max())
-    return StandingCheck(
-        force_error=error,
-        relative_error=float(np.linalg.norm(error)) / measured.weight,
-        zmp_error=measured.zmp[rows].mean(axis=0) - measured.com[rows, :2].mean(axis=0),
-        speed=speed,
-        still=speed < _SETTLED,
-    )
-
-
-def floor_height(record: SimulationRecord) -> Array:
-    """Height of the floor under the loaded sole points, averaged by their vertical forces, shape (K,) [m]."""
-    floor = np.empty(record.steps)
-    for part in blocks(record.steps):
-        height, load = record.point_position[part, :, 2], record.point_force[part, :, 2]
-        floor[part] = support_height(record.metadata, height, load)
-    return floor
 
 
 def zmp_from_momentum(
@@ -337,42 +258,56 @@ def _step_back(q: Array, qd: Array, dt: float) -> Array:
     return back
 
 
-def foot_wrenches(record: SimulationRecord) -> tuple[Array, Array]:
-    """Force [N] on each foot and its moment about the world origin [N m], each shape (K, 2, 3)."""
-    force, torque = np.empty((record.steps, 2, 3)), np.empty((record.steps, 2, 3))
-    for part in blocks(record.steps):
-        point_force = record.point_force[part]
-        point_torque = _cross(record.point_position[part], point_force)
+class _Soles(NamedTuple):
+    """What the sole points tell, see :class:`MeasuredGait`; ``force`` and ``torque`` are of each foot."""
+
+    force: Array
+    torque: Array
+    floor: Array
+    foot_contact: NDArray[np.bool_]
+    point_contact: NDArray[np.bool_]
+    penetration: Array
+    slip: Array
+
+
+def _soles(record: SimulationRecord) -> _Soles:
+    """Forces, contacts and motion of the sole points, some steps at a time."""
+    steps = record.steps
+    force, torque = np.empty((steps, 2, 3)), np.empty((steps, 2, 3))
+    floor, penetration, slip_speed = np.empty(steps), np.empty((steps, 2)), np.empty((steps, 2))
+    foot_contact = np.empty((steps, 2), dtype=bool)
+    point_contact = np.empty((steps, len(record.point_foot)), dtype=bool)
+    for part in blocks(steps):
+        position, point_force = record.point_position[part], record.point_force[part]
+        point_torque = np.cross(position, point_force)
+        floor[part] = support_height(record.metadata, position[:, :, 2], point_force[:, :, 2])
+        contact = point_contact[part] = point_force[:, :, 2] > 0.0
+        depth = np.where(contact, record.point_penetration[part], 0.0)
+        load = np.where(contact, point_force[:, :, 2], 0.0)
+        moved = np.diff(record.point_place[part.start : part.stop + 1, :, :2], axis=0)
+        speed = np.hypot(moved[:, :, 0], moved[:, :, 1]) / record.time_step
         for foot in (0, 1):
             mine = record.point_foot == foot
             force[part, foot] = point_force[:, mine].sum(axis=1)
             torque[part, foot] = point_torque[:, mine].sum(axis=1)
-    return force, torque
+            foot_contact[part, foot] = contact[:, mine].any(axis=1)
+            penetration[part, foot] = depth[:, mine].max(axis=1, initial=0.0)
+            total = load[:, mine].sum(axis=1)
+            weighted = (load[:, mine] * speed[:, mine]).sum(axis=1)
+            slip_speed[part, foot] = weighted / np.where(total > 0.0, total, 1.0)
+    travelled = np.cumsum(slip_speed, axis=0) * record.time_step
+    # In the air the speed is zero, so the travel of the last unloaded row is where this stance began.
+    at_lift = np.maximum.accumulate(np.where(foot_contact, 0.0, travelled), axis=0)
+    slip = np.where(foot_contact, travelled - at_lift, 0.0)
+    return _Soles(force, torque, floor, foot_contact, point_contact, penetration, slip)
 
 
-def foot_contact(record: SimulationRecord) -> NDArray[np.bool_]:
-    """Whether any sole point of each foot carries force, shape (K, 2)."""
-    contact = np.empty((record.steps, 2), dtype=bool)
+def _polygon_margin(record: SimulationRecord, contact: NDArray[np.bool_], zmp: Array) -> Array:
+    """Distance of the ZMP to the edge of the loaded points' convex hull, shape (K,) [m]."""
+    margin = np.empty(record.steps)
     for part in blocks(record.steps):
-        loaded = record.point_force[part, :, 2] > 0.0
-        for foot in (0, 1):
-            contact[part, foot] = loaded[:, record.point_foot == foot].any(axis=1)
-    return contact
-
-
-def _soles(record: SimulationRecord, zmp: Array) -> tuple[NDArray[np.bool_], Array, Array]:
-    """Loaded points (K, P), penetration of both feet (K, 2), and the ZMP's margin (K,), see
-    :class:`MeasuredGait`.
-    """
-    contact = np.empty((record.steps, len(record.point_foot)), dtype=bool)
-    penetration, margin = np.empty((record.steps, 2)), np.empty(record.steps)
-    for part in blocks(record.steps):
-        loaded = contact[part] = record.point_force[part, :, 2] > 0.0
-        depth = np.where(loaded, record.point_penetration[part], 0.0)
-        for foot in (0, 1):
-            penetration[part, foot] = depth[:, record.point_foot == foot].max(axis=1, initial=0.0)
-        margin[part] = polygon_margin(record.point_position[part, :, :2], loaded, zmp[part])
-    return contact, penetration, margin
+        margin[part] = polygon_margin(record.point_position[part, :, :2], contact[part], zmp[part])
+    return margin
 
 
 def _centroidal(
@@ -391,47 +326,11 @@ def _centroidal(
     return com, velocity, momentum
 
 
-def _slip(record: SimulationRecord, foot_contact: NDArray[np.bool_]) -> Array:
-    """Slip of each foot since its touch-down, shape (K, 2) [m]."""
-    slip_speed, slip = np.zeros((record.steps, 2)), np.zeros((record.steps, 2))
-    for part in blocks(record.steps):
-        x, y, _ = np.moveaxis(np.diff(record.point_place[part.start : part.stop + 1], axis=0), 2, 0)
-        speed = np.hypot(x, y) / record.time_step
-        load = record.point_force[part, :, 2]
-        load = np.where(load > 0.0, load, 0.0)
-        for foot in (0, 1):
-            points = record.point_foot == foot
-            total = load[:, points].sum(axis=1)
-            moved = (load[:, points] * speed[:, points]).sum(axis=1)
-            slip_speed[part, foot] = moved / np.where(total > 0.0, total, 1.0)
-    for foot in (0, 1):
-        travelled = np.cumsum(slip_speed[:, foot]) * record.time_step
-        # In the air the speed is zero, so the travel of the last unloaded row is where this stance began.
-        at_lift = np.where(foot_contact[:, foot], 0.0, travelled)
-        slip[:, foot] = np.where(foot_contact[:, foot], travelled - np.maximum.accumulate(at_lift), 0.0)
-    return slip
-
-
 def centre_of_pressure(force: Array, torque: Array, least: float, floor: Array | float = 0.0) -> Array:
     """Where the net force meets a level floor, of a height [m], without horizontal moment, (..., 2) [m]."""
     vertical = np.where(force[..., 2] >= least, force[..., 2], np.nan)
     x, y = floor * force[..., 0] - torque[..., 1], floor * force[..., 1] + torque[..., 0]
     return np.stack([x / vertical, y / vertical], axis=-1)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """``a x b`` over the last axis; numpy's own is several times slower on many small rows."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return out
-
-
-def _rms(values: Any) -> float:
-    """Root mean square of the finite entries, NaN if there is none [unit of the values]."""
-    finite = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(finite * finite))) if finite.size else float("nan")
 
 
 def _largest(values: Any) -> float:

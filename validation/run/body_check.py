@@ -16,8 +16,8 @@ from ampm.parameters import GRAVITY, BodyParameters, RunParameters
 from ampm.tune.gait_limits import step_torques
 from ampm.tune.refusal import NoFeasibleChoice
 from models.scene import Findings
-from validation.measure.standing import stand
 from validation.progress import Progress
+from validation.run.standing import stand
 from validation.trial.bridge import to_mujoco
 from validation.trial.divergence import explained
 from validation.trial.plan import PlannedWalk, load_request, make_body, tune_walk

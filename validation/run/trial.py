@@ -177,7 +177,7 @@ def write_results(folder: Path, trial: Trial, environment: Mapping[str, Any]) ->
 
 def results_of(trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
     """Contents of ``summary.json`` that need no folder."""
-    standing, known = trial.comparison.standing, trial.uncertainty
+    known = trial.uncertainty
     return build_summary(
         trial.comparison,
         trial.verdict,
@@ -186,7 +186,6 @@ def results_of(trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
         gait=trial.planned.name,
         changed=trial.planned.request.changed,
         motion=trial.plan.posture.report(),
-        standing=standing,
         memory_peak={"value": memory_peak(), "unit": "MB"},
         **({} if known is None else {"uncertainty": {"gait": known.gait, "steps": known.steps}}),
         **trial.extra,

@@ -25,7 +25,6 @@ from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import judge
 from validation.measure.measure import measure
-from validation.measure.standing import weigh
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
 from validation.trial.bridge import passive_joints, pinocchio_model, to_pinocchio
@@ -166,14 +165,8 @@ def walk_planned(
         simulated = scene.compile()
         true = body.robot.model if scene is body.model else pinocchio_model(simulated)
         measured = measure(record, true, to_pinocchio, passive_joints(simulated))
-        upright = run.undisturbed.replace(
-            {"gait.com_height": planned.plan.com_height}
-        )  # a table may have its own
-        standing = weigh(upright, body.model, body.robot)
         description = body.model.description
-        comparison = compare(
-            planned.plan, record, measured, description=description, standing=standing, shapes=body.shapes
-        )
+        comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
         metrics = MappingProxyType(evaluate(comparison))
         verdict = judge(metrics, profile, comparison.scales, uncertainty, ended=record.outcome.ending)
     extra: dict[str, Any] = {}

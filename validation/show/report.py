@@ -185,8 +185,7 @@ def _window_rows(summary: Summary) -> Iterator[tuple[str, ...]]:
             if entry["count"]:
                 scale, unit = display_unit(entry["unit"], summary["scales"]["body_weight"])
                 values = [_scaled(entry[key], scale) for key in ("rmse", "maximum", "bias")]
-                r2 = entry["r2_reason"] if entry["r2"] is None else format_number(entry["r2"], 5)
-                yield label, words, *values, short_unit(unit), r2
+                yield label, words, *values, short_unit(unit), format_number(entry["r2"], 5)
                 label = ""
 
 

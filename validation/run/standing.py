@@ -1,9 +1,4 @@
-"""Weigh the body: same floor and same measurement as the walk, but standing still.
-
-A still body presses on the floor with exactly its weight, under its COM. Every run weighs its own body on its
-own floor, so that a wrong measurement is found before it is used. The controller has default gains, not the
-run's: the speed of coming to rest does not matter.
-"""
+"""A body that stands still: what diverges here does so before any walk, for reasons of body or time step."""
 
 from itertools import repeat
 
@@ -14,40 +9,26 @@ from ampm.body.return_map import standing
 from ampm.body.robot import Robot
 from ampm.body.step_reference import StepReference
 from ampm.control.controller import TrackingController
-from ampm.controller_parameters import ControllerParameters
-from ampm.description import BodyDescription
 from ampm.exceptions import BodilyRefusal
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.feet import TIP
 from ampm.walk import ContactState, FeetState, PostureState, Reference
 from models.scene import BodyModel
-from validation.measure.measure import StandingCheck, measure, standing_check
-from validation.trial.bridge import to_pinocchio
-from validation.trial.outcome import OutcomeName
 from validation.trial.physics import Physics
 from validation.trial.record import SimulationRecord
 from validation.trial.references import Course
 from validation.trial.simulate import ClosedLoop
 
-DURATION = 2.0
-"""How long the body stands [s]."""
 
-WITH_FRICTION = 8.0
-"""The same of a body with dry friction in its joints, which comes to rest slowly [s]."""
-
-SETTLE = 1.5
-"""Time in which contacts and controller come to rest before the body is weighed [s]."""
-
-
-def stand(run: RunParameters, body_model: BodyModel, duration: float | None = None) -> SimulationRecord:
+def stand(run: RunParameters, body_model: BodyModel, duration: float) -> SimulationRecord:
     """Let the body stand on both flat feet, the COM over their middle, and record it.
 
     Args:
         run: body, contact, controller, simulation and solver parameters; of the gait only the COM's height
             and the lateral distance of the feet.
         body_model: the body.
-        duration: how long it stands [s]; :data:`DURATION` or :data:`WITH_FRICTION` by default.
+        duration: how long it stands [s].
 
     Raises:
         BodilyRefusal: the body cannot stand with its COM at that height.
@@ -76,34 +57,9 @@ def stand(run: RunParameters, body_model: BodyModel, duration: float | None = No
     start = q.copy()
     start[2] -= run.simulation.start_depth
     physics.place(start, still)
-    duration = duration or _duration(robot.description)
     controller, steps = TrackingController(robot, run), round(duration / physics.time_step)
     course = Course(steps, np.array([duration]), repeat(reference))
     return ClosedLoop(physics, controller, course, run).run()
-
-
-def weigh(run: RunParameters, body_model: BodyModel, robot: Robot) -> StandingCheck:
-    """Weigh the still body with the instrument that measures the walk.
-
-    Args:
-        run: parameters of the walk.
-        body_model: its body.
-        robot: the same body, for Pinocchio's side of the measurement.
-    """
-    own = run.controller
-    gains = ControllerParameters(frequency=own.frequency, friction=own.friction)
-    record = stand(run.model_copy(update={"controller": gains}), body_model)
-    if record.outcome.name is OutcomeName.INTERRUPTED:
-        raise KeyboardInterrupt
-    # A body that falls is weighed, too; it is then not still.
-    rest = SETTLE - DURATION + _duration(body_model.description)
-    settle = rest if record.outcome.completed else 0.5 * record.outcome.time
-    return standing_check(measure(record, robot.model, to_pinocchio), settle=settle)
-
-
-def _duration(description: BodyDescription) -> float:
-    """How long a body stands [s]."""
-    return WITH_FRICTION if any(item.friction for item in description.passive) else DURATION
 
 
 def _posture(robot: Robot, run: RunParameters, places: Array) -> Array:

@@ -1,0 +1,184 @@
+"""Values of the built-in metrics that are neither an error of a signal nor a cost; see ``metrics.csv``."""
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ampm.body.limits import CLEARANCE
+from ampm.geometry import Array
+from ampm.planner.centroidal import PlanSample
+from ampm.walk import UNSOLVED
+from validation.judge.compare import Comparison
+from validation.trial.record import SimulationRecord
+
+
+def rms(values: Array) -> float:
+    """Root mean square of the finite values, NaN if there is none."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known * known))) if known.size else math.nan
+
+
+def _largest(values: Array) -> float:
+    return float(np.nanmax(values)) if np.isfinite(values).any() else math.nan
+
+
+def _distances(one: Array, other: Array, walk: Comparison) -> Array:
+    """Distance of two vectors in the window, shape (n,)."""
+    return np.asarray(np.linalg.norm((one - other)[walk.inside], axis=1))
+
+
+# ------------------------------------------------------------------------------------------------- the walk
+
+
+def _slip(walk: Comparison) -> float | None:
+    """Largest slip in the window [m]; None where none was measured, as in a log without it."""
+    slip = walk.measured.slip
+    return None if np.isnan(slip).all() else _largest(slip[walk.inside])
+
+
+def _shortfall(walk: Comparison) -> float | None:
+    """What lacks to the least clearance [m]; None if the body's shapes are not known."""
+    clearance = walk.costs["margins"]["clearance"].value
+    return None if math.isnan(clearance) else max(0.0, CLEARANCE - clearance)
+
+
+def _excess(walk: Comparison) -> float | None:
+    """Share by which a speed exceeds its limit [1]; None for a body without such limits."""
+    margins = walk.costs["margins"]
+    return max(0.0, margins["speed"].value - 1.0) if "speed" in margins else None
+
+
+def _drift(walk: Comparison) -> float | None:
+    """Drift in a step [m]; None for less than three steps, or where the first or last was not measured."""
+    ends = walk.plan.contacts.step_ends
+    ends = ends[ends <= walk.time[-1] + 2.0 * walk.record.time_step] if walk.time.size else ends[:0]
+    if len(ends) < 3:
+        return None
+    error = (walk.measured.com - walk.sample.com)[:, :2]
+    second = error[(walk.time >= ends[0]) & (walk.time < ends[1])]
+    last = error[(walk.time >= ends[-2]) & (walk.time < ends[-1])]
+    if not (len(second) and len(last)):
+        return None
+    return float(np.linalg.norm(last.mean(axis=0) - second.mean(axis=0))) / (len(ends) - 2)
+
+
+# ------------------------------------------------------------------------------------ how far the plan moved
+
+
+def zmp_moved(walk: Comparison) -> Array | None:
+    """Distance of the ZMP of the plan then valid from that of the first plan in the window, (n,) [m].
+
+    None, as of all of these metrics, if the plan did not move.
+    """
+    return None if walk.first is None else _distances(walk.sample.zmp, walk.first.zmp, walk)
+
+
+def stances(sample: PlanSample) -> list[tuple[Array, Array]]:
+    """When each stance of a foot begins (n,) [s], and where it stands (n, 2) [m]; left foot first."""
+    found = []
+    for foot, places in enumerate((sample.left_placement, sample.right_placement)):
+        stands = (sample.stance == foot) | (sample.stance == 2)
+        edges = np.diff(stands, prepend=False, append=False).nonzero()[0]
+        found.append((sample.time[edges[::2]], places[edges[1::2] - 1]))
+    return found
+
+
+def _footsteps(walk: Comparison, which: int) -> float | None:
+    """Largest difference of the stances' begins (0) [s], or places (1) [m], of first plan and plan."""
+    if walk.first is None:
+        return None
+    largest = 0.0
+    for first, then in zip(stances(walk.first), stances(walk.sample), strict=True):
+        for one, other in zip(first[which], then[which], strict=False):
+            largest = max(largest, float(np.linalg.norm(other - one)))
+    return largest
+
+
+def _zmp_moved_most(walk: Comparison) -> float | None:
+    distance = zmp_moved(walk)
+    return None if distance is None else float(distance.max(initial=0.0))
+
+
+def _zmp_moved_rms(walk: Comparison) -> float | None:
+    distance = zmp_moved(walk)
+    return None if distance is None else rms(distance)
+
+
+def _changes(walk: Comparison) -> float | None:
+    return None if walk.first is None else float(walk.followed.changes)
+
+
+def _change_rate(walk: Comparison) -> float | None:
+    changes = _changes(walk)
+    return None if changes is None else changes / float(walk.time[-1] + walk.record.time_step)
+
+
+# -------------------------------------------------------------------------------------------- the instrument
+
+
+def _zmp_gaps(walk: Comparison) -> Array:
+    """Distance of both measured ZMPs in the window, shape (n,) [m]; NaN where there is none."""
+    return _distances(walk.measured.zmp, walk.measured.zmp_momentum, walk)
+
+
+def _zmp_gap_relative(walk: Comparison) -> float:
+    """Gap of both ZMPs over the way of the ZMP from each instant to the next."""
+    zmp = walk.measured.zmp
+    ways = _distances(np.vstack([zmp[1:], np.full((1, 2), np.nan)]), zmp, walk)
+    return rms(_zmp_gaps(walk)) / (rms(ways) or math.nan)
+
+
+def _force_gap(walk: Comparison) -> float:
+    """Distance of contact force and m (a + g) [N]."""
+    return rms(_distances(walk.measured.force, walk.measured.momentum_force, walk))
+
+
+def _equations(walk: Comparison, which: str) -> float | None:
+    """Defect of the equations of motion, relative to the median change of velocity; None if not checked."""
+    found = walk.measured.self_checks.equations
+    return None if found is None else float(getattr(found, which)) / found.change
+
+
+def has_qp(record: SimulationRecord) -> bool:
+    """Whether the controller reported anything of a QP; otherwise nothing of a QP applies to it."""
+    return bool(record.qp_status.any() or np.isfinite([record.qp_residual, record.qp_time]).any())
+
+
+def _failed_qp(walk: Comparison) -> float | None:
+    """Control ticks whose QP stayed unsolved; None for a controller that reports no QP."""
+    record = walk.record
+    return float(np.count_nonzero(record.qp_status == UNSOLVED)) if has_qp(record) else None
+
+
+def _unsupported(walk: Comparison) -> float:
+    """Instants in the window that have no ZMP; NaN if it was never measured, as in a log of forces."""
+    known: NDArray[np.bool_] = np.isfinite(walk.measured.zmp[:, 0])
+    return float(np.count_nonzero(~known[walk.inside])) if known.any() else math.nan
+
+
+COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
+    "slip_maximum": _slip,
+    "clearance_shortfall": _shortfall,
+    "speed_excess": _excess,
+    "drift_per_step": _drift,
+    "plan_moved_zmp_maximum": _zmp_moved_most,
+    "plan_moved_zmp_rms": _zmp_moved_rms,
+    "plan_moved_footsteps": lambda walk: _footsteps(walk, 1),
+    "plan_moved_time": lambda walk: _footsteps(walk, 0),
+    "plan_changes": _changes,
+    "plan_change_rate": _change_rate,
+    "zmp_agreement_relative": _zmp_gap_relative,
+    "zmp_agreement_rmse": lambda walk: rms(_zmp_gaps(walk)),
+    "zmp_agreement_maximum": lambda walk: _largest(_zmp_gaps(walk)),
+    "force_agreement_rmse": _force_gap,
+    "impulse_residual": lambda walk: abs(walk.measured.self_checks.impulse_residual),
+    "com_agreement_maximum": lambda walk: walk.measured.self_checks.com_agreement,
+    "angular_momentum_agreement_maximum": lambda walk: walk.measured.self_checks.angular_momentum_agreement,
+    "equations_defect_median": lambda walk: _equations(walk, "median"),
+    "equations_defect_maximum": lambda walk: _equations(walk, "largest"),
+    "failed_qp": _failed_qp,
+    "unsupported_instants": _unsupported,
+}
+"""Metric to its value; None if the walk has no such metric."""
