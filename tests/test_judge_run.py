@@ -61,17 +61,9 @@ def test_a_run_is_judged_as_it_was(tmp_path, ampm, gait, settings, profile, meas
     assert val.judge_run(folder, "wide").summary["profile"] == "wide"
 
 
-def test_so_are_an_interrupted_walk_and_one_whose_uncertainty_is_known(tmp_path):
-    known = Uncertainty(
-        gait="normal",
-        steps=6,
-        run="abc",
-        values={"zmp_x_rmse": 2e-3, "zmp_y_rmse": 1e-5, "zmp_x_maximum": 1e-3},
-        parameters={},
-        studies=("time_step",),
-        incomplete={"force_x_rmse": ("ik_grid",)},
-        spreads={"zmp_x_maximum": math.inf},
-    )
+def test_so_is_one_whose_uncertainty_is_known(tmp_path):
+    values = {"zmp_x_rmse": 2e-3, "zmp_y_rmse": 1e-5, "zmp_x_maximum": 1e-3}
+    known = Uncertainty("normal", 6, values, spreads={"zmp_x_maximum": math.inf})
     folder = make_run(tmp_path / "run", steps=2, uncertainty=known)
     before, again = kept(folder)
     assert before["verdict"] == "undecided"

@@ -6,7 +6,7 @@ Units and meanings are listed in :mod:`validation.judge.metrics`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -117,52 +117,47 @@ def margins(
         share = use(part)
         peak = np.maximum(peak, share.max(axis=0))
         saturated += int(np.count_nonzero((share >= SATURATED).any(axis=1)))
-    legs = () if description is None else description.legs
-    knees = tuple(leg.knee for leg in legs if leg.knee in joints)
-    flexion = [
-        leg.knee_sign * (record.hinge_q[:, joints.index(leg.knee)] - leg.straight_knee)
-        for leg in legs
-        if leg.knee in joints
-    ]
-    knee_q = np.stack(flexion, axis=1) if flexion else np.zeros((len(record.hinge_q), 0))
+    legs = () if description is None else [leg for leg in description.legs if leg.knee in joints]
+    knees = np.empty((record.time.size, len(legs)))
+    for column, leg in enumerate(legs):
+        knees[:, column] = leg.knee_sign * (record.hinge_q[:, joints.index(leg.knee)] - leg.straight_knee)
     foot_ratio, net_ratio = (
         _ratio(force, LOADED * measured.weight) for force in (measured.foot_force, measured.force)
     )
-    planned = Extreme(math.nan)
-    if time.size:
-        planned = Extreme(*followed.least_zmp_margin(time))
     sliding = _sliding_weight(record)
-    reached = np.empty(record.steps)
-    for part in blocks(record.steps):
+
+    def reached(part: slice) -> Array:
         points, loaded = record.point_position[part, :, :2], measured.point_contact[part]
-        reached[part] = polygon_margin(points, loaded, sample.zmp[part])
-    fastest = {} if description is None else dict(description.speed_limits)
-    columns = [joints.index(name) for name in fastest]
+        return polygon_margin(points, loaded, sample.zmp[part])
 
-    def rate(part: slice) -> Array:
-        return np.asarray(np.abs(record.hinge_qd[part][:, columns]) / np.array(list(fastest.values())))
-
-    speed = {"speed": _extreme_of(rate, record.time, tuple(fastest), largest=True)} if fastest else {}
-    return {
-        **speed,
-        "torque": _extreme_of(use, time, joints, largest=True),
+    found: dict[str, Any] = {
+        "torque": _extreme(use, time, joints, largest=True),
         "torque_by_joint": dict(zip(joints, peak.tolist(), strict=True)),
         "saturated": saturated / time.size if time.size and joints else math.nan,
         "friction": _extreme(foot_ratio, time, feet, largest=True),
-        "friction_net": _extreme(net_ratio[:, None], time, largest=True),
+        "friction_net": _extreme(net_ratio, time, largest=True),
         "friction_available": record.friction,
-        "joint": _extreme_of(room, record.time, joints),
-        "knee": _extreme(knee_q, record.time, knees),
-        "clearance": Extreme(math.nan) if shapes is None or not len(shapes) else _clearance(record, shapes),
-        "plan_polygon": planned,
-        "plan_in_measured_polygon": _extreme(reached[:, None], time),
-        "measured_polygon": _extreme(measured.polygon_margin[:, None], time),
-        "sliding_weight": _extreme(sliding[:, None], time, largest=True),
-        "sliding_time": Extreme(math.nan)
-        if np.isnan(sliding).all()
-        else _longest(sliding > LOADED, time, record.time_step),
+        "joint": _extreme(room, record.time, joints),
+        "knee": _extreme(knees, record.time, [leg.knee for leg in legs]),
+        "clearance": _clearance(record, shapes),
+        "plan_polygon": Extreme(*followed.least_zmp_margin(time)) if time.size else Extreme(math.nan),
+        "plan_in_measured_polygon": _extreme(reached, time),
+        "measured_polygon": _extreme(measured.polygon_margin, time),
+        "sliding_weight": _extreme(sliding, time, largest=True),
+        "sliding_time": _longest(sliding > LOADED, time, record.time_step)
+        if np.isfinite(sliding).any()
+        else Extreme(math.nan),
         "penetration": _extreme(measured.penetration, time, feet, largest=True),
     }
+    fastest = {} if description is None else dict(description.speed_limits)
+    if fastest:
+        columns, limits = [joints.index(name) for name in fastest], np.array(list(fastest.values()))
+
+        def rate(part: slice) -> Array:
+            return np.asarray(np.abs(record.hinge_qd[part][:, columns]) / limits)
+
+        found["speed"] = _extreme(rate, record.time, list(fastest), largest=True)
+    return found
 
 
 def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
@@ -202,8 +197,10 @@ def clearance_over_time(record: SimulationRecord | StoredRecord, shapes: Shapes)
     return instants[rows] * record.time_step, shapes.recorded_gaps(record.q[rows])
 
 
-def _clearance(record: SimulationRecord, shapes: Shapes) -> Extreme:
+def _clearance(record: SimulationRecord, shapes: Shapes | None) -> Extreme:
     """Least distance of two parts of the body."""
+    if not shapes:
+        return Extreme(math.nan)
     time, gaps = clearance_over_time(record, shapes)
     closest = int(gaps.distance.argmin())
     return Extreme(float(gaps.distance[closest]), float(time[closest]), gaps.parts[closest])
@@ -237,26 +234,23 @@ def _ratio(force: Array, least: float) -> Array:
     return np.hypot(force[..., 0], force[..., 1]) / normal
 
 
-def _extreme(values: Array, time: Array, names: tuple[str, ...] = (), *, largest: bool = False) -> Extreme:
-    """Largest or smallest entry of (N, M), with its time and the name of its column."""
-    known = np.isfinite(values)
-    if not known.any():
-        return Extreme(math.nan)
-    filled = np.where(known, values, -np.inf if largest else np.inf)
-    flat = int(filled.argmax() if largest else filled.argmin())
-    row, column = divmod(flat, values.shape[1])
-    return Extreme(float(values[row, column]), float(time[row]), names[column] if names else "")
-
-
-def _extreme_of(
-    values: Callable[[slice], Array], time: Array, names: tuple[str, ...], *, largest: bool = False
+def _extreme(
+    values: Array | Callable[[slice], Array], time: Array, names: Sequence[str] = (), *, largest: bool = False
 ) -> Extreme:
-    """The same of values that are computed a part at a time."""
-    worst = Extreme(math.nan)
+    """Largest or smallest entry of (N,) or (N, M), with its time and the name of its column.
+
+    Values may be computed, a part at a time.
+    """
+    worst, sign = Extreme(math.nan), 1.0 if largest else -1.0
     for part in blocks(time.size):
-        found = _extreme(values(part), time[part], names, largest=largest)
-        if math.isnan(worst.value) or (found.value > worst.value if largest else found.value < worst.value):
-            worst = found
+        block = values(part) if callable(values) else values[part]
+        block = sign * (block[:, None] if block.ndim == 1 else block)
+        if not np.isfinite(block).any():
+            continue
+        row, column = np.unravel_index(np.argmax(np.where(np.isfinite(block), block, -np.inf)), block.shape)
+        most = float(block[row, column])
+        if not most <= sign * worst.value:
+            worst = Extreme(sign * most, float(time[part][row]), names[column] if names else "")
     return worst
 
 

@@ -191,7 +191,7 @@ def _with_limits(metrics: Mapping[str, Metric]) -> Iterator[Metric]:
     rows = _rows("limits.csv")
     for row in rows:
         metric = metrics[row["metric"]]
-        unit, profiles = row["unit"] or metric.unit, ("strict", "default", "jumps", "footsteps", "odometry")
+        unit, profiles = row["grows_with"] or metric.unit, ("strict", "default", "jumps", "footsteps", "odometry")
         limits = {name: share_of_default(float(row[name]), unit) for name in profiles if row[name]}
         yield replace(metric, tolerances=limits, tolerance_unit=unit, reason=row["reason"])
     judged = {row["metric"] for row in rows}

@@ -1,7 +1,7 @@
 """Verdict: metrics compared with a tolerance profile, and the summary of a run."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -14,7 +14,7 @@ from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.judge.built_in import has_qp
 from validation.judge.compare import Comparison, statistics_table
 from validation.judge.metrics import METRICS, MetricValue, display_unit
-from validation.judge.profiles import Profile, Tolerance
+from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.store.json import json_ready
 from validation.trial.record import SimulationRecord
@@ -37,9 +37,6 @@ class MetricResult:
         name: metric.
         of: its value, in SI units, NaN if there is none.
         tolerance: largest value that passes, in SI units; None if the profile has none.
-        passed: None where nothing is judged, or the result is undecided.
-        margin: share of the tolerance that is left, 1 - value / tolerance; negative if failed, None where
-            ``passed`` is. Where the tolerance is zero, 1 if met and -infinity if not.
         reason: of the tolerance, empty if there is none.
         factor: from SI to ``display_unit``.
         display_unit: what tables show: mm, % of body weight, N m s.
@@ -47,20 +44,18 @@ class MetricResult:
             is known.
         spread: largest change of the value by another contact law or engine, in SI units; None if none was
             studied.
-        undecided: whether the value is closer to the tolerance than its uncertainty or its spread.
+        judged: whether it has a tolerance and a value, of a walk that completed.
     """
 
     name: str
     of: MetricValue
     tolerance: float | None
-    passed: bool | None
-    margin: float | None
     reason: str
     factor: float
     display_unit: str
     uncertainty: float | None
     spread: float | None
-    undecided: bool
+    judged: bool
 
     @property
     def label(self) -> str:
@@ -72,29 +67,46 @@ class MetricResult:
         """Measured value, in SI units."""
         return self.of.value
 
-    def displayed(self, number: float | None) -> float | None:
-        """Value, tolerance or uncertainty in ``display_unit``."""
-        return None if number is None else number * self.factor
-
     @property
     def bound(self) -> float:
         """Largest of uncertainty and spread, in SI units; 0 if none is known."""
         return max(self.uncertainty or 0.0, self.spread or 0.0)
 
     @property
-    def moved(self) -> str:
-        """The spread with its unit."""
-        known = "∞" if math.isinf(self.spread or 0.0) else f"{(self.spread or 0.0) * self.factor:.2g}"
-        return f"{known} {self.display_unit}".rstrip()
+    def undecided(self) -> bool:
+        """Whether the value is closer to the tolerance than its uncertainty or its spread."""
+        return self.judged and self.bound > 0.0 and abs((self.tolerance or 0.0) - self.value) < self.bound
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether the tolerance is met; None where nothing is judged, or the result is undecided."""
+        return self.value <= (self.tolerance or 0.0) if self.judged and not self.undecided else None
+
+    @property
+    def margin(self) -> float | None:
+        """Share of the tolerance that is left; negative if failed, None where ``passed`` is.
+
+        Of a tolerance of zero it is 1 if met and -infinity if not.
+        """
+        if self.passed is None:
+            return None
+        return 1.0 - self.value / self.tolerance if self.tolerance else 1.0 if self.passed else -math.inf
+
+    def displayed(self, number: float | None) -> float | None:
+        """Value, tolerance or uncertainty in ``display_unit``."""
+        return None if number is None else number * self.factor
+
+    def rounded(self, number: float, digits: int) -> str:
+        """A number in ``display_unit``, as text."""
+        return "∞" if math.isinf(number) else f"{number * self.factor:.{digits}g}"
 
     @property
     def quoted(self) -> str:
         """The value, and its uncertainty if it is known, in ``display_unit``."""
-        value = "–" if math.isnan(self.value) else f"{self.value * self.factor:.3g}"
-        if math.isnan(self.value) or self.uncertainty is None:
-            return value
-        known = "∞" if math.isinf(self.uncertainty) else f"{self.uncertainty * self.factor:.2g}"
-        return f"{value} ± {known}"
+        if math.isnan(self.value):
+            return "–"
+        known = "" if self.uncertainty is None else f" ± {self.rounded(self.uncertainty, 2)}"
+        return f"{self.rounded(self.value, 3)}{known}"
 
     def __str__(self) -> str:
         """The quoted value and its unit, if it has one."""
@@ -102,7 +114,7 @@ class MetricResult:
 
     @property
     def against(self) -> str:
-        """The quoted value and its limit, of a metric that has one."""
+        """The value and its limit, of a metric that has one."""
         return f"{self}, limit {self.displayed(self.tolerance):.3g}"
 
     def as_dict(self) -> dict[str, Any]:
@@ -192,10 +204,24 @@ def judge(
     """
     limits = {item.metric: item for item in profile.tolerances if item.metric in metrics}
     names = [*limits, *(name for name in metrics if name not in limits)]
-    results = tuple(
-        _result(name, metrics[name], limits.get(name), scales, uncertainty, judged=not ended)
-        for name in names
-    )
+    known = uncertainty or Uncertainty("", 0, {})
+    results = []
+    for name in names:
+        of, limit = metrics[name], limits.get(name)
+        factor, unit = display_unit(of.unit, scales["body_weight"])
+        results.append(
+            MetricResult(
+                name=name,
+                of=of,
+                tolerance=None if limit is None else float(limit.limit_for(scales)),
+                reason="" if limit is None else limit.reason,
+                factor=factor,
+                display_unit=unit,
+                uncertainty=known.values.get(name),
+                spread=known.spreads.get(name),
+                judged=limit is not None and not ended and not math.isnan(of.value),
+            )
+        )
     missing = [name for name in limits if math.isnan(metrics[name].value)]
     if ended:
         name, reason = VerdictName.NOT_MEASURED, ended
@@ -206,33 +232,7 @@ def judge(
             reason += " A run must last longer than its first step."
         if checks := len(missing) - len(lacking):
             reason += f" {checks} checks of the measurement were not made."
-    return Verdict(name, profile.name, reason, results)
-
-
-def _result(
-    name: str,
-    of: MetricValue,
-    tolerance: Tolerance | None,
-    scales: Mapping[str, float],
-    uncertainty: Uncertainty | None,
-    *,
-    judged: bool,
-) -> MetricResult:
-    known = None if uncertainty is None else uncertainty.values.get(name)
-    spread = None if uncertainty is None else uncertainty.spreads.get(name)
-    limit = passed = margin = None
-    undecided = False
-    if tolerance is not None:
-        limit = float(tolerance.limit_for(scales))
-        if judged and not math.isnan(of.value):
-            bound = max(known or 0.0, spread or 0.0)
-            undecided = bound > 0.0 and abs(limit - of.value) < bound
-            passed = None if undecided else of.value <= limit
-    if limit is not None and passed is not None:
-        margin = 1.0 - of.value / limit if limit > 0.0 else 1.0 if passed else -math.inf
-    reason = "" if tolerance is None else tolerance.reason
-    factor, unit = display_unit(of.unit, scales["body_weight"])
-    return MetricResult(name, of, limit, passed, margin, reason, factor, unit, known, spread, undecided)
+    return Verdict(name, profile.name, reason, tuple(results))
 
 
 def _by_contact(item: MetricResult) -> bool:
@@ -240,7 +240,7 @@ def _by_contact(item: MetricResult) -> bool:
     return (item.spread or 0.0) > (item.uncertainty or 0.0)
 
 
-def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int) -> tuple[VerdictName, str]:
+def _conclude(results: Sequence[MetricResult], missing: list[str], limits: int) -> tuple[VerdictName, str]:
     """Verdict and its reason, of the names that were not measured and the number of limits that were."""
 
     def against(item: MetricResult) -> str:
@@ -263,11 +263,12 @@ def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int
         return VerdictName.NOT_MEASURED, f"{passed} of {limits} measured tolerances met.{unknown}"
     if undecided:
         least = max(undecided, key=lambda item: item.bound / (item.tolerance or math.inf))
-        reason = f"{len(undecided)} of {limits} tolerances undecided, {why}"
+        reason = (
+            f"{len(undecided)} of {limits} tolerances undecided, {why}; the least certain is {against(least)}"
+        )
         if _by_contact(least):
-            reason += f"; the least certain is {against(least)}, which changes by up to {least.moved}"
-        else:
-            reason += f"; the least certain is {against(least)}"
+            spread = least.rounded(least.spread or 0.0, 2)
+            reason += f", which changes by up to {spread} {least.display_unit}".rstrip()
         return VerdictName.UNDECIDED, f"{reason}."
     met = (item for item in results if item.tolerance and item.passed)
     tight = min(met, key=lambda item: item.margin or 0.0)
@@ -340,17 +341,12 @@ def judge_summary(
     }
     known = None
     if study := summary.get("uncertainty"):
-        least = {
-            name: item.get("uncertainty_at_least", item.get("uncertainty")) for name, item in entries.items()
-        }
-        spreads = {name: item.get("spread") for name, item in entries.items()}
-        known = Uncertainty(
-            **study,
-            parameters={},
-            values={name: float(value) for name, value in least.items() if value is not None},
-            incomplete={name: item["not_studied"] for name, item in entries.items() if "not_studied" in item},
-            spreads={name: float(value) for name, value in spreads.items() if value is not None},
-        )
+
+        def of(key: str) -> dict[str, float]:
+            found = {name: item.get(key) for name, item in entries.items()}
+            return {name: float(value) for name, value in found.items() if value is not None}
+
+        known = Uncertainty(study["gait"], study["steps"], of("uncertainty"), of("spread"))
     verdict = judge(metrics, profile, summary["scales"], known, ended=ended, may_lack=may_lack)
     return dict(json_ready({**summary, **_entries(verdict)}))
 

@@ -3,6 +3,7 @@
 import os
 import platform
 import subprocess
+from contextlib import suppress
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -10,11 +11,10 @@ from typing import Any
 
 from validation.store.machine import cores
 
-DISTRIBUTIONS = (
-    "ampm", "mujoco", "drake", "dm-control", "pin", "osqp", "daqp", "numba", "numpy", "scipy", "pyarrow",
-    "rerun-sdk", "matplotlib", "pydantic",
-)  # fmt: skip
-"""Distributions whose version can change a result."""
+COMPUTING = ("mujoco", "dm-control", "pin", "osqp", "daqp", "numba", "numpy", "scipy")
+"""Distributions whose version can change a number."""
+DISTRIBUTIONS = ("ampm", *COMPUTING, "drake", "pyarrow", "rerun-sdk", "matplotlib", "pydantic")
+"""Distributions whose version can change a result or its picture."""
 
 
 def describe_environment() -> dict[str, Any]:
@@ -22,7 +22,7 @@ def describe_environment() -> dict[str, Any]:
 
     Returns:
         JSON-ready table: ``time`` (UTC, ISO 8601), ``python``, ``versions``, ``platform``, ``processor``,
-        ``cores``, ``memory`` [GB, None if unknown], ``revision`` (git commit, None outside a checkout), and
+        ``cores``, ``memory`` [GB], ``revision`` (git commit, None outside a checkout), and
         ``modified`` (whether the checkout differs from it).
     """
     revision, modified = _revision()
@@ -30,10 +30,10 @@ def describe_environment() -> dict[str, Any]:
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "python": platform.python_version(),
         "versions": {name: version_of(name) for name in DISTRIBUTIONS},
-        "platform": f"{platform.system()} {platform.machine()}, {_system()}",
+        "platform": platform.platform(),
         "processor": _processor(),
         "cores": cores(),
-        "memory": _memory(),
+        "memory": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9, 1),
         "revision": revision,
         "modified": modified,
     }
@@ -47,28 +47,13 @@ def version_of(distribution: str) -> str | None:
         return None
 
 
-def _system() -> str:
-    try:
-        return platform.freedesktop_os_release().get("PRETTY_NAME", platform.release())
-    except OSError:
-        return platform.release()
-
-
 def _processor() -> str:
-    try:
+    """Name of the processor; that of its kind where Linux does not tell it."""
+    with suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor() or platform.machine()
-
-
-def _memory() -> float | None:
-    try:
-        return round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9, 1)
-    except (ValueError, OSError, AttributeError):
-        return None
+    return platform.machine()
 
 
 def _revision() -> tuple[str | None, bool | None]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ampm.parameters import OPTION_TABLES, RunParameters
-from validation.store.environment import version_of
+from validation.store.environment import COMPUTING, version_of
 
 _ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = (
@@ -19,7 +19,6 @@ FOLDERS = (
 )
 """Sources that a row is computed with; command line and reports are not among them."""
 _SUFFIXES = (".py", ".toml", ".xml", ".csv")
-_VERSIONS = ("mujoco", "dm-control", "pin", "osqp", "daqp", "numba", "numpy", "scipy")
 _DIGITS = 16
 
 
@@ -60,7 +59,7 @@ def code() -> dict[str, str]:
         digest.update(path.relative_to(_ROOT).as_posix().encode())
         digest.update(path.read_bytes())
     found = {"sources": digest.hexdigest()[:_DIGITS], "machine": platform.machine()}
-    return found | {name: version_of(name) or "none" for name in _VERSIONS}
+    return found | {name: version_of(name) or "none" for name in COMPUTING}
 
 
 @cache

@@ -3,7 +3,7 @@
 import os
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 """Environment variables for the number of threads, read with linear algebra; the first that is set counts."""
@@ -11,9 +11,9 @@ THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 
 def cores() -> int:
     """Processors that this process may use: by its affinity, and by the quota of a container."""
-    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    quota = _quota()
-    return allowed if quota is None else max(1, min(allowed, quota))
+    from dask.system import cpu_count  # imported here, as it takes long
+
+    return int(cpu_count())
 
 
 def one_blas_thread() -> None:
@@ -66,21 +66,8 @@ def memory_peak() -> float | None:
 
     ``ru_maxrss`` would count the process that this one was started by.
     """
-    try:
-        with open("/proc/self/status", encoding="utf-8") as file:
-            for line in file:
-                if line.startswith("VmHWM:"):
-                    return int(line.split()[1]) * 1024 / 1e6
-    except (OSError, ValueError):
-        pass
+    with suppress(OSError), open("/proc/self/status", encoding="utf-8") as file:
+        for line in file:
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024 / 1e6
     return None
-
-
-def _quota() -> int | None:
-    """Processors that a container's quota allows (cgroup 2), rounded up; None without a quota."""
-    try:
-        with open("/sys/fs/cgroup/cpu.max", encoding="utf-8") as file:
-            limit, period = file.read().split()
-        return None if limit == "max" else -(-int(limit) // int(period))
-    except (OSError, ValueError):
-        return None
