@@ -11,7 +11,7 @@ from scipy.signal import correlate, find_peaks
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from ampm.walk import WalkPlan
+from ampm.walk import Flags, WalkPlan
 from validation.measure.log import LOADED, PLACES, Log
 
 PHASES = 200
@@ -38,41 +38,39 @@ def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
         InputError: the log is like the plan nowhere.
     """
     measured = log.signals["force"] / log.weight
-    coarse_columns = sharp_columns = [0, 1, 2]
     if "zmp" in log.signals:
-        measured = np.column_stack([measured, log.signals["zmp"]])
-        coarse_columns, sharp_columns = [0, 1, 2, 4], [3, 4]
+        measured = np.column_stack([measured, log.signals["zmp"][:, 1]])
 
     def planned(times: Array) -> Array:
         sample = plan.sample(times)
-        return np.column_stack([sample.force / plan.weight, sample.zmp])
+        return np.column_stack([sample.force / plan.weight, sample.zmp[:, 1]])[:, : measured.shape[1]]
 
-    def both(start: float, columns: list[int]) -> tuple[Array, Array]:
-        rows = (log.time >= start) & (log.time <= start + plan.duration)
-        return measured[rows][:, columns], planned(log.time[rows] - start)[:, columns]
-
-    wanted = _centred(planned(np.arange(0.0, plan.duration, _GRID))[:, coarse_columns])
+    wanted = planned(np.arange(0.0, plan.duration, _GRID))
     spread = wanted.std(axis=0)
     spread = np.where(spread > _CONSTANT, spread, np.inf)
+
+    def within(start: float) -> Flags:
+        return (log.time >= start) & (log.time <= start + plan.duration)
+
+    def difference(start: float) -> float:
+        rows = within(start)
+        sample = plan.sample(log.time[rows] - start)
+        name, values = ("zmp", sample.zmp) if "zmp" in log.signals else ("force", sample.force)
+        return float(np.nanvar(log.signals[name][rows] - values, axis=0).sum())
+
     clock = np.arange(log.time[0], log.time[-1], _GRID)
-    columns = _centred(measured[:, coarse_columns]).T
-    even = np.column_stack([np.interp(clock, log.time, column) for column in columns])
-    pairs = zip((even / spread).T, (wanted / spread).T, strict=True)
+    even = np.stack([np.interp(clock, log.time, column) for column in _centred(measured).T])
+    pairs = zip(even / spread[:, None], (_centred(wanted) / spread).T, strict=True)
     total = sum(correlate(one, other, method="fft") for one, other in pairs)
     peaks = find_peaks(np.concatenate([[-np.inf], total, [-np.inf]]))[0] - 1
     alike = peaks[total[peaks] >= _ALIKE * total[peaks].max()]
     coarse = log.time[0] + _GRID * (int(alike[len(alike) // 2]) - (len(wanted) - 1))
-
-    def difference(off: float) -> float:
-        one, other = both(coarse + off, sharp_columns)
-        return float(np.nanvar(one - other, axis=0).sum())
-
-    near = _GRID * np.arange(-_NEAR, _NEAR + 1)  # less than a stride has a mean of its own
-    coarse += float(near[np.argmin([difference(off) for off in near])])
-    options = {"xatol": 1e-6}
-    finest = minimize_scalar(difference, bounds=(-_GRID, _GRID), method="bounded", options=options)
-    start = float(coarse + finest.x)
-    one, other = (_centred(values) / spread for values in both(start, coarse_columns))
+    near = coarse + _GRID * np.arange(-_NEAR, _NEAR + 1)  # less than a stride has a mean of its own
+    best = near[np.argmin([difference(start) for start in near])]
+    bounds, options = (best - _GRID, best + _GRID), {"xatol": 1e-6}
+    start = float(minimize_scalar(difference, bounds=bounds, method="bounded", options=options).x)
+    rows = within(start)
+    one, other = (_centred(values / spread) for values in (measured[rows], planned(log.time[rows] - start)))
     product = float(np.sum(one**2) * np.sum(other**2))
     correlation = float(np.sum(one * other)) / math.sqrt(product or math.inf)
     if not correlation > _LEAST:

@@ -45,6 +45,7 @@ _METRICS: dict[str, Metric] = {}
 METRICS: Mapping[str, Metric] = MappingProxyType(_METRICS)
 """All metrics by name: first what the profiles judge, in the order of reports, then what is only reported."""
 _ADDED: list[str] = []
+_LISTED = ("strict", "default", "jumps", "footsteps", "odometry")  # profiles with limits of their own
 
 
 def register(metric: Metric) -> Metric:
@@ -191,8 +192,8 @@ def _with_limits(metrics: Mapping[str, Metric]) -> Iterator[Metric]:
     rows = _rows("limits.csv")
     for row in rows:
         metric = metrics[row["metric"]]
-        unit, profiles = row["grows_with"] or metric.unit, ("strict", "default", "jumps", "footsteps", "odometry")
-        limits = {name: share_of_default(float(row[name]), unit) for name in profiles if row[name]}
+        unit = row["grows_with"] or metric.unit
+        limits = {name: share_of_default(float(row[name]), unit) for name in _LISTED if row[name]}
         yield replace(metric, tolerances=limits, tolerance_unit=unit, reason=row["reason"])
     judged = {row["metric"] for row in rows}
     yield from (metric for name, metric in metrics.items() if name not in judged)

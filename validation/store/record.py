@@ -54,7 +54,7 @@ CONSTANTS = (
 
 _OF_TICKS = ("qp_", "torque_rate", "tick_plan")
 """Beginnings of the names of fields that have a row for each control tick in memory, too."""
-_FORMAT = 4
+_FORMAT = 5
 _GROUP = 65_536  # rows written at a time
 _HEADER = b"ampm_record"
 _ROOT_Q = ("root_x", "root_y", "root_z", "root_qw", "root_qx", "root_qy", "root_qz")
@@ -140,7 +140,7 @@ def save_record(record: SimulationRecord, directory: str | Path) -> None:
     for file, fields in _files(header).items():
         columns = {"time": record.time[rows[file]]}
         for name, field in fields.items():
-            array = _rates(record) if name == "torque_rate" else getattr(record, name)
+            array = getattr(record, name)
             if not name.startswith(_OF_TICKS):
                 array = array[rows[file]]
             columns.update(zip(field.columns, array.reshape(len(array), len(field.columns)).T, strict=True))
@@ -156,23 +156,6 @@ def _rows(steps: int, time_step: float, substeps: int) -> dict[str, slice | NDAr
         TICKS_FILE: slice(0, steps, substeps),
         EXTERNAL_FILE: slice(0, steps),
     }
-
-
-def _rates(record: SimulationRecord) -> "np.ma.MaskedArray[Any, Any]":
-    """Rates of the torques, masked where they are the usual ones to the bit: these are null on disk."""
-    rate, torque = record.torque_rate, record.torque[:: record.substeps]
-    usual = np.empty(rate.shape, dtype=bool)
-    for part in blocks(len(rate)):
-        before = slice(max(part.start - 1, 0), part.stop)  # a rate needs the tick before, too
-        expected = _usual_rate(torque[before], record.tick_time)[part.start - before.start :]
-        usual[part] = rate[part].view(np.int64) == expected.view(np.int64)
-    return np.ma.MaskedArray(rate, usual)
-
-
-def _usual_rate(torque: Array, tick_time: Array) -> Array:
-    """Difference of the torques of a tick and the last one over the period, shape (T, nu) [N m/s]."""
-    frequency = 1.0 / tick_time[1] if len(tick_time) > 1 else 0.0
-    return np.diff(torque, axis=0, prepend=torque[:1]) * frequency
 
 
 def _write_columns(columns: Mapping[str, NDArray[Any]], path: Path, header: str) -> None:
@@ -263,8 +246,7 @@ class StoredRecord:
             if of in fields:
                 rows = len(np.arange(self.steps + 1)[_rows(self.steps, self.time_step, self.substeps)[file]])
                 kind = np.dtype(INTEGERS.get(of, np.float64))
-                usual = _usual_rate(self.tick_torque, self.tick_time) if of == "torque_rate" else None
-                array = _read_array(self.directory / file, fields[of], rows, kind, usual)
+                array = _read_array(self.directory / file, fields[of], rows, kind)
                 array.setflags(write=False)
                 vars(self)[name] = array
                 return array
@@ -315,10 +297,8 @@ class StoredRecord:
         return model
 
 
-def _read_array(
-    path: Path, field: _Field, rows: int, kind: np.dtype[Any], usual: Array | None = None
-) -> NDArray[Any]:
-    """One array from its file, shape (rows, *field.shape), with the usual values where it is null."""
+def _read_array(path: Path, field: _Field, rows: int, kind: np.dtype[Any]) -> NDArray[Any]:
+    """One array from its file, shape (rows, *field.shape)."""
     table = read_table(path, field.columns)
     missing = sorted(set(field.columns) - set(table.column_names))
     if missing:
@@ -328,9 +308,6 @@ def _read_array(
         raise InputError(
             f"{path} is damaged: {field.columns[0]!r} has not {rows} numbers; walk the gait again."
         )
-    if usual is not None:
-        nulls = (table.column(name).is_null().to_numpy() for name in field.columns)
-        columns = [np.where(*each) for each in zip(nulls, usual.T, columns, strict=True)]
     if not columns:  # of a log
         return np.zeros((rows, *field.shape), kind)
     return np.column_stack(columns).reshape(rows, *field.shape)
