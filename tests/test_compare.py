@@ -70,14 +70,6 @@ def test_a_constant_error_is_bias(walk):
     assert statistics_table(comparison)["zmp_x"][RUN]["bias"] == zmp_x.bias
 
 
-def test_scales_are_what_they_are_called(walk):
-    plan, scales = walk[0], compare(*walk).scales
-    height = plan.com_height
-    assert scales["body_weight"] == pytest.approx(WEIGHT)
-    assert scales["foot_length"] == pytest.approx(plan.feet.sole.length)
-    assert scales["mass_height_velocity"] == pytest.approx(MASS * height * plan.constants.mean_velocity)
-
-
 def test_r2_is_null_where_the_plan_does_not_vary(walk):
     plan, _, measured = walk
     signals = compare(*walk).signals

@@ -291,12 +291,6 @@ def test_logs_that_do_not_fit_are_refused(folder, table):
         val.judge_log(one_sided, folder)
 
 
-@pytest.mark.parametrize("name", ["nowhere.csv", "log.xlsx"])
-def test_files_that_are_no_tables_are_refused(name, tmp_path):
-    with pytest.raises(InputError, match=name):
-        val.judge_log(tmp_path / name)
-
-
 def test_take_overs_ignore_what_does_not_carry_the_weight_over():
     time = np.arange(0.0, 4.0, 0.01)
     share = 0.5 - 0.5 * np.cos(2 * np.pi * time)
