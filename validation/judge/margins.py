@@ -247,7 +247,8 @@ def _extreme(
         block = sign * (block[:, None] if block.ndim == 1 else block)
         if not np.isfinite(block).any():
             continue
-        row, column = np.unravel_index(np.argmax(np.where(np.isfinite(block), block, -np.inf)), block.shape)
+        filled = np.where(np.isfinite(block), block, -np.inf)
+        row, column = divmod(int(filled.argmax()), block.shape[1])
         most = float(block[row, column])
         if not most <= sign * worst.value:
             worst = Extreme(sign * most, float(time[part][row]), names[column] if names else "")
