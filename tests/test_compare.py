@@ -47,7 +47,7 @@ def test_a_perfect_walk_has_no_error(walk):
                 assert statistics.maximum < 1e-9, (name, window)
                 assert statistics.r2 is None or statistics.r2 == pytest.approx(1.0)
     assert comparison.zmp_split.residual < 1e-12
-    assert comparison.costs["effort"]["force_maximum"] < 1e-9
+    assert max(comparison.costs["effort"]["force"]) < 1e-9
     assert evaluate(comparison)["zmp_agreement_rmse"].value < 1e-12
 
 
@@ -139,9 +139,7 @@ def test_effort_is_command_minus_plan_after_the_first_step(walk):
     comparison = recorded(walk, command_force=force, command_angular_momentum=momentum)
     effort = comparison.costs["effort"]
     np.testing.assert_allclose(effort["force"], [6.0, 3.0, 12.0])
-    np.testing.assert_allclose(effort["com_acceleration"], np.array([6.0, 3.0, 12.0]) / MASS)
     np.testing.assert_allclose(effort["angular_momentum"], [0.25, 0.0], rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(comparison.costs["effort_first_step"]["force"], 100.0)
 
 
 def test_margins_name_where_and_when(walk):
@@ -171,29 +169,6 @@ def test_friction_counts_loaded_feet_only(walk):
     margins = measuring(walk, foot_force=foot).costs["margins"]
     assert (margins["friction"].value, margins["friction"].where) == (pytest.approx(0.1), "left")
     assert margins["friction_available"] == walk[1].friction
-
-
-def test_sliding_points_are_weighed_and_timed(walk):
-    _, record, _ = walk
-    force = record.point_force.copy()
-    limit = record.friction * WEIGHT
-    for rows, share, along in (
-        (slice(50, 60), 0.2, 1.0),
-        (slice(80, 83), 0.3, 1.0),
-        (slice(90, 99), 0.4, 0.9),
-    ):
-        force[rows, :, 2] = 0.0
-        force[rows, 0] = [along * share * limit, 0.0, share * WEIGHT]
-        force[rows, 1] = [0.0, 0.0, (1.0 - share) * WEIGHT]
-    margins = recorded(walk, point_force=force).costs["margins"]
-    assert (margins["sliding_weight"].value, margins["sliding_weight"].time) == (
-        pytest.approx(0.3),
-        record.time[80],
-    )
-    assert (margins["sliding_time"].value, margins["sliding_time"].time) == (
-        pytest.approx(10 * record.time_step),
-        record.time[50],
-    )
 
 
 def test_work_of_a_constant_torque(walk):

@@ -172,7 +172,7 @@ class Comparison(Brief):
             ``mass_height_velocity`` [N m s].
         signals: statistics of every compared signal, by its name and the window's.
         zmp_split: causes of the ZMP error.
-        costs: ``effort``, ``effort_first_step``, ``margins`` and ``energy``, see
+        costs: ``effort``, ``margins`` and ``energy``, see
             :mod:`validation.judge.margins`.
         followed: the plans one after another.
         first: the first plan at the same instants, at its end where it has ended; None if the plan did not
@@ -262,8 +262,7 @@ def compare(
     }
     costs = {
         "effort": feedback_effort(record, sample, run),
-        "effort_first_step": feedback_effort(record, sample, ~run),
-        "margins": margins(followed, sample, record, measured, description, shapes),
+        "margins": margins(followed, record, measured, description, shapes),
         "energy": energy(record, run),
     }
     return Comparison(

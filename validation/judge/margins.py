@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ampm.geometry import polygon_margin
 from validation.trial.record import state_steps
 from validation.trial.spill import blocks, zeros
 
@@ -32,9 +31,7 @@ if TYPE_CHECKING:
     Rows = NDArray[np.bool_]
 
 LOADED = 0.05
-"""Share of body weight from which a foot's friction counts [1]: the ratio of two small forces is noise."""
-SLIDING = 0.99
-"""Share of the floor's friction from which a point slides [1]."""
+"""Share of body weight from which a foot's friction counts [1]."""
 SATURATED = 0.999
 """Share of its limit from which a motor counts as saturated [1]."""
 
@@ -62,27 +59,19 @@ def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Rows) ->
     """RMS of command minus plan over ``rows``, shape (K,): the controller's correction of the formula.
 
     Returns:
-        Components of ``com_acceleration`` [m/s^2], ``force`` [N], ``angular_momentum`` [N m s], ``zmp`` and
-        ``com`` [m]; largest components ``force_maximum`` and ``zmp_maximum``.
+        Components of ``force`` [N], ``angular_momentum`` [N m s] and ``zmp`` [m].
     """
-    force = (record.command_force - sample.force)[rows]
-    momentum = (record.command_angular_momentum[:, :2] - sample.angular_momentum)[rows]
-    zmp = (record.command_zmp - sample.zmp)[rows]
-    com = (record.command_com - sample.com)[rows]
     return {
-        "com_acceleration": _rms_columns(force / record.mass),
-        "force": _rms_columns(force),
-        "angular_momentum": _rms_columns(momentum),
-        "zmp": _rms_columns(zmp),
-        "com": _rms_columns(com),
-        "force_maximum": _largest(force),
-        "zmp_maximum": _largest(zmp),
+        "force": _rms_columns((record.command_force - sample.force)[rows]),
+        "angular_momentum": _rms_columns(
+            (record.command_angular_momentum[:, :2] - sample.angular_momentum)[rows]
+        ),
+        "zmp": _rms_columns((record.command_zmp - sample.zmp)[rows]),
     }
 
 
 def margins(
     followed: Followed,
-    sample: PlanSample,
     record: SimulationRecord,
     measured: MeasuredGait,
     description: BodyDescription | None = None,
@@ -92,7 +81,6 @@ def margins(
 
     Args:
         followed: the plans that were walked, one after another.
-        sample: the plan then valid at the record's steps.
         record: the run.
         measured: its measurement.
         description: names the knees; without it ``knee`` is NaN.
@@ -121,32 +109,21 @@ def margins(
     knees = np.empty((record.time.size, len(legs)))
     for column, leg in enumerate(legs):
         knees[:, column] = leg.knee_sign * (record.hinge_q[:, joints.index(leg.knee)] - leg.straight_knee)
-    foot_ratio, net_ratio = (
-        _ratio(force, LOADED * measured.weight) for force in (measured.foot_force, measured.force)
-    )
-    sliding = _sliding_weight(record)
-
-    def reached(part: slice) -> Array:
-        points, loaded = record.point_position[part, :, :2], measured.point_contact[part]
-        return polygon_margin(points, loaded, sample.zmp[part])
-
+    # The ratio of two small forces is noise.
+    normal = measured.foot_force[..., 2]
+    normal = np.where(normal >= LOADED * measured.weight, normal, np.nan)
+    friction = np.hypot(measured.foot_force[..., 0], measured.foot_force[..., 1]) / normal
     found: dict[str, Any] = {
         "torque": _extreme(use, time, joints, largest=True),
         "torque_by_joint": dict(zip(joints, peak.tolist(), strict=True)),
         "saturated": saturated / time.size if time.size and joints else math.nan,
-        "friction": _extreme(foot_ratio, time, feet, largest=True),
-        "friction_net": _extreme(net_ratio, time, largest=True),
+        "friction": _extreme(friction, time, feet, largest=True),
         "friction_available": record.friction,
         "joint": _extreme(room, record.time, joints),
         "knee": _extreme(knees, record.time, [leg.knee for leg in legs]),
         "clearance": _clearance(record, shapes),
         "plan_polygon": Extreme(*followed.least_zmp_margin(time)) if time.size else Extreme(math.nan),
-        "plan_in_measured_polygon": _extreme(reached, time),
         "measured_polygon": _extreme(measured.polygon_margin, time),
-        "sliding_weight": _extreme(sliding, time, largest=True),
-        "sliding_time": _longest(sliding > LOADED, time, record.time_step)
-        if np.isfinite(sliding).any()
-        else Extreme(math.nan),
         "penetration": _extreme(measured.penetration, time, feet, largest=True),
     }
     fastest = {} if description is None else dict(description.speed_limits)
@@ -166,7 +143,7 @@ def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
     The mechanical cost of transport is that of Collins, Ruina, Tedrake and Wisse, Science 307 (2005), over
     the length of the COM's path on the floor.
     """
-    names = ("positive_work", "negative_work", "distance", "cost_of_transport", "mean_power")
+    names = ("positive_work", "negative_work", "distance", "cost_of_transport")
     used = np.flatnonzero(rows)
     if used.size == 0 or not record.joint_names:
         return dict.fromkeys(names, math.nan)
@@ -176,8 +153,7 @@ def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
     moves = np.diff(record.com[used[0] : used[-1] + 2, :2], axis=0)
     distance = float(np.sqrt((moves * moves).sum(axis=1)).sum())
     transport = positive / (record.mass * record.gravity * distance) if distance > 0.0 else math.nan
-    mean_power = positive / (used.size * record.time_step)
-    return dict(zip(names, (positive, negative, distance, transport, mean_power), strict=True))
+    return dict(zip(names, (positive, negative, distance, transport), strict=True))
 
 
 def _motors(record: SimulationRecord, steps: NDArray[np.intp], part: np.ufunc) -> Array:
@@ -206,34 +182,6 @@ def _clearance(record: SimulationRecord, shapes: Shapes | None) -> Extreme:
     return Extreme(float(gaps.distance[closest]), float(time[closest]), gaps.parts[closest])
 
 
-def _sliding_weight(record: SimulationRecord) -> Array:
-    """Share of the weight that rests on points at the floor's friction, shape (K,) [1]."""
-    share = np.full(record.steps, np.nan)
-    if not np.isfinite(record.friction):
-        return share
-    for part in blocks(record.steps):
-        along_x, along_y, normal = np.moveaxis(record.point_force[part], 2, 0)
-        slides = np.hypot(along_x, along_y) > SLIDING * record.friction * normal
-        share[part] = np.where(slides, normal, 0.0).sum(axis=1) / (record.mass * record.gravity)
-    return share
-
-
-def _longest(on: NDArray[np.bool_], time: Array, step: float) -> Extreme:
-    """Longest time [s] for which a condition held without a break, and when that began."""
-    edges = np.flatnonzero(np.diff(on, prepend=False, append=False))
-    begin, lasted = edges[::2], edges[1::2] - edges[::2]
-    if not lasted.size:
-        return Extreme(0.0)
-    longest = int(lasted.argmax())
-    return Extreme(float(lasted[longest] * step), float(time[begin[longest]]))
-
-
-def _ratio(force: Array, least: float) -> Array:
-    """Tangential over normal force, NaN where the normal force is below ``least``; drops the last axis."""
-    normal = np.where(force[..., 2] >= least, force[..., 2], np.nan)
-    return np.hypot(force[..., 0], force[..., 1]) / normal
-
-
 def _extreme(
     values: Array | Callable[[slice], Array], time: Array, names: Sequence[str] = (), *, largest: bool = False
 ) -> Extreme:
@@ -259,7 +207,3 @@ def _rms_columns(values: Array) -> tuple[float, ...]:
     if values.shape[0] == 0:
         return (math.nan,) * values.shape[1]
     return tuple(float(value) for value in np.sqrt(np.mean(values * values, axis=0)))
-
-
-def _largest(values: Array) -> float:
-    return float(np.abs(values).max()) if values.size else math.nan
