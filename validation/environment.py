@@ -19,10 +19,10 @@ from typing import Any
 import dm_env
 import mujoco
 import numpy as np
-import pinocchio as pin
 from dm_env import specs
 from numpy.typing import NDArray
 
+from ampm.description import BodyDescription
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.physics_parameters import steps_per_tick
@@ -32,7 +32,7 @@ from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.profiles import profile as named_profile
 from validation.store.machine import set_variables
 from validation.trial.bridge import to_mujoco, to_pinocchio
-from validation.trial.physics import quiet_mujoco
+from validation.trial.physics import SolePoints, point_forces, quiet_mujoco
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.policy import observe
 from validation.trial.watch import Stance
@@ -91,7 +91,7 @@ def load(
     held = request.run.replace({"controller.hold": "zero-order"})
     planned = plan_walk(replace(request, run=held))
     physics = WalkPhysics.from_xml_string(planned.body.model.xml)
-    physics.mark(planned)
+    physics.mark(planned.body.model.description)
     task = FollowPlan(planned, profile, np.random.default_rng(seed))
     return WalkEnvironment(physics, task, n_sub_steps=task.substeps)
 
@@ -99,41 +99,40 @@ def load(
 class WalkPhysics(engine.Physics):
     """The physics, which reads the load of every sole point as a controller senses it."""
 
-    def mark(self, planned: PlannedWalk) -> None:
+    def mark(self, description: BodyDescription) -> None:
         """Find the sole points of a body."""
-        sites = [site for _, _, site in planned.body.model.description.sole_points()]
-        model = self.model.ptr
-        self._point = np.full(model.ngeom, -1)
-        for index, name in enumerate(sites):
-            self._point[model.geom(name).id] = index
-        self.load, self.place = np.zeros(len(sites)), np.zeros((len(sites), 2))
+        sites = tuple(site for _, _, site in description.sole_points())
+        soles = tuple(leg.sole_frame for leg in description.legs)
+        self._points = SolePoints(self.model.ptr, sites, soles)
+        self.force, self.place = np.zeros((2, len(sites), 3))
 
     def step(self, nstep: int = 1) -> None:
-        """Step, and keep normal force [N] and place [m] of every sole point in the last step."""
+        """Step, and keep force [N] and place [m] of every sole point in the last step, shape (P, 3)."""
         model, data = self.model.ptr, self.data.ptr
         with self.check_invalid_state(), quiet_mujoco():
             for _ in range(nstep - 1):
                 mujoco.mj_step2(model, data)
                 mujoco.mj_step1(model, data)
             mujoco.mj_step2(model, data)
-            self.load[:] = 0.0
-            points = self.points_in_contact()
-            known = (points >= 0) & (data.contact.efc_address >= 0)
-            points = points[known]
-            self.load[points] = data.efc_force[data.contact.efc_address[known]]
-            self.place[points] = data.contact.pos[known, :2]
+            self.force, self.place = point_forces(data, self._points)
             mujoco.mj_step1(model, data)
-
-    def points_in_contact(self) -> NDArray[np.intp]:
-        """Sole point of every contact, -1 for none."""
-        return np.asarray(self._point[self.data.ptr.contact.geom[:, 1]])
 
     def touch(self) -> Touch:
         """What the soles sense."""
-        contact = np.zeros(len(self.load), dtype=bool)
-        points = self.points_in_contact()
+        points = self._points.of_geom[self.data.ptr.contact.geom].max(axis=1)
+        contact = np.zeros(len(self.force), dtype=bool)
         contact[points[points >= 0]] = True
-        return Touch(contact, self.load.copy(), self.timestep())
+        return Touch(contact, self.force[:, 2].copy(), self.timestep())
+
+    def sensor(self, name: str) -> Array:
+        """Value of a sensor of the model."""
+        return np.asarray(self.data.ptr.sensor(name).data)
+
+    def axes(self, frame: str) -> Array:
+        """Axes of a segment, or of a site, to world, shape (3, 3)."""
+        site = mujoco.mj_name2id(self.model.ptr, mujoco.mjtObj.mjOBJ_SITE, frame)
+        matrix = self.data.ptr.body(frame).xmat if site < 0 else self.data.ptr.site(site).xmat
+        return np.asarray(matrix.reshape(3, 3))
 
 
 class FollowPlan(control.Task):
@@ -164,7 +163,6 @@ class FollowPlan(control.Task):
         scales = {"body_weight": weight, "foot_length": plan.feet.sole.length}
         limits = [_limits(name, profile, scales) for name in REWARDED]
         self._bounds = [((0.0, mean), largest - mean) for mean, largest in limits]
-        self._data = self.robot.model.createData()
         self.tick = 0
 
     @property
@@ -184,7 +182,7 @@ class FollowPlan(control.Task):
         q = posture.q.copy()
         q[2] -= self.run.simulation.start_depth  # the soles carry weight from the first instant
         physics.data.qpos[:], physics.data.qvel[:] = to_mujoco(q, posture.v)
-        physics.load[:] = 0.0
+        physics.force[:] = 0.0
 
     def before_step(self, action: Array, physics: WalkPhysics) -> None:
         """Set the torques."""
@@ -193,13 +191,10 @@ class FollowPlan(control.Task):
     def after_step(self, physics: WalkPhysics) -> None:
         """Go on to the next tick, and measure."""
         self.tick += 1
-        state = self.state(physics)
-        pin.ccrba(self.robot.model, self._data, state.q, state.v)
-        pin.updateFramePlacements(self.robot.model, self._data)
-        self._com, momentum = self._data.com[0].copy(), self._data.hg.angular
-        total = physics.load.sum()
-        zmp = physics.load @ physics.place / total if total > 0.0 else np.full(2, np.inf)
-        self._error = np.abs(np.hstack([zmp, momentum[:2]]) - self._signals[self.tick])
+        load = physics.force[:, 2]
+        zmp = load @ physics.place[:, :2] / load.sum() if load.any() else np.full(2, np.inf)
+        momentum = physics.sensor("angular_momentum")[:2]
+        self._error = np.abs(np.hstack([zmp, momentum]) - self._signals[self.tick])
 
     def action_spec(self, physics: WalkPhysics) -> specs.BoundedArray:
         """Shares of the torques, in the order of the joints."""
@@ -219,11 +214,11 @@ class FollowPlan(control.Task):
 
     def get_termination(self, physics: WalkPhysics) -> float | None:
         """0 after a fall, 1 at the end of the plan."""
-        reference, frames = self.reference, self._data.oMf
-        upright = np.ascontiguousarray(frames[self.robot.trunk_frame].rotation[:, 2])
-        soles = np.array([frames[sole].translation for sole in self.robot.sole_frames])
+        reference, description = self.reference, self.robot.description
+        trunk = physics.axes(description.trunk_frame)[:, 2]
+        soles = np.array([physics.data.ptr.site(leg.sole_frame).xpos for leg in description.legs])
         planned = reference.com, reference.posture.trunk[:, 2], reference.feet.position
-        if Stance(self._com, upright, soles, *planned).fallen(self.robot.description.scale):
+        if Stance(physics.sensor("com"), trunk, soles, *planned).fallen(description.scale):
             return 0.0
         return 1.0 if self.tick == len(self.references) - 1 else None
 
