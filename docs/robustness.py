@@ -1,4 +1,4 @@
-"""Walk the disturbances of docs/footsteps.md again; rewrite the table, the picture and two files in data.
+"""Walk the disturbances of docs/footsteps.md again; rewrite the table and two files in data.
 
     python docs/robustness.py [--replicas N]
 
@@ -15,7 +15,6 @@ from ampm.run_file import describe_keys
 from validation.cli.console import Narrator
 from validation.show.text import replace_between
 from validation.study.robustness.cells import PUSHES, REPLICAS, other_cells
-from validation.study.robustness.picture import draw
 from validation.study.robustness.push import DIRECTIONS, PUSH_PHASES
 from validation.study.robustness.result import Robustness
 from validation.study.robustness.study import robustness
@@ -24,7 +23,6 @@ from validation.table import Table
 PAGE = Path(__file__).with_name("footsteps.md")
 DATA = PAGE.parent / "data" / "robustness.csv"
 KEYS = DATA.with_name("disturbances.csv")
-PICTURE = PAGE.parent / "images" / "robustness.png"
 KEPT = PAGE.parents[1] / "build" / "robustness"
 SECTION = "disturbance."
 STABILIZERS = ("fixed", "stepping")
@@ -82,16 +80,15 @@ def _range(values: Sequence[float]) -> str:
 
 
 def write(studies: Studies) -> None:
-    """Rewrite page, picture and data."""
+    """Rewrite page and data."""
     write_keys()
-    draw(studies["stepping"][0], PICTURE)
     with DATA.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        names = ("cell", "unit", "survived", "within", "zmp_x", "zmp_y", "cause")
+        names = ("cell", "unit", "survived", "within", "cause")
         table.writerow(("stabilizer", *names))
         for name, (pushes, others) in studies.items():
-            for item in (*pushes.pushes, *others.others):
-                values = item.cell.name, item.cell.unit, item.survived, item.within, *item.zmp
+            for item in (*pushes.cells, *others.cells):
+                values = item.cell.name, item.cell.unit, item.survived, item.within
                 table.writerow((name, *values, item.cause))
     write_table()
 

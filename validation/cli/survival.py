@@ -56,7 +56,7 @@ def robustness(
     workers: Workers = None,
     scheduler: Scheduler = None,
     out: Annotated[
-        Path | None, option("--out", "Write robustness.json, tables, pictures and every walk.", "DIR")
+        Path | None, option("--out", "Write robustness.json, a table and every walk.", "DIR")
     ] = None,
     resume: Resume = False,
     as_json: Json = False,

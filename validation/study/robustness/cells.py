@@ -16,8 +16,6 @@ PUSH_STEP = 4
 """Single support in which, or after which, the body is pushed; one later in every other replica."""
 AFTER = 8
 """Steps walked after that one."""
-DURATION = 0.1
-"""Of a push [s]."""
 REPLICAS = 5
 NEEDED = 0.8
 """Share of the replicas that has to survive."""

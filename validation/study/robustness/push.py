@@ -1,6 +1,6 @@
 """When and in which direction a walk is pushed."""
 
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -8,6 +8,8 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.planner.contacts import Contacts
 
+DURATION = 0.1
+"""Of a push [s]."""
 Direction = Literal["forward", "backward", "wider", "narrower"]
 DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
 """Of a push, along and across the walk. *narrower* is over the foot of the single support in which, or before
@@ -18,26 +20,9 @@ PUSH_PHASES: tuple[PushPhase, ...] = get_args(PushPhase)
 _SHARES = {"early": 0.12, "mid": 0.5, "late": 0.85, "double": 0.5}
 
 
-class PushInstant(NamedTuple):
-    """When and where a push acts.
-
-    Attributes:
-        time: at which it begins [s].
-        direction: unit vector in world, shape (2,).
-    """
-
-    time: float
-    direction: Array
-
-
 def push_instant(
-    contacts: Contacts,
-    direction: Direction,
-    phase: PushPhase,
-    step: int,
-    duration: float = 0.1,
-    shift: float = 0.0,
-) -> PushInstant:
+    contacts: Contacts, direction: Direction, phase: PushPhase, step: int, shift: float = 0.0
+) -> tuple[float, Array]:
     """The instant of a push in a walk.
 
     Args:
@@ -45,32 +30,25 @@ def push_instant(
         direction: see :data:`DIRECTIONS`.
         phase: see :data:`PUSH_PHASES`.
         step: number of the single support, from 1.
-        duration: of the push [s].
         shift: share of the phase by which it begins later [1].
 
+    Returns:
+        Time at which it begins [s], and its unit vector in world, shape (2,).
+
     Raises:
-        InputError: the walk has no such step, or none in or after the push.
+        InputError: no single support follows this one.
     """
     singles = np.flatnonzero(contacts.kind_codes == 0)
-    if not 1 <= step <= len(singles):
-        raise InputError(f"step {step} is none of the walk's {len(singles)}; take one of them.", value=step)
+    if step >= len(singles):
+        raise InputError(f"a push in step {step} needs a later one; walk {step + 1} steps at least.")
     index = int(singles[step - 1]) + (phase == "double")
-    ends = np.append(contacts.starts[1:], contacts.duration)
-    if index >= len(ends):
-        raise InputError(f"no double support follows step {step}; take an earlier one.", value=step)
     during = contacts.phases[index]
-    time = during.start + (_SHARES[phase] + shift) * during.duration
-    after = singles[ends[singles] > time + duration]
-    if not after.size:
-        raise InputError(f"no single support follows a push in step {step}; take an earlier one.", value=step)
-    along = _along(contacts, index)
-    side = 1.0 if contacts.phases[after[0]].stance == "left" else -1.0
-    over_foot = side * np.array([-along[1], along[0]])
-    vector = {"forward": along, "backward": -along, "narrower": over_foot, "wider": -over_foot}[direction]
-    return PushInstant(float(time), vector)
-
-
-def _along(contacts: Contacts, index: int) -> Array:
-    """Unit vector along the walk in a phase, shape (2,)."""
+    time = float(during.start + (_SHARES[phase] + shift) * during.duration)
+    ends = np.append(contacts.starts[1:], contacts.duration)
+    after = singles[ends[singles] > time + DURATION][0]
+    side = 1.0 if contacts.phases[after].stance == "left" else -1.0
     heading = contacts.headings[index]
-    return np.array([np.cos(heading), np.sin(heading)])
+    along = np.array([np.cos(heading), np.sin(heading)])
+    over_foot = side * np.array([-along[1], along[0]])
+    vectors = {"forward": along, "backward": -along, "narrower": over_foot, "wider": -over_foot}
+    return time, vectors[direction]

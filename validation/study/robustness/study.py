@@ -7,8 +7,6 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ampm.parameters import RunParameters
 from models.scene import BodyModel
 from validation.judge import profiles
@@ -19,7 +17,6 @@ from validation.store.json import write_json
 from validation.study.many import Search, Task, study_folder, walk_many
 from validation.study.robustness.cells import (
     AFTER,
-    DURATION,
     PUSH_STEP,
     REPLICAS,
     SHIFTS,
@@ -31,7 +28,7 @@ from validation.study.robustness.cells import (
     other_cells,
     push_cells,
 )
-from validation.study.robustness.push import push_instant
+from validation.study.robustness.push import DURATION, push_instant
 from validation.study.robustness.result import CellResult, Robustness
 from validation.study.row_file import Row, crash_notes
 from validation.study.walk_options import users_classes
@@ -42,7 +39,6 @@ from validation.trial.shapes import Shapes
 from validation.trial.simulate import simulate
 
 RESULT, MARKDOWN = "robustness.json", "robustness.md"
-PICTURES = ("robustness.svg", "robustness.png")
 CROSSED = "the legs met"
 _EVERY = 0.01  # time between two looks at the distance of the legs [s]
 
@@ -143,8 +139,7 @@ def climb(
             found = replace(found, cause=causes[0])
             break
         kept = kept and sum(row["passed"] for row in walked) >= least
-        x, y = np.fmax.reduce([row["zmp"] for row in walked]).tolist()
-        found = replace(found, survived=value, within=value if kept else found.within, zmp=(x, y))
+        found = replace(found, survived=value, within=value if kept else found.within)
     results[cell.name] = found
 
 
@@ -173,7 +168,7 @@ def robustness(
         profile: name of the tolerances; the preset's own by default.
         workers: processes; None for one a core, 0 for this very process.
         scheduler: address of a dask scheduler that is running already.
-        out: folder of every walk, ``robustness.json``, tables and pictures; None writes nothing.
+        out: folder of every walk, ``robustness.json``, a table; None writes nothing.
         resume: go on with what is in ``out``.
         progress: where to report it.
 
@@ -241,13 +236,13 @@ def replica_task(
     }
     if cell.is_push:
         shift, step = SHIFTS[replica % len(SHIFTS)], PUSH_STEP + replica % 2
-        instant = push_instant(planned.plan.contacts, cell.direction, cell.phase, step, DURATION, shift)
-        x, y = (planned.plan.mass * value / DURATION * instant.direction).tolist()
+        time, direction = push_instant(planned.plan.contacts, cell.direction, cell.phase, step, shift)
+        x, y = (planned.plan.mass * value / DURATION * direction).tolist()
         settings |= {
             "disturbance.push_segment": cell.height,
             "disturbance.push_x": x,
             "disturbance.push_y": y,
-            "disturbance.push_at": instant.time,
+            "disturbance.push_at": time,
             "disturbance.push_duration": DURATION,
         }
     else:
@@ -258,13 +253,9 @@ def replica_task(
 
 
 def write(found: Robustness, folder: Path) -> None:
-    """Write tables, pictures and, last, ``robustness.json``, which marks a complete study."""
-    from validation.study.robustness.picture import draw  # loads matplotlib
-
+    """Write the table and, last, ``robustness.json``, which marks a complete study."""
     (folder / RESULT).unlink(missing_ok=True)
     with output_file(folder / MARKDOWN) as path:
         path.write_text(markdown_page(found.tables()), encoding="utf-8")
-    for name in PICTURES if found.pushes else ():
-        draw(found, folder / name)
     with output_file(folder / RESULT) as path:
         write_json(path, found.as_dict())
