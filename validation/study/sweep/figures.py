@@ -36,7 +36,7 @@ _COLORS: Mapping[State, str] = {
 _CONFIG: Spec = {
     "font": "system-ui, -apple-system, Roboto, DejaVu Sans, sans-serif",
     "axis": {"labelFontSize": 12},
-    "legend": {"labelFontSize": 12, "orient": "bottom", "title": None, "columns": 7},
+    "legend": {"labelFontSize": 12, "orient": "bottom", "title": None, "columns": 7, "symbolOpacity": 1},
 }
 
 
@@ -47,11 +47,11 @@ def quantities(sweep: SweepTable) -> dict[str, Array]:
     """
     found: dict[str, Array] = {}
     for key in sweep.varied:
-        values, unit = sweep.values(key), sweep.unit(key)
+        values, unit = sweep.values(key), sweep.unit(key).replace("1", "")
         if values.dtype.kind == "U":
             names, values = np.unique(values, return_inverse=True)
             unit = ", ".join(f"{number} {name}" for number, name in enumerate(names))
-        found[f"{key} [{unit}]"] = values.astype(float)
+        found[f"{key} [{unit}]" if unit else key] = values.astype(float)
     found["largest share of a tolerance [%]"] = np.minimum(100.0 * sweep.worst_used, 1000.0)
     for metric in sweep.judged:
         values, unit = sweep.shown(metric)
@@ -117,7 +117,12 @@ def parallel(sweep: SweepTable) -> Spec:
     drawn = quantities(sweep)
     labels = list(drawn)[: len(sweep.varied) + 1][-MOST_AXES:]
     ranges = {label: f"{np.nanmin(drawn[label]):.4g} to {np.nanmax(drawn[label]):.4g}" for label in labels}
-    axis = {"labelAngle": -20, "labelLimit": 300, "labelExpr": "[datum.label, ranges[datum.label]]"}
+    axis = {
+        "labelAngle": -20,
+        "labelLimit": 300,
+        "labelExpr": "[datum.label, ranges[datum.label]]",
+        "grid": True,
+    }
     return {
         "params": [{"name": "ranges", "value": ranges}],
         "transform": [
@@ -137,7 +142,7 @@ def parallel(sweep: SweepTable) -> Spec:
                 "field": "share",
                 "type": "quantitative",
                 "title": "lowest to highest value",
-                "axis": {"labels": False},
+                "axis": {"labels": False, "grid": False},
             },
             "detail": {"field": "run"},
             "color": _color(sweep),

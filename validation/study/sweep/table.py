@@ -278,11 +278,11 @@ class SweepTable(Brief, Tabled):
         """How many runs ended how, with an example of every reason why one did not walk."""
         names, causes, rows = self.words("name"), self.words("cause"), []
         for state, count in self.counts.items():
-            if count:
+            if count and state.walked:
                 rows.append((state.label, f"{count:,}", ""))
             for reason, (number, row) in self._reasons(state).items():
                 example = f"run {names[row]}: {causes[row]}"
-                rows.append((f"  {reason.replace('_', ' ')}", f"{number:,}", example))
+                rows.append((f"{state.label}: {reason.replace('_', ' ')}", f"{number:,}", example))
         notes = []
         summary = self.summary()
         if summary["failed"]:
