@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,8 @@ from validation.trial.log import Log
 from validation.trial.users import ESTIMATOR, UsersCode
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from ampm.body.robot import Robot
@@ -26,6 +29,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _HINGES = 6  # velocities of the free root come first
+_DRAWN = 64  # ticks whose noise is drawn at once
 
 
 @compiled
@@ -61,13 +65,12 @@ class Sensors:
 
     Args:
         run: its section ``sensors``.
-        log: of the walk, which keeps the true values.
+        log: of the walk.
         gravity: [m/s^2].
     """
 
     def __init__(self, run: RunParameters, log: RunLog, gravity: float) -> None:
         self.parameters = sensors = run.sensors
-        self._gravity = gravity
         self._time_step = run.simulation.time_step
         self._late = sensors.steps_late(self._time_step)
         self._steps_per_fix = log.substeps * sensors.ticks_per_fix(run.controller.frequency)
@@ -82,27 +85,30 @@ class Sensors:
 
         noise, signs = spread("noise"), np.random.default_rng([sensors.seed, 3])
         self._bias = spread("bias") * signs.choice([-1.0, 1.0], noise.size)
-        self._noisy = np.flatnonzero(noise)
-        self._noise = noise[self._noisy]
-        self._random, self._fixes = (np.random.default_rng([sensors.seed, stream]) for stream in (0, 4))
-        self.attach(log)
+        self._noise = self._drawn(noise, np.random.default_rng([sensors.seed, 0]))
+        self._fixes = np.random.default_rng([sensors.seed, 4])
+        self._true = bound(read_true, (), log.handle, gravity, self._time_step, 0, noise)
+        self._gravity = gravity
 
-    def attach(self, log: RunLog) -> None:
-        """Read from a log from now on."""
-        self._log, values = log, np.zeros(self._bias.size)
-        self._true = bound(read_true, (log.handle, self._gravity, self._time_step), 0, values)
+    @staticmethod
+    def _drawn(noise: Array, random: np.random.Generator) -> Iterator[Array]:
+        """Errors of one tick after the other; drawn for many at once, as every call takes its time."""
+        noisy = np.flatnonzero(noise)
+        while True:
+            errors = np.zeros((_DRAWN, noise.size))
+            errors[:, noisy] = noise[noisy] * random.standard_normal((_DRAWN, noisy.size))
+            yield from errors
 
     def sampled(self, k: int) -> int:
         """Step at whose begin the readings of step k were sampled."""
         return max(k - self._late, 0)
 
-    def read(self, k: int) -> Readings:
-        """Readings for the control tick of step k."""
-        log, i = self._log, self.sampled(k)
-        values = self._bias.copy()
-        self._true(i, values)
-        values[self._noisy] += self._noise * self._random.standard_normal(self._noise.size)
-        angles, rates, gyro, accelerometer, force = (values[part] for part in self._parts)
+    def read(self, log: RunLog, k: int) -> Readings:
+        """Readings for the control tick of step k, from the true values of the log."""
+        i, values = self.sampled(k), self._bias.copy()
+        self._true(log.handle, self._gravity, self._time_step, i, values)
+        values += next(self._noise)
+        angles, rates, gyro, accelerometer, force = [values[part] for part in self._parts]
         position = None
         if self._steps_per_fix and k % self._steps_per_fix == 0:
             position = log.record.q[i, :3] + self.parameters.fix_noise * self._fixes.standard_normal(3)
@@ -113,7 +119,7 @@ class Sensors:
             rates=rates,
             gyro=gyro,
             accelerometer=accelerometer,
-            force=np.maximum(force, 0.0),
+            force=np.maximum(force, 0.0, out=force),
             contact=log.record.point_penetration[i] > 0.0 if i < k else log.touching.copy(),
             position=position,
         )
@@ -124,49 +130,43 @@ class Sensing:
 
     Args:
         run: its section ``sensors``.
-        log: of the walk, which keeps the true values.
+        log: of the walk.
         gravity: [m/s^2].
         estimator: that makes the state; None for the true state, but for what is read.
     """
 
     def __init__(self, run: RunParameters, log: RunLog, gravity: float, estimator: Estimator | None) -> None:
-        self.sensors, self._log, self._estimator = Sensors(run, log, gravity), log, estimator
+        self.sensors, self._estimator = Sensors(run, log, gravity), estimator
         self._time_step = run.simulation.time_step
-        self._sizes = {"q": log.record.q.shape[1], "v": log.record.qd.shape[1]}
         self._users_code = UsersCode("estimator", estimator)
 
-    def attach(self, log: RunLog) -> None:
-        """Read from a log from now on, which is longer than the one before."""
-        self._log = log
-        self.sensors.attach(log)
-
-    def update(self, k: int, commanded: Array | None) -> tuple[State, Touch]:
-        """State and touch for the control tick of step k, of new arrays.
+    def update(self, log: RunLog, k: int, commanded: Array | None) -> tuple[State, Touch]:
+        """State and touch for the control tick of step k.
 
         Args:
+            log: keeps the true values.
             k: step.
             commanded: accelerations of the last tick, see :class:`~ampm.sensors.readings.Estimator`.
         """
-        readings = self.sensors.read(k)
+        readings = self.sensors.read(log, k)
         if self._estimator is None:
-            return self._true(k, readings)
+            return self._true(log, k, readings)
         with self._users_code:
-            result = self._estimator.update(readings, commanded)
-            if not isinstance(result, tuple) or len(result) != 2:
-                raise TypeError(f"it returned a value of type {type(result).__name__}, no State with a Touch")
-            state, touch = result
-            if not (isinstance(state, State) and isinstance(touch, Touch)):
-                raise TypeError("it returned no State with a Touch")
-            for name, wanted in self._sizes.items():
-                value = np.asarray(getattr(state, name))
-                if value.shape != (wanted,) or not np.isfinite(value).all():
-                    raise ValueError(f"'{name}' of its state must be {wanted} finite numbers")
+            match self._estimator.update(readings, commanded):
+                case (State() as state, Touch() as touch):
+                    pass
+                case _:
+                    raise TypeError("it returned no State with a Touch")
+            for name, size in (("q", log.record.q.shape[1]), ("v", log.record.qd.shape[1])):
+                value = np.asarray(getattr(state, name), dtype=np.float64)
+                if value.shape != (size,) or not math.isfinite(value @ value):
+                    raise ValueError(f"'{name}' of its state must be {size} finite numbers")
         return state, touch
 
-    def _true(self, k: int, readings: Readings) -> tuple[State, Touch]:
+    def _true(self, log: RunLog, k: int, readings: Readings) -> tuple[State, Touch]:
         """The true state of the root, and the rest as read; of their delay nothing is known."""
         i = self.sensors.sampled(k)
-        q, v = to_pinocchio(self._log.record.q[i], self._log.record.qd[i])
+        q, v = to_pinocchio(log.record.q[i], log.record.qd[i])
         q[_HINGES + 1 :], v[_HINGES:], v[3:_HINGES] = readings.angles, readings.rates, readings.gyro
         touch = Touch(readings.contact, readings.force, self._time_step)
         return State(readings.time, q, v, 0.5 * self._time_step), touch

@@ -327,7 +327,7 @@ class ClosedLoop:
         if self.sensing is None:
             state, touch = State(time, body.q, body.v, 0.5 * body.time_step), self._touch
         else:
-            state, touch = self.sensing.update(k, getattr(self.controller, "acceleration", None))
+            state, touch = self.sensing.update(self.log, k, getattr(self.controller, "acceleration", None))
         with self.users_code:
             output = self.controller.update(state, touch, reference)
             if not isinstance(output, ControlOutput):
@@ -350,8 +350,6 @@ class ClosedLoop:
         if self.course.total > len(self.log.record.torque):
             self.log = self.log.extended(self.course.total)
             self._bind()
-            if self.sensing is not None:
-                self.sensing.attach(self.log)
         limit = self._worst_joint() if status == LIMITED else ""
         return self.watch.check(time, self.stance, status, residual=residual, limit=limit)
 
