@@ -1,9 +1,9 @@
 """Compiled filters of hinges and root: predicted by what was commanded, corrected by what was read.
 
-The filter of the root holds the errors of place, velocity and attitude (world axes), of the biases of gyro
-and accelerometer (root axes) and of the places c_i of the sole points (world axes): 15 + 3 P numbers. A
-loaded point rests, ``p + R s_i(q) = c_i`` (Bloesch et al., RSS 2012, with points for feet), and a point that
-has just touched is as high as the floor.
+The root's filter estimates place, velocity and attitude, the biases of gyro and accelerometer, and the places
+c_i of the P sole points: ``x``, 15 + 3 P numbers. A loaded point rests, ``p + R s_i(q) = c_i`` (Bloesch et
+al., RSS 2012, with points for feet), and a point that has just touched is as high as the floor. The attitude
+is the quaternion of ``q``; its three numbers in ``x`` are the correction of a tick, and zero in between.
 """
 
 from typing import Any, NamedTuple
@@ -25,123 +25,84 @@ from ampm.vectors import (
     vector,
 )
 
-VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15
-"""First rows of errors in the covariance; those of the place are 0 to 2."""
-LOAD = 0.06
-"""Force from which a point rests, as share of the weight; half of it to go on resting."""
-LANDING = 0.05
-"""Time after a change of the loaded points in which commanded accelerations are less certain [s]."""
-LANDING_FACTOR = 5.0
-"""By how much their errors are larger then."""
-RATE_ERROR = 0.4
-"""Error of the commanded angular acceleration of the root [rad/s^2]."""
-ACCELERATION_ERROR = 0.05
-"""Standard deviation of the accelerometer's mean over a tick [m/s^2]."""
-GYRO_WALK, ACCELEROMETER_WALK = 1e-4, 1e-3
-"""Random walk of the biases in a second [rad/s], [m/s^2]."""
-SLIDE, SINK, REST = 5e-3, 4e-3, 2e-4
-"""Random walk of a loaded point in a second: sideways; down while points land; down otherwise [m]. Loaded
-soles creep by up to a millimetre in a step, and sink by half of one as the load comes."""
-POINT_ERROR, FLOOR_ERROR = 1e-3, 3e-4
-"""Standard deviation of a resting point, and of the height of one that has just touched [m]."""
-STEP_ERROR = 5e-3
-"""Distance of a touching point from all known floors from which it stands on something else [m]."""
-CLOCK = 1e-9
-"""Shortest time that is none but for rounding [s]."""
+VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
+LOAD = 0.06  # force from which a point rests, as share of the weight; half of it to go on resting
+LANDING = 0.05  # time after a change of the loaded points in which commands are less certain [s]
+LANDING_FACTOR = 5.0  # by how much their errors are larger then
+SINK = 4e-3  # random walk of a loaded point in a second downwards, then [m]
+RATE_ERROR = 0.4  # of the root's commanded angular acceleration [rad/s^2]
+POINT_ERROR = 1e-3  # standard deviation of a resting point [m]
+FLOOR_ERROR = 3e-4  # standard deviation of the height of a point that has just touched [m]
+STEP_ERROR = 5e-3  # a point that touches so far from all floors stands on something else [m]
+CLOCK = 1e-9  # a time span that is none but for rounding [s]
 
 
 class Filter(NamedTuple):
-    """State, covariance and readings of the filters.
+    """What the filters estimate, read and know. World axes; the root's own for its rate and the IMU."""
 
-    Attributes:
-        q: Pinocchio configuration, shape (nq,).
-        joint_rate: shape (nu,) [rad/s].
-        velocity: of the root in world axes, shape (3,) [m/s].
-        rate: of the root in its own axes, shape (3,) [rad/s].
-        gyro_bias: shape (3,) [rad/s].
-        accelerometer_bias: shape (3,) [m/s^2].
-        place: of the sole points, shape (P, 3) [m].
-        loaded: sole points that rest, shape (P,).
-        touched: sole points that touched at the last tick, shape (P,).
-        quiet: time since loaded points changed, shape (1,) [s].
-        joint_covariance: variance of the angle, covariance with the rate, variance of the rate, (nu, 3).
-        rate_variance: of the root's rate, shape (1,) [(rad/s)^2].
-        covariance: of the root's errors, shape (15 + 3 P, 15 + 3 P).
-        change: their correction, shape (15 + 3 P,).
-        turn: axes of the root to world, shape (3, 3).
-        tree: of the body.
-        link: of the body, placed.
-        points: frames of the sole points.
-        joint_error: of the commanded acceleration of every hinge, shape (nu,) [rad/s^2].
-        variance: of angles, rates, gyro and fixes as read, shape (4,).
-        levels: heights of the floor's surfaces [m].
-        angles, rates, gyro, accelerometer, force, contact, position: as read.
-        commanded: accelerations of the last N ticks, latest last, shape (N, nv).
-        begin: times at which they began to act, and that of this tick, shape (N + 1,) [s].
-        weight: of the body [N].
-        gravity: [m/s^2].
-        lag: how much older velocities are than configurations [s].
-    """
-
-    q: Array
-    joint_rate: Array
-    velocity: Array
-    rate: Array
-    gyro_bias: Array
-    accelerometer_bias: Array
-    place: Array
-    loaded: Any
-    touched: Any
-    quiet: Array
-    joint_covariance: Array
-    rate_variance: Array
-    covariance: Array
-    change: Array
-    turn: Array
-    tree: Any
-    link: Any
-    points: Any
-    joint_error: Array
-    variance: Array
-    levels: Array
-    angles: Array
-    rates: Array
-    gyro: Array
-    accelerometer: Array
-    force: Array
-    contact: Any
-    position: Array
-    commanded: Array
-    begin: Array
-    weight: float
-    gravity: float
-    lag: float
+    q: Array  # Pinocchio configuration, (nq,)
+    joint_rate: Array  # (nu,) [rad/s]
+    joint_covariance: Array  # of each hinge: var(angle), cov(angle, rate), var(rate), (nu, 3)
+    rate: Array  # of the root, (3,) [rad/s]
+    rate_variance: Array  # (1,) [(rad/s)^2]
+    x: Array  # place, velocity, attitude, biases, sole points, (15 + 3 P,) [m, m/s, rad, rad/s, m/s^2, m]
+    covariance: Array  # of x, (15 + 3 P, 15 + 3 P)
+    loaded: Any  # sole points that rest, (P,)
+    touched: Any  # sole points that touched at the last tick, (P,)
+    quiet: Array  # time since the loaded points changed, (1,) [s]
+    turn: Array  # axes of the root to world, (3, 3)
+    link: Any  # of the body, placed
+    angles: Array  # as read, (nu,) [rad]
+    rates: Array  # as read, (nu,) [rad/s]
+    gyro: Array  # as read, (3,) [rad/s]
+    accelerometer: Array  # as read, (3,) [m/s^2]
+    force: Array  # as read, (P,) [N]
+    contact: Any  # as read, (P,)
+    position: Array  # as read, (3,) [m]
+    commanded: Array  # accelerations of the last N ticks, latest last, (N, nv) [m/s^2, rad/s^2]
+    begin: Array  # when they began to act, and the time of this tick, (N + 1,) [s]
+    tree: Any  # of the body
+    points: Any  # frames of the sole points
+    joint_error: Array  # of the commanded accelerations of the hinges, (nu,) [rad/s^2]
+    variance: Array  # of angles, rates, gyro and fixes as read, (4,)
+    growth: Array  # of the variances of x in a tick, (15 + 3 P,)
+    levels: Array  # heights of the floor's surfaces [m]
+    weight: float  # of the body [N]
+    gravity: float  # [m/s^2]
+    lag: float  # how much older velocities are than configurations [s]
 
 
 @compiled
-def update(f: Filter, last: float, now: float, age: float, has_fix: bool, q: Array, v: Array) -> None:
-    """Take in the readings of a tick, and go on to the tick itself.
+def update(
+    f: Filter, commanded: Array, last: float, now: float, age: float, has_fix: bool, q: Array, v: Array
+) -> None:
+    """Take in the readings of a tick, and go on from them to the tick.
 
     Args:
-        f: with the readings, and with what was commanded until now.
+        f: with the readings.
+        commanded: accelerations since the tick before, (nv,) [m/s^2, rad/s^2].
         last: time of the readings before [s].
         now: time of the tick [s].
         age: of the readings [s].
         has_fix: whether the position was read.
-        q: configuration at the tick, written, shape (nq,).
-        v: velocity at the tick, written, shape (nv,).
+        q: configuration at the tick, written, (nq,).
+        v: velocity at the tick, written, (nv,).
     """
-    read = now - age
-    period = read - last if read - last > CLOCK else 0.0
+    f.commanded[:-1] = f.commanded[1:]
+    f.commanded[-1] = commanded
+    f.begin[:-1] = f.begin[1:]
+    f.begin[-1] = now
+    period = now - age - last if now - age - last > CLOCK else 0.0
     if period > 0.0:
         predict(f, last, period)
-    correct(f, period, has_fix)
+    f.quiet[0] += period
+    correct(f, has_fix)
     q[:] = f.q
-    put(v[0:3], turned(f.turn.T, vector(f.velocity)))
+    put(v[0:3], turned(f.turn.T, vector(f.x[VELOCITY:TURN])))
     put(v[3:6], vector(f.rate))
     v[6:] = f.joint_rate
     for n in range(len(f.commanded)):
-        span = acted(f, n, read, now)
+        span = acted(f, n, now - age, now)
         if span > 0.0:
             q[:] = moved(q, span * (v + (f.lag + 0.5 * span) * f.commanded[n]))
             v += span * f.commanded[n]
@@ -159,38 +120,22 @@ def predict(f: Filter, last: float, period: float) -> None:
     """State and covariance a period after the readings before."""
     commanded = np.zeros(f.commanded.shape[1])
     for n in range(len(f.commanded)):
-        span = acted(f, n, last, last + period)
-        if span > 0.0:
-            commanded += span / period * f.commanded[n]
-    factor = LANDING_FACTOR if f.quiet[0] < LANDING else 1.0
-    filter_joints(f, commanded, period, factor)
-    force = move_root(f, commanded, period, factor)
+        commanded += acted(f, n, last, last + period) / period * f.commanded[n]
+    landing = f.quiet[0] < LANDING
+    factor = LANDING_FACTOR if landing else 1.0
+    predict_joints(f, commanded, period, factor)
+    force = predict_root(f, commanded, period, factor)
     spread_rows(f, period, force, f.covariance)
     spread_rows(f, period, force, f.covariance.T)
-    add_errors(f, period)
+    for e in range(len(f.x)):
+        f.covariance[e, e] += f.growth[e]
+    if landing:
+        for e in range(POINTS + 2, len(f.x), 3):
+            f.covariance[e, e] += period * SINK**2
 
 
 @compiled
-def correct(f: Filter, period: float, has_fix: bool) -> None:
-    """Correct the root by sole points that touch or rest, and by a fix."""
-    from_quaternion(f.q[3], f.q[4], f.q[5], f.q[6], f.turn)
-    place_links(f.tree, f.q, f.link)
-    f.change[:] = 0.0
-    update_contacts(f, period)
-    for i in range(len(f.points)):
-        if f.loaded[i]:
-            for axis in range(3):
-                rest(f, i, axis)
-    if has_fix:
-        for axis in range(3):
-            column = f.covariance[axis].copy()
-            off = f.position[axis] - f.q[axis] - f.change[axis]
-            apply(f, column, off, column[axis] + f.variance[3])
-    add_correction(f)
-
-
-@compiled
-def filter_joints(f: Filter, commanded: Array, period: float, factor: float) -> None:
+def predict_joints(f: Filter, commanded: Array, period: float, factor: float) -> None:
     """Angle and rate of every hinge, by the commanded acceleration and two sensors."""
     shift = period * (0.5 * period + f.lag)  # of the angle by an acceleration
     for j in range(len(f.joint_rate)):
@@ -209,31 +154,38 @@ def filter_joints(f: Filter, commanded: Array, period: float, factor: float) -> 
 
 
 @compiled
-def move_root(f: Filter, commanded: Array, period: float, factor: float) -> Vector:
+def predict_root(f: Filter, commanded: Array, period: float, factor: float) -> Vector:
     """Attitude by the gyro, velocity and place by the accelerometer.
 
     Returns:
-        Acceleration less gravity in world axes [m/s^2]; ``f.turn`` is that of the middle of the period.
+        Acceleration less gravity, in world axes [m/s^2].
     """
     f.rate_variance[0] += (factor * RATE_ERROR * period) ** 2
     gain = f.rate_variance[0] / (f.rate_variance[0] + f.variance[2])
     f.rate_variance[0] *= 1.0 - gain
     start = vector(f.rate)
     rate = plus(start, times(period, vector(commanded[3:6])))
-    rate = plus(rate, times(gain, minus(minus(vector(f.gyro), vector(f.gyro_bias)), rate)))
+    read = minus(vector(f.gyro), vector(f.x[GYRO:ACCELEROMETER]))
+    rate = plus(rate, times(gain, minus(read, rate)))
     put(f.rate, rate)
     mean = plus(times(0.5, plus(start, rate)), times(f.lag / period, minus(rate, start)))
-    half = np.zeros(len(commanded))
-    put(half[3:6], times(0.5 * period, mean))
-    f.q[:] = moved(f.q, half)
-    from_quaternion(f.q[3], f.q[4], f.q[5], f.q[6], f.turn)
-    f.q[:] = moved(f.q, half)
-    force = turned(f.turn, minus(vector(f.accelerometer), vector(f.accelerometer_bias)))
-    acceleration, velocity = plus(force, (0.0, 0.0, -f.gravity)), vector(f.velocity)
+    turn_root(f, times(0.5 * period, mean))
+    force = turned(f.turn, minus(vector(f.accelerometer), vector(f.x[ACCELEROMETER:POINTS])))
+    turn_root(f, times(0.5 * period, mean))
+    acceleration, velocity = plus(force, (0.0, 0.0, -f.gravity)), vector(f.x[VELOCITY:TURN])
     way = plus(times(period, velocity), times(period * (0.5 * period + f.lag), acceleration))
-    put(f.q[0:3], plus(vector(f.q), way))
-    put(f.velocity, plus(velocity, times(period, acceleration)))
+    put(f.x[0:3], plus(vector(f.x[0:3]), way))
+    put(f.x[VELOCITY:TURN], plus(velocity, times(period, acceleration)))
     return force
+
+
+@compiled
+def turn_root(f: Filter, angle: Vector) -> None:
+    """Turn the root by a rotation vector in its own axes [rad]."""
+    change = np.zeros(len(f.q) - 1)
+    put(change[3:6], angle)
+    f.q[:] = moved(f.q, change)
+    from_quaternion(f.q[3], f.q[4], f.q[5], f.q[6], f.turn)
 
 
 @compiled
@@ -250,95 +202,77 @@ def spread_rows(f: Filter, period: float, force: Vector, rows: Array) -> None:
 
 
 @compiled
-def add_errors(f: Filter, period: float) -> None:
-    """Errors that a period adds."""
-    p = f.covariance
-    for axis in range(3):
-        p[VELOCITY + axis, VELOCITY + axis] += (period * ACCELERATION_ERROR) ** 2
-        p[TURN + axis, TURN + axis] += period**2 * f.variance[2]
-        p[GYRO + axis, GYRO + axis] += period * GYRO_WALK**2
-        p[ACCELEROMETER + axis, ACCELEROMETER + axis] += period * ACCELEROMETER_WALK**2
-    down = SINK if f.quiet[0] < LANDING else REST
-    for row in range(POINTS, len(p)):
-        p[row, row] += period * (down if row % 3 == 2 else SLIDE) ** 2
-
-
-@compiled
-def update_contacts(f: Filter, period: float) -> None:
-    """Which points rest, from now on where they are; heights of those that have just touched."""
-    p, changed = f.covariance, False
+def correct(f: Filter, has_fix: bool) -> None:
+    """Correct the root by sole points that touch or rest, and by a fix."""
+    place_links(f.tree, f.q, f.link)
     for i in range(len(f.points)):
-        arm = place_of(f.link, f.points[i])
-        if f.contact[i] and not f.touched[i]:
-            stand(f, arm)
-        f.touched[i] = f.contact[i]
-        loaded = f.contact[i] and f.force[i] > (0.5 if f.loaded[i] else 1.0) * LOAD * f.weight
-        if loaded != f.loaded[i]:
-            put(f.place[i], plus(vector(f.q), arm))
-            for row in range(POINTS + 3 * i, POINTS + 3 * i + 3):
-                f.change[row] = 0.0
-                p[row] = 0.0
-                p[:, row] = 0.0
-                p[row, row] = 1.0
-            f.loaded[i], changed = loaded, True
-    f.quiet[0] = 0.0 if changed else f.quiet[0] + period
+        update_contact(f, i, place_of(f.link, f.points[i]))
+    for i in range(len(f.points)):
+        if f.loaded[i]:
+            for axis in range(3):
+                rest(f, axis, place_of(f.link, f.points[i]), POINTS + 3 * i + axis)
+    if has_fix:
+        for axis in range(3):
+            column = f.covariance[axis].copy()
+            take_in(f, f.position[axis] - f.x[axis], column, column[axis] + f.variance[3])
+    turn_root(f, turned(f.turn.T, vector(f.x[TURN:GYRO])))
+    f.x[TURN:GYRO] = 0.0
+    f.q[0:3] = f.x[0:3]
 
 
 @compiled
-def coordinate(errors: Any, axis: int, arm: Vector) -> Any:
-    """One coordinate of a point at an arm from the root, of errors of place and attitude or of their rows."""
+def update_contact(f: Filter, i: int, arm: Vector) -> None:
+    """Whether a point rests, from now on where it is; correct by its height if it has just touched."""
+    if f.contact[i] and not f.touched[i]:
+        stand(f, arm)
+    f.touched[i] = f.contact[i]
+    loaded = f.contact[i] and f.force[i] > (0.5 if f.loaded[i] else 1.0) * LOAD * f.weight
+    if loaded != f.loaded[i]:
+        f.loaded[i], f.quiet[0] = loaded, 0.0
+        for axis in range(3):
+            row = POINTS + 3 * i + axis
+            f.x[row] = coordinate(f.x, axis, arm) + arm[axis]
+            f.covariance[row] = 0.0
+            f.covariance[:, row] = 0.0
+            f.covariance[row, row] = 1.0
+
+
+@compiled
+def coordinate(rows: Any, axis: int, arm: Vector) -> Any:
+    """What place and attitude, or rows of the covariance, add up to in a coordinate of a point at an arm."""
     after, last = (axis + 1) % 3, (axis + 2) % 3  # (turn x arm)[axis] = turn[after] arm[last] - ...
-    return errors[axis] + errors[TURN + after] * arm[last] - errors[TURN + last] * arm[after]
+    return rows[axis] + rows[TURN + after] * arm[last] - rows[TURN + last] * arm[after]
 
 
 @compiled
 def stand(f: Filter, arm: Vector) -> None:
     """Correct by the height of a point that has just touched the floor."""
-    z = f.q[2] + arm[2]
-    level = f.levels[0]
-    for other in f.levels:
-        if abs(z - other) < abs(z - level):
-            level = other
-    column = coordinate(f.covariance, 2, arm)
-    off = level - z - coordinate(f.change, 2, arm)
+    z = coordinate(f.x, 2, arm) + arm[2]
+    off = f.levels[0] - z
+    for level in f.levels:
+        if abs(level - z) < abs(off):
+            off = level - z
     if abs(off) < STEP_ERROR:
-        apply(f, column, off, coordinate(column, 2, arm) + FLOOR_ERROR**2)
+        column = coordinate(f.covariance, 2, arm)
+        take_in(f, off, column, coordinate(column, 2, arm) + FLOOR_ERROR**2)
 
 
 @compiled
-def rest(f: Filter, i: int, axis: int) -> None:
-    """Correct by one coordinate of a loaded point: ``c_i - p - R s_i`` is zero."""
-    arm, row = place_of(f.link, f.points[i]), POINTS + 3 * i + axis
+def rest(f: Filter, axis: int, arm: Vector, row: int) -> None:
+    """Correct by one coordinate of a loaded point: ``c_i - p - R s_i`` is zero; row is that of c_i in x."""
+    off = f.x[row] - coordinate(f.x, axis, arm) - arm[axis]
     column = coordinate(f.covariance, axis, arm) - f.covariance[row]
-    off = f.place[i, axis] - f.q[axis] - arm[axis] - (coordinate(f.change, axis, arm) - f.change[row])
-    apply(f, column, off, coordinate(column, axis, arm) - column[row] + POINT_ERROR**2)
+    take_in(f, off, column, coordinate(column, axis, arm) - column[row] + POINT_ERROR**2)
 
 
 @compiled
-def apply(f: Filter, column: Array, off: float, variance: float) -> None:
-    """Correct the errors by a number that is off, with its variance and its covariance with all of them."""
-    change, covariance = f.change, f.covariance
-    for e in range(len(change)):
+def take_in(f: Filter, off: float, column: Array, variance: float) -> None:
+    """Correct by a number that is off, with its variance and its covariance with x."""
+    x, covariance = f.x, f.covariance
+    for e in range(len(x)):
         gain = column[e] / variance
         if gain != 0.0:  # of points in the air it is zero
-            change[e] += gain * off
+            x[e] += gain * off
             row = covariance[e]
             for d in range(len(row)):
                 row[d] -= gain * column[d]
-
-
-@compiled
-def add_correction(f: Filter) -> None:
-    """Add the correction to the state."""
-    change, step = f.change, np.zeros(f.commanded.shape[1])
-    put(step[0:3], turned(f.turn.T, vector(change[0:3])))
-    f.q[:] = moved(f.q, step)
-    put(step[0:3], (0.0, 0.0, 0.0))
-    put(step[3:6], turned(f.turn.T, vector(change[TURN:GYRO])))
-    f.q[:] = moved(f.q, step)
-    from_quaternion(f.q[3], f.q[4], f.q[5], f.q[6], f.turn)
-    f.velocity[:] += change[VELOCITY:TURN]
-    f.gyro_bias[:] += change[GYRO:ACCELEROMETER]
-    f.accelerometer_bias[:] += change[ACCELEROMETER:POINTS]
-    for i in range(len(f.place)):
-        f.place[i] += change[POINTS + 3 * i : POINTS + 3 * i + 3]
