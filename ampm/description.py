@@ -96,7 +96,6 @@ class BodyDescription:
     mass: float  # total [kg]
     root_segment: str  # that the free joint moves (pelvis)
     trunk_segment: str  # whose pitch is the trunk's lean (thorax)
-    trunk_frame: str  # the trunk segment itself, or a site on it
     left_leg: LegDescription
     right_leg: LegDescription
     waist: tuple[str, ...]  # joints between pelvis and abdomen, chain order

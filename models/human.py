@@ -96,7 +96,6 @@ class _Builder:
             mass=self.mass,
             root_segment="pelvis",
             trunk_segment="thorax",
-            trunk_frame="thorax",
             left_leg=left_leg,
             right_leg=right_leg,
             waist=waist,

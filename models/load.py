@@ -5,11 +5,10 @@ of the world, x where the feet point.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
-import mujoco
 import numpy as np
 
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription, LegDescription, Passive, SoleGeometry
@@ -19,14 +18,14 @@ from ampm.physics_parameters import ContactParameters, SimulationParameters
 from models import anthropometry as table
 from models import scene
 from models.scene import BodyModel, add
+from models.segments import Segment, limb_middles
 from models.source import MASSLESS
-from models.tree import Segment, Tree
+from models.tree import Tree
 
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
 _THIN = 0.005  # least half axis of a segment's shape [m]
-_TRUNK_FRAME = "trunk_axes"
 _OURS = frozenset(
-    {"root", "imu", "universe", _TRUNK_FRAME, *(f"{side}_sole" for side in scene.SIDES)}
+    {"root", "imu", "universe", *(f"{side}_sole" for side in scene.SIDES)}
     | {
         f"{side}_{group}_{edge}"
         for side in scene.SIDES
@@ -61,42 +60,10 @@ class Writer:
             raise InputError(f"the model has joints with names of ours: {', '.join(taken)}; rename them.")
         names = _OURS.union(self.hinges)  # Pinocchio has one set of names for all
         self.names = [f"{s.name}_segment" if s.name in names else s.name for s in tree.segments]
-        self.neutral = np.array([self._angle(self.file.neutral, k, 0.0) for k in range(len(self.hinges))])
-        self._place()
+        places = [tree.segments[segment].place for segment in tree.segment_of]
+        self.anchors = [place + hinge.anchor for place, hinge in zip(places, tree.hinges, strict=True)]
         self._find_legs()
         self._find_arms()
-
-    def _angle(self, angles: Mapping[str, float], hinge: int, default: float) -> float:
-        """Angle of a hinge in a table [rad]; one that is for one side holds for both."""
-        image = self.tree.images[hinge]
-        if self.hinges[hinge] in angles or self.hinges[image] not in angles:
-            return angles.get(self.hinges[hinge], default)
-        return float(self.tree.signs[hinge]) * angles[self.hinges[image]]
-
-    def _place(self) -> None:
-        """Places and turns of segments, anchors and axes of hinges in the neutral posture."""
-        tree = self.tree
-        count = len(tree.segments)
-        self.turn, self.place = np.empty((count, 3, 3)), np.zeros((count, 3))
-        self.anchor, self.axis = np.empty((2, len(tree.hinges), 3))
-        k = 0
-        for i, segment in enumerate(tree.segments):
-            turn, place = np.eye(3), np.zeros(3)
-            if i:
-                turn = self.turn[segment.parent]
-                place = self.place[segment.parent] + turn @ (
-                    segment.place - tree.segments[segment.parent].place
-                )
-            for joint in segment.joints:
-                self.anchor[k], self.axis[k] = place + turn @ joint.anchor, turn @ joint.axis
-                bend = np.zeros(4)
-                mujoco.mju_axisAngle2Quat(bend, joint.axis, self.neutral[k])
-                matrix = np.zeros(9)
-                mujoco.mju_quat2Mat(matrix, bend)
-                turn = turn @ matrix.reshape(3, 3)
-                place = self.anchor[k] - turn @ joint.anchor
-                k += 1
-            self.turn[i], self.place[i] = turn, place
 
     # ----------------------------------------------------------------------------------------------- roles
 
@@ -135,25 +102,24 @@ class Writer:
         """Hinges of left arm, right arm, and those that are of no group."""
         legs_and_trunk = {*self.trunk_joints, *self.legs[0].joints, *self.legs[1].joints}
         self.arms: tuple[list[int], list[int], list[int]] = ([], [], [])
+        side = limb_middles(self.tree.segments)[:, 1]
         for k, image in enumerate(self.tree.images):
-            if k in legs_and_trunk:
-                continue
-            is_right = self.anchor[k, 1] <= self.anchor[image, 1]
-            self.arms[2 if image == k else int(is_right)].append(k)
+            if k not in legs_and_trunk:
+                self.arms[2 if image == k else int(side[k] < side[image])].append(k)
 
     def _along(self, joints: Sequence[int], axis: int) -> Array:
         """Anchor of the hinge that turns most about an axis of the world, shape (3,) [m]."""
-        return np.asarray(self.anchor[max(joints, key=lambda k: abs(self.axis[k, axis]))])
+        return self.anchors[max(joints, key=lambda k: abs(self.tree.hinges[k].axis[axis]))]
 
     def _straight(self, leg: _Leg) -> tuple[float, float]:
         """Angle of the straight knee [rad], and the length of the leg [m]."""
-        axis, centre = self.axis[leg.knee], self.anchor[leg.knee]
+        axis, centre = self.tree.hinges[leg.knee].axis, self.anchors[leg.knee]
         upper, lower = self._along(leg.hip, 1) - centre, self._along(leg.ankle, 1) - centre
         along = float((upper - lower) @ axis)
         upper, lower = upper - (upper @ axis) * axis, lower - (lower @ axis) * axis
         angle = math.atan2(float(np.cross(lower, -upper) @ axis), float(lower @ -upper))
         length = math.hypot(float(np.linalg.norm(upper) + np.linalg.norm(lower)), along)
-        return float(self.neutral[leg.knee]) + angle, length
+        return angle, length
 
     def _named(self, joints: Sequence[int]) -> tuple[str, ...]:
         return tuple(self.hinges[k] for k in joints)
@@ -162,7 +128,7 @@ class Writer:
         straight, _ = self._straight(leg)
         joint = self.tree.hinges[leg.knee]
         sign = 1.0 if joint.high - straight > straight - joint.low else -1.0
-        if not sign * self.axis[leg.knee, 1] > 0.0:
+        if not sign * joint.axis[1] > 0.0:
             raise InputError(
                 f"the knee {joint.name!r} bends forward; exchange sides in the body's description, or give "
                 f"the joint's range, now {joint.low:g} to {joint.high:g} rad, with [body.range].",
@@ -181,8 +147,7 @@ class Writer:
 
     def _foot(self) -> Array:
         """Origin of the left foot, shape (3,) [m]."""
-        foot = self.legs[0].foot
-        return np.asarray(self.place[foot] + self.turn[foot] @ self.tree.foot_offset)
+        return self.tree.segments[self.legs[0].foot].place + self.tree.foot_offset
 
     def _sole(self) -> SoleGeometry:
         """Outline of the sole from its reference point."""
@@ -227,11 +192,13 @@ class Writer:
         self._check()
         tree, sole = self.tree, self._sole()
         outline, left_leg = self.file.sole, self.legs[0]
-        parts = zip([segment.inertial for segment in tree.segments], self.place, self.turn, strict=True)
         mass = sum(segment.inertial.mass for segment in tree.segments)
-        com_z = sum(part.mass * float((place + turn @ part.com)[2]) for part, place, turn in parts) / mass
+        com_z = sum(
+            segment.inertial.mass * float(segment.place[2] + segment.inertial.com[2])
+            for segment in tree.segments
+        )
         floor = float(self._foot()[2]) + outline.bottom
-        com_height, hip_height = com_z - floor, float(self._along(left_leg.hip, 1)[2]) - floor
+        com_height, hip_height = com_z / mass - floor, float(self._along(left_leg.hip, 1)[2]) - floor
         height = com_height / (table.HIP_HEIGHT + table.COM_OVER_HIP)
         model, root = scene.new_scene("body", self.names[0], height, contact, simulation)
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
@@ -246,17 +213,13 @@ class Writer:
             _add_joints(element, segment)
             _add_shapes(next(model.iter("asset")), element, name, segment)
             segments.append(element)
-        turn = scene.quaternion(self.turn[self.trunk].T)
-        add(segments[self.trunk], "site", name=_TRUNK_FRAME, quat=turn)
-        add(segments[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].inertial.com, quat=turn)
+        add(segments[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].inertial.com)
         legs = []
         for side, leg, sign in zip(scene.SIDES, self.legs, (1.0, -1.0), strict=True):
-            to_foot = self.turn[leg.foot].T
-            origin = to_foot @ np.array([outline.reference, sign * outline.middle, outline.bottom])
+            origin = np.array([outline.reference, sign * outline.middle, outline.bottom])
             origin += tree.foot_offset * (1.0, sign, 1.0)
-            quat = scene.quaternion(to_foot)
-            add(segments[leg.foot], "site", name=f"{side}_sole", pos=origin, quat=quat)
-            points = scene.add_sole_points(side, sole, [(segments[leg.foot], origin)] * 2, quat)
+            add(segments[leg.foot], "site", name=f"{side}_sole", pos=origin)
+            points = scene.add_sole_points(side, sole, [(segments[leg.foot], origin)] * 2)
             legs.append(self._leg(leg, side, points))
         limits = tuple((hinge.name, hinge.effort) for hinge in tree.hinges)
         scene.add_motors(model, limits)
@@ -265,7 +228,6 @@ class Writer:
             mass=mass,
             root_segment=self.names[0],
             trunk_segment=self.names[self.trunk],
-            trunk_frame=_TRUNK_FRAME,
             left_leg=legs[0],
             right_leg=legs[1],
             waist=self._named(self.trunk_joints),
@@ -324,7 +286,7 @@ class Writer:
         for names, what, way_out in (
             (below, "joints below a foot", "weld them with lock"),
             (resting, "joints of a leg in rest", "leave them out, as legs follow the gait"),
-            (outside, "angles at rest or in neutral outside of their range", "correct them"),
+            (outside, "angles at rest outside of their range", "correct them"),
             (light, "moving segments without mass", "weld their joints with lock"),
             (wrong, "segments with moments of inertia of 0 or too large", "give radii with [body.gyration]"),
             (weak, "joints without a torque limit", "give it with [body.effort]"),
@@ -335,9 +297,13 @@ class Writer:
                 raise InputError(f"the body has {what}: {', '.join(names)}; {way_out}.")
 
     def _rest(self) -> tuple[tuple[str, float], ...]:
-        """Angles at rest of hinges that do not rest at 0 [rad]."""
-        angles = (self._angle(self.file.rest, k, float(angle)) for k, angle in enumerate(self.neutral))
-        return tuple((name, angle) for name, angle in zip(self.hinges, angles, strict=True) if angle)
+        """Angles of hinges that do not rest at 0 [rad]; one that is for one side holds for both."""
+        given, angles = self.file.rest, list[tuple[str, float]]()
+        for name, image, sign in zip(self.hinges, self.tree.images, self.tree.signs, strict=True):
+            mirrored = float(sign) * given.get(self.hinges[image], 0.0)
+            if angle := given.get(name, mirrored):
+                angles.append((name, angle))
+        return tuple(angles)
 
 
 def _add_joints(element: Element, segment: Segment) -> None:

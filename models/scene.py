@@ -145,7 +145,7 @@ def fill(segment: Element, pos: Any, inertial: Inertial) -> Element:
 
 
 def add_sole_points(
-    side: str, sole: SoleGeometry, segments: Sequence[tuple[Element, Any]], quat: Any = (1.0, 0.0, 0.0, 0.0)
+    side: str, sole: SoleGeometry, segments: Sequence[tuple[Element, Any]]
 ) -> tuple[str, ...]:
     """Points that touch the floor, and their sites; their names.
 
@@ -154,15 +154,14 @@ def add_sole_points(
         sole: its outline.
         segments: for heel, ball and, with toes, tip the segment that has the points, and the place of the
             reference point in its axes, shape (3,) [m].
-        quat: turn of the sole's axes to those of the segments.
     """
     points = []
     for group, (segment, origin) in zip(SOLE_POINT_GROUPS, segments, strict=False):
         x, half_width = getattr(sole, f"{group}_x"), getattr(sole, f"{group}_half_width")
         for edge, sign in (("left", 1.0), ("right", -1.0)):
             name = f"{side}_{group}_{edge}"
-            pos = origin + _rotated(quat, (x, sign * half_width, 0.0))
-            centre = pos + _rotated(quat, (0.0, 0.0, SOLE_POINT_RADIUS))
+            pos = origin + np.array([x, sign * half_width, 0.0])
+            centre = pos + np.array([0.0, 0.0, SOLE_POINT_RADIUS])
             add(segment, "site", name=name, pos=pos)
             add(segment, "geom", name=name, class_="point", pos=centre)
             points.append(name)
@@ -173,12 +172,6 @@ def quaternion(matrix: Array) -> Array:
     """Unit quaternion, w first, shape (4,), of a rotation matrix."""
     result = np.zeros(4)
     mujoco.mju_mat2Quat(result, np.ascontiguousarray(matrix).ravel())
-    return result
-
-
-def _rotated(quat: Any, vector: tuple[float, float, float]) -> Array:
-    result = np.zeros(3)
-    mujoco.mju_rotVecQuat(result, np.array(vector), np.asarray(quat, dtype=np.float64))
     return result
 
 

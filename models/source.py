@@ -1,17 +1,15 @@
 """Description file of a body, and the compiled model of its source: MJCF or URDF, of a file or a package."""
 
-import ctypes
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 
 import coal
 import mujoco
 import numpy as np
-import tomli_w
 from pydantic import BeforeValidator, Field
 
 from ampm.exceptions import InputError
@@ -23,7 +21,6 @@ FOLDER = Path(__file__).with_name("bodies")
 """Description files of the bodies that are known by name."""
 DRAWN = 1 << 30
 """``conaffinity`` of a mesh that is drawn and does not collide."""
-_ALL_DIGITS = 17  # of a float64
 _HULL_POINTS = 64  # most of a mesh's convex hull
 _URDF_OPTIONS = """<mujoco>
   <compiler discardvisual="false" fusestatic="false" balanceinertia="false" strippath="false"/>
@@ -49,7 +46,7 @@ Range = Annotated[tuple[Real, Real], Field(strict=False)]
 
 
 class SoleSection(Section, section="sole"):
-    """Outline of the left sole in the neutral posture: x forward, z up, from the foot's origin."""
+    """Outline of the left sole with all joints at 0: x forward, z up, from the foot's origin."""
 
     heel: Real = Field(description="x of the heel's edge [m]")
     front: Real = Field(description="x of the front edge [m]")
@@ -70,11 +67,7 @@ class BodyFile(Section, section="body"):
     foot: Sided = Field(description="segment of a foot, with {side} or {Side}; or those of left and right")
     knee: Sided = Field(description="joint of a knee, with {side} or {Side}; or those of left and right")
     sole: SoleSection = Field(description="outline of a sole")
-    neutral: Angles = Field(
-        {}, description="angles at which body and soles are upright and level, where not 0 [rad]"
-    )
-    rest: Angles = Field({}, description="angles of trunk and arms at rest, where not those of neutral [rad]")
-    pairs: Mapping[str, str] = Field({}, description="joint and its mirror image, where sides do not tell")
+    rest: Angles = Field({}, description="angles of trunk and arms at rest, where not 0 [rad]")
     lock: Patterns = Field((), description="joints that are welded, as regular expressions")
     balance_inertia: bool = Field(
         False, description="take the mean of the moments of a link where no body could have them"
@@ -141,36 +134,6 @@ def read_body_file(path: Path) -> BodyFile:
     return _File(**read_toml(path)).body
 
 
-def write_body(path: Path, source: mujoco.MjSpec | str, **description: Any) -> Path:
-    """Write a description file, of a model file or of a model in memory.
-
-    Args:
-        path: of the file, which may be given as ``body.source``; its folder exists.
-        source: as in the file; an ``MjSpec`` is written beside it as MJCF, with its meshes where they are.
-        description: further keys of :class:`BodyFile`; ``sole`` as a table.
-
-    Returns:
-        The path.
-
-    Raises:
-        InputError: a key is unknown, missing or bad, or the model cannot be compiled.
-    """
-    path = Path(path)
-    if isinstance(source, mujoco.MjSpec):
-        spec, source = source.copy(), f"{path.stem}.xml"
-        for mesh in spec.meshes:
-            mesh.file = str(_mesh_file(spec, mesh).resolve()) if mesh.file else ""
-        spec.meshdir = ""
-        try:
-            spec.compile()
-        except (ValueError, mujoco.FatalError) as error:
-            raise _refusal(spec.modelname, error) from None
-        path.with_name(source).write_text(_exact_xml(spec), encoding="utf-8")
-    BodyFile(source=source, **description)
-    path.write_text(tomli_w.dumps({"body": {"source": source, **description}}), encoding="utf-8")
-    return path
-
-
 def source_path(source: str, folder: Path) -> Path:
     """File of a source.
 
@@ -220,7 +183,6 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
         else:
             spec = mujoco.MjSpec.from_file(str(path))
             _drop_missing_meshes(spec)
-            _drop_textures(spec)
         for mesh in spec.meshes:
             mesh.maxhullvert = _HULL_POINTS
             if mesh.file.lower().endswith(_CONVERTED):
@@ -324,25 +286,6 @@ def _bound_inertia(spec: mujoco.MjSpec) -> None:
         full = np.array(body.fullinertia)
         if np.isfinite(full[0]) and np.linalg.eigvalsh(full[_MATRIX])[0] < _BOUND:
             body.fullinertia = full + _BOUND * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-
-
-def _drop_textures(spec: mujoco.MjSpec) -> None:
-    """Drop textures: to generate them takes most of the time to compile, and no body shows them."""
-    for material in spec.materials:
-        material.textures = [""] * len(material.textures)
-    for texture in list(spec.textures):
-        spec.delete(texture)
-
-
-def _exact_xml(spec: mujoco.MjSpec) -> str:
-    """MJCF of a compiled spec with all digits; MuJoCo writes six unless its library is told otherwise."""
-    library = ctypes.CDLL(mujoco._functions.__file__)
-    digits = library._mjPRIVATE__get_xml_precision()
-    library._mjPRIVATE__set_xml_precision(_ALL_DIGITS)
-    try:
-        return str(spec.to_xml())
-    finally:
-        library._mjPRIVATE__set_xml_precision(digits)
 
 
 def by_pattern(table: Mapping[re.Pattern[str], T], joint: str, default: T) -> T:

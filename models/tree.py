@@ -1,11 +1,7 @@
-"""The segments of a compiled source at joint angles of 0, in axes of the world, and their mirror image.
-
-Left and right are made mirror images, which a periodic motion needs, by the mean of both.
-"""
+"""The segments of a compiled source at joint angles of 0, in axes of the world."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
@@ -15,60 +11,30 @@ from numpy.typing import NDArray
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.section import unknown
-from models.scene import Findings, Inertial, quaternion
+from models.scene import Inertial, quaternion
+from models.segments import Hinge, Segment, symmetrise
 from models.source import DRAWN, MASSLESS, BodyFile, by_pattern
 
-_MIRROR = np.array([1.0, -1.0, 1.0])  # of a vector; of an axis of rotation with the opposite sign
-_ALIKE = 0.02  # largest difference of mirrored places over the body's height, and of masses [1]
-_UNLIKE = 0.05  # largest angle between an axis and its image [rad]
 _FREE, _HINGE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_HINGE)
 _SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3, "mesh": 0}
 """Drawn shapes and how many sizes they have."""
-_DROPPED = {
-    "springs, dampers or dry friction of tendons": (
-        "tendon_stiffness",
-        "tendon_stiffnesspoly",
-        "tendon_damping",
-        "tendon_dampingpoly",
-        "tendon_frictionloss",
-    ),
-    "springs or dampers that are not linear": ("jnt_stiffnesspoly", "dof_dampingpoly"),
-    "dampers of motors": ("actuator_damping", "actuator_dampingpoly"),
-    "segments without their weight (gravcomp)": ("body_gravcomp",),
-}
-"""Passive forces that no joint has, and the fields of a model that have them."""
+_FORCES_OF_NO_JOINT = (
+    "tendon_stiffness",
+    "tendon_stiffnesspoly",
+    "tendon_damping",
+    "tendon_dampingpoly",
+    "tendon_frictionloss",
+    "jnt_stiffnesspoly",
+    "dof_dampingpoly",
+    "actuator_damping",
+    "actuator_dampingpoly",
+    "body_gravcomp",
+)
+"""Fields of a source with forces that a body cannot have."""
+_BY_JOINT = ("lock", "range", "armature", "effort", "speed", "damping", "stiffness", "friction")
+"""Keys of a description with patterns of joints."""
 _SMALL = 0.5  # extent of what collides over that of what is drawn: less are points that touch the floor [1]
 _DIGITS = 5  # of the points of a hull [m]
-
-
-@dataclass
-class Hinge:
-    """A hinge at angle 0: anchor from its segment's origin [m], axis, and its own values."""
-
-    name: str
-    anchor: Array
-    axis: Array
-    low: float
-    high: float
-    effort: float
-    speed: float
-    armature: float
-    damping: float
-    stiffness: float
-    spring: float
-    friction: float
-
-
-@dataclass
-class Segment:
-    """A moving segment at angle 0, with what is fixed to it; vectors from its origin in axes of the world."""
-
-    name: str
-    parent: int
-    place: Array  # from the root's origin
-    joints: list[Hinge]
-    inertial: Inertial = field(default_factory=lambda: Inertial(0.0, np.zeros(3), np.zeros((3, 3))))
-    shapes: list[dict[str, Any]] = field(default_factory=list)
 
 
 class Tree:
@@ -107,40 +73,27 @@ class Tree:
         self.hinges = [joint for segment in self.segments for joint in segment.joints]
         self.index = {joint.name: i for i, joint in enumerate(self.hinges)}
         self.segment_of = [i for i, segment in enumerate(self.segments) for _ in segment.joints]
-        self.pairs = dict(file.pairs) | {right: left for left, right in file.pairs.items()}
-        for role, names in (("neutral", file.neutral), ("rest", file.rest), ("pairs", self.pairs)):
+        roles = {"knee": file.sided(file.knee), "rest": file.rest}
+        for role, names in roles.items():
             for name in names:
                 self.joint(name, role)
-        self.findings = self._symmetrise()
+        self.images, self.signs, self.findings = symmetrise(self.segments)
 
     def _check_source(self) -> None:
         """Refuse forces and couplings that a body cannot have, and patterns that match nothing."""
         model = self.model
-        for what, fields in _DROPPED.items():
-            if any(getattr(model, name).any() for name in fields):
-                raise InputError(f"the model has {what}, which a body cannot have; remove them from it.")
-        couplings = [k for k in np.flatnonzero(model.eq_active0).tolist() if self._couples(k)]
-        if couplings:
-            couplings = [k for k in couplings if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT]
-            ends = {*model.eq_obj1id[couplings].tolist(), *model.eq_obj2id[couplings].tolist()} - {-1}
-            coupled = sorted(model.joint(end).name for end in ends)
+        if forces := [name for name in _FORCES_OF_NO_JOINT if getattr(model, name).any()]:
+            raise InputError(
+                f"the model has {', '.join(forces)}, which a body cannot have; remove them from it."
+            )
+        if coupled := self._coupled():
             raise InputError(
                 f"the model has closed loops or coupled joints ({', '.join(coupled)}); lock these "
                 "joints or remove them."
             )
         joints = [model.joint(j).name for j in np.flatnonzero(model.jnt_type != _FREE).tolist()]
         links = [model.body(i).name for i in range(1, model.nbody)]
-        for key in (
-            "gyration",
-            "lock",
-            "range",
-            "armature",
-            "effort",
-            "speed",
-            "damping",
-            "stiffness",
-            "friction",
-        ):
+        for key in ("gyration", *_BY_JOINT):
             what, names = ("link", links) if key == "gyration" else ("joint", joints)
             for pattern in getattr(self.file, key):
                 if not any(map(pattern.fullmatch, names)):
@@ -150,13 +103,17 @@ class Tree:
                         key=f"body.{key}",
                     )
 
-    def _couples(self, number: int) -> bool:
-        """Whether an equality couples joints that move."""
-        model = self.model
-        if model.eq_type[number] != mujoco.mjtEq.mjEQ_JOINT:
-            return True
-        ends = [int(end) for end in (model.eq_obj1id[number], model.eq_obj2id[number]) if end >= 0]
-        return not all(self._is_locked(model.joint(end).name) for end in ends)
+    def _coupled(self) -> list[str]:
+        """What equalities of the source couple, unless these are joints that are all locked."""
+        model, names = self.model, set[str]()
+        for k in np.flatnonzero(model.eq_active0).tolist():
+            if model.eq_type[k] != mujoco.mjtEq.mjEQ_JOINT:
+                names.add(f"equality {model.equality(k).name}".rstrip())
+                continue
+            ends = {model.joint(end).name for end in (model.eq_obj1id[k], model.eq_obj2id[k]) if end >= 0}
+            if not all(map(self._is_locked, ends)):
+                names |= ends
+        return sorted(names)
 
     def _is_locked(self, joint: str) -> bool:
         return any(pattern.fullmatch(joint) for pattern in self.file.lock)
@@ -266,115 +223,6 @@ class Tree:
         centre, radius = self.data.geom_xpos[geoms], self.model.geom_rbound[geoms, None]
         return float(np.linalg.norm((centre + radius).max(axis=0) - (centre - radius).min(axis=0)))
 
-    # ------------------------------------------------------------------------------------------- symmetry
-
-    def mirrored(self, name: str) -> str:
-        """Name of the mirror image of a hinge; its own if it is in the middle."""
-        if name in self.pairs:
-            return self.pairs[name]
-        pairs = {tuple(map(change, self.file.sides)) for change in (str, str.capitalize, str.upper)}
-        for one, other in [pair[::step] for pair in sorted(pairs) for step in (1, -1)]:
-            start = name.find(one)
-            while start >= 0:
-                image = name[:start] + other + name[start + len(one) :]
-                if image in self.index:
-                    return image
-                start = name.find(one, start + 1)
-        return name
-
-    def _symmetrise(self) -> Findings:
-        """Make left and right mirror images, and say how far they were from it.
-
-        Raises:
-            InputError: they are no images at all.
-        """
-        self.images = [self.index[self.mirrored(joint.name)] for joint in self.hinges]
-        near = _ALIKE * float(np.ptp([segment.place[2] for segment in self.segments]))
-        self._check_images(near)
-        self.signs = np.empty(len(self.images))
-        before = [replace(joint) for joint in self.hinges]
-        far, angles = [0.0], [0.0]
-        for i, (mean, joint) in enumerate(zip(self.hinges, before, strict=True)):
-            image = before[self.images[i]]
-            axis = -_MIRROR * image.axis
-            sign = 1.0 if axis @ joint.axis > 0.0 else -1.0
-            axis, anchor = sign * axis, _MIRROR * image.anchor
-            far.append(_gap(anchor, joint.anchor))
-            angles.append(math.acos(min(1.0, float(axis @ joint.axis))))
-            mean.axis = (joint.axis + axis) / np.linalg.norm(joint.axis + axis)
-            mean.anchor = 0.5 * (joint.anchor + anchor)
-            for name in ("effort", "armature", "damping", "stiffness", "friction"):
-                setattr(mean, name, 0.5 * (getattr(joint, name) + getattr(image, name)))
-            mean.spring = 0.5 * (joint.spring + sign * image.spring)
-            mean.speed = min(joint.speed, image.speed)
-            place = self.segments[self.segment_of[i]].place + joint.anchor
-            if self.images[i] != i and place[1] < 0.0:  # the ranges are those of the left side
-                mean.low, mean.high = sorted((sign * image.low, sign * image.high))
-            self.signs[i] = sign
-        pairs = [0] * len(self.segments)
-        for i, k in enumerate(self.images):
-            pairs[self.segment_of[i]] = self.segment_of[k]
-        old = [replace(segment) for segment in self.segments]
-        total = sum(segment.inertial.mass for segment in old)
-        if not total > 0.0:
-            raise InputError("the links of the body have no mass; give them masses in its model.")
-        coms, masses = [0.0], [0.0]
-        for segment, here, pair in zip(self.segments, old, pairs, strict=True):
-            other = old[pair]
-            if here.parent >= 0 and pairs[here.parent] != other.parent:
-                what = "has no mirror image" if here.name == other.name else f"is no image of {other.name!r}"
-                raise InputError(
-                    f"the segment {here.name!r} {what}; correct sides in the body's description, or lock the "
-                    "joints of both sides."
-                )
-            one, two = here.inertial, other.inertial
-            place, com = _MIRROR * other.place, _MIRROR * two.com
-            inertia = np.outer(_MIRROR, _MIRROR) * two.inertia
-            mass = 0.5 * (one.mass + two.mass)
-            far.append(_gap(place, here.place))
-            coms.append(mass / total * _gap(com, one.com))
-            masses.append(abs(two.mass - one.mass))
-            segment.place = 0.5 * (here.place + place)
-            segment.inertial = Inertial(mass, 0.5 * (one.com + com), 0.5 * (one.inertia + inertia))
-        for value, limit, unit, what in (
-            (max(far), near, "m", "places of joints"),
-            (max(coms), near, "m", "the COM of one of their segments, as it moves that of the body"),
-            (max(masses), _ALIKE * total, "kg", "masses"),
-            (max(angles), _UNLIKE, "rad", "axes of joints"),
-        ):
-            if not value <= limit:
-                raise InputError(
-                    f"left and right differ by {value:.3g} {unit} in {what}, and may by {limit:.3g} {unit}; "
-                    "a periodic walk needs a symmetric body: correct the model, or sides in its description."
-                )
-        bare = sum(not segment.shapes for segment in self.segments)
-        return Findings(max(far), max(coms), max(masses), bare)
-
-    def _check_images(self, near: float) -> None:
-        """Refuse hinges off the middle that are their own image, where others are theirs within near [m]."""
-        places = [
-            self.segments[segment].place + hinge.anchor
-            for segment, hinge in zip(self.segment_of, self.hinges, strict=True)
-        ]
-
-        def mirrors(one: int, other: int) -> bool:
-            along = abs(float(_MIRROR * self.hinges[other].axis @ self.hinges[one].axis))
-            return _gap(places[one], _MIRROR * places[other]) <= near and along > math.cos(_UNLIKE)
-
-        alone = [i for i, image in enumerate(self.images) if image == i and not mirrors(i, i)]
-        pairs = [
-            f'"{self.hinges[i].name}" = "{self.hinges[k].name}"'
-            for i in alone
-            for k in alone
-            if places[i][1] > places[k][1] and mirrors(i, k)
-        ]
-        if pairs:
-            raise InputError(
-                f"sides do not tell the mirror images of {2 * len(pairs)} joints; correct sides in the "
-                f"body's description, or add pairs = {{ {', '.join(pairs)} }}.",
-                key="body.pairs",
-            )
-
 
 def _hull(model: mujoco.MjModel, mesh: int) -> Array:
     """Points of the convex hull of a mesh in its geom's axes, shape (n, 3) [m]."""
@@ -382,10 +230,6 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
     count = int(model.mesh_graph[start])
     points = model.mesh_graph[start + 2 + count : start + 2 + 2 * count] + model.mesh_vertadr[mesh]
     return np.asarray(np.round(model.mesh_vert[points], _DIGITS), dtype=np.float64)
-
-
-def _gap(a: Array, b: Array) -> float:
-    return float(np.linalg.norm(a - b))
 
 
 def _motor_limits(model: mujoco.MjModel) -> dict[int, float]:

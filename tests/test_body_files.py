@@ -12,22 +12,13 @@ from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import BodyParameters, RunParameters
 from models.build import build_body
 from models.scene import BodyModel
-from models.source import body_path, compiled_source, read_body_file, source_path, write_body
+from models.source import body_path, compiled_source, read_body_file, source_path
 from validation.run import body_check
-from validation.trial.plan import make_body
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 URDF, TOML = ((EXAMPLES / f"biped.{suffix}").read_text(encoding="utf-8") for suffix in ("urdf", "toml"))
 UNBALANCED = URDF.replace('izz="0.134867"', 'izz="0.934867"')
-SOLE = {"heel": -0.07, "front": 0.14, "bottom": -0.07, "heel_half_width": 0.045, "front_half_width": 0.045}
 JOINTS = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle_pitch", "ankle_roll")
-NAMES = {
-    "root": "pelvis",
-    "trunk": "chest",
-    "sides": ["l", "r"],
-    "foot": "{side}_foot",
-    "knee": "{side}_knee",
-}
 INERTIA = '<inertial><origin xyz="0 0 0"/><mass value="{}"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>'  # noqa: E501
 HINGE = (
     '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><origin xyz="{3}"/>'
@@ -63,6 +54,13 @@ def replaced(old: str, new: str, count: int = -1) -> Callable[[str], str]:
     return change
 
 
+def with_neck(urdf: str, limit: str = "<limit") -> str:
+    neck = f'<link name="skull">{INERTIA.format(1.0)}</link>' + HINGE.format(
+        "neck", "chest", "skull", "0 0 0.45"
+    )
+    return urdf.replace("</robot>", neck.replace("<limit", limit) + "</robot>")
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -71,7 +69,8 @@ def replaced(old: str, new: str, count: int = -1) -> Callable[[str], str]:
         ('trunk = "l_shank"', "the trunk hangs on a leg"),
         ('knee = "{side}_nee"', "unknown joint for knee 'l_nee'; did you mean 'l_knee'"),
         ('knee = "{side}_ankle_roll"', "'l_ankle_roll' is not amid the joints from root to the l foot"),
-        ('lock = ["l_ankle_roll"]', "the segment 'r_foot' has no mirror image"),
+        ('lock = ["l_ankle_roll"]', "no mirror image within .* of the joints r_ankle_roll"),
+        ('lock = [".*"]', "unknown joint for knee 'l_knee'"),
         ('sides = ["r", "l"]', "the knee 'r_knee' bends forward"),
         ('sides = ["l", "l"]', "both feet are at one place"),
         ('source = "nowhere.urdf"', "there is no file"),
@@ -102,7 +101,7 @@ def test_bad_description_is_refused(change: str, message: str, tmp_path: Path) -
         (
             "tendon",
             "<fixed stiffness='50' name='t'><joint joint='{}' coef='1'/></fixed>",
-            "springs, dampers or",
+            "tendon_stiffness, which a body",
         ),
         (
             "equality",
@@ -123,21 +122,8 @@ def test_passive_forces_of_no_joint_are_refused(
         load(write(tmp_path, toml=text))
 
 
-def test_the_joints_of_a_message_are_hinges_with_names(tmp_path: Path) -> None:
-    file = read_body_file(body_path("suite-humanoid"))
-    spec = mujoco.MjSpec.from_file(str(source_path(file.source, tmp_path)))
-    spec.joint("root").name = ""
-    (tmp_path / "model.xml").write_text(spec.to_xml(), "utf-8")
-    text = body_path("suite-humanoid").read_text(encoding="utf-8").replace(file.source, "model.xml")
-    with pytest.raises(InputError, match=r"matches no joint; take names of abdomen_z, abdomen_y, "):
-        load(write(tmp_path, toml=f"{text}\n[body.speed]\nneck = 1.0"))
-
-
 def test_a_coupled_joint_that_is_locked_is_no_trouble(tmp_path: Path) -> None:
-    neck = f'<link name="skull">{INERTIA.format(1.0)}</link>' + HINGE.format(
-        "neck", "chest", "skull", "0 0 0.45"
-    )
-    urdf = URDF.replace("</robot>", neck.replace("<limit", '<mimic joint="waist_yaw"/><limit') + "</robot>")
+    urdf = with_neck(URDF, '<mimic joint="waist_yaw"/><limit')
     with pytest.raises(InputError, match=r"coupled joints \(neck, waist_yaw\); lock these joints"):
         load(write(tmp_path, urdf))
     locked = TOML.replace("sole =", 'lock = ["neck", "waist_yaw"]\nsole =')
@@ -205,35 +191,27 @@ def test_inertia_of_the_description_replaces_that_of_the_model(tmp_path: Path) -
         load(write(tmp_path, toml=toml.replace(".*_foot", ".*_boot")))
 
 
-def test_joints_that_no_word_pairs_are_paired_by_the_description(tmp_path: Path) -> None:
-    names = [f"{side}_{joint}" for side in "lr" for joint in JOINTS]
+def test_mirror_images_are_found_whatever_the_names(tmp_path: Path) -> None:
+    """Also of two joints at one place, with different limbs."""
     urdf = URDF
-    for number, name in enumerate(names):
+    for number, name in enumerate(f"{side}_{joint}" for side in "lr" for joint in JOINTS):
         urdf = urdf.replace(f'joint name="{name}"', f'joint name="m{number}"')
-    toml = TOML.replace('"{side}_knee"', '["m3", "m9"]').replace('"{side}_foot"', '["l_foot", "r_foot"]')
-    line = 'pairs = { "m0" = "m6", "m1" = "m7", "m2" = "m8", "m3" = "m9", "m4" = "m10", "m5" = "m11" }'
-    with pytest.raises(InputError, match="sides do not tell the mirror images of 12 joints") as caught:
-        load(write(tmp_path, urdf, toml))
-    assert line in str(caught.value)
-    own, paired = load(EXAMPLES / "biped.toml"), load(write(tmp_path, urdf, toml + line))
-    assert paired.description.left_leg.joints == tuple(f"m{k}" for k in range(6))
-    assert [sign for *_, sign in paired.description.mirror] == [sign for *_, sign in own.description.mirror]
-    with pytest.raises(InputError, match="unknown joint for pairs 'm16'"):
-        load(write(tmp_path, urdf, toml + line.replace('"m6"', '"m16"')))
-
-
-@pytest.mark.parametrize("side", [str.upper, str.capitalize])
-def test_joints_are_paired_in_any_case(side: Callable[[str], str], tmp_path: Path) -> None:
-    urdf = URDF
-    for name in JOINTS:
-        for word, new in (("l", "left"), ("r", "right")):
-            urdf = urdf.replace(f'joint name="{word}_{name}"', f'joint name="{name}{side(new)}"')
-    toml = TOML.replace('["l", "r"]', '["left", "right"]').replace('"{side}_foot"', '["l_foot", "r_foot"]')
-    toml = toml.replace('"{side}_knee"', f'["knee{side("left")}", "knee{side("right")}"]')
-    body = load(write(tmp_path, urdf, toml))
-    assert (
-        dict(entry[:2] for entry in body.description.mirror)[f"knee{side('left')}"] == f"knee{side('right')}"
+    arms = "".join(
+        f'<link name="{side}_clavicle">{INERTIA.format(0.5)}</link>'
+        f'<link name="{side}_arm">{INERTIA.format(1.0)}</link>'
+        + HINGE.format(shoulder, "chest", f"{side}_clavicle", "0 0 0.3")
+        + HINGE.format(elbow, f"{side}_clavicle", f"{side}_arm", f"0 {y} 0")
+        for side, shoulder, elbow, y in (("l", "m12", "m13", 0.2), ("r", "m14", "m15", -0.2))
     )
+    toml = TOML.replace('"{side}_knee"', '["m3", "m9"]').replace('"{side}_foot"', '["l_foot", "r_foot"]')
+    own = load(EXAMPLES / "biped.toml").description
+    found = load(write(tmp_path, urdf.replace("</robot>", arms + "</robot>"), toml)).description
+    assert found.left_leg.joints == tuple(f"m{k}" for k in range(6))
+    images = {name: (image, sign) for name, image, sign in found.mirror}
+    for number, name in enumerate(own.left_leg.joints):
+        assert images[f"m{number}"] == (f"m{number + 6}", {n: sign for n, _, sign in own.mirror}[name])
+    assert images["m12"] == ("m14", 1.0)
+    assert (found.left_arm, found.right_arm) == (("m12", "m13"), ("m14", "m15"))
 
 
 def test_the_sole_is_measured_from_the_foot_that_is_named(tmp_path: Path) -> None:
@@ -260,21 +238,19 @@ def test_toes_can_be_welded_and_names_of_ours_are_no_trouble(tmp_path: Path) -> 
 
 
 def test_joints_of_no_group_rest_and_are_noted(tmp_path: Path) -> None:
-    neck = f'<link name="skull">{INERTIA.format(1.0)}</link>' + HINGE.format(
-        "neck", "chest", "skull", "0 0 0.45"
-    )
-    path = write(tmp_path, URDF.replace("</robot>", neck + "</robot>"))
-    body = make_body(RunParameters(body=BodyParameters(source=str(path))))
-    assert body.model.description.head == ("neck",)
-    notes = body_check._notes(body.robot, body_check.Findings())
-    assert "Joints of neither leg, trunk nor arm, which rest: neck." in notes
+    path = write(tmp_path, with_neck(URDF))
+    assert load(path).description.head == ("neck",)
+    assert "Joints of neither leg, trunk nor arm, which rest: neck." in body_check.check(str(path)).notes
+
+
+CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+FACES = np.array([int(corner) for corner in "013032467475045051237276026064157173"]).reshape(12, 3)
+"""Of a box: its corners, and the corners of its triangles."""
 
 
 def write_mesh(path: Path, size: tuple[float, float, float]) -> None:
     """An STL file of a box about its origin, from -size to size [m]."""
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
-    faces = np.reshape([int(c) for c in "013032467475045051237276026064157173"], (12, 3)).tolist()
-    rows = [struct.pack("<12fH", 0, 0, 0, *corners[list(face)].ravel(), 0) for face in faces]
+    rows = [struct.pack("<12fH", 0, 0, 0, *(CORNERS * size)[face].ravel(), 0) for face in FACES]
     path.write_bytes(b"\0" * 80 + struct.pack("<I", len(rows)) + b"".join(rows))
 
 
@@ -333,17 +309,16 @@ COLLADA = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" versi
 
 
 def test_text_stl_and_collada_have_the_points_of_the_same_box(tmp_path: Path) -> None:
-    corners = np.array([[x, y, z] for x in (-1, 2) for y in (-1, 1) for z in (-1, 1)]) * (0.05, 0.06, 0.18)
-    faces = np.reshape([int(c) for c in "013032467475045051237276026064157173"], (12, 3))
+    corners = (CORNERS + np.array([0.5, 0, 0])) * (0.05, 0.06, 0.18)
     rows = [
         "facet normal 0 0 1\nouter loop\n"
         + "".join("vertex {} {} {}\n".format(*corner) for corner in corners[face])
         + "endloop\nendfacet\n"
-        for face in faces
+        for face in FACES
     ]
     (tmp_path / "box.stl").write_text(f"solid box\n{''.join(rows)}endsolid box\n", encoding="utf-8")
     upright = 100.0 * corners[:, [0, 2, 1]] * (1, 1, -1)  # x, z, -y
-    numbers = [" ".join(map(str, values)) for values in (upright.ravel(), faces.ravel())]
+    numbers = [" ".join(map(str, values)) for values in (upright.ravel(), FACES.ravel())]
     (tmp_path / "box.dae").write_text(COLLADA.format(*numbers), encoding="utf-8")
     for name in ("box.stl", "box.dae"):
         shape = f'<mesh filename="{name}" scale="1 0.5 1"/>'
@@ -393,46 +368,6 @@ def test_hulls_are_in_the_recording(tmp_path: Path) -> None:
     points = np.array(drawn.vertex_positions.as_arrow_array().to_pylist())
     assert points.shape == (36, 3)
     assert sorted(np.ptp(points, axis=0)) == pytest.approx([0.2, 0.4, 0.6])
-
-
-def test_a_model_in_memory_is_a_source(tmp_path: Path) -> None:
-    own = load(EXAMPLES / "biped.toml")
-    spec = mujoco.MjSpec.from_string(own.xml)
-    path = write_body(tmp_path / "mine.toml", spec, sole=SOLE, **NAMES)
-    assert read_body_file(path).source == "mine.xml"
-    found = load(path).description
-    assert found.torque_limits == own.description.torque_limits
-    assert found.mirror == own.description.mirror
-    assert found.leg_length == pytest.approx(own.description.leg_length)
-    with pytest.raises(InputError, match=r"unknown key 'body\.colour'"):
-        write_body(tmp_path / "mine.toml", spec, sole=SOLE, colour="red", **NAMES)
-    spec.body("chest").mass = 0.0
-    with pytest.raises(InputError, match="cannot be compiled"):
-        write_body(tmp_path / "bad.toml", spec, sole=SOLE, **NAMES)
-
-
-def test_a_model_in_memory_is_written_with_all_digits(tmp_path: Path) -> None:
-    spec = mujoco.MjSpec.from_string(load(EXAMPLES / "biped.toml").xml)
-    spec.body("chest").pos[2] += 1e-9 / 3.0
-    write_body(tmp_path / "mine.toml", spec, sole=SOLE, **NAMES)
-    written = mujoco.MjModel.from_xml_path(str(tmp_path / "mine.xml"))
-    assert bits(written) == bits(spec.compile())
-
-
-def bits(model: mujoco.MjModel) -> bytes:
-    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
-    mujoco.mj_saveModel(model, None, buffer)
-    return buffer.tobytes()
-
-
-def test_textures_are_not_needed(tmp_path: Path) -> None:
-    text = (
-        '<asset><texture name="t" type="2d" file="missing.png"/><material name="m" texture="t"/></asset>'
-        '<worldbody><body><geom size="1" material="m"/></body></worldbody>'
-    )
-    (tmp_path / "model.xml").write_text(f"<mujoco>{text}</mujoco>", encoding="utf-8")
-    model, _ = compiled_source(tmp_path / "model.xml")
-    assert (model.ntex, model.nmat, model.ngeom) == (0, 1, 1)
 
 
 def test_reach_grows_until_nothing_walks(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -108,7 +108,7 @@ class Robot:
         self.mass = pin.computeTotalMass(model)
         self.gravity = float(-model.gravity.linear[2])
         self.sole_frames = tuple(self._frame(leg.sole_frame) for leg in description.legs)
-        self.trunk_frame = self._frame(description.trunk_frame)
+        self.trunk_frame = self._frame(description.trunk_segment)
         self.toe_joints = self.velocity_indices(tuple(toe for leg in description.legs for toe in leg.toes))
         self.task_rows = TASK_ROWS + len(self.toe_joints)
         self.knee_joints = self.velocity_indices(tuple(leg.knee for leg in description.legs))

@@ -180,7 +180,7 @@ def _leg_singular_value(robot: Robot) -> float:
 
 
 def _feet_over_soles(model: mujoco.MjModel, robot: Robot) -> float:
-    """Height of the lowest point of the feet's shapes over the soles in the neutral posture [m]."""
+    """Height of the lowest point of the feet's shapes over the soles at rest [m]."""
     d, q = robot.description, pin.neutral(robot.model)
     for joint, angle in d.rest:
         q[robot.velocity_indices((joint,)) + 1] = angle
@@ -206,7 +206,7 @@ def _notes(robot: Robot, findings: Findings, off: float = 0.0) -> tuple[str, ...
     if abs(off) > _OFF * d.sole.length:
         notes.append(
             f"The feet end {abs(off):.3g} m {'over' if off > 0.0 else 'under'} their soles, or are not "
-            "level: correct sole or neutral in the description."
+            "level with all joints at 0: correct sole in the description, or the model."
         )
     endless = [
         name

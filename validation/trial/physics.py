@@ -154,7 +154,7 @@ class Physics:
             com=data.sensor("com").data,
             angular_momentum=data.sensor("angular_momentum").data,
             root_rotation=self._axes(description.root_segment),
-            trunk=self._axes(description.trunk_frame)[:, 2],
+            trunk=self._axes(description.trunk_segment)[:, 2],
             site_place=data.site_xpos,
             site_rotation=data.site_xmat,
             sites=points.sites,
@@ -172,11 +172,9 @@ class Physics:
             time_step=self.time_step,
         )
 
-    def _axes(self, name: str) -> Array:
-        """Axes of a segment, or of a site, to world; a view of shape (3, 3)."""
-        site = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, name)
-        flat = self.data.xmat[self.model.body(name).id] if site < 0 else self.data.site_xmat[site]
-        return np.asarray(flat.reshape(3, 3))
+    def _axes(self, segment: str) -> Array:
+        """Axes of a segment to world; a view of shape (3, 3)."""
+        return np.asarray(self.data.xmat[self.model.body(segment).id].reshape(3, 3))
 
     def _all_rows(self, present: NDArray[Any]) -> NDArray[Any]:
         """View of a column of MuJoCo's contacts that holds for the whole walk.
