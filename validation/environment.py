@@ -128,11 +128,9 @@ class WalkPhysics(engine.Physics):
         """Value of a sensor of the model."""
         return np.asarray(self.data.ptr.sensor(name).data)
 
-    def axes(self, frame: str) -> Array:
-        """Axes of a segment, or of a site, to world, shape (3, 3)."""
-        site = mujoco.mj_name2id(self.model.ptr, mujoco.mjtObj.mjOBJ_SITE, frame)
-        matrix = self.data.ptr.body(frame).xmat if site < 0 else self.data.ptr.site(site).xmat
-        return np.asarray(matrix.reshape(3, 3))
+    def axes(self, segment: str) -> Array:
+        """Axes of a segment to world, shape (3, 3)."""
+        return np.asarray(self.data.ptr.body(segment).xmat.reshape(3, 3))
 
 
 class FollowPlan(control.Task):
@@ -215,7 +213,7 @@ class FollowPlan(control.Task):
     def get_termination(self, physics: WalkPhysics) -> float | None:
         """0 after a fall, 1 at the end of the plan."""
         reference, description = self.reference, self.robot.description
-        trunk = physics.axes(description.trunk_frame)[:, 2]
+        trunk = physics.axes(description.trunk_segment)[:, 2]
         soles = np.array([physics.data.ptr.site(leg.sole_frame).xpos for leg in description.legs])
         planned = reference.com, reference.posture.trunk[:, 2], reference.feet.position
         if Stance(physics.sensor("com"), trunk, soles, *planned).fallen(description.scale):
