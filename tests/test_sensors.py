@@ -287,9 +287,6 @@ def test_ones_own_estimator_walks_and_does_not_know_biases_and_seed():
         ("sensors", {"delay": 0.0012}, "no multiple of simulation.time_step = 0.0005 s; .* 0.001"),
         ("sensors", {"fix_rate": 300.0}, "does not divide controller.frequency = 500 Hz; .* 250"),
         ("sensors", {"gyro_noise": -1.0}, "at least 0"),
-        ("disturbance", {"sensing_delay": 0.002}, "'sensors.delay'"),
-        ("disturbance", {"angle_noise": 1e-4}, "'sensors.angle_noise'"),
-        ("disturbance", {"rate_noise": 1e-2}, "'sensors.rate_noise'"),
     ],
 )
 def test_refusals(section, keys, words):

@@ -23,14 +23,19 @@ def leaning(degrees, axis=0):
     return (math.sin(angle), 0.0, math.cos(angle)) if axis == 0 else (0.0, math.sin(angle), math.cos(angle))
 
 
+def standing(soles=SOLES):
+    """A body that stands as planned, but for its soles."""
+    return Stance(np.array(PLANNED), np.array(UP), soles, np.array(PLANNED), np.array(UP), SOLES)
+
+
 def watched(ticks, limit=0.05, until=3000, soles=SOLES):
     """The end of a walk and its tick; ``ticks(k)`` gives (com error, trunk, status)."""
-    watch = Watch(limit)
+    stance = standing(soles)
+    watch = Watch(stance, limit)
     for k in range(until):
-        error, trunk, status = ticks(k)
-        planned = np.array(PLANNED), np.array(UP), SOLES
-        stance = Stance(np.array(PLANNED) + error, np.array(trunk), soles, *planned)
-        end = watch.check(k * PERIOD, stance, status, residual=0.5, limit="knee at 100%")
+        error, stance.trunk[:], status = ticks(k)
+        stance.com[:] = np.array(PLANNED) + error
+        end = watch.check(k * PERIOD, status, residual=0.5, limit="knee at 100%")
         if end is not None:
             return end, k
     return None, until
@@ -114,15 +119,16 @@ def test_a_body_that_stepped_off_the_plan_and_stands_has_not_fallen():
 
 
 def test_what_is_looked_at_between_two_ticks_is_a_fall_for_the_watch_too():
-    planned = np.array(PLANNED), np.array(UP), SOLES
+    stance = standing()
     for trunk, fallen in (
         (UP, False),
         (leaning(59.0), False),
         (leaning(61.0), True),
         ((math.nan,) * 3, True),
     ):
-        stance = Stance(np.array(PLANNED), np.array(trunk), SOLES, *planned)
-        assert stands(*stance, 1.0) != fallen
-        assert (Watch(0.05).check(0.001, stance, SOLVED) is None) != fallen
-    low = Stance(np.array(PLANNED) - [0.0, 0.0, 0.3], *stance[1:])
-    assert not stands(*low, 1.0)
+        stance.trunk[:] = trunk
+        assert stands(stance, 1.0) != fallen
+        assert (Watch(stance, 0.05).check(0.001, SOLVED) is None) != fallen
+    low = standing()
+    low.com[2] -= 0.3
+    assert not stands(low, 1.0)

@@ -33,7 +33,7 @@ from validation.store.saved import (
     digests,
     load_saved_run,
     save_description,
-)  # fmt: skip
+)
 from validation.store.signals import SIGNALS_FILE, save_signals
 from validation.table import Table, Tabled
 from validation.trial.plan import PlannedWalk

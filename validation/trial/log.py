@@ -14,11 +14,12 @@ from validation.trial.record import INTEGERS, LOGGED, SHAPES, shape_of
 from validation.trial.step import keep_instant
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
     from validation.trial.physics import Body, Physics
+    from validation.trial.watch import Stance
 
     Array = NDArray[np.float64]
 
@@ -36,8 +37,6 @@ class Command(NamedTuple):
         zmp: shape (2,) [m].
         angular_momentum: about the COM, shape (3,) [N m s].
         com: of the reference that it follows, shape (3,) [m].
-        trunk: of the same, to world, shape (3, 3).
-        soles: reference points of the same, shape (2, 3) [m].
     """
 
     torque: Array
@@ -46,8 +45,6 @@ class Command(NamedTuple):
     zmp: Array
     angular_momentum: Array
     com: Array
-    trunk: Array
-    soles: Array
 
 
 class Log(NamedTuple):
@@ -57,18 +54,18 @@ class Log(NamedTuple):
         record: arrays of :data:`validation.trial.record.LOGGED`.
         body: of this step.
         command: of the last tick.
+        stance: of body and command.
         normal_force: of every sole point in the last step, shape (P,) [N].
         touching: sole points that touch, shape (P,).
-        levels: heights of the floor's surfaces [m].
         substeps: steps of a control tick.
     """
 
     record: Any
     body: Body
     command: Command
+    stance: Stance
     normal_force: Array
     touching: NDArray[np.bool_]
-    levels: Array
     substeps: int
 
 
@@ -79,17 +76,15 @@ class RunLog:
         steps: K.
         physics: of the walk.
         command: of its controller.
-        levels: heights of the floor's surfaces [m].
+        stance: of body and command.
 
     Attributes:
         record: the arrays; rows beyond the steps done have no meaning.
         handle: reference to the :class:`Log`, for compiled functions.
     """
 
-    def __init__(
-        self, steps: int, physics: Physics, command: Command, levels: Sequence[float] = (0.0,)
-    ) -> None:
-        self.physics, self.command, self.levels = physics, command, levels
+    def __init__(self, steps: int, physics: Physics, command: Command, stance: Stance) -> None:
+        self.physics, self.command, self.stance = physics, command, stance
         self.substeps = physics.substeps
         model, points = physics.model, len(physics.points.names)
         sizes = {
@@ -111,9 +106,9 @@ class RunLog:
             record=self.record,
             body=physics.body,
             command=command,
+            stance=stance,
             normal_force=self.normal_force,
             touching=self.touching,
-            levels=np.array(levels),
             substeps=self.substeps,
         )
         self.handle = refer(self.parts)
@@ -125,7 +120,7 @@ class RunLog:
 
     def extended(self, steps: int) -> RunLog:
         """The log with room for more steps, twice as many as now or more."""
-        log = RunLog(max(steps, 2 * len(self.record.torque)), self.physics, self.command, self.levels)
+        log = RunLog(max(steps, 2 * len(self.record.torque)), self.physics, self.command, self.stance)
         log.external = {segment: spill.zeros((len(log.record.torque), 9)) for segment in self.external}
         arrays = [*zip(log.record, self.record, strict=True)]
         arrays += [(log.external[segment], push) for segment, push in self.external.items()]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -31,7 +31,7 @@ from validation.trial.log import Command, RunLog
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, quiet_mujoco
 from validation.trial.readings import Sensing, make_estimator
-from validation.trial.record import FLOOR, PLANS, SimulationRecord
+from validation.trial.record import FLOOR, PLANS, SimulationRecord, support_height
 from validation.trial.references import Course, References, Replanning
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
@@ -137,10 +137,6 @@ def simulate(
             replanning = Replanning(planner, course, follower)
     q[2] -= run.disturbance.floor_height  # is not known
     estimating = make_estimator(run, known, State(0.0, q, start.v, 0.5 * dt), estimator)
-    levels, metadata = [0.0], {}
-    if uneven(plan.contacts.footsteps):
-        levels = sorted({step.position[2] for step in plan.contacts.footsteps})
-        metadata[FLOOR] = " ".join(map(repr, levels))
     loop = ClosedLoop(
         physics,
         follower,
@@ -148,11 +144,14 @@ def simulate(
         run,
         replanning=replanning,
         estimator=estimating,
-        levels=levels,
         disturbances=disturbances,
         progress=progress,
     )
-    record = loop.run()
+    record, metadata = loop.run(), {}
+    if uneven(plan.contacts.footsteps):
+        levels = sorted({step.position[2] for step in plan.contacts.footsteps})
+        metadata[FLOOR] = " ".join(map(repr, levels))
+        record = _with_zmp_on_floor(record, metadata)
     followed = Followed(
         tuple(course.plans),
         tuple(tick * physics.substeps * dt for tick in course.since),
@@ -175,6 +174,16 @@ def simulate(
     return replace(record, metadata=metadata) if metadata else record
 
 
+def _with_zmp_on_floor(record: SimulationRecord, metadata: Mapping[str, str]) -> SimulationRecord:
+    """The commanded ZMP, which is on z = 0, on the plane of the contacts of the step before each tick."""
+    ticks = np.arange(0, record.steps, record.substeps)
+    before = np.maximum(ticks - 1, 0)
+    place, load = record.point_position[before, :, 2], record.point_force[before, :, 2]
+    height = np.repeat(support_height(metadata, place, load), record.substeps)[: record.steps]
+    along = record.command_force[:, :2] / record.command_force[:, 2:]
+    return replace(record, command_zmp=record.command_zmp + height[:, None] * along)
+
+
 def _with_way_out(outcome: Outcome) -> Outcome:
     """The end of a disturbed walk, and what may survive it."""
     if outcome.name is not OutcomeName.FELL:
@@ -193,7 +202,6 @@ class ClosedLoop:
         run: parameters; its section ``disturbance`` has the faults of the motors.
         replanning: the planner that goes on planning, if there is one.
         estimator: that makes the state; None for the true one, as the sensors of the run read it.
-        levels: heights of the floor's surfaces [m].
         disturbances: external forces.
         progress: called with (simulation steps done, all) now and then.
 
@@ -211,7 +219,6 @@ class ClosedLoop:
         *,
         replanning: Replanning | None = None,
         estimator: Estimator | None = None,
-        levels: Sequence[float] = (0.0,),
         disturbances: Sequence[Disturbance] = (),
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
@@ -235,17 +242,21 @@ class ClosedLoop:
             zmp=np.zeros(2),
             angular_momentum=np.zeros(3),
             com=self._row["com"][0],
-            trunk=self._row["trunk"][0],
-            soles=self._row["foot_position"][0],
         )
-        self.log = RunLog(course.total, physics, command, levels)
+        stance = Stance(
+            com=physics.body.com,
+            trunk=physics.body.trunk,
+            soles=physics.soles,
+            planned_com=command.com,
+            planned_trunk=self._row["trunk"][0, :, 2],
+            planned_soles=self._row["foot_position"][0],
+        )
+        self.watch = Watch(stance, run.controller.unsolved_limit, robot.description.scale)
+        self.log = RunLog(course.total, physics, command, stance)
         self.log.record.q[0], self.log.record.qd[0] = physics.data.qpos, physics.data.qvel
         self.sensing = None
         if not run.sensors.perfect:
             self.sensing = Sensing(run, self.log, robot.gravity, estimator)
-        body, planned_trunk = physics.body, command.trunk[:, 2]
-        self.stance = Stance(body.com, body.trunk, physics.soles, command.com, planned_trunk, command.soles)
-        self.watch = Watch(run.controller.unsolved_limit, robot.description.scale)
         self._bind()
 
     def _bind(self) -> None:
@@ -309,7 +320,7 @@ class ClosedLoop:
             return end
         if physics.body.warnings.any():
             return self.watch.blown_up(time)
-        return self.watch.check(time, self.stance, SOLVED)
+        return self.watch.check(time, SOLVED)
 
     def _disturb(self, k: int, time: float) -> None:
         """Push the body during step k."""
@@ -351,7 +362,7 @@ class ClosedLoop:
             self.log = self.log.extended(self.course.total)
             self._bind()
         limit = self._worst_joint() if status == LIMITED else ""
-        return self.watch.check(time, self.stance, status, residual=residual, limit=limit)
+        return self.watch.check(time, status, residual=residual, limit=limit)
 
     def _take(self, output: ControlOutput) -> None:
         """Copy a controller's output; NaN for what it does not say."""

@@ -66,49 +66,16 @@ def act(log: Log, k: int, status: int, residual: float, iterations: int, seconds
             return False
     for j in range(len(limit)):
         ctrl[j] = torque[j] = min(max(torque[j], -limit[j]), limit[j])
-    keep_command(log, k)
+    for i in range(k, min(k + log.substeps, len(record.torque))):
+        put(record.command_com[i], vector(command.com))
+        record.command_zmp[i, 0], record.command_zmp[i, 1] = command.zmp[0], command.zmp[1]
+        put(record.command_force[i], vector(command.force))
+        put(record.command_angular_momentum[i], vector(command.angular_momentum))
     tick = k // log.substeps
     record.torque_rate[tick] = rate
     record.qp_status[tick], record.qp_residual[tick] = status, residual
     record.qp_iterations[tick], record.qp_time[tick] = iterations, seconds
     return True
-
-
-@compiled
-def keep_command(log: Log, k: int) -> None:
-    """Copy the command of the tick at step k.
-
-    A controller's ZMP is on z = 0. On a floor of several levels, that on the plane of the last step's
-    contacts is kept.
-    """
-    record, command, height = log.record, log.command, 0.0
-    if len(log.levels) > 1:
-        height = floor_height(log, k)
-    for i in range(k, min(k + log.substeps, len(record.torque))):
-        put(record.command_com[i], vector(command.com))
-        for axis in range(2):
-            record.command_zmp[i, axis] = command.zmp[axis]
-            if height != 0.0:
-                record.command_zmp[i, axis] += height * command.force[axis] / command.force[2]
-        put(record.command_force[i], vector(command.force))
-        put(record.command_angular_momentum[i], vector(command.angular_momentum))
-
-
-@compiled
-def floor_height(log: Log, k: int) -> float:
-    """Height of the floor under the contacts of the step before k, averaged by their loads [m].
-
-    Each contact counts as one on the surface nearest to it; the lowest one where there is no load.
-    """
-    load = height = 0.0
-    for p in range(len(log.normal_force)):
-        place, nearest = log.record.point_position[max(k - 1, 0), p, 2], log.levels[0]
-        for level in log.levels:
-            if abs(place - level) < abs(place - nearest):
-                nearest = level
-        load += log.normal_force[p]
-        height += log.normal_force[p] * nearest
-    return height / load if load > 0.0 else log.levels[0]
 
 
 @compiled
@@ -193,5 +160,4 @@ def end_step(log: Log, k: int, contacts: int, efc_force: Array) -> bool:
             return False
     if k % log.substeps == 0:  # is watched by the tick
         return True
-    soles, axis = log.record.foot_position[k], command.trunk[:, 2]
-    return stands(body.com, body.trunk, soles, command.com, axis, command.soles, body.scale)
+    return stands(log.stance, body.scale)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ampm.compiled import bound, compiled
+from ampm.compiled import bound, compiled, refer
 from ampm.vectors import dot, minus, vector
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.trial.outcome import OutcomeName
@@ -53,60 +53,6 @@ FALL_TIME = 1.0
 """Time that a body off the plan is given to fall while its QP stays unsolved [s]."""
 
 
-@compiled
-def posture(
-    com: Array, trunk: Array, soles: Array, planned: Array, planned_trunk: Array, planned_soles: Array
-) -> tuple[float, float, float]:
-    """How a body stands: height over the planned height of the COM [1], distance [m], cosine of the lean [1].
-
-    Args:
-        com: shape (3,) [m].
-        trunk: its long axis in world, unit vector, shape (3,).
-        soles: reference points of both, shape (2, 3) [m].
-        planned: COM of the plan, shape (3,) [m].
-        planned_trunk: of the planned motion, shape (3,).
-        planned_soles: shape (2, 3) [m].
-
-    Returns:
-        The height is over the lower sole, the distance horizontally from the nearer sole.
-    """
-    height = com[2] - min(soles[0, 2], soles[1, 2])
-    planned_height = planned[2] - min(planned_soles[0, 2], planned_soles[1, 2])
-    apart = np.inf
-    for i in range(2):
-        apart = min(apart, math.sqrt((com[0] - soles[i, 0]) ** 2 + (com[1] - soles[i, 1]) ** 2))
-    upright = trunk[0] * planned_trunk[0] + trunk[1] * planned_trunk[1] + trunk[2] * planned_trunk[2]
-    return height / planned_height, apart, upright
-
-
-@compiled
-def stands(
-    com: Array,
-    trunk: Array,
-    soles: Array,
-    planned: Array,
-    planned_trunk: Array,
-    planned_soles: Array,
-    scale: float,
-) -> bool:
-    """Whether a body of such a size has not fallen; arguments as in :func:`posture`."""
-    height, apart, upright = posture(com, trunk, soles, planned, planned_trunk, planned_soles)
-    # Not so where a number is none.
-    return abs(height - 1.0) <= FALL_SHARE and apart <= scale * FALL_DISTANCE and upright >= _FALL_COSINE
-
-
-@compiled
-def look(
-    com: Array, trunk: Array, planned: Array, planned_trunk: Array, last: Array, off: float
-) -> tuple[float, bool]:
-    """Distance of the COM from the last one, which it replaces [m]; whether there is no sign of a failure."""
-    here, axis = vector(com), vector(planned_trunk)
-    way, error = minus(here, vector(last)), minus(here, vector(planned))
-    last[:] = com
-    close = dot(error, error) <= off * off and dot(vector(trunk), axis) >= _UPRIGHT
-    return math.sqrt(dot(way, way)), close
-
-
 class Stance(NamedTuple):
     """Quantities that decide whether a body stands: measured and planned.
 
@@ -129,8 +75,7 @@ class Stance(NamedTuple):
     def fallen(self, scale: float = 1.0) -> str:
         """How the body has fallen, in words; empty if it stands. ``scale`` is its size over 1.70 m."""
         # One layout, however the sites of the soles lie in memory.
-        here = self._replace(soles=np.ascontiguousarray(self.soles))
-        height, apart, upright = posture(*here)
+        height, apart, upright = posture(self._replace(soles=np.ascontiguousarray(self.soles)))
         if abs(height - 1.0) > FALL_SHARE:
             over = height * (self.planned_com[2] - self.planned_soles[:, 2].min())
             return f"the COM {'sank' if height < 1.0 else 'rose'} to {over:.2f} m over the soles"
@@ -140,6 +85,41 @@ class Stance(NamedTuple):
         if lean > FALL_TILT:
             return f"the trunk leaned over by {math.degrees(lean):.0f} degrees"
         return ""
+
+
+@compiled
+def posture(stance: Stance) -> tuple[float, float, float]:
+    """How a body stands.
+
+    Returns:
+        Height of the COM over the lower sole, over the planned one [1]; its horizontal distance from the
+        nearer sole [m]; cosine of the trunk's lean from the planned one [1].
+    """
+    com, soles, planned, planned_soles = stance.com, stance.soles, stance.planned_com, stance.planned_soles
+    height = com[2] - min(soles[0, 2], soles[1, 2])
+    planned_height = planned[2] - min(planned_soles[0, 2], planned_soles[1, 2])
+    apart = np.inf
+    for i in range(2):
+        apart = min(apart, math.sqrt((com[0] - soles[i, 0]) ** 2 + (com[1] - soles[i, 1]) ** 2))
+    return height / planned_height, apart, dot(vector(stance.trunk), vector(stance.planned_trunk))
+
+
+@compiled
+def stands(stance: Stance, scale: float) -> bool:
+    """Whether a body has not fallen; ``scale`` is its size over 1.70 m."""
+    height, apart, upright = posture(stance)
+    # Not so where a number is none.
+    return abs(height - 1.0) <= FALL_SHARE and apart <= scale * FALL_DISTANCE and upright >= _FALL_COSINE
+
+
+@compiled
+def look(stance: Stance, last: Array, off: float) -> tuple[float, bool]:
+    """Distance of the COM from the last one, which it replaces [m]; whether there is no sign of a failure."""
+    here, axis = vector(stance.com), vector(stance.planned_trunk)
+    way, error = minus(here, vector(last)), minus(here, vector(stance.planned_com))
+    last[:] = stance.com
+    close = dot(error, error) <= off * off and dot(vector(stance.trunk), axis) >= _UPRIGHT
+    return math.sqrt(dot(way, way)), close
 
 
 class End(NamedTuple):
@@ -153,25 +133,24 @@ class Watch:
     """Checks every control tick, and reports when the walk is over.
 
     Args:
+        stance: of the body, whose numbers change.
         unsolved_limit: time for which the QP may stay unsolved while the body follows the plan [s].
         scale: size of the body, of which 1.70 m is one [1].
     """
 
-    def __init__(self, unsolved_limit: float, scale: float = 1.0) -> None:
-        self._unsolved_limit, self._scale, self._off = unsolved_limit, scale, scale * FIRST_SIGN
+    def __init__(self, stance: Stance, unsolved_limit: float, scale: float = 1.0) -> None:
+        self.stance, self._unsolved_limit = stance, unsolved_limit
+        self._scale, self._off = scale, scale * FIRST_SIGN
         self._unsolved: tuple[float, float] | None = None  # since when, and how long it may last
         self._last_com, self._last_time = np.zeros(3), math.inf  # there is none yet
         self._first_sign, self._last_sign = "", 0.0
-        self._stance: Stance | None = None
+        self._look = bound(look, (refer(stance), self._last_com, self._off))
 
-    def check(
-        self, time: float, stance: Stance, status: int, *, residual: float = 0.0, limit: str = ""
-    ) -> End | None:
+    def check(self, time: float, status: int, *, residual: float = 0.0, limit: str = "") -> End | None:
         """One tick.
 
         Args:
             time: [s].
-            stance: of the body; a walk has one, whose numbers change.
             status: of the controller's tick.
             residual: of its QP.
             limit: description of the torque or joint at its limit, if the status is ``LIMITED``.
@@ -179,10 +158,7 @@ class Watch:
         Returns:
             None while the walk goes on.
         """
-        if stance is not self._stance:
-            self._stance = stance
-            com, trunk, _, planned, planned_trunk, _ = stance
-            self._look = bound(look, (com, trunk, planned, planned_trunk, self._last_com, self._off))
+        stance = self.stance
         span, self._last_time = time - self._last_time, time
         way, close = self._look()
         speed = way / span if span > 0.0 else 0.0  # mean speed of the COM since the last tick [m/s]
