@@ -8,7 +8,7 @@ origin.
 """
 
 import logging
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -51,14 +51,6 @@ _LARGEST = 1e10
 """Largest number in a state that MuJoCo steps."""
 _ZERO = np.zeros(3)
 _BAD_ACCELERATION = int(mujoco.mjtWarning.mjWARN_BADQACC)
-
-
-class Contact(NamedTuple):
-    """A contact of two geoms: force on the second in world [N], place [m], depth [m]."""
-
-    force: Array
-    place: Array
-    depth: float
 
 
 def _damps_implicitly(model: mujoco.MjModel) -> bool:
@@ -218,16 +210,19 @@ class _Plant:
         generalized = forces[plant.num_positions() :]
         plant.get_applied_generalized_force_input_port().FixValue(self.context, generalized)
 
-    def contacts(self) -> dict[tuple[int, int], Contact]:
-        """Contacts of the step that begins, by their geoms in both orders; the force is on the second."""
+    def contacts(self) -> dict[frozenset[int], tuple[int, Array, Array, float]]:
+        """Contacts of the step that begins, by their two geoms.
+
+        Returns:
+            The second geom, the force on it in world [N], its place [m], and the depth [m].
+        """
         results = self.plant.get_contact_results_output_port().Eval(self.context)
         found = {}
         for i in range(results.num_point_pair_contacts()):
             info = results.point_pair_contact_info(i)
-            pair, force, place = info.point_pair(), info.contact_force(), info.contact_point()
+            pair = info.point_pair()
             a, b = self.geoms[pair.id_A], self.geoms[pair.id_B]
-            found[a, b] = Contact(force, place, pair.depth)
-            found[b, a] = Contact(-force, place, pair.depth)
+            found[frozenset((a, b))] = b, info.contact_force(), info.contact_point(), pair.depth
         return found
 
     def next_state(self) -> Array:
@@ -288,15 +283,16 @@ class DrakeEngine:
         data.qvel[3:6] = _rotation(quaternion).T @ x[plant.spin]
         data.time += self.model.opt.timestep
 
-    def _keep(self, found: dict[tuple[int, int], Contact], force: Array) -> None:
+    def _keep(self, found: dict[frozenset[int], tuple[int, Array, Array, float]], force: Array) -> None:
         """Write contacts into MuJoCo's, in the axes of their frames; add them to the generalised force."""
         data, contact, efc_force = self.data, self.data.contact, self.data.efc_force
         efc_force[:] = 0.0
         for i, ((first, second), row) in enumerate(zip(contact.geom, contact.efc_address, strict=True)):
-            if (first, second) not in found or row < 0:
+            pair = frozenset((int(first), int(second)))
+            if pair not in found or row < 0:
                 continue
-            push, place, depth = found.pop((first, second))
-            del found[second, first]
+            on, push, place, depth = found.pop(pair)
+            push = push if on == second else -push
             efc_force[row : row + 3] = contact.frame[i].reshape(3, 3) @ push
             contact.pos[i], contact.dist[i] = place, -depth
             for geom, on_geom in ((first, -push), (second, push)):
