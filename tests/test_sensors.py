@@ -322,9 +322,9 @@ def test_an_estimator_and_its_options_decide_on_the_row_of_a_study(tmp_path, mon
 
     first = digest(gain=1.0)
     assert first == digest(gain=1.0) != digest(gain=2.0)
-    with pytest.raises(InputError, match=r"sensors\.options\.gian is no option .* write gain"):
+    with pytest.raises(InputError, match=r"sensors\.options do not fit .* 'gian'; it takes gain"):
         digest(gian=1.0)
-    with pytest.raises(InputError, match=r"needs sensors\.options\.gain"):
+    with pytest.raises(InputError, match="missing a required argument: 'gain'"):
         digest()
     source.write_text(text + "        self.gain = gain\n")
     monkeypatch.delitem(sys.modules, "travelling")  # as in another process

@@ -14,7 +14,7 @@ from typing import Any
 import ampm
 from ampm.exceptions import AmpmError, InputError
 from ampm.planner.step_planners import STEP_PLANNERS
-from ampm.section import Option, nearest
+from ampm.section import Option
 from ampm.sensor_parameters import EXACT
 
 _OURS = Path(ampm.__file__).parent, Path(__file__).parents[1], Path(traceback.__file__).parent
@@ -150,33 +150,19 @@ class Role:
             InputError: an option is unknown or missing.
         """
         try:
-            every = [] if factory is None else list(inspect.signature(factory).parameters.values())
+            signature = inspect.signature(factory or (lambda: None))
         except (TypeError, ValueError):  # compiled code has no signature; its call will say what is wrong
             return
-        before = [item for item in every if item.kind in (item.POSITIONAL_ONLY, item.POSITIONAL_OR_KEYWORD)]
-        named = [item for item in every if item.kind in (item.POSITIONAL_OR_KEYWORD, item.KEYWORD_ONLY)]
-        taken = {item.name: item for item in named if item not in before[: self.arguments]}
-        takes_all = any(item.kind is item.VAR_KEYWORD for item in every)
-        for option in options:
-            if option in taken or takes_all:
-                continue
-            similar = nearest(option, taken)
-            way_out = f"write {similar}" if similar else f"leave it out, or name another class as {self.key}"
+        before = self.arguments if factory else 0
+        try:
+            signature.bind(*[None] * before, **options)
+        except TypeError as error:
+            taken = ", ".join([*signature.parameters][before:]) or "none"
             raise InputError(
-                f"{self.options}.{option} is no option of the {self.name} {text}, which takes "
-                f"{', '.join(taken) or 'none'}; {way_out}.",
-                key=f"{self.options}.{option}",
-                value=options[option],
-                way_out=way_out,
-            )
-        for option, item in taken.items():
-            if item.default is item.empty and option not in options:
-                way_out = f"write {self.options}.{option} = ..."
-                raise InputError(
-                    f"the {self.name} {text} needs {self.options}.{option}; {way_out}",
-                    key=self.key,
-                    way_out=way_out,
-                )
+                f"{self.options} do not fit the {self.name} {text}: {error}; it takes {taken}.",
+                key=self.options,
+                value=dict(options),
+            ) from error
 
     def name_of(self, factory: Any) -> str:
         """Name of a class or function, as :meth:`find` takes it."""
