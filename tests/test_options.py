@@ -202,7 +202,7 @@ def test_a_sweep_refuses_an_option_that_a_controller_of_it_lacks():
     with pytest.raises(InputError, match=r"controller\.options do not fit .*'gian'"):
         parse_sweep(SWEEP.replace("gain", "gian"))
     both = SWEEP.replace(f'"{SOFT}"', '"joint-pd"')
-    with pytest.raises(InputError, match="the controller joint-pd: .* it takes frequency, stance"):
+    with pytest.raises(InputError, match=r"the controller joint-pd: .* it takes frequency, stance"):
         parse_sweep(both)
 
 
