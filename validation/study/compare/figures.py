@@ -2,43 +2,19 @@
 
 from collections.abc import Sequence
 from itertools import cycle
-from typing import NamedTuple
 
 import numpy as np
 
+from validation.judge.compare import SIGNALS
+from validation.judge.metrics import display_unit
 from validation.show.run_figures import middle, shade_double_support
 from validation.show.style import INK, PARTS, Picture, new_figure, picture, style
 from validation.study.compare.comparison import Side
 
 _COLORS = (*PARTS, INK)
-
-
-class _Curve(NamedTuple):
-    """A signal over two steps.
-
-    Attributes:
-        column: without its prefix.
-        title: what it is.
-        unit: in which it is drawn.
-        scale: drawn value per SI value.
-        is_error: whether the plan is subtracted; otherwise it is drawn, too, dashed.
-    """
-
-    column: str
-    title: str
-    unit: str
-    scale: float = 1.0
-    is_error: bool = False
-
-
-_CURVES = [
-    _Curve("zmp_x", "Error of ZMP x", "mm", 1e3, is_error=True),
-    _Curve("zmp_y", "Error of ZMP y", "mm", 1e3, is_error=True),
-    _Curve("com_x", "Error of COM x", "mm", 1e3, is_error=True),
-    _Curve("com_y", "COM y", "mm", 1e3),
-    _Curve("angular_momentum_x", "Angular momentum x about the COM", "N m s"),
-    _Curve("angular_momentum_y", "Angular momentum y about the COM", "N m s"),
-]
+_ERRORS = ("zmp_x", "zmp_y", "com_x", "com_y")
+"""Signals of which measured minus planned is drawn; of the others both, the plan dashed."""
+_CURVES = ("angular_momentum_x", "angular_momentum_y")
 
 
 def draw_walks(sides: Sequence[Side]) -> tuple[list[tuple[str, str]], list[Picture]]:
@@ -55,28 +31,29 @@ def draw_walks(sides: Sequence[Side]) -> tuple[list[tuple[str, str]], list[Pictu
     keys = list(zip(names, cycle(_COLORS), strict=False))
     with style():
         pictures = [
-            _draw(sides, curve)
-            for curve in _CURVES
-            if any(np.isfinite(side.run.signals[f"measured_{curve.column}"]).any() for side in sides)
+            _draw(sides, name)
+            for name in (*_ERRORS, *_CURVES)
+            if any(np.isfinite(side.run.signals[f"measured_{name}"]).any() for side in sides)
         ]
     return keys, pictures
 
 
-def _draw(sides: Sequence[Side], curve: _Curve) -> Picture:
+def _draw(sides: Sequence[Side], name: str) -> Picture:
     """One signal of all walks, over two steps from the middle of each."""
     figure, (axis,) = new_figure(2.6)
+    is_error = name in _ERRORS
+    scale, unit = display_unit(SIGNALS[name].unit, 1.0)
     first = sides[0].run.signals
     shade_double_support(axis, first, middle(first), from_zero=True)
     for side, color in zip(sides, cycle(_COLORS), strict=False):
         signals = side.run.signals
         rows = middle(signals)
         time = signals.time[rows] - signals.time[rows.start]
-        measured = curve.scale * signals[f"measured_{curve.column}"][rows]
-        plan = curve.scale * signals[f"plan_{curve.column}"][rows]
-        axis.plot(time, measured - plan if curve.is_error else measured, color=color, linewidth=1.0)
-        if not curve.is_error:
+        measured, plan = scale * signals[f"measured_{name}"][rows], scale * signals[f"plan_{name}"][rows]
+        axis.plot(time, measured - plan if is_error else measured, color=color, linewidth=1.0)
+        if not is_error:
             axis.plot(time, plan, color=color, linewidth=1.0, linestyle="--")
-    axis.set(title=f"{curve.title}, two steps", xlabel="time [s]", ylabel=f"[{curve.unit}]")
+    title = f"{'Error of ' if is_error else ''}{SIGNALS[name].label}"
+    axis.set(title=f"{title}, two steps", xlabel="time [s]", ylabel=f"[{unit}]")
     axis.margins(x=0)
-    caption = "Measured minus planned." if curve.is_error else ""
-    return picture(figure, f"{curve.title} of all walks", caption)
+    return picture(figure, f"{title} of all walks", "Measured minus planned." if is_error else "")
