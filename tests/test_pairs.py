@@ -4,11 +4,9 @@ import json
 import math
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
-from ampm.exceptions import InputError
 from ampm.run_file import load_run
 from tests.saved_run import make_study
 from validation.judge.metrics import added_metrics, unregister
@@ -25,7 +23,6 @@ from validation.study.compare.comparison import (
     comparison_of,
 )
 from validation.study.compare.report import NUMBERS, REPORT, render
-from validation.study.compare.walks import compare_walks
 
 FAST = ["--set", "simulation.time_step=0.002", "--steps", "3", "--workers", "0"]
 
@@ -141,22 +138,26 @@ def test_a_study_must_be_of_both_gaits(folders, tmp_path, ampm):
 
 
 @pytest.mark.parametrize(
-    ("sources", "options", "why"),
+    ("words", "why"),
     [
-        (("normal", "ipm"), {"choices": {"planner": ["ampm", "dcm", "ipm"]}}, "--planner is given 3 times"),
-        (("normal",), {"choices": {"planner": ["ampm", "dcm"], "body": ["a", "b"]}}, "give one option"),
-        (("RUN", "RUN"), {"settings": ["gait.steps=3"]}, "all walks are finished runs"),
-        (("RUN", "RUN"), {"choices": {"controller": ["ampm"]}}, "all walks are finished runs"),
-        (("RUN", "EMPTY"), {}, "give the folder of a finished run"),
-        (("normal", "nowhere"), {}, "unknown preset or file"),
-        (("normal",), {"choices": {"planner": ["ampm", "absent.csv"]}}, "absent.csv"),
-        (("RUN", "RUN"), {"uncertainty": [Path("absent.json")]}, "absent.json"),
+        ("normal ipm --planner ampm --planner dcm --planner ipm", "--planner is given 3 times"),
+        ("normal --planner ampm --planner dcm --body a --body b", "give one option"),
+        ("normal --planner ampm --planner absent.csv", "absent.csv"),
+        ("normal nowhere", "unknown preset or file"),
+        ("RUN", "compare it with other finished ones"),
+        ("RUN normal", "compare it with other finished ones"),
+        ("RUN RUN --set gait.steps=3", "without options of a gait"),
+        ("RUN RUN --controller ampm", "without options of a gait"),
+        ("RUN EMPTY", "give the folder of a finished run"),
+        ("RUN RUN --uncertainty absent.json", "absent.json"),
+        ("RUN RUN --tolerance 0.1", "are of sweeps"),
     ],
 )
-def test_what_cannot_be_compared_is_refused(folders, tmp_path, sources, options, why):
-    places = {"RUN": str(folders[0]), "EMPTY": str(tmp_path)}
-    with pytest.raises(InputError, match=why):
-        compare_walks([places.get(str(text), text) for text in sources], **options)
+def test_what_cannot_be_compared_is_refused(folders, tmp_path, words, why, ampm):
+    places = {"RUN": folders[0], "EMPTY": tmp_path}
+    answer = ampm("compare", *(places.get(word, word) for word in words.split()))
+    assert answer.status == 2
+    assert why in answer.err
 
 
 def test_refused_and_fallen_walks_are_told_by_the_status(sides, ampm, monkeypatch):
@@ -164,7 +165,7 @@ def test_refused_and_fallen_walks_are_told_by_the_status(sides, ampm, monkeypatc
     assert refused.status == 2
     assert refused.err.count("\n") <= 3
     found = comparison_of([sides[0], changed(sides[1], outcome="fell")])
-    monkeypatch.setattr("validation.study.compare.walks.compare_walks", lambda *_, **__: found)
+    monkeypatch.setattr("validation.study.compare.walks.compare_gaits", lambda *_, **__: found)
     assert ampm("compare").status == 3
 
 

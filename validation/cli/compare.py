@@ -96,16 +96,23 @@ def compare(
     from validation.study.sweep.table import is_sweep
 
     folder = study_folder(out, resume=resume)
-    choices = {"planner": planner, "body": body, "controller": controller, "engine": engine}
-    sweeps = [text for text in walks or () if Path(text).suffix == ".parquet" or is_sweep(Path(text))]
+    options = {"planner": planner, "body": body, "controller": controller, "engine": engine}
+    choices = {name: values for name, values in options.items() if values}
+    walks, studies = walks or [], uncertainty or ()
+    sweeps = [text for text in walks if is_sweep(Path(text)) or Path(text).suffix == ".parquet"]
+    done = [text for text in walks if text in sweeps or Path(text).is_dir()]
+    if done and (len(done) < len(walks) or len(done) < 2 or settings or choices or steps or as_is):
+        raise InputError(
+            f"{done[0]} is finished; compare it with other finished ones, without options of a gait "
+            "('ampm validate --out DIR' keeps the run of a gait)."
+        )
+    if not sweeps and (tolerance is not None or require_all):
+        raise InputError("--tolerance and --require-all are of sweeps; leave them out.")
     found: WalkComparison | SweepComparison
     if sweeps:
-        of_a_gait = settings or steps is not None or as_is or any(choices.values())
-        if len(sweeps) != 2 or sweeps != walks or of_a_gait:
-            raise InputError(
-                f"{sweeps[0]} is a sweep; compare it with one other sweep, without options of a gait."
-            )
-        if len(uncertainty or ()) > 1:
+        if len(sweeps) != 2 or sweeps != walks:
+            raise InputError(f"{sweeps[0]} is a sweep; compare it with one other sweep.")
+        if len(studies) > 1:
             raise InputError("--uncertainty: of two sweeps one convergence study is enough; give one.")
         from validation.study.compare.sweeps import TOLERANCE, compare_sweeps
 
@@ -113,31 +120,32 @@ def compare(
             found = compare_sweeps(
                 *sweeps,
                 tolerance=TOLERANCE if tolerance is None else tolerance,
-                uncertainty=uncertainty[0] if uncertainty else None,
+                uncertainty=studies[0] if studies else None,
                 require_all=require_all,
             )
         status = Status.OUT_OF_TOLERANCE if found.regressions else Status.PASS
     else:
-        if tolerance is not None or require_all:
-            raise InputError("--tolerance and --require-all are of sweeps; leave them out.")
-        from validation.study.compare.walks import compare_walks
+        from validation.study.compare.walks import compare_gaits, compare_runs
 
-        try:
-            found = compare_walks(
-                walks or (),
-                with_short(settings, steps=steps),
-                choices={name: values for name, values in choices.items() if values},
-                as_is=as_is,
-                uncertainty=uncertainty or (),
-                folder=folder,
-                workers=workers,
-                progress=Narrator(),
-            )
-        except KeyboardInterrupt as error:
-            if folder is not None:
-                again = shlex.join(["ampm", *sys.argv[1:], *([] if resume else ["--resume"])])
-                error.add_note(f"finished runs are kept; go on with {again}")
-            raise
+        if done:
+            found = compare_runs(done, uncertainty=studies)
+        else:
+            try:
+                found = compare_gaits(
+                    walks,
+                    with_short(settings, steps=steps),
+                    choices=choices,
+                    as_is=as_is,
+                    uncertainty=studies,
+                    folder=folder,
+                    workers=workers,
+                    progress=Narrator(),
+                )
+            except KeyboardInterrupt as error:
+                if folder is not None:
+                    again = shlex.join(["ampm", *sys.argv[1:], *([] if resume else ["--resume"])])
+                    error.add_note(f"finished runs are kept; go on with {again}")
+                raise
         completed = {side.outcome for side in found.sides} == {"completed"}
         status = Status.PASS if completed else Status.NOT_COMPLETED
     if folder is not None:

@@ -1,4 +1,4 @@
-"""The walks of a comparison: gaits, or finished runs, with what differs between them as their names."""
+"""The walks of a comparison: finished runs, or gaits that are walked for it."""
 
 import json
 import tempfile
@@ -14,7 +14,7 @@ from validation.judge.uncertainty import load_uncertainty, matching
 from validation.progress import Progress
 from validation.run.walk import walk_planned
 from validation.store.machine import cores
-from validation.store.saved import SavedRun, load_saved_run
+from validation.store.saved import load_saved_run
 from validation.study.compare.comparison import Side, WalkComparison, comparison_of
 from validation.study.many import Task, walk_many
 from validation.study.row_file import Row
@@ -32,8 +32,31 @@ CHOICES = {
 """Options of which one may be given for each walk, and their keys."""
 
 
-def compare_walks(
-    walks: Sequence[str] = (),
+def compare_runs(
+    folders: Sequence[str | Path], labels: Sequence[str] = (), uncertainty: Sequence[Path] = ()
+) -> WalkComparison:
+    """Compare two or more finished runs.
+
+    Args:
+        folders: of the runs.
+        labels: names in tables; those of the folders by default.
+        uncertainty: ``convergence.json`` of all gaits; a bound takes the place of an assumed change.
+
+    Raises:
+        InputError: a folder cannot be used, or no study is of one of the gaits.
+    """
+    known = [load_uncertainty(file) for file in uncertainty]
+    labels = _distinct(labels or [Path(folder).resolve().name for folder in folders])
+    sides = []
+    for label, folder in zip(labels, folders, strict=True):
+        run = load_saved_run(folder)
+        study = matching(known, Request(label, run.parameters)) if known else None
+        sides.append(Side(label, run, study))
+    return comparison_of(sides)
+
+
+def compare_gaits(
+    gaits: Sequence[str] = (),
     settings: Sequence[str] = (),
     *,
     choices: Mapping[str, Sequence[str]] = MappingProxyType({}),
@@ -43,72 +66,62 @@ def compare_walks(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> WalkComparison:
-    """Walk or load two or more gaits and compare them.
+    """Walk two or more gaits and compare them.
 
     Args:
-        walks: presets, TOML files, folders of runs. A single one is compared with `ipm`, or walked with every
-            value of the option that has several; if none, it is `normal` or the own gait of another body.
-        settings: ``key=value`` texts for the gaits that are to be walked.
+        gaits: presets or TOML files. A single one is compared with `ipm`, or walked with every value of the
+            option that has several; if none, it is `normal` or the own gait of another body.
+        settings: ``key=value`` texts for all gaits.
         choices: option of :data:`CHOICES` to its value for all walks, or to one value for each.
         as_is: find nothing that the gaits leave open.
-        uncertainty: ``convergence.json`` of all gaits; a bound takes the place of an assumed change.
+        uncertainty: as in :func:`compare_runs`.
         folder: keeps runs and rows, and what is there is not walked again; None keeps nothing.
         workers: processes, one per core by default, 0 to walk in this very process.
         progress: where to report.
 
     Raises:
-        InputError, MathematicalRefusal, BodilyRefusal: a gait or folder cannot be used.
+        InputError, MathematicalRefusal, BodilyRefusal: a gait cannot be walked.
         StudyStopped: a full disk, or workers that cannot work; finished runs are kept.
         KeyboardInterrupt: Ctrl-C; finished runs are kept.
+        UsersError: a user's class failed.
+        RuntimeError: a walk crashed.
     """
-    texts: list[str | None] = list(walks) or [None]
+    texts: list[str | None] = list(gaits) or [None]
     varied = _varied(choices, len(texts))
     if len(texts) == 1:
         texts = texts * len(choices[varied]) if varied else [*texts, "ipm"]
-    known = [load_uncertainty(file) for file in uncertainty]
-    labels: list[str] = []
-    runs: dict[int, SavedRun] = {}
-    requests: dict[int, Request] = {}
+    requests, labels = [], []
     for place, text in enumerate(texts):
         chosen = {name: given[min(place, len(given) - 1)] for name, given in choices.items() if given}
-        if text and Path(text).is_dir():
-            runs[place] = load_saved_run(text)
-            labels.append(Path(text).resolve().name)
-        else:
-            own = [f"{CHOICES[name]}={json.dumps(_absolute(value))}" for name, value in chosen.items()]
-            requests[place] = load_request(text, [*settings, *own], as_is=as_is)
-            labels.append(requests[place].name)
-        if varied:
-            labels[-1] += f", {varied} {Path(chosen[varied]).name}"
-    if not requests and (settings or any(choices.values())):
-        raise InputError(
-            "all walks are finished runs, so options of a gait have nothing to change; leave them out."
-        )
-    if len(set(labels)) < len(labels):
-        labels = [f"{label} ({number})" for number, label in enumerate(labels, start=1)]
-    # With the values that are found; a refused gait is named before the first walk.
-    requests = {place: plan_walk(request, progress).request for place, request in requests.items()}
-    saved = {place: Request(labels[place], run.parameters) for place, run in runs.items()}
-    studies = {place: matching(known, item) for place, item in (requests | saved).items() if known}
+        own = [f"{CHOICES[name]}={json.dumps(_absolute(value))}" for name, value in chosen.items()]
+        request = load_request(text, [*settings, *own], as_is=as_is)
+        # With the values that are found; a refused gait is named before the first walk.
+        requests.append(plan_walk(request, progress).request)
+        labels.append(f"{request.name}, {varied} {Path(chosen[varied]).name}" if varied else request.name)
+    known = [load_uncertainty(file) for file in uncertainty]
+    for request in requests if known else ():
+        matching(known, request)
     with nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="ampm-compare-") as home:
-        folders = {place: Path(home) / f"walk-{place + 1}" for place in requests}
+        folders = [str(Path(home) / f"walk-{number}") for number in range(1, len(requests) + 1)]
+        titles = {path: request.title for path, request in zip(folders, requests, strict=True)}
         tasks = [
-            Task(
-                folders[place].name,
-                walk_side,
-                {"request": request, "folder": str(folders[place]), **users_classes(request.run)},
-            )
-            for place, request in requests.items()
+            Task(path, walk_gait, {"request": request, "folder": path, **users_classes(request.run)})
+            for path, request in zip(folders, requests, strict=True)
         ]
-        titles = {folders[place].name: request.title for place, request in requests.items()}
         count = min(cores() if workers is None else workers, len(tasks))
         for row in walk_many(tasks, Path(home), workers=count, progress=progress):
             if "reason" in row:
                 kinds = {"refused": InputError, UsersError.__name__: UsersError}
                 kind = kinds.get(row["outcome"], kinds.get(row["reason"], RuntimeError))
                 raise kind(f"{titles[row['key']]}: {row['cause']}")
-        runs |= {place: load_saved_run(path) for place, path in folders.items()}
-    return comparison_of([Side(label, runs[place], studies.get(place)) for place, label in enumerate(labels)])
+        return compare_runs(folders, labels, uncertainty)
+
+
+def _distinct(labels: Sequence[str]) -> Sequence[str]:
+    """Labels with their numbers, unless all differ."""
+    if len(set(labels)) == len(labels):
+        return labels
+    return [f"{label} ({number})" for number, label in enumerate(labels, start=1)]
 
 
 def _varied(choices: Mapping[str, Sequence[str]], walks: int) -> str:
@@ -130,10 +143,10 @@ def _absolute(value: str) -> str:
     return str(Path(value).resolve()) if Path(value).is_file() else value
 
 
-def walk_side(
+def walk_gait(
     request: Request, folder: str, controller: Any = None, planner: Any = None, estimator: Any = None
 ) -> Row:
-    """Walk one side, on a worker, and keep the run in a folder."""
+    """Walk one gait, on a worker, and keep the run in a folder."""
     planned = plan_walk(request, planner=planner)
     profile = own_profile(request.name, request.run)
     trial = walk_planned(planned, profile, controller=controller, estimator=estimator)
