@@ -18,7 +18,7 @@ import typer.core
 import ampm
 from validation.cli import body, compare, gaits, judge, studies, survival, validate, view
 from validation.cli.console import print_json
-from validation.cli.errors import describe_error, explain, keep_traceback
+from validation.cli.errors import describe_error, explain
 from validation.cli.options import Status, option
 from validation.progress import interruption
 from validation.show.text import print_line
@@ -114,9 +114,7 @@ def call(arguments: Sequence[str]) -> int:
         status, text = explain(error)
         if "--json" in arguments:
             print_json(describe_error(error))
-        if debug:
+        if debug or status is Status.CRASH:
             traceback.print_exception(error)
-        elif status is Status.CRASH:
-            text += f"; {keep_traceback(error)}, please report it."
         print(f"ampm: {text}", file=sys.stderr)  # noqa: T201
         return status

@@ -1,8 +1,6 @@
 """Report of an error on the command line: one sentence, an exit status, a JSON object."""
 
 import reprlib
-import tempfile
-import traceback
 from typing import Any
 
 import typer
@@ -67,7 +65,7 @@ def explain(error: BaseException) -> tuple[Status, str]:
         status = Status.REFUSED
         text = f"{error.filename}: {error.strerror}; give another file or folder"
     elif status is Status.CRASH:
-        text = f"crash of ampm itself ({type(error).__name__}: {text})"
+        text = f"crash of ampm itself ({type(error).__name__}: {text}); please report it."
     for note in getattr(error, "__notes__", ()):
         text = f"{text.removesuffix('.')}; {_one_line(note)}"
     return status, text if status in (Status.INTERRUPTED, Status.CRASH) else _sentence(text) + way_out
@@ -95,15 +93,3 @@ def _sentence(text: str) -> str:
     """One line that ends with a full stop."""
     text = _one_line(text)
     return text if text.endswith((".", "?", "!")) else f"{text}."
-
-
-def keep_traceback(error: BaseException) -> str:
-    """Write an error's traceback to a temporary file, and return a sentence with its name."""
-    try:
-        with tempfile.NamedTemporaryFile(
-            "w", prefix="ampm-crash-", suffix=".txt", delete=False, encoding="utf-8"
-        ) as file:
-            traceback.print_exception(error, file=file)
-    except OSError:
-        return "run it again with --debug for the traceback"
-    return f"the traceback is in {file.name}"

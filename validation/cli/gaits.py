@@ -166,7 +166,7 @@ def describe_plan(
         "zmp_margin": zmp_margin,
         "motion": None if walk is None else walk.plan.posture.report(),
         "found": None if tuned is None else dict(tuned.values),
-        "margins": None if tuned is None else _described_margins(tuned),
+        "margins": None if tuned is None else dict(tuned.margins),
     }
 
 
@@ -215,24 +215,6 @@ def _margins(tuned: Tuned) -> list[str]:
     return [f"{LIMITS[n].what}: {LIMITS[n].quantity(value, 3)}, {LIMITS[n].rule()}" for n, value in items]
 
 
-def _described_margins(tuned: Tuned) -> dict[str, dict[str, Any]]:
-    """Every margin as a JSON object."""
-    from ampm.body.limits import LIMITS
-
-    described = {}
-    for name, value in tuned.margins.items():
-        limit = LIMITS[name]
-        described[name] = {
-            "what": limit.what,
-            "value": value,
-            "unit": limit.unit,
-            "bound": limit.bound,
-            "target": limit.target,
-            "margin": limit.margin(value),
-        }
-    return described
-
-
 @app.command()
 def keys(
     words: Annotated[
@@ -272,7 +254,7 @@ def describe_key(info: KeyInfo, request: Request) -> dict[str, Any]:
         "key": info.key,
         "value": request.run.value(info.key),
         "default": info.default,
-        "unit": _unit(info),
+        "unit": "" if info.unit == "1" else info.unit,
         "bounds": info.range,
         "meaning": info.meaning,
     }
@@ -280,11 +262,7 @@ def describe_key(info: KeyInfo, request: Request) -> dict[str, Any]:
 
 def key_row(info: KeyInfo, request: Request) -> tuple[str, ...]:
     """A parameter for a reader: key, value, unit, and meaning with the bounds and the other default."""
-    value = request.run.value(info.key)
-    more = [info.range, "" if value == info.default else f"default {info.default}"]
-    said = "; ".join(filter(None, more))
-    return info.key, str(value), _unit(info), f"{info.meaning}{f' [{said}]' if said else ''}"
-
-
-def _unit(info: KeyInfo) -> str:
-    return "" if info.unit == "1" else info.unit
+    told = describe_key(info, request)
+    default = "" if told["value"] == info.default else f"default {info.default}"
+    more = "; ".join(filter(None, [info.range, default]))
+    return info.key, str(told["value"]), told["unit"], info.meaning + (f" [{more}]" if more else "")
