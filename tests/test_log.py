@@ -207,7 +207,7 @@ def test_a_person_is_no_pendulum_of_constant_height(tmp_path, ampm):
     assert saved.summary["metrics"]["force_z_rmse"]["display"]["value"] == pytest.approx(7.5, abs=0.1)
     assert saved.is_log
     page = (tmp_path / "person" / "report.html").read_text(encoding="utf-8")
-    for words in ("person_0p8ms.csv on normal", "A log of measured signals", "Ground force z"):
+    for words in ("person_0p8ms.csv on normal", "A log of measured signals", "Ground force along z"):
         assert words in page
     for words in ("tracks", "busiest motors", "Why the ZMP is off"):
         assert words not in page

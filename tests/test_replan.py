@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 from typer.testing import CliRunner
 
+import ampm
 from ampm.exceptions import InputError
 from ampm.planner.contacts import Contacts
 from ampm.planners import PeriodicPlanner, periodic_walk
@@ -115,6 +116,7 @@ def test_the_plan_then_valid_says_when_a_walk_ends(fixed, first, then, asked, wa
     ("change", "words"),
     [
         (lambda time, plan: 1 / 0, "planner Replanning failed .ZeroDivisionError"),
+        (lambda time, plan: ampm.plan(walk_of(COARSE).run), "CentroidalPlan, not a WalkPlan; it lacks feet"),
         (lambda time, plan: plan.contacts, "replan at 0 s made a Contacts, not a WalkPlan; None keeps"),
     ],
 )

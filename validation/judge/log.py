@@ -67,8 +67,10 @@ def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
     coarse = log.time[0] + _GRID * (int(alike[len(alike) // 2]) - (len(wanted) - 1))
     near = coarse + _GRID * np.arange(-_NEAR, _NEAR + 1)  # less than a stride has a mean of its own
     best = near[np.argmin([difference(start) for start in near])]
-    bounds, options = (best - _GRID, best + _GRID), {"xatol": 1e-6}
-    start = float(minimize_scalar(difference, bounds=bounds, method="bounded", options=options).x)
+    finest = minimize_scalar(  # from there, as its tolerance is relative to a clock's large numbers
+        lambda off: difference(best + off), bounds=(-_GRID, _GRID), method="bounded", options={"xatol": 1e-6}
+    )
+    start = float(best + finest.x)
     rows = within(start)
     one, other = (_centred(values / spread) for values in (measured[rows], planned(log.time[rows] - start)))
     product = float(np.sum(one**2) * np.sum(other**2))
