@@ -80,11 +80,10 @@ def _time(
 ) -> tuple[list[Table], dict[str, Any]]:
     """Tables and values of the closed loop and the stages of a run."""
     from benchmarks.loop import loop_table, time_loop
-    from benchmarks.stages import cost_table, time_planning, time_run
+    from benchmarks.stages import cost_table, time_run
     from validation.trial.plan import plan_walk
 
-    run = time_run(request, walks, narrator)  # first, for the memory's peak is that of the process
-    costs = [*time_planning(plan_walk(request), narrator), *run]
+    costs = time_run(request, walks, narrator)  # first, for the memory's peak is that of the process
     loops = []
     for time_step in TIME_STEPS:
         for solver in solvers:

@@ -16,8 +16,8 @@ def conditions(title: str, load: float) -> str:
         load: of the machine at the start, mean of the last minute [1].
     """
     known = describe_environment()
-    names = {"MuJoCo": "mujoco", "Pinocchio": "pin", "OSQP": "osqp", "DAQP": "daqp", "NumPy": "numpy"}
-    versions = ", ".join(f"{name} {known['versions'][key]}" for name, key in names.items())
+    names = ("mujoco", "pin", "osqp", "daqp")
+    versions = ", ".join(f"{name} {known['versions'][name]}" for name in names)
     return (
         f"{title}; {known['processor']}, one of {known['cores']} cores, load {load:.1f} at the start; "
         f"Python {known['python']}, {versions}."

@@ -19,14 +19,7 @@ from validation.trial.plan import PlannedWalk
 from validation.trial.simulate import simulate
 
 Array = NDArray[np.float64]
-SOLVERS = {
-    "osqp": "osqp",
-    "daqp": "daqp",
-    "proxqp": "proxsuite",
-    "piqp": "piqp",
-    "clarabel": "clarabel",
-    "quadprog": "quadprog",
-}
+SOLVERS = {"proxqp": "proxsuite", "piqp": "piqp", "clarabel": "clarabel", "quadprog": "quadprog"}
 """Solvers by their names in qpsolvers, and the distributions that have them."""
 EXACT = "daqp"
 """Our backend whose solutions errors are measured from; quadprog, as exact, confirms them."""
@@ -114,12 +107,11 @@ def _solve_by_qpsolvers(problems: Sequence[Problem], solver: str) -> tuple[Array
 
     if solver not in qpsolvers.available_solvers:
         raise ImportError(f"{solver} is not installed")
-    options = {"raise_error": False} if solver == "osqp" else {}  # without it, OSQP warns at every call
     matrix = np.ascontiguousarray if solver in qpsolvers.dense_solvers else csc_matrix
     forms = [qpsolvers.Problem(*_one_sided(problem, matrix)) for problem in problems]
     rounds = []
     for _ in range(_ROUNDS):
-        rounds.append([qpsolvers.solve_problem(form, solver, **options) for form in forms])
+        rounds.append([qpsolvers.solve_problem(form, solver) for form in forms])
     seconds = least([[solution.solve_time for solution in solutions] for solutions in rounds])
     return seconds, np.stack([solution.x for solution in rounds[0]])
 

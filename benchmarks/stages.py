@@ -1,23 +1,16 @@
-"""The stages of a run, from the plan to the report, and what it takes of memory and disk."""
+"""The stages of a run, from planning to the report, and what it takes of memory and disk."""
 
 import math
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from ampm.body.orbit import solve_motion
-from ampm.planner.support import plan_steps
-from benchmarks.timing import repeat
 from validation.progress import Progress, StageClock
 from validation.run.validate import validate
 from validation.show.text import format_duration
 from validation.store.machine import memory_peak
 from validation.table import Table
-from validation.trial.plan import PlannedWalk, Request
-
-_PLANS = 200  # how often a plan is made
+from validation.trial.plan import Request
 
 
 @dataclass(frozen=True)
@@ -61,20 +54,6 @@ def time_run(request: Request, runs: int, progress: Progress) -> list[Cost]:
         *(Cost(stage, min(run[stage] for run in found)) for stage in stages),
         Cost("size of the recording", found[0]["size"], "MB/s"),
         Cost("memory peak", memory_peak() or math.nan, "MB"),
-    ]
-
-
-def time_planning(planned: PlannedWalk, progress: Progress) -> list[Cost]:
-    """Parts of planning a periodic walk: the closed form, and the whole-body motion."""
-    run, robot = planned.run, planned.body.robot
-    sole = robot.description.sole
-    with progress.stage("planning"):
-        steps = plan_steps(run.gait, run.body.mass, run.foot, sole)
-        plans = repeat(lambda: plan_steps(run.gait, run.body.mass, run.foot, sole), _PLANS)
-        motions = repeat(lambda: solve_motion(steps, run, robot), 3)
-    return [
-        Cost("plan of COM, ZMP and feet", float(np.median(plans))),
-        Cost("periodic whole-body motion", min(motions)),
     ]
 
 

@@ -87,7 +87,7 @@ def test_solvers_agree_on_the_control_qps(planned):
     for peer in others:
         if not np.isnan(peer.median):
             assert peer.name.startswith("qpsolvers, ")
-            assert float(peer.error.split()[0]) < (20.0 if "osqp" in peer.name else 0.1)
+            assert float(peer.error.split()[0]) < 0.1
 
 
 @pytest.mark.parametrize("name", ik_peers.FOLLOWERS)
