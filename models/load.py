@@ -124,11 +124,16 @@ class Writer:
     def _named(self, joints: Sequence[int]) -> tuple[str, ...]:
         return tuple(self.hinges[k] for k in joints)
 
-    def _leg(self, leg: _Leg, side: str, points: tuple[str, ...]) -> LegDescription:
+    def _add_leg(self, leg: _Leg, side: str, sole: SoleGeometry, foot: Element) -> LegDescription:
+        """Write the sole of a leg into its foot, and describe the leg."""
+        outline, sign = self.file.sole, 1.0 if side == "left" else -1.0
+        origin = np.array([outline.reference, sign * outline.middle, outline.bottom])
+        origin += self.tree.foot_offset * (1.0, sign, 1.0)
+        add(foot, "site", name=f"{side}_sole", pos=origin)
         straight, _ = self._straight(leg)
         joint = self.tree.hinges[leg.knee]
-        sign = 1.0 if joint.high - straight > straight - joint.low else -1.0
-        if not sign * joint.axis[1] > 0.0:
+        bends = 1.0 if joint.high - straight > straight - joint.low else -1.0
+        if not bends * joint.axis[1] > 0.0:
             raise InputError(
                 f"the knee {joint.name!r} bends forward; exchange sides in the body's description, or give "
                 f"the joint's range, now {joint.low:g} to {joint.high:g} rad, with [body.range].",
@@ -140,9 +145,9 @@ class Writer:
             ankle=self._named(leg.ankle),
             foot_segment=self.names[leg.foot],
             sole_frame=f"{side}_sole",
-            sole_points=points,
+            sole_points=scene.add_sole_points(side, sole, [(foot, origin)] * 2),
             straight_knee=straight,
-            knee_sign=sign,
+            knee_sign=bends,
         )
 
     def _foot(self) -> Array:
@@ -164,26 +169,24 @@ class Writer:
             ankle_height=float(ankle[2]) - (float(foot[2]) + outline.bottom),
         )
         longest, length = max(sole.length, 2.0 * sole.half_width, sole.ankle_height), float(hip[2] - ankle[2])
-        for is_right, message in (
-            (
-                outline.heel < outline.front,
+        if not outline.heel < outline.front:
+            wrong = (
                 f"sole.heel = {outline.heel:g} must be less than sole.front = {outline.front:g}: x is "
-                "forward; correct the outline.",
-            ),
-            (
-                sole.ankle_height > 0.0,
+                "forward; correct the outline."
+            )
+        elif not sole.ankle_height > 0.0:
+            wrong = (
                 f"sole.bottom = {outline.bottom:g} is {-sole.ankle_height:g} m over the ankle; measure it "
-                "from the foot's origin, z upwards.",
-            ),
-            (
-                longest <= length,
+                "from the foot's origin, z upwards."
+            )
+        elif longest > length:
+            wrong = (
                 f"a side of the sole, {longest:g} m, is longer than the leg, {length:.4g} m; give the "
-                "outline in metres, and the model, too.",
-            ),
-        ):
-            if not is_right:
-                raise InputError(message, key="body.sole")
-        return sole
+                "outline in metres, and the model, too."
+            )
+        else:
+            return sole
+        raise InputError(wrong, key="body.sole")
 
     # ---------------------------------------------------------------------------------------------- result
 
@@ -191,36 +194,24 @@ class Writer:
         """MJCF and description."""
         self._check()
         tree, sole = self.tree, self._sole()
-        outline, left_leg = self.file.sole, self.legs[0]
+        hip = self.legs[0].hip
         mass = sum(segment.inertial.mass for segment in tree.segments)
         com_z = sum(
             segment.inertial.mass * float(segment.place[2] + segment.inertial.com[2])
             for segment in tree.segments
         )
-        floor = float(self._foot()[2]) + outline.bottom
-        com_height, hip_height = com_z / mass - floor, float(self._along(left_leg.hip, 1)[2]) - floor
+        floor = float(self._foot()[2]) + self.file.sole.bottom
+        com_height, hip_height = com_z / mass - floor, float(self._along(hip, 1)[2]) - floor
         height = com_height / (table.HIP_HEIGHT + table.COM_OVER_HIP)
         model, root = scene.new_scene("body", self.names[0], height, contact, simulation)
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
         next(model.iter("flag")).set("eulerdamp", "disable")
-        segments: list[Element] = []
-        for name, segment in zip(self.names, tree.segments, strict=True):
-            element, place = root, np.array([0.0, 0.0, -floor])
-            if segments:
-                element = add(segments[segment.parent], "body", name=name)
-                place = segment.place - tree.segments[segment.parent].place
-            scene.fill(element, place, segment.inertial)
-            _add_joints(element, segment)
-            _add_shapes(next(model.iter("asset")), element, name, segment)
-            segments.append(element)
+        segments = self._add_segments(model, root, floor)
         add(segments[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].inertial.com)
-        legs = []
-        for side, leg, sign in zip(scene.SIDES, self.legs, (1.0, -1.0), strict=True):
-            origin = np.array([outline.reference, sign * outline.middle, outline.bottom])
-            origin += tree.foot_offset * (1.0, sign, 1.0)
-            add(segments[leg.foot], "site", name=f"{side}_sole", pos=origin)
-            points = scene.add_sole_points(side, sole, [(segments[leg.foot], origin)] * 2)
-            legs.append(self._leg(leg, side, points))
+        left, right = (
+            self._add_leg(leg, side, sole, segments[leg.foot])
+            for leg, side in zip(self.legs, scene.SIDES, strict=True)
+        )
         limits = tuple((hinge.name, hinge.effort) for hinge in tree.hinges)
         scene.add_motors(model, limits)
         description = BodyDescription(
@@ -228,8 +219,8 @@ class Writer:
             mass=mass,
             root_segment=self.names[0],
             trunk_segment=self.names[self.trunk],
-            left_leg=legs[0],
-            right_leg=legs[1],
+            left_leg=left,
+            right_leg=right,
             waist=self._named(self.trunk_joints),
             chest=(),
             left_arm=self._named(self.arms[0]),
@@ -237,8 +228,8 @@ class Writer:
             head=self._named(self.arms[2]),
             sole=sole,
             hip_height=hip_height,
-            hip_half_width=abs(float(self._along(left_leg.hip, 0)[1])),
-            leg_length=self._straight(left_leg)[1],
+            hip_half_width=abs(float(self._along(hip, 0)[1])),
+            leg_length=self._straight(self.legs[0])[1],
             com_over_hip=com_height - hip_height,
             mirror=tuple(
                 (name, self.hinges[image], float(sign))
@@ -256,6 +247,20 @@ class Writer:
             ),
         )
         return BodyModel(scene.to_xml(model), description, tree.findings)
+
+    def _add_segments(self, model: Element, root: Element, floor: float) -> list[Element]:
+        """Write all segments; the floor [m] is that of the source."""
+        written: list[Element] = []
+        for name, segment in zip(self.names, self.tree.segments, strict=True):
+            element, place = root, np.array([0.0, 0.0, -floor])
+            if written:
+                element = add(written[segment.parent], "body", name=name)
+                place = segment.place - self.tree.segments[segment.parent].place
+            scene.fill(element, place, segment.inertial)
+            _add_joints(element, segment)
+            _add_shapes(next(model.iter("asset")), element, name, segment)
+            written.append(element)
+        return written
 
     def _check(self) -> None:
         """Refuse a body that cannot be simulated or steered."""

@@ -194,13 +194,11 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
                 geom.conaffinity = DRAWN  # else MuJoCo makes no hull of it
         return spec.compile(), speeds
     except (OSError, ValueError, ET.ParseError, mujoco.FatalError) as error:
-        raise _refusal(str(path), error) from None
-
-
-def _refusal(model: str, error: Exception) -> InputError:
-    text = " ".join(str(error).split())
-    way_out = ", or add balance_inertia = true to the body's description" if "A + B >= C" in text else ""
-    return InputError(f"the model {model!r} cannot be compiled ({text}); correct it{way_out}.")
+        what = " ".join(str(error).split())
+        way_out = ", or add balance_inertia = true to the body's description" if "A + B >= C" in what else ""
+        raise InputError(
+            f"the model {str(path)!r} cannot be compiled ({what}); correct it{way_out}."
+        ) from None
 
 
 def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:
