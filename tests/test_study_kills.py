@@ -290,9 +290,9 @@ gait = "flat"
 steps = 2
 recordings = "worst"
 worst = 1
-push = ["chest,5,0,0,0.5,0.1"]
 
 [set]
+disturbance.push_x = 5
 controller.name = "own_weak:Weak"
 controller.options.held = true
 gait.planner = "own_weak:Shorter"
@@ -346,6 +346,5 @@ def test_options_and_imported_modules_travel_to_workers_started_elsewhere(tmp_pa
     (kept,) = filter(None, near.words("recording"))
     summary = json.loads((tmp_path / "near" / kept / "summary.json").read_text(encoding="utf-8"))
     assert summary["controller"] == "own_weak:Weak"
-    assert "force=(5.0, 0.0, 0.0)" in summary["disturbances"][0]
     row = near.words("recording").index(kept)
     assert summary["metrics"]["highest"]["value"] == near.numbers("metric_highest")[row]

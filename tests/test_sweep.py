@@ -182,7 +182,6 @@ def test_a_walk_that_ctrl_c_ends_in_this_process_is_no_row(monkeypatch):
     [
         ("[[vary]]", "[set]\nbody.mass = 66.0\n[[vary]]", [1, 4, 7]),
         ("steps = 3", 'steps = 3\nprofile = "wide"', [1, 4, 7]),
-        ("steps = 3", 'steps = 3\npush = ["chest,20,0,0,0.5,0.1"]', [1, 4, 7]),
         ("0.8]", "0.9]", [7]),
         ("steps = 3", "steps = 3\nwall_clock = 9.0", []),
     ],

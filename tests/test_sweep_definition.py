@@ -172,7 +172,6 @@ def test_a_gait_from_a_file_is_carried_along(tmp_path):
         ('[sweep]\nprofile = "strct"\n' + GRID + "gait.c_y = [1.0]", ["strct", "strict"]),
         ('[sweep]\nrecordings = "some"\n' + GRID + "gait.c_y = [1.0]", ["some", "none", "failures", "worst"]),
         (GRID + 'controller.name = ["ampm", "mine"]', ["controller.name", "joint-pd", "MODULE:CLASS"]),
-        ('[sweep]\npush = ["chest,1"]\n' + GRID + "gait.c_y = [1.0]", ["chest,1", "SEGMENT"]),
         ("[set]\ngait.c_y = 1e9\n" + GRID + "gait.c_s = [1.0]", ["gait.c_y", "at most 100"]),
         ("[set]\ngait.steps = 9\n" + GRID + "gait.c_s = [1.0]", ["gait.steps", "[sweep]"]),
         (GRID + "gait.steps = [5, 10]", ["gait.steps", "[sweep]"]),

@@ -182,9 +182,6 @@ class SweepDefinition(Section, section="sweep"):
         "failures", description="which runs keep a recording"
     )
     worst: int = Field(10, description="how many runs keep one at most, the worst first", ge=1, le=10_000)
-    push: tuple[str, ...] = Field(
-        (), description="pushes of every run, each SEGMENT,FX,FY,FZ,AT,DURATION", strict=False
-    )
     wall_clock: Real = Field(600.0, description="seconds after which a run counts as hung", gt=0)
     set: Mapping[str, Option] = Field(default_factory=dict)
     vary: tuple[Block, ...] = ()
@@ -348,11 +345,6 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
             key=BODY_KEY,
         )
     _check_classes(definition)
-    if definition.push:
-        from validation.trial.disturbances import parse_push  # loads the simulator
-
-        for text in definition.push:
-            parse_push(text)
     return definition
 
 

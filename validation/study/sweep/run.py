@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -41,7 +41,6 @@ from validation.study.sweep.table import (
 )
 from validation.study.walk_options import users_classes
 from validation.table import Table, Tabled
-from validation.trial.disturbances import Push, parse_push
 from validation.trial.plan import Request, check_formula, plan_walk
 from validation.trial.users import UsersError
 
@@ -135,8 +134,7 @@ def _options(definition: SweepDefinition, run: int) -> dict[str, Any]:
         InputError: a parameter is beyond its bounds.
     """
     request = Request(definition.name_of(run), definition.parameters(run), definition.varied(run))
-    pushes = [parse_push(text) for text in definition.push]
-    return {"request": request, "profile": definition.profile, "pushes": pushes, **users_classes(request.run)}
+    return {"request": request, "profile": definition.profile, **users_classes(request.run)}
 
 
 def walk_run(**options: Any) -> Row:
@@ -150,15 +148,12 @@ def walk_run(**options: Any) -> Row:
     return {**{key: found[key] for key in found if found[key] != requested[key]}, **walk_columns(trial)}
 
 
-def walk(
-    request: Request, profile: str, pushes: Sequence[Push], planner: Planner | None = None, **users: Any
-) -> Trial:
+def walk(request: Request, profile: str, planner: Planner | None = None, **users: Any) -> Trial:
     """Plan, walk and judge one run.
 
     Args:
         request: parameters and name.
         profile: name of the tolerance profile.
-        pushes: of every run.
         planner: of a user's own; that of the run by default.
         users: other classes of a user, see :func:`validation.study.walk_options.users_classes`.
     """
@@ -167,7 +162,7 @@ def walk(
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
         planned = plan_walk(request, planner=planner)
-    return walk_planned(planned, find_profile(profile), disturbances=list(pushes), seconds=seconds, **users)
+    return walk_planned(planned, find_profile(profile), seconds=seconds, **users)
 
 
 # ------------------------------------------------------------------------------------------ kept folders

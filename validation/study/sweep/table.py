@@ -323,7 +323,7 @@ class SweepTable(Brief, Tabled):
 
 def key_of(definition: SweepDefinition, run: int) -> str:
     """Key of a run among the rows of a folder: its number, and a hash of what the definition says of it."""
-    shared = {"profile": definition.profile, "push": definition.push, "tune": definition.tune}
+    shared = {"profile": definition.profile, "tune": definition.tune}
     return f"{definition.name_of(run)}-{run_key({**_values(definition, run), **shared})}"
 
 
@@ -392,8 +392,6 @@ def _command(definition: SweepDefinition) -> str:
     words = ["ampm", "validate", "--steps", str(definition.steps), "--profile", definition.profile]
     if definition.gait != Path(definition.base.body.source).stem:  # else it is the body's own gait
         words.insert(2, definition.gait)
-    for push in definition.push:
-        words += ["--push", push]
     for key, value in definition.set.items():
         words += ["--set", f"{key}={_toml(value)}"]
     return shlex.join(words if definition.tune else [*words, "--as-is"])
