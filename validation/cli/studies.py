@@ -40,7 +40,7 @@ SWEEP_EPILOG = (
     "Exit status: 0 every run that walked passed, 1 some are out of tolerance, 2 bad input, or every run was "
     "refused, 3 some did not complete, 4 some crashed, 5 stopped from outside (full disk, lost scheduler, a "
     "worker that cannot load a class of yours): --resume goes on, 130 interrupted: --resume goes on. "
-    "--dry-run: 0, or 2 if it is sure that every run is refused."
+    "--dry-run: 0, or 2 if every run is refused."
 )
 CONVERGENCE_EPILOG = (
     "Exit status: 0 every metric is within its limit by more than its numerical uncertainty, 1 one is over "

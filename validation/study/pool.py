@@ -84,17 +84,23 @@ def call(data: bytes, limit: float | None, client_code: str) -> Row:
         if limit is not None:
             faulthandler.dump_traceback_later(limit + GRACE, exit=True, file=nowhere)
         try:
-            work, options, metrics = cloudpickle.loads(data)
-            add_metrics(metrics)
-        except Exception as error:
-            raise StudyStopped(
-                f"a worker cannot load a class or module of yours ({type(error).__name__}: {error})",
-                "install what it needs on every worker",
-            ) from error
-        try:
+            work, options = _unpacked(data)
             return {"worker": str(worker.name), **_columns(work, options)}
         finally:
             faulthandler.cancel_dump_traceback_later()
+
+
+def _unpacked(data: bytes) -> tuple[Work, Options]:
+    """Work and options of a run; the user's metrics are added to those of this process."""
+    try:
+        work, options, metrics = cloudpickle.loads(data)
+        add_metrics(metrics)
+    except Exception as error:
+        raise StudyStopped(
+            f"a worker cannot load a class or module of yours ({type(error).__name__}: {error})",
+            "install what it needs on every worker",
+        ) from error
+    return work, options
 
 
 def _columns(work: Work, options: Options) -> Row:
