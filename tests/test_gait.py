@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import GaitParameters
-from ampm.planner.contacts import Contacts, Footstep, Phase
 from ampm.planner.periodic import RESIDUAL_LIMIT, plan_gait
 
 G, MASS = 9.81, 60.0
@@ -96,26 +95,6 @@ def test_start_and_footsteps(plan):
     np.testing.assert_allclose([p for _, p in steps[:3]], [(-0.6, -0.09), (0.0, 0.09), (0.6, -0.09)])
     assert plan.duration == pytest.approx(GOLDEN.steps * plan.constants.step_duration)
     assert len(plan.contacts.starts) == 2 * GOLDEN.steps
-
-
-def test_contacts_of_a_walk_that_starts_and_stops():
-    left, right = Footstep("left", (0.0, 0.1, 0.0)), Footstep("right", (0.0, -0.1, 0.0))
-    ahead, beside = Footstep("left", (0.4, 0.1, 0.0)), Footstep("right", (0.4, -0.1, 0.0))
-    stands: list[tuple[float, Footstep | None, Footstep | None]] = [
-        (1.0, left, right),
-        (0.5, None, right),
-        (0.2, ahead, right),
-        (0.5, ahead, None),
-        (1.0, ahead, beside),
-    ]
-    starts = np.cumsum([0.0, *(duration for duration, *_ in stands)])
-    phases = tuple(Phase(start, *stand) for start, stand in zip(starts, stands, strict=False))
-    contacts = Contacts((left, right, ahead, beside), phases)
-    assert [phase.stance for phase in phases] == ["both", "right", "both", "left", "both"]
-    assert (contacts.steps, contacts.duration) == (2, pytest.approx(3.2))
-    np.testing.assert_allclose(contacts.step_ends, [1.7, 3.2])
-    places = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.0], [0.4, 0.4], [0.4, 0.4]])
-    np.testing.assert_allclose(contacts.placements[:, :, 0], places)
 
 
 def test_times_in_any_order_and_read_only(plan):

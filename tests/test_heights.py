@@ -14,7 +14,7 @@ from ampm.planner.footsteps import MARGIN, plan_footsteps
 from ampm.planner.heights import EDGE, Ground
 from ampm.planner.replan import LiveWalk
 from tests.test_bodies import run_of
-from tests.walk import assert_follows, stop_and_go
+from tests.walk import assert_follows
 from validation.store.saved import load_saved_run
 from validation.trial.plan import complete, load_request, make_body
 
@@ -137,20 +137,6 @@ def test_the_floor_has_its_edges_between_the_feet():
     for part in (Ground.under(alternate, sole), Ground.under(WALKS["all high"], sole)):
         for step in alternate if part.base == 0.0 else WALKS["all high"]:
             np.testing.assert_array_equal(part.at(footprint(sole, step), 0.01), step.position[2])
-
-
-def test_a_walk_stands_on_a_platform_and_goes_on():
-    footsteps, landings = stop_and_go(4, 0.4, RUNS["normal"])
-    footsteps = raised(footsteps, [0.0, 0.0, 0.0, 0.05, 0.05, 0.05, 0.05, 0.0])
-    run = RUNS["normal"].replace({}, footsteps=routes.as_rows(footsteps, landings))
-    walk = plan_footstep_walk(run, BODY)
-    assert walk.residuals().largest < 1e-11
-    landed = landings[6]
-    assert landed is not None
-    stands = walk.sample(np.linspace(landed - 1.4, landed - 1.2, 9))
-    np.testing.assert_allclose(stands.floor, 0.05)
-    np.testing.assert_allclose(stands.com[:, 2], run.gait.com_height + 0.05, atol=1e-12)
-    np.testing.assert_allclose(walk.sample(walk.duration).com[:, 2], run.gait.com_height, atol=1e-12)
 
 
 @pytest.mark.parametrize(

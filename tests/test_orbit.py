@@ -5,7 +5,6 @@ import pinocchio as pin
 import pytest
 
 from ampm.body import orbit, return_map
-from ampm.body.inverse_kinematics import Unreachable
 from ampm.body.orbit import solve_motion
 from ampm.body.step_reference import step_reference
 from ampm.exceptions import BodilyRefusal, InputError
@@ -147,24 +146,6 @@ def test_multipliers_are_eigenvalues_of_the_return_map(change, slow):
 
 
 # ---------------------------------------------------------- search and refusals
-
-
-def test_search_goes_by_way_of_a_lower_com(monkeypatch):
-    """With the standing start taken away, the same orbit is found from the one with a lower COM."""
-    settings = GAITS["momentum"]
-    guess = orbit.StepMap.guess
-    wanted = walk_of(*settings).run.gait.com_height
-
-    def only_lowered(step_map):
-        if step_map.reference.position[0, 0, 2] == wanted:
-            raise Unreachable(0.0, "nothing", 0.0, 0.0, "1")
-        return guess(step_map)
-
-    monkeypatch.setattr(orbit.StepMap, "guess", only_lowered)
-    motion, direct = solve(*settings), motion_of(*settings)
-    np.testing.assert_allclose(motion.q, direct.q, atol=1e-7)
-    offset = direct.report.angular_momentum_y_offset
-    assert motion.report.angular_momentum_y_offset == pytest.approx(offset, abs=1e-7)
 
 
 def test_out_of_reach_names_the_instant_and_a_height_that_works():
