@@ -8,7 +8,6 @@ import pytest
 
 from validation.study.convergence.order import (
     CONFIRMED,
-    NO_RANGE,
     UNCONFIRMED,
     Kind,
     estimate,
@@ -26,14 +25,13 @@ def test_an_exact_power_has_its_order_and_its_limit(order, ratio, sign):
     assert found.orders == pytest.approx((order, order))
     assert found.order == pytest.approx(order)
     assert found.extrapolated == pytest.approx(3.0)
-    assert found.safety == CONFIRMED
     error = 40.0 * STEPS[0] ** order
     assert error * CONFIRMED * 0.999 <= found.uncertainty <= error * CONFIRMED * 1.1
 
 
 def test_a_higher_order_term_that_dies_away_leaves_the_leading_one():
     found = estimate(2.0 + 10.0 * STEPS + 300.0 * STEPS**2, 2.0)
-    assert found.asymptotic
+    assert found.kind is Kind.ASYMPTOTIC
     assert found.order == pytest.approx(1.0, abs=0.05)
     assert found.extrapolated == pytest.approx(2.0, abs=1e-3)
     assert abs((found.extrapolated or 0.0) - 2.0) < found.finest
@@ -63,7 +61,6 @@ def test_what_has_no_asymptotic_range_is_called_so_and_bounded_by_its_spread(val
     assert found.kind is Kind.NO_RANGE
     assert found.order is None
     assert found.extrapolated is None
-    assert found.reason.startswith(NO_RANGE)
     assert re.search(why, found.reason), found.reason
     spread = max(values) - min(values)
     last, before = abs(values[-1] - values[-2]), abs(values[-2] - values[-3])
@@ -107,9 +104,6 @@ def test_orders_of_triplets():
     assert observed_orders([1 + 1, 1 + 0.5, 1 + 0.25], 2.0) == pytest.approx((1.0,))
     assert np.isnan(observed_orders([1.0, 2.0, 1.0], 2.0)).all()
     assert observed_orders([0.0, 1.0, 3.0], 2.0) == pytest.approx((-1.0,))  # growing
-    for values, ratio, words in (([1.0], 2.0, "two levels"), ([1.0, 2.0], 1.0, "ratio")):
-        with pytest.raises(ValueError, match=words):
-            estimate(values, ratio)
 
 
 def test_the_uncertainty_covers_the_limit_of_disturbed_sequences():

@@ -34,14 +34,12 @@ AGREEMENT = 0.25
 """Largest difference of the orders of two triplets that confirm each other."""
 _ROUNDING = 1e-12  # relative; smaller differences are rounding errors
 
-NO_RANGE = "no asymptotic range"
-
 
 class Kind(StrEnum):
     """Behaviour of a sequence of values."""
 
     ASYMPTOTIC = "asymptotic"
-    NO_RANGE = NO_RANGE
+    NO_RANGE = "no asymptotic range"
     CONSTANT = "constant"
     UNKNOWN = "unknown"
 
@@ -55,29 +53,22 @@ class Estimate:
             where a level has no value.
         orders: observed order of every triplet of neighbouring levels, coarse to fine; NaN where the values
             do not converge monotonically.
-        order: that of the finest triplet, None outside the asymptotic range.
-        extrapolated: value at step zero, None outside the asymptotic range.
         uncertainty: expanded numerical uncertainty of the first level's value, about 95 %, in the metric's
             unit: the limit of vanishing steps is taken to be within value ± uncertainty. Infinite if a level
             has no value, NaN if the first one has none.
         finest: the same of the last level's value.
-        safety: factor of safety, None where none was applied.
         reason: why, as text.
+        order: that of the finest triplet, None outside the asymptotic range.
+        extrapolated: value at step zero, None outside the asymptotic range.
     """
 
     kind: Kind
     orders: tuple[float, ...]
-    order: float | None
-    extrapolated: float | None
     uncertainty: float
     finest: float
-    safety: float | None
     reason: str
-
-    @property
-    def asymptotic(self) -> bool:
-        """Whether the order was confirmed."""
-        return self.kind is Kind.ASYMPTOTIC
+    order: float | None = None
+    extrapolated: float | None = None
 
 
 def observed_orders(values: Sequence[float], ratio: float) -> tuple[float, ...]:
@@ -102,47 +93,40 @@ def estimate(levels: Iterable[float], ratio: float, *, forbidden: str = "") -> E
     """Classify a sequence and bound the error of its first value.
 
     Args:
-        levels: values of one metric, coarse to fine, the first at the run's own parameters; NaN for a level
-            that has none.
+        levels: three or more values of one metric, coarse to fine, the first at the run's own parameters; NaN
+            for a level that has none.
         ratio: of neighbouring steps, above 1.
         forbidden: why the metric must not be extrapolated whatever the values are, empty if it may be.
-
-    Raises:
-        ValueError: fewer than two levels, or a ratio that is not above 1.
     """
     values = [float(value) for value in levels]
-    if len(values) < 2 or not ratio > 1.0:
-        raise ValueError(f"{len(values)} levels of ratio {ratio:g}: two levels and a ratio above 1 at least")
     orders = observed_orders(values, ratio)
     if math.isnan(values[0]):
-        return Estimate(Kind.UNKNOWN, orders, None, None, math.nan, math.nan, None, "not measured")
+        return Estimate(Kind.UNKNOWN, orders, math.nan, math.nan, "not measured")
     if not all(math.isfinite(value) for value in values):
         reason = "a level has no value: its walk did not complete"
-        return Estimate(Kind.UNKNOWN, orders, None, None, math.inf, math.inf, None, reason)
+        return Estimate(Kind.UNKNOWN, orders, math.inf, math.inf, reason)
     spread = max(values) - min(values)
     if spread <= _ROUNDING * max(abs(value) for value in values):
         reason = "the same on all levels, but for rounding"
-        return Estimate(Kind.CONSTANT, orders, None, None, spread, spread, None, reason)
+        return Estimate(Kind.CONSTANT, orders, spread, spread, reason)
     last = abs(values[-1] - values[-2])
     reason = forbidden or _why_not_asymptotic(values, orders)
     if reason:
         # The larger of the last two changes, at formal order: the last one may be accidentally small.
-        before = abs(values[-2] - values[-3]) / ratio**FORMAL_ORDER if len(values) > 2 else 0.0
+        before = abs(values[-2] - values[-3]) / ratio**FORMAL_ORDER
         beyond = UNCONFIRMED * max(last, before) / (ratio**FORMAL_ORDER - 1.0)
-        reason = f"{NO_RANGE}: {reason}"
-        return Estimate(Kind.NO_RANGE, orders, None, None, spread + beyond, beyond, UNCONFIRMED, reason)
+        return Estimate(Kind.NO_RANGE, orders, spread + beyond, beyond, reason)
     order = orders[-1]
     # Roache: an observed order above the formal one does not reduce the uncertainty.
     beyond = last / (ratio ** min(order, FORMAL_ORDER) - 1.0)
     return Estimate(
         kind=Kind.ASYMPTOTIC,
         orders=orders,
-        order=order,
-        extrapolated=values[-1] + (values[-1] - values[-2]) / (ratio**order - 1.0),
         uncertainty=CONFIRMED * (abs(values[0] - values[-1]) + beyond),
         finest=CONFIRMED * beyond,
-        safety=CONFIRMED,
         reason=f"order {order:.2f}, confirmed by {orders[-2]:.2f} of the triplet before",
+        order=order,
+        extrapolated=values[-1] + (values[-1] - values[-2]) / (ratio**order - 1.0),
     )
 
 
