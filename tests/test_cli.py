@@ -230,14 +230,6 @@ def test_a_refusal_in_json_is_an_object_alone(ampm, arguments, found):
     assert ("leave out --as-is" in answer.err) == (error["kind"] != "input")
 
 
-def test_own_gait_from_a_file(ampm, tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text("[gait]\nstep_length = 0.5\n")
-    answer = ampm("plan", path, "--no-body", "--json")
-    assert answer.json["gait"] == "mine"
-    assert answer.json["parameters"]["gait"]["step_length"] == 0.5
-
-
 @pytest.mark.parametrize(("options", "words"), [((), "--force"), (("--force",), "notes.txt")])
 def test_out_is_never_overwritten(ampm, tmp_path, options, words):
     notes = tmp_path / "notes.txt"
@@ -330,14 +322,9 @@ def test_console_script():
     answer = script("plan", "--no-body", "--json", "--set", "gait.switching_velocity=0.3")
     assert answer.returncode == Status.REFUSED
     assert json.loads(answer.stdout)["error"]["reason"] == "switching_velocity_too_low"
-    answer = script("--help", env={**os.environ, "TERM": "dumb"})
-    assert answer.returncode == 0
-    for command in ("plan", "validate", "replay", "view", "report"):
-        assert command in answer.stdout
     assert "heading [m, rad]" in " ".join(script("plan", "--help").stdout.replace("│", " ").split())
     assert "Missing command" in script("body").stderr
     answer = script("validate", "--help", env={**os.environ, "COLUMNS": "200"})
-    assert "[OPTIONS] [GAIT]..." in answer.stdout
     assert "whether a body with real mass distribution" in answer.stdout  # lines of a paragraph are joined
     assert script("--version").stdout.strip() == f"ampm {__version__}"
 

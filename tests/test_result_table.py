@@ -75,9 +75,17 @@ def metric(name, value, tolerance, unit, passed, **more):
     known = METRICS[name]
     display = {"value": value, "tolerance": tolerance, "unit": unit, **more.pop("display", {})}
     return {
-        "label": known.label, "kind": known.kind, "unit": known.unit, "value": value, "tolerance": tolerance,
-        "pass": passed, "first_step": 0.1, "display": display, "reason": "Why.", **more,
-    }  # fmt: skip
+        "label": known.label,
+        "kind": known.kind,
+        "unit": known.unit,
+        "value": value,
+        "tolerance": tolerance,
+        "pass": passed,
+        "first_step": 0.1,
+        "display": display,
+        "reason": "Why.",
+        **more,
+    }
 
 
 def summary():
@@ -87,13 +95,24 @@ def summary():
     energy = {item.name.partition("_")[2]: 2.0 for item in METRICS.values() if item.section == "energy"}
     unknown = {"value": None, "time": None, "where": ""}
     return {
-        "gait": "normal", "profile": "default", "outcome": "completed", "verdict": "fail",
-        "reason": "One is not met.", "steps_completed": 6,
+        "gait": "normal",
+        "profile": "default",
+        "outcome": "completed",
+        "verdict": "fail",
+        "reason": "One is not met.",
+        "steps_completed": 6,
         "metrics": {
             "zmp_x_rmse": metric("zmp_x_rmse", 0.586, 2.5, "mm", True, display={"uncertainty": 0.083}),
             "failed_qp": metric("failed_qp", 3.0, 0.0, "", False),
-            "force_x_rmse": metric("force_x_rmse", 0.9, 0.8, "% of body weight", None, undecided=True,
-                display={"uncertainty": "inf"}),
+            "force_x_rmse": metric(
+                "force_x_rmse",
+                0.9,
+                0.8,
+                "% of body weight",
+                None,
+                undecided=True,
+                display={"uncertainty": "inf"},
+            ),
             "zmp_y_rmse": metric("zmp_y_rmse", None, 1.5, "mm", None),
             "com_x_rmse": metric("com_x_rmse", 0.03, None, "mm", None),
         },
@@ -104,7 +123,7 @@ def summary():
         "timing": {"simulated": 4.0, "real_time_factor": 3.9},
         "scales": {"body_weight": 600.0},
         "uncertainty": {"gait": "normal", "steps": 6},
-    }  # fmt: skip
+    }
 
 
 def test_metrics_of_a_run():

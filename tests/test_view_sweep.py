@@ -86,18 +86,13 @@ def test_several_runs_are_in_one_file_with_curves_in_a_colour_of_each(walks, tmp
     assert shown == [True, False, True]  # plan and measurement
 
 
-def test_data_is_not_touched(walks, tmp_path):
+def test_phases_of_different_gaits_coincide_and_data_is_not_touched(walks, tmp_path):
     target = tmp_path / "both.rrd"
-    save(walks["one"], walks["slow"], "--save", target)
+    assert save(walks["one"], walks["slow"], "--save", target) == Status.PASS
     (batch,) = batches(target, "/b/signals/force_z", static=False)
     values = np.array(batch.column("Scalars:scalars").to_pylist())
     signals = load_signals(walks["slow"] / "signals.parquet")
     np.testing.assert_array_equal(values[:, 2], signals["measured_force_z"])
-
-
-def test_phases_of_different_gaits_coincide(walks, tmp_path):
-    target = tmp_path / "both.rrd"
-    assert save(walks["one"], walks["slow"], "--save", target) == Status.PASS
     for which, name in (("a", "one"), ("b", "slow")):
         plan = load_saved_run(walks[name]).plan()
         assert plan is not None

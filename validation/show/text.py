@@ -6,10 +6,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from validation.table import ABSENT as ABSENT
-from validation.table import BODY_WEIGHT as BODY_WEIGHT
-from validation.table import COLORS
-from validation.table import format_number as format_number
+from validation.table import ABSENT, COLORS, format_number
 
 
 def print_line(text: str | Text = "", style: str = "") -> None:
