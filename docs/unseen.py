@@ -20,7 +20,7 @@ from trials import DATA, write_rows
 
 import validation as val
 from validation.cli.console import Narrator
-from validation.show.style import into_file
+from validation.show.style import save_figure, style
 from validation.show.text import replace_between
 from validation.study.sweep.design import Block, SweepDefinition, load_sweep
 from validation.study.sweep.table import State, SweepTable
@@ -231,8 +231,8 @@ LOOKS = {
 }
 
 
-@into_file
-def draw_histograms(rows: Sequence[Row]) -> Figure:
+@style()
+def draw_histograms(rows: Sequence[Row], path: Path) -> None:
     """Histograms of the ZMP's errors, with their limits."""
     figure = Figure(figsize=(8.0, 4.6), dpi=110, layout="constrained")
     bodies = list(dict.fromkeys(look.body for look in LOOKS.values()))
@@ -254,7 +254,7 @@ def draw_histograms(rows: Sequence[Row]) -> Figure:
         axes.set_xlabel("error over its limit [1]")
         axes.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
     figure.legend(*plots[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return figure
+    save_figure(figure, path)
 
 
 if __name__ == "__main__":

@@ -125,7 +125,6 @@ def plan(
     if walk is not None:
         with narrator.stage(f"{request.name}: ZMP margin", "instants") as stage:
             margin, _ = walk.plan.least_zmp_margin(progress=stage.advance)
-    sole = walk.plan.feet.sole if walk is not None and run.footsteps else None
     request = request if walk is None else walk.request
     if save is not None:
         notes = [request.title, *(() if walk is None or walk.tuned is None else _margins(walk.tuned))]
@@ -142,7 +141,7 @@ def plan(
         from validation.show.plan import plot_plan
 
         title = f"plan of {request.title}" + ("" if footsteps is None else f" over {footsteps.name}")
-        plot_plan(planned, plot, title=title, sole=sole)
+        plot_plan(planned, plot, title=title)
     if as_json:
         print_json(describe_plan(request, planned, walk, margin))
     else:

@@ -1,11 +1,11 @@
 """Style of all figures: of pages, and of picture files."""
 
 import io
-from collections.abc import Callable, Sequence
-from functools import wraps
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from html import escape
 from pathlib import Path
-from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import matplotlib as mpl
@@ -16,9 +16,6 @@ from matplotlib.figure import Figure
 
 from ampm.geometry import Array
 from validation.store.folders import output_file
-
-Drawn = TypeVar("Drawn")
-More = ParamSpec("More")
 
 INK, FAINT, GRID, SHADE = "#1d2126", "#6c737d", "#e6e8ea", "#eceef1"
 PLAN, COMMAND, MEASURED = "#0072b2", "#009e73", "#d55e00"
@@ -84,31 +81,23 @@ class Picture(NamedTuple):
     wide: bool
 
 
-def style() -> Any:
-    """Context in which figures are drawn and written."""
-    return mpl.rc_context(STYLE)
+@contextmanager
+def style() -> Iterator[None]:
+    """Context in which figures are drawn and written; also a decorator."""
+    with mpl.rc_context(STYLE):
+        yield
 
 
-def into_file(
-    make: Callable[Concatenate[Drawn, More], Figure],
-) -> Callable[Concatenate[Drawn, Path, More], None]:
-    """A function that draws something as a figure, turned into one that draws it into a file.
-
-    It takes the path after what is drawn; the suffix chooses the format. An existing file is replaced.
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure; the suffix chooses the format. An existing file is replaced.
 
     Raises:
         InputError: the file cannot be written.
     """
-
-    @wraps(make, assigned=("__module__", "__name__", "__qualname__", "__doc__"))
-    def draw(drawn: Drawn, path: Path, *more: More.args, **named: More.kwargs) -> None:
-        with output_file(path) as work, style():
-            # Without date and version equal figures give equal SVG files.
-            metadata = {"Date": None, "Creator": None} if path.suffix == ".svg" else None
-            make(drawn, *more, **named).savefig(work, metadata=metadata)
-
-    del draw.__dict__["__wrapped__"]  # its signature has no path
-    return draw
+    # Without date and version equal figures give equal SVG files.
+    metadata = {"Date": None, "Creator": None} if path.suffix == ".svg" else None
+    with output_file(path) as work:
+        figure.savefig(work, metadata=metadata)
 
 
 def new_figure(

@@ -1,16 +1,18 @@
 """Picture of the numerical studies: change of each judged metric from level to level."""
 
+from pathlib import Path
+
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from validation.judge.uncertainty import rounding
-from validation.show.style import into_file
+from validation.show.style import save_figure, style
 from validation.study.convergence.result import Convergence
 
 
-@into_file
-def draw(result: Convergence) -> Figure:
+@style()
+def draw(result: Convergence, path: Path) -> None:
     """Draw a plot for every numerical study, side by side, and the legend below.
 
     Changes that are rounding are gaps, and dots are a change in proportion to the level.
@@ -38,4 +40,4 @@ def draw(result: Convergence) -> Figure:
         axes.minorticks_off()
     plots[0].set_ylabel("change, over the gait's own value [1]")
     figure.legend(*plots[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return figure
+    save_figure(figure, path)
