@@ -134,11 +134,10 @@ def test_digest_is_of_all_that_decides_on_a_row(tmp_path):
     body.write_text((EXAMPLES / "biped.toml").read_text())
     model.write_text((EXAMPLES / "biped.urdf").read_text())
     policy.write_text("1")
-    run = RunParameters().replace({"body.source": str(body)})
-
-    before = digest(run=run, path=policy)
+    run = RunParameters().replace({"body.source": str(body), "controller.options.file": str(policy)})
+    before = digest(run=run)
     for file in (model, body, policy):
         file.write_text(file.read_text() + "\n")
-        after = digest(run=run, path=policy)
+        after = digest(run=run)
         assert before != after
         before = after

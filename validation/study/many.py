@@ -29,7 +29,7 @@ from validation.store.identity import code_hash
 from validation.study.exceptions import StudyStopped
 from validation.study.pool import is_users, open_pool
 from validation.study.row_file import ROWS, Row, RowFile
-from validation.study.walk_options import body_files
+from validation.study.walk_options import users_files
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,9 @@ Search = Generator[Task, Row, None]
 def _identity(value: Any) -> str:
     """Text that is equal for equal values, in every process."""
     if isinstance(value, BaseModel):  # with the keys that count as given
-        files = _identity(body_files(value)) if isinstance(value, RunParameters) else ""
+        files = _identity(users_files(value)) if isinstance(value, RunParameters) else ""
         return f"{value.model_dump_json()}{value.model_dump_json(exclude_unset=True)}{files}"
-    if isinstance(value, Path) and value.is_file():  # such as a policy
+    if isinstance(value, Path) and value.is_file():
         return f"{value} {hashlib.sha256(value.read_bytes()).hexdigest()}"
     if isinstance(value, np.ndarray):
         return _identity(value.tolist())

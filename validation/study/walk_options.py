@@ -1,5 +1,6 @@
-"""What of a user decides on a walk: controller, planner, estimator, sent by value, and body files."""
+"""What of a user decides on a walk: controller, planner, estimator, sent by value, and files."""
 
+import os
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -31,13 +32,14 @@ def users_classes(run: RunParameters) -> dict[str, Any]:
     return found
 
 
-def body_files(run: RunParameters) -> tuple[Path, ...]:
-    """Description of a user's own body, and its model; meshes are not among them."""
-    path = Path(run.body.source)
-    if not path.is_file():
-        return ()
-    from models.source import read_body_file, source_path  # loads the simulator
+def users_files(run: RunParameters) -> list[Path]:
+    """A user's own body and its model, without meshes, and files that options name, such as a policy."""
+    options = (run.controller.options, run.planner.options, run.sensors.options)
+    values = [value for table in options for value in table.values() if isinstance(value, str)]
+    files = [Path(value) for value in (run.body.source, *values) if os.path.isfile(value)]
+    if Path(run.body.source) in files:
+        from models.source import read_body_file, source_path  # loads the simulator
 
-    with suppress(InputError):  # its runs will say what is wrong
-        return path, source_path(read_body_file(path).source, path.parent)
-    return (path,)
+        with suppress(InputError):  # its runs will say what is wrong
+            files.append(source_path(read_body_file(files[0]).source, files[0].parent))
+    return files
