@@ -72,13 +72,8 @@ class SensorParameters(Section, section="sensors"):
         """
         steps = whole(self.delay / time_step)
         if steps is None:
-            nearest = round(self.delay / time_step) * time_step
-            raise InputError(
-                f"sensors.delay = {self.delay:g} s is no multiple of simulation.time_step = {time_step:g} s; "
-                f"choose for example {nearest:.12g}.",
-                key="sensors.delay",
-                value=self.delay,
-            )
+            why = f"{self.delay:g} s is no multiple of simulation.time_step = {time_step:g} s"
+            raise _uneven("sensors.delay", self.delay, why, round(self.delay / time_step) * time_step)
         return steps
 
     def ticks_per_fix(self, frequency: float) -> int:
@@ -91,11 +86,11 @@ class SensorParameters(Section, section="sensors"):
             return 0
         ticks = whole(frequency / self.fix_rate)
         if not ticks:
+            why = f"{self.fix_rate:g} Hz does not divide controller.frequency = {frequency:g} Hz"
             nearest = frequency / max(1, round(frequency / self.fix_rate))
-            raise InputError(
-                f"sensors.fix_rate = {self.fix_rate:g} Hz does not divide controller.frequency = "
-                f"{frequency:g} Hz; choose for example {nearest:.12g}.",
-                key="sensors.fix_rate",
-                value=self.fix_rate,
-            )
+            raise _uneven("sensors.fix_rate", self.fix_rate, why, nearest)
         return ticks
+
+
+def _uneven(key: str, value: float, why: str, nearest: float) -> InputError:
+    return InputError(f"{key} = {why}; choose for example {nearest:.12g}.", key=key, value=value)

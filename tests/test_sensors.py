@@ -1,7 +1,5 @@
 """Sensors and estimator between the simulated body and its controller."""
 
-import linecache
-import sys
 from dataclasses import replace
 from functools import cache
 from typing import ClassVar
@@ -14,14 +12,14 @@ import validation as val
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
 from ampm.run_file import load_run
-from ampm.sensors.filters import TURN, VELOCITY
+from ampm.sensors.filters import ACCELEROMETER, GYRO, TURN, VELOCITY
 from ampm.sensors.kalman import Kalman
 from ampm.walk import State, Touch
 from tests.records import first_difference
 from tests.solved import simulated
 from validation.judge.compare import _from_standing_foot
 from validation.judge.profiles import own_profile
-from validation.study.many import Task
+from validation.study.sweep.design import parse_sweep
 from validation.study.walk_options import users_classes
 from validation.trial.bridge import to_pinocchio
 from validation.trial.readings import Sensors
@@ -66,12 +64,20 @@ class Short(Naive):
 
 
 class Mine(Kalman):
-    """Ours, which keeps what it was told."""
+    """Ours, which is kept with what it was told."""
 
-    runs: ClassVar[list] = []
+    made: ClassVar[list] = []
 
     def __init__(self, robot, run, start):
-        self.runs.append(run)
+        super().__init__(robot, run, start)
+        self.run = run
+        self.made.append(self)
+
+
+class Tuned(Kalman):
+    """Ours with an option that is needed."""
+
+    def __init__(self, robot, run, start, gain):
         super().__init__(robot, run, start)
 
 
@@ -179,8 +185,9 @@ def test_the_filter_is_consistent(monkeypatch):
 
     def kept(self, readings, commanded):
         result = plain(self, readings, commanded)
-        f, rows = self.filter, np.r_[VELOCITY : VELOCITY + 3, TURN : TURN + 3]
-        found.append((readings, f.velocity.copy(), f.turn.copy(), f.covariance[np.ix_(rows, rows)].copy()))
+        f, rows = self.filter, np.r_[VELOCITY:GYRO]
+        covariance = f.covariance[np.ix_(rows, rows)].copy()
+        found.append((readings, f.x[VELOCITY:TURN].copy(), f.turn.copy(), covariance))
         return result
 
     monkeypatch.setattr(Kalman, "update", kept)
@@ -220,18 +227,11 @@ def test_an_estimated_walk_keeps_its_place_relative_to_the_foot_and_with_fixes_i
 
 
 def test_biases_of_the_imu_are_found():
-    sensors = {"estimator": "kalman", "gyro_bias": 1e-3, "seed": 1, **NOISE}
-    kept = []
-    with pytest.MonkeyPatch.context() as patch:
-        plain = Kalman.__init__
+    sensors = {"estimator": "tests.test_sensors:Mine", "gyro_bias": 1e-3, "seed": 1, **NOISE}
+    walked(**sensors)
+    from tests.test_sensors import Mine as Loaded
 
-        def made(self, *args):
-            plain(self, *args)
-            kept.append(self)
-
-        patch.setattr(Kalman, "__init__", made)
-        val.walk(load_run("normal", gait={"steps": 10}, sensors=sensors))
-    found = kept[0].filter.gyro_bias
+    found = Loaded.made[-1].filter.x[GYRO:ACCELEROMETER]
     assert np.abs(np.abs(found[:2]) - 1e-3).max() < 0.7e-3
 
 
@@ -274,7 +274,7 @@ def test_ones_own_estimator_walks_and_does_not_know_biases_and_seed():
     assert record.outcome.completed
     from tests.test_sensors import Mine as Loaded
 
-    known = Loaded.runs[-1]
+    known = Loaded.made[-1].run
     assert (known.sensors.gyro_bias, known.sensors.seed, known.disturbance.push_y) == (0.0, 0, 0.0)
     assert known.sensors.estimator == "tests.test_sensors:Mine"
     fell = simulated("sensors.estimator=tests.test_sensors:Naive")
@@ -330,3 +330,10 @@ def test_an_estimator_and_its_options_decide_on_the_row_of_a_study(tmp_path, mon
     monkeypatch.delitem(sys.modules, "travelling")  # as in another process
     linecache.checkcache()
     assert digest(gain=1.0) != first
+
+
+def test_delays_of_a_range_are_whole_steps_of_the_physics():
+    sweep = parse_sweep('[[vary]]\nmethod = "sobol"\ncount = 8\nsensors.delay = {from = 0.0, to = 0.004}')
+    steps = np.array([sweep.parameters(run).sensors.delay for run in range(8)]) / 0.0005  # none is refused
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
+    assert len(set(steps)) > 4

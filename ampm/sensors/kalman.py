@@ -26,6 +26,9 @@ _TOE_ERROR = 6.0
 """Errors of commanded accelerations by group of hinges [rad/s^2], three times those of the presets."""
 _NOT_COMMANDED = 30.0
 """The same with a controller that does not say its accelerations [rad/s^2]."""
+_FIX_FACTOR = 10.0
+"""By how much fixes count as less certain: feedback of the COM makes 6 mm of ZMP from 1 mm that a fix moves
+the place, and they need only hold a drift of millimetres in a second."""
 
 
 class Kalman:
@@ -45,6 +48,7 @@ class Kalman:
         ticks = 2 + int(sensors.delay * run.controller.frequency + 1.0)
         read = sensors.angle_noise, sensors.rate_noise, sensors.gyro_noise, sensors.fix_noise
         variance = np.maximum(read, _LEAST) ** 2
+        variance[3] *= _FIX_FACTOR**2
         growth = np.append(_WALK, np.tile(_CREEP, points)) ** 2 / run.controller.frequency
         growth[3:6] = (_ACCELERATION_ERROR / run.controller.frequency) ** 2
         growth[6:9] = variance[2] / run.controller.frequency**2

@@ -24,7 +24,7 @@ class OutcomeName(StrEnum):
             OutcomeName.FELL: "The body fell.",
             OutcomeName.DIVERGED: "The numbers of the simulation diverged.",
             OutcomeName.INFEASIBLE: "The controller's QP stayed unsolved.",
-            OutcomeName.CRASHED: "A controller, disturbance or planner failed.",
+            OutcomeName.CRASHED: "A controller, planner, estimator or disturbance failed.",
             OutcomeName.INTERRUPTED: "The run was stopped from outside.",
         }[self]
 

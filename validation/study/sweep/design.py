@@ -35,6 +35,7 @@ STEPS_KEY, CONTROLLER_KEY, PLANNER_KEY = "gait.steps", "controller.name", "gait.
 ESTIMATOR_KEY = "sensors.estimator"
 ENGINE_KEY = "simulation.engine"
 BODY_KEY = "body.source"
+DELAY_KEY = "sensors.delay"
 
 _TABLES = ("sweep", "set", "vary", "base")
 _DIGITS = 12  # significant digits to which a grid's inner values are rounded
@@ -229,11 +230,17 @@ class SweepDefinition(Section, section="sweep"):
 
     @cached_property
     def _columns(self) -> list[dict[str, list[Option]]]:
-        """Values of the keys of every block."""
-        return [
+        """Values of the keys of every block; delays of a range are whole steps of the physics."""
+        columns = [
             block.columns(np.random.default_rng([self.seed, number]))
             for number, block in enumerate(self.vary)
         ]
+        step = self.shared.simulation.time_step
+        for block, found in zip(self.vary, columns, strict=True):
+            if isinstance(block.keys.get(DELAY_KEY), Range):
+                steps = np.rint(np.array(found[DELAY_KEY]) / step)
+                found[DELAY_KEY] = np.round(steps * step, _DIGITS).tolist()
+        return columns
 
     def values(self, key: str) -> tuple[Option, ...]:
         """Values of a key: those listed, both ends of a range, or the one that all runs share."""
