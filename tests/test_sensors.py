@@ -1,5 +1,7 @@
 """Sensors and estimator between the simulated body and its controller."""
 
+import linecache
+import sys
 from dataclasses import replace
 from functools import cache
 from typing import ClassVar
@@ -19,6 +21,7 @@ from tests.records import first_difference
 from tests.solved import simulated
 from validation.judge.compare import _from_standing_foot
 from validation.judge.profiles import own_profile
+from validation.study.many import Task
 from validation.study.sweep.design import parse_sweep
 from validation.study.walk_options import users_classes
 from validation.trial.bridge import to_pinocchio
@@ -72,13 +75,6 @@ class Mine(Kalman):
         super().__init__(robot, run, start)
         self.run = run
         self.made.append(self)
-
-
-class Tuned(Kalman):
-    """Ours with an option that is needed."""
-
-    def __init__(self, robot, run, start, gain):
-        super().__init__(robot, run, start)
 
 
 @cache
