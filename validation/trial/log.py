@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import mujoco
 import numpy as np
 
-from ampm.compiled import refer
+from ampm.compiled import compiled, refer
+from ampm.vectors import put, vector
 from validation.trial import spill
 from validation.trial.record import INTEGERS, LOGGED, SHAPES, shape_of
-from validation.trial.step import keep_instant
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -67,6 +67,23 @@ class Log(NamedTuple):
     normal_force: Array
     touching: NDArray[np.bool_]
     substeps: int
+
+
+@compiled
+def keep_instant(log: Log, k: int) -> None:
+    """Copy the places of sole points and soles, COM and angular momentum at t_k."""
+    record, body = log.record, log.body
+    sites, place = body.sites, body.site_place
+    point_place, foot_position = record.point_place[k], record.foot_position[k]
+    points = len(point_place)
+    for i in range(points):  # a row copied as an array takes ten times as long
+        put(point_place[i], vector(place[sites[i]]))
+    for i in range(2):
+        put(foot_position[i], vector(place[sites[points + i]]))
+        rotation = body.site_rotation[sites[points + i]]
+        put(record.foot_forward[k, i], (rotation[0], rotation[3], rotation[6]))
+    put(record.com[k], vector(body.com))
+    put(record.angular_momentum[k], vector(body.angular_momentum))
 
 
 class RunLog:

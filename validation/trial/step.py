@@ -9,6 +9,7 @@ import numpy as np
 
 from ampm.compiled import compiled
 from ampm.vectors import put, turned, vector
+from validation.trial.log import keep_instant
 from validation.trial.watch import stands
 
 if TYPE_CHECKING:
@@ -76,23 +77,6 @@ def act(log: Log, k: int, status: int, residual: float, iterations: int, seconds
     record.qp_status[tick], record.qp_residual[tick] = status, residual
     record.qp_iterations[tick], record.qp_time[tick] = iterations, seconds
     return True
-
-
-@compiled
-def keep_instant(log: Log, k: int) -> None:
-    """Copy the places of sole points and soles, COM and angular momentum at t_k."""
-    record, body = log.record, log.body
-    sites, place = body.sites, body.site_place
-    point_place, foot_position = record.point_place[k], record.foot_position[k]
-    points = len(point_place)
-    for i in range(points):  # a row copied as an array takes ten times as long
-        put(point_place[i], vector(place[sites[i]]))
-    for i in range(2):
-        put(foot_position[i], vector(place[sites[points + i]]))
-        rotation = body.site_rotation[sites[points + i]]
-        put(record.foot_forward[k, i], (rotation[0], rotation[3], rotation[6]))
-    put(record.com[k], vector(body.com))
-    put(record.angular_momentum[k], vector(body.angular_momentum))
 
 
 @compiled
