@@ -4,7 +4,6 @@ Agreement and cost are shown together, because either alone is misleading. All t
 inline SVG.
 """
 
-import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -80,7 +79,7 @@ def render(saved: SavedRun) -> str:
         is_log=saved.is_log,
         disturbed=_disturbed(saved),
         from_rest=saved.from_rest,
-        facts=_gait(saved, plan) | _facts(saved, plan),
+        facts=_facts(saved, plan),
         agreement=saved.table(),
         cost=cost_table(summary),
         limits=_limits(summary),
@@ -94,12 +93,6 @@ def render(saved: SavedRun) -> str:
     )
 
 
-def _distance(saved: SavedRun, source: str) -> float:
-    """Distance of the COM at the end from its start, by a source of signals [m]."""
-    x, y = saved.signals[f"{source}_com_x"], saved.signals[f"{source}_com_y"]
-    return math.hypot(x[-1] - x[0], y[-1] - y[0]) if len(x) else 0.0
-
-
 def _disturbed(saved: SavedRun) -> str:
     """What disturbed the walk, empty if nothing did; pushes are in the record."""
     own = saved.parameters.disturbance.model_dump(exclude_defaults=True)
@@ -110,47 +103,32 @@ def _disturbed(saved: SavedRun) -> str:
 
 
 def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
-    """How far and how fast the body walked, and which."""
-    record, summary, body = saved.record, saved.summary, saved.parameters.body
-    if saved.is_log:
-        log = summary["log"]
-        return {
-            "steps covered": str(record.outcome.steps_completed),
-            "of the plan": f"{log['from']:.4g} to {log['until']:.4g} s",
-            "rows": f"{log['rows']} at {log['rate']:.4g} Hz",
-        }
-    drake = saved.parameters.simulation.engine == "drake"
-    unsolved = f"{int((record.qp_status == 2).sum())} of {len(record.qp_status)}"
-    planned = "" if plan is None else f" of {plan.contacts.steps}"
-    facts = {
-        "steps walked": f"{record.outcome.steps_completed}{planned}",
-        "simulated": f"{record.outcome.time:.4g} s",
-        "distance": "" if saved.from_rest else f"{_distance(saved, 'measured'):.3g} m",  # the way may turn
-        "mass": f"{record.mass:.3g} kg",
-        "body": f"{HUMAN}, {body.height:.3g} m" if body.source == HUMAN else Path(body.source).stem,
-        "engine": f"Drake {summary['environment']['versions']['drake']}" if drake else "",
-        # A controller of one's own may have no QP.
-        "unsolved QPs": "no QP" if summary["solver"]["unsolved"] is None else unsolved,
-    }
-    return {label: value for label, value in facts.items() if value}
-
-
-def _gait(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
-    """What defines the gait: of the law's slopes those that its planner has."""
-    gait, begin = saved.parameters.gait, float(saved.signals.time[:1].sum())  # a log may begin later
-    time = float(saved.record.outcome.time) - begin
+    """What defines the gait (of the law's slopes those that its planner has), and how far the body walked."""
+    gait, body, outcome = saved.parameters.gait, saved.parameters.body, saved.record.outcome
     planner = saved.summary.get("planner", "ampm")
     facts = {"planner": planner, "COM height": f"{gait.com_height:.4g} m"}
     if not saved.from_rest:  # lengths, times and speed vary otherwise
         facts |= {"step length": f"{gait.step_length:.4g} m", "step width": f"{gait.step_width:.4g} m"}
         if plan is not None:
-            single, both = plan.constants.single_support_duration, plan.constants.double_support_duration
-            facts |= {"single support": f"{single:.3f} s", "double support": f"{both:.3f} s"}
-        facts["planned speed"] = f"{_distance(saved, 'plan') / time:.3g} m/s" if time else ""
+            constants = plan.constants
+            facts["single support"] = f"{constants.single_support_duration:.3f} s"
+            facts["double support"] = f"{constants.double_support_duration:.3f} s"
+            facts["planned speed"] = f"{constants.mean_velocity:.3g} m/s"
     if planner in ("ampm", "footsteps"):
         facts |= {"slopes c_s, c_y": f"{gait.c_s:.4g}, {gait.c_y:.4g}", "ZMP a_s": f"{gait.a_s:.4g}"}
-    facts["feet"] = saved.parameters.foot.schedule
-    return {label: value for label, value in facts.items() if value}
+    if saved.is_log:
+        log = saved.summary["log"]
+        facts["steps covered"] = str(outcome.steps_completed)
+        facts["of the plan"] = f"{log['from']:.4g} to {log['until']:.4g} s"
+        return facts | {"rows": f"{log['rows']} at {log['rate']:.4g} Hz"}
+    planned = "" if plan is None else f" of {plan.contacts.steps}"
+    facts["steps walked"] = f"{outcome.steps_completed}{planned}"
+    facts["simulated"] = f"{outcome.time:.4g} s"
+    facts["body"] = f"{HUMAN}, {body.height:.3g} m" if body.source == HUMAN else Path(body.source).stem
+    facts["mass"] = f"{saved.record.mass:.3g} kg"
+    if saved.parameters.simulation.engine == "drake":
+        facts["engine"] = f"Drake {saved.summary['environment']['versions']['drake']}"
+    return facts
 
 
 def _limits(summary: Summary) -> Table:
