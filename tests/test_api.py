@@ -154,7 +154,7 @@ class Short(Broken):
     [
         ({"controller": Broken}, "controller Broken failed .TypeError: it returned .*, not a ControlOutput"),
         ({"controller": Short}, r"controller Short failed .*\(1,\)"),
-        ({"controller": lambda: None}, "failed .TypeError"),
+        ({"controller": lambda: None}, "too many positional arguments; it takes none"),
         ({"controller": lambda robot, run: sys.exit(3)}, "failed .SystemExit: 3"),
         ({"planner": Broken()}, "planner Broken failed .*int"),
         ({"disturbances": [Broken()]}, "disturbance Broken failed .KeyError: 'gusts'"),
