@@ -184,7 +184,7 @@ class WalkComparison(Brief, Tabled):
         """What differs, and the metrics group by group."""
         heads = ["", *(f">{side.label}" for side in self.sides)]
         notes = (
-            f"Smaller is better. A difference counts if it exceeds {self.sides[0].basis}, added up.",
+            f"Smaller is better. A difference counts beyond both numerical changes: {self.sides[0].basis}.",
             "The first step is left out. Measured values are compared with the own plan of each walk.",
         )
         columns = [*heads, "unit", ">counts from", "better" if len(self.sides) == 2 else "best"]
