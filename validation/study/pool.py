@@ -48,6 +48,8 @@ _SETTINGS: Mapping[str, Any] = {
     "distributed.scheduler.allowed-failures": 5,
     # A run that hangs in C sends no heartbeat. Its own timer ends it.
     "distributed.scheduler.worker-ttl": None,
+    # A cluster gives up a worker that is dead 15 s after an earlier death of its. Nannies start it again.
+    "distributed.deploy.lost-worker-timeout": "1000 days",
     # Memory that is given back after every array doubles the time of a measurement.
     f"{_NANNY}.MALLOC_MMAP_THRESHOLD_": str(2**25),
     f"{_NANNY}.MALLOC_TRIM_THRESHOLD_": str(2**27),
@@ -79,12 +81,12 @@ def call(data: bytes, limit: float | None, client_code: str) -> Row:
     from distributed import get_worker  # slow to load
 
     with _one_at_a_time, open(os.devnull, "w", encoding="utf-8") as nowhere:
+        work, options = _unpacked(data)  # imports do not count
         worker = get_worker()
         worker.log_event(STARTED, (worker.get_current_task(), worker.address))
         if limit is not None:
             faulthandler.dump_traceback_later(limit + GRACE, exit=True, file=nowhere)
         try:
-            work, options = _unpacked(data)
             return {"worker": str(worker.name), **_columns(work, options)}
         finally:
             faulthandler.cancel_dump_traceback_later()
