@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from ampm.brief import Described
 from ampm.controller_parameters import ControllerParameters
 from ampm.exceptions import InputError
 from ampm.physics_parameters import (
@@ -28,6 +29,7 @@ from ampm.section import (
     Whole,
     options_of,
     parameter,
+    unit_of,
     unknown,
     whole,
 )
@@ -212,7 +214,7 @@ class FootstepParameters(Section, section="footsteps"):
     )
 
 
-class RunParameters(Section):
+class RunParameters(Described, Section):
     """Everything that describes one run."""
 
     gait: GaitParameters = Field(default_factory=GaitParameters)
@@ -283,7 +285,26 @@ class RunParameters(Section):
             yield "footsteps", f"[{len(self.footsteps)}]"
 
     def __str__(self) -> str:
-        return repr(self)
+        """Steps, planner, body, controller, and what differs from the defaults."""
+        return Described.__str__(self)
+
+    def _described(self) -> tuple[str, list[tuple[str, ...]]]:
+        rows: list[tuple[str, ...]] = [
+            (key, str(value), unit, f"(default {default})") for key, value, unit, default in self._changes()
+        ]
+        way = f"over {len(self.footsteps)} footsteps" if self.footsteps else f"of {self.gait.steps} steps"
+        names = f"planner {self.gait.planner}, body {self.body.source}, controller {self.controller.name}"
+        return f"run {way}: {names}", rows or [("all values are the defaults",)]
+
+    def _changes(self) -> Iterator[tuple[str, Any, str, Any]]:
+        """Key, value, unit and default of every value that differs from its default."""
+        for key in (*keys(), *OPTION_TABLES):
+            section, _, name = key.partition(".")
+            field, value = SECTIONS[section].model_fields[name], self.value(key)
+            default = field.get_default(call_default_factory=True)
+            if value != default:
+                unit = unit_of(field)
+                yield key, value, "" if unit == "1" else unit, default
 
     def value(self, key: str) -> Any:
         """Value of a namespaced key.

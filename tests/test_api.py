@@ -217,7 +217,25 @@ def test_reprs_are_short(trial, tmp_path):
     assert repr(ampm.plan("momentum")).startswith("CentroidalPlan(mass=60, gravity=9.81, com_height=0.865, ")
 
 
-def test_print_says_what_a_trial_is(trial):
+def test_print_says_what_a_run_a_plan_and_a_trial_are(trial):
+    run = "run of 30 steps: planner ampm, body human, controller ampm\n"
+    assert str(ampm.load_run("normal")) == run + "  all values are the defaults"
+    assert str(ampm.load_run("momentum", body={"mass": 70.0})) == (
+        f"{run}"
+        "  gait.c_s   1.2       (default 1.0)\n"
+        "  gait.c_y   0.4       (default 1.0)\n"
+        "  body.mass  70.0  kg  (default 60.0)"
+    )
+    rows = [{"foot": foot, "x": 0.0, "y": y} for foot, y in (("right", -0.1), ("left", 0.1))]
+    assert str(ampm.load_run("normal", footsteps=2 * rows)).startswith("run over 4 footsteps: planner ampm")
+    title, *facts = str(ampm.plan("momentum")).splitlines()
+    assert title == "CentroidalPlan of 30 steps in 21.59 s"
+    assert facts[:3] == [
+        "  body            60 kg, COM at 0.865 m",
+        "  way of the COM  18 m, 0.8338 m/s on average",
+        "  supports        0.599 s single, 0.1206 s double",
+    ]
+    assert str(trial.plan).startswith("WalkPlan of 2 steps in ")
     title, *metrics = str(trial).splitlines()
     assert title.startswith(f"pushed, 2 steps, completed: {trial.verdict.name.upper()}. ")
     assert title.endswith(trial.verdict.reason)
@@ -227,6 +245,10 @@ def test_print_says_what_a_trial_is(trial):
 
 
 def test_notebooks_get_tables(trial, tmp_path):
+    run = ampm.load_run("momentum", ["controller.name='a:<b>'"])._repr_html_()
+    assert "<tr><td>gait.c_s</td><td>1.2</td><td></td><td>(default 1.0)</td></tr>" in run
+    assert "<td>a:&lt;b&gt;</td>" in run
+    assert "<td>60 kg, COM at 0.865 m</td>" in ampm.plan("momentum")._repr_html_()
     saved = val.load(trial.save(tmp_path / "run", recording=False))
     for result in (trial, saved):
         text = result._repr_html_()
