@@ -170,12 +170,12 @@ def test_a_module_that_cannot_be_imported_is_bad_input(tmp_path, monkeypatch, co
         CONTROLLER.find("spoilt_module:Controller")
 
 
-def test_a_crash_in_mid_walk_keeps_the_run(ampm, tmp_path):
+def test_a_crash_in_mid_walk_keeps_the_run(ampm, tmp_path, caplog):
     settings = [word for text in SETTINGS for word in ("--set", text)]
     words = "validate", "normal", *settings, "--controller", "tests.test_api:Late", "--out", tmp_path / "run"
     answer = ampm(*map(str, words), "--json", "--debug")
     assert answer.status == 3
     assert answer.json["outcome"] == "crashed"
     assert "Late failed (KeyError: 'late')" in answer.json["end"]["cause"]
-    assert 'raise KeyError("late")' in answer.err
+    assert 'raise KeyError("late")' in caplog.text
     assert StoredRecord(tmp_path / "run").steps == 26

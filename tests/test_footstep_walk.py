@@ -254,7 +254,7 @@ def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
     assert answer.status in (0, 1), answer.err
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "The whole walk." in page
-    assert "ZMP y about the planned COM" in page
+    assert "ZMP and COM over the footprints, seen from above" in page
     for words in ("stride", "ends the first step", "planned speed"):  # steps differ, from standing
         assert words not in page
     assert "Disturbed, unknown to plan and controller: start_velocity = 1e-06." in page

@@ -80,7 +80,6 @@ def test_plan_writes_one_step_of_every_joint(ampm, tmp_path):
     path = tmp_path / "step.parquet"
     answer = ampm("plan", "flat", "--motion", path)
     assert answer.status == 0, answer.err
-    assert all(f" {name} " in answer.out for name in ("multipliers", "joint limit margin"))
     motion = plan_walk(load_request("flat")).motion
     written = pq.read_table(path)
     assert written.column_names == [*motion.table()]

@@ -313,7 +313,7 @@ def test_an_estimator_and_its_options_travel_with_a_study():
         return users_classes(load_run("normal", sensors={"estimator": name, "options": options}))
 
     assert sent(gain=1.0)["estimator"].__name__ == "Tuned"
-    with pytest.raises(InputError, match=r"sensors\.options do not fit .* 'gian'; it takes gain"):
+    with pytest.raises(InputError, match=r"sensors\.options do not fit .*; it takes gain"):
         sent(gian=1.0)
     with pytest.raises(InputError, match="missing a required argument: 'gain'"):
         sent()

@@ -192,7 +192,7 @@ def test_tuned_gaits_walk(settings):
 
 def test_a_sweep_tunes_its_runs():
     settings = ("gait.step_length=0.3", "gait.switching_velocity=0.7", "gait.steps=2")
-    row = walk_run(request=Request("0", load_run("normal", settings)), profile="default", pushes=[])
+    row = walk_run(request=Request("0", load_run("normal", settings)), profile="default")
     assert row["outcome"] == "completed", row["cause"]
     assert row["gait.a_s"] < 2.0  # the default's 2.63 is for long steps
     assert "gait.step_length" not in row  # only values that were found
