@@ -212,11 +212,10 @@ class DaqpBackend:
     """DAQP, a dual active-set solver (Arnström et al. 2022); exact, needs ``pip install -e '.[daqp]'``.
 
     Args:
-        size: number of variables.
         rows: number of constraints.
     """
 
-    def __init__(self, size: int, rows: int) -> None:
+    def __init__(self, rows: int) -> None:
         try:
             import daqp  # an optional package
         except ImportError as error:
@@ -256,5 +255,5 @@ def make_backend(
     if name == "osqp":
         return OsqpBackend(P_mask, A_mask, settings)
     if name == "daqp":
-        return DaqpBackend(A_mask.shape[1], A_mask.shape[0])
+        return DaqpBackend(A_mask.shape[0])
     raise InputError(f"there is no QP solver {name!r}; choose one of {', '.join(BACKENDS)}.")

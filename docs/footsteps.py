@@ -22,9 +22,15 @@ from ampm.planner.contacts import Footstep
 from validation.trial.plan import complete, load_request
 
 COLUMNS = (
-    "walk", "steps", "ZMP RMSE along, across [mm]", "maximum [mm]", "closest parts [mm]", "largest torque",
-    "QPs with limits, unsolved", "outcome",
-)  # fmt: skip
+    "walk",
+    "steps",
+    "ZMP RMSE along, across [mm]",
+    "maximum [mm]",
+    "closest parts [mm]",
+    "largest torque",
+    "QPs with limits, unsolved",
+    "outcome",
+)
 
 
 def walks(length: float, width: float, climb: float) -> dict[str, list[Footstep]]:

@@ -30,9 +30,17 @@ STEPS = 30
 ROWS = 200.0
 """Rows of a table [Hz]."""
 COLUMNS = (
-    "falsehood", "gait", "size", "unit", "outcome", "steps completed", "verdict",
-    "ZMP RMSE x [mm]", "ZMP RMSE y [mm]", "what the trial says",
-)  # fmt: skip
+    "falsehood",
+    "gait",
+    "size",
+    "unit",
+    "outcome",
+    "steps completed",
+    "verdict",
+    "ZMP RMSE x [mm]",
+    "ZMP RMSE y [mm]",
+    "what the trial says",
+)
 
 
 class FalsePlanner:

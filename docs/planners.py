@@ -16,10 +16,18 @@ from ampm.planner.step_planners import STEP_PLANNERS
 
 SPEEDS = (0.8, 1.0, 1.2)
 COLUMNS = (
-    "v0 [m/s]", "planner", "mean speed [m/s]", *AGREEMENT, "verdict", "feedback on the ZMP x, y [mm]",
-    "torque [% of limit]", "friction of 0.8", "cost of transport", "largest jump of the acceleration [m/s^2]",
+    "v0 [m/s]",
+    "planner",
+    "mean speed [m/s]",
+    *AGREEMENT,
+    "verdict",
+    "feedback on the ZMP x, y [mm]",
+    "torque [% of limit]",
+    "friction of 0.8",
+    "cost of transport",
+    "largest jump of the acceleration [m/s^2]",
     "to plan COM and feet [ms of CPU]",
-)  # fmt: skip
+)
 QUICK = "ipm, quick contacts"
 """The plain pendulum with the controller's settings of its preset, which open and close contacts at once."""
 

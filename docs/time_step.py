@@ -21,9 +21,17 @@ TIME_STEPS = (0.5e-3, 0.25e-3)
 FINEST = 0.125e-3
 """Time step of ``normal`` and ``momentum`` alone [s]."""
 COLUMNS = (
-    "preset", "time step [ms]", "ZMP RMSE x [mm]", "ZMP RMSE y [mm]", "maximum x [mm]", "maximum y [mm]",
-    "RMSE x, middle [mm]", "RMSE y, middle [mm]", "maximum x, middle [mm]", "maximum y, middle [mm]",
-)  # fmt: skip
+    "preset",
+    "time step [ms]",
+    "ZMP RMSE x [mm]",
+    "ZMP RMSE y [mm]",
+    "maximum x [mm]",
+    "maximum y [mm]",
+    "RMSE x, middle [mm]",
+    "RMSE y, middle [mm]",
+    "maximum x, middle [mm]",
+    "maximum y, middle [mm]",
+)
 
 
 def main() -> None:

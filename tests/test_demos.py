@@ -11,8 +11,6 @@ from ampm.run_file import load_run
 from validation.judge.profiles import own_profile
 from validation.store.signals import load_signals
 
-ROLLS = (0.1, 0.4, 0.7, 1.0)
-
 
 def swing(folder, source, axis="x"):
     """Peak to peak of an angular momentum after the first step [N m s]."""

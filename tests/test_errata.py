@@ -329,7 +329,7 @@ def test_e14_sign_of_the_spring_in_eq_12():
 def walk():
     """A walk, its periodic step and the state in the middle of the single support."""
     at, motion = walk_of(COARSE), motion_of(COARSE)
-    k = int(np.argmin(np.abs(motion.time - 0.5 * motion.double_support_start)))
+    k = int(np.argmin(np.abs(motion.time - 0.5 * at.plan.constants.single_support_duration)))
     rows = at.robot.jacobian(motion.q[k]).jacobian[:18]  # of Eq. 11; those of the toes follow
     state = {"q": motion.q[k], "v": motion.v[k], "acceleration": motion.acceleration[k], "jacobian": rows}
     return SimpleNamespace(run=at.run, plan=at.plan, robot=at.robot, motion=motion, **state)

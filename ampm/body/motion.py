@@ -7,8 +7,7 @@ forward by a step length.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -42,31 +41,25 @@ class Extreme:
 
 @dataclass(frozen=True)
 class MotionReport:
-    """Quantities of a periodic step; the metadata of each field give its unit.
+    """Quantities of a periodic step.
 
     Attributes:
-        angular_momentum_y_offset: constant of L_y that makes the step periodic.
-        residual: largest difference of the mirrored return, q and qd.
-        mean_trunk_pitch: over the step.
+        angular_momentum_y_offset: constant of L_y that makes the step periodic [N m s].
+        residual: largest difference of the mirrored return, q and qd [rad, m, rad/s, m/s].
+        mean_trunk_pitch: over the step [rad].
         multipliers: largest eigenvalues of the one-step return map, by magnitude, as (real, imaginary).
-        knee_minimum: smallest knee flexion, and its side; the left foot stands.
-        joint_limit_margin: smallest distance of any joint from its limits, negative beyond them.
-        clearance: smallest distance of two parts of the body, negative where they overlap.
+        knee_minimum: smallest knee flexion, and its side; the left foot stands [rad].
+        joint_limit_margin: smallest distance of any joint from its limits, negative beyond them [rad].
+        clearance: smallest distance of two parts of the body, negative where they overlap [m].
     """
 
-    angular_momentum_y_offset: float = field(metadata={"unit": "N m s"})
-    residual: float = field(metadata={"unit": "rad, m, rad/s, m/s"})
-    mean_trunk_pitch: float = field(metadata={"unit": "rad"})
-    multipliers: tuple[tuple[float, float], ...] = field(metadata={"unit": "1"})
-    knee_minimum: Extreme = field(metadata={"unit": "rad"})
-    joint_limit_margin: Extreme = field(metadata={"unit": "rad"})
-    clearance: Extreme = field(metadata={"unit": "m"})
-
-
-MOTION_UNITS: Mapping[str, str] = {
-    item.name: item.metadata["unit"] for item in fields(MotionReport) if item.metadata["unit"] != "1"
-}
-"""Units of the reported quantities; those not listed are names or plain numbers."""
+    angular_momentum_y_offset: float
+    residual: float
+    mean_trunk_pitch: float
+    multipliers: tuple[tuple[float, float], ...]
+    knee_minimum: Extreme
+    joint_limit_margin: Extreme
+    clearance: Extreme
 
 
 @dataclass(frozen=True)
@@ -82,7 +75,6 @@ class WholeBodyMotion(Brief):
         trunk_pitch: shape (n+1,) [rad].
         angular_momentum_z: about the COM, shape (n+1,) [N m s]; not part of a plan.
         step_length: [m].
-        double_support_start: time of the switch within the step [s].
         report: constant of L_y, residuals, multipliers, margins.
     """
 
@@ -94,7 +86,6 @@ class WholeBodyMotion(Brief):
     trunk_pitch: Array
     angular_momentum_z: Array
     step_length: float
-    double_support_start: float
     report: MotionReport
 
     def __post_init__(self) -> None:

@@ -117,7 +117,6 @@ def _motion(
         step.trunk_pitch,
         step.angular_momentum_z,
         plan.contacts.step_length,
-        plan.constants.single_support_duration,
         report,
     )
 

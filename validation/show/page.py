@@ -1,4 +1,4 @@
-"""HTML pages from templates, with style sheets and scripts inlined."""
+"""HTML pages from templates, with their style sheets."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,22 +12,15 @@ _ENVIRONMENT = Environment(
 )
 
 
-def render_page(
-    template: str, title: str, *, styles: Sequence[str], scripts: Sequence[str] = (), **context: Any
-) -> str:
+def render_page(template: str, title: str, *, styles: Sequence[str], **context: Any) -> str:
     """Render a self-contained page.
 
     Args:
-        template: name of its content among the templates; it finds the scripts as ``script``.
+        template: name of its content among the templates.
         title: of the page.
         styles: names of style sheets among the templates, in order.
-        scripts: names of scripts, in order.
         context: further variables of the template.
     """
-    css, script = (
-        Markup("".join(_LOADER.get_source(_ENVIRONMENT, name)[0] for name in names))
-        for names in (styles, scripts)
-    )
-    return _ENVIRONMENT.get_template("page.html.j2").render(
-        template=template, title=title, css=css, script=script, **context
-    )
+    css = Markup("".join(_LOADER.get_source(_ENVIRONMENT, name)[0] for name in styles))
+    page = _ENVIRONMENT.get_template("page.html.j2")
+    return page.render(template=template, title=title, css=css, **context)

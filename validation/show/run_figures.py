@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ampm.body.limits import CLEARANCE
 from ampm.description import SOLE_POINT_GROUPS
@@ -312,12 +311,6 @@ def _finish(axis: Axes, title: str, ylabel: str, *, columns: int = 5) -> None:
     axis.set(title=title, xlabel="time [s]", ylabel=ylabel)
     axis.margins(x=0)
     legend(axis, columns)
-
-
-def _draw_bars(axis: Axes, time: Array, on: NDArray[np.bool_], at: float, height: float, color: str) -> None:
-    """A bar as long as something is on."""
-    low, high = at - height / 2, at + height / 2
-    axis.fill_between(time, low, high, where=on, step="post", color=color, linewidth=0)
 
 
 def _draw_tolerances(axis: Axes, rmse: float | None, maximum: float | None) -> None:

@@ -82,15 +82,12 @@ def plan_table(plan: CentroidalPlan, times: NDArray[np.float64]) -> dict[str, ND
     return columns
 
 
-def write_columns(
-    columns: Mapping[str, NDArray[Any]], path: Path, metadata: Mapping[str, str] | None = None
-) -> None:
+def write_columns(columns: Mapping[str, NDArray[Any]], path: Path) -> None:
     """Write columns as CSV or Parquet, by the path's suffix; floats keep every bit.
 
     Args:
         columns: name to array (N,); NaN is written as an empty cell or null.
         path: ends in ``.csv`` or ``.parquet``.
-        metadata: schema metadata of a Parquet file; not for CSV.
 
     Raises:
         InputError: another suffix.
@@ -105,8 +102,7 @@ def write_columns(
         for name, column in columns.items()
     }
     if path.suffix == ".parquet":
-        table = pa.table(arrays).replace_schema_metadata(dict(metadata or {}) or None)
-        pq.write_table(table, path, compression="zstd")
+        pq.write_table(pa.table(arrays), path, compression="zstd")
         return
     flags = {name: array.cast(pa.string()) for name, array in arrays.items() if array.type == pa.bool_()}
     with path.open("w", newline="", encoding="utf-8") as file:

@@ -109,10 +109,10 @@ def several_blueprint(runs: Labels, ranges: Ranges) -> rrb.Blueprint:
     return _laid_out(rrb.Vertical(rrb.Horizontal(*columns), below, row_shares=[4, 3]), PHASE)
 
 
-def _near(seconds: float = 1.5) -> rrb.TimeAxis:
+def _near() -> rrb.TimeAxis:
     """Time axis that follows the cursor."""
     boundary = rrb.TimeRangeBoundary.cursor_relative
-    window = rr.TimeRange(start=boundary(seconds=-seconds), end=boundary(seconds=seconds / 3.0))
+    window = rr.TimeRange(start=boundary(seconds=-1.5), end=boundary(seconds=0.5))
     return rrb.TimeAxis(view_range=window)
 
 
