@@ -1,6 +1,8 @@
 """Planners that go on planning while their plan is walked."""
 
+import runpy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -8,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import ampm
+import validation as val
 from ampm.exceptions import InputError
 from ampm.planner.contacts import Contacts
 from ampm.planners import PeriodicPlanner, periodic_walk
@@ -305,6 +308,18 @@ class Online:
     def replan(self, time, state, touch, plan):
         return replace(plan)
 """
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of OSQP, which raises none at its users'
+def test_the_example_of_predictive_control_survives_a_push():
+    """Its plans leave the soles by some cm for a moment; the fixed plan falls."""
+    mpc = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "mpc.py"))["Mpc"]
+    run = ampm.load_run("normal", gait={"steps": 6}, simulation={"time_step": 0.002})
+    push = Push("chest", (0.0, -120.0, 0.0), at=2.3, duration=0.1)
+    outcomes = [val.walk(run, planner=p, disturbances=[push]).record.outcome for p in (mpc(), "ampm")]
+    assert outcomes[0].completed, outcomes[0].cause
+    assert outcomes[1].name is OutcomeName.FELL
 
 
 @pytest.mark.slow

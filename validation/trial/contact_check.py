@@ -10,16 +10,21 @@ NEXT = 3
 """Phases of a plan made on the way that are checked, in 1 ms; later ones are checked when they come near."""
 _OFF = 5e-3  # of a sole point on the floor from its footstep [m]
 _OUTSIDE = 0.02  # of the ZMP from the support: a plan by optimisation may give way a little [m]
+PUSHED_OUTSIDE = 0.1
+"""The same of a plan made on the way: after a push its ZMP may not suffice to stay inside [m]."""
 _POINTS = [0, 5, 1, 4, 2, 3]  # corners of a footprint in the order of a foot's sole points
 
 
-def check_contacts(plan: StepPlan, after: float = 0.0, phases: int | None = None) -> None:
+def check_contacts(
+    plan: StepPlan, after: float = 0.0, phases: int | None = None, outside: float = _OUTSIDE
+) -> None:
     """Refuse a plan whose feet or ZMP contradict its contacts in the middle of a phase.
 
     Args:
         plan: centroidal motion, feet and contacts.
         after: what comes before is not checked [s].
         phases: how many are checked; all by default.
+        outside: how far the ZMP may be outside the support [m].
 
     Raises:
         ValueError: they do.
@@ -48,8 +53,8 @@ def check_contacts(plan: StepPlan, after: float = 0.0, phases: int | None = None
     contact = np.concatenate([foot.contact.repeat(2, axis=1) for foot in feet], axis=1)
     margin = polygon_margin(points, contact, plan.sample(times).zmp)
     worst = int(margin.argmin())
-    if margin[worst] < -_OUTSIDE:
+    if margin[worst] < -outside:
         raise ValueError(
             f"at {times[worst]:.4g} s its ZMP is {-margin[worst]:.3g} m outside its support, more than the "
-            f"{_OUTSIDE:g} m that are let pass; keep it in the soles that stand"
+            f"{outside:g} m that are let pass; keep it in the soles that stand"
         )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ampm.walk import WalkPlan
-from validation.trial.contact_check import NEXT, check_contacts
+from validation.trial.contact_check import NEXT, PUSHED_OUTSIDE, check_contacts
 from validation.trial.planners import no_walk
 from validation.trial.users import UsersCode
 
@@ -152,7 +152,7 @@ class Replanning:
                     f"the plan made at {time:g} s has {plan.contacts.steps} steps in all, and the walk "
                     f"goes on to step {due}; plan as many"
                 )
-            check_contacts(plan, time, NEXT)
+            check_contacts(plan, time, NEXT, PUSHED_OUTSIDE)
         course.follow(plan)
         if hasattr(self.controller, "follow"):
             self.controller.follow(plan, course.timing)
