@@ -229,7 +229,8 @@ class Controller(Protocol):
     """Makes torques from state, contact and reference, once every 1 / controller.frequency.
 
     One that has the method ``follow(plan, timing)`` gets the :class:`WalkPlan` and the :class:`Timing` of its
-    references once, before the first tick.
+    references before the first tick, and every new plan of a :class:`Replanner` before the tick from which
+    it holds.
     """
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
