@@ -157,6 +157,9 @@ def test_cost_of_a_run():
     (note,) = table.notes
     assert note.startswith("completed, 6 steps in 4 s, the closed loop at 3.9 times real time; ")
     assert note.endswith("100 QPs, 3 unsolved, median 8 us, 99th percentile 32 us.")
+    small = summary()
+    small["margins"]["plan_polygon"] = {"value": 1e-4, "time": 2.6, "where": ""}
+    assert "the ZMP passes the ball" in cost_table(small).notes[1]
     others = {row[0] for row in reported_table(summary()).rows}
     assert "COM, RMS error along x" in others
     assert {item.label for item in METRICS.values() if item.section} <= others | rows.keys()

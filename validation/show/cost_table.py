@@ -21,6 +21,8 @@ _SHOWN = (
     "energy_cost_of_transport",
 )
 """Costs beside the agreement; the others are in :func:`reported_table`."""
+_SMALL = 0.01
+"""Planned ZMP margin that is explained [m]."""
 
 
 def cost_table(summary: Mapping[str, Any]) -> Table:
@@ -33,7 +35,14 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
     if "log" in summary:
         rows = [row for row in rows if row[1] != ABSENT]
     columns = ("cost", ">value", ">limit", "unit", USED, "where")
-    return Table("effort and margins", columns, rows, [_sentence(summary)])
+    notes = [_sentence(summary)]
+    margin = summary["margins"]["plan_polygon"]["value"]
+    if margin is not None and 0.0 <= margin < _SMALL:
+        notes.append(
+            f"{METRICS['margin_plan_polygon'].label}: of the worst instant. When a rolling foot lifts its "
+            "heel, the ZMP passes the ball, which is then the edge."
+        )
+    return Table("effort and margins", columns, rows, notes)
 
 
 def reported_table(summary: Mapping[str, Any]) -> Table:
