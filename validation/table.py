@@ -62,6 +62,10 @@ class Table:
         lines = [_markdown_row(cells) for cells in (self.headers, marks, *body)]
         return "\n".join(lines) + "".join(f"\n\n{note}" for note in self.notes)
 
+    def __str__(self) -> str:
+        """As :meth:`markdown`."""
+        return self.markdown()
+
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Title, table and notes for a terminal."""
         table = TerminalTable()
