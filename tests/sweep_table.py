@@ -99,9 +99,9 @@ def _row(run: RunParameters, profile_name: str, rng: np.random.Generator) -> dic
     }
 
 
-def sweep_of(table: pa.Table, source: str = "sweep") -> SweepTable:
+def sweep_of(table: pa.Table) -> SweepTable:
     """The sweep of a table that is in no folder."""
-    return wrap_table(table, None, source)
+    return wrap_table(table, None, "sweep")
 
 
 def write_sweep(folder: Path, table: pa.Table) -> Path:

@@ -36,7 +36,7 @@ def measuring(walk, **change):
 def moving(walk, **change):
     """Comparison with another state."""
     plan, record, measured = walk
-    return compare(plan, record, with_state(plan, measured, **change))
+    return compare(plan, record, with_state(measured, **change))
 
 
 def test_a_perfect_walk_has_no_error(walk):

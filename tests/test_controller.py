@@ -38,18 +38,18 @@ def controller(*overrides, weaker=1.0):
     )
 
 
-def state(time, shift=0.0, seed=0):
+def state(time, shift=0.0):
     """State of the motion at an instant, shifted at random [rad, m]."""
-    posture, rng = reference(time).posture, np.random.default_rng(seed)
+    posture, rng = reference(time).posture, np.random.default_rng(0)
     q = pin.integrate(walk_of(COARSE).robot.model, posture.q, shift * rng.normal(size=40))
     return State(time, q, posture.v + 5.0 * shift * rng.normal(size=40))
 
 
-def touch(time, normal_force=None):
+def touch(time):
     """The sole points that are planned in contact."""
     robot = walk_of(COARSE).robot
     contact = reference(time).contacts.planned[robot.point_foot, robot.point_group]
-    return Touch(contact, np.zeros(12) if normal_force is None else normal_force)
+    return Touch(contact, np.zeros(12))
 
 
 def tick(time, *overrides, shift=0.0, weaker=1.0, solver="daqp"):

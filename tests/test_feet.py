@@ -43,11 +43,11 @@ def plan(request):
     return planned(SCHEDULES[request.param])
 
 
-def between_key_frames(plan, count=400, margin=2e-4):
-    """Times that are no nearer than ``margin`` to any key-frame."""
+def between_key_frames(plan):
+    """Times that are no nearer than 0.2 ms to any key-frame."""
     frames = np.concatenate([plan.feet.left.start, plan.feet.right.start])
-    times = np.linspace(0.01, plan.duration - 0.01, count)
-    return times[np.abs(times[:, None] - frames).min(axis=1) > margin]
+    times = np.linspace(0.01, plan.duration - 0.01, 400)
+    return times[np.abs(times[:, None] - frames).min(axis=1) > 2e-4]
 
 
 def same(one: FootSample, other: FootSample, names: str, tolerance: float):

@@ -12,26 +12,26 @@ from ampm.exceptions import InputError
 from ampm.qp import BACKENDS, OsqpBackend, QPSettings, QPStatus, make_backend
 
 EXACT = QPSettings(tolerance=1e-10, max_iterations=20000)
-N, M = 12, 16
+N, M, EQUALITIES = 12, 16, 3
 
 
-def problem(seed, *, n=N, m=M, equalities=3):
+def problem(seed):
     """A strictly convex QP made around its solution: ``P, q, A, lower, upper, x``.
 
     The KKT conditions are met by construction: a multiplier is positive at an upper bound, negative at a
     lower one, zero in between.
     """
     rng = np.random.default_rng(seed)
-    root = rng.normal(size=(n, n))
-    P = root @ root.T / n + np.eye(n)
-    A = rng.normal(size=(m, n)) * (rng.random((m, n)) < 0.6)
-    x = rng.normal(size=n)
+    root = rng.normal(size=(N, N))
+    P = root @ root.T / N + np.eye(N)
+    A = rng.normal(size=(M, N)) * (rng.random((M, N)) < 0.6)
+    x = rng.normal(size=N)
     rows = A @ x
-    lower, upper = rows - rng.uniform(0.5, 2.0, m), rows + rng.uniform(0.5, 2.0, m)
-    multiplier = np.zeros(m)
-    lower[:equalities] = upper[:equalities] = rows[:equalities]
-    multiplier[:equalities] = rng.normal(size=equalities)
-    for row in range(equalities, equalities + 4):
+    lower, upper = rows - rng.uniform(0.5, 2.0, M), rows + rng.uniform(0.5, 2.0, M)
+    multiplier = np.zeros(M)
+    lower[:EQUALITIES] = upper[:EQUALITIES] = rows[:EQUALITIES]
+    multiplier[:EQUALITIES] = rng.normal(size=EQUALITIES)
+    for row in range(EQUALITIES, EQUALITIES + 4):
         multiplier[row] = rng.uniform(0.2, 1.0) * (1 if row % 2 else -1)
         (upper if row % 2 else lower)[row] = rows[row]
     lower[-1], upper[-2] = -np.inf, np.inf

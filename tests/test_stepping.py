@@ -53,13 +53,13 @@ def walked(stabilizer, force=None, floor=0.0, steps=9):
 # ------------------------------------------------------------------ formulas
 
 
-def phase(duration=0.55, count=401):
+def phase():
     """r and DCM of a phase in which r is quadratic in time, the DCM found by small steps."""
-    t = np.linspace(0.0, duration, count)
+    t = np.linspace(0.0, 0.55, 401)
     r = np.stack([0.1 * t - 0.3 * t**2, 0.05 - 0.2 * t], axis=1)
     xi = np.empty_like(r)
     xi[0], fine = (0.02, -0.01), 200
-    for k in range(count - 1):
+    for k in range(len(t) - 1):
         x, h = xi[k], (t[1] - t[0]) / fine
         for j in range(fine):
             here = r[k] + (r[k + 1] - r[k]) * (j + 0.5) / fine

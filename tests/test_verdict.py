@@ -29,7 +29,7 @@ def walk():
 def compared(walk, **change):
     """The walk with another state, and a body that was weighed right."""
     plan, record, measured = walk
-    return compare(plan, record, with_state(plan, measured, **change), shapes=APART)
+    return compare(plan, record, with_state(measured, **change), shapes=APART)
 
 
 def verdict_of(comparison, limits, known=None, **values):

@@ -54,20 +54,20 @@ class PlannedMomentum:
         return {}
 
 
-def stop_and_go(steps, length, run, pause=1.0, width=0.2):
+def stop_and_go(steps, length, run, pause=1.0):
     """Equal steps ahead, a stand, as many again; and when each is reached [s], None but after the stand."""
     constants = plan_gait(run.gait, run.body.mass).constants
     places = [k * length for k in (*range(steps), *range(steps - 1, 2 * steps - 1))]
-    footsteps = routes.route([(x, 0.0, 0.0) for x in places], width)
+    footsteps = routes.route([(x, 0.0, 0.0) for x in places], 0.2)
     landings = [None] * len(footsteps)
     stopped = SETTLING + steps * constants.step_duration - constants.double_support_duration
     landings[steps + 2] = stopped + 2.0 * SETTLING + pause + constants.single_support_duration
     return footsteps, landings
 
 
-def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
+def perfect_walk(steps=4, count=None):
     """Plan, record and measurement; ``count`` cuts the run short."""
-    run = load_run(gait, [f"gait.steps={steps}"])
+    run, dt = load_run("momentum", [f"gait.steps={steps}"]), 0.002
     plan = plan_steps(run.gait, MASS, run.foot, SOLE)
     whole = int(plan.duration / dt)
     k = whole if count is None else count
@@ -150,7 +150,7 @@ def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
     )
 
 
-def with_state(plan, measured, com_shift=0.0, force_shift=0.0, moment_shift=0.0, instrument=0.0):
+def with_state(measured, com_shift=0.0, force_shift=0.0, moment_shift=0.0, instrument=0.0):
     """The same walk with another COM [m], force [N], moment [N m] and contact ZMP [m]: always consistent."""
     com = measured.com + com_shift
     force = measured.momentum_force + force_shift
