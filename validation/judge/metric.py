@@ -30,7 +30,7 @@ class Metric:
         tolerances: name of a profile to the largest value that passes; see
             :class:`validation.judge.profiles.Profile` for profiles that are not named.
         tolerance_unit: of ``tolerances``: ``unit`` by default, or one that grows with the body, such as
-            :data:`BODY_WEIGHT`.
+            :data:`~validation.judge.sizes.BODY_WEIGHT`.
         reason: why the tolerance is what it is, one or two sentences.
         nature: ``mean``; ``extreme``, which is never extrapolated to a vanishing time step; ``count``, which
             is exact.
