@@ -40,7 +40,7 @@ class _Bar(Stage):
         self._bars.update(self._task, completed=done, total=total)
 
     def note(self, text: str) -> None:
-        self._bars.update(self._task, description=f"{self._label} ({text})")
+        self._bars.update(self._task, description=f"{self._label} ({text})" if text else self._label)
 
 
 class _Lines(Stage):
@@ -66,7 +66,7 @@ class _Lines(Stage):
         self._console.print(line + self._note, markup=False)
 
     def note(self, text: str) -> None:
-        self._note = f", {text}"
+        self._note = f", {text}" if text else ""
 
 
 class Narrator(Progress):
