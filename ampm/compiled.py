@@ -27,6 +27,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 _SOURCES = (
     "ampm/compiled.py",
     "ampm/linear.py",
+    "ampm/qp.py",
     "ampm/vectors.py",
     "ampm/body/*.py",
     "ampm/control/*.py",

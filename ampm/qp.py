@@ -16,6 +16,7 @@ import osqp
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
+from ampm.compiled import bound, compiled, refer
 from ampm.exceptions import InputError, SolverError
 
 Array = NDArray[np.float64]
@@ -113,14 +114,49 @@ class _Pattern:
         columns, rows = np.nonzero(mask.T)  # column-major order, as CSC wants
         self.places = rows * mask.shape[1] + columns
 
-    def values(self, dense: Array) -> Array:
-        """Values of a dense matrix in CSC order."""
-        return dense.take(self.places)
-
     def matrix(self, dense: Array) -> sparse.csc_matrix:
         """The sparse matrix itself, explicit zeros kept."""
         csc = self._csc
-        return sparse.csc_matrix((self.values(dense), csc.indices, csc.indptr), shape=csc.shape)
+        return sparse.csc_matrix((dense.take(self.places), csc.indices, csc.indptr), shape=csc.shape)
+
+
+class SparseValues(NamedTuple):
+    """A problem as OSQP takes it.
+
+    Attributes:
+        P_places: places of the values of P in the dense matrix, in CSC order.
+        A_places: the same of A.
+        P: values of the upper triangle.
+        A: values.
+        lower: finite, shape (m,).
+        upper: finite, shape (m,).
+    """
+
+    P_places: NDArray[np.intp]
+    A_places: NDArray[np.intp]
+    P: Array
+    A: Array
+    lower: Array
+    upper: Array
+
+
+@compiled
+def gather(values: SparseValues, P: Array, A: Array, lower: Array, upper: Array) -> float:
+    """Take dense matrices to their values in CSC order, and bounds to finite ones.
+
+    Returns:
+        The largest difference of a lower bound and its upper one, positive where no point is feasible.
+    """
+    dense_P, dense_A = P.reshape(-1), A.reshape(-1)
+    for i in range(len(values.P)):
+        values.P[i] = dense_P[values.P_places[i]]
+    for i in range(len(values.A)):
+        values.A[i] = dense_A[values.A_places[i]]
+    gap = -np.inf
+    for i in range(len(lower)):
+        values.lower[i], values.upper[i] = max(lower[i], -_INFINITY), min(upper[i], _INFINITY)
+        gap = max(gap, lower[i] - upper[i])
+    return gap
 
 
 class OsqpBackend:
@@ -134,6 +170,16 @@ class OsqpBackend:
 
     def __init__(self, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings) -> None:
         self._P, self._A = _Pattern(np.triu(P_mask)), _Pattern(A_mask)
+        self._values = SparseValues(
+            P_places=self._P.places,
+            A_places=self._A.places,
+            P=np.empty(self._P.places.size),
+            A=np.empty(self._A.places.size),
+            lower=np.empty(len(A_mask)),
+            upper=np.empty(len(A_mask)),
+        )
+        matrix, vector = np.empty((1, 1)), np.empty(1)
+        self._gather = bound(gather, (refer(self._values),), matrix, matrix, vector, vector)
         self._settings = settings
         self._solver: Any = None
 
@@ -145,7 +191,8 @@ class OsqpBackend:
             KeyboardInterrupt: the user interrupted the solve.
         """
         start = time.perf_counter()
-        gap = float((lower - upper).max())
+        P, A = np.ascontiguousarray(P), np.ascontiguousarray(A)
+        gap = self._gather(P, A, np.ascontiguousarray(lower), np.ascontiguousarray(upper))
         if gap > 0.0:  # OSQP would keep the last bounds and solve with those
             no_point = np.full(len(q), np.nan)
             return QPSolution(no_point, QPStatus.INFEASIBLE, gap, 0, time.perf_counter() - start)
@@ -153,9 +200,9 @@ class OsqpBackend:
         if solver is None:
             solver = self._solver = self._setup(P, q, A, lower, upper)
         else:
-            low, high = np.maximum(lower, -_INFINITY), np.minimum(upper, _INFINITY)
-            solver.update_data_vec(q=q, l=low, u=high)
-            solver.update_data_mat(P_x=self._P.values(P), P_i=None, A_x=self._A.values(A), A_i=None)
+            values = self._values
+            solver.update_data_vec(q=q, l=values.lower, u=values.upper)
+            solver.update_data_mat(P_x=values.P, P_i=None, A_x=values.A, A_i=None)
         solver.solve()
         x = solver.solution.x  # a copy of the solver's
         seconds = time.perf_counter() - start
