@@ -22,17 +22,15 @@ if TYPE_CHECKING:
     from validation.run.replay import replay as replay
     from validation.run.trial import Trial as Trial
     from validation.run.walk import walk as walk
-    from validation.show.report import write_report
-    from validation.show.viewer import show_recording
-    from validation.store.saved import load_saved_run
+    from validation.show.report import write_report as report
+    from validation.show.viewer import show_recording as view
+    from validation.store.saved import load_saved_run as load
     from validation.study.robustness.study import robustness as robustness
     from validation.study.sweep.run import sweep as sweep
     from validation.study.tour import tour as tour
     from validation.trial.disturbances import Disturbance as Disturbance
     from validation.trial.disturbances import Plant as Plant
     from validation.trial.disturbances import Push as Push
-
-    load, report, view = load_saved_run, write_report, show_recording
 
 _HOMES = {
     "Comparison": "judge.compare.Comparison",
