@@ -56,7 +56,29 @@ _HOMES = {
     "walk": "run.walk.walk",
 }
 
-__all__ = list(_HOMES)
+__all__ = [
+    "Comparison",
+    "Disturbance",
+    "Metric",
+    "Plant",
+    "Progress",
+    "Push",
+    "Statistics",
+    "Trial",
+    "judge_log",
+    "judge_run",
+    "load",
+    "load_uncertainty",
+    "register",
+    "replay",
+    "report",
+    "robustness",
+    "sweep",
+    "tour",
+    "unregister",
+    "view",
+    "walk",
+]
 
 
 def __getattr__(name: str) -> Any:
