@@ -61,15 +61,15 @@ class Spoilt:
 
 @pytest.fixture
 def spoil(monkeypatch):
-    """Spoil the answers of the controller's first backend at some ticks."""
+    """Spoil the answers of the controller's first backend at some ticks, or those of its second."""
 
-    def install(how, ticks):
+    def install(how, ticks, which=0):
         made = []
 
         def make(*arguments):
             made.append(arguments)
             backend = make_backend(*arguments)
-            return Spoilt(backend, how, ticks) if len(made) == 1 else backend
+            return Spoilt(backend, how, ticks) if len(made) - 1 == which else backend
 
         for module in (contact_qp, limited_qp):
             monkeypatch.setattr(module, "make_backend", make)
