@@ -72,7 +72,7 @@ def zmp_moved(walk: Comparison) -> Array | None:
 
     None, as of all of these metrics, if the plan did not move.
     """
-    return None if walk.first is None else _distances(walk.sample.zmp, walk.first.zmp, walk)
+    return None if walk.first is None else _distances(walk.valid.zmp, walk.first.zmp, walk)
 
 
 def stances(sample: PlanSample) -> list[tuple[Array, Array]]:
@@ -90,7 +90,7 @@ def _footsteps(walk: Comparison, which: int) -> float | None:
     if walk.first is None:
         return None
     largest = 0.0
-    for first, then in zip(stances(walk.first), stances(walk.sample), strict=True):
+    for first, then in zip(stances(walk.first), stances(walk.valid), strict=True):
         for one, other in zip(first[which], then[which], strict=False):
             largest = max(largest, float(np.linalg.norm(other - one)))
     return largest
