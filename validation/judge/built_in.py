@@ -11,6 +11,7 @@ from ampm.geometry import Array
 from ampm.planner.centroidal import PlanSample
 from ampm.walk import UNSOLVED
 from validation.judge.compare import Comparison
+from validation.judge.recovery import recovery_time
 from validation.trial.record import SimulationRecord
 
 
@@ -159,6 +160,7 @@ def _unsupported(walk: Comparison) -> float:
 
 
 COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
+    "recovery_time": recovery_time,
     "slip_maximum": _slip,
     "clearance_shortfall": _shortfall,
     "speed_excess": _excess,
