@@ -43,7 +43,7 @@ def kept(folder, **changed):
     [
         ("normal", (f"gait.planner={__name__}:Online",), "default", "plan_changes"),
         ("normal", ("sensors.estimator=kalman",), "odometry", "zmp_foot_x_rmse"),
-        ("ipm", ("disturbance.push_y=20", "disturbance.push_at=0.5"), "jumps", "zmp_x_rmse"),
+        ("ipm", ("disturbance.push_y=20", "disturbance.push_at=0.5"), "pushed", "zmp_x_rmse"),
     ],
     ids=["replanned", "estimated", "pushed"],
 )

@@ -36,12 +36,12 @@ class SteppedTick(NamedTuple):
 
     Attributes:
         time: on the walk's clock [s].
-        index: phase of the plan; after its end the numbers go on.
+        phase: its number in the plan; after its end the numbers go on.
         walker: entry of :data:`~ampm.stepping.stepper.WALKER`.
     """
 
     time: float
-    index: int
+    phase: int
     walker: Any
 
 

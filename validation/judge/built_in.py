@@ -11,7 +11,6 @@ from ampm.geometry import Array
 from ampm.planner.centroidal import PlanSample
 from ampm.walk import UNSOLVED
 from validation.judge.compare import Comparison
-from validation.judge.recovery import recovery_time
 from validation.trial.record import SimulationRecord
 
 
@@ -116,6 +115,11 @@ def _change_rate(walk: Comparison) -> float | None:
     return None if changes is None else changes / float(walk.time[-1] + walk.record.time_step)
 
 
+def _newton_residual(walk: Comparison) -> float:
+    """Largest contradiction in a plan that was followed, as a distance of its ZMP [m]."""
+    return max(frozen.newton_residual for frozen in walk.followed.plans)
+
+
 # -------------------------------------------------------------------------------------------- the instrument
 
 
@@ -160,11 +164,11 @@ def _unsupported(walk: Comparison) -> float:
 
 
 COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
-    "recovery_time": recovery_time,
     "slip_maximum": _slip,
     "clearance_shortfall": _shortfall,
     "speed_excess": _excess,
     "drift_per_step": _drift,
+    "plan_newton_residual": _newton_residual,
     "plan_moved_zmp_maximum": _zmp_moved_most,
     "plan_moved_zmp_rms": _zmp_moved_rms,
     "plan_moved_footsteps": lambda walk: _footsteps(walk, 1),

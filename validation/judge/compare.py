@@ -1,8 +1,9 @@
 """A walk beside its plan: error of each signal, causes of the ZMP error, cost.
 
 Errors are measured minus planned at the same instant: row k of the measurement is compared with the plan at
-t_k, and where the plan moved with what stood :data:`~validation.trial.followed.JUDGED_LEAD` before. Nothing is
-shifted, fitted or masked; the first step, which includes the transient of the start, is reported separately.
+t_k, and where the plan moved with the plan as it stood 0.1 s before (:mod:`validation.trial.followed`).
+Nothing is shifted, fitted or masked; the first step, which includes the transient of the start, is reported
+separately.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ import numpy as np
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from validation.judge.margins import energy, feedback_effort, margins
-from validation.trial.followed import LEADS, Followed, FrozenPlan, PlanRows
+from validation.trial.followed import LEADS, Followed
+from validation.trial.frozen_plan import FrozenPlan, PlanRows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -280,7 +282,9 @@ def compare(
         return {
             name: MappingProxyType(
                 {
-                    window: statistics((value - reference)[w], reference[w], scales[_SCALES[SIGNALS[name].unit]])
+                    window: statistics(
+                        (value - reference)[w], reference[w], scales[_SCALES[SIGNALS[name].unit]]
+                    )
                     for window, w in windows.items()
                 }
             )

@@ -126,12 +126,13 @@ ODOMETRY = Profile(
 )
 PUSHED = Profile(
     "pushed",
-    "For walks that something pushes: the limits of `default` (over footsteps those of `footsteps`) on ZMP, force "
-    "and angular momentum have to hold again soon after the push, and no parts of the body may meet.",
+    "For walks that something pushes: the errors of ZMP, force and angular momentum have to be within the "
+    "limits again soon after the push, and no parts of the body may meet.",
     base=DEFAULT,
-    leaves_out=tuple(
-        f"{signal}_{statistic}" for signal in SIGNALS for statistic in ("rmse", "maximum")
-    ) + ("slip_maximum",),
+    leaves_out=(
+        *(f"{signal}_{statistic}" for signal in SIGNALS for statistic in ("rmse", "maximum")),
+        "slip_maximum",
+    ),
 )
 PROFILES: Mapping[str, Profile] = MappingProxyType(
     {item.name: item for item in (DEFAULT, STRICT, WIDE, JUMPS, FOOTSTEPS, ODOMETRY, PUSHED)}

@@ -1,19 +1,21 @@
 """How long after a push a walk needs to come back to its plan."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from ampm.geometry import Array
-from validation.judge.compare import SIGNALS, Comparison, signal_pairs
+from validation.judge.compare import Comparison, signal_pairs
 
 
-def recovery_time(walk: Comparison) -> float | None:
+def recovery_time(walk: Comparison, limits: Mapping[str, float]) -> float | None:
     """Time from the end of the last push until every error stays within its limits for one step [s].
 
-    Over a step, RMS error and largest error are held to the limits of profile ``default``, or of
-    ``footsteps`` for a walk that begins at rest.
+    Args:
+        walk: beside its plan.
+        limits: of the RMS and largest error over a step, by the names of the metrics in SI units.
 
     Returns:
         Infinite if the errors do not; None if nothing pushed the body.
@@ -29,21 +31,11 @@ def recovery_time(walk: Comparison) -> float | None:
     for name, (value, reference) in signal_pairs(walk.planned, walk.measured, record).items():
         error = np.nan_to_num(np.abs(value - reference), nan=np.inf)
         for statistic in ("rmse", "maximum"):
-            limit = _limit(f"{name}_{statistic}", walk)
-            if limit is not None:
+            limit = limits.get(f"{name}_{statistic}", math.inf)
+            if limit < math.inf:
                 within &= (_rms(error, step) if statistic == "rmse" else _largest(error, step)) <= limit
     begins = np.flatnonzero(within[pushed[-1] + 1 :])
     return float(begins[0] * record.time_step) if begins.size else math.inf
-
-
-def _limit(metric: str, walk: Comparison) -> float | None:
-    """Limit of a metric in SI units; None if it has none."""
-    from validation.judge.metrics import METRICS  # these modules read this one
-    from validation.judge.profiles import DEFAULT, FOOTSTEPS
-
-    profile = FOOTSTEPS if walk.plan.judged_from == 0.0 else DEFAULT
-    found = profile.tolerance(METRICS[metric])
-    return None if found is None else float(found.limit_for(walk.scales))
 
 
 def _rms(error: Array, step: int) -> Array:

@@ -12,7 +12,8 @@ from ampm.reference import ReferenceTable
 from ampm.walk import WalkPlan
 from validation.trial import spill
 from validation.trial.contact_check import NEXT, PUSHED_OUTSIDE, check_contacts
-from validation.trial.followed import LEADS, FrozenPlan, PlanRows
+from validation.trial.followed import LEADS
+from validation.trial.frozen_plan import FrozenPlan
 from validation.trial.planners import no_walk
 from validation.trial.users import UsersCode
 
@@ -89,15 +90,15 @@ class References(Course):
         step_ends = plan.contacts.step_ends[: self.steps]
         total = math.floor(step_ends[-1] / self.time_step + 1e-9)
         ticks = np.arange(self._tick * self.substeps, total, self.substeps)
+        self.step_ends, self.total = step_ends, total
+        if not ticks.size:  # the walk ends here
+            return
         with UsersCode("planner", self.author or type(plan.posture)):
-            if self.plans:
-                frozen = FrozenPlan(plan, PlanRows.of(plan, ticks * self.time_step))
-            else:
-                frozen = FrozenPlan.of(plan, np.arange(total) * self.time_step)
             self._table = self._sampled(plan, ticks)
+            instants = ticks if self.plans else np.arange(total)
+            frozen = FrozenPlan.of(plan, instants * self.time_step, exact=not self.plans)
         if len(self.plans) > 1:  # the first one is compared with the others to the end
             self.plans[-1] = self.plans[-1].until(self._tick * self.substeps * self.time_step + max(LEADS))
-        self.step_ends, self.total = step_ends, total
         self.plans.append(frozen)
         self.since.append(self._tick)
 

@@ -1,7 +1,7 @@
 """What the stabiliser that steps has planned, at a tick and ahead of it, before it senses the tick's state.
 
-It is the plan of the phase, at the phase's own clock and moved with the feet that stand, and the swing foot on
-its way to the step that was chosen last; after that the next phases, moved with the feet that then stand.
+It is the plan of the phase, at the phase's own clock and moved with the feet that stand, and the swing foot
+on its way to the step that was chosen last; after that the next phases, moved with the feet that then stand.
 Nothing in it follows the COM: the reference that the controller tracks
 (:func:`ampm.stepping.walker.advance`) lets the COM's error fade and gives another acceleration.
 """
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ampm.stepping.follower import CYCLE, STILL
+from validation.trial.frozen_plan import FrozenPlan, PlanRows
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.stepping.follower import SteppedTick
-    from validation.trial.followed import FrozenPlan
 
     Array = NDArray[np.float64]
 
@@ -50,21 +50,17 @@ class Stepped:
         """Last tick up to every time, -1 before the first one, shape (M,)."""
         return np.searchsorted(self.time, times + 1e-9, side="right") - 1
 
-    def at(self, times: Array, made: Array, frozen: FrozenPlan) -> dict[str, NDArray[Any]]:
+    def at(self, times: Array, made: Array, frozen: FrozenPlan) -> PlanRows:
         """What was planned of some times by the last tick up to ``made``, both of shape (M,) [s].
 
-        A plan that walks on repeats its last two steps after its end.
-
-        Returns:
-            Columns of :class:`~validation.trial.followed.PlanRows`; ``points`` are NaN, as no support is
-            planned.
+        A plan that walks on repeats its last two steps after its end. No support is planned: ``points`` are
+        NaN.
         """
         tick, contacts = self.tick_of(made), frozen.plan.contacts
         walker, every = self.walker[tick], np.arange(len(times))
         index, left = self.index[tick], times - self.time[tick]
         single, stance, clock, rate, duration, step, shift = (
-            walker[name].copy()
-            for name in ("single", "stance", "clock", "rate", "duration", "step", "shift")
+            walker[name].copy() for name in ("single", "stance", "clock", "rate", "duration", "step", "shift")
         )
         swing, begun = walker["swing"][:, 0].copy(), clock.copy()  # where the swing foot is, and when
         phases, spans = len(contacts.phases), np.diff(contacts.starts, append=contacts.duration)
@@ -109,7 +105,7 @@ class Stepped:
         com[:, 2] -= base[:, 2]
         velocity[:, 2] += walker["height"][:, 1] - speed[:, 2]
         omega = np.sqrt(plan.gravity / plan.com_height)
-        return columns | {
+        moved = {
             "time": times.copy(),
             "phase": (~single).astype(np.int8),
             "stance": np.where(single, stance, 2).astype(np.int8),
@@ -127,6 +123,7 @@ class Stepped:
             "headings": np.column_stack([heading, heading]),
             "points": np.full((len(times), 12, 2), np.nan),
         }
+        return PlanRows(columns | moved)
 
 
 def _target(shift: Array, stance: NDArray[np.intp], step: Array) -> Array:
