@@ -167,8 +167,8 @@ class FrozenPlan:
             raise InputError(
                 f"the plan contradicts itself at {found.time:.4g} s: its {found.what} and the rest of it are "
                 f"{1e3 * found.size:.3g} mm apart by Newton's law, as a distance of the ZMP, and at most "
-                f"{1e3 * LARGEST_RESIDUAL:g} mm are let pass; make ZMP, COM, acceleration and momentum agree, "
-                "or leave out what ampm.make_plan derives."
+                f"{1e3 * LARGEST_RESIDUAL:g} mm are let pass; make ZMP, COM, acceleration and momentum "
+                "agree, or leave out what ampm.make_plan derives."
             )
         margin = plan.least_zmp_margin(until) if exact else None
         return cls(plan, PlanRows.of(plan, times), found.size, margin)
