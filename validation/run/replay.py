@@ -32,6 +32,7 @@ from validation.store.saved import ENVIRONMENT_FILE, RUN_FILE, check_files, load
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
 from validation.trial import spill
 from validation.trial.bridge import passive_joints, pinocchio_model, to_pinocchio
+from validation.trial.followed import STEPPING
 from validation.trial.log import RunLog
 from validation.trial.physics import Physics, quiet_mujoco
 from validation.trial.record import SimulationRecord
@@ -39,7 +40,7 @@ from validation.trial.step import keep_step
 
 _LIMIT = METRICS["equations_defect_median"].tolerances["default"]
 _CONSTANTS = ("mass", "gravity", "time_step", "friction")
-_ROUNDING = 1e-12  # of the sum of the parts of the ZMP error, in shares of their size or [m]
+_ROUNDING = 1e-12  # of the sum of the parts of the ZMP error [m], or in shares of their size
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ def step_again(
     log, segments = RunLog(record.steps, physics), record.external_segments
     keep = bound(keep_step, (log.handle,), 0, 0, data.efc_force)
     pushed = [physics.model.body(name).id for name in segments]
-    log.keep_pushes(0, dict.fromkeys(segments, np.zeros(9)))
+    log.external = {name: spill.zeros((record.steps, 9)) for name in segments}
     with quiet_mujoco():
         for row, (start, end) in enumerate(pairwise(record.state_rows.tolist()), 1):
             for k, torque in enumerate(record.torque_at(range(start, end)), start):
@@ -165,8 +166,9 @@ def step_again(
                 if pushed:
                     push = np.hstack([record.external_force[k], record.external_moment[k]])
                     data.xfrc_applied[pushed] = push
+                    acts = push.any(axis=1) | record.external_position[k].any(axis=1)
                     here = np.hstack([push, data.xipos[pushed]])
-                    log.keep_pushes(k, {segments[i]: here[i] for i in np.flatnonzero(push.any(axis=1))})
+                    log.keep_pushes(k, {segments[i]: here[i] for i in np.flatnonzero(acts)})
                 physics.engine.step2()
                 keep(k, data.ncon, data.efc_force)
             done = end
@@ -207,8 +209,8 @@ def _first_difference(record: StoredRecord, again: SimulationRecord, measured: M
             row, column = differ[0].tolist()
             time = float(table.time[row])
             if first.identical or time < first.time:
-                values = (float(item[row, column]) for item in (table.recorded, table.replayed))
-                first = Replay(record.steps, table.file, table.columns[column], time, *values)
+                recorded, replayed = float(table.recorded[row, column]), float(table.replayed[row, column])
+                first = Replay(record.steps, table.file, table.columns[column], time, recorded, replayed)
     return first
 
 
@@ -231,27 +233,30 @@ def _tables(record: StoredRecord, again: SimulationRecord, measured: MeasuredGai
         yield _Table(*record.columns(name), again.time[rows], recorded, replayed)
     stored = load_signals(record.directory / SIGNALS_FILE)
     every = kept_rows(record.steps, record.time_step)
-    if len(stored) != len(range(record.steps)[every]):
-        raise InputError(f"{SIGNALS_FILE} is damaged: it has {len(stored)} rows; walk the gait again.")
+    steps = np.arange(record.steps)[every]
+    if len(stored) != len(steps):
+        raise InputError(f"{SIGNALS_FILE} is damaged: it has not {len(steps)} rows; walk the gait again.")
     columns = {"time": measured.time[every], **measured_columns(measured, every)}
     time = columns["time"]
     recorded = np.column_stack([stored[name][: len(time)].astype(np.float64) for name in columns])
     yield _Table(SIGNALS_FILE, list(columns), time, recorded, np.column_stack(list(columns.values())))
-    total, error = _zmp_error(stored)
-    names = ["sum of zmp_error_x", "sum of zmp_error_y"]
-    yield _Table(SIGNALS_FILE, names, time, total[: len(time)], error[: len(time)])
+    stepped = record.tick_plan[steps // record.substeps] == STEPPING
+    total, error = (item[: len(time)] for item in _zmp_error(stored, stepped))
+    yield _Table(SIGNALS_FILE, ["sum of zmp_error_x", "sum of zmp_error_y"], time, total, error)
 
 
-def _zmp_error(stored: Signals) -> tuple[Array, Array]:
+def _zmp_error(stored: Signals, stepped: NDArray[np.bool_]) -> tuple[Array, Array]:
     """The recorded parts of the ZMP error in sum, and what they add up to, shape (N, 2) [m].
 
-    Where both agree to rounding, they are given as equal.
+    They are given as equal where they agree to rounding, and where the stabiliser ``stepped``, shape (N,):
+    its ZMP does not follow from its force.
     """
     parts = np.array([stored.vector(f"zmp_error_{part}", "xy") for part in PARTS])
     total, size = parts.sum(axis=0), np.maximum(np.abs(parts).sum(axis=0), 1.0)
     error = stored.vector("measured_zmp", "xy") - stored.vector("plan_zmp", "xy")
     error = np.where(np.isfinite(stored.vector("measured_zmp_momentum", "xy")), error, np.nan)
-    return total, np.where(np.abs(total - error) <= _ROUNDING * size, total, error)
+    agree = np.abs(total - error) <= _ROUNDING * size
+    return total, np.where(agree | stepped[:, None], total, error)
 
 
 def _note(path: Path) -> str:
