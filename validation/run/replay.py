@@ -226,20 +226,22 @@ def _tables(record: StoredRecord, again: SimulationRecord, measured: MeasuredGai
     yield _Table(JOINTS_FILE, list(_CONSTANTS), np.zeros(1), constants[0], constants[1])
     pushes = ("external_force", "external_moment", "external_position") if record.external_segments else ()
     for name in ("q", "qd", "point_force", "point_position", *pushes):
+        file, columns = record.columns(name)
         recorded, replayed = getattr(record, name), getattr(again, name)
         rows = np.arange(record.steps) if name in pushes else record.state_rows
         rows = rows[rows < len(replayed)]
-        recorded, replayed = (item.reshape(len(item), -1) for item in (recorded[: len(rows)], replayed[rows]))
-        yield _Table(*record.columns(name), again.time[rows], recorded, replayed)
+        shape = len(rows), len(columns)
+        recorded, replayed = recorded[: len(rows)].reshape(shape), replayed[rows].reshape(shape)
+        yield _Table(file, columns, again.time[rows], recorded, replayed)
     stored = load_signals(record.directory / SIGNALS_FILE)
     every = kept_rows(record.steps, record.time_step)
     steps = np.arange(record.steps)[every]
     if len(stored) != len(steps):
         raise InputError(f"{SIGNALS_FILE} is damaged: it has not {len(steps)} rows; walk the gait again.")
-    columns = {"time": measured.time[every], **measured_columns(measured, every)}
-    time = columns["time"]
-    recorded = np.column_stack([stored[name][: len(time)].astype(np.float64) for name in columns])
-    yield _Table(SIGNALS_FILE, list(columns), time, recorded, np.column_stack(list(columns.values())))
+    time = measured.time[every]
+    held = {"time": time, **measured_columns(measured, every)}
+    recorded = np.column_stack([stored[name][: len(time)].astype(np.float64) for name in held])
+    yield _Table(SIGNALS_FILE, list(held), time, recorded, np.column_stack(list(held.values())))
     stepped = record.tick_plan[steps // record.substeps] == STEPPING
     total, error = (item[: len(time)] for item in _zmp_error(stored, stepped))
     yield _Table(SIGNALS_FILE, ["sum of zmp_error_x", "sum of zmp_error_y"], time, total, error)
