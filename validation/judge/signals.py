@@ -53,8 +53,8 @@ def signals_table(walk: Comparison, rows: slice = ALL) -> pa.Table:
     """Build the table of all steps or of some.
 
     A row holds plan and state at t_k, force and command over [t_k, t_(k+1)].
-    Units and frames: :data:`validation.store.signals.COLUMNS`. ``plan`` is the plan then valid, and where it
-    moved ``first_plan`` the first one. The plan has no L_z: its column is null, and
+    Units and frames: :data:`validation.store.signals.COLUMNS`. ``plan`` is the plan that is judged, and where
+    it moved ``first_plan`` the first one. The plan has no L_z: its column is null, and
     so are the ZMPs of an unsupported instant. ``motion_angular_momentum_z`` is that of the planned posture,
     ``zmp_error_{part}_{x,y}`` are the parts of the ZMP error.
     """
@@ -79,9 +79,8 @@ def signals_table(walk: Comparison, rows: slice = ALL) -> pa.Table:
     for name in quantities:
         put(f"command_{name}", getattr(record, f"command_{name}"))
     columns |= {name: _nullable(values) for name, values in measured_columns(measured, rows).items()}
-    columns["motion_angular_momentum_z"] = _nullable(walk.momentum_z[rows])
-    if time.size:
-        columns["plan_zmp_margin"] = _nullable(walk.followed.zmp_margin(sample.time[rows]))
+    columns["motion_angular_momentum_z"] = _nullable(walk.planned.momentum_z[rows])
+    columns["plan_zmp_margin"] = _nullable(walk.planned.zmp_margin[rows])
     for part in PARTS:
         put(f"zmp_error_{part}", walk.zmp_split.parts[part])
     return pa.table(columns)

@@ -32,10 +32,9 @@ from validation.store.saved import ENVIRONMENT_FILE, RUN_FILE, check_files, load
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
 from validation.trial import spill
 from validation.trial.bridge import passive_joints, pinocchio_model, to_pinocchio
-from validation.trial.followed import STEPPING
 from validation.trial.log import RunLog
 from validation.trial.physics import Physics, quiet_mujoco
-from validation.trial.record import SimulationRecord
+from validation.trial.record import PLANS, SimulationRecord
 from validation.trial.step import keep_step
 
 _LIMIT = METRICS["equations_defect_median"].tolerances["default"]
@@ -235,30 +234,28 @@ def _tables(record: StoredRecord, again: SimulationRecord, measured: MeasuredGai
         yield _Table(file, columns, again.time[rows], recorded, replayed)
     stored = load_signals(record.directory / SIGNALS_FILE)
     every = kept_rows(record.steps, record.time_step)
-    steps = np.arange(record.steps)[every]
-    if len(stored) != len(steps):
-        raise InputError(f"{SIGNALS_FILE} is damaged: it has not {len(steps)} rows; walk the gait again.")
+    if len(stored) != (rows := len(range(record.steps)[every])):
+        raise InputError(f"{SIGNALS_FILE} is damaged: it has not {rows} rows; walk the gait again.")
     time = measured.time[every]
     held = {"time": time, **measured_columns(measured, every)}
     recorded = np.column_stack([stored[name][: len(time)].astype(np.float64) for name in held])
     yield _Table(SIGNALS_FILE, list(held), time, recorded, np.column_stack(list(held.values())))
-    stepped = record.tick_plan[steps // record.substeps] == STEPPING
-    total, error = (item[: len(time)] for item in _zmp_error(stored, stepped))
-    yield _Table(SIGNALS_FILE, ["sum of zmp_error_x", "sum of zmp_error_y"], time, total, error)
+    if PLANS not in record.metadata:
+        total, error = (item[: len(time)] for item in _zmp_error(stored))
+        yield _Table(SIGNALS_FILE, ["sum of zmp_error_x", "sum of zmp_error_y"], time, total, error)
 
 
-def _zmp_error(stored: Signals, stepped: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _zmp_error(stored: Signals) -> tuple[Array, Array]:
     """The recorded parts of the ZMP error in sum, and what they add up to, shape (N, 2) [m].
 
-    They are given as equal where they agree to rounding, and where the stabiliser ``stepped``, shape (N,):
-    its ZMP does not follow from its force.
+    They are given as equal where they agree to rounding. They need not where the plan moved: between two
+    instants of a plan that was kept, ZMP and force go on along lines of their own.
     """
     parts = np.array([stored.vector(f"zmp_error_{part}", "xy") for part in PARTS])
     total, size = parts.sum(axis=0), np.maximum(np.abs(parts).sum(axis=0), 1.0)
     error = stored.vector("measured_zmp", "xy") - stored.vector("plan_zmp", "xy")
     error = np.where(np.isfinite(stored.vector("measured_zmp_momentum", "xy")), error, np.nan)
-    agree = np.abs(total - error) <= _ROUNDING * size
-    return total, np.where(agree | stepped[:, None], total, error)
+    return total, np.where(np.abs(total - error) <= _ROUNDING * size, total, error)
 
 
 def _note(path: Path) -> str:
