@@ -35,12 +35,9 @@ def measured_columns(measured: MeasuredGait, rows: slice = ALL) -> dict[str, NDA
     columns["measured_zmp_margin"] = measured.polygon_margin[rows]
     for index, foot in enumerate(FEET):
         columns |= _by_axis(f"{foot}_force", measured.foot_force[rows, index])
-        for name, values in (
-            ("contact", measured.foot_contact),
-            ("slip", measured.slip),
-            ("penetration", measured.penetration),
-        ):
-            columns[f"{foot}_{name}"] = values[rows, index]
+        columns[f"{foot}_contact"] = measured.foot_contact[rows, index]
+        columns[f"{foot}_slip"] = measured.slip[rows, index]
+        columns[f"{foot}_penetration"] = measured.penetration[rows, index]
     return columns
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ from validation.trial.physics import Physics, quiet_mujoco
 from validation.trial.record import PLANS, SimulationRecord
 from validation.trial.step import keep_step
 
+_Table = tuple[str, list[str], Array, NDArray[Any], NDArray[Any]]
 _LIMIT = METRICS["equations_defect_median"].tolerances["default"]
 _CONSTANTS = ("mass", "gravity", "time_step", "friction")
 _ROUNDING = 1e-12  # of the sum of the parts of the ZMP error [m], or in shares of their size
@@ -181,35 +182,16 @@ def step_again(
     return replace(log.close(done, record.outcome), metadata=record.metadata)
 
 
-class _Table(NamedTuple):
-    """Numbers of a file beside those of the replay, n rows of m columns.
-
-    Attributes:
-        file: its name.
-        columns: their names.
-        time: of the rows, shape (n,) [s].
-        recorded: shape (n, m).
-        replayed: shape (n, m).
-    """
-
-    file: str
-    columns: list[str]
-    time: Array
-    recorded: NDArray[Any]
-    replayed: NDArray[Any]
-
-
 def _first_difference(record: StoredRecord, again: SimulationRecord, measured: MeasuredGait) -> Replay:
     """The earliest number on disk that the repeated steps do not have."""
     first = Replay(record.steps)
-    for table in _tables(record, again, measured):
-        differ = np.argwhere(_differ(table.recorded, table.replayed))
+    for file, columns, times, recorded, replayed in _tables(record, again, measured):
+        differ = np.argwhere(_differ(recorded, replayed))
         if len(differ):
             row, column = differ[0].tolist()
-            time = float(table.time[row])
+            time, values = float(times[row]), (float(recorded[row, column]), float(replayed[row, column]))
             if first.identical or time < first.time:
-                recorded, replayed = float(table.recorded[row, column]), float(table.replayed[row, column])
-                first = Replay(record.steps, table.file, table.columns[column], time, recorded, replayed)
+                first = Replay(record.steps, file, columns[column], time, *values)
     return first
 
 
@@ -220,9 +202,13 @@ def _differ(recorded: NDArray[Any], replayed: NDArray[Any]) -> NDArray[np.bool_]
 
 
 def _tables(record: StoredRecord, again: SimulationRecord, measured: MeasuredGait) -> Iterator[_Table]:
-    """All that is on disk and was repeated, up to where the replay ends."""
-    constants = [np.array([[getattr(item, name) for name in _CONSTANTS]]) for item in (record, again)]
-    yield _Table(JOINTS_FILE, list(_CONSTANTS), np.zeros(1), constants[0], constants[1])
+    """All that is on disk and was repeated, up to where the replay ends.
+
+    Yields:
+        A file, names of m columns, times of n rows [s], and recorded and replayed numbers, shape (n, m).
+    """
+    then, now = (np.array([[getattr(item, name) for name in _CONSTANTS]]) for item in (record, again))
+    yield JOINTS_FILE, list(_CONSTANTS), np.zeros(1), then, now
     pushes = ("external_force", "external_moment", "external_position") if record.external_segments else ()
     for name in ("q", "qd", "point_force", "point_position", *pushes):
         file, columns = record.columns(name)
@@ -231,18 +217,18 @@ def _tables(record: StoredRecord, again: SimulationRecord, measured: MeasuredGai
         rows = rows[rows < len(replayed)]
         shape = len(rows), len(columns)
         recorded, replayed = recorded[: len(rows)].reshape(shape), replayed[rows].reshape(shape)
-        yield _Table(file, columns, again.time[rows], recorded, replayed)
+        yield file, columns, again.time[rows], recorded, replayed
     stored = load_signals(record.directory / SIGNALS_FILE)
     every = kept_rows(record.steps, record.time_step)
-    if len(stored) != (rows := len(range(record.steps)[every])):
-        raise InputError(f"{SIGNALS_FILE} is damaged: it has not {rows} rows; walk the gait again.")
+    if len(stored) != (count := len(range(record.steps)[every])):
+        raise InputError(f"{SIGNALS_FILE} is damaged: it has not {count} rows; walk the gait again.")
     time = measured.time[every]
     held = {"time": time, **measured_columns(measured, every)}
     recorded = np.column_stack([stored[name][: len(time)].astype(np.float64) for name in held])
-    yield _Table(SIGNALS_FILE, list(held), time, recorded, np.column_stack(list(held.values())))
+    yield SIGNALS_FILE, list(held), time, recorded, np.column_stack(list(held.values()))
     if PLANS not in record.metadata:
         total, error = (item[: len(time)] for item in _zmp_error(stored))
-        yield _Table(SIGNALS_FILE, ["sum of zmp_error_x", "sum of zmp_error_y"], time, total, error)
+        yield SIGNALS_FILE, ["sum of zmp_error_x", "sum of zmp_error_y"], time, total, error
 
 
 def _zmp_error(stored: Signals) -> tuple[Array, Array]:
