@@ -55,6 +55,7 @@ def test_a_run_is_judged_as_it_was(tmp_path, ampm, gait, settings, profile, meas
     assert before["profile"] == profile
     assert before["metrics"][measured]["value"] is not None
     assert again == before
+    assert val.replay(folder).identical
     answer = ampm("judge", folder, "--plan", folder, "--json")
     assert answer.status == (before["verdict"] != "pass")
     assert answer.json == {**before, "directory": str(folder)}

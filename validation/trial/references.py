@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ampm.reference import PostureState, Reference, Timing
     from ampm.walk import Controller, Replanner, State, Touch
 
+_BLOCK = 16_384  # ticks of a table that are made at once; the last digits depend on it
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]
 
 
@@ -112,7 +113,7 @@ class References(Course):
     def _sampled(self, plan: WalkPlan, ticks: NDArray[np.intp]) -> ReferenceTable:
         """References of some ticks, given as steps of the physics; refused if one is no number."""
         rows: NDArray[Any] | None = None
-        for part in spill.blocks(len(ticks)):
+        for part in spill.blocks(len(ticks), _BLOCK):
             # Rates of change need the ticks on both sides.
             first, end = max(ticks[part][0] - self.substeps, 0), ticks[part][-1] + self.substeps + 1
             steps = np.arange(first, min(end, ticks[-1] + 1), self.substeps)
