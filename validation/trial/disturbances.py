@@ -147,6 +147,30 @@ class Push:
             plant.push(self.segment, self.force)
 
 
+@dataclass(frozen=True)
+class Recorded:
+    """The forces of an earlier walk again, at the same times.
+
+    Attributes:
+        segments: that were pushed, S names.
+        force: in every step, in world, shape (N, S, 3) [N].
+        moment: likewise, shape (N, S, 3) [N m].
+        time_step: of that walk [s].
+    """
+
+    segments: tuple[str, ...]
+    force: Array
+    moment: Array
+    time_step: float
+
+    def apply(self, time: float, plant: Plant) -> None:
+        """Push as at this time then."""
+        step = math.floor(time / self.time_step + _CLOCK)
+        if step < len(self.force):
+            for segment, force, moment in zip(self.segments, self.force[step], self.moment[step], strict=True):
+                plant.push(segment, force, moment)
+
+
 def parse_push(text: str) -> Push:
     """A push from ``SEGMENT,FX,FY,FZ,AT,DURATION``.
 
