@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from importlib.util import find_spec
 from itertools import combinations
 from pathlib import Path
@@ -23,9 +24,9 @@ import numpy as np
 from ampm.brief import Brief
 from ampm.description import Passive
 from ampm.exceptions import InputError
-from ampm.parameters import HUMAN, OPEN_KEYS, RunParameters, keys
+from ampm.parameters import HUMAN, OPEN_KEYS, OPTION_TABLES, RunParameters, keys
 from ampm.presets import PRESETS
-from ampm.run_file import leaves_open, load_run
+from ampm.run_file import load_run
 from validation.judge import profiles
 from validation.judge.margins import SATURATED
 from validation.run.walk import walk_planned
@@ -38,7 +39,8 @@ from validation.study.walk_options import users_classes
 from validation.table import Table, Tabled
 from validation.trial.bridge import passive_joints
 from validation.trial.disturbances import Recorded
-from validation.trial.plan import Body, PlannedWalk, Request, complete, load_request, make_body, plan_walk
+from validation.trial.outcome import OutcomeName
+from validation.trial.plan import Body, PlannedWalk, Request, load_request, make_body, plan_walk
 from validation.trial.scene import body_xml
 from validation.trial.shapes import Shapes, make_robot
 
@@ -63,10 +65,16 @@ BEST = 3
 """Number of changes of which pairs are walked."""
 RESIDUAL = 1e-3
 """Contradiction within a plan, or between plan and posture, from which it is named [m]."""
-_SAMPLES = 500
+_SAMPLES = 500  # instants of a plan that are checked
+_SHOWN = 3  # keys of a change that are named
 _FALL = 1e3
 
-_BODY = ("disturbance.mass_segment", "disturbance.mass_change", "disturbance.joint_damping", "disturbance.joint_friction")
+_BODY = (
+    "disturbance.mass_segment",
+    "disturbance.mass_change",
+    "disturbance.joint_damping",
+    "disturbance.joint_friction",
+)
 """What planner and controller do not know of the body."""
 
 Values = Mapping[str, Any]
@@ -232,7 +240,9 @@ class Case:
         Raises:
             InputError: the change does not fit the rest of the run.
         """
-        values = {key: value for key, value in change.values(self.run).items() if self.run.value(key) != value}
+        values = {
+            key: value for key, value in change.values(self.run).items() if self.run.value(key) != value
+        }
         run = self.run.replace(values) if values else self.run
         if change.layer == "planner" and values:  # feet and posture are found for it
             run = run.giving(run.given - set(OPEN_KEYS) | {key for key in keys() if key.startswith("gait.")})
@@ -251,7 +261,10 @@ class Case:
 
 def walk_case(case: Case) -> Row:
     """Walk a case on a worker, see :func:`row_of`."""
-    return row_of(walked(case))
+    trial = walked(case)
+    if trial.record.outcome.name == OutcomeName.INTERRUPTED:
+        raise KeyboardInterrupt
+    return row_of(trial)
 
 
 def walked(case: Case) -> Trial:
@@ -282,7 +295,9 @@ def plan_case(case: Case) -> PlannedWalk:
     if case.told:
         nominal = make_body(case.run).model
         body = _body_of(replace(nominal, xml=body_xml(nominal, case.run.disturbance)))
-        request = replace(request, run=case.run.replace({**_usual(*_BODY)(case.run), "body.mass": body.robot.mass}))
+        request = replace(
+            request, run=case.run.replace({**_usual(*_BODY)(case.run), "body.mass": body.robot.mass})
+        )
     return plan_walk(request, planner=case.users.get("planner"), body=body)
 
 
@@ -357,6 +372,11 @@ class Repeat:
         return " and ".join(change.text for change in self.changes)
 
     @property
+    def passed(self) -> bool:
+        """Whether all tolerances are met."""
+        return bool(self.row.get("passed"))
+
+    @property
     def excess(self) -> float:
         """See the module; 0 of a pass, infinite of a walk that was refused."""
         if "metrics" not in self.row:
@@ -399,16 +419,21 @@ class Explanation(Brief, Tabled):
     repeats: tuple[Repeat, ...]
     residuals: Mapping[str, float]
     named: tuple[str, ...]
-    answer: str
+    said: str
 
     @property
     def sentence(self) -> str:
         """The answer."""
-        return self.answer
+        return self.said
 
     def as_dict(self) -> dict[str, Any]:
         """Contents of ``explain.json``."""
-        found = {**vars(self), "trial": self.trial.as_dict(), "repeats": [item.as_dict() for item in self.repeats]}
+        found = {
+            **vars(self),
+            "sentence": self.said,
+            "trial": self.trial.as_dict(),
+            "repeats": [item.as_dict() for item in self.repeats],
+        }
         return dict(json_ready(found))
 
     def table(self) -> Table:
@@ -443,18 +468,80 @@ def residuals_of(planned: PlannedWalk) -> dict[str, float]:
     return {"newton": float(away[0]), "motion": float(max(away[1:], default=0.0))}
 
 
-def _answer(trial: Repeat, repeats: Sequence[Repeat], residuals: Mapping[str, float]) -> tuple[tuple[str, ...], str]:
-    """The layers that are to blame, and the sentence."""
-    best = min(repeats, key=lambda item: (item.excess, item.tightest))
-    if trial.row["passed"]:
-        if best.tightest >= trial.tightest:
-            return (), "It passes, and no layer costs margin."
-        costs = f"{best.layers[0]} costs most of the margin: {best.text} the tightest limit is used to"
-        return (), f"It passes; {costs} {best.tightest:.0%} instead of {trial.tightest:.0%}."
-    restored = [item for item in repeats if item.row.get("passed")]
-    single = [item for item in restored if len(item.changes) == 1]
-    ...
-    return best.layers, best.text
+# ---------------------------------------------------------------------------------------------- the answer
+
+
+def answer(
+    trial: Repeat, repeats: Sequence[Repeat], residuals: Mapping[str, float]
+) -> tuple[tuple[str, ...], str]:
+    """The layers that are to blame, and the sentence that says so.
+
+    Of the changes that restore the pass that one counts which leaves most of every limit, and a pair only if
+    no single change does. If nothing restores the pass, a contradiction within the plan counts, then a change
+    that leaves at most :data:`MOST` of the excess.
+    """
+    best = min(
+        repeats, key=lambda item: (len(item.changes) > 1 and not item.passed, item.excess, item.tightest)
+    )
+    left = best.excess / trial.excess if trial.excess else 1.0
+    notes = "".join(
+        f" {text.format(1e3 * residuals[name])}"
+        for name, text in _NOTES.items()
+        if residuals[name] > RESIDUAL
+    )
+    named: tuple[str, ...] = ()
+    if trial.passed and best.tightest < trial.tightest:
+        share = f"{best.tightest:.0%} of the tightest limit is used instead of {trial.tightest:.0%}"
+        return (), f"It passes. The {best.layers[0]} costs most of the margin: {best.text} {share}."
+    if trial.passed:
+        return (), "It passes, and no layer costs margin."
+    if best.passed:
+        named, text = best.layers, f"{best.text} it passes."
+    elif notes:
+        named, text = (
+            ("planner",) if residuals["newton"] > RESIDUAL else ("motion",),
+            "no other one restores the pass.",
+        )
+    elif left <= MOST:
+        named, text = (
+            best.layers,
+            f"{best.text} {left:.0%} of the excess is left, and nothing restores the pass.",
+        )
+    else:
+        text = f"No layer restores the pass; {best.text} {left:.0%} of the excess is left."
+    return named, f"The {' and the '.join(named)}: {text}{notes}" if named else f"{text}{notes}"
+
+
+_NOTES = {
+    "newton": "The planned ZMP is up to {:.3g} mm off that of the planned force and moment.",
+    "motion": "COM and soles of the planned posture are up to {:.3g} mm off the plan.",
+}
+
+
+def residuals_of(planned: PlannedWalk) -> dict[str, float]:
+    """What a plan contradicts, over its first ten seconds [m].
+
+    Returns:
+        ``newton``: largest distance of the planned ZMP from that of the planned force and moment; ``motion``:
+        largest distance of COM and soles of the planned posture from the plan, 0 of a posture that stays in
+        place, whose joints are found while walking.
+    """
+    plan, robot = planned.plan, planned.body.robot
+    times = np.linspace(0.0, min(plan.duration, 10.0), _SAMPLES, endpoint=False)
+    sample, q = plan.sample(times), plan.posture.sample(times).q
+    height, force = (sample.com[:, 2] - sample.floor)[:, None], sample.force
+    moment = np.column_stack([sample.moment[:, 1], -sample.moment[:, 0]])
+    zmp = sample.com[:, :2] - (height * force[:, :2] + moment) / force[:, 2:]
+    off = [np.zeros(1)]
+    if np.ptp(q[:, :2], axis=0).any():
+        terms = [robot.jacobian(row) for row in q]
+        feet = np.stack([foot.position for foot in plan.feet.sample(times)], axis=1)
+        off = [np.array([term.com for term in terms]) - sample.com]
+        off += [np.array([term.sole for term in terms]) - feet]
+    return {
+        "newton": float(np.linalg.norm(zmp - sample.zmp, axis=-1).max()),
+        "motion": float(max(np.linalg.norm(item, axis=-1).max() for item in off)),
+    }
 
 
 # ----------------------------------------------------------------------------------------------- the study
@@ -470,91 +557,134 @@ def explain(
     out: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Explanation:
-    """Find the layer that makes a trial fail, or costs most of its margin.
+    """Find the layer that makes a trial fail, or that costs most of its margin.
 
     Args:
-        run: parameters, preset, TOML file, or the folder of a finished run, which then gets the explanation.
+        run: parameters, preset, TOML file, or the folder of a finished run, which gets the explanation.
         settings: ``key=value`` texts, for a preset or file.
-        disturbances: external forces beside those of the run; a folder has its own.
+        disturbances: external forces beside those of the run; those of a folder act again as recorded.
         profile: name of the tolerances; the preset's own, or those of the folder, by default.
         workers: processes; None for one a core, 0 for this very process.
-        out: folder of every walk and ``explain.json``; None writes nothing.
+        out: folder of every walk and ``explain.json``.
         progress: where to report it.
 
     Raises:
         InputError, RefusedGait: the trial cannot be walked, or ``out`` is used otherwise.
         StudyStopped: see :func:`validation.study.many.walk_many`.
     """
-    target = study_folder(out, resume=False)
-    case, folder = _case(run, settings, disturbances, profile, progress)
-    case, trial = _trial(case)
-    found: dict[tuple[Change, ...], Row] = {}
-    changes = list(_possible(case))
-    searches = [_search(case, change, len(changes), found) for change in changes]
-    for _ in walk_many(searches, target, workers=workers, label=f"{case.request.name}: layers", unit="changes", progress=progress):
-        pass
-    repeats = tuple(Repeat(key, row) for key, row in found.items())
-    residuals = residuals_of(plan_case(case))
-    named, sentence = _answer(trial, repeats, residuals)
-    explanation = Explanation(case.request.title, trial, repeats, residuals, named, sentence)
-    for place in {target, folder} - {None}:
-        with output_file(place / EXPLANATION) as path:
-            write_json(path, explanation.as_dict())
-    return explanation
-
-
-def _case(run: Any, settings: Sequence[str], disturbances: Sequence[Disturbance], profile: str | None, progress: Progress | None) -> tuple[Case, Path | None]:
-    """The trial, and the folder of the run if there is one."""
     folder = Path(run) if isinstance(run, str | Path) and Path(run).is_dir() else None
-    pushes = tuple(disturbances)
+    target = study_folder(out, resume=False)
     if folder is None:
-        request = load_request(run if isinstance(run, RunParameters) else run, settings)
-        profile = profile or profiles.own_profile(request.name, request.run).name
+        request, pushes = (
+            load_request(run if isinstance(run, RunParameters) else run and str(run), settings),
+            tuple(disturbances),
+        )
+        name = profile or profiles.own_profile(request.name, request.run).name
+    elif settings or disturbances:
+        raise InputError(
+            f"{folder} is repeated as it was walked; for changes give {folder / RUN_FILE} instead."
+        )
     else:
-        saved = load_saved_run(folder)
-        if saved.is_log:
-            raise InputError(f"{folder} is a log, which cannot be walked again; give a gait or the folder of a run.")
-        request = load_request(str(folder / RUN_FILE), settings)
-        profile = profile or str(saved.summary["profile"])
-        record = saved.record
-        if record.external_segments:
-            pushes += (Recorded(tuple(record.external_segments), record.external_force[:], record.external_moment[:], record.time_step),)
-            still = [change for change in CHANGES if change.layer == "pushes"][0]
-            request = replace(request, run=request.run.replace(still.values(request.run)))
-    request = complete(request, progress)
-    return Case(request, profiles.profile(profile).name, users_classes(request.run), pushes), folder
+        request, pushes, walked_by = saved_trial(folder)
+        name = profile or walked_by
+    planned = plan_walk(request, progress)
+    first = Case(planned.request, profiles.profile(name).name, users_classes(request.run), pushes)
+    case, trial = _failing(first)
+    changes, found = list(_possible(case)), dict[tuple[Change, ...], Row]()
+    for _ in walk_many(
+        [_search(case, trial, changes, change, found) for change in changes],
+        target,
+        workers=workers,
+        label=f"{planned.name}: layers",
+        unit="changes",
+        progress=progress,
+    ):
+        pass
+    repeats = tuple(
+        Repeat(key, found[key]) for key in sorted(found, key=lambda key: [len(key), *map(changes.index, key)])
+    )
+    residuals = residuals_of(planned)
+    result = Explanation(planned.request.title, trial, repeats, residuals, *answer(trial, repeats, residuals))
+    for place in filter(None, (target, folder)):
+        with output_file(place / EXPLANATION) as path:
+            write_json(path, result.as_dict())
+    return result
 
 
-def _trial(case: Case) -> tuple[Case, Repeat]:
-    """The case with as few steps as show the failure, and its walk."""
-    run = case.run
-    short = min(STEPS, run.gait.steps)
-    for steps in dict.fromkeys([short, run.gait.steps]):
-        some = replace(case, request=replace(case.request, run=run.replace({"gait.steps": steps})))
-        row = walk_case(some)
-        if not row["passed"]:
+def saved_trial(folder: Path) -> tuple[Request, tuple[Disturbance, ...], str]:
+    """The trial of a run's folder: its request, its recorded external forces, and the name of its profile.
+
+    Raises:
+        InputError: the folder cannot be used, is a log, or its planner was an object.
+    """
+    saved = load_saved_run(folder)
+    if saved.is_log:
+        raise InputError(
+            f"{folder} is a log, which cannot be walked again; give a gait or the folder of a run."
+        )
+    request, record = load_request(str(folder / RUN_FILE)), saved.record
+    made = saved.summary.get("planner", "ampm")
+    if request.run.gait.planner == "ampm" and made != ("footsteps" if request.run.footsteps else "ampm"):
+        raise InputError(
+            f"the planner {made} of {folder} was an object, which the folder does not hold; explain a gait with "
+            "its class as gait.planner."
+        )
+    pushes: tuple[Disturbance, ...] = ()
+    if record.external_segments:  # the run's own push is among them
+        force, moment = record.external_force, record.external_moment
+        pushes = (Recorded(tuple(record.external_segments), force, moment, record.time_step),)
+        unpushed = request.run.replace({f"disturbance.push_{axis}": 0.0 for axis in "xyz"})
+        request = replace(request, run=unpushed)
+    return request, pushes, str(saved.summary["profile"])
+
+
+def _failing(case: Case) -> tuple[Case, Repeat]:
+    """The case with :data:`STEPS` steps if it fails in them, else with its own, and its walk."""
+    for steps in sorted({min(STEPS, case.run.gait.steps), case.run.gait.steps}):
+        some = replace(case, request=replace(case.request, run=case.run.replace({"gait.steps": steps})))
+        trial = Repeat((), walk_case(some))
+        if not trial.passed:
             break
-    return replace(some, strained=row["strained"]), Repeat((), row)
+    return replace(some, strained=trial.row["strained"]), trial
 
 
 def _possible(case: Case) -> Iterator[Change]:
-    """The changes that change anything, and fit the run."""
+    """The changes that change anything and fit the run; few keys are added to the text."""
     for change in CHANGES:
         try:
-            if case.changed(change) != case:
-                yield change
+            changed = case.changed(change)
         except InputError:
             continue
+        if changed == case:
+            continue
+        values = [
+            f"{key} {case.run.value(key)} to {changed.run.value(key)}"
+            for key in (*keys(), *OPTION_TABLES)
+            if case.run.value(key) != changed.run.value(key)
+        ]
+        text = f"without the limit of {case.strained}" if change.lifts and not values else change.text
+        yield replace(change, text=f"{text} ({', '.join(values)})" if 0 < len(values) <= _SHOWN else text)
 
 
-def _search(case: Case, change: Change, count: int, found: MutableMapping[tuple[Change, ...], Row]) -> Search:
-    """Walk with one change; the last of them goes on with pairs if none restores the pass."""
+def _search(
+    case: Case,
+    trial: Repeat,
+    changes: Sequence[Change],
+    change: Change,
+    found: MutableMapping[tuple[Change, ...], Row],
+) -> Search:
+    """Walk with one change. The last one goes on with pairs of the best, if none restores the pass."""
 
-    def task(*changes: Change) -> Task:
-        changed = case
-        for item in changes:
-            changed = changed.changed(item)
-        return Task(" and ".join(item.text for item in changes), walk_case, {"case": changed})
+    def task(*both: Change) -> Task:
+        changed = reduce(Case.changed, both, case)
+        return Task(" and ".join(item.text for item in both), walk_case, {"case": changed})
 
     found[(change,)] = yield task(change)
-    return
+    if len(found) < len(changes) or trial.passed or any(row.get("passed") for row in found.values()):
+        return
+    ranked = sorted((Repeat(key, row) for key, row in found.items()), key=lambda item: item.excess)
+    best: dict[str, Change] = {}
+    for item in ranked:
+        best.setdefault(item.layers[0], item.changes[0])
+    for pair in combinations(list(best.values())[:BEST], 2):
+        found[pair] = yield task(*pair)

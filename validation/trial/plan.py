@@ -263,11 +263,7 @@ def make_body(run: RunParameters) -> Body:
 
 
 def plan_walk(
-    request: Request,
-    progress: Progress | None = None,
-    *,
-    planner: Planner | None = None,
-    body: Body | None = None,
+    request: Request, progress: Progress | None = None, *, planner: Planner | None = None
 ) -> PlannedWalk:
     """Plan a walk with its body.
 
@@ -281,7 +277,6 @@ def plan_walk(
         request: the gait.
         progress: where to report stages.
         planner: that of the run by default; for footsteps :class:`ampm.planners.FootstepPlanner`.
-        body: in place of that of the run, for a run that leaves nothing open.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met, or a user's planner fails.
@@ -307,6 +302,7 @@ def plan_walk(
         unused = {*request.changed, *({"gait.steps"} & run.given)} - {"gait.com_height"}
         if keys := ", ".join(sorted(key for key in unused if key.startswith("gait."))):
             progress.say(f"{request.name}: the table gives the steps; not used: {keys}")
+    body = None
     if periodic:
         name = "" if name == "ampm" else name
         if leaves_open(run):

@@ -61,25 +61,12 @@ def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> 
     for contact in root.iterfind(".//default[@class='contact']/geom"):
         _scale(contact, "friction", wanted.friction_factor)
         _scale(contact, "solref", wanted.softness_factor)
-    _change_body(root, body, wanted)
+    _change_masses(root, body, wanted)
+    for key, more in (("damping", wanted.joint_damping), ("frictionloss", wanted.joint_friction)):
+        for joint in root.findall(".//worldbody//joint") if more else ():
+            joint.set(key, repr(float(joint.get(key, 0.0)) + more))
     _change_floor(root, body, wanted, contacts)
     return replace(body, xml=ElementTree.tostring(root, encoding="unicode"))
-
-
-def body_xml(body: BodyModel, wanted: DisturbanceParameters) -> str:
-    """MJCF of the body with its changed masses and joints, on the nominal floor."""
-    root = ElementTree.fromstring(body.xml)
-    _change_body(root, body, wanted)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _change_body(root: ElementTree.Element, body: BodyModel, wanted: DisturbanceParameters) -> None:
-    """Scale masses, and add damping and dry friction to the joints."""
-    _change_masses(root, body, wanted)
-    more = {"damping": wanted.joint_damping, "frictionloss": wanted.joint_friction}
-    for key, value in more.items():
-        for joint in root.findall(".//worldbody//joint") if value else ():
-            joint.set(key, repr(float(joint.get(key, 0.0)) + value))
 
 
 def _scale(element: ElementTree.Element, key: str, factor: float, *, all_of_it: bool = False) -> None:
