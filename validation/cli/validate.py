@@ -111,7 +111,9 @@ def validate(
     )
     requests = load_requests(gaits or [None], extra, as_is=as_is, sections=with_footsteps(footsteps, steps))
     judges = [
-        profiles.own_profile(gait, request.run) if profile is None else profiles.profile(profile)
+        profiles.own_profile(gait, request.run, pushed=bool(push or disturbance))
+        if profile is None
+        else profiles.profile(profile)
         for gait, request in zip(gaits or ["normal"], requests, strict=True)
     ]
     known = [load_uncertainty(path) for path in uncertainty or ()]

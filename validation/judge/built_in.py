@@ -11,6 +11,7 @@ from ampm.geometry import Array
 from ampm.planner.centroidal import PlanSample
 from ampm.walk import UNSOLVED
 from validation.judge.compare import Comparison
+from validation.judge.recovery import recovery_time
 from validation.trial.record import SimulationRecord
 
 
@@ -72,7 +73,7 @@ def zmp_moved(walk: Comparison) -> Array | None:
 
     None, as of all of these metrics, if the plan did not move.
     """
-    return None if walk.first is None else _distances(walk.sample.zmp, walk.first.zmp, walk)
+    return None if walk.first is None else _distances(walk.valid.zmp, walk.first.zmp, walk)
 
 
 def stances(sample: PlanSample) -> list[tuple[Array, Array]]:
@@ -90,7 +91,7 @@ def _footsteps(walk: Comparison, which: int) -> float | None:
     if walk.first is None:
         return None
     largest = 0.0
-    for first, then in zip(stances(walk.first), stances(walk.sample), strict=True):
+    for first, then in zip(stances(walk.first), stances(walk.valid), strict=True):
         for one, other in zip(first[which], then[which], strict=False):
             largest = max(largest, float(np.linalg.norm(other - one)))
     return largest
@@ -159,6 +160,7 @@ def _unsupported(walk: Comparison) -> float:
 
 
 COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
+    "recovery_time": recovery_time,
     "slip_maximum": _slip,
     "clearance_shortfall": _shortfall,
     "speed_excess": _excess,

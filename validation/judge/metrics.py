@@ -45,7 +45,7 @@ _METRICS: dict[str, Metric] = {}
 METRICS: Mapping[str, Metric] = MappingProxyType(_METRICS)
 """All metrics by name: first what the profiles judge, in the order of reports, then what is only reported."""
 _ADDED: list[str] = []
-_LISTED = ("strict", "default", "jumps", "footsteps", "odometry")  # profiles with limits of their own
+_LISTED = ("strict", "default", "jumps", "footsteps", "odometry", "pushed")  # profiles with limits of their own
 
 
 def register(metric: Metric) -> Metric:

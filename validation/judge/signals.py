@@ -27,8 +27,8 @@ def signals_table(walk: Comparison, rows: slice = ALL) -> pa.Table:
     """Build the table of all steps or of some.
 
     A row holds plan and state at t_k, force and command over [t_k, t_(k+1)].
-    Units and frames: :data:`validation.store.signals.COLUMNS`. ``plan`` is the plan then valid, and where it
-    moved ``first_plan`` the first one. The plan has no L_z: its column is null, and
+    Units and frames: :data:`validation.store.signals.COLUMNS`. ``plan`` is the plan that is judged, and where
+    it moved ``first_plan`` the first one. The plan has no L_z: its column is null, and
     so are the ZMPs of an unsupported instant. ``motion_angular_momentum_z`` is that of the planned posture,
     ``zmp_error_{part}_{x,y}`` are the parts of the ZMP error.
     """
@@ -55,14 +55,13 @@ def signals_table(walk: Comparison, rows: slice = ALL) -> pa.Table:
         put(f"command_{name}", getattr(record, f"command_{name}"))
     for name in quantities:
         put(f"measured_{name}", getattr(measured, name))
-    columns["motion_angular_momentum_z"] = _nullable(walk.momentum_z[rows])
+    columns["motion_angular_momentum_z"] = _nullable(walk.planned.momentum_z[rows])
     put("measured_zmp_momentum", measured.zmp_momentum)
     for index, foot in enumerate(("left", "right")):
         put(f"{foot}_force", measured.foot_force[:, index])
     for index, foot in enumerate(("left", "right")):
         columns[f"{foot}_contact"] = pa.array(measured.foot_contact[rows, index])
-    if time.size:
-        columns["plan_zmp_margin"] = _nullable(walk.followed.zmp_margin(sample.time[rows]))
+    columns["plan_zmp_margin"] = _nullable(walk.planned.zmp_margin[rows])
     columns["measured_zmp_margin"] = _nullable(measured.polygon_margin[rows])
     for part in PARTS:
         put(f"zmp_error_{part}", walk.zmp_split.parts[part])

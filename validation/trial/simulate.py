@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
     from ampm.parameters import RunParameters
     from ampm.sensors.readings import Estimator, EstimatorFactory
-    from ampm.stepping.planned import PlannedTick
+    from ampm.stepping.follower import SteppedTick
     from ampm.walk import Controller, ControllerFactory, Replanner, WalkPlan
     from models.scene import BodyModel
 
@@ -120,7 +120,7 @@ def simulate(
             )
         if isinstance(push, Push):  # before the walk, not when it is pushed
             Plant(physics.model, physics.data, physics.robot.description).position(push.segment)
-    start = plan.table([0.0], timing)[0].posture
+    start = course.start
     q = start.q.copy()
     # The soles carry weight from the first instant.
     q[2] += run.disturbance.floor_height - run.simulation.start_depth
@@ -158,8 +158,9 @@ def simulate(
         tuple(loop.stepped),
         physics.substeps * dt,
     )
+    record = replace(record, followed=followed)
     if followed.moved:
-        record = replace(record, followed=followed, tick_plan=followed.numbers(record.tick_time))
+        record = replace(record, tick_plan=followed.numbers(record.tick_time))
         metadata[PLANS] = str(followed.changes)
     if factory is not TrackingController:
         metadata["controller"] = CONTROLLER.name_of(factory)
@@ -207,7 +208,7 @@ class ClosedLoop:
 
     Attributes:
         command: of the last tick.
-        stepped: what the stabiliser that steps planned off the plan.
+        stepped: states of the stabiliser that steps, off the plan.
     """
 
     def __init__(
@@ -227,8 +228,8 @@ class ClosedLoop:
         self.plant.segment(run.disturbance.push_segment)  # refused also without a force
         self.physics, self.controller, self.replanning = physics, controller, replanning
         self.users_code = UsersCode("controller", controller)
-        self.stepped: list[PlannedTick] = []
-        self._planned = controller if isinstance(controller, TrackingController) else None
+        self.stepped: list[SteppedTick] = []
+        self._steps = controller if isinstance(controller, TrackingController) else None
         self.course, self.progress = course, progress
         robot, fault = physics.robot, run.disturbance
         self.faults = None
@@ -354,8 +355,8 @@ class ClosedLoop:
                 raise ValueError(f"status {status} is none")
             if not self._act(k, status, residual, int(output.iterations), float(output.seconds)):
                 raise ValueError(self._not_finite())
-        if self._planned is not None and self._planned.planned is not None:
-            self.stepped.append(self._planned.planned)
+        if self._steps is not None and self._steps.stepped is not None:
+            self.stepped.append(self._steps.stepped)
         if self.replanning is not None:
             self.replanning.update(float(reference.time), state, touch)
         if self.course.total > len(self.log.record.torque):
