@@ -47,7 +47,9 @@ class OwnPlanner:
 
     def late_feet(self, plan: WalkPlan, run: RunParameters) -> WalkPlan:
         """Feet and contacts later than the rest."""
-        feet = {name: value for name, value in vars(plan.feet).items() if name in FeetPlan.__dataclass_fields__}
+        feet = {
+            name: value for name, value in vars(plan.feet).items() if name in FeetPlan.__dataclass_fields__
+        }
         return replace(plan, feet=LateFeet(**feet, late=self.size))
 
     def other_height(self, plan: WalkPlan, run: RunParameters) -> WalkPlan:
@@ -137,11 +139,21 @@ class OwnController(ampm.TrackingController):
         share: of the gains that ``soft`` leaves [1].
     """
 
-    def __init__(self, robot: Robot, run: RunParameters, fault: str = "", joints: str = "", share: float = 1.0, file: str = "") -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        run: RunParameters,
+        fault: str = "",
+        joints: str = "",
+        share: float = 1.0,
+        file: str = "",
+    ) -> None:
         if file:
             robot = make_body(run.replace({"body.source": file})).robot
         if fault == "soft":
-            run = run.replace({f"controller.{name}": share * run.value(f"controller.{name}") for name in GAINS})
+            run = run.replace(
+                {f"controller.{name}": share * run.value(f"controller.{name}") for name in GAINS}
+            )
         super().__init__(robot, run)
         self.fault = fault
         self.places = [robot.joint_names.index(name) for name in joints.split(",") if name]

@@ -1,27 +1,60 @@
-"""The table of an explanation, made from its ``explain.json``."""
+"""The sentence and the table of an explanation, made from its ``explain.json``."""
 
+import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+from ampm.exceptions import InputError
 from validation.table import Table
 
 
 def explanation_table(found: Mapping[str, Any]) -> Table:
-    """Every change of a trial, what it makes of the verdict, and of the metrics that failed before or after.
+    """Every change, with the verdict and the failed metrics before and after.
 
     Args:
         found: contents of ``explain.json``.
     """
     before = found["trial"]
-    rows = [(", ".join(item["layers"]), item["change"], *_end(item), _metrics(before, item)) for item in found["repeats"]]
-    return Table(f"{found['title']}: one layer changed at a time", ("layer", "change", "verdict", "tightest", "metrics"), rows)
+    rows = [("", "the trial", _verdict(before), _metrics(before, before))]
+    for row in found["changes"]:
+        rows.append((" and ".join(row["layers"]), row["text"], _verdict(row), _metrics(before, row)))
+    columns = (
+        "layer",
+        "change",
+        "verdict",
+        "metrics that failed before or fail then, with their share of the limit",
+    )
+    return Table(f"{found['title']}: layers changed one at a time", columns, rows)
 
-def _end(item):
-    if "metrics" not in item:
-        return "refused", item["cause"][:80]
-    used=[m["used"] for m in item["metrics"].values() if m["used"] is not None]
-    return ("pass" if item["passed"] else "FAIL" if item["outcome"]=="completed" else item["outcome"]), (f"{max(used):.2f} {sum(max(u-1,0) for u in used):.2f}" if used else f"{item['left']:.2f}")
 
-def _metrics(before, item):
-    if "metrics" not in item: return ""
-    return "; ".join(f"{k} {before['metrics'][k]['text']} -> {m['text']}" for k,m in item["metrics"].items() if k in before["metrics"] and ((m["used"] or 0)>1 or (before["metrics"][k]["used"] or 0)>1))
+def read_explanation(path: Path) -> tuple[str, Table] | None:
+    """Sentence and table of a file; None if there is none.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    if not path.is_file():
+        return None
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        return str(found["said"]), explanation_table(found)
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        raise InputError(f"{path} is damaged; remove it, or run ampm explain again.") from None
+
+
+def _verdict(row: Mapping[str, Any]) -> str:
+    completed = row["outcome"] == "completed"
+    return "pass" if row.get("passed") else "FAIL" if completed else str(row["outcome"]).replace("_", " ")
+
+
+def _metrics(before: Mapping[str, Any], row: Mapping[str, Any]) -> str:
+    """What failed before or fails then; of a walk that did not complete the cause."""
+    if row["outcome"] != "completed":
+        return str(row["cause"]).partition(";")[0]
+    failed = [
+        f"{item['label']} {item['text']} ({item['used']:.0%})"
+        for name, item in row["metrics"].items()
+        if max(item["used"] or 0.0, before["metrics"].get(name, item)["used"] or 0.0) > 1.0
+    ]
+    return "; ".join(failed)
