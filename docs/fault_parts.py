@@ -3,7 +3,6 @@
 Without a fault they are the project's own, by other names.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -100,7 +99,7 @@ class ShiftedPlan(WalkPlan):
     def sample(self, times: Any) -> PlanSample:
         """The plan at times."""
         found = super().sample(times)
-        return replace(found, zmp=found.zmp + [self.ahead, 0.0])
+        return replace(found, zmp=found.zmp + np.array([self.ahead, 0.0]))
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from trials import DATA, write_rows
+from trials import write_rows
 
 import validation as val
 from ampm.run_file import dump_run

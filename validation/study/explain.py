@@ -1,14 +1,17 @@
 """Why a trial fails: it is repeated with one layer made ideal at a time.
 
-A layer is a part of the trial: sensors, motors, floor, planner and so on. A layer that is ideal already is
-not walked. The *excess* of a walk is the sum of what its metrics exceed their limits by, as shares of the
-limits. That of a fall is larger than any other, and the larger the earlier it falls.
+A layer is a part of the trial: sensors, motors, floor, planner and so on. ``layers.csv`` has a row for every
+change that is tried; a layer that is ideal already is not walked. The *excess* of a walk is the sum of what
+its metrics exceed their limits by, as shares of the limits; that of a fall is larger, and the larger the
+earlier it falls.
 """
 
+import csv
 import math
 from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from importlib.resources import files
 from importlib.util import find_spec
 from itertools import combinations
 from pathlib import Path
@@ -40,13 +43,8 @@ from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Body, PlannedWalk, Request, load_request, plan_walk
 from validation.trial.shapes import make_robot
 
-STEPS = 10
-"""Walking steps that are repeated, unless the trial fails later."""
-AMPLE = 2.0
-"""Friction of a floor on which no foot slides [1]."""
-SOFTER, TIGHTER, STRONGER = 1.5, 2.0, 10.0
-"""Time constant of a softer contact, COM stiffness of a tighter controller, torque limits of motors without
-limit: over those of the trial [1]."""
+TIGHTER, STRONGER = 2.0, 10.0
+"""COM stiffness of a tighter controller, and torque limits of ideal motors, over those of the trial [1]."""
 MOST = 0.5
 """Share of the excess that a change leaves at most to be named, if nothing restores the pass [1]."""
 BEST = 3
@@ -57,115 +55,80 @@ _FALL, _MOST_USED = 1e4, 100.0  # excess of a fall; most that a limit counts as 
 _SAMPLES, _SHOWN = 500, 3  # instants of a plan that are checked; keys of a change that are named
 
 Values = Mapping[str, Any]
-ValuesOf = Callable[[RunParameters], Values]
-
-# ---------------------------------------------------------------------------------------------- the layers
 
 
-def _usual(*names: str) -> ValuesOf:
-    """Defaults of some keys, or of all keys of a section."""
-    wanted = [key for key in keys() if key in names or key.partition(".")[0] in names]
-    return lambda run: {key: RunParameters().value(key) for key in wanted}
-
-
-def _disturbance(*names: str) -> ValuesOf:
-    return _usual(*(f"disturbance.{name}" for name in names))
-
-
-def _contact(factor: float) -> ValuesOf:
-    """A contact that takes longer by a factor, in MuJoCo at least two time steps."""
-
-    def values(run: RunParameters) -> Values:
-        if run.simulation.engine == "drake":
-            return {"drake.stiffness": run.drake.stiffness / factor**2}
-        least = 2.0 * run.simulation.time_step
-        return {"contact.time_constant": max(factor * run.contact.time_constant, least)}
-
-    return values
-
-
-def _controller(run: RunParameters) -> Values:
-    """The project's controller with its settings for the body; from these on, a tighter one."""
+def other_controller(run: RunParameters) -> Values:
+    """Keys of the project's controller with its settings for the body; from these on, of a tighter one."""
     usual = load_request(None, body=run.body.source).run
     values = {key: usual.value(key) for key in keys() if key.startswith("controller.")}
     values |= {"controller.frequency": run.controller.frequency, "controller.options": {}}
     if any(run.value(key) != value for key, value in values.items()):
         return values
-    stiffness, damping = run.controller.com_stiffness, run.controller.com_damping
-    return {
-        "controller.com_stiffness": TIGHTER * stiffness,
-        "controller.com_damping": math.sqrt(TIGHTER) * damping,
-    }
+    factors = {"controller.com_stiffness": TIGHTER, "controller.com_damping": math.sqrt(TIGHTER)}
+    return {key: factor * run.value(key) for key, factor in factors.items()}
 
 
-def _planner(run: RunParameters) -> Values:
-    """The AMPM for another planner; for the AMPM's gait the nearest preset, or the own gait of the body."""
+def other_plan(run: RunParameters) -> Values:
+    """Keys of the AMPM for another planner; for the AMPM's gait, of the nearest preset or the body's own."""
     other = {"gait.planner": "ampm", "planner.options": {}}
     if run.gait.planner != "ampm" or run.footsteps:
         return other
     shape = ("gait.step_length", "gait.switching_velocity", "gait.c_s", "gait.c_y")
 
-    def distance(preset: RunParameters) -> float:
-        return math.dist([run.value(key) for key in shape], [preset.value(key) for key in shape])
+    def distance(gait: RunParameters) -> float:
+        return math.dist([run.value(key) for key in shape], [gait.value(key) for key in shape])
 
     gaits = [load_run(name) for name in PRESETS if name != "ipm"]
-    nearest = (
-        min(gaits, key=distance) if run.body.source == HUMAN else load_request(None, body=run.body.source).run
-    )
+    if run.body.source != HUMAN:
+        gaits = [load_request(None, body=run.body.source).run]
+    nearest = min(gaits, key=distance)
     return other | {key: nearest.value(key) for key in (*shape, *OPEN_KEYS)}
+
+
+_ANOTHER: Mapping[str, Callable[[RunParameters], Values]] = {
+    "controller": other_controller,
+    "planner": other_plan,
+}
 
 
 @dataclass(frozen=True)
 class Change:
-    """One layer made ideal, or another one in its place.
+    """One layer made ideal, or another one in its place: a row of ``layers.csv``.
 
     Attributes:
         layer: its name.
         text: what is changed; "it passes" may follow.
-        values: new values by key, of a run.
+        keys: that change, and sections, separated by spaces.
+        value: ``default``, a factor such as ``x0.5``, ``another``, or the value itself.
         drops: which of a user's ``controller``, ``planner``, ``estimator`` and ``pushes`` is left out.
     """
 
     layer: str
     text: str
-    values: ValuesOf
-    drops: str = ""
+    keys: str
+    value: str
+    drops: str
+
+    def values(self, run: RunParameters) -> Values:
+        """New values by key, of a run."""
+        wanted = self.keys.split()
+        changed = [key for key in keys() if key in wanted or key.partition(".")[0] in wanted]
+        if self.value == "another":
+            return _ANOTHER[self.layer](run)
+        if self.value == "drake":
+            return dict.fromkeys(changed if find_spec("pydrake") else [], self.value)
+        if self.value == "default":
+            return {key: RunParameters().value(key) for key in changed}
+        if self.value.startswith("x"):
+            return {key: float(self.value[1:]) * run.value(key) for key in changed}
+        return dict.fromkeys(changed, float(self.value))
 
 
-CHANGES = (
-    Change("sensing", "with exact sensing", _usual("sensors"), "estimator"),
-    Change("motors", "with ideal motors", _disturbance("actuation_delay", "torque_bias")),
-    Change(
-        "body",
-        "with the body that the controller knows",
-        _disturbance("mass_segment", "mass_change", "joint_damping", "joint_friction"),
-    ),
-    Change(
-        "friction",
-        "with ample friction",
-        lambda run: {"disturbance.friction_factor": AMPLE / run.contact.friction},
-    ),
-    Change(
-        "floor",
-        "on the nominal floor",
-        _disturbance("floor_height", "step_height", "slope_along", "slope_across", "softness_factor"),
-    ),
-    Change("contact law", "with the usual contact", _usual("contact", "drake")),
-    Change("contact law", "with a softer contact", _contact(SOFTER)),
-    Change("contact law", "with a harder contact", _contact(1.0 / SOFTER)),
-    Change(
-        "contact law", "in Drake", lambda run: {"simulation.engine": "drake"} if find_spec("pydrake") else {}
-    ),
-    Change(
-        "numerics",
-        "with half the time step",
-        lambda run: {"simulation.time_step": 0.5 * run.simulation.time_step},
-    ),
-    Change("controller", "with another controller", _controller, "controller"),
-    Change("planner", "with another plan", _planner, "planner"),
-    Change(
-        "pushes", "without pushes", _disturbance("push_x", "push_y", "push_z", "start_velocity"), "pushes"
-    ),
+CHANGES = tuple(
+    Change(**row)
+    for row in csv.DictReader(
+        files("validation").joinpath("study/layers.csv").read_text("utf-8").splitlines()
+    )
 )
 """Every change that is tried."""
 
@@ -175,12 +138,12 @@ class Case:
     """A trial as it is walked.
 
     Attributes:
-        request: everything but the rest; complete.
+        request: complete.
         profile: name of the tolerances.
         users: classes of a user, see :func:`validation.study.walk_options.users_classes`.
         pushes: forces on the body beside those of the run.
-        strained: motor that reaches its limit; empty if none does, or if limits are lifted.
-        lifted: whether they are.
+        strained: motor that first reaches its limit; empty if none does.
+        lifted: whether there are no limits.
     """
 
     request: Request
@@ -196,7 +159,7 @@ class Case:
         Raises:
             InputError: the change does not fit the rest of the run.
         """
-        old, lifts = self.request.run, change.layer == "motors" and bool(self.strained)
+        old = self.request.run
         values = {key: value for key, value in change.values(old).items() if old.value(key) != value}
         run = old.replace(values) if values else old
         if change.layer == "planner" and values:  # feet and posture are found for the other plan
@@ -206,15 +169,14 @@ class Case:
             request=replace(self.request, run=run),
             users={role: users for role, users in self.users.items() if role != change.drops},
             pushes=() if change.drops == "pushes" else self.pushes,
-            strained="" if lifts else self.strained,
-            lifted=self.lifted or lifts,
+            lifted=self.lifted or (change.layer == "motors" and bool(self.strained)),
         )
 
     def text(self, change: Change) -> str:
         """What is changed, with the keys if they are few."""
         old, new = self.request.run, self.changed(change).request.run
         changed = [key for key in (*keys(), *OPTION_TABLES) if old.value(key) != new.value(key)]
-        if self.strained and change.layer == "motors" and not changed:
+        if change.layer == "motors" and not changed:
             return f"without the limit of {self.strained}"
         shown = ", ".join(f"{key} {_said(old.value(key))} to {_said(new.value(key))}" for key in changed)
         return f"{change.text} ({shown})" if 0 < len(changed) <= _SHOWN else change.text
@@ -228,10 +190,9 @@ def walk_case(case: Case) -> Row:
     """Walk a case, on a worker.
 
     Returns:
-        ``outcome``, ``cause``, ``passed`` and ``excess``; ``strained``, the motor that reached its limit;
-        ``tightest``, the largest used share of a limit, None of a fall; ``metrics``: of every judged one the
-        ``label``, the ``text`` of its value, and ``used``, its share of the limit, 2 of a limit of zero that
-        is exceeded.
+        ``outcome``, ``cause``, ``passed``, ``excess``; ``strained``, the motor that first reached its limit;
+        ``tightest``, the largest used share of a limit; ``metrics``: of every judged one the ``label``, the
+        ``text`` of its value, and ``used``, its share of the limit, 2 of an exceeded limit of zero.
     """
     planned = plan_walk(case.request, planner=case.users.get("planner"))
     if case.lifted:
@@ -239,24 +200,26 @@ def walk_case(case: Case) -> Row:
     users = {role: case.users.get(role) for role in ("controller", "estimator")}
     judge = profiles.profile(case.profile)
     trial = walk_planned(planned, judge, disturbances=case.pushes, **users)
-    end, torque = trial.record.outcome, trial.comparison.costs["margins"]["torque"]
+    record, end = trial.record, trial.record.outcome
     if end.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
+    saturated = np.abs(record.torque) >= SATURATED * record.torque_limit
     metrics = {}
     for item in trial.verdict.judged:
         used = item.value / item.tolerance if item.tolerance else 2.0 * (item.value > 0.0)
         metrics[item.name] = {"label": item.label, "text": str(item), "used": min(used, _MOST_USED)}
-    shares = [item["used"] for item in metrics.values() if item["used"] == item["used"]]
+    shares = [item["used"] for item in metrics.values() if not math.isnan(item["used"])]
     excess = sum(max(share - 1.0, 0.0) for share in shares)
     if not end.completed:
         excess = _FALL * (2.0 - end.steps_completed / planned.plan.contacts.steps)
+    step, motor = np.unravel_index(saturated.argmax(), saturated.shape)
     return {
         "outcome": str(end.name),
         "cause": end.cause,
         "passed": trial.verdict.passed,
         "excess": excess,
-        "tightest": max(shares, default=0.0) if end.completed else None,
-        "strained": torque.where if torque.value >= SATURATED else "",
+        "tightest": max(shares, default=0.0),
+        "strained": record.joint_names[motor] if saturated[step, motor] else "",
         "metrics": metrics,
     }
 
@@ -276,23 +239,17 @@ def residuals_of(planned: PlannedWalk) -> dict[str, float]:
 
     Returns:
         ``plan``, see :func:`ampm.planner.newton.newton_residual`; ``motion``, the largest distance of COM and
-        soles of the planned posture from the plan, 0 of a posture that stays in place, whose joints are found
-        while walking.
+        soles of the planned posture from the plan, 0 of a posture that stays in place.
     """
     plan, robot = planned.plan, planned.body.robot
     times = np.linspace(0.0, min(plan.duration, 10.0), _SAMPLES, endpoint=False)
-    sample, q, off = plan.sample(times), plan.posture.sample(times).q, 0.0
-    if np.ptp(q[:, :2], axis=0).any():
-        feet = np.stack([foot.position for foot in plan.feet.sample(times)], axis=1)
+    q, off = plan.posture.sample(times).q, 0.0
+    if np.ptp(q[:, :2], axis=0).any():  # else joints are found while walking
+        wanted = [plan.sample(times).com, *(foot.position for foot in plan.feet.sample(times))]
         terms = [robot.jacobian(row) for row in q]
-        away = [[term.com, *term.sole] for term in terms] - np.concatenate(
-            [sample.com[:, None], feet], axis=1
-        )
+        away = np.array([[term.com, *term.sole] for term in terms]) - np.stack(wanted, axis=1)
         off = float(np.linalg.norm(away, axis=-1).max())
     return {"plan": newton_residual(plan, times).size, "motion": off}
-
-
-# ---------------------------------------------------------------------------------------------- the answer
 
 
 @dataclass(frozen=True)
@@ -324,27 +281,28 @@ class Explanation(Brief, Tabled):
         """Contents of ``explain.json``."""
         return dict(json_ready(vars(self)))
 
-    def table(self) -> Table:
-        """Every change, with the verdict and the failed metrics before and after."""
-        return explanation_table(self.as_dict())
-
     def tables(self) -> list[Table]:
-        """The one table."""
-        return [self.table()]
+        """The one table: every change, with its verdict and the failed metrics."""
+        return [explanation_table(self.as_dict())]
+
+
+_OFF = {
+    "plan": "The plan contradicts Newton's law by {:.3g} mm of its ZMP.",
+    "motion": "COM or soles of the planned posture are up to {:.3g} mm off the plan.",
+}
 
 
 def answer(trial: Row, changes: Sequence[Row], residuals: Mapping[str, float]) -> tuple[tuple[str, ...], str]:
     """The layers that are to blame, and the sentence that says so.
 
-    Of the changes that restore the pass the one counts with the least used share of its tightest limit. If
-    none does, it is a contradiction within the plan, and then the change that leaves the least excess.
+    Of the changes that restore the pass the one counts whose tightest limit is used least. If none does, it
+    is a contradiction within the plan, and then the change that leaves the least excess.
     """
     walked = [row for row in changes if "metrics" in row]
     best = min(
-        walked, key=lambda row: (not row["passed"], len(row["layers"]), row["excess"], row["tightest"] or 0.0)
+        walked, key=lambda row: (not row["passed"], len(row["layers"]), row["excess"], row["tightest"])
     )
     layers, text = tuple(best["layers"]), best["text"]
-    said = f"The {' and the '.join(layers)}: {text}"
     if trial["passed"]:
         before, after = trial["tightest"], best["tightest"]
         if not best["passed"] or after >= before:
@@ -354,22 +312,12 @@ def answer(trial: Row, changes: Sequence[Row], residuals: Mapping[str, float]) -
     off = {name: f" {_OFF[name].format(1e3 * size)}" for name, size in residuals.items() if size > RESIDUAL}
     notes, left = "".join(off.values()), best["excess"] / trial["excess"]
     if best["passed"]:
-        return layers, f"{said} it passes.{notes}"
+        return layers, f"The {' and the '.join(layers)}: {text} it passes.{notes}"
     if off:
         layer = "planner" if "plan" in off else "motion"
         return (layer,), f"The {layer}: no other layer restores the pass.{notes}"
-    if left <= MOST:
-        return layers, f"{said} {left:.0%} of the excess is left. Nothing restores the pass."
-    return (), f"Nothing restores the pass; {text} {left:.0%} of the excess is left."
-
-
-_OFF = {
-    "plan": "The plan contradicts Newton's law by {:.3g} mm of its ZMP.",
-    "motion": "COM or soles of the planned posture are up to {:.3g} mm off the plan.",
-}
-
-
-# ----------------------------------------------------------------------------------------------- the study
+    said = f"Nothing restores the pass; {text} {left:.0%} of the excess is left."
+    return (layers, f"The {layers[0]}. {said}") if left <= MOST else ((), said)
 
 
 def explain(
@@ -397,77 +345,57 @@ def explain(
     """
     folder = Path(run) if isinstance(run, str | Path) and Path(run).is_dir() else None
     target = study_folder(out, resume=False)
-    if folder is not None:
-        if settings or disturbances:
-            way_out = f"for changes give {folder / RUN_FILE} instead"
-            raise InputError(f"{folder} is repeated as it was walked; {way_out}.")
-        request, pushes, profile = _saved_trial(folder)
-    else:
+    if folder is None:
         request = load_request(str(run) if isinstance(run, Path) else run, settings)
-        pushes, profile = tuple(disturbances), ""
-    profile = profile or profiles.own_profile(request.name, request.run, pushed=bool(pushes)).name
-    planned = plan_walk(request, progress)
-    case, trial = _failing(Case(planned.request, profile, users_classes(request.run), pushes))
-    changes, found = list(_possible(case)), dict[tuple[Change, ...], Row]()
+        profile = profiles.own_profile(request.name, request.run, pushed=bool(disturbances)).name
+        given = Case(request, profile, {}, tuple(disturbances))
+    elif settings or disturbances:
+        raise InputError(
+            f"{folder} is repeated as it was walked; for changes give {folder / RUN_FILE} instead."
+        )
+    else:
+        given = _saved_case(folder)
+    planned = plan_walk(given.request, progress)
+    case = replace(given, request=planned.request, users=users_classes(planned.run))
+    trial = walk_case(case)
+    case = replace(case, strained=trial["strained"])
+    changes, found = list(possible(case)), dict[tuple[Change, ...], Row]()
     searches = [_search(case, trial, changes, change, found) for change in changes]
     label = f"{planned.name}: layers"
     for _ in walk_many(searches, target, workers=workers, label=label, unit="changes", progress=progress):
         pass
-    order = sorted(found, key=lambda both: (len(both), *map(changes.index, both)))
-    rows = [
+    rows = tuple(
         {"layers": [item.layer for item in both], "text": " and ".join(map(case.text, both)), **found[both]}
-        for both in order
-    ]
-    residuals = residuals_of(planned)
-    result = Explanation(
-        planned.request.title, *answer(trial, rows, residuals), trial, tuple(rows), residuals
+        for both in sorted(found, key=lambda both: (len(both), *map(changes.index, both)))
     )
+    residuals = residuals_of(planned)
+    result = Explanation(planned.request.title, *answer(trial, rows, residuals), trial, rows, residuals)
     for place in filter(None, (target, folder)):
         with output_file(place / EXPLANATION) as path:
             write_json(path, result.as_dict())
     return result
 
 
-def _saved_trial(folder: Path) -> tuple[Request, tuple[Disturbance, ...], str]:
-    """The trial of a run's folder, its recorded external forces, and the name of its profile."""
+def _saved_case(folder: Path) -> Case:
+    """The trial of a run's folder, with its recorded external forces, the run's own push among them."""
     saved = load_saved_run(folder)
+    request, record, made = load_request(str(folder / RUN_FILE)), saved.record, saved.summary.get("planner")
     if saved.is_log:
         raise InputError(f"{folder} is a log, which cannot be walked again; give the folder of a run.")
-    request, record, made = load_request(str(folder / RUN_FILE)), saved.record, saved.summary.get("planner")
     if request.run.gait.planner == "ampm" and made not in (
         None,
         "footsteps" if request.run.footsteps else "",
     ):
-        raise InputError(
-            f"{folder} does not hold its planner {made}, an object; name its class by gait.planner."
-        )
-    pushes = list[Disturbance]()
-    if record.external_segments:  # the run's own push is among them
-        force, moment = record.external_force, record.external_moment
-        pushes.append(Recorded(tuple(record.external_segments), force, moment, record.time_step))
-        unpushed = request.run.replace({f"disturbance.push_{axis}": 0.0 for axis in "xyz"})
-        request = replace(request, run=unpushed)
-    return request, tuple(pushes), str(saved.summary["profile"])
+        raise InputError(f"{folder} lacks its planner {made}, an object; name its class by gait.planner.")
+    if not record.external_segments:
+        return Case(request, saved.summary["profile"], {})
+    force, moment = record.external_force, record.external_moment
+    pushes = (Recorded(tuple(record.external_segments), force, moment, record.time_step),)
+    run = request.run.replace({f"disturbance.push_{axis}": 0.0 for axis in "xyz"})
+    return Case(replace(request, run=run), saved.summary["profile"], {}, pushes)
 
 
-def _failing(case: Case) -> tuple[Case, Row]:
-    """The case with :data:`STEPS` steps if it fails in them, else with all of its own, and its walk."""
-    steps = case.request.run.gait.steps
-    for count in sorted({min(STEPS, steps), steps}):
-        run = case.request.run.replace({"gait.steps": count})
-        some = replace(case, request=replace(case.request, run=run))
-        try:
-            trial = walk_case(some)
-        except InputError:  # a push or a raised footstep comes later
-            if count == steps:
-                raise
-            continue
-        if not trial["passed"]:
-            break
-    return replace(some, strained=trial["strained"]), trial
-
-
-def _possible(case: Case) -> Iterator[Change]:
+def possible(case: Case) -> Iterator[Change]:
     """The changes that change anything and fit the run."""
     for change in CHANGES:
         try:
@@ -492,7 +420,7 @@ def _search(
     found[(change,)] = yield task(change)
     if len(found) < len(changes) or trial["passed"] or any(row.get("passed") for row in found.values()):
         return
-    ranked = sorted(found, key=lambda both: found[both].get("excess", math.inf))
-    best = {both[0].layer: both[0] for both in reversed(ranked)}
-    for pair in combinations(list(reversed(best.values()))[:BEST], 2):
+    ranked = sorted(found, key=lambda both: -found[both].get("excess", math.inf))
+    best = {both[0].layer: both[0] for both in ranked}  # of each layer its best, the last
+    for pair in combinations(sorted(best.values(), key=lambda item: -ranked.index((item,)))[:BEST], 2):
         found[pair] = yield task(*pair)

@@ -166,9 +166,8 @@ class Recorded:
     def apply(self, time: float, plant: Plant) -> None:
         """Push as at this time then."""
         step = math.floor(time / self.time_step + _CLOCK)
-        if step < len(self.force):
-            for segment, force, moment in zip(self.segments, self.force[step], self.moment[step], strict=True):
-                plant.push(segment, force, moment)
+        for row, segment in enumerate(self.segments if step < len(self.force) else ()):
+            plant.push(segment, self.force[step, row], self.moment[step, row])
 
 
 def parse_push(text: str) -> Push:
