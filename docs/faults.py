@@ -144,7 +144,7 @@ def faults() -> list[Fault]:
             ["planner.options.fault=shifted_zmp", "planner.options.size=0.005"],
         ),
         Fault(
-            "feet too close", OWN, "planner", ["planner.options.fault=narrow", "planner.options.size=0.12"]
+            "feet too close", OWN, "planner", ["planner.options.fault=narrow", "planner.options.size=0.115"]
         ),
         Fault(
             "feet 20 ms late",

@@ -160,7 +160,7 @@ def validate(
     return max(statuses)
 
 
-def status_of(summary: dict[str, Any]) -> Status:
+def status_of(summary: Mapping[str, Any]) -> Status:
     """Exit status of one finished run."""
     if summary["outcome"] == "interrupted":
         return Status.INTERRUPTED

@@ -162,8 +162,10 @@ class Case:
         old = self.request.run
         values = {key: value for key, value in change.values(old).items() if old.value(key) != value}
         run = old.replace(values) if values else old
-        if change.layer == "planner" and values:  # feet and posture are found for the other plan
-            run = run.giving(run.given - {key for key in OPEN_KEYS if not key.startswith("gait.")})
+        if change.layer == "planner" and values:  # feet and posture are found for it, and of another gait all
+            same_gait = old.gait.planner != "ampm"
+            found = {key for key in OPEN_KEYS if not (same_gait and key.startswith("gait."))}
+            run = run.giving(run.given - found)
         return replace(
             self,
             request=replace(self.request, run=run),
@@ -197,19 +199,24 @@ def walk_case(case: Case) -> Row:
     planned = plan_walk(case.request, planner=case.users.get("planner"))
     if case.lifted:
         planned = replace(planned, body=_stronger(planned.body))
-    users = {role: case.users.get(role) for role in ("controller", "estimator")}
-    judge = profiles.profile(case.profile)
-    trial = walk_planned(planned, judge, disturbances=case.pushes, **users)
+    trial = walk_planned(
+        planned,
+        profiles.profile(case.profile),
+        controller=case.users.get("controller"),
+        estimator=case.users.get("estimator"),
+        disturbances=case.pushes,
+    )
     record, end = trial.record, trial.record.outcome
     if end.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
     saturated = np.abs(record.torque) >= SATURATED * record.torque_limit
-    metrics = {}
+    metrics, shares = dict[str, Values](), list[float]()
     for item in trial.verdict.judged:
         used = item.value / item.tolerance if item.tolerance else 2.0 * (item.value > 0.0)
-        metrics[item.name] = {"label": item.label, "text": str(item), "used": min(used, _MOST_USED)}
-    shares = [item["used"] for item in metrics.values() if not math.isnan(item["used"])]
-    excess = sum(max(share - 1.0, 0.0) for share in shares)
+        shares.append(min(used, _MOST_USED))
+        metrics[item.name] = {"label": item.label, "text": str(item), "used": shares[-1]}
+    shares = [share for share in shares if not math.isnan(share)]
+    excess = sum((max(share - 1.0, 0.0) for share in shares), 0.0)
     if not end.completed:
         excess = _FALL * (2.0 - end.steps_completed / planned.plan.contacts.steps)
     step, motor = np.unravel_index(saturated.argmax(), saturated.shape)
