@@ -13,6 +13,7 @@ from ampm.body.robot import Robot
 from ampm.parameters import RunParameters
 from ampm.planner.centroidal import PlanSample
 from ampm.planner.feet import FeetPlan, FootSample
+from ampm.planner.support import plan_steps
 from ampm.walk import ControlOutput, Reference, State, Touch, WalkPlan
 from validation.trial.plan import make_body
 
@@ -33,12 +34,17 @@ class OwnPlanner:
 
     def plan(self, run: RunParameters, robot: Robot) -> WalkPlan:
         """Plan a walk."""
-        if self.fault == "narrow":
-            run = run.replace({"gait.step_width": self.size})
         if self.file:
             robot = make_body(run.replace({"body.source": self.file})).robot
         plan = ampm.PeriodicPlanner().plan(run, robot)
-        return getattr(self, self.fault)(plan, run) if self.fault not in ("", "narrow") else plan
+        return getattr(self, self.fault)(plan, run) if self.fault else plan
+
+    def narrow(self, plan: WalkPlan, run: RunParameters) -> WalkPlan:
+        """Feet, COM and ZMP of narrow steps, and the joints of the gait's own."""
+        gait = run.replace({"gait.step_width": self.size}).gait
+        steps = plan_steps(gait, plan.mass, run.foot, plan.feet.sole)
+        offset = plan.constants.angular_momentum_y_offset
+        return WalkPlan.of(steps.with_angular_momentum_offset(offset), posture=plan.posture)
 
     def late(self, plan: WalkPlan, run: RunParameters) -> WalkPlan:
         """COM, ZMP, force and momentum later than feet and contacts."""

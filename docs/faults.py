@@ -143,9 +143,7 @@ def faults() -> list[Fault]:
             "planner",
             ["planner.options.fault=shifted_zmp", "planner.options.size=0.005"],
         ),
-        Fault(
-            "feet too close", OWN, "planner", ["planner.options.fault=narrow", "planner.options.size=0.115"]
-        ),
+        Fault("feet too close", OWN, "planner", ["planner.options.fault=narrow", "planner.options.size=0.1"]),
         Fault(
             "feet 20 ms late",
             OWN,

@@ -68,6 +68,12 @@ def test_the_change_that_leaves_most_of_the_limits_is_named():
     assert answer(FAILED, changes, AGREES) == (("sensing",), "The sensing: with sensing it passes.")
 
 
+def test_a_layer_made_ideal_comes_before_one_that_is_replaced():
+    changes = [row("planner", passed=True, tightest=0.2), row("motors", passed=True, tightest=0.6)]
+    assert answer(FAILED, changes, AGREES)[0] == ("motors",)
+    assert answer(FAILED, [], AGREES) == ((), "No change could be walked.")
+
+
 def test_a_pair_is_named_if_no_single_change_restores_the_pass():
     changes = [row("motors", excess=1.9, tightest=2.9), row("body sensing", passed=True)]
     assert answer(FAILED, changes, AGREES)[0] == ("body", "sensing")

@@ -49,6 +49,8 @@ MOST = 0.5
 """Share of the excess that a change leaves at most to be named, if nothing restores the pass [1]."""
 BEST = 3
 """Number of layers of which pairs are walked."""
+REPLACED = frozenset({"contact law", "controller", "planner"})
+"""Layers of which another one is tried; the others are made ideal."""
 RESIDUAL = 1e-3
 """Contradiction within a plan, or of plan and posture, from which it is told [m]."""
 _FALL, _MOST_USED = 1e4, 100.0  # excess of a fall; most that a limit counts as used [1]
@@ -302,20 +304,22 @@ _OFF = {
 def answer(trial: Row, changes: Sequence[Row], residuals: Mapping[str, float]) -> tuple[tuple[str, ...], str]:
     """The layers that are to blame, and the sentence that says so.
 
-    Of the changes that restore the pass the one counts whose tightest limit is used least. If none does, it
-    is a contradiction within the plan, and then the change that leaves the least excess.
+    Of the changes that restore the pass the one counts whose tightest limit is used least; a layer made ideal
+    before one in whose place another came. If none does, it is a contradiction within the plan, and then the
+    change that leaves the least excess.
     """
     walked = [row for row in changes if "metrics" in row]
-    best = min(
-        walked, key=lambda row: (not row["passed"], len(row["layers"]), row["excess"], row["tightest"])
-    )
-    layers, text = tuple(best["layers"]), best["text"]
+    if not walked:
+        return (), "No change could be walked."
     if trial["passed"]:
+        best = min(walked, key=lambda row: (not row["passed"], row["tightest"]))
         before, after = trial["tightest"], best["tightest"]
         if not best["passed"] or after >= before:
             return (), "It passes, and no layer costs margin."
         shares = f"{after:.0%} of the tightest limit is used instead of {before:.0%}"
-        return (), f"It passes. The {layers[0]} costs most of the margin: {text} {shares}."
+        return (), f"It passes. The {best['layers'][0]} costs most of the margin: {best['text']} {shares}."
+    best = min(walked, key=_rank)
+    layers, text = tuple(best["layers"]), best["text"]
     off = {name: f" {_OFF[name].format(1e3 * size)}" for name, size in residuals.items() if size > RESIDUAL}
     notes, left = "".join(off.values()), best["excess"] / trial["excess"]
     if best["passed"]:
@@ -325,6 +329,12 @@ def answer(trial: Row, changes: Sequence[Row], residuals: Mapping[str, float]) -
         return (layer,), f"The {layer}: no other layer restores the pass.{notes}"
     said = f"Nothing restores the pass; {text} {left:.0%} of the excess is left."
     return (layers, f"The {layers[0]}. {said}") if left <= MOST else ((), said)
+
+
+def _rank(row: Row) -> tuple[float, ...]:
+    """Of a walk that completed or not, the best first."""
+    replaced = row["passed"] and not REPLACED.isdisjoint(row["layers"])
+    return not row["passed"], len(row["layers"]), replaced, row["excess"], row["tightest"]
 
 
 def explain(
