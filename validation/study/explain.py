@@ -144,7 +144,7 @@ class Case:
         profile: name of the tolerances.
         users: classes of a user, see :func:`validation.study.walk_options.users_classes`.
         pushes: forces on the body beside those of the run.
-        strained: motor that first reaches its limit; empty if none does.
+        strained: motor that reaches its limit; empty if none does.
         lifted: whether there are no limits.
     """
 
@@ -194,7 +194,7 @@ def walk_case(case: Case) -> Row:
     """Walk a case, on a worker.
 
     Returns:
-        ``outcome``, ``cause``, ``passed``, ``excess``; ``strained``, the motor that first reached its limit;
+        ``outcome``, ``cause``, ``passed``, ``excess``; ``motor``, the hardest used; ``strained``: to its limit;
         ``tightest``, the largest used share of a limit; ``metrics``: of every judged one the ``label``, the
         ``text`` of its value, and ``used``, its share of the limit, 2 of an exceeded limit of zero.
     """
@@ -208,10 +208,9 @@ def walk_case(case: Case) -> Row:
         estimator=case.users.get("estimator"),
         disturbances=case.pushes,
     )
-    record, end = trial.record, trial.record.outcome
+    end, torque = trial.record.outcome, trial.comparison.costs["margins"]["torque"]
     if end.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
-    saturated = np.abs(record.torque) >= SATURATED * record.torque_limit
     metrics, shares = dict[str, Values](), list[float]()
     for item in trial.verdict.judged:
         used = item.value / item.tolerance if item.tolerance else 2.0 * (item.value > 0.0)
@@ -221,16 +220,21 @@ def walk_case(case: Case) -> Row:
     excess = sum((max(share - 1.0, 0.0) for share in shares), 0.0)
     if not end.completed:
         excess = _FALL * (2.0 - end.steps_completed / planned.plan.contacts.steps)
-    step, motor = np.unravel_index(saturated.argmax(), saturated.shape)
     return {
         "outcome": str(end.name),
         "cause": end.cause,
         "passed": trial.verdict.passed,
         "excess": excess,
         "tightest": max(shares, default=0.0),
-        "strained": record.joint_names[motor] if saturated[step, motor] else "",
+        "motor": torque.where,
+        "strained": torque.value >= SATURATED,
         "metrics": metrics,
     }
+
+
+def row_of(case: Case, both: Sequence[Change], row: Row) -> Row:
+    """The row of a walk with the changes of a case."""
+    return {"layers": [item.layer for item in both], "text": " and ".join(map(case.text, both)), **row}
 
 
 def _stronger(body: Body) -> Body:
@@ -375,14 +379,15 @@ def explain(
     planned = plan_walk(given.request, progress)
     case = replace(given, request=planned.request, users=users_classes(planned.run))
     trial = walk_case(case)
-    case = replace(case, strained=trial["strained"])
+    case = replace(case, strained=trial["motor"] if trial["strained"] else "")
     changes, found = list(possible(case)), dict[tuple[Change, ...], Row]()
     searches = [_search(case, trial, changes, change, found) for change in changes]
     label = f"{planned.name}: layers"
     for _ in walk_many(searches, target, workers=workers, label=label, unit="changes", progress=progress):
         pass
     rows = tuple(
-        {"layers": [item.layer for item in both], "text": " and ".join(map(case.text, both)), **found[both]}
+        # Without limits the motor shows that needs more than its own.
+        row_of(replace(case, strained=found[both].get("motor", case.strained)), both, found[both])
         for both in sorted(found, key=lambda both: (len(both), *map(changes.index, both)))
     )
     residuals = residuals_of(planned)
