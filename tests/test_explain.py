@@ -132,17 +132,23 @@ def pushed(tmp_path_factory) -> Path:
 
 
 @pytest.mark.slow
-def test_the_folder_of_a_run_gets_the_explanation(pushed):
+def test_recorded_pushes_act_again(pushed):
     found = val.explain(pushed, workers=0)
     assert found.trial["outcome"] == "fell"
     assert found.named == ("pushes",)
-    assert val.load(pushed).record.outcome.name == "fell"  # its digests still hold
-    page = val.report(pushed).read_text(encoding="utf-8")
-    assert found.sentence in page
-    (pushed / EXPLANATION).write_text("{}", encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_the_folder_of_a_run_gets_the_explanation(tmp_path):
+    run = planner.load_run("normal", [*QUICK, "sensors.delay=0.002"])
+    folder = val.walk(run).save(tmp_path / "late", recording=False)
+    found = val.explain(folder, workers=0)
+    assert found.named == ("sensing",)
+    assert val.load(folder).sentence  # its digests still hold
+    assert found.sentence in val.report(folder).read_text(encoding="utf-8")
+    (folder / EXPLANATION).write_text("{}", encoding="utf-8")
     with pytest.raises(InputError, match="is damaged"):
-        read_explanation(pushed / EXPLANATION)
-    (pushed / EXPLANATION).unlink()
+        read_explanation(folder / EXPLANATION)
 
 
 def test_a_run_is_repeated_as_it_was(pushed):
@@ -150,4 +156,4 @@ def test_a_run_is_repeated_as_it_was(pushed):
         val.explain(pushed, ["gait.steps=3"])
     with pytest.raises(InputError, match="exists and is not empty"):
         val.explain("normal", out=pushed)
-    assert read_explanation(pushed / EXPLANATION) is None
+    assert read_explanation(pushed / "nothing.json") is None

@@ -194,7 +194,7 @@ def walk_case(case: Case) -> Row:
     """Walk a case, on a worker.
 
     Returns:
-        ``outcome``, ``cause``, ``passed``, ``excess``; ``motor``, the hardest used; ``strained``: to its limit;
+        ``outcome``, ``cause``, ``passed``, ``excess``; ``motor``, the hardest used; ``strained``, if it was;
         ``tightest``, the largest used share of a limit; ``metrics``: of every judged one the ``label``, the
         ``text`` of its value, and ``used``, its share of the limit, 2 of an exceeded limit of zero.
     """
