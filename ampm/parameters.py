@@ -171,6 +171,7 @@ class DisturbanceParameters(Section, section="disturbance"):
     )
     mass_change: Real = parameter(0.0, "relative change of their mass and inertia", ge=-0.9, le=10)
     joint_damping: Real = parameter(0.0, "further damping of every joint", "N m s/rad", ge=0, le=1e3)
+    joint_friction: Real = parameter(0.0, "further dry friction of every joint", "N m", ge=0, le=1e3)
     actuation_delay: Real = parameter(
         0.0, "delay of the torques, in whole ticks of the controller", "s", ge=0, le=0.2
     )

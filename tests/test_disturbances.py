@@ -269,6 +269,7 @@ def test_all_disturbances_together_replay_to_the_bit_from_their_folder(tmp_path)
         "softness_factor": 1.5,
         "mass_change": 0.02,
         "joint_damping": 0.1,
+        "joint_friction": 0.1,
         "actuation_delay": 0.002,
         "torque_bias": 0.2,
         "seed": 7,

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from validation.show.report import write_report as report
     from validation.show.viewer import show_recording as view
     from validation.store.saved import load_saved_run as load
+    from validation.study.explain import explain as explain
     from validation.study.robustness.study import robustness as robustness
     from validation.study.sweep.run import sweep as sweep
     from validation.study.tour import tour as tour
@@ -41,6 +42,7 @@ _HOMES = {
     "Push": "trial.disturbances.Push",
     "Statistics": "judge.compare.Statistics",
     "Trial": "run.trial.Trial",
+    "explain": "study.explain.explain",
     "judge_log": "run.judge_log.judge_log",
     "judge_run": "run.judge_log.judge_run",
     "load": "store.saved.load_saved_run",
@@ -65,6 +67,7 @@ __all__ = [
     "Push",
     "Statistics",
     "Trial",
+    "explain",
     "judge_log",
     "judge_run",
     "load",

@@ -151,17 +151,17 @@ def is_heading(row: Sequence[str]) -> bool:
     return len(row) > 1 and bool(row[0]) and not any(row[1:])
 
 
-def format_number(value: float | None, digits: int = 4) -> str:
-    """A number for a table: significant digits, or a dash where there is none."""
-    if value is None or math.isnan(value):
+def format_number(value: float | str | None, digits: int = 4) -> str:
+    """A number for a table, infinity maybe as a word: significant digits, or a dash where there is none."""
+    if value is None or math.isnan(value := float(value)):
         return ABSENT
-    text = f"{value:.{digits}g}"
+    text = "∞" if math.isinf(value) else f"{value:.{digits}g}"
     return f"{value:.0f}" if "e+0" in text else text
 
 
-def format_share(value: float | None, limit: float | None) -> str:
+def format_share(value: float | str | None, limit: float | None) -> str:
     """How much of a limit a value uses, for a column :data:`USED`; empty where there is none."""
-    if value is None or math.isnan(value) or not limit:
+    if value is None or math.isnan(value := float(value)) or not limit:
         return ""
     share = value / limit
     return f"{100.0 * share:.0f} %" if share < 100.0 else "> 10000 %"

@@ -1,4 +1,4 @@
-"""``ampm robustness`` and ``ampm tour``: what a gait survives with its body and controller.
+"""``ampm robustness``, ``tour`` and ``explain``: what a gait survives, and why a trial fails.
 
 Commands import what they run: simulator, Pinocchio and NumPy take long to load.
 """
@@ -16,6 +16,7 @@ from validation.cli.options import (
     Gait,
     Json,
     OwnProfile,
+    PlannerName,
     Resume,
     Scheduler,
     Settings,
@@ -25,6 +26,7 @@ from validation.cli.options import (
     option,
     with_short,
 )
+from validation.show.text import print_line
 from validation.table import print_tables
 
 app = typer.Typer()
@@ -130,3 +132,41 @@ def tour(
     answer(found, Tours.as_dict, lambda found: print_tables([found.table()]), as_json=as_json)
     Narrator().wrote(out)
     return Status.CRASH if found.crashes else Status.PASS
+
+
+@app.command(
+    epilog="Exit status: 0 explained, 2 bad input or refused, 5 stopped from outside, 130 interrupted."
+)
+def explain(
+    run: Annotated[
+        str | None, typer.Argument(help="Gait, or the folder of a run.", metavar="GAIT|RUN")
+    ] = None,
+    settings: Settings = None,
+    body: Body = None,
+    controller: Controller = None,
+    planner: PlannerName = None,
+    workers: Workers = None,
+    out: Annotated[Path | None, option("--out", "Write explain.json and every walk.", "DIR")] = None,
+    as_json: Json = False,
+) -> int:
+    """Say which part of a trial makes it fail, or costs most of its margin.
+
+    The trial is walked again with one layer made ideal at a time: sensing, motors, body, friction, floor,
+    contact law, numerics, controller, planner, pushes. What is ideal already is not walked. If no single
+    layer restores the pass, pairs of the best three are. The folder of a run gets explain.json, which 'ampm
+    report' shows.
+    """
+    from validation.study.explain import Explanation
+    from validation.study.explain import explain as study
+
+    found = study(
+        run,
+        with_short(settings, body=body, controller=controller, planner=planner),
+        workers=workers,
+        out=out,
+        progress=Narrator(),
+    )
+    answer(found, Explanation.as_dict, lambda found: print_tables(found.tables()), as_json=as_json)
+    if not as_json:
+        print_line(found.sentence)
+    return Status.PASS

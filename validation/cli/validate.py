@@ -160,7 +160,7 @@ def validate(
     return max(statuses)
 
 
-def status_of(summary: dict[str, Any]) -> Status:
+def status_of(summary: Mapping[str, Any]) -> Status:
     """Exit status of one finished run."""
     if summary["outcome"] == "interrupted":
         return Status.INTERRUPTED
@@ -227,7 +227,9 @@ def print_result(summary: Mapping[str, Any], folder: Path) -> None:
     from validation.store.metric_table import metric_table, summary_title
 
     print_tables([metric_table(summary), cost_table(summary)])
-    print_verdict(summary_title(summary), summary["verdict"], summary["reason"])
+    failed = status_of(summary) in (Status.OUT_OF_TOLERANCE, Status.NOT_COMPLETED) and "log" not in summary
+    why = f" ampm explain {folder} says why." if failed else ""
+    print_verdict(summary_title(summary), summary["verdict"], f"{summary['reason']}{why}")
     for file, what in (("recording.rrd", f"ampm view {folder}"), ("report.html", "open in a browser")):
         if (folder / file).is_file():
             print_line(f"  {folder / file}  ({what})")

@@ -14,12 +14,13 @@ from ampm.run_file import dump_run
 from validation.judge.compare import PARTS, SIGNALS
 from validation.judge.metrics import display_unit
 from validation.show.cost_table import cost_table, reported_table
+from validation.show.explanation import read_explanation
 from validation.show.page import render_page
 from validation.show.run_figures import RunFigures
 from validation.show.style import style
 from validation.store.folders import output_file
 from validation.store.json import dump_json
-from validation.store.saved import REPORT_FILE, SavedRun, load_saved_run, run_events
+from validation.store.saved import EXPLANATION, REPORT_FILE, SavedRun, load_saved_run, run_events
 from validation.table import Table, format_number, short_unit
 from validation.trial.outcome import OutcomeName
 
@@ -80,6 +81,7 @@ def render(saved: SavedRun) -> str:
         disturbed=_disturbed(saved),
         from_rest=saved.from_rest,
         facts=_facts(saved, plan),
+        explanation=read_explanation(saved.directory / EXPLANATION),
         agreement=saved.table(),
         cost=cost_table(summary),
         limits=_limits(summary),

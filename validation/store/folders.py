@@ -32,6 +32,7 @@ RUN_FILES = frozenset(
         "external.parquet",
         "recording.rrd",
         "report.html",
+        "explain.json",
     }
 )
 """All files that a run folder may hold; a folder with other files is never replaced."""

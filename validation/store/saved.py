@@ -38,6 +38,7 @@ ENVIRONMENT_FILE = "environment.json"
 SUMMARY_FILE = "summary.json"
 RECORDING_FILE = "recording.rrd"
 REPORT_FILE = "report.html"
+EXPLANATION = "explain.json"
 _NEEDED = (RUN_FILE, MODEL_FILE, BODY_FILE, SIGNALS_FILE, SUMMARY_FILE)
 
 
@@ -196,7 +197,7 @@ def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
     """
     rest = {name: value for name, value in summary.items() if name != "files"}
     found = {SUMMARY_FILE: hashlib.sha256(dump_json(rest).encode()).hexdigest()}
-    for name in sorted(RUN_FILES - {SUMMARY_FILE, RECORDING_FILE, REPORT_FILE}):
+    for name in sorted(RUN_FILES - {SUMMARY_FILE, RECORDING_FILE, REPORT_FILE, EXPLANATION}):
         path = directory / name
         if path.is_file():
             with path.open("rb") as file:

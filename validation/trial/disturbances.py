@@ -147,6 +147,29 @@ class Push:
             plant.push(self.segment, self.force)
 
 
+@dataclass(frozen=True)
+class Recorded:
+    """The forces of an earlier walk again, at the same times.
+
+    Attributes:
+        segments: that were pushed, S names.
+        force: in every step, in world, shape (N, S, 3) [N].
+        moment: likewise, shape (N, S, 3) [N m].
+        time_step: of that walk [s].
+    """
+
+    segments: tuple[str, ...]
+    force: Array
+    moment: Array
+    time_step: float
+
+    def apply(self, time: float, plant: Plant) -> None:
+        """Push as at this time then."""
+        step = math.floor(time / self.time_step + _CLOCK)
+        for row, segment in enumerate(self.segments if step < len(self.force) else ()):
+            plant.push(segment, self.force[step, row], self.moment[step, row])
+
+
 def parse_push(text: str) -> Push:
     """A push from ``SEGMENT,FX,FY,FZ,AT,DURATION``.
 

@@ -62,9 +62,9 @@ def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> 
         _scale(contact, "friction", wanted.friction_factor)
         _scale(contact, "solref", wanted.softness_factor)
     _change_masses(root, body, wanted)
-    if wanted.joint_damping:
-        for joint in root.findall(".//worldbody//joint"):
-            joint.set("damping", repr(float(joint.get("damping", 0.0)) + wanted.joint_damping))
+    for key, more in (("damping", wanted.joint_damping), ("frictionloss", wanted.joint_friction)):
+        for joint in root.findall(".//worldbody//joint") if more else ():
+            joint.set(key, repr(float(joint.get(key, 0.0)) + more))
     _change_floor(root, body, wanted, contacts)
     return replace(body, xml=ElementTree.tostring(root, encoding="unicode"))
 

@@ -95,6 +95,7 @@ _LADDERS: tuple[tuple[str, str, tuple[float, ...]], ...] = (
     ("delay of sensors", "sensors.delay", (0.002, 0.004, 0.008, 0.012, 0.016)),
     ("delay of torques", "disturbance.actuation_delay", (0.002, 0.004, 0.008, 0.012)),
     ("joint damping", "disturbance.joint_damping", (0.25, 0.5, 1.0, 2.0, 4.0)),
+    ("dry friction of joints", "disturbance.joint_friction", (0.25, 0.5, 1.0, 2.0, 4.0)),
     ("noise of joint angles", "sensors.angle_noise", (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)),
     ("noise of joint rates", "sensors.rate_noise", (0.01, 0.025, 0.05, 0.1, 0.2)),
     ("bias of torques", "disturbance.torque_bias", (0.25, 0.5, 1.0, 2.0, 4.0)),

@@ -1,0 +1,236 @@
+"""Seed faults in healthy walks and explain each; rewrite the table of docs/explain.md and data/faults.csv.
+
+    python docs/faults.py [page]
+
+Half an hour of two cores. With ``page`` only the table is made again, from the data. Needs the extra
+``robots``; with ``drake`` that engine is tried, too.
+"""
+
+import json
+import re
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from trials import write_rows
+
+import validation as val
+from ampm.run_file import dump_run
+from models.source import FOLDER, body_path, read_body_file, source_path
+from validation.cli.console import Narrator
+from validation.show.text import replace_between
+from validation.table import Table
+from validation.trial.plan import complete, load_request
+
+PAGE = Path(__file__).with_name("explain.md")
+KEPT = PAGE.parents[1] / "build" / "faults"
+HUMAN, G1, OWN = "human", "G1", "own planner and controller"
+OWN_PARTS = ("gait.planner='fault_parts:OwnPlanner'", "controller.name='fault_parts:OwnController'")
+
+
+WALK = ("simulation.time_step=1e-3", "gait.steps=8")
+"""Of all walks."""
+WEAK = '[body.effort]\n".*_knee_joint" = 40.0'
+
+
+class Fault(NamedTuple):
+    """One fault.
+
+    Attributes:
+        name: in words.
+        walk: healthy walk that gets it.
+        layer: that is to be named; several where the fault is of both.
+        settings: ``key=value`` texts.
+    """
+
+    name: str
+    walk: str
+    layer: str
+    settings: Sequence[str]
+
+
+def gait(walk: str) -> str:
+    """Gait of a healthy walk; that of the G1 is found once, so that no fault changes it."""
+    if walk != G1:
+        return "normal"
+    path = KEPT / "g1.toml"
+    if not path.is_file():
+        KEPT.mkdir(parents=True, exist_ok=True)
+        path.write_text(dump_run(complete(load_request(None, body="g1")).run), encoding="utf-8")
+    return str(path)
+
+
+def body(name: str, more: str = "", source: str = "") -> Path:
+    """Description of a body like the G1 with further lines, or another source."""
+    KEPT.mkdir(parents=True, exist_ok=True)
+    lines = body_path("g1").read_text(encoding="utf-8")
+    if source:
+        lines = re.sub('source = ".*"', f'source = "{source}"', lines)
+    path = KEPT / f"{name}.toml"
+    path.write_text(f"{lines}\n{more}", encoding="utf-8")
+    return path
+
+
+def short_legs(metres: float) -> list[str]:
+    """A planner and a controller that read another description, of a G1 with shorter shanks."""
+    known = source_path(read_body_file(body_path("g1")).source, FOLDER)
+    text = known.read_text(encoding="utf-8").replace("-0.30001", f"{metres - 0.30001:.5f}")
+    (KEPT / "short-legs.urdf").write_text(
+        text.replace("meshes/", f"{known.parents[1]}/meshes/"), encoding="utf-8"
+    )
+    file = body("short-legs", source="short-legs.urdf")
+    return [*OWN_PARTS, f"planner.options.file='{file}'", f"controller.options.file='{file}'"]
+
+
+def faults() -> list[Fault]:
+    """All faults; every other one, from the first on, was seen while constants were chosen."""
+    return [
+        Fault("sensing 2 ms late", HUMAN, "sensing", ["sensors.delay=0.002"]),
+        Fault("noisy joint rates", G1, "sensing", ["sensors.rate_noise=0.02"]),
+        Fault("encoder offset of 5 mrad", HUMAN, "sensing", ["sensors.angle_bias=0.005"]),
+        Fault("weak knees", G1, "motors", [f"body.source='{body('weak-knees', WEAK)}'"]),
+        Fault("wrong mass", HUMAN, "body", ["disturbance.mass_change=0.03"]),
+        Fault(
+            "wrong centre of mass",
+            G1,
+            "body",
+            ["disturbance.mass_segment=torso_link", "disturbance.mass_change=0.2"],
+        ),
+        Fault("dry friction in the joints", HUMAN, "body", ["disturbance.joint_friction=2.0"]),
+        Fault("slippery floor", G1, "friction", ["disturbance.friction_factor=0.1"]),
+        Fault("slope", HUMAN, "floor", ["disturbance.slope_along=0.02"]),
+        Fault("soft floor", OWN, "floor", ["disturbance.softness_factor=4"]),
+        Fault("stone", G1, "floor", ["disturbance.step_height=0.01", "disturbance.step_number=5"]),
+        Fault(
+            "two joints swapped",
+            OWN,
+            "controller",
+            [
+                "controller.options.fault=swapped",
+                "controller.options.joints='left_ankle_pitch,left_ankle_roll'",
+            ],
+        ),
+        Fault(
+            "wrong sign of a joint",
+            OWN,
+            "controller",
+            ["controller.options.fault=sign", "controller.options.joints=left_ankle_roll"],
+        ),
+        Fault(
+            "gains too low",
+            OWN,
+            "controller",
+            ["controller.options.fault=soft", "controller.options.share=0.1"],
+        ),
+        Fault("late plan", OWN, "planner", ["planner.options.fault=late", "planner.options.size=0.02"]),
+        Fault(
+            "plan of another height",
+            OWN,
+            "planner",
+            ["planner.options.fault=other_height", "planner.options.size=0.1"],
+        ),
+        Fault(
+            "plan of another mass",
+            OWN,
+            "planner",
+            ["planner.options.fault=other_mass", "planner.options.size=0.05"],
+        ),
+        Fault(
+            "ZMP 5 mm ahead",
+            OWN,
+            "planner",
+            ["planner.options.fault=shifted_zmp", "planner.options.size=0.005"],
+        ),
+        Fault("feet too close", OWN, "planner", ["planner.options.fault=narrow", "planner.options.size=0.1"]),
+        Fault(
+            "feet 20 ms late",
+            OWN,
+            "planner",
+            ["planner.options.fault=late_feet", "planner.options.size=0.02"],
+        ),
+        Fault(
+            "time step of 5 ms", G1, "numerics", ["simulation.time_step=0.005", "controller.frequency=200"]
+        ),
+        Fault("push", G1, "pushes", ["disturbance.push_y=60", "disturbance.push_at=1.5"]),
+        Fault("short legs in the description", G1, "controller", short_legs(0.01)),
+        Fault("torque bias", HUMAN, "motors", ["disturbance.torque_bias=0.5"]),
+    ]
+
+
+HEALTHY = tuple(Fault("none", walk, "", ()) for walk in (HUMAN, G1, OWN))
+COLUMNS = (
+    "number",
+    "fault",
+    "walk",
+    "half",
+    "settings",
+    "seeded",
+    "named",
+    "right",
+    "sentence",
+    "walks",
+    "seconds",
+)
+
+
+def main() -> None:
+    """Explain what is missing, write the data, and from the data the table of the page."""
+    cases = [*faults(), *HEALTHY]
+    wanted = [int(text) for text in sys.argv[1:] if text.isdigit()] or range(len(cases))
+    for number in wanted if "page" not in sys.argv[1:] else ():
+        explained(number, cases[number])
+    if len(wanted) == len(cases):
+        rows = [row(number, fault) for number, fault in enumerate(cases)]
+        write_rows("faults", [COLUMNS, *rows])
+        table = Table("", ("", "fault", "walk", "seeded in", "named"), [shown(row) for row in rows])
+        page = replace_between(PAGE.read_text(encoding="utf-8"), "faults", table.markdown())
+        PAGE.write_text(page, encoding="utf-8")
+
+
+def explained(number: int, fault: Fault) -> None:
+    """Explain a fault and keep the explanation."""
+    start = time.monotonic()
+    own = OWN_PARTS if fault.walk == OWN else ()
+    found = val.explain(gait(fault.walk), [*WALK, *own, *fault.settings], workers=0, progress=Narrator())
+    kept = {**found.as_dict(), "seconds": time.monotonic() - start}
+    (KEPT / f"{number}.json").write_text(json.dumps(kept), encoding="utf-8")
+    print(number, fault.name, fault.layer, found.named, found.sentence, kept["seconds"], flush=True)  # noqa: T201
+
+
+def row(number: int, fault: Fault) -> tuple[str, ...]:
+    """Row of the data for a fault."""
+    found = json.loads((KEPT / f"{number}.json").read_text(encoding="utf-8"))
+    right = found["named"][:1] == [fault.layer] if fault.layer else not found["named"]
+    half = "" if not fault.layer else "shown" if number % 2 else "seen"
+    return (
+        str(number + 1),
+        fault.name,
+        fault.walk,
+        half,
+        "; ".join(fault.settings).replace(f"{KEPT}/", ""),
+        fault.layer,
+        " and ".join(found["named"]),
+        "yes" if right else "no",
+        found["said"].replace(f"{KEPT}/", ""),
+        str(1 + sum("metrics" in change for change in found["changes"])),
+        f"{found['seconds']:.0f}",
+    )
+
+
+def shown(row: Sequence[str]) -> tuple[str, ...]:
+    """Row of the page; what is named wrongly is bold."""
+    cells = dict(zip(COLUMNS, row, strict=True))
+    named = cells["named"] or "nobody"
+    return (
+        cells["number"] if cells["seeded"] else "",
+        f"{cells['fault']}{'' if cells['half'] != 'seen' else ' *'}",
+        cells["walk"],
+        cells["seeded"] or "nothing",
+        named if cells["right"] == "yes" else f"**{named}**",
+    )
+
+
+if __name__ == "__main__":
+    main()

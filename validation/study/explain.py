@@ -1,0 +1,448 @@
+"""Why a trial fails: it is repeated with one layer made ideal at a time.
+
+A layer is a part of the trial: sensors, motors, floor, planner and so on. ``layers.csv`` has a row for every
+change that is tried; a layer that is ideal already is not walked. The *excess* of a walk is the sum of what
+its metrics exceed their limits by, as shares of the limits; that of a fall is larger, and the larger the
+earlier it falls.
+"""
+
+import csv
+import math
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from importlib.resources import files
+from importlib.util import find_spec
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ampm.brief import Brief
+from ampm.exceptions import InputError
+from ampm.parameters import HUMAN, OPEN_KEYS, OPTION_TABLES, RunParameters, keys
+from ampm.planner.newton import newton_residual
+from ampm.presets import PRESETS
+from ampm.run_file import load_run
+from validation.judge import profiles
+from validation.judge.margins import SATURATED
+from validation.progress import Progress
+from validation.run.walk import walk_planned
+from validation.show.explanation import explanation_table
+from validation.store.folders import output_file
+from validation.store.json import json_ready, write_json
+from validation.store.saved import EXPLANATION, RUN_FILE, load_saved_run
+from validation.study.many import Search, Task, study_folder, walk_many
+from validation.study.row_file import Row
+from validation.study.walk_options import users_classes
+from validation.table import Table, Tabled
+from validation.trial.disturbances import Disturbance, Recorded
+from validation.trial.outcome import OutcomeName
+from validation.trial.plan import Body, PlannedWalk, Request, load_request, plan_walk
+from validation.trial.shapes import make_robot
+
+TIGHTER, STRONGER = 2.0, 10.0
+"""COM stiffness of a tighter controller, and torque limits of ideal motors, over those of the trial [1]."""
+MOST = 0.5
+"""Share of the excess that a change leaves at most to be named, if nothing restores the pass [1]."""
+BEST = 3
+"""Number of layers of which pairs are walked."""
+REPLACED = frozenset({"contact law", "controller", "planner"})
+"""Layers of which another one is tried; the others are made ideal."""
+RESIDUAL = 1e-3
+"""Contradiction within a plan, or of plan and posture, from which it is told [m]."""
+_FALL, _MOST_USED = 1e4, 100.0  # excess of a fall; most that a limit counts as used [1]
+_SAMPLES, _SHOWN = 500, 3  # instants of a plan that are checked; keys of a change that are named
+
+Values = Mapping[str, Any]
+
+
+def other_controller(run: RunParameters) -> Values:
+    """Keys of the project's controller with its settings for the body; from these on, of a tighter one."""
+    usual = load_request(None, body=run.body.source).run
+    values = {key: usual.value(key) for key in keys() if key.startswith("controller.")}
+    values |= {"controller.frequency": run.controller.frequency, "controller.options": {}}
+    if any(run.value(key) != value for key, value in values.items()):
+        return values
+    factors = {"controller.com_stiffness": TIGHTER, "controller.com_damping": math.sqrt(TIGHTER)}
+    return {key: factor * run.value(key) for key, factor in factors.items()}
+
+
+def other_plan(run: RunParameters) -> Values:
+    """Keys of the AMPM for another planner; for the AMPM's gait, of the nearest preset or the body's own."""
+    other = {"gait.planner": "ampm", "planner.options": {}}
+    if run.gait.planner != "ampm" or run.footsteps:
+        return other
+    shape = ("gait.step_length", "gait.switching_velocity", "gait.c_s", "gait.c_y")
+
+    def distance(gait: RunParameters) -> float:
+        return math.dist([run.value(key) for key in shape], [gait.value(key) for key in shape])
+
+    gaits = [load_run(name) for name in PRESETS if name != "ipm"]
+    if run.body.source != HUMAN:
+        gaits = [load_request(None, body=run.body.source).run]
+    nearest = min(gaits, key=distance)
+    return other | {key: nearest.value(key) for key in (*shape, *OPEN_KEYS)}
+
+
+_ANOTHER: Mapping[str, Callable[[RunParameters], Values]] = {
+    "controller": other_controller,
+    "planner": other_plan,
+}
+
+
+@dataclass(frozen=True)
+class Change:
+    """One layer made ideal, or another one in its place: a row of ``layers.csv``.
+
+    Attributes:
+        layer: its name.
+        text: what is changed; "it passes" may follow.
+        keys: that change, and sections, separated by spaces.
+        value: ``default``, a factor such as ``x0.5``, ``another``, or the value itself.
+        drops: which of a user's ``controller``, ``planner``, ``estimator`` and ``pushes`` is left out.
+    """
+
+    layer: str
+    text: str
+    keys: str
+    value: str
+    drops: str
+
+    def values(self, run: RunParameters) -> Values:
+        """New values by key, of a run."""
+        wanted = self.keys.split()
+        changed = [key for key in keys() if key in wanted or key.partition(".")[0] in wanted]
+        if self.value == "another":
+            return _ANOTHER[self.layer](run)
+        if self.value == "drake":
+            return dict.fromkeys(changed if find_spec("pydrake") else [], self.value)
+        if self.value == "default":
+            return {key: RunParameters().value(key) for key in changed}
+        if self.value.startswith("x"):
+            return {key: float(self.value[1:]) * run.value(key) for key in changed}
+        return dict.fromkeys(changed, float(self.value))
+
+
+CHANGES = tuple(
+    Change(**row)
+    for row in csv.DictReader(
+        files("validation").joinpath("study/layers.csv").read_text("utf-8").splitlines()
+    )
+)
+"""Every change that is tried."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A trial as it is walked.
+
+    Attributes:
+        request: complete.
+        profile: name of the tolerances.
+        users: classes of a user, see :func:`validation.study.walk_options.users_classes`.
+        pushes: forces on the body beside those of the run.
+        strained: motor that reaches its limit; empty if none does.
+        lifted: whether there are no limits.
+    """
+
+    request: Request
+    profile: str
+    users: Values
+    pushes: tuple[Disturbance, ...] = ()
+    strained: str = ""
+    lifted: bool = False
+
+    def changed(self, change: Change) -> "Case":
+        """With a change; equal if the layer is ideal already.
+
+        Raises:
+            InputError: the change does not fit the rest of the run.
+        """
+        old = self.request.run
+        values = {key: value for key, value in change.values(old).items() if old.value(key) != value}
+        run = old.replace(values) if values else old
+        if change.layer == "planner" and values:  # feet and posture are found for it, and of another gait all
+            same_gait = old.gait.planner != "ampm"
+            found = {key for key in OPEN_KEYS if not (same_gait and key.startswith("gait."))}
+            run = run.giving(run.given - found)
+        return replace(
+            self,
+            request=replace(self.request, run=run),
+            users={role: users for role, users in self.users.items() if role != change.drops},
+            pushes=() if change.drops == "pushes" else self.pushes,
+            lifted=self.lifted or (change.layer == "motors" and bool(self.strained)),
+        )
+
+    def text(self, change: Change) -> str:
+        """What is changed, with the keys if they are few."""
+        old, new = self.request.run, self.changed(change).request.run
+        changed = [key for key in (*keys(), *OPTION_TABLES) if old.value(key) != new.value(key)]
+        if change.layer == "motors" and not changed:
+            return f"without the limit of {self.strained}"
+        shown = ", ".join(f"{key} {_said(old.value(key))} to {_said(new.value(key))}" for key in changed)
+        return f"{change.text} ({shown})" if 0 < len(changed) <= _SHOWN else change.text
+
+
+def _said(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def walk_case(case: Case) -> Row:
+    """Walk a case, on a worker.
+
+    Returns:
+        ``outcome``, ``cause``, ``passed``, ``excess``; ``motor``, the hardest used; ``strained``, if it was;
+        ``tightest``, the largest used share of a limit; ``metrics``: of every judged one the ``label``, the
+        ``text`` of its value, and ``used``, its share of the limit, 2 of an exceeded limit of zero.
+    """
+    planned = plan_walk(case.request, planner=case.users.get("planner"))
+    if case.lifted:
+        planned = replace(planned, body=_stronger(planned.body))
+    trial = walk_planned(
+        planned,
+        profiles.profile(case.profile),
+        controller=case.users.get("controller"),
+        estimator=case.users.get("estimator"),
+        disturbances=case.pushes,
+    )
+    end, torque = trial.record.outcome, trial.comparison.costs["margins"]["torque"]
+    if end.name == OutcomeName.INTERRUPTED:
+        raise KeyboardInterrupt
+    metrics, shares = dict[str, Values](), list[float]()
+    for item in trial.verdict.judged:
+        used = item.value / item.tolerance if item.tolerance else 2.0 * (item.value > 0.0)
+        shares.append(min(used, _MOST_USED))
+        metrics[item.name] = {"label": item.label, "text": str(item), "used": shares[-1]}
+    shares = [share for share in shares if not math.isnan(share)]
+    excess = sum((max(share - 1.0, 0.0) for share in shares), 0.0)
+    if not end.completed:
+        excess = _FALL * (2.0 - end.steps_completed / planned.plan.contacts.steps)
+    return {
+        "outcome": str(end.name),
+        "cause": end.cause,
+        "passed": trial.verdict.passed,
+        "excess": excess,
+        "tightest": max(shares, default=0.0),
+        "motor": torque.where,
+        "strained": torque.value >= SATURATED,
+        "metrics": metrics,
+    }
+
+
+def row_of(case: Case, both: Sequence[Change], row: Row) -> Row:
+    """The row of a walk with the changes of a case."""
+    return {"layers": [item.layer for item in both], "text": " and ".join(map(case.text, both)), **row}
+
+
+def _stronger(body: Body) -> Body:
+    """The body with motors whose limits no walk reaches, which the controller knows."""
+    root = ElementTree.fromstring(body.model.xml)
+    for motor in root.iterfind("actuator/motor"):
+        for key in ("ctrlrange", "forcerange"):
+            motor.set(key, " ".join(repr(STRONGER * float(text)) for text in motor.get(key, "").split()))
+    model = replace(body.model, xml=ElementTree.tostring(root, encoding="unicode"))
+    return Body(model, make_robot(model.compile(), model.description, body.shapes), body.shapes)
+
+
+def residuals_of(planned: PlannedWalk) -> dict[str, float]:
+    """What a plan contradicts, in its first ten seconds [m].
+
+    Returns:
+        ``plan``, see :func:`ampm.planner.newton.newton_residual`; ``motion``, the largest distance of COM and
+        soles of the planned posture from the plan, 0 of a posture that stays in place.
+    """
+    plan, robot = planned.plan, planned.body.robot
+    times = np.linspace(0.0, min(plan.duration, 10.0), _SAMPLES, endpoint=False)
+    q, off = plan.posture.sample(times).q, 0.0
+    if np.ptp(q[:, :2], axis=0).any():  # else joints are found while walking
+        wanted = [plan.sample(times).com, *(foot.position for foot in plan.feet.sample(times))]
+        terms = [robot.jacobian(row) for row in q]
+        away = np.array([[term.com, *term.sole] for term in terms]) - np.stack(wanted, axis=1)
+        off = float(np.linalg.norm(away, axis=-1).max())
+    return {"plan": newton_residual(plan, times).size, "motion": off}
+
+
+@dataclass(frozen=True)
+class Explanation(Brief, Tabled):
+    """Why a trial fails, or what costs most of its margin.
+
+    Attributes:
+        title: gait, and what was changed in it.
+        named: layers that are to blame; none if the trial passes, or if no layer helps.
+        said: the sentence.
+        trial: the trial itself, see :func:`walk_case`.
+        changes: the same of every change and pair, with its ``layers`` and its ``text``.
+        residuals: see :func:`residuals_of`.
+    """
+
+    title: str
+    named: tuple[str, ...]
+    said: str
+    trial: Row
+    changes: tuple[Row, ...]
+    residuals: Mapping[str, float]
+
+    @property
+    def sentence(self) -> str:
+        """The answer."""
+        return self.said
+
+    def as_dict(self) -> dict[str, Any]:
+        """Contents of ``explain.json``."""
+        return dict(json_ready(vars(self)))
+
+    def tables(self) -> list[Table]:
+        """The one table: every change, with its verdict and the failed metrics."""
+        return [explanation_table(self.as_dict())]
+
+
+_OFF = {
+    "plan": "The plan contradicts Newton's law by {:.3g} mm of its ZMP.",
+    "motion": "COM or soles of the planned posture are up to {:.3g} mm off the plan.",
+}
+
+
+def answer(trial: Row, changes: Sequence[Row], residuals: Mapping[str, float]) -> tuple[tuple[str, ...], str]:
+    """The layers that are to blame, and the sentence that says so.
+
+    Of the changes that restore the pass the one counts whose tightest limit is used least; a layer made ideal
+    before one in whose place another came. If none does, it is a contradiction within the plan, and then the
+    change that leaves the least excess.
+    """
+    walked = [row for row in changes if "metrics" in row]
+    if not walked:
+        return (), "No change could be walked."
+    if trial["passed"]:
+        best = min(walked, key=lambda row: (not row["passed"], row["tightest"]))
+        before, after = trial["tightest"], best["tightest"]
+        if not best["passed"] or after >= before:
+            return (), "It passes, and no layer costs margin."
+        shares = f"{after:.0%} of the tightest limit is used instead of {before:.0%}"
+        return (), f"It passes. The {best['layers'][0]} costs most of the margin: {best['text']} {shares}."
+    best = min(walked, key=_rank)
+    layers, text = tuple(best["layers"]), best["text"]
+    off = {name: f" {_OFF[name].format(1e3 * size)}" for name, size in residuals.items() if size > RESIDUAL}
+    notes, left = "".join(off.values()), best["excess"] / trial["excess"]
+    if best["passed"]:
+        return layers, f"The {' and the '.join(layers)}: {text} it passes.{notes}"
+    if off:
+        layer = "planner" if "plan" in off else "motion"
+        return (layer,), f"The {layer}: no other layer restores the pass.{notes}"
+    said = f"Nothing restores the pass; {text} {left:.0%} of the excess is left."
+    return (layers, f"The {layers[0]}. {said}") if left <= MOST else ((), said)
+
+
+def _rank(row: Row) -> tuple[float, ...]:
+    """Of a walk that completed or not, the best first."""
+    replaced = row["passed"] and not REPLACED.isdisjoint(row["layers"])
+    return not row["passed"], len(row["layers"]), replaced, row["excess"], row["tightest"]
+
+
+def explain(
+    run: RunParameters | str | Path | None = "normal",
+    settings: Sequence[str] = (),
+    *,
+    disturbances: Sequence[Disturbance] = (),
+    workers: int | None = None,
+    out: str | Path | None = None,
+    progress: Progress | None = None,
+) -> Explanation:
+    """Find the layer that makes a trial fail, or that costs most of its margin.
+
+    Args:
+        run: parameters, preset, TOML file, or the folder of a finished run, which gets the explanation.
+        settings: ``key=value`` texts, for a preset or file.
+        disturbances: external forces beside those of the run; those of a folder act again as recorded.
+        workers: processes; None for one a core, 0 for this very process.
+        out: folder of every walk and ``explain.json``.
+        progress: where to report it.
+
+    Raises:
+        InputError, RefusedGait: the trial cannot be walked, or ``out`` is used otherwise.
+        StudyStopped: see :func:`validation.study.many.walk_many`.
+    """
+    folder = Path(run) if isinstance(run, str | Path) and Path(run).is_dir() else None
+    target = study_folder(out, resume=False)
+    if folder is None:
+        request = load_request(str(run) if isinstance(run, Path) else run, settings)
+        profile = profiles.own_profile(request.name, request.run, pushed=bool(disturbances)).name
+        given = Case(request, profile, {}, tuple(disturbances))
+    elif settings or disturbances:
+        raise InputError(
+            f"{folder} is repeated as it was walked; for changes give {folder / RUN_FILE} instead."
+        )
+    else:
+        given = _saved_case(folder)
+    planned = plan_walk(given.request, progress)
+    case = replace(given, request=planned.request, users=users_classes(planned.run))
+    trial = walk_case(case)
+    case = replace(case, strained=trial["motor"] if trial["strained"] else "")
+    changes, found = list(possible(case)), dict[tuple[Change, ...], Row]()
+    searches = [_search(case, trial, changes, change, found) for change in changes]
+    label = f"{planned.name}: layers"
+    for _ in walk_many(searches, target, workers=workers, label=label, unit="changes", progress=progress):
+        pass
+    rows = tuple(
+        # Without limits the motor shows that needs more than its own.
+        row_of(replace(case, strained=found[both].get("motor", case.strained)), both, found[both])
+        for both in sorted(found, key=lambda both: (len(both), *map(changes.index, both)))
+    )
+    residuals = residuals_of(planned)
+    result = Explanation(planned.request.title, *answer(trial, rows, residuals), trial, rows, residuals)
+    for place in filter(None, (target, folder)):
+        with output_file(place / EXPLANATION) as path:
+            write_json(path, result.as_dict())
+    return result
+
+
+def _saved_case(folder: Path) -> Case:
+    """The trial of a run's folder, with its recorded external forces, the run's own push among them."""
+    saved = load_saved_run(folder)
+    request, record, made = load_request(str(folder / RUN_FILE)), saved.record, saved.summary.get("planner")
+    if saved.is_log:
+        raise InputError(f"{folder} is a log, which cannot be walked again; give the folder of a run.")
+    if request.run.gait.planner == "ampm" and made not in (
+        None,
+        "footsteps" if request.run.footsteps else "",
+    ):
+        raise InputError(f"{folder} lacks its planner {made}, an object; name its class by gait.planner.")
+    if not record.external_segments:
+        return Case(request, saved.summary["profile"], {})
+    force, moment = record.external_force, record.external_moment
+    pushes = (Recorded(tuple(record.external_segments), force, moment, record.time_step),)
+    run = request.run.replace({f"disturbance.push_{axis}": 0.0 for axis in "xyz"})
+    return Case(replace(request, run=run), saved.summary["profile"], {}, pushes)
+
+
+def possible(case: Case) -> Iterator[Change]:
+    """The changes that change anything and fit the run."""
+    for change in CHANGES:
+        try:
+            if case.changed(change) != case:
+                yield change
+        except InputError:
+            continue
+
+
+def _search(
+    case: Case,
+    trial: Row,
+    changes: Sequence[Change],
+    change: Change,
+    found: MutableMapping[tuple[Change, ...], Row],
+) -> Search:
+    """Walk with one change. The last one goes on with pairs of the best, if none restores the pass."""
+
+    def task(*both: Change) -> Task:
+        return Task(" and ".join(map(case.text, both)), walk_case, {"case": reduce(Case.changed, both, case)})
+
+    found[(change,)] = yield task(change)
+    if len(found) < len(changes) or trial["passed"] or any(row.get("passed") for row in found.values()):
+        return
+    ranked = sorted(found, key=lambda both: -found[both].get("excess", math.inf))
+    best = {both[0].layer: both[0] for both in ranked}  # of each layer its best, the last
+    for pair in combinations(sorted(best.values(), key=lambda item: -ranked.index((item,)))[:BEST], 2):
+        found[pair] = yield task(*pair)
