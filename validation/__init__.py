@@ -25,9 +25,10 @@ if TYPE_CHECKING:
     from validation.show.report import write_report as report
     from validation.show.viewer import show_recording as view
     from validation.store.saved import load_saved_run as load
+    from validation.study.many import Task as Task
+    from validation.study.many import walk_many as walk_many
     from validation.study.robustness.study import robustness as robustness
     from validation.study.sweep.run import sweep as sweep
-    from validation.study.tour import tour as tour
     from validation.trial.disturbances import Disturbance as Disturbance
     from validation.trial.disturbances import Plant as Plant
     from validation.trial.disturbances import Push as Push
@@ -40,6 +41,7 @@ _HOMES = {
     "Progress": "progress.Progress",
     "Push": "trial.disturbances.Push",
     "Statistics": "judge.compare.Statistics",
+    "Task": "study.many.Task",
     "Trial": "run.trial.Trial",
     "judge_log": "run.judge_log.judge_log",
     "judge_run": "run.judge_log.judge_run",
@@ -50,10 +52,10 @@ _HOMES = {
     "report": "show.report.write_report",
     "robustness": "study.robustness.study.robustness",
     "sweep": "study.sweep.run.sweep",
-    "tour": "study.tour.tour",
     "unregister": "judge.metrics.unregister",
     "view": "show.viewer.show_recording",
     "walk": "run.walk.walk",
+    "walk_many": "study.many.walk_many",
 }
 
 __all__ = [
@@ -64,6 +66,7 @@ __all__ = [
     "Progress",
     "Push",
     "Statistics",
+    "Task",
     "Trial",
     "judge_log",
     "judge_run",
@@ -74,10 +77,10 @@ __all__ = [
     "report",
     "robustness",
     "sweep",
-    "tour",
     "unregister",
     "view",
     "walk",
+    "walk_many",
 ]
 
 
