@@ -9,21 +9,23 @@ on; a hundred of one kind take half an hour on one core.
 import argparse
 import csv
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
+from typing import Any
 
 from trials import DATA, write_rows
 
-from validation.cli.console import Narrator
-from validation.study.tour import Tours, tour
 from validation.table import ABSENT, Table, print_tables
 
-KEPT = Path(__file__).parents[1] / "build" / "tour"
+ROOT = Path(__file__).parents[1]
+KEPT = ROOT / "build" / "tour"
 BODIES = {"G1": (None, ["body.source='g1'", "gait.switching_velocity=0.5"]), "human": ("normal", [])}
+TARGETS = 18
 FORCES = (0.0, 1.0 / 3.0, 1.0)
 COLUMNS = ("body", ">force [%]", ">completed [%]", ">survived [%]", ">off target [mm]")
 """Of the table; means over all tours."""
+Row = Mapping[str, Any]
 
 
 def stabilizer(share: float) -> str:
@@ -31,22 +33,24 @@ def stabilizer(share: float) -> str:
     return "stepping" if share else "fixed"
 
 
-def walk(body: str, share: float, seeds: int) -> Tours:
-    """Tours of a body."""
+def walk(body: str, share: float, seeds: int) -> list[Row]:
+    """Tours of a body by seed, as ``examples/tour.py`` walks them."""
+    from tour import walk_tours
+
     gait, settings = BODIES[body]
     name = stabilizer(share)
     settings = [*settings, "simulation.time_step=0.002", f"controller.stabilizer={name}"]
     out = KEPT / f"{body}-{name}-{share:.3g}"
-    return tour(gait, settings, seeds=seeds, share=share, out=out, resume=True, progress=Narrator())
+    return list(walk_tours(gait, settings, seeds, TARGETS, share, out=out, resume=True))
 
 
-def write(found: Sequence[tuple[str, Tours]]) -> None:
+def write(found: Sequence[tuple[str, float, Sequence[Row]]]) -> None:
     """Rewrite the data file, and print its table."""
     names = ("seed", "outcome", "time", "planned", "reached", "error", "cause")
     cells = [
-        (body, f"{tours.share:.3g}", stabilizer(tours.share), *(_cell(walk.get(name)) for name in names))
-        for body, tours in found
-        for walk in tours.walks
+        (body, f"{share:.3g}", stabilizer(share), *(_cell(walk.get(name)) for name in names))
+        for body, share, walks in found
+        for walk in walks
     ]
     write_rows("tour", [("body", "force", "stabilizer", *names), *cells])
     print_table()
@@ -79,9 +83,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--punched", type=int, default=100)
     given = parser.parse_args(arguments)
+    sys.path.insert(0, str(ROOT / "examples"))
     write(
         [
-            (body, walk(body, share, given.punched if share else given.seeds))
+            (body, share, walk(body, share, given.punched if share else given.seeds))
             for share in FORCES
             for body in BODIES
         ]

@@ -146,7 +146,6 @@ def test_other_commands_than_the_trial_take_a_body(ampm):
         ("keys stp_length", "did you mean 'gait.step_length'?"),
         ("keys gait friction", "no key fits 'gait' and 'friction'"),
         ("convergence normal --set simulation.time_step=0.0015", "must be a whole number"),
-        ("tour normal --seeds 0", "--seeds 0: give a number of at least 1"),
         ("replay nothing", "nothing"),
         ("view nothing", "nothing"),
     ],

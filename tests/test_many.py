@@ -2,9 +2,11 @@
 
 import json
 import os
+import sys
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from validation.store.machine import hidden_main
 from validation.study.many import Search, Task, study_folder, walk_many
 from validation.study.row_file import ROWS, RowFile, read_rows
 
@@ -124,6 +127,20 @@ def test_a_long_array_decides_on_the_digest():
     other[2500] = 1.0
     digests = [Task("a", square, {"table": {"com_x": values}}).digest for values in (one, one.copy(), other)]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_the_digest_of_a_scripts_function_is_the_same_while_workers_run(tmp_path, monkeypatch):
+    script = tmp_path / "script.py"
+    script.write_text("def work():\n    return {}\n")
+    main: Any = ModuleType("__main__")
+    main.__file__ = str(script)
+    exec(script.read_text(), vars(main))
+    monkeypatch.setitem(sys.modules, "__main__", main)
+    before = Task("a", main.work).digest
+    with hidden_main():
+        assert Task("a", main.work).digest == before
+    script.write_text("def work():\n    return {'outcome': 'completed'}\n")
+    assert Task("a", main.work).digest != before
 
 
 def test_digest_is_of_all_that_decides_on_a_row(tmp_path):

@@ -26,9 +26,10 @@ if TYPE_CHECKING:
     from validation.show.viewer import show_recording as view
     from validation.store.saved import load_saved_run as load
     from validation.study.explain import explain as explain
+    from validation.study.many import Task as Task
+    from validation.study.many import walk_many as walk_many
     from validation.study.robustness.study import robustness as robustness
     from validation.study.sweep.run import sweep as sweep
-    from validation.study.tour import tour as tour
     from validation.trial.disturbances import Disturbance as Disturbance
     from validation.trial.disturbances import Plant as Plant
     from validation.trial.disturbances import Push as Push
@@ -41,6 +42,7 @@ _HOMES = {
     "Progress": "progress.Progress",
     "Push": "trial.disturbances.Push",
     "Statistics": "judge.compare.Statistics",
+    "Task": "study.many.Task",
     "Trial": "run.trial.Trial",
     "explain": "study.explain.explain",
     "judge_log": "run.judge_log.judge_log",
@@ -52,10 +54,10 @@ _HOMES = {
     "report": "show.report.write_report",
     "robustness": "study.robustness.study.robustness",
     "sweep": "study.sweep.run.sweep",
-    "tour": "study.tour.tour",
     "unregister": "judge.metrics.unregister",
     "view": "show.viewer.show_recording",
     "walk": "run.walk.walk",
+    "walk_many": "study.many.walk_many",
 }
 
 __all__ = [
@@ -66,6 +68,7 @@ __all__ = [
     "Progress",
     "Push",
     "Statistics",
+    "Task",
     "Trial",
     "explain",
     "judge_log",
@@ -77,10 +80,10 @@ __all__ = [
     "report",
     "robustness",
     "sweep",
-    "tour",
     "unregister",
     "view",
     "walk",
+    "walk_many",
 ]
 
 

@@ -26,7 +26,7 @@ from validation.show.text import print_line
 _PANELS = {
     "Walk": ("validate", "sweep", "compare"),
     "Look": ("view", "report"),
-    "Check": ("explain", "judge", "replay", "convergence", "robustness", "tour"),
+    "Check": ("explain", "judge", "replay", "convergence", "robustness"),
     "Bodies and gaits": ("body", "plan", "keys"),
 }
 """Commands as ``ampm --help`` groups them."""

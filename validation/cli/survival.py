@@ -1,4 +1,4 @@
-"""``ampm robustness``, ``tour`` and ``explain``: what a gait survives, and why a trial fails.
+"""``ampm robustness`` and ``explain``: what a gait survives, and why a trial fails.
 
 Commands import what they run: simulator, Pinocchio and NumPy take long to load.
 """
@@ -86,50 +86,6 @@ def robustness(
         progress=Narrator(),
     )
     answer(found, Robustness.as_dict, lambda found: print_tables(found.tables()), as_json=as_json)
-    Narrator().wrote(out)
-    return Status.CRASH if found.crashes else Status.PASS
-
-
-@app.command(epilog=EPILOG)
-def tour(
-    gait: Gait = None,
-    settings: Settings = None,
-    body: Body = None,
-    controller: Controller = None,
-    engine: Engine = None,
-    punches: Annotated[
-        float, option("--punches", "Share of the protocol's force: 0 for none, 1 for up to 500 N.", "SHARE")
-    ] = 1.0,
-    seeds: Annotated[int, option("--seeds", "Tours, of the seeds 0, 1, ...", "N")] = 100,
-    targets: Annotated[int, option("--targets", "Targets of a tour.", "N")] = 18,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    out: Annotated[Path | None, option("--out", "Write tour.json and every tour.", "DIR")] = None,
-    resume: Resume = False,
-    as_json: Json = False,
-) -> int:
-    """Walk tours over random targets under random punches.
-
-    This is the public protocol for the Unitree G1. Both feet stand at one target after the other: each
-    uniform in a disc of 1 m about the one before, with a random heading. In every 5 s a random segment is hit
-    for 0.08 s in a random direction.
-    """
-    from validation.study.tour import Tours
-    from validation.study.tour import tour as study
-
-    found = study(
-        gait,
-        with_short(settings, body=body, controller=controller, engine=engine),
-        share=punches,
-        seeds=seeds,
-        count=targets,
-        workers=workers,
-        scheduler=scheduler,
-        out=out,
-        resume=resume,
-        progress=Narrator(),
-    )
-    answer(found, Tours.as_dict, lambda found: print_tables([found.table()]), as_json=as_json)
     Narrator().wrote(out)
     return Status.CRASH if found.crashes else Status.PASS
 

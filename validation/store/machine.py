@@ -7,6 +7,8 @@ from contextlib import contextmanager, suppress
 
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 """Environment variables for the number of threads, read with linear algebra; the first that is set counts."""
+HIDDEN_FILE = "_hidden_file"
+"""Attribute of the main module that keeps its file inside :func:`hidden_main`."""
 
 
 def cores() -> int:
@@ -36,10 +38,10 @@ def hidden_main() -> Iterator[None]:
     main = sys.modules["__main__"]
     before = {name: getattr(main, name, None) for name in ("__spec__", "__file__")}
     try:
-        main.__dict__.update(dict.fromkeys(before))
+        main.__dict__.update({**dict.fromkeys(before), HIDDEN_FILE: before["__file__"]})
         yield
     finally:
-        main.__dict__.update(before)
+        main.__dict__.update({**before, HIDDEN_FILE: None})
 
 
 @contextmanager

@@ -27,7 +27,7 @@ from validation.progress import Progress, Stage, interruption
 from validation.store.folders import check_target, disk_is_full
 from validation.store.identity import code_hash
 from validation.study.exceptions import StudyStopped
-from validation.study.pool import is_users, open_pool
+from validation.study.pool import open_pool, users_file
 from validation.study.row_file import ROWS, Row, RowFile
 from validation.study.walk_options import users_files
 
@@ -89,10 +89,11 @@ def _sources(module: str) -> str:
 def _add_sources(name: str, files: dict[str, bytes]) -> None:
     """Add the source of a user's module, and of those that it imports, to files by the modules' names."""
     module: Any = sys.modules.get(name)
-    if name in files or not is_users(module):
+    file = users_file(module)
+    if name in files or file is None:
         return
-    files[name] = source = Path(module.__file__).read_bytes()
-    for node in ast.walk(ast.parse(source)) if module.__file__.endswith(".py") else ():
+    files[name] = source = Path(file).read_bytes()
+    for node in ast.walk(ast.parse(source)) if file.endswith(".py") else ():
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):

@@ -30,7 +30,7 @@ from ampm.exceptions import InputError, RefusedGait
 from validation.judge.metrics import add_metrics, added_metrics
 from validation.store.folders import disk_is_full
 from validation.store.identity import code_hash
-from validation.store.machine import cores, hidden_main
+from validation.store.machine import HIDDEN_FILE, cores, hidden_main
 from validation.study.exceptions import StudyStopped
 from validation.study.row_file import Row
 from validation.trial.users import UsersError
@@ -152,10 +152,10 @@ def _is_users_file(path: str) -> bool:
     return not os.path.realpath(path).startswith(_known_folders())
 
 
-def is_users(module: Any) -> bool:
-    """Whether a loaded module is a file that is neither installed nor of this project."""
-    file = getattr(module, "__file__", None)
-    return file is not None and _is_users_file(file)
+def users_file(module: Any) -> str | None:
+    """File of a loaded module that is neither installed nor of this project; None of any other module."""
+    file = getattr(module, "__file__", None) or getattr(module, HIDDEN_FILE, None)
+    return file if file is not None and _is_users_file(file) else None
 
 
 def _packed(work: Work, options: Options) -> bytes:
@@ -164,7 +164,7 @@ def _packed(work: Work, options: Options) -> bytes:
     Users' modules are sent by value: workers started elsewhere cannot import them by name.
     """
     for name, module in list(sys.modules.items()):
-        if name != "__main__" and is_users(module):
+        if name != "__main__" and users_file(module):
             cloudpickle.register_pickle_by_value(module)
     return bytes(cloudpickle.dumps((work, dict(options), added_metrics())))
 
