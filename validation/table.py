@@ -153,17 +153,19 @@ def is_heading(row: Sequence[str]) -> bool:
 
 def format_number(value: float | str | None, digits: int = 4) -> str:
     """A number for a table, infinity maybe as a word: significant digits, or a dash where there is none."""
-    if value is None or math.isnan(value := float(value)):
+    number = math.nan if value is None else float(value)
+    if math.isnan(number):
         return ABSENT
-    text = "∞" if math.isinf(value) else f"{value:.{digits}g}"
-    return f"{value:.0f}" if "e+0" in text else text
+    text = "∞" if math.isinf(number) else f"{number:.{digits}g}"
+    return f"{number:.0f}" if "e+0" in text else text
 
 
 def format_share(value: float | str | None, limit: float | None) -> str:
     """How much of a limit a value uses, for a column :data:`USED`; empty where there is none."""
-    if value is None or math.isnan(value := float(value)) or not limit:
+    number = math.nan if value is None else float(value)
+    if math.isnan(number) or not limit:
         return ""
-    share = value / limit
+    share = number / limit
     return f"{100.0 * share:.0f} %" if share < 100.0 else "> 10000 %"
 
 
