@@ -1,0 +1,84 @@
+"""Whether a plan's ZMP, acceleration and moment agree with each other and with the motion of its COM."""
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ampm.planner.centroidal import CentroidalPlan
+
+Array = NDArray[np.float64]
+
+WINDOW, SHORTEST = 0.1, 0.05
+"""Least length of windows where a phase has several, and of a phase that has one [s]."""
+_PIECE = 0.02  # of a window, with instants by Gauss and Legendre [s]
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+
+
+class NewtonResidual(NamedTuple):
+    """The largest contradiction in a plan.
+
+    Attributes:
+        size: as a distance of the ZMP [m].
+        time: of the ZMP, or the middle of a window [s].
+        what: contradicts the rest of the plan: ``ZMP``, ``acceleration``, ``velocity`` or ``moment``.
+    """
+
+    size: float
+    time: float
+    what: str
+
+
+def newton_residual(plan: CentroidalPlan, times: ArrayLike) -> NewtonResidual:
+    """How far a plan is from Newton's law.
+
+    At every time the ZMP is compared with that of force and moment. Acceleration and velocity are compared
+    with the COM, and the moment with the angular momentum, as means over windows within each phase of
+    contact: ``mean(w a) = mean(w'' x)`` for a weight w that fades at both ends. Nothing is differentiated.
+
+    Args:
+        plan: of the COM.
+        times: ascending, shape (N,) [s]. The windows lie between the first and the last one.
+
+    Raises:
+        InputError: a time lies outside the plan.
+    """
+    now = plan.sample(times)
+    arm = (now.com[:, 2] - now.floor)[:, None] * now.force[:, :2] + now.moment[:, ::-1] * [1.0, -1.0]
+    off = np.abs(now.com[:, :2] - arm / now.force[:, 2:] - now.zmp).max(axis=1)
+    found = [(off, now.time, "ZMP")]
+    if windows := _windows(plan, float(now.time[0]), float(now.time[-1])):
+        first = np.cumsum([0, *(window.shape[1] for window in windows[:-1])])
+        time, weight, rate, bend = np.concatenate(windows, axis=1)[:, :, None]
+        at, fall = plan.sample(time[:, 0]), plan.com_height / plan.gravity
+        means = {
+            "acceleration": fall * (at.com_acceleration * weight - at.com * bend),
+            "velocity": math.sqrt(fall) * (at.com_velocity * weight + at.com * rate),
+            "moment": (at.moment * weight + at.angular_momentum * rate) / plan.weight,
+        }
+        middle = np.add.reduceat(time * weight, first)[:, 0]
+        for what, mean in means.items():
+            found.append((np.abs(np.add.reduceat(mean, first)).max(axis=1), middle, what))
+    # The first that is no number counts as the largest.
+    sizes, times, what = max(found, key=lambda item: np.nan_to_num(item[0], nan=np.inf).max())
+    return NewtonResidual(float(sizes.max()), float(times[sizes.argmax()]), what)
+
+
+def _windows(plan: CentroidalPlan, begin: float, end: float) -> list[Array]:
+    """Instants of every window, and there (1 - u^2)^4 and two derivatives, of mean one; (4, n) each."""
+    starts, windows = [phase.start for phase in plan.phases], []
+    for phase in plan.contacts.phases:
+        a, b = max(phase.start, begin), min(phase.start + phase.duration, end)
+        ends = np.linspace(a, b, max(int((b - a) / WINDOW), 1) + 1).tolist() if b - a >= SHORTEST else []
+        for left, right in pairwise(ends):
+            pieces = np.linspace(left, right, math.ceil((right - left) / _PIECE) + 1).tolist()
+            edges = np.array(sorted({*pieces, *(start for start in starts if left < start < right)}))
+            half, reach = 0.5 * np.diff(edges)[:, None], 0.5 * (right - left)
+            time = (edges[:-1, None] + half * (1.0 + _NODES)).ravel()
+            u = (time - left) / reach - 1.0
+            v, area = 1.0 - u * u, (half * _WEIGHTS).ravel() / (256.0 / 315.0 * reach)
+            weights = v**4, -8.0 * u * v**3 / reach, (56.0 * u * u - 8.0) * v**2 / reach**2
+            windows.append(np.vstack([time, area * np.array(weights)]))
+    return windows
