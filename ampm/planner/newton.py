@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.planner.centroidal import CentroidalPlan
 
-Array = NDArray[np.float64]
-
 WINDOW, SHORTEST = 0.1, 0.05
 """Least length of windows where a phase has several, and of a phase that has one [s]."""
 _PIECE = 0.02  # of a window, with instants by Gauss and Legendre [s]
@@ -18,13 +16,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
 class NewtonResidual(NamedTuple):
-    """The largest contradiction in a plan.
-
-    Attributes:
-        size: as a distance of the ZMP [m].
-        time: of the ZMP, or the middle of a window [s].
-        what: contradicts the rest of the plan: ``ZMP``, ``acceleration``, ``velocity`` or ``moment``.
-    """
+    """The largest contradiction in a plan: as a distance of the ZMP [m], when [s], and of which quantity."""
 
     size: float
     time: float
@@ -47,8 +39,7 @@ def newton_residual(plan: CentroidalPlan, times: ArrayLike) -> NewtonResidual:
     """
     now = plan.sample(times)
     arm = (now.com[:, 2] - now.floor)[:, None] * now.force[:, :2] + now.moment[:, ::-1] * [1.0, -1.0]
-    off = np.abs(now.com[:, :2] - arm / now.force[:, 2:] - now.zmp).max(axis=1)
-    found = [(off, now.time, "ZMP")]
+    found = [("ZMP", now.com[:, :2] - arm / now.force[:, 2:] - now.zmp, now.time)]
     if windows := _windows(plan, float(now.time[0]), float(now.time[-1])):
         first = np.cumsum([0, *(window.shape[1] for window in windows[:-1])])
         time, weight, rate, bend = np.concatenate(windows, axis=1)[:, :, None]
@@ -59,14 +50,13 @@ def newton_residual(plan: CentroidalPlan, times: ArrayLike) -> NewtonResidual:
             "moment": (at.moment * weight + at.angular_momentum * rate) / plan.weight,
         }
         middle = np.add.reduceat(time * weight, first)[:, 0]
-        for what, mean in means.items():
-            found.append((np.abs(np.add.reduceat(mean, first)).max(axis=1), middle, what))
-    # The first that is no number counts as the largest.
-    sizes, times, what = max(found, key=lambda item: np.nan_to_num(item[0], nan=np.inf).max())
-    return NewtonResidual(float(sizes.max()), float(times[sizes.argmax()]), what)
+        found += [(what, np.add.reduceat(mean, first), middle) for what, mean in means.items()]
+    sizes = [np.nan_to_num(np.abs(off).max(axis=1), nan=np.inf) for _, off, _ in found]
+    size, (what, _, when) = max(zip(sizes, found, strict=True), key=lambda item: float(item[0].max()))
+    return NewtonResidual(float(size.max()), float(when[size.argmax()]), what)
 
 
-def _windows(plan: CentroidalPlan, begin: float, end: float) -> list[Array]:
+def _windows(plan: CentroidalPlan, begin: float, end: float) -> list[NDArray[np.float64]]:
     """Instants of every window, and there (1 - u^2)^4 and two derivatives, of mean one; (4, n) each."""
     starts, windows = [phase.start for phase in plan.phases], []
     for phase in plan.contacts.phases:
