@@ -13,8 +13,10 @@ from ampm.body.motion import PeriodicPosture
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import GRAVITY
 from ampm.planner import routes
+from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.sampled import NO_CONSTANTS, sampled_plan
 from ampm.planner.support import StepPlan, plan_steps
-from ampm.planner.table import closed_step, repeats, table_plan
+from ampm.planner.table import closed_step, repeats, table_motion
 from ampm.planners import TablePlanner
 from tests.solved import body_of
 from validation.store.tables import plan_table, sample_times, write_columns
@@ -35,7 +37,9 @@ def table_of(plan, rate=200.0):
 
 
 def read(table, height=0.865):
-    return table_plan(table, mass=60.0, com_height=height)
+    motion = table_motion(table)
+    bare = CentroidalPlan(60.0, GRAVITY, height, 1.0, motion.pop("contacts"), (), NO_CONSTANTS)
+    return sampled_plan(bare, **motion)
 
 
 @pytest.mark.parametrize("name", ["normal", "momentum"])

@@ -7,6 +7,7 @@ Conventions: world x forward, y left, z up, floor z = 0.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -82,6 +83,30 @@ class Contacts(Brief):
     footsteps: tuple[Footstep, ...]
     phases: tuple[Phase, ...]
 
+    @classmethod
+    def in_turn(cls, footsteps: Sequence[Footstep], switches: ArrayLike) -> "Contacts":
+        """Single and double supports in turn, the last one a double support.
+
+        Args:
+            footsteps: left and right in turn, S + 2 for S steps; the first swing is from the first one to the
+                third one.
+            switches: when the support changes, from 0 to the end: 2 S + 1 times, or 2 S + 2 for a walk that
+                begins standing [s].
+
+        Raises:
+            InputError: feet do not alternate, times do not ascend from 0, or their numbers do not match.
+        """
+        times, steps = ascending("switches", switches), len(footsteps) - 2
+        if times[0] != 0.0 or steps < 1 or len(times) not in (2 * steps + 1, 2 * steps + 2):
+            raise InputError(
+                f"{len(footsteps)} footsteps do not fit {len(times)} switches from {times[0]:g} s on; for S "
+                "steps give S + 2 footsteps and 2 S + 1 switches from 0 s on, or one more to begin standing."
+            )
+        if any(one.foot == other.foot for one, other in pairwise(footsteps)):
+            raise InputError("two footsteps of the same foot follow each other; give left and right in turn.")
+        starts, durations = times[:-1].tolist(), np.diff(times).tolist()
+        return contacts_in_turn(footsteps, starts, durations, stand=len(times) == 2 * steps + 2)
+
     @property
     def duration(self) -> float:
         """End of the last phase [s]."""
@@ -111,6 +136,11 @@ class Contacts(Brief):
     def starts(self) -> NDArray[np.float64]:
         """Start of every phase, shape (P,) [s]."""
         return _read_only([phase.start for phase in self.phases])
+
+    @cached_property
+    def switches(self) -> NDArray[np.float64]:
+        """Start of every phase and end of the last one, shape (P + 1,) [s]."""
+        return _read_only([*self.starts, self.duration])
 
     @cached_property
     def kind_codes(self) -> NDArray[np.int8]:
@@ -160,6 +190,28 @@ def _read_only(values: object, dtype: type = np.float64) -> NDArray:
     array: NDArray = np.array(values, dtype=dtype)
     array.setflags(write=False)
     return array
+
+
+def finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """A copy of a user's numbers; refuses what is none."""
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} has entries that are no numbers; give an array of numbers.") from None
+    for place in np.argwhere(~np.isfinite(array))[:1]:
+        raise InputError(f"{name}{place.tolist()} = {array[tuple(place)]:g}; give finite numbers.")
+    return array
+
+
+def ascending(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """A copy of a user's times, three or more, shape (N,) [s]; refuses those that do not ascend."""
+    times = finite(name, values)
+    if times.ndim != 1 or len(times) < 3:
+        raise InputError(f"{name} have the shape {times.shape}; give one row of three or more times.")
+    for row in np.flatnonzero(np.diff(times) <= 0.0)[:1]:
+        after = f"{times[row + 1]:g} s comes after {times[row]:g} s"
+        raise InputError(f"{name}[{row + 1}] = {after}; give times that ascend.")
+    return times
 
 
 def contacts_in_turn(
