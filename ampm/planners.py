@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,7 +16,7 @@ from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import GRAVITY, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
-from ampm.planner.contacts import TIME_TOLERANCE, Contacts, Footstep, ascending
+from ampm.planner.contacts import TIME_TOLERANCE, Contacts, Footstep
 from ampm.planner.footstep_walk import plan_footstep_walk, stops, with_feet
 from ampm.planner.replan import LiveWalk, joined
 from ampm.planner.sampled import NO_CONSTANTS, sampled_plan
@@ -79,7 +79,6 @@ _WAYS_OUT = {
     "zmp_leaves_support": "keep the ZMP in the soles that stand",
 }
 """Ways out by the reason of a refusal, for plans of samples; how the feet swing is the gait's."""
-_RATE = 200.0  # rows a second of a table that is walked as the plan that wrote it
 
 
 def make_plan(
@@ -129,26 +128,21 @@ def make_plan(
     """
     if not isinstance(contacts, Contacts):
         raise InputError(f"contacts are a {type(contacts).__name__}; give ampm.Contacts.in_turn(...).")
-    times = ascending("times", times)
-    now, base = float(times[0]), cast(CentroidalPlan, after)
-    if after is not None:
-        base = replace(after, contacts=contacts)
-        if angular_momentum is None:
-            angular_momentum = after.sample(now).angular_momentum[0]
-    elif now != 0.0:
-        raise InputError(f"times begin at {now:g} s; begin at 0 s, or give the plan then valid as after.")
-    else:
-        mass, height = run.body.mass, run.gait.com_height
-        base = CentroidalPlan(mass, GRAVITY, height, 1.0, contacts, (), NO_CONSTANTS)
-    samples = {"com": com, "zmp": zmp, "com_velocity": com_velocity, "com_acceleration": com_acceleration}
-    plan = sampled_plan(base, times, **samples, moment=moment, angular_momentum=angular_momentum)
+    bare = CentroidalPlan(run.body.mass, GRAVITY, run.gait.com_height, 1.0, contacts, (), NO_CONSTANTS)
+    plan = sampled_plan(
+        replace(after, contacts=contacts) if after else bare,
+        times,
+        com=com,
+        zmp=zmp,
+        com_velocity=com_velocity,
+        com_acceleration=com_acceleration,
+        moment=moment,
+        angular_momentum=angular_momentum,
+    )
     try:
-        return _first_walk(plan, run, robot) if after is None else _next_walk(after, now, plan, run, robot)
+        return _next_walk(after, plan, run, robot) if after else _first_walk(plan, run, robot)
     except BodilyRefusal as error:
         error.way_out = _WAYS_OUT.get(error.reason, "change COM, ZMP or footsteps")
-        rate = float(np.median(1.0 / np.diff(times)))
-        if rate < 0.99 * _RATE:
-            error.way_out += f", or give {_RATE:g} rows a second instead of {rate:.3g}"
         raise
 
 
@@ -169,11 +163,9 @@ def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkP
     return WalkPlan.of(steps, posture=ConstantPosture(steps, run, robot))
 
 
-def _next_walk(
-    after: WalkPlan, now: float, plan: CentroidalPlan, run: RunParameters, robot: Robot
-) -> WalkPlan:
+def _next_walk(after: WalkPlan, plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkPlan:
     """A plan of samples with feet and posture that go on from those of the plan then valid."""
-    new, old = plan.contacts, after.contacts
+    now, new, old = plan.phases[0].start, plan.contacts, after.contacts
     passed = int(np.searchsorted(old.starts, now + TIME_TOLERANCE))
     if not np.array_equal(new.stance_codes[:passed], old.stance_codes[:passed]) or (
         np.searchsorted(new.starts, now + TIME_TOLERANCE) != passed

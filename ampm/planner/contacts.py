@@ -96,7 +96,7 @@ class Contacts(Brief):
         Raises:
             InputError: feet do not alternate, times do not ascend from 0, or their numbers do not match.
         """
-        times, steps = ascending("switches", switches), len(footsteps) - 2
+        times, steps = ascending("switches", switches).tolist(), len(footsteps) - 2
         if times[0] != 0.0 or steps < 1 or len(times) not in (2 * steps + 1, 2 * steps + 2):
             raise InputError(
                 f"{len(footsteps)} footsteps do not fit {len(times)} switches from {times[0]:g} s on; for S "
@@ -104,8 +104,11 @@ class Contacts(Brief):
             )
         if any(one.foot == other.foot for one, other in pairwise(footsteps)):
             raise InputError("two footsteps of the same foot follow each other; give left and right in turn.")
-        starts, durations = times[:-1].tolist(), np.diff(times).tolist()
-        return contacts_in_turn(footsteps, starts, durations, stand=len(times) == 2 * steps + 2)
+        phases = []
+        for number, (start, end) in enumerate(pairwise(times), start=2 * steps + 2 - len(times)):
+            feet = {step.foot: step for step in footsteps[(number + 1) // 2 : number // 2 + 2]}
+            phases.append(Phase(start, end - start, feet.get("left"), feet.get("right")))
+        return cls(tuple(footsteps), tuple(phases))
 
     @property
     def duration(self) -> float:
@@ -212,24 +215,6 @@ def ascending(name: str, values: ArrayLike) -> NDArray[np.float64]:
         after = f"{times[row + 1]:g} s comes after {times[row]:g} s"
         raise InputError(f"{name}[{row + 1}] = {after}; give times that ascend.")
     return times
-
-
-def contacts_in_turn(
-    footsteps: Sequence[Footstep], starts: Sequence[float], durations: Sequence[float], *, stand: bool = False
-) -> Contacts:
-    """Single and double supports in turn.
-
-    Args:
-        footsteps: left and right in turn; the first single support is on the second one.
-        starts: of all phases [s].
-        durations: of all phases [s].
-        stand: whether a double support on the first two footsteps comes first.
-    """
-    phases = []
-    for number, (start, duration) in enumerate(zip(starts, durations, strict=True), start=1 - stand):
-        feet = {step.foot: step for step in footsteps[(number + 1) // 2 : number // 2 + 2]}
-        phases.append(Phase(start, duration, feet.get("left"), feet.get("right")))
-    return Contacts(tuple(footsteps), tuple(phases))
 
 
 def times_within(times: ArrayLike, duration: float) -> NDArray[np.float64]:

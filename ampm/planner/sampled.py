@@ -81,15 +81,17 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     """A plan with the motion of samples.
 
     Args:
-        plan: its body and contacts; one without phases gets constants of the motion, too.
+        plan: the one then valid with new contacts, or a bare one without phases.
         times: of the samples, shape (N,) [s].
         given: the samples, named as in :func:`ampm.planners.make_plan`; None is the same as left out.
 
     Raises:
         InputError: they do not fit each other, end before the contacts, or contradict Newton's law.
     """
-    times = ascending("times", times)
+    times, first = ascending("times", times), not plan.phases
     begin, end = float(times[0]), plan.duration
+    if first and begin != 0.0:
+        raise InputError(f"times begin at {begin:g} s; begin at 0 s, or give the plan then valid as after.")
     if end - times[-1] > times[-1] - times[-2] + 1e-9:
         raise InputError(
             f"times end at {times[-1]:g} s and the contacts at {end:g} s; plan the COM to their end, or give "
@@ -123,12 +125,13 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     else:
         raise InputError("zmp and com_acceleration are left out; give one of them or both.")
     velocity = given.get("com_velocity", np.gradient(com, times, axis=0, edge_order=2))
-    around_x, around_y = given.get("angular_momentum", np.zeros(2)).tolist()
+    momentum = given.get("angular_momentum", np.zeros(2) if first else plan.sample(begin).angular_momentum[0])
+    around_x, around_y = momentum.tolist()
     around_y -= plan.constants.angular_momentum_y_offset
     columns = com, velocity, acceleration, zmp, arm
     x, y = (SampledLaw(times - begin, *(values[:, axis] for values in columns)) for axis in (0, 1))
     phase = CentroidalPhase(begin, end - begin, (0.0, 0.0), x, y, (around_x, around_y))
-    first, plan = not plan.phases, replace(plan, phases=(phase,))
+    plan = replace(plan, phases=(phase,))
     if first:
         constants = plan_constants(plan)
         if plan.contacts.phases[0].stance == "both":  # the first step may go aside

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
-from ampm.planner.contacts import STANCE_NAMES, Contacts, Footstep, Side, contacts_in_turn
+from ampm.planner.contacts import STANCE_NAMES, Contacts, Footstep, Side
 from ampm.planner.sampled import SampledLaw
 from ampm.planner.stride import quintic
 from ampm.planner.support import StepPlan
@@ -59,16 +59,9 @@ def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
     time = _numbers(table, "time")
     later = np.diff(time, prepend=-np.inf) > 0.0
     _check(time, "time", later, "ascend from row to row; remove repeated rows")
-    _check(
-        time, "time", (time[:1] == 0.0) | (np.arange(len(time)) > 0), "begin at 0; subtract the first time"
-    )
-    com, zmp = _vectors(table, "com"), _vectors(table, "zmp")
+    _check(time[:1], "time", time[:1] == 0.0, "begin at 0; subtract the first time")
+    com = _vectors(table, "com", "xyz" if "com_z" in table else "xy")
     left, right = (_placements(table, name) for name in ("left_placement", "right_placement"))
-    if "com_z" in table:
-        height = _numbers(table, "com_z")
-        level = np.abs(height - height[0]) <= _SAME
-        _check(height, "com_z", height > 0.0, "be above 0 m")
-        _check(height, "com_z", level, f"stay at {height[0]:g} m: plans have constant height; level it")
     stance = np.asarray(_column(table, "stance")).astype(str)
     _check(stance, "stance", np.isin(stance, STANCE_NAMES), f"be one of {', '.join(STANCE_NAMES)}")
     if (stance == "both").all():
@@ -103,9 +96,7 @@ def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
     contacts = _contacts(np.append(started[begins], time[-1]), stance[begins], left[begins], right[begins])
     if "phase_start" not in table:
         contacts = _evened(contacts, time, com[:, 0])
-    motion = {"times": time, "com": com, "zmp": zmp, "contacts": contacts}
-    if "com_z" in table:
-        motion["com"] = np.column_stack([com, np.full(len(time), height[0])])
+    motion = {"times": time, "com": com, "zmp": _vectors(table, "zmp"), "contacts": contacts}
     if "com_acceleration_x" in table:
         motion["com_acceleration"] = _vectors(table, "com_acceleration")
     if "angular_momentum_x" in table:
@@ -132,8 +123,7 @@ def _contacts(times: Array, stance: NDArray[np.str_], left: Array, right: Array)
     here, ahead = footsteps[:2]
     behind = (2.0 * here.position[0] - ahead.position[0], ahead.position[1], 0.0)
     start = placed(sides[1], 0) if stands else ahead._replace(position=behind)
-    begins = times.tolist()[:-1]
-    return contacts_in_turn([start, *footsteps], begins, np.diff(times).tolist(), stand=stands)
+    return Contacts.in_turn([start, *footsteps], times)
 
 
 def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
@@ -152,8 +142,7 @@ def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
     even = np.column_stack([number * step, number * step + touch]).ravel()
     if np.abs(even - contacts.starts).max() > np.diff(time).max():
         return contacts
-    spans = np.diff(even, append=contacts.duration)
-    return contacts_in_turn(contacts.footsteps, even.tolist(), spans.tolist())
+    return Contacts.in_turn(contacts.footsteps, [*even, contacts.duration])
 
 
 def _column(table: Mapping[str, Any], name: str) -> Any:
@@ -179,8 +168,8 @@ def _number(cell: Any) -> float:
         return np.nan
 
 
-def _vectors(table: Mapping[str, Any], name: str) -> Array:
-    return np.column_stack([_numbers(table, f"{name}_{axis}") for axis in "xy"])
+def _vectors(table: Mapping[str, Any], name: str, axes: str = "xy") -> Array:
+    return np.column_stack([_numbers(table, f"{name}_{axis}") for axis in axes])
 
 
 def _placements(table: Mapping[str, Any], name: str) -> Array:
