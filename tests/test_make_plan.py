@@ -87,7 +87,7 @@ def test_a_plan_begins_on_the_way_with_a_com_that_jumped(walk):
     landing = contacts.switches[3]
     assert landing == walk.contacts.switches[3] - 0.05
     foot = found.feet.sample([landing + 0.05])[contacts.footsteps[3].foot == "right"]
-    assert foot.position[0, 0] == pytest.approx(x + 0.05)
+    assert foot.position[0, 0] == pytest.approx(x + 0.05, abs=1e-3)
     state, at = found.posture.sample([NOW, landing]).q, walk.posture.sample([NOW, landing + 0.05]).q
     np.testing.assert_allclose(state, at, atol=1e-12)
     again = made(samples_of(found, NOW), contacts=contacts, after=found)
@@ -137,7 +137,10 @@ def spoilt(name, index, value):
         (spoilt("times", 7, np.nan), r"times\[7\] = nan; give finite numbers"),
         (spoilt("zmp", (12, 1), np.inf), r"zmp\[12, 1\] = inf; give finite numbers"),
         (spoilt("com", (5, 2), 0.9), "com has heights from 0.875 to 0.9 m; give all the same, above 0 m"),
-        (spoilt("com", (slice(0, None), 0), 0.0), "COM by .* mm of ZMP, more than 0.2 mm; correct com"),
+        (
+            spoilt("com", (slice(0, None), 0), 0.0),
+            "COM at .* s: by .* mm of ZMP, more than 0.2 mm; correct com",
+        ),
         (
             lambda samples: samples.update(zmp=samples["zmp"][1:]),
             r"zmp has the shape .*; give it a row for each",
@@ -236,7 +239,7 @@ def test_a_table_without_accelerations_whose_zmp_is_shifted_is_refused(rate, flo
     assert newton_residual(right, table["time"][:-1]).size < floor
     table = {name: values for name, values in table.items() if "acceleration" not in name}
     table["zmp_x"] = table["zmp_x"] + 1e-3
-    with pytest.raises(InputError, match=r"acceleration contradicts its COM by 1(\.0\d)? mm of ZMP"):
+    with pytest.raises(InputError, match=r"acceleration contradicts its COM at .* s: by 1(\.0\d)? mm of ZMP"):
         TablePlanner(table).plan(walk.run, walk.robot)
 
 

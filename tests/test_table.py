@@ -113,7 +113,7 @@ def changed(name, row, value):
             lambda table: table.update(
                 {"zmp_x": table["zmp_x"] + 0.1, "com_acceleration_x": 0 * table["time"]}
             ),
-            "the plan's acceleration contradicts its COM by .* mm of ZMP, more than 0.2 mm",
+            "the plan's acceleration contradicts its COM at .* s: by .* mm of ZMP, more than 0.2 mm",
         ),
         (
             lambda table: [table.update({name: column[:2]}) for name, column in list(table.items())],
