@@ -150,8 +150,8 @@ def _check(plan: CentroidalPlan, times: Array) -> None:
         more = "" if rate >= _ENOUGH else f", or give {_ENOUGH:g} rows a second instead of {rate:.3g}"
         raise InputError(
             f"the plan's {what} contradicts its COM at {time:.4g} s: by {1e3 * size:.3g} mm of ZMP, more "
-            f"than {1e3 * ALLOWED:g} mm; correct com, zmp, height or units (m, s), or give the acceleration that "
-            f"belongs to them{more}."
+            f"than {1e3 * ALLOWED:g} mm; correct com, zmp, height or units (m, s), or give the "
+            f"acceleration that belongs to them{more}."
         )
 
 
