@@ -175,20 +175,28 @@ def test_contacts_that_have_passed_are_kept(walk):
         made(samples_of(walk, NOW), contacts=contacts, after=walk)
 
 
+STEPS = [Footstep("right" if k % 2 else "left", (0.3 * k, 0.1 * (-1.0) ** k, 0.0)) for k in range(4)]
+TIMES = [0.0, 0.5, 0.6, 1.1, 1.2]
+
+
 @pytest.mark.parametrize(
     ("footsteps", "switches", "words"),
     [
-        (4, [0.0, 0.5, 0.4, 0.7, 0.8], r"switches\[2\] = 0.4 s comes after 0.5 s"),
-        (4, [0.0, 0.5, 0.6], "4 footsteps do not fit 3 switches from 0 s on; for S steps give"),
-        (4, [0.1, 0.5, 0.6, 0.7, 0.8], "from 0.1 s on; for S steps give"),
-        (-4, [0.0, 0.5, 0.6, 0.7, 0.8], "same foot follow each other; give left and right in turn"),
+        (STEPS, [0.0, 0.5, 0.4, 0.7, 0.8], r"switches\[2\] = 0.4 s comes after 0.5 s"),
+        (STEPS, TIMES[:3], "4 footsteps do not fit 3 switches from 0 s on; for S steps give"),
+        (STEPS, [0.1, *TIMES[1:]], r"from 0.1 s on; for S steps give"),
+        (
+            [STEPS[0], *STEPS[:3]],
+            TIMES,
+            r"feet are left, left, right, left, \.\.\.; give left and right in turn",
+        ),
+        ([(0.0, 0.1), *STEPS[1:]], TIMES, "footsteps has an entry that is not ampm.Footstep"),
+        ([STEPS[0]._replace(heading=np.nan), *STEPS[1:]], TIMES, r"footsteps\[0, 3\] = nan; give finite"),
     ],
 )
 def test_contacts_that_are_no_walk(footsteps, switches, words):
-    sides = ["left", "right"] * 2 if footsteps > 0 else ["left"] * 4
-    steps = [Footstep(side, (0.1 * k, 0.0, 0.0)) for k, side in enumerate(sides)]
     with pytest.raises(InputError, match=words):
-        ampm.Contacts.in_turn(steps, switches)
+        ampm.Contacts.in_turn(footsteps, switches)
 
 
 @pytest.mark.parametrize("name", ["normal", "momentum", "flat"])

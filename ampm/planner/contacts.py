@@ -102,13 +102,16 @@ class Contacts(Brief):
                 f"{len(footsteps)} footsteps do not fit {len(times)} switches from {times[0]:g} s on; for S "
                 "steps give S + 2 footsteps and 2 S + 1 switches from 0 s on, or one more to begin standing."
             )
-        if any(one.foot == other.foot for one, other in pairwise(footsteps)):
-            raise InputError("two footsteps of the same foot follow each other; give left and right in turn.")
-        phases = []
-        for number, (start, end) in enumerate(pairwise(times), start=2 * steps + 2 - len(times)):
-            feet = {step.foot: step for step in footsteps[(number + 1) // 2 : number // 2 + 2]}
-            phases.append(Phase(start, end - start, feet.get("left"), feet.get("right")))
-        return cls(tuple(footsteps), tuple(phases))
+        try:
+            finite("footsteps", [(*step.position, step.heading) for step in footsteps])
+            sides = [step.foot for step in footsteps]
+        except (AttributeError, TypeError):
+            raise InputError("footsteps has an entry that is not ampm.Footstep(foot, (x, y, 0.0)).") from None
+        if set(sides) != {"left", "right"} or any(one == other for one, other in pairwise(sides)):
+            raise InputError(
+                f"the footsteps' feet are {', '.join(map(str, sides[:4]))}, ...; give left and right in turn."
+            )
+        return contacts_in_turn(footsteps, times)
 
     @property
     def duration(self) -> float:
@@ -215,6 +218,15 @@ def ascending(name: str, values: ArrayLike) -> NDArray[np.float64]:
         after = f"{times[row + 1]:g} s comes after {times[row]:g} s"
         raise InputError(f"{name}[{row + 1}] = {after}; give times that ascend.")
     return times
+
+
+def contacts_in_turn(footsteps: Sequence[Footstep], switches: Sequence[float]) -> Contacts:
+    """As :meth:`Contacts.in_turn`, without checks: supports of extreme gaits may have no duration."""
+    phases = []
+    for number, (start, end) in enumerate(pairwise(switches), start=2 * len(footsteps) - 2 - len(switches)):
+        feet = {step.foot: step for step in footsteps[(number + 1) // 2 : number // 2 + 2]}
+        phases.append(Phase(start, end - start, feet.get("left"), feet.get("right")))
+    return Contacts(tuple(footsteps), tuple(phases))
 
 
 def times_within(times: ArrayLike, duration: float) -> NDArray[np.float64]:

@@ -24,6 +24,7 @@ from ampm.planner.contacts import (
     Contacts,
     Footstep,
     check_landing,
+    contacts_in_turn,
     footprint,
     mean_heading,
 )
@@ -195,7 +196,7 @@ def contacts_over(
         check_landing(number, landing, lifted, double)
         switches += [lifted, landing]
         lifted = landing + double
-    return Contacts.in_turn(footsteps, [*switches, switches[-1] + SETTLING])
+    return contacts_in_turn(footsteps, [*switches, switches[-1] + SETTLING])
 
 
 def supports_of(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitParameters) -> Supports:

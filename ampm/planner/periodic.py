@@ -12,7 +12,7 @@ from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.closed_form import LIPM, StepLaws, step_laws
-from ampm.planner.contacts import Contacts, Footstep
+from ampm.planner.contacts import Contacts, Footstep, contacts_in_turn
 from ampm.planner.pendulum import AffineLaw, odd_double_integral, position_integral
 
 RESIDUAL_LIMIT = 1e-9
@@ -126,4 +126,4 @@ def _contacts(gait: GaitParameters, t_ss: float, t_ds: float) -> Contacts:
         footsteps.append(Footstep("right", (x, -w, 0.0)) if k % 2 else Footstep("left", (x, w, 0.0)))
     for k in range(gait.steps + 1):
         switches += [k * step, k * step + t_ss]
-    return Contacts.in_turn(footsteps, [*switches, switches[-1] + t_ds])
+    return contacts_in_turn(footsteps, [*switches, switches[-1] + t_ds])
