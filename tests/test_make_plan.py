@@ -157,6 +157,10 @@ def spoilt(name, index, value):
             lambda samples: samples.update(contacts=later(samples["contacts"], 0.5)),
             "times end at .* plan the COM",
         ),
+        (
+            lambda samples: samples.update(moment=0.0 * samples["zmp"], zmp=samples["zmp"] + 1e-3),
+            "the plan's ZMP contradicts its COM at .* s: by 1 mm of ZMP",
+        ),
         (lambda samples: samples.pop("after"), "times begin at 0.8 s; begin at 0 s, or give the plan"),
     ],
 )
