@@ -258,7 +258,7 @@ def test_a_table_without_accelerations_whose_zmp_is_shifted_is_refused(rate, flo
 @pytest.mark.parametrize("name", ["mpc", "capture"])
 def test_examples_that_replan_use_public_names_only(name):
     tree = ast.parse((EXAMPLES / f"{name}.py").read_text(encoding="utf-8"))
-    froms = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    froms = {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     imports = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     assert not {module for module in froms | imports if module.startswith(("ampm.", "validation."))}
     used = {
