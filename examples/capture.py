@@ -38,8 +38,7 @@ class Capture:
         number = np.arange(-BEYOND, gait.steps + MORE + BEYOND + 1)
         self.places = np.column_stack([gait.step_length * number, 0.5 * gait.step_width * (-1.0) ** number])
         self.steps = np.diff(self.places, axis=0, prepend=np.nan)  # as they are planned without a push
-        # Times at which each footstep begins to stand alone, and the next one lands.
-        self.times = period * number[:, None] + [0.0, single]
+        self.times = period * number[:, None] + [0.0, single]  # each stands alone from, and until [s]
         self.zmp = self.places[:, None] + np.array([[-ROLL, 0.0], [ROLL, 0.0]])
         return self.made(self.times[0, 0], self.zmp[0, 0])
 
@@ -52,8 +51,9 @@ class Capture:
         zmp = np.column_stack([np.interp(times, knots, axis) for axis in zmp.T])
         dcm, ccm = self.dcm(times, zmp), self.dcm(-times[::-1], zmp[::-1], ccm)[::-1]
         now = (times >= max(begin, 0.0)) & (times <= walk[-1])
-        feet = zip(("right", "left") * len(walk), self.places[BEYOND - 1 : -BEYOND].tolist(), strict=False)
-        contacts = ampm.Contacts.in_turn([ampm.Footstep(foot, (*place, 0.0)) for foot, place in feet], walk)
+        places = enumerate(self.places[BEYOND - 1 : -BEYOND].tolist())
+        feet = [ampm.Footstep("left" if n % 2 else "right", (x, y, 0.0)) for n, (x, y) in places]
+        contacts = ampm.Contacts.in_turn(feet, walk)
         motion = {"times": times[now], "com": 0.5 * (dcm + ccm)[now], "zmp": zmp[now]}
         return ampm.make_plan(self.run, self.robot, **motion, contacts=contacts, after=after)
 
@@ -78,8 +78,8 @@ class Capture:
         com, lead = body.com[:2], (body.jacobian @ state.v)[:2] / self.w
         if time == 0.0 or np.linalg.norm(com + lead - plan.sample(time).dcm[0]) < SAME:
             return None
-        tried = [self.solve(time, sooner, com + lead) for sooner in EARLIER]
-        _, left, self.times, by, ankle = min((found for found in tried if found), key=lambda found: found[0])
+        tried = filter(None, [self.solve(time, sooner, com + lead) for sooner in EARLIER])
+        _, left, self.times, by, ankle = min(tried, key=lambda found: found[0])
         self.places, self.zmp = self.places + by, self.zmp + by[:, None]
         return self.made(time, com - lead + left, ankle, after=plan)
 

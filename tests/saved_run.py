@@ -1,7 +1,8 @@
 """Folders of short real runs, each walked once per process, and files of convergence studies."""
 
 import json
-from collections.abc import Mapping
+import shutil
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -9,8 +10,14 @@ from types import MappingProxyType
 from typing import Any
 from unittest.mock import patch
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from validation.judge.uncertainty import Uncertainty
 from validation.run.walk import walk_planned
+from validation.store.json import write_json
+from validation.store.saved import digests
 from validation.trial.outcome import Outcome
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.record import SimulationRecord
@@ -57,6 +64,23 @@ def walked(
 
     record = simulate(planned.plan, planned.run, planned.body.model, progress=stop)
     return planned, replace(record, outcome=outcome or record.outcome)
+
+
+def forge(source: Path, target: Path, file: str, change: Callable[[pa.Table], pa.Table]) -> Path:
+    """Copy a run with one of its tables changed, and with digests that fit."""
+    shutil.copytree(source, target)
+    pq.write_table(change(pq.read_table(target / file)), target / file)
+    summary = json.loads((target / "summary.json").read_text(encoding="utf-8"))
+    write_json(target / "summary.json", summary | {"files": digests(target, summary)})
+    return target
+
+
+def with_column(table: pa.Table, name: str, change: Callable[[np.ndarray], Any]) -> pa.Table:
+    """A table with other numbers in one column; they are NaN where it has none."""
+    place = table.schema.get_field_index(name)
+    values = table[name].to_numpy().copy()
+    changed = pa.array(change(values), from_pandas=True)
+    return table.set_column(place, table.schema.field(place), changed)
 
 
 def make_study(folder: Path, metrics: Mapping[str, Any], **more: Any) -> Path:

@@ -12,7 +12,10 @@ from ampm.planners import periodic_walk
 from ampm.run_file import load_run
 from models.human import build
 from models.scene import BodyModel
-from validation.trial.record import SimulationRecord
+from tests.records import same_bits
+from validation.run.replay import step_again
+from validation.trial.physics import Physics
+from validation.trial.record import SHAPES, SimulationRecord
 from validation.trial.shapes import make_robot
 from validation.trial.simulate import simulate
 
@@ -65,6 +68,13 @@ def body_of(*overrides: str) -> BodyModel:
     """The simulated body, with some settings changed."""
     run = walk_of(COARSE, *overrides).run
     return build(run.body, run.contact, run.simulation)
+
+
+def replays(record: SimulationRecord, *overrides: str) -> bool:
+    """Whether a walk under these settings gives every bit of states, contacts and pushes again."""
+    again = step_again(Physics(body_of(*overrides), walk_of(COARSE, *overrides).run), record)
+    names = [name for name in SHAPES if not name.startswith(("command_", "qp_", "tick_plan", "torque_rate"))]
+    return all(same_bits(getattr(record, name), getattr(again, name)) for name in names)
 
 
 def simulated(*overrides: str, body: BodyModel | None = None, **options: Any) -> SimulationRecord:

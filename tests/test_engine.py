@@ -11,10 +11,9 @@ import pytest
 from ampm.exceptions import InputError
 from ampm.physics_parameters import DrakeParameters
 from ampm.run_file import load_run
-from tests.solved import body_of, simulated
+from tests.solved import body_of, replays, simulated
 from tests.test_bodies import run_of
 from validation import environment
-from validation.run.replay import step_again
 from validation.store.saved import load_saved_run
 from validation.study.sweep.design import parse_sweep
 from validation.trial import engine as engines
@@ -136,8 +135,8 @@ def test_a_fall_is_the_same_and_replays(drake):
     records = [simulated(*push), simulated(DRAKE, *push)]
     assert [record.outcome.name for record in records] == [OutcomeName.FELL] * 2
     assert records[1].outcome.time == pytest.approx(records[0].outcome.time, abs=0.05)
-    assert step_again(body_of().compile(), records[1], drake=drake).identical
-    assert not step_again(body_of().compile(), records[1]).identical
+    assert replays(records[1], DRAKE)
+    assert not replays(records[1])
 
 
 def test_a_step_that_drake_cannot_make_ends_the_walk(drake):

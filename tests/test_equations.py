@@ -11,14 +11,14 @@ from ampm.exceptions import InputError
 from tests.saved_run import make_run, walked
 from tests.tiny import CORNERS, pinocchio_model, simulate, swinging, to_pinocchio
 from tests.walk import without_point
-from validation.measure.equations import Equations, stored_equations
+from validation.measure.equations import Equations, check_equations
 from validation.run.replay import replay
 from validation.trial import bridge
-from validation.trial.bridge import Passive
+from validation.trial.passive import PassiveJoints
 from validation.trial.scene import disturbed_model
 
 ZERO = np.zeros(7)
-NOTHING = Passive(damping=ZERO, stiffness=ZERO, rest=ZERO, friction=ZERO, implicit=False)
+NOTHING = PassiveJoints(damping=ZERO, stiffness=ZERO, rest=ZERO, friction=ZERO, implicit=False)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def block():
 
 
 def check(record, model, passive=NOTHING) -> Equations:
-    return stored_equations(record, model, passive, to_pinocchio)
+    return check_equations(record, model, passive, to_pinocchio)
 
 
 def test_the_block_obeys_them(block):
@@ -73,7 +73,7 @@ def test_a_walk_obeys_them(settings):
 
     def of(record, passive):
         twin = bridge.pinocchio_model(model)
-        return stored_equations(record, twin, passive, bridge.to_pinocchio)
+        return check_equations(record, twin, passive, bridge.to_pinocchio)
 
     passive = bridge.passive_joints(model)
     found = of(record, passive)

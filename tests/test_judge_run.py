@@ -43,7 +43,7 @@ def kept(folder, **changed):
     [
         ("normal", (f"gait.planner={__name__}:Online",), "default", "plan_changes"),
         ("normal", ("sensors.estimator=kalman",), "odometry", "zmp_foot_x_rmse"),
-        ("ipm", ("disturbance.push_y=20", "disturbance.push_at=0.5"), "jumps", "zmp_x_rmse"),
+        ("ipm", ("disturbance.push_y=20", "disturbance.push_at=0.5"), "pushed", "zmp_x_rmse"),
     ],
     ids=["replanned", "estimated", "pushed"],
 )
@@ -55,6 +55,7 @@ def test_a_run_is_judged_as_it_was(tmp_path, ampm, gait, settings, profile, meas
     assert before["profile"] == profile
     assert before["metrics"][measured]["value"] is not None
     assert again == before
+    assert val.replay(folder).identical
     answer = ampm("judge", folder, "--plan", folder, "--json")
     assert answer.status == (before["verdict"] != "pass")
     assert answer.json == {**before, "directory": str(folder)}

@@ -18,7 +18,7 @@ from ampm.reference import Timing
 from tests.solved import COARSE, body_of, motion_of, simulated, walk_of
 from validation.cli.app import app
 from validation.judge.compare import compare
-from validation.judge.metrics import METRICS, evaluate
+from validation.judge.metrics import evaluate
 from validation.judge.signals import signals_table
 from validation.measure.measure import measure
 from validation.store.record import StoredRecord, read_table, save_record
@@ -26,6 +26,7 @@ from validation.store.saved import load_saved_run
 from validation.store.signals import column_of
 from validation.trial.bridge import to_pinocchio
 from validation.trial.disturbances import Push
+from validation.trial.followed import JUDGED_LEAD, LEADS
 from validation.trial.outcome import OutcomeName
 from validation.trial.references import References
 from validation.trial.simulate import simulate
@@ -85,10 +86,12 @@ def test_an_equal_plan_walks_the_same_walk(fixed, period):
 
 def test_a_plan_holds_from_the_next_tick_on():
     """A plan that says when it was made is followed one tick later, whatever it has measured."""
-    planner = Replanning(lambda time, plan: replace(plan, com_height=0.88 + 1e-3 * time))
+    base = plan_of(2)
+    planner = Replanning(lambda time, plan: moved_plan(base, 1e-3 * time))
     record = simulated("simulation.time_step=0.0005", planner=planner, steps=1)
-    followed = record.command_com[:: record.substeps, 2]
-    np.testing.assert_allclose(followed[1:], 0.88 + 1e-3 * record.tick_time[:-1], rtol=0.0, atol=1e-12)
+    ticks = record.tick_time
+    followed = record.command_com[:: record.substeps, 1] - base.sample(ticks).com[:, 1]
+    np.testing.assert_allclose(followed[1:], 1e-3 * ticks[:-1], rtol=0.0, atol=1e-12)
 
 
 def plan_of(steps):
@@ -206,15 +209,19 @@ def test_the_record_says_which_plan_was_followed(replanned, fixed, tmp_path):
     assert "plan" not in read_table(tmp_path / "fixed" / "ticks.parquet").column_names
 
 
-def test_a_walk_is_judged_by_the_plan_then_valid(replanned):
+def test_a_walk_is_judged_by_the_plan_as_it_stood_before(replanned):
     plan, record = replanned
     walk = compared(plan, record)
-    now, first = plan.sample(walk.time), moved_plan(plan, 1e-3).sample(walk.time)
-    later = walk.time > 0.3 + 1e-9
-    np.testing.assert_array_equal(walk.sample.zmp, np.where(later[:, None], first.zmp, now.zmp))
+    now, moved = plan.sample(walk.time), moved_plan(plan, 1e-3).sample(walk.time)
+    for lead in LEADS:
+        later = (walk.time - lead > 0.3 + 1e-9)[:, None]
+        there = walk.followed.at(walk.time, lead).zmp
+        np.testing.assert_allclose(there, np.where(later, moved.zmp, now.zmp), rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(walk.sample.zmp, walk.followed.at(walk.time, JUDGED_LEAD).zmp)
     np.testing.assert_array_equal(walk.first.zmp, now.zmp)
     np.testing.assert_array_equal(walk.sample.stance, now.stance)
     metrics = evaluate(walk)
+    assert metrics["zmp_y_rmse"].value == walk.ahead[JUDGED_LEAD]["zmp_y"]
     assert metrics["plan_moved_zmp_maximum"].value == pytest.approx(1e-3)
     assert metrics["plan_moved_footsteps"].value == pytest.approx(1e-3)
     assert metrics["plan_moved_time"].value == 0.0
@@ -231,11 +238,58 @@ def test_a_plan_that_stays_has_no_more_metrics_and_columns(fixed):
     walk = compared(plan_of(4), fixed)
     assert walk.first is None
     assert not [name for name in evaluate(walk) if name.startswith(("plan_moved", "plan_c"))]
+    assert len({tuple(found.values()) for found in walk.ahead.values()}) == 1
     assert not [name for name in signals_table(walk).column_names if name.startswith("first")]
 
 
-def test_a_plan_made_of_the_measurement_is_a_tick_late():
-    """A plan whose COM is put where it is measured is off by a tick's motion, and changes too often."""
+class Wrong:
+    """A law whose ZMP is off, by what can be changed while walking."""
+
+    def __init__(self, law):
+        self.law, self.off = law, 0.0
+
+    def evaluate(self, time):
+        state = self.law.evaluate(time)
+        return state._replace(zmp=state.zmp + self.off)
+
+
+def test_what_a_plan_answers_after_it_was_handed_over_has_no_effect(fixed):
+    """The planner changes the law of its plan in place: so that it contradicts itself, and moves its ZMP."""
+    plan = plan_of(2)
+    laws = [Wrong(phase.x) for phase in plan.phases]
+    phases = tuple(phase._replace(x=law) for phase, law in zip(plan.phases, laws, strict=True))
+
+    def change(time, plan):
+        for law in laws:
+            law.off = 0.1 if time > 0.2 else 0.0
+        return plan
+
+    plan = replace(plan, phases=phases)
+    record = simulate(plan, walk_of(COARSE).run, body_of(COARSE), planner=Replanning(change), steps=2)
+    assert first_difference(fixed, record) is None
+    walk = compared(plan, record)
+    assert laws[0].off == 0.1
+    np.testing.assert_allclose(walk.sample.zmp, plan_of(2).sample(walk.time).zmp)
+    assert not walk.followed.moved
+
+
+def test_a_plan_that_contradicts_itself_is_refused():
+    plan = plan_of(2)
+    off = Wrong(plan.phases[0].x)
+    off.off = 3e-4
+    wrong = replace(plan, phases=(plan.phases[0]._replace(x=off), *plan.phases[1:]))
+    run, body = walk_of(COARSE).run, body_of(COARSE)
+    with pytest.raises(InputError, match=r"contradicts itself at .* s: its ZMP .* 0\.3 mm apart .* 0\.2 mm"):
+        simulate(wrong, run, body)
+    record = simulated(planner=Replanning(lambda time, plan: wrong if time > 0.1 else None), steps=2)
+    assert record.outcome.completed or "contradicts itself" in record.outcome.cause
+    off.off = 1e-4
+    walk = compared(wrong, simulate(wrong, run, body))
+    assert evaluate(walk)["plan_newton_residual"].value == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_a_plan_made_of_the_measurement_does_not_know_what_comes(fixed):
+    """Its COM is put where it is measured at every tick: at once it is right, a while before it was not."""
     body = walk_of(COARSE).robot
 
     class Follows(Replanning):
@@ -243,22 +297,15 @@ def test_a_plan_made_of_the_measurement_is_a_tick_late():
             data = body.model.createData()
             com = pin.centerOfMass(body.model, data, state.q)
             off = com - plan.sample([time]).com[0]
-            origins = (phase.origin + off[:2] for phase in plan.phases)
-            phases = (
-                phase._replace(origin=tuple(map(float, origin)))
-                for phase, origin in zip(plan.phases, origins, strict=True)
-            )
-            return replace(plan, phases=tuple(phases))
+            return moved_plan(plan, float(off[1]))
 
-    plan = plan_of(4)
-    push = Push("chest", (30.0, 0.0, 0.0), at=0.3, duration=0.1)
     run, model = walk_of(COARSE).run, body_of(COARSE)
-    record = simulate(plan, run, model, planner=Follows(None), disturbances=[push], steps=2)
-    walk = compared(plan, record)
-    off = np.abs(walk.measured.com - walk.sample.com)[:, 0]
-    pushed = (walk.time > 0.32) & (walk.time < 0.4)
-    assert off[pushed].min() > 1e-6
-    assert evaluate(walk)["plan_change_rate"].value > METRICS["plan_change_rate"].tolerances["default"]
+    push = Push("chest", (0.0, 20.0, 0.0), at=0.3, duration=0.1)
+    record = simulate(plan_of(4), run, model, planner=Follows(None), disturbances=[push], steps=2)
+    walk = compared(plan_of(4), record)
+    errors = [found["com_y"] for found in walk.ahead.values()]
+    assert errors[1] > 1.5 * errors[0]
+    assert evaluate(walk)["recovery_time"].value > 0.1
 
 
 def test_torque_is_held_where_a_plan_begins_with_another_acceleration(replanned):
@@ -278,7 +325,7 @@ def test_torque_is_held_where_a_plan_begins_with_another_acceleration(replanned)
 
 
 def steeper(plan):
-    """The plan with its COM 1 mm ahead of its ZMP: another acceleration."""
+    """The plan with another acceleration, as if its ZMP were 0.1 mm elsewhere."""
     law = plan.phases[0].x
     return replace(plan, phases=(plan.phases[0]._replace(x=Ahead(law)), *plan.phases[1:]))
 
@@ -291,7 +338,7 @@ class Ahead:
 
     def evaluate(self, time):
         state = self.law.evaluate(time)
-        return state._replace(acceleration=state.acceleration + 0.01)
+        return state._replace(acceleration=state.acceleration + 1e-3)
 
 
 PLANNER = """

@@ -13,11 +13,10 @@ import pytest
 
 from ampm.run_file import dump_run, load_run
 from tests.records import first_difference
+from tests.saved_run import forge, with_column
 from validation.cli.app import Status, call
 from validation.store.folders import RUN_FILES
-from validation.store.json import write_json
 from validation.store.record import TICKS_FILE, StoredRecord
-from validation.store.saved import digests
 
 STEPS = 2
 
@@ -52,20 +51,20 @@ def test_a_trial_fills_its_folder_and_prints_its_summary_alone(walked):
 @pytest.mark.parametrize("torque", [lambda old: old + 1e-9, lambda _: 1e30])
 def test_replay_stops_at_the_first_difference_and_is_quiet(walked, tmp_path, capfd, monkeypatch, torque):
     """Also where the physics blows up."""
-    changed = tmp_path / "changed"
-    shutil.copytree(walked[0], changed)
-    table = pq.read_table(changed / TICKS_FILE)
-    name = next(name for name in table.column_names if name.startswith("torque_"))
-    values = table[name].to_numpy().copy()
-    values[51:] = torque(values[51:])
-    column = table.schema.get_field_index(name)
-    pq.write_table(table.set_column(column, table.schema.field(name), [values]), changed / TICKS_FILE)
-    summary = json.loads((changed / "summary.json").read_text())
-    write_json(changed / "summary.json", summary | {"files": digests(changed, summary)})
+
+    def change(values):
+        values[51:] = torque(values[51:])
+        return values
+
+    def of_a_joint(table):
+        name = next(name for name in table.column_names if name.startswith("torque_"))
+        return with_column(table, name, change)
+
+    changed = forge(walked[0], tmp_path / "changed", TICKS_FILE, of_a_joint)
     monkeypatch.chdir(tmp_path)
     assert call(["replay", str(changed)]) == Status.OUT_OF_TOLERANCE
     printed = capfd.readouterr()
-    assert "0.11 s" in printed.out  # the first recorded state after it
+    assert "signals.parquet differs first, at 0.102 s" in printed.out  # the forces of the step itself
     assert "WARNING" not in printed.out + printed.err
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
 

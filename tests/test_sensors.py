@@ -238,11 +238,8 @@ def test_biases_of_the_imu_are_found():
 def test_the_zmp_from_the_standing_foot_does_not_depend_on_where_the_walk_is():
     comparison = walked().comparison
     sample, measured, record = comparison.sample, comparison.measured, comparison.record
-    plan, time = comparison.plan, comparison.time
-    feet = np.hstack([foot.position for foot in plan.feet.sample(time)])
-    headings = comparison.followed.headings(time)
-    forward = record.foot_forward[:-1]
-    here, wanted = _from_standing_foot(sample, measured, feet, headings, forward)
+    feet, forward = comparison.planned.feet, record.foot_forward[:-1]
+    here, wanted = _from_standing_foot(comparison.planned, measured, forward)
     turn = pin.utils.rotate("z", 0.3)
 
     moved = replace(
@@ -250,7 +247,7 @@ def test_the_zmp_from_the_standing_foot_does_not_depend_on_where_the_walk_is():
         zmp=measured.zmp @ turn[:2, :2].T + [5.0, -3.0],
         foot_position=measured.foot_position @ turn.T + [5.0, -3.0, 0.0],
     )
-    there, same = _from_standing_foot(sample, moved, feet, headings, forward @ turn.T)
+    there, same = _from_standing_foot(comparison.planned, moved, forward @ turn.T)
     np.testing.assert_allclose(there, here, atol=1e-12)
     np.testing.assert_array_equal(same, wanted)
     statistics = comparison.signals["zmp_foot_x"]["run"]

@@ -12,10 +12,9 @@ from ampm.qp import QPSolution, QPStatus, make_backend
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from models.scene import BodyModel
 from tests.records import first_difference, stored
-from tests.solved import COARSE, body_of, motion_of, walk_of
+from tests.solved import COARSE, body_of, motion_of, replays, walk_of
 from tests.solved import simulated as walk
 from validation.measure.measure import measure
-from validation.run.replay import step_again
 from validation.trial.bridge import to_pinocchio
 from validation.trial.outcome import OutcomeName
 from validation.trial.physics import Physics
@@ -27,10 +26,6 @@ FAIL_AT = 150  # a tick in single support
 @cache
 def plain(*overrides):
     return walk(*overrides)
-
-
-def replays(record, body):
-    return step_again(body.compile(), record).identical
 
 
 def zmp_error(record):
@@ -156,7 +151,7 @@ def test_both_solvers_walk_alike():
 def test_walks_replay_whatever_integrator_and_clock(settings):
     record = plain(*settings)
     assert record.outcome.name == OutcomeName.COMPLETED
-    assert replays(record, body_of(*settings))
+    assert replays(record, *settings)
     period = 0.004 if settings == ("controller.frequency=250",) else 0.002
     np.testing.assert_allclose(np.diff(record.tick_time), period, rtol=1e-9)
     held = round(period / record.time_step)
@@ -204,7 +199,7 @@ def test_qps_that_fail_on_and_on_end_the_run_as_infeasible(spoil, how, ticks):
     assert record.steps == record.tick_time.size == FAIL_AT + ticks + 1
     assert (record.qp_status[:FAIL_AT] == SOLVED).all()
     assert (record.qp_status[FAIL_AT:] == UNSOLVED).all()
-    assert replays(record, body_of())
+    assert replays(record)
 
 
 def weaker(share: float) -> BodyModel:
@@ -238,7 +233,7 @@ def test_a_body_on_ice_fell():
     assert "first sign" in record.outcome.cause
     assert record.outcome.steps_completed == 0
     assert record.time[-1] == record.outcome.time
-    assert replays(record, body_of("contact.friction=0.05"))
+    assert replays(record, "contact.friction=0.05")
 
 
 def test_a_body_without_any_strength_fell():
@@ -276,7 +271,7 @@ def test_numbers_that_blow_up_diverged_and_the_record_ends_before(physics, force
     if force:
         assert record.outcome.time == pytest.approx(0.2)
         assert record.steps == 100
-        assert replays(record, body_of())
+        assert replays(record)
 
 
 # ------------------------------------------------------------------------------------------------ interrupts
@@ -295,7 +290,7 @@ def check_interrupted(record, steps, tmp_path):
     np.testing.assert_array_equal(record.point_force, whole.point_force[:steps])
     np.testing.assert_array_equal(record.foot_position, whole.foot_position[: steps + 1])
     assert record.command_zmp.shape == (steps, 2)
-    assert replays(record, body_of())
+    assert replays(record)
     assert first_difference(record, stored(record, body_of().xml, tmp_path)) is None
 
 
@@ -343,4 +338,4 @@ def test_a_qp_that_the_solver_refuses_ends_the_walk_and_keeps_its_record(spoil):
     assert record.outcome.name == OutcomeName.INFEASIBLE
     assert "not convex" in record.outcome.cause
     assert (record.steps, record.outcome.time) == (51, pytest.approx(0.102))
-    assert replays(record, body_of())
+    assert replays(record)

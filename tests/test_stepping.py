@@ -21,7 +21,7 @@ from validation.measure.measure import measure
 from validation.run.walk import walk_planned
 from validation.trial.bridge import to_pinocchio
 from validation.trial.disturbances import Push
-from validation.trial.followed import STEPPING
+from validation.trial.followed import LEADS, STEPPING
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.simulate import simulate
 
@@ -159,15 +159,20 @@ def test_steps_elsewhere_are_judged_by_what_was_planned_then():
     assert (record.tick_plan == STEPPING).any()
     assert not record.tick_plan[record.tick_time < AT].any()
     own = judged.sample.time[np.repeat(record.tick_plan, record.substeps)[: record.steps] == STEPPING]
-    sample = judged.followed.sample(own)
+    sample = judged.followed.at(own).sample
     # What the stabiliser plans is a motion: its ZMP is that of its COM, moment and force.
     height = sample.com[:, 2] - sample.floor
     arm = height[:, None] * sample.force[:, :2] / sample.force[:, 2:]
     turn = sample.moment[:, ::-1] * (-1.0, 1.0) / sample.force[:, 2:]
     gap = np.abs(sample.com[:, :2] - arm + turn - sample.zmp)
     assert np.median(gap) < 1e-3
+    # What it said before of the same instants is near.
+    off = [rms(judged.followed.at(own, lead).zmp[:, 1] - sample.zmp[:, 1]) for lead in LEADS]
+    assert off[0] == 0.0
+    assert 0.0 < off[1] < 0.03
+    assert max(off) < 0.1
     # It stands on its feet, and does not follow the COM.
-    assert np.abs(judged.followed.feet(own)[:, [2, 5]]).min() > -0.02
+    assert np.abs(judged.followed.at(own).feet[:, [2, 5]]).min() > -0.02
     assert np.abs(sample.com - measured.com[np.isin(judged.time, own)]).max() > 0.02
 
 

@@ -22,8 +22,7 @@ from ampm.control.workspace import make_workspace
 from ampm.parameters import RunParameters
 from ampm.qp import QPSettings, QPSolution, QPStatus
 from ampm.reference import reference_type
-from ampm.stepping.follower import Follower
-from ampm.stepping.planned import PlannedTick
+from ampm.stepping.follower import Follower, SteppedTick
 from ampm.vectors import Array
 from ampm.walk import (
     LIMITED,
@@ -84,9 +83,9 @@ class TrackingController:
         return None if self._first else self.workspace.motion.last_acceleration
 
     @property
-    def planned(self) -> PlannedTick | None:
-        """What the stabiliser that steps had planned for the last tick; None on the plan, and without it."""
-        return None if self._follower is None else self._follower.planned
+    def stepped(self) -> SteppedTick | None:
+        """State of the stabiliser that steps before the last tick; None on the plan, and without it."""
+        return None if self._follower is None else self._follower.stepped
 
     def follow(self, plan: WalkPlan, timing: Timing) -> None:
         """Prepare for the references of a plan; a stabiliser that steps needs the plan.

@@ -8,7 +8,7 @@ other; the swing foot's path moves to where the next step must be (:mod:`ampm.st
 
 import bisect
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,16 +18,31 @@ from ampm.control.workspace import Array, Wanted, Workspace, rows_of
 from ampm.planner.contacts import Phase
 from ampm.reference import Reference, Timing, reference_type
 from ampm.stepping.floor import SINK
-from ampm.stepping.planned import PlannedTick, planned_tick
 from ampm.stepping.stepper import WALKER, Curves, Stepper
 from ampm.stepping.walker import OFF_HEIGHT, pass_time
 from ampm.walk import WalkPlan
 
 _TICKS = 2  # between the rows of a phase's table
 _COARSE = 25  # instants of a phase at which a walk on the plan looks ahead
-_CYCLE = 4  # phases after which a periodic walk repeats
+CYCLE = 4
+"""Phases after which a periodic walk repeats."""
 BACK = 0.005  # distance from the plan within which a walk is on it again [m]
-_STILL = 0.05  # speed of a COM at rest [m/s]
+STILL = 0.05
+"""Speed up to which a COM is at rest [m/s]."""
+
+
+class SteppedTick(NamedTuple):
+    """State of a walk off its plan, before the state of this tick is sensed.
+
+    Attributes:
+        time: on the walk's clock [s].
+        phase: its number in the plan; after its end the numbers go on.
+        walker: entry of :data:`~ampm.stepping.stepper.WALKER`.
+    """
+
+    time: float
+    phase: int
+    walker: Any
 
 
 def make_stepper(robot: Robot, c: Workspace, omega: float) -> Stepper:
@@ -58,7 +73,8 @@ def make_stepper(robot: Robot, c: Workspace, omega: float) -> Stepper:
 class Follower:
     """The Python part of the stepping stabiliser: which phase it is, and the phase's tables.
 
-    After the end of a plan that walks on, its last two steps are repeated.
+    The plan is sampled when it is handed over, and not later. After the end of a plan that walks on, its last
+    two steps are repeated.
 
     Args:
         plan: of the walk.
@@ -67,10 +83,10 @@ class Follower:
         c: of the controller.
 
     Attributes:
-        planned: what was planned for this tick before its state was sensed; None on the plan.
+        stepped: state of this tick off the plan, before the body's was sensed; None on the plan.
     """
 
-    planned: PlannedTick | None = None
+    stepped: SteppedTick | None = None
 
     def __init__(self, plan: WalkPlan, timing: Timing, robot: Robot, c: Workspace) -> None:
         self.plan, self._timing, self._c = plan, timing, c
@@ -83,11 +99,12 @@ class Follower:
         self._pass_time = bound(pass_time, (self._walker, stepper.tick))
         self._index, self._loaded, self._next = -1, -1, -math.inf
         self._starts = [*plan.contacts.starts.tolist(), math.inf]
-        self._ahead: list[Curves] = []  # of the plan's phases
         end = plan.sample(np.array([plan.duration])).com_velocity
         placements = plan.contacts.placements
         self._across, self._headings = placements[:, 0] - placements[:, 1], plan.contacts.headings
-        self._goes_on = bool(np.abs(end).max() > _STILL) and len(plan.contacts.phases) > _CYCLE
+        self._goes_on = bool(np.abs(end).max() > STILL) and len(plan.contacts.phases) > CYCLE
+        self._ahead = self._look_ahead()
+        self._tables = [self._table(phase) for phase in plan.contacts.phases]
         self.handle = refer(self._stepper)
 
     def begin(self, time: float, reference: Reference) -> Any:
@@ -100,8 +117,6 @@ class Follower:
         Returns:
             Reference to the :class:`~ampm.stepping.stepper.Stepper` of this phase.
         """
-        if not self._ahead:
-            self._ahead = self._look_ahead()
         if self._leaves[0]:
             self._leave()
         if self._off_plan[0]:
@@ -113,11 +128,9 @@ class Follower:
         if self._off_plan[0]:
             if self._loaded != self._index:
                 self._load()
-            phase, moved = self._phase(self._index)
-            following, _ = self._phase(self._index + 1)
-            self.planned = planned_tick(self._stepper, time, phase, following, moved)
+            self.stepped = SteppedTick(time, self._index, self._walker[0].copy())
         else:
-            self.planned = None
+            self.stepped = None
             if time + 1e-9 >= self._next:
                 self._enter(max(bisect.bisect_right(self._starts, time + 1e-9) - 1, 0))
             self._clock[0] = time - self._starts[self._index]
@@ -125,25 +138,27 @@ class Follower:
 
     # ------------------------------------------------------------------ parts
 
-    def _phase(self, index: int) -> tuple[Phase, Array]:
-        """A phase, and how far it is repeated after the plan's end, shape (2,) [m]."""
+    def _source(self, index: int) -> tuple[int, Array]:
+        """Phase of the plan that is walked, and how far it is repeated after its end, shape (2,) [m]."""
         contacts = self.plan.contacts
-        again = max(index - len(contacts.phases), -1) // _CYCLE + 1
-        source = max(index - _CYCLE * again, 0)
+        again = max(index - len(contacts.phases), -1) // CYCLE + 1
         if not (again and self._goes_on):
-            return contacts.phases[min(index, len(contacts.phases) - 1)], np.zeros(2)
-        return contacts.phases[source], again * (
-            contacts.placements[-1, 0, :2] - contacts.placements[-1 - _CYCLE, 0, :2]
+            return min(index, len(contacts.phases) - 1), np.zeros(2)
+        return max(index - CYCLE * again, 0), again * (
+            contacts.placements[-1, 0, :2] - contacts.placements[-1 - CYCLE, 0, :2]
         )
+
+    def _phase(self, index: int) -> Phase:
+        return self.plan.contacts.phases[self._source(index)[0]]
 
     def _enter(self, index: int) -> None:
         """Begin a phase."""
-        w, (phase, _), (following, _) = self._walker[0], self._phase(index), self._phase(index + 1)
+        w, phase, following = self._walker[0], self._phase(index), self._phase(index + 1)
         w["single"] = phase.kind == "single_support"
         if w["single"]:
             w["stance"] = phase.left is None
         elif index:  # the foot that stood before leaves next
-            w["stance"] = self._phase(index - 1)[0].left is None
+            w["stance"] = self._phase(index - 1).left is None
         else:
             w["stance"] = following.left is not None
         w["duration"] = phase.duration
@@ -185,11 +200,15 @@ class Follower:
         self._stepper = self._stepper._replace(curves=curves, table=table or self._stepper.table)
         self.handle = refer(self._stepper)
 
+    def _table(self, phase: Phase) -> Any:
+        """Rows of references at equal intervals of a phase."""
+        count = max(math.ceil(phase.duration / (_TICKS * self._stepper.tick)), 4) + 1
+        return self.plan.table(self._grid(phase, count), self._timing).row
+
     def _load(self) -> None:
         """Tables of the present phase."""
-        phase, offset = self._phase(self._index)
-        count = max(math.ceil(phase.duration / (_TICKS * self._stepper.tick)), 4) + 1
-        rows = rows_of(self.plan.table(self._grid(phase, count), self._timing).row)
+        source, offset = self._source(self._index)
+        rows = rows_of(self._tables[source])
         rows.com[:, :2] += offset
         rows.foot_position[:, :, :2] += offset
         self._take(self._curves(rows.com, rows.com_velocity, rows.com_acceleration, rows.moment), rows)

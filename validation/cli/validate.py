@@ -111,7 +111,9 @@ def validate(
     )
     requests = load_requests(gaits or [None], extra, as_is=as_is, sections=with_footsteps(footsteps, steps))
     judges = [
-        profiles.own_profile(gait, request.run) if profile is None else profiles.profile(profile)
+        profiles.own_profile(gait, request.run, pushed=bool(push or disturbance))
+        if profile is None
+        else profiles.profile(profile)
         for gait, request in zip(gaits or ["normal"], requests, strict=True)
     ]
     known = [load_uncertainty(path) for path in uncertainty or ()]
@@ -176,7 +178,8 @@ def replay(
 ) -> int:
     """Repeat a run from its recorded torques, to the bit.
 
-    MuJoCo steps again from the recorded start, without the controller; every bit of every state is compared.
+    The engine steps again from the recorded start, without the controller. Every bit of states, contacts and
+    measured signals is compared.
     """
     from validation.run.replay import replay as step_again
 
@@ -187,7 +190,7 @@ def replay(
     print_line(str(result))
     if result.equations is not None:
         print_line(str(result.equations))
-    return Status.PASS if result.identical else Status.OUT_OF_TOLERANCE
+    return Status.PASS if result.passed else Status.OUT_OF_TOLERANCE
 
 
 @app.command()

@@ -72,7 +72,7 @@ def zmp_moved(walk: Comparison) -> Array | None:
 
     None, as of all of these metrics, if the plan did not move.
     """
-    return None if walk.first is None else _distances(walk.sample.zmp, walk.first.zmp, walk)
+    return None if walk.first is None else _distances(walk.valid.zmp, walk.first.zmp, walk)
 
 
 def stances(sample: PlanSample) -> list[tuple[Array, Array]]:
@@ -90,7 +90,7 @@ def _footsteps(walk: Comparison, which: int) -> float | None:
     if walk.first is None:
         return None
     largest = 0.0
-    for first, then in zip(stances(walk.first), stances(walk.sample), strict=True):
+    for first, then in zip(stances(walk.first), stances(walk.valid), strict=True):
         for one, other in zip(first[which], then[which], strict=False):
             largest = max(largest, float(np.linalg.norm(other - one)))
     return largest
@@ -113,6 +113,11 @@ def _changes(walk: Comparison) -> float | None:
 def _change_rate(walk: Comparison) -> float | None:
     changes = _changes(walk)
     return None if changes is None else changes / float(walk.time[-1] + walk.record.time_step)
+
+
+def _newton_residual(walk: Comparison) -> float:
+    """Largest contradiction in a plan that was followed, as a distance of its ZMP [m]."""
+    return max(frozen.newton_residual for frozen in walk.followed.plans)
 
 
 # -------------------------------------------------------------------------------------------- the instrument
@@ -163,6 +168,7 @@ COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
     "clearance_shortfall": _shortfall,
     "speed_excess": _excess,
     "drift_per_step": _drift,
+    "plan_newton_residual": _newton_residual,
     "plan_moved_zmp_maximum": _zmp_moved_most,
     "plan_moved_zmp_rms": _zmp_moved_rms,
     "plan_moved_footsteps": lambda walk: _footsteps(walk, 1),

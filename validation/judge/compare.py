@@ -1,8 +1,9 @@
 """A walk beside its plan: error of each signal, causes of the ZMP error, cost.
 
 Errors are measured minus planned at the same instant: row k of the measurement is compared with the plan at
-t_k, and where the plan moved with the one then valid, see :mod:`validation.trial.followed`. Nothing is
-shifted, fitted or masked; the first step, which includes the transient of the start, is reported separately.
+t_k, and where the plan moved with the plan as it stood 0.1 s before (:mod:`validation.trial.followed`).
+Nothing is shifted, fitted or masked; the first step, which includes the transient of the start, is reported
+separately.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ import numpy as np
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from validation.judge.margins import energy, feedback_effort, margins
-from validation.trial.followed import Followed
+from validation.trial.followed import LEADS, Followed
+from validation.trial.frozen_plan import FrozenPlan, PlanRows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -165,8 +167,8 @@ class Comparison(Brief):
         plan: that was walked, the first one if it moved.
         record: of the simulation.
         measured: measurement of the record, independent of the plan.
-        sample: the plan then valid at the measured instants t_k, K of them.
-        momentum_z: L_z of the planned posture at t_k, shape (K,) [N m s].
+        planned: what the plan said of the measured instants t_k, K of them, as it stood ``followed.lead``
+            before.
         rows: window name to rows, shape (K,). Planned phases and measured contacts divide :data:`RUN`.
         scales: sizes of body and gait: ``body_weight`` [N], ``foot_length`` [m] and
             ``mass_height_velocity`` [N m s].
@@ -175,24 +177,33 @@ class Comparison(Brief):
         costs: ``effort``, ``margins`` and ``energy``, see
             :mod:`validation.judge.margins`.
         followed: the plans one after another.
+        valid: the plan valid at these instants.
         first: the first plan at the same instants, at its end where it has ended; None if the plan did not
             move.
+        ahead: RMS error of every signal in the judged window, by how long before the plan stood, see
+            :data:`~validation.trial.followed.LEADS`.
         window: name of the window that a metric is wanted for.
     """
 
     plan: WalkPlan
     record: SimulationRecord
     measured: MeasuredGait
-    sample: PlanSample
-    momentum_z: Array
+    planned: PlanRows
     rows: Mapping[str, Rows]
     scales: Mapping[str, float]
     signals: Mapping[str, Mapping[str, Statistics]]
     zmp_split: ZmpErrorSplit
     costs: Mapping[str, Mapping[str, Any]]
     followed: Followed
+    valid: PlanSample
+    ahead: Mapping[float, Mapping[str, float]]
     first: PlanSample | None = None
     window: str = RUN
+
+    @property
+    def sample(self) -> PlanSample:
+        """The plan that is judged, at the measured instants."""
+        return self.planned.sample
 
     @property
     def time(self) -> Array:
@@ -230,17 +241,18 @@ def compare(
         raise InputError(
             f"the measurement has {time.size} steps and the record {record.steps}; measure this record"
         )
-    followed = record.followed or Followed((plan,))
-    end = followed.plans[-1].duration
+    followed = record.followed or Followed((FrozenPlan.of(plan, time),))
+    end = followed.plans[-1].plan.duration
     if time.size and time[-1] > end + 1e-9:
         raise InputError(
             f"the record lasts until {time[-1]:.6g} s, the plan only {end:.6g} s; "
             "compare the run with the plan that was walked"
         )
-    sample = followed.sample(time)
-    first = plan.sample(np.minimum(time, plan.duration)) if followed.moved else None
-    # Whole configurations and feet have far more numbers than are compared.
-    momentum_z = followed.momentum_z(time)
+    planned = valid = followed.at(time)
+    first = None
+    if followed.moved:
+        planned, first = followed.at(time, followed.lead), followed.plans[0].rows.at(time).sample
+    sample = planned.sample
     run, feet = time >= plan.judged_from - 1e-9, measured.foot_contact.sum(axis=1)
     rows = {
         RUN: run,
@@ -251,88 +263,95 @@ def compare(
         "measured_double_support": run & (feet == 2),
         "measured_flight": run & (measured.force[:, 2] <= 0.0),
     }
-    for array in (momentum_z, *rows.values()):
+    for array in rows.values():
         array.setflags(write=False)
-    forward = record.foot_forward[: time.size]
-    height, mass = plan.com_height, measured.mass
     scales = {
         "body_weight": measured.weight,
-        "mass_height_velocity": mass * height * plan.constants.mean_velocity,
+        "mass_height_velocity": measured.mass * plan.com_height * plan.constants.mean_velocity,
         "foot_length": plan.feet.sole.length,
     }
     costs = {
-        "effort": feedback_effort(record, sample, run),
+        "effort": feedback_effort(record, valid.sample, run),
         "margins": margins(followed, record, measured, description, shapes),
         "energy": energy(record, run),
     }
+
+    def errors(planned: PlanRows, windows: Mapping[str, Rows]) -> dict[str, Mapping[str, Statistics]]:
+        """Errors of all signals in some windows."""
+        pairs = signal_pairs(planned, measured, record)
+        return {
+            name: MappingProxyType(
+                {
+                    window: statistics(
+                        (value - reference)[w], reference[w], scales[_SCALES[SIGNALS[name].unit]]
+                    )
+                    for window, w in windows.items()
+                }
+            )
+            for name, (value, reference) in pairs.items()
+        }
+
+    def rmse(lead: float) -> Mapping[str, float]:
+        found = errors(followed.at(time, lead), {RUN: run})
+        return MappingProxyType({name: windows[RUN].rmse for name, windows in found.items()})
+
+    signals = errors(planned, rows)
+    same = MappingProxyType({name: windows[RUN].rmse for name, windows in signals.items()})
     return Comparison(
         plan=plan,
         record=record,
         measured=measured,
-        sample=sample,
-        momentum_z=momentum_z,
+        planned=planned,
         rows=MappingProxyType(rows),
         scales=MappingProxyType(scales),
-        signals=MappingProxyType(
-            _signal_errors(followed, sample, measured, rows, scales, momentum_z, forward)
-        ),
+        signals=MappingProxyType(signals),
         zmp_split=_split_zmp_error(sample, measured, run),
         costs=MappingProxyType(costs),
         followed=followed,
+        valid=valid.sample,
+        ahead=MappingProxyType({lead: rmse(lead) if followed.moved else same for lead in LEADS}),
         first=first,
     )
 
 
-def _signal_errors(
-    followed: Followed,
-    sample: PlanSample,
-    measured: MeasuredGait,
-    rows: Mapping[str, Rows],
-    scales: Mapping[str, float],
-    momentum_z: Array,
-    forward: Array,
-) -> dict[str, Mapping[str, Statistics]]:
-    """Errors of all :data:`SIGNALS` in all windows."""
-    feet = followed.feet(sample.time)
-    pairs = {
+def signal_pairs(
+    planned: PlanRows, measured: MeasuredGait, record: SimulationRecord
+) -> dict[str, tuple[Array, Array]]:
+    """Measured and planned values of all :data:`SIGNALS`, both of shape (K,)."""
+    sample, feet = planned.sample, planned.feet
+    momentum = np.column_stack([sample.angular_momentum, planned.momentum_z])
+    vectors = {
         "zmp": (measured.zmp, sample.zmp),
-        "zmp_foot": _from_standing_foot(sample, measured, feet, followed.headings(sample.time), forward),
+        "zmp_foot": _from_standing_foot(planned, measured, record.foot_forward[: len(sample)]),
         "force": (measured.force, sample.force),
-        "angular_momentum": (
-            measured.angular_momentum,
-            np.column_stack([sample.angular_momentum, momentum_z]),
-        ),
+        "angular_momentum": (measured.angular_momentum, momentum),
         "com": (measured.com, sample.com),
         "left_foot": (measured.foot_position[:, 0], feet[:, :3]),
         "right_foot": (measured.foot_position[:, 1], feet[:, 3:]),
     }
-    found: dict[str, Mapping[str, Statistics]] = {}
+    found = {}
     for name, signal in SIGNALS.items():
-        value, reference = (values[:, "xyz".index(signal.axis)] for values in pairs[signal.group])
-        error, scale = value - reference, scales[_SCALES[signal.unit]]
-        found[name] = MappingProxyType(
-            {window: statistics(error[w], reference[w], scale) for window, w in rows.items()}
-        )
+        value, reference = (values[:, "xyz".index(signal.axis)] for values in vectors[signal.group])
+        found[name] = value, reference
     return found
 
 
-def _from_standing_foot(
-    sample: PlanSample, measured: MeasuredGait, feet: Array, headings: Array, forward: Array
-) -> tuple[Array, Array]:
+def _from_standing_foot(planned: PlanRows, measured: MeasuredGait, forward: Array) -> tuple[Array, Array]:
     """ZMP from the standing foot, along and across its heading, measured and planned, shapes (K, 2) [m].
 
     Of two loaded feet it is the mean, weighted by the measured loads. Where the walk is in the world does not
     count, which an estimator without fixes of the position cannot know.
     """
+    feet, headings = planned.feet, planned.headings
     load = np.maximum(measured.foot_force[:, :, 2], 0.0)
     load = load / np.where(load.any(axis=1), load.sum(axis=1), np.nan)[:, None]
     found, wanted = np.zeros((2, len(load), 2))
     for foot in (0, 1):
-        planned, x, y = feet[:, 3 * foot : 3 * foot + 2], forward[:, foot, 0], forward[:, foot, 1]
+        place, x, y = feet[:, 3 * foot : 3 * foot + 2], forward[:, foot, 0], forward[:, foot, 1]
         along = np.column_stack([x, y]) / np.hypot(x, y)[:, None]
         heading = np.column_stack([np.cos(headings[:, foot]), np.sin(headings[:, foot])])
         found += load[:, foot, None] * _along(measured.zmp - measured.foot_position[:, foot, :2], along)
-        wanted += load[:, foot, None] * _along(sample.zmp - planned, heading)
+        wanted += load[:, foot, None] * _along(planned.zmp - place, heading)
     return found, wanted
 
 

@@ -122,7 +122,7 @@ def margins(
         "joint": _extreme(room, record.time, joints),
         "knee": _extreme(knees, record.time, [leg.knee for leg in legs]),
         "clearance": _clearance(record, shapes),
-        "plan_polygon": Extreme(*followed.least_zmp_margin(time)) if time.size else Extreme(math.nan),
+        "plan_polygon": _plan_polygon(followed, record, time),
         "measured_polygon": _extreme(measured.polygon_margin, time),
         "penetration": _extreme(measured.penetration, time, feet, largest=True),
     }
@@ -135,6 +135,14 @@ def margins(
 
         found["speed"] = _extreme(rate, record.time, list(fastest), largest=True)
     return found
+
+
+def _plan_polygon(followed: Followed, record: SimulationRecord, time: Array) -> Extreme:
+    """Least margin of the planned ZMP; of a whole walk on one plan exactly, else at the instants compared."""
+    least = followed.plans[0].least_zmp_margin
+    if least is not None and not followed.moved and record.outcome.completed:
+        return Extreme(*least)
+    return _extreme(followed.at(time).zmp_margin, time)
 
 
 def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:

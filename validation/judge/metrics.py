@@ -38,14 +38,22 @@ from validation.judge.metric import Metric as Metric
 from validation.judge.metric import MetricValue as MetricValue
 from validation.judge.metric import display_unit as display_unit
 from validation.judge.metric import spaced
-from validation.judge.sizes import share_of_default
+from validation.judge.recovery import recovery_time
+from validation.judge.sizes import limit_in_si, share_of_default
 from validation.trial.users import load_object
 
 _METRICS: dict[str, Metric] = {}
 METRICS: Mapping[str, Metric] = MappingProxyType(_METRICS)
 """All metrics by name: first what the profiles judge, in the order of reports, then what is only reported."""
 _ADDED: list[str] = []
-_LISTED = ("strict", "default", "jumps", "footsteps", "odometry")  # profiles with limits of their own
+_LISTED = (
+    "strict",
+    "default",
+    "jumps",
+    "footsteps",
+    "odometry",
+    "pushed",
+)  # profiles with limits of their own
 
 
 def register(metric: Metric) -> Metric:
@@ -178,10 +186,11 @@ def _built_in() -> Iterator[Metric]:
                 nature="mean" if statistic == "rmse" else "extreme",
                 by_window=True,
             )
+    computed = {**COMPUTED, "recovery_time": _recovery_time}
     for row in _rows("metrics.csv"):
         name = row["name"]
         entries: dict[str, Any] = {**row, "by_window": bool(row["by_window"])}
-        yield Metric(**entries, compute=partial(_cost, name=name) if row["section"] else COMPUTED[name])
+        yield Metric(**entries, compute=partial(_cost, name=name) if row["section"] else computed[name])
 
 
 def _with_limits(metrics: Mapping[str, Metric]) -> Iterator[Metric]:
@@ -201,6 +210,18 @@ def _with_limits(metrics: Mapping[str, Metric]) -> Iterator[Metric]:
 
 def _statistic(walk: Comparison, name: str, statistic: str) -> float:
     return float(getattr(walk.signals[name][walk.window], statistic))
+
+
+def _recovery_time(walk: Comparison) -> float | None:
+    """See :func:`recovery_time`, with the limits that the walk has if nothing pushes it."""
+    profile = "footsteps" if walk.plan.judged_from == 0.0 else "default"
+    profile = "jumps" if walk.plan.jump_times.size else profile
+    limits = {}
+    for name, metric in METRICS.items():
+        found = metric.tolerances.get(profile, metric.tolerances.get("default"))
+        if found is not None:
+            limits[name] = float(limit_in_si(found, metric.tolerance_unit, walk.scales))
+    return recovery_time(walk, limits)
 
 
 def _cost(walk: Comparison, name: str) -> float:

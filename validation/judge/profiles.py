@@ -12,8 +12,10 @@ from typing import Any, Self
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from validation.judge.compare import SIGNALS
 from validation.judge.metrics import METRICS, Metric
 from validation.judge.sizes import limit_in_si
+from validation.trial.disturbances import pushes_of
 
 
 @dataclass(frozen=True)
@@ -122,16 +124,34 @@ ODOMETRY = Profile(
     base=DEFAULT,
     leaves_out=tuple(f"zmp_{axis}_{statistic}" for axis in "xy" for statistic in ("rmse", "maximum")),
 )
+PUSHED = Profile(
+    "pushed",
+    "For walks that something pushes: the errors of ZMP, force and angular momentum have to be within the "
+    "limits again soon after the push, and no parts of the body may meet.",
+    base=DEFAULT,
+    leaves_out=(
+        *(f"{signal}_{statistic}" for signal in SIGNALS for statistic in ("rmse", "maximum")),
+        "slip_maximum",
+    ),
+)
 PROFILES: Mapping[str, Profile] = MappingProxyType(
-    {item.name: item for item in (DEFAULT, STRICT, WIDE, JUMPS, FOOTSTEPS, ODOMETRY)}
+    {item.name: item for item in (DEFAULT, STRICT, WIDE, JUMPS, FOOTSTEPS, ODOMETRY, PUSHED)}
 )
 
 OWN: Mapping[str, str] = MappingProxyType({"pitch": "wide", "ipm": "jumps"})
 """Presets that are judged by another profile than `default` unless one is given."""
 
 
-def own_profile(gait: str, run: RunParameters | None = None) -> Profile:
-    """Profile of a gait, of its run over footsteps or with an estimator, unless another one is given."""
+def own_profile(gait: str, run: RunParameters | None = None, *, pushed: bool = False) -> Profile:
+    """Profile of a gait, of its run over footsteps or with an estimator, unless another one is given.
+
+    Args:
+        gait: name of a preset, or any other.
+        run: its parameters.
+        pushed: whether anything but the run's own section ``disturbance`` pushes the body.
+    """
+    if pushed or (run is not None and pushes_of(run.disturbance)):
+        return PUSHED
     if run is not None and run.sensors.relative:
         return ODOMETRY
     return FOOTSTEPS if run is not None and run.footsteps else PROFILES[OWN.get(gait, DEFAULT.name)]

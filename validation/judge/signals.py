@@ -1,11 +1,15 @@
 """Table of plan, command and measurement on one clock."""
 
+from typing import Any
+
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from ampm.geometry import Array
 from validation.judge.compare import PARTS, Comparison
-from validation.trial.record import state_steps
+from validation.measure.measure import MeasuredGait
+from validation.trial.record import FEET, state_steps
 
 ALL = slice(None)
 MOST_ROWS = 70_000
@@ -23,12 +27,31 @@ def kept_rows(steps: int, time_step: float) -> slice:
     return slice(None, None, least)
 
 
+def measured_columns(measured: MeasuredGait, rows: slice = ALL) -> dict[str, NDArray[Any]]:
+    """The columns that do not depend on the plan, shape (n,) each; NaN where nothing was measured."""
+    columns: dict[str, NDArray[Any]] = {}
+    for name in ("zmp", "force", "com", "angular_momentum", "zmp_momentum"):
+        columns |= _by_axis(f"measured_{name}", getattr(measured, name)[rows])
+    columns["measured_zmp_margin"] = measured.polygon_margin[rows]
+    for index, foot in enumerate(FEET):
+        columns |= _by_axis(f"{foot}_force", measured.foot_force[rows, index])
+        columns[f"{foot}_contact"] = measured.foot_contact[rows, index]
+        columns[f"{foot}_slip"] = measured.slip[rows, index]
+        columns[f"{foot}_penetration"] = measured.penetration[rows, index]
+    return columns
+
+
+def _by_axis(name: str, values: Array) -> dict[str, NDArray[Any]]:
+    """Components of vectors (n, 2) or (n, 3) by the names of their columns."""
+    return {f"{name}_{axis}": column for axis, column in zip("xyz", values.T, strict=False)}
+
+
 def signals_table(walk: Comparison, rows: slice = ALL) -> pa.Table:
     """Build the table of all steps or of some.
 
     A row holds plan and state at t_k, force and command over [t_k, t_(k+1)].
-    Units and frames: :data:`validation.store.signals.COLUMNS`. ``plan`` is the plan then valid, and where it
-    moved ``first_plan`` the first one. The plan has no L_z: its column is null, and
+    Units and frames: :data:`validation.store.signals.COLUMNS`. ``plan`` is the plan that is judged, and where
+    it moved ``first_plan`` the first one. The plan has no L_z: its column is null, and
     so are the ZMPs of an unsupported instant. ``motion_angular_momentum_z`` is that of the planned posture,
     ``zmp_error_{part}_{x,y}`` are the parts of the ZMP error.
     """
@@ -41,8 +64,7 @@ def signals_table(walk: Comparison, rows: slice = ALL) -> pa.Table:
     }
 
     def put(name: str, values: Array) -> None:
-        for column, axis in enumerate("xyz"[: values.shape[1]]):
-            columns[f"{name}_{axis}"] = _nullable(values[rows, column])
+        columns.update((key, _nullable(column)) for key, column in _by_axis(name, values[rows]).items())
 
     quantities = ("zmp", "force", "com", "angular_momentum")
     for name in quantities:
@@ -53,25 +75,14 @@ def signals_table(walk: Comparison, rows: slice = ALL) -> pa.Table:
             put(f"first_plan_{name}", getattr(walk.first, name))
     for name in quantities:
         put(f"command_{name}", getattr(record, f"command_{name}"))
-    for name in quantities:
-        put(f"measured_{name}", getattr(measured, name))
-    columns["motion_angular_momentum_z"] = _nullable(walk.momentum_z[rows])
-    put("measured_zmp_momentum", measured.zmp_momentum)
-    for index, foot in enumerate(("left", "right")):
-        put(f"{foot}_force", measured.foot_force[:, index])
-    for index, foot in enumerate(("left", "right")):
-        columns[f"{foot}_contact"] = pa.array(measured.foot_contact[rows, index])
-    if time.size:
-        columns["plan_zmp_margin"] = _nullable(walk.followed.zmp_margin(sample.time[rows]))
-    columns["measured_zmp_margin"] = _nullable(measured.polygon_margin[rows])
+    columns |= {name: _nullable(values) for name, values in measured_columns(measured, rows).items()}
+    columns["motion_angular_momentum_z"] = _nullable(walk.planned.momentum_z[rows])
+    columns["plan_zmp_margin"] = _nullable(walk.planned.zmp_margin[rows])
     for part in PARTS:
         put(f"zmp_error_{part}", walk.zmp_split.parts[part])
-    for index, foot in enumerate(("left", "right")):
-        columns[f"{foot}_slip"] = _nullable(measured.slip[rows, index])
-        columns[f"{foot}_penetration"] = _nullable(measured.penetration[rows, index])
     return pa.table(columns)
 
 
-def _nullable(values: Array) -> pa.Array:
+def _nullable(values: NDArray[Any]) -> pa.Array:
     """NaN becomes null: a number that was not measured is absent."""
     return pa.array(np.ascontiguousarray(values), from_pandas=True)

@@ -12,7 +12,7 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.judge.built_in import has_qp
-from validation.judge.compare import Comparison, statistics_table
+from validation.judge.compare import SIGNALS, Comparison, statistics_table
 from validation.judge.metrics import METRICS, MetricValue, display_unit
 from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
@@ -296,6 +296,15 @@ def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> d
             "rmse": split.rmse,
             "share": split.share,
             "unit": "m",
+        },
+        "ahead": {
+            "judged": comparison.followed.lead,
+            "lead": list(comparison.ahead),
+            "rmse": {
+                name: [found[name] for found in comparison.ahead.values()]
+                for name, signal in SIGNALS.items()
+                if signal.reference == "plan"
+            },
         },
         **comparison.costs,
         "self_checks": comparison.measured.self_checks,

@@ -14,13 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from ampm.brief import Brief
 from ampm.geometry import Array
-from validation.trial.bridge import Passive
+from validation.trial.passive import PassiveJoints
 from validation.trial.record import SimulationRecord, stored_rows
+from validation.trial.spill import blocks
 
 ToPinocchio = Callable[[Array, Array], tuple[Array, Array]]
+
+_BLOCK = 1024  # steps that are checked at a time
 
 
 class Steps(NamedTuple):
@@ -77,7 +81,7 @@ class Equations(Brief):
 
 
 def defects(
-    model: pin.Model, passive: Passive, time_step: float, segments: Sequence[str], steps: Steps
+    model: pin.Model, passive: PassiveJoints, time_step: float, segments: Sequence[str], steps: Steps
 ) -> Array:
     """Recorded change of velocity less that by the equations of motion.
 
@@ -117,38 +121,44 @@ def defects(
     return result
 
 
-def stored_equations(
-    record: SimulationRecord, model: pin.Model, passive: Passive, to_pinocchio: ToPinocchio
+def check_equations(
+    record: SimulationRecord,
+    model: pin.Model,
+    passive: PassiveJoints,
+    to_pinocchio: ToPinocchio,
+    rows: NDArray[np.intp] | None = None,
 ) -> Equations:
-    """The equations of the steps that a run folder keeps: one every 10 ms, and the last.
+    """Hold steps of a record to the equations of motion.
 
     Args:
         record: of the walk.
         model: the simulated body.
         passive: of its coordinates.
         to_pinocchio: turns MuJoCo's (q, qd) into Pinocchio's (q, v).
+        rows: steps to check, ascending; by default those that a run folder keeps, one every 10 ms and the
+            last.
     """
-    rows = np.minimum(stored_rows(record.steps, record.time_step), record.steps - 1)
-    rows = np.unique(rows[rows >= 0])
-    q, v = to_pinocchio(record.q[rows], record.qd[rows])
-    forces, segments = [record.point_force[rows]], list(record.point_sites)
-    moments, places = [np.zeros_like(forces[0])], [record.point_position[rows]]
-    if record.external_segments:
-        segments += record.external_segments
-        forces.append(record.external_force[rows])
-        moments.append(record.external_moment[rows])
-        places.append(record.external_position[rows])
-    steps = Steps(
-        q=q,
-        v=v,
-        change=record.qd[rows + 1] - record.qd[rows],
-        torque=record.torque[rows],
-        force=np.concatenate(forces, axis=1),
-        moment=np.concatenate(moments, axis=1),
-        position=np.concatenate(places, axis=1),
-    )
-    found = defects(model, passive, record.time_step, segments, steps)
-    return summarize(found, steps.change, record.time[rows], velocity_names(record.joint_names))
+    if rows is None:
+        rows = np.minimum(stored_rows(record.steps, record.time_step), record.steps - 1)
+        rows = np.unique(rows[rows >= 0])
+    segments = [*record.point_sites, *record.external_segments]
+    found, change = np.empty((2, len(rows), model.nv))
+    for part in blocks(len(rows), _BLOCK):
+        k = rows[part]
+        q, v = to_pinocchio(record.q[k], record.qd[k])
+        force, place = record.point_force[k], record.point_position[k]
+        change[part] = record.qd[k + 1] - record.qd[k]
+        steps = Steps(
+            q=q,
+            v=v,
+            change=change[part],
+            torque=record.torque[k],
+            force=np.concatenate([force, record.external_force[k]], axis=1),
+            moment=np.concatenate([np.zeros_like(force), record.external_moment[k]], axis=1),
+            position=np.concatenate([place, record.external_position[k]], axis=1),
+        )
+        found[part] = defects(model, passive, record.time_step, segments, steps)
+    return summarize(found, change, record.time[rows], velocity_names(record.joint_names))
 
 
 def velocity_names(joints: Sequence[str]) -> list[str]:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array, polygon_margin
-from validation.measure.equations import Equations, ToPinocchio, stored_equations
-from validation.trial.bridge import Passive
+from validation.measure.equations import Equations, ToPinocchio, check_equations
+from validation.trial.passive import PassiveJoints
 from validation.trial.record import SimulationRecord, support_height
 from validation.trial.spill import blocks
 
@@ -122,7 +122,10 @@ class MeasuredGait(Brief):
 
 
 def measure(
-    record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchio, passive: Passive | None = None
+    record: SimulationRecord,
+    model: pin.Model,
+    to_pinocchio: ToPinocchio,
+    passive: PassiveJoints | None = None,
 ) -> MeasuredGait:
     """Measure a run.
 
@@ -187,7 +190,7 @@ def measure(
         else float("nan"),
         equations=None
         if passive is None or passive.friction.any()
-        else stored_equations(record, model, passive, to_pinocchio),
+        else check_equations(record, model, passive, to_pinocchio),
     )
     return MeasuredGait(
         time=record.time[:-1],

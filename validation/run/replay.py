@@ -1,33 +1,46 @@
-"""Step the physics again from a recorded start with the recorded torques, and compare every bit.
+"""Step the physics again from a recorded start with the recorded torques, measure, and compare every bit.
 
 The controller is not used: a replay tests that the record holds everything that the physics depends on. The
-solver's warm start is none of it: a walk begins with that of new data, zero.
+solver's warm start is none of it: a walk begins with that of new data, zero. Steps are logged and measured by
+the functions of the walk itself, so that what was measured is compared as exactly as the states.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
-import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
+from ampm.compiled import bound
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from ampm.physics_parameters import DrakeParameters
 from ampm.run_file import load_run
-from validation.measure.equations import Equations, Steps, defects, summarize, velocity_names
+from models.scene import BodyModel
+from validation.judge.compare import PARTS
+from validation.judge.metrics import METRICS
+from validation.judge.signals import kept_rows, measured_columns
+from validation.measure.equations import Equations, check_equations
+from validation.measure.measure import MeasuredGait, measure
 from validation.progress import Progress
 from validation.store.environment import describe_environment
-from validation.store.record import StoredRecord, state_names
-from validation.store.saved import ENVIRONMENT_FILE, RUN_FILE, check_files
+from validation.store.record import JOINTS_FILE, MODEL_FILE, StoredRecord
+from validation.store.saved import ENVIRONMENT_FILE, RUN_FILE, check_files, load_description
+from validation.store.signals import SIGNALS_FILE, Signals, load_signals
+from validation.trial import spill
 from validation.trial.bridge import passive_joints, pinocchio_model, to_pinocchio
-from validation.trial.engine import drake_of, make_engine
-from validation.trial.physics import SolePoints, point_forces, quiet_mujoco
-from validation.trial.record import SimulationRecord
+from validation.trial.log import RunLog
+from validation.trial.physics import Physics, quiet_mujoco
+from validation.trial.record import PLANS, SimulationRecord
+from validation.trial.step import keep_step
 
-_BLOCK = 1024  # steps whose equations are checked at a time
+_Table = tuple[str, list[str], Array, NDArray[Any], NDArray[Any]]
+_LIMIT = METRICS["equations_defect_median"].tolerances["default"]
+_CONSTANTS = ("mass", "gravity", "time_step", "friction")
+_ROUNDING = 1e-12  # of the sum of the parts of the ZMP error [m], or in shares of their size
 
 
 @dataclass(frozen=True)
@@ -35,16 +48,18 @@ class Replay:
     """Result of a replay.
 
     Attributes:
-        steps: simulation steps that were stepped again.
-        signal: first column that differs, as in ``joints.parquet``; None if none does.
+        steps: simulation steps that were recorded.
+        file: file in which something differs; None if nothing does.
+        signal: its first column that differs.
         time: time of the first difference [s].
         recorded: the recorded value.
         replayed: the value of the replay.
         note: a likely reason for a difference, empty if none is known.
-        equations: the equations of motion of all steps; None if they were not asked for.
+        equations: the equations of motion of all repeated steps; None if they were not asked for.
     """
 
     steps: int
+    file: str | None = None
     signal: str | None = None
     time: float = float("nan")
     recorded: float = float("nan")
@@ -57,11 +72,18 @@ class Replay:
         """Whether every bit agrees."""
         return self.signal is None
 
+    @property
+    def passed(self) -> bool:
+        """Whether every bit agrees, and the median defect of the equations is within its limit."""
+        found = self.equations
+        holds = found is None or not found.steps or found.median <= _LIMIT * found.change
+        return self.identical and holds
+
     def __str__(self) -> str:
-        if self.signal is None:
-            return f"identical ({self.steps} steps, every bit of q and qd)"
+        if self.identical:
+            return f"identical ({self.steps} steps, every bit of states, contacts and measured signals)"
         return (
-            f"{self.signal} differs first, at {self.time:.6g} s: recorded {self.recorded!r}, "
+            f"{self.signal} of {self.file} differs first, at {self.time:.6g} s: recorded {self.recorded!r}, "
             f"replayed {self.replayed!r}"
         )
 
@@ -78,129 +100,148 @@ def replay(directory: str | Path, *, equations: bool = False, progress: Progress
         InputError: a file is missing, damaged, or not what the run wrote; ``equations`` of a body with dry
             friction in its joints, whose force is not recorded.
     """
-    directory = Path(directory)
+    directory, progress = Path(directory), progress or Progress()
     if not directory.is_dir():
         raise InputError(f"there is no folder {directory}; give the folder of a run.")
     record = StoredRecord(directory)
     check_files(directory)
-    model, drake = record.model(), drake_of(load_run(directory / RUN_FILE, ()))
-    check = EquationCheck(model, record) if equations else None
-    with (progress or Progress()).stage("replay", "steps") as stage:
-        found = step_again(model, record, stage.advance, check, drake)
+    physics = _physics(record)
+    passive, twin = passive_joints(physics.model), pinocchio_model(physics.model)
+    if equations and passive.friction.any():
+        raise InputError(
+            "the equations of motion cannot be checked: joints of this body have dry friction, whose "
+            "force is not recorded; replay without --equations."
+        )
+    with progress.stage("replay", "steps") as stage:
+        again = step_again(physics, record, stage.advance)
+    with progress.stage("measurement"):
+        measured = measure(again, twin, to_pinocchio)
+        found = _first_difference(record, again, measured)
+        if equations:
+            steps = np.arange(again.steps)
+            found = replace(found, equations=check_equations(again, twin, passive, to_pinocchio, steps))
     return found if found.identical else replace(found, note=_note(directory / ENVIRONMENT_FILE))
 
 
+def _physics(record: StoredRecord) -> Physics:
+    """The simulation that made a record.
+
+    Raises:
+        InputError: a file that describes it is missing or damaged, or of another body.
+    """
+    record.model()  # refuses a model of another body
+    folder = record.directory
+    xml, description = (folder / MODEL_FILE).read_text(encoding="utf-8"), load_description(folder)
+    if record.point_sites != tuple(site for _, _, site in description.sole_points()):
+        raise InputError(f"{folder} has sole points of two bodies; give the folder of one run.")
+    return Physics(BodyModel(xml, description), load_run(folder / RUN_FILE, ()))
+
+
 def step_again(
-    model: mujoco.MjModel,
+    physics: Physics,
     record: SimulationRecord | StoredRecord,
     advance: Callable[[int, int], None] | None = None,
-    check: "EquationCheck | None" = None,
-    drake: DrakeParameters | None = None,
-) -> Replay:
+) -> SimulationRecord:
     """Step the physics with recorded torques, up to the first recorded state of which a bit differs.
 
     Args:
-        model: the model that was simulated.
+        physics: the model that was simulated, and its engine.
         record: start state, torques and external forces.
         advance: called with steps done and steps in all.
-        check: of the equations of motion.
-        drake: contact if Drake stepped the run, None if MuJoCo did.
+
+    Returns:
+        The repeated steps, without what a controller would add.
     """
-    data = mujoco.MjData(model)
-    engine = make_engine(model, data, drake)
+    data, body, done = physics.data, physics.body, 0
     data.qpos[:], data.qvel[:] = record.q[0], record.qd[0]
-    pushed = [model.body(name).id for name in record.external_segments]
+    log, segments = RunLog(record.steps, physics), record.external_segments
+    keep = bound(keep_step, (log.handle,), 0, 0, data.efc_force)
+    pushed = [physics.model.body(name).id for name in segments]
+    log.external = {name: spill.zeros((record.steps, 9)) for name in segments}
     with quiet_mujoco():
         for row, (start, end) in enumerate(pairwise(record.state_rows.tolist()), 1):
             for k, torque in enumerate(record.torque_at(range(start, end)), start):
+                physics.engine.step1()
                 data.ctrl[:] = torque
                 if pushed:
-                    push = record.external_force[k], record.external_moment[k]
-                    data.xfrc_applied[pushed] = np.hstack(push)
-                if check is not None:
-                    check.begin(data)
-                engine.step1()
-                engine.step2()
-                if check is not None:
-                    check.end(k, data)
+                    push = np.hstack([record.external_force[k], record.external_moment[k]])
+                    data.xfrc_applied[pushed] = push
+                    acts = push.any(axis=1) | record.external_position[k].any(axis=1)
+                    here = np.hstack([push, data.xipos[pushed]])
+                    log.keep_pushes(k, {segments[i]: here[i] for i in np.flatnonzero(acts)})
+                physics.engine.step2()
+                keep(k, data.ncon, data.efc_force)
+            done = end
             recorded = np.concatenate([record.q[row], record.qd[row]])
-            replayed = np.concatenate([data.qpos, data.qvel])
-            # Bit patterns, not values: -0 is not 0, and a NaN is itself.
-            differ = np.flatnonzero(recorded.view(np.int64) != replayed.view(np.int64))
-            if differ.size:
-                i = int(differ[0])
-                values = float(recorded[i]), float(replayed[i])
-                return Replay(record.steps, state_names(record)[i], end * record.time_step, *values)
-            if advance is not None and row % 50 == 0:
-                advance(end, record.steps)
-    return Replay(record.steps, equations=None if check is None else check.result())
+            if _differ(recorded, np.concatenate([body.qpos, body.qvel])).any():
+                break
+            if row % 50 == 0:
+                spill.release()
+                if advance is not None:
+                    advance(end, record.steps)
+    return replace(log.close(done, record.outcome), metadata=record.metadata)
 
 
-class EquationCheck:
-    """Holds steps of a replay to the equations of motion.
+def _first_difference(record: StoredRecord, again: SimulationRecord, measured: MeasuredGait) -> Replay:
+    """The earliest number on disk that the repeated steps do not have."""
+    first = Replay(record.steps)
+    for file, columns, times, recorded, replayed in _tables(record, again, measured):
+        differ = np.argwhere(_differ(recorded, replayed))
+        if len(differ):
+            row, column = differ[0].tolist()
+            time, values = float(times[row]), (float(recorded[row, column]), float(replayed[row, column]))
+            if first.identical or time < first.time:
+                first = Replay(record.steps, file, columns[column], time, *values)
+    return first
 
-    Contact forces are the recorded ones where they are on disk, every 10 ms, and those of the replayed steps
-    between them, whose states are the recorded ones to the bit.
 
-    Args:
-        model: the model that was simulated.
-        record: of the run.
+def _differ(recorded: NDArray[Any], replayed: NDArray[Any]) -> NDArray[np.bool_]:
+    """Where the bit patterns differ, not the values: -0 is not 0, and a NaN is itself."""
+    one, two = (np.ascontiguousarray(item, dtype=np.float64) for item in (recorded, replayed))
+    return (one.view(np.int64) != two.view(np.int64)) & ~(np.isnan(one) & np.isnan(two))
 
-    Raises:
-        InputError: a joint has dry friction.
+
+def _tables(record: StoredRecord, again: SimulationRecord, measured: MeasuredGait) -> Iterator[_Table]:
+    """All that is on disk and was repeated, up to where the replay ends.
+
+    Yields:
+        A file, names of m columns, times of n rows [s], and recorded and replayed numbers, shape (n, m).
     """
+    then, now = (np.array([[getattr(item, name) for name in _CONSTANTS]]) for item in (record, again))
+    yield JOINTS_FILE, list(_CONSTANTS), np.zeros(1), then, now
+    pushes = ("external_force", "external_moment", "external_position") if record.external_segments else ()
+    for name in ("q", "qd", "point_force", "point_position", *pushes):
+        file, columns = record.columns(name)
+        recorded, replayed = getattr(record, name), getattr(again, name)
+        rows = np.arange(record.steps) if name in pushes else record.state_rows
+        rows = rows[rows < len(replayed)]
+        shape = len(rows), len(columns)
+        recorded, replayed = recorded[: len(rows)].reshape(shape), replayed[rows].reshape(shape)
+        yield file, columns, again.time[rows], recorded, replayed
+    stored = load_signals(record.directory / SIGNALS_FILE)
+    every = kept_rows(record.steps, record.time_step)
+    if len(stored) != (count := len(range(record.steps)[every])):
+        raise InputError(f"{SIGNALS_FILE} is damaged: it has not {count} rows; walk the gait again.")
+    time = measured.time[every]
+    held = {"time": time, **measured_columns(measured, every)}
+    recorded = np.column_stack([stored[name][: len(time)].astype(np.float64) for name in held])
+    yield SIGNALS_FILE, list(held), time, recorded, np.column_stack(list(held.values()))
+    if PLANS not in record.metadata:
+        total, error = (item[: len(time)] for item in _zmp_error(stored))
+        yield SIGNALS_FILE, ["sum of zmp_error_x", "sum of zmp_error_y"], time, total, error
 
-    def __init__(self, model: mujoco.MjModel, record: StoredRecord) -> None:
-        self.passive = passive_joints(model)
-        if self.passive.friction.any():
-            raise InputError(
-                "the equations of motion cannot be checked: joints of this body have dry friction, whose "
-                "force is not recorded; replay without --equations."
-            )
-        self.model, self.record, self.twin = model, record, pinocchio_model(model)
-        self.contacts = SolePoints(model, record.point_sites, ())
-        self.rows = {int(k): row for row, k in enumerate(record.state_rows[:-1])}
-        self.segments = [*record.point_sites, *record.external_segments]
-        self.waiting: list[tuple[Array, ...]] = []  # steps to check, in the order of the fields of Steps
-        self.defect: list[Array] = []
-        self.change: list[Array] = []
 
-    def begin(self, data: mujoco.MjData) -> None:
-        """Copy the state at the start of a step, and what acts in it."""
-        self.start = data.qpos.copy(), data.qvel.copy()
-        self.torque = data.ctrl.copy()
+def _zmp_error(stored: Signals) -> tuple[Array, Array]:
+    """The recorded parts of the ZMP error in sum, and what they add up to, shape (N, 2) [m].
 
-    def end(self, k: int, data: mujoco.MjData) -> None:
-        """Compare the change of velocity in step k."""
-        record = self.record
-        if k in self.rows:
-            force, place = record.point_force[self.rows[k]], record.point_position[self.rows[k]]
-        else:
-            force, place = point_forces(data, self.contacts)
-        moment = np.zeros_like(force)
-        if record.external_segments:
-            force = np.concatenate([force, record.external_force[k]])
-            moment = np.concatenate([moment, record.external_moment[k]])
-            place = np.concatenate([place, record.external_position[k]])
-        change = data.qvel - self.start[1]
-        self.waiting.append((*to_pinocchio(*self.start), change, self.torque, force, moment, place))
-        if len(self.waiting) == _BLOCK:
-            self._check()
-
-    def _check(self) -> None:
-        """Check the steps that wait."""
-        steps = Steps(*map(np.array, zip(*self.waiting, strict=True)))
-        self.waiting.clear()
-        self.change.append(steps.change)
-        self.defect.append(defects(self.twin, self.passive, self.record.time_step, self.segments, steps))
-
-    def result(self) -> Equations:
-        """Median and largest defect of all steps."""
-        if self.waiting:
-            self._check()
-        time = np.arange(self.record.steps, dtype=np.float64) * self.record.time_step
-        names = velocity_names(self.record.joint_names)
-        return summarize(np.concatenate(self.defect), np.concatenate(self.change), time, names)
+    They are given as equal where they agree to rounding. They need not where the plan moved: between two
+    instants of a plan that was kept, ZMP and force go on along lines of their own.
+    """
+    parts = np.array([stored.vector(f"zmp_error_{part}", "xy") for part in PARTS])
+    total, size = parts.sum(axis=0), np.maximum(np.abs(parts).sum(axis=0), 1.0)
+    error = stored.vector("measured_zmp", "xy") - stored.vector("plan_zmp", "xy")
+    error = np.where(np.isfinite(stored.vector("measured_zmp_momentum", "xy")), error, np.nan)
+    return total, np.where(np.abs(total - error) <= _ROUNDING * size, total, error)
 
 
 def _note(path: Path) -> str:

@@ -105,6 +105,8 @@ class RunFigures:
             found[section] = [
                 self.tracking(curve) for curve in curves if self._has(f"measured_{curve.column}")
             ]
+        if self.saved.summary["ahead"]["judged"]:
+            found["zmp"].append(self.ahead())
         for section, entity in _DIFFERENCES.items():
             gap = DIFFERENCES[entity]
             found[section] = [self.difference(gap)] if self._has(f"{gap.minuend}_x") else []
@@ -162,6 +164,19 @@ class RunFigures:
             "Of the whole-body motion, as the AMPM does not plan it." if curve.reference == "motion" else ""
         )
         return picture(figure, f"{curve.title}: error, plan and measurement", caption)
+
+    def ahead(self) -> Picture:
+        """RMS errors of the ZMP by how long before each instant the plan stood."""
+        figure, (axis,) = new_figure(2.3)
+        ahead = self.saved.summary["ahead"]
+        for name, color in zip(("zmp_x", "zmp_y"), PARTS, strict=False):
+            values = 1e3 * np.array(ahead["rmse"][name], dtype=float)
+            axis.plot(ahead["lead"], values, "o-", color=color, label=SIGNALS[name].direction)
+        axis.axvline(ahead["judged"], color=FAINT, linewidth=0.7, linestyle=_DASHED)
+        axis.set(xlabel="age of the plan [s]", ylim=(0.0, None))
+        _finish(axis, "ZMP, RMS error from the plan as it stood before", "[mm]")
+        caption = "Dashed: the age by which this walk is judged."
+        return picture(figure, "RMS error of the ZMP by the age of the plan", caption)
 
     def difference(self, gap: Difference) -> Picture:
         """Difference of two vectors, over the whole run."""

@@ -61,4 +61,8 @@ def _notes(summary: Mapping[str, Any], rows: list[tuple[str, ...]]) -> list[str]
             f"±: numerical uncertainty by a convergence study of {known['gait']}, {known['steps']} steps a "
             "level. A value closer to its limit than that is undecided."
         )
+    if lead := summary["ahead"]["judged"]:
+        notes.append(f"The plan moved: each instant is compared with the plan as it stood {lead:g} s before.")
+    if summary["profile"] == "pushed":
+        notes.append("Pushed: errors of ZMP, force and angular momentum have to be within limits again.")
     return [*notes, *summary.get("log", {}).get("notes", ())]

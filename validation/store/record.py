@@ -108,13 +108,6 @@ def _coordinate_names(count: int, root: tuple[str, ...], joints: Sequence[str]) 
     return [str(index) for index in range(count)]
 
 
-def state_names(record: "SimulationRecord | StoredRecord") -> list[str]:
-    """Names of the columns of q and qd."""
-    q, qd = (array.shape[1] for array in (record.q, record.qd))
-    places = (f"q_{name}" for name in _coordinate_names(q, _ROOT_Q, record.joint_names))
-    return [*places, *(f"qd_{name}" for name in _coordinate_names(qd, _ROOT_V, record.joint_names))]
-
-
 # -------------------------------------------------------------------------------------------------- writing
 
 
@@ -253,6 +246,10 @@ class StoredRecord:
         if name == "tick_plan":  # of a plan that did not move
             return np.zeros(len(self.tick_time), np.int32)
         raise AttributeError(f"a stored record has no field {name!r}")
+
+    def columns(self, name: str) -> tuple[str, list[str]]:
+        """File of an array, and the columns of its scalars."""
+        return next((file, fields[name].columns) for file, fields in self._files.items() if name in fields)
 
     @property
     def tick_time(self) -> Array:

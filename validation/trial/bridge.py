@@ -18,11 +18,13 @@ root linear acceleration  d/dt of the above           spatial: ``R^T a - omega x
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 import pinocchio as pin
+
+from validation.trial.passive import PassiveJoints
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -51,25 +53,7 @@ def _hinge(axis: Array) -> Any:
     return pin.JointModelRevoluteUnaligned(axis)
 
 
-class Passive(NamedTuple):
-    """Springs, dampers and dry friction of a body's coordinates, each shape (nv,).
-
-    Attributes:
-        damping: [N m s/rad].
-        stiffness: [N m/rad].
-        rest: angle of the spring at rest [rad].
-        friction: dry friction [N m].
-        implicit: whether the integrator takes the damping at the velocity after the step.
-    """
-
-    damping: Array
-    stiffness: Array
-    rest: Array
-    friction: Array
-    implicit: bool
-
-
-def passive_joints(model: mujoco.MjModel) -> Passive:
+def passive_joints(model: mujoco.MjModel) -> PassiveJoints:
     """Springs, dampers and dry friction of a compiled model with a free root."""
     stiffness, rest = np.zeros(model.nv), np.zeros(model.nv)
     stiffness[model.jnt_dofadr] = model.jnt_stiffness
@@ -77,7 +61,7 @@ def passive_joints(model: mujoco.MjModel) -> Passive:
     stiffness[:6] = rest[:6] = 0.0
     explicit = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
     euler = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
-    return Passive(
+    return PassiveJoints(
         damping=model.dof_damping.copy(),
         stiffness=stiffness,
         rest=rest,

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from collections import namedtuple
+from copy import copy
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
 import numpy as np
 
 from ampm.compiled import compiled, refer
+from ampm.reference import reference_type
 from ampm.vectors import put, vector
 from validation.trial import spill
-from validation.trial.record import INTEGERS, LOGGED, SHAPES, shape_of
+from validation.trial.record import INTEGERS, LOGGED, SHAPES, SimulationRecord, shape_of
+from validation.trial.watch import Stance
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
+    from validation.trial.outcome import Outcome
     from validation.trial.physics import Body, Physics
-    from validation.trial.watch import Stance
 
     Array = NDArray[np.float64]
 
@@ -91,18 +94,41 @@ class RunLog:
 
     Args:
         steps: K.
-        physics: of the walk.
-        command: of its controller.
-        stance: of body and command.
+        physics: of the walk, placed at its start.
 
     Attributes:
         record: the arrays; rows beyond the steps done have no meaning.
+        row: what the controller follows at a tick, see :func:`ampm.reference.reference_type`, shape (1,).
+        command: of the last tick.
+        stance: of body and command.
         handle: reference to the :class:`Log`, for compiled functions.
     """
 
-    def __init__(self, steps: int, physics: Physics, command: Command, stance: Stance) -> None:
-        self.physics, self.command, self.stance = physics, command, stance
-        self.substeps = physics.substeps
+    def __init__(self, steps: int, physics: Physics) -> None:
+        self.physics, self.substeps, robot = physics, physics.substeps, physics.robot
+        self.row = np.zeros(1, reference_type(robot.nq, robot.nv))
+        self.command = Command(
+            torque=np.zeros(robot.nu),
+            rate=np.zeros(robot.nu),
+            force=np.zeros(3),
+            zmp=np.zeros(2),
+            angular_momentum=np.zeros(3),
+            com=self.row["com"][0],
+        )
+        self.stance = Stance(
+            com=physics.body.com,
+            trunk=physics.body.trunk,
+            soles=physics.soles,
+            planned_com=self.command.com,
+            planned_trunk=self.row["trunk"][0, :, 2],
+            planned_soles=self.row["foot_position"][0],
+        )
+        self._allocate(steps)
+        self.record.q[0], self.record.qd[0] = physics.data.qpos, physics.data.qvel
+
+    def _allocate(self, steps: int) -> None:
+        """Make the arrays for K steps."""
+        physics = self.physics
         model, points = physics.model, len(physics.points.names)
         sizes = {
             "K": steps,
@@ -122,8 +148,8 @@ class RunLog:
         self.parts = Log(
             record=self.record,
             body=physics.body,
-            command=command,
-            stance=stance,
+            command=self.command,
+            stance=self.stance,
             normal_force=self.normal_force,
             touching=self.touching,
             substeps=self.substeps,
@@ -137,7 +163,8 @@ class RunLog:
 
     def extended(self, steps: int) -> RunLog:
         """The log with room for more steps, twice as many as now or more."""
-        log = RunLog(max(steps, 2 * len(self.record.torque)), self.physics, self.command, self.stance)
+        log = copy(self)
+        log._allocate(max(steps, 2 * len(self.record.torque)))
         log.external = {segment: spill.zeros((len(log.record.torque), 9)) for segment in self.external}
         arrays = [*zip(log.record, self.record, strict=True)]
         arrays += [(log.external[segment], push) for segment, push in self.external.items()]
@@ -146,32 +173,49 @@ class RunLog:
             array[: len(before)] = before
         return log
 
-    def close(self, done: int) -> dict[str, Any]:
-        """Add the instant at which the last step ends, and return the record's arrays.
+    def close(self, done: int, outcome: Outcome) -> SimulationRecord:
+        """Add the instant at which the last step ends, and return the record.
 
         Args:
             done: whole steps.
+            outcome: how the walk ended.
 
         Returns:
-            Name to array, read-only and without a copy: ``done + 1`` rows of instants, ``done`` of steps, and
+            The record, without a copy of the arrays: ``done + 1`` rows of instants, ``done`` of steps, and
             the ticks that began in them. An incomplete step has no tick either.
         """
-        data, record = self.physics.data, self.record
+        physics, data, record = self.physics, self.physics.data, self.record
         # The same whatever ended the walk: no push, the last torques, and no warm start.
         data.qpos[:], data.qvel[:] = record.q[done], record.qd[done]
         data.xfrc_applied[:], data.qacc_warmstart[:] = 0.0, 0.0
         data.ctrl[:] = record.torque[done - 1] if done else 0.0
-        mujoco.mj_forward(self.physics.model, data)
+        mujoco.mj_forward(physics.model, data)
         keep_instant(self.handle, done)
-        rows = {"K+1": done + 1, "K": done, "T": -(-done // self.substeps)}
-        result: dict[str, Any] = {}
+        ticks = -(-done // self.substeps)
+        rows, kept = {"K+1": done + 1, "K": done, "T": ticks}, dict[str, Any]()
         for name, array in zip(LOGGED, record, strict=True):
             array.setflags(write=False)
-            result[name] = array[: rows[SHAPES[name].split()[0]]]
+            kept[name] = array[: rows[SHAPES[name].split()[0]]]
         if self.external:
             pushes = np.stack([push[:done] for push in self.external.values()], axis=1)
-            result["external_force"] = pushes[..., :3]
-            result["external_moment"] = pushes[..., 3:6]
-            result["external_position"] = pushes[..., 6:]
-            result["external_segments"] = tuple(self.external)
-        return result
+            kept["external_force"] = pushes[..., :3]
+            kept["external_moment"] = pushes[..., 3:6]
+            kept["external_position"] = pushes[..., 6:]
+            kept["external_segments"] = tuple(self.external)
+        dt, robot = physics.time_step, physics.robot
+        return SimulationRecord(
+            time=np.arange(done + 1, dtype=np.float64) * dt,
+            point_foot=robot.point_foot,
+            point_group=robot.point_group,
+            tick_time=np.arange(ticks, dtype=np.float64) * (self.substeps * dt),
+            outcome=outcome,
+            mass=robot.mass,
+            gravity=robot.gravity,
+            time_step=dt,
+            friction=float(physics.model.geom("floor").friction[0]),
+            torque_limit=robot.torque_limit,
+            joint_range=np.stack([robot.lower, robot.upper], axis=1),
+            joint_names=robot.joint_names,
+            point_sites=physics.points.names,
+            **kept,
+        )

@@ -107,7 +107,7 @@ class SimulationRecord:
         point_sites: sites of the sole points in the model, P names.
         metadata: further identification of the run, text to text; :data:`FLOOR`, if the floor has steps, and
             :data:`PLANS`, if the plan moved.
-        followed: the plans that were followed, not on disk; None if only the first one was.
+        followed: what the plans that were followed said, not on disk; None of a log.
     """
 
     time: Array = field(metadata=_of("K+1"))

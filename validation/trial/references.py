@@ -8,8 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ampm.reference import ReferenceTable
 from ampm.walk import WalkPlan
+from validation.trial import spill
 from validation.trial.contact_check import NEXT, PUSHED_OUTSIDE, check_contacts
+from validation.trial.followed import LEADS
+from validation.trial.frozen_plan import FrozenPlan
 from validation.trial.planners import no_walk
 from validation.trial.users import UsersCode
 
@@ -18,12 +22,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ampm.reference import Reference, ReferenceTable, Timing
+    from ampm.reference import PostureState, Reference, Timing
     from ampm.walk import Controller, Replanner, State, Touch
 
-_TICKS = 16_384  # of a table of references
+_BLOCK = 16_384  # ticks of a table that are made at once; the last digits depend on it
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]
-_FIRST_TICKS = 32  # of the first table of a plan that replaces another one, which may be replaced soon
 
 
 @dataclass
@@ -42,7 +45,9 @@ class Course:
 
 
 class References(Course):
-    """References of the plan then valid, one for each control tick, made a part of the walk at a time.
+    """References of the plan then valid, one for each control tick.
+
+    A plan is sampled when it is handed over, for all of the walk, and not later.
 
     Args:
         plan: the first one.
@@ -53,7 +58,7 @@ class References(Course):
         author: of the plans, for messages; by default their postures.
 
     Attributes:
-        plans: all of them so far; the last one is followed from the next tick on.
+        plans: all of them so far, as they were handed over; the last one is followed from the next tick on.
         since: first tick of each.
     """
 
@@ -69,47 +74,60 @@ class References(Course):
     ) -> None:
         self.timing, self.time_step, self.substeps = timing, time_step, substeps
         self.steps, self.author = steps, author
-        self.plans: list[WalkPlan] = []
+        self.plans: list[FrozenPlan] = []
         self.since: list[int] = []
         self._tick = 0
+        self._last: Reference | None = None
         self.references = self._walk()
         self.follow(plan)
 
+    @property
+    def start(self) -> PostureState:
+        """Posture in which the walk begins."""
+        return self._table[0].posture
+
     def follow(self, plan: WalkPlan) -> None:
         """Go on with another plan from the next tick on."""
-        self.step_ends = plan.contacts.step_ends[: self.steps]
-        self.total = math.floor(self.step_ends[-1] / self.time_step + 1e-9)
-        self.plans.append(plan)
+        step_ends = plan.contacts.step_ends[: self.steps]
+        total = math.floor(step_ends[-1] / self.time_step + 1e-9)
+        ticks = np.arange(self._tick * self.substeps, total, self.substeps)
+        self.step_ends, self.total = step_ends, total
+        if not ticks.size:  # the walk ends here
+            return
+        with UsersCode("planner", self.author or type(plan.posture)):
+            self._table = self._sampled(plan, ticks)
+            instants = ticks if self.plans else np.arange(total)
+            frozen = FrozenPlan.of(plan, instants * self.time_step, exact=not self.plans)
+        if len(self.plans) > 1:  # the first one is compared with the others to the end
+            self.plans[-1] = self.plans[-1].until(self._tick * self.substeps * self.time_step + max(LEADS))
+        self.plans.append(frozen)
         self.since.append(self._tick)
 
     def _walk(self) -> Iterator[Reference]:
         """The references, as long as the plan then valid goes on."""
-        count = _TICKS
-        last: Reference | None = None
         while self._tick * self.substeps < self.total:
-            plan = self.plans[-1]
-            for reference in self._table(plan, count, last):
-                self._tick += 1
-                last = reference
-                yield reference
-                if self.plans[-1] is not plan:
-                    count = _FIRST_TICKS
-                    break
-            else:
-                count = min(2 * count, _TICKS)
+            self._last = self._table[self._tick - self.since[-1]]
+            self._tick += 1
+            yield self._last
 
-    def _table(self, plan: WalkPlan, count: int, last: Reference | None) -> ReferenceTable:
-        """References of the next ticks, at most ``count``, after the last one."""
-        before = min(self._tick, 1)  # rates of change need the ticks on both sides
-        first, end = self._tick - before, self._tick + count + 1
-        steps = np.arange(first * self.substeps, min(end * self.substeps, self.total), self.substeps)
-        with UsersCode("planner", self.author or type(plan.posture)):
+    def _sampled(self, plan: WalkPlan, ticks: NDArray[np.intp]) -> ReferenceTable:
+        """References of some ticks, given as steps of the physics; refused if one is no number."""
+        rows: NDArray[Any] | None = None
+        for part in spill.blocks(len(ticks), _BLOCK):
+            # Rates of change need the ticks on both sides.
+            first, end = max(ticks[part][0] - self.substeps, 0), ticks[part][-1] + self.substeps + 1
+            steps = np.arange(first, min(end, ticks[-1] + 1), self.substeps)
             table = plan.table(steps * self.time_step, self.timing)
-            if plan is not self.plans[0]:
-                _check_numbers(table, float(steps[0] * self.time_step))
-        if last is not None and _jumps(table[0], last):
-            table = table.replace(jumps=np.r_[False, True, table.jumps[2:]])
-        return table.part(before, before + count)
+            _check_numbers(table, steps[0] * self.time_step)
+            before = int(steps[0] < ticks[part][0])
+            if self._last is not None and part.start == 0 and _jumps(table[0], self._last):
+                table = table.replace(jumps=np.r_[False, True, table.jumps[2:]])
+            table = table.part(before, before + len(ticks[part]))
+            if len(table) == len(ticks):
+                return table
+            rows = spill.zeros((len(ticks),), table.row.dtype) if rows is None else rows
+            rows[part] = table.row
+        return ReferenceTable(rows)
 
 
 class Replanning:
@@ -134,7 +152,7 @@ class Replanning:
             return
         if self.period:
             self._due = (math.floor(time / self.period + 1e-9) + 1) * self.period
-        course, valid = self.course, self.course.plans[-1]
+        course, valid = self.course, self.course.plans[-1].plan
         with UsersCode("planner", self.planner):
             plan = self.planner.replan(time, state, touch, valid)
             if plan is None or plan is valid:

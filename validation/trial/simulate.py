@@ -20,14 +20,13 @@ from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import DisturbanceParameters
 from ampm.planner.heights import uneven
-from ampm.reference import reference_type
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, State, Timing, Touch
 from validation.trial import spill
 from validation.trial.disturbances import Disturbance, Plant, Push, describe, pushes_of
 from validation.trial.divergence import explained
 from validation.trial.faults import MotorFaults, started
 from validation.trial.followed import Followed
-from validation.trial.log import Command, RunLog
+from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, quiet_mujoco
 from validation.trial.readings import Sensing, make_estimator
@@ -37,14 +36,14 @@ from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
 from validation.trial.step import act, end_step, sense
 from validation.trial.users import CONTROLLER, UsersCode, UsersError
-from validation.trial.watch import End, Stance, Watch
+from validation.trial.watch import End, Watch
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.parameters import RunParameters
     from ampm.sensors.readings import Estimator, EstimatorFactory
-    from ampm.stepping.planned import PlannedTick
+    from ampm.stepping.follower import SteppedTick
     from ampm.walk import Controller, ControllerFactory, Replanner, WalkPlan
     from models.scene import BodyModel
 
@@ -120,7 +119,7 @@ def simulate(
             )
         if isinstance(push, Push):  # before the walk, not when it is pushed
             Plant(physics.model, physics.data, physics.robot.description).position(push.segment)
-    start = plan.table([0.0], timing)[0].posture
+    start = course.start
     q = start.q.copy()
     # The soles carry weight from the first instant.
     q[2] += run.disturbance.floor_height - run.simulation.start_depth
@@ -158,8 +157,9 @@ def simulate(
         tuple(loop.stepped),
         physics.substeps * dt,
     )
+    record = replace(record, followed=followed)
     if followed.moved:
-        record = replace(record, followed=followed, tick_plan=followed.numbers(record.tick_time))
+        record = replace(record, tick_plan=followed.numbers(record.tick_time))
         metadata[PLANS] = str(followed.changes)
     if factory is not TrackingController:
         metadata["controller"] = CONTROLLER.name_of(factory)
@@ -207,7 +207,7 @@ class ClosedLoop:
 
     Attributes:
         command: of the last tick.
-        stepped: what the stabiliser that steps planned off the plan.
+        stepped: states of the stabiliser that steps, off the plan.
     """
 
     def __init__(
@@ -227,33 +227,16 @@ class ClosedLoop:
         self.plant.segment(run.disturbance.push_segment)  # refused also without a force
         self.physics, self.controller, self.replanning = physics, controller, replanning
         self.users_code = UsersCode("controller", controller)
-        self.stepped: list[PlannedTick] = []
-        self._planned = controller if isinstance(controller, TrackingController) else None
+        self.stepped: list[SteppedTick] = []
+        self._steps = controller if isinstance(controller, TrackingController) else None
         self.course, self.progress = course, progress
         robot, fault = physics.robot, run.disturbance
         self.faults = None
         if fault.actuation_delay or fault.torque_bias:
             self.faults = MotorFaults(run, robot.torque_limit)
-        self._row = np.zeros(1, reference_type(robot.nq, robot.nv))
-        self.command = command = Command(
-            torque=np.zeros(robot.nu),
-            rate=np.zeros(robot.nu),
-            force=np.zeros(3),
-            zmp=np.zeros(2),
-            angular_momentum=np.zeros(3),
-            com=self._row["com"][0],
-        )
-        stance = Stance(
-            com=physics.body.com,
-            trunk=physics.body.trunk,
-            soles=physics.soles,
-            planned_com=command.com,
-            planned_trunk=self._row["trunk"][0, :, 2],
-            planned_soles=self._row["foot_position"][0],
-        )
-        self.watch = Watch(stance, run.controller.unsolved_limit, robot.description.scale)
-        self.log = RunLog(course.total, physics, command, stance)
-        self.log.record.q[0], self.log.record.qd[0] = physics.data.qpos, physics.data.qvel
+        self.log = RunLog(course.total, physics)
+        self.command, self._row = self.log.command, self.log.row
+        self.watch = Watch(self.log.stance, run.controller.unsolved_limit, robot.description.scale)
         self.sensing = None
         if not run.sensors.perfect:
             self.sensing = Sensing(run, self.log, robot.gravity, estimator)
@@ -300,9 +283,9 @@ class ClosedLoop:
         time = done * self.physics.time_step
         if end is None:
             walked = len(self.course.step_ends)
-            return self._record(done, Outcome(OutcomeName.COMPLETED, time, "", walked))
+            return self.log.close(done, Outcome(OutcomeName.COMPLETED, time, "", walked))
         walked = int(np.searchsorted(self.course.step_ends, time + 1e-6))
-        return self._record(done, Outcome(end.name, time, end.cause, walked))
+        return self.log.close(done, Outcome(end.name, time, end.cause, walked))
 
     def _step(self, k: int) -> End | None:
         """One step of the physics, with a control tick where one is due."""
@@ -354,8 +337,8 @@ class ClosedLoop:
                 raise ValueError(f"status {status} is none")
             if not self._act(k, status, residual, int(output.iterations), float(output.seconds)):
                 raise ValueError(self._not_finite())
-        if self._planned is not None and self._planned.planned is not None:
-            self.stepped.append(self._planned.planned)
+        if self._steps is not None and self._steps.stepped is not None:
+            self.stepped.append(self._steps.stepped)
         if self.replanning is not None:
             self.replanning.update(float(reference.time), state, touch)
         if self.course.total > len(self.log.record.torque):
@@ -395,23 +378,3 @@ class ClosedLoop:
         share = np.abs(self.command.torque) / robot.torque_limit
         worst = int(np.argmax(share))
         return f"{robot.joint_names[worst]} at {share[worst]:.0%} of its torque"
-
-    def _record(self, done: int, outcome: Outcome) -> SimulationRecord:
-        dt, robot = self.physics.time_step, self.physics.robot
-        kept = self.log.close(done)
-        return SimulationRecord(
-            time=np.arange(done + 1, dtype=np.float64) * dt,
-            point_foot=robot.point_foot,
-            point_group=robot.point_group,
-            tick_time=np.arange(kept["qp_time"].size, dtype=np.float64) * (self.physics.substeps * dt),
-            outcome=outcome,
-            mass=robot.mass,
-            gravity=robot.gravity,
-            time_step=dt,
-            friction=float(self.physics.model.geom("floor").friction[0]),
-            torque_limit=robot.torque_limit,
-            joint_range=np.stack([robot.lower, robot.upper], axis=1),
-            joint_names=robot.joint_names,
-            point_sites=self.physics.points.names,
-            **kept,
-        )

@@ -1,0 +1,178 @@
+"""A plan as read-only arrays, sampled and checked when it is handed over."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ampm.exceptions import InputError
+from ampm.geometry import polygon_margin
+from ampm.planner.centroidal import PlanSample
+from ampm.planner.newton import newton_residual
+from validation.trial import spill
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from ampm.walk import WalkPlan
+
+    Array = NDArray[np.float64]
+
+LARGEST_RESIDUAL = 2e-4
+"""Largest contradiction in a plan, as a distance of its ZMP [m]."""
+_SAME = 1e-9  # time before a row that counts as the row [s]
+_SAMPLED = tuple(item.name for item in fields(PlanSample))
+_HELD = ("phase", "stance", "left_placement", "right_placement", "heading", "contact")
+"""Columns that hold from one row to the next; others go on along a straight line."""
+
+
+@dataclass(frozen=True)
+class PlanRows:
+    """Columns of a plan at N ascending instants.
+
+    Attributes:
+        columns: those of a :class:`PlanSample` by name; ``feet``, reference points of both soles, left first,
+            shape (N, 6) [m]; ``headings`` of both feet (N, 2) [rad]; ``momentum_z``, L_z of the posture, (N,)
+            [N m s]; ``points``, all twelve sole points, (N, 12, 2) [m], and ``contact``, which of them are in
+            contact, (N, 12); NaN points where the support is not planned.
+    """
+
+    columns: Mapping[str, NDArray[Any]]
+
+    @classmethod
+    def of(cls, plan: WalkPlan, times: Array) -> PlanRows:
+        """Sample a plan, a block at a time; a plan that has ended stays at its end."""
+        columns: dict[str, NDArray[Any]] = {}
+        for rows in spill.blocks(len(times)) if times.size else [slice(0)]:
+            part = _sampled(plan, np.minimum(times[rows], plan.duration))
+            for name, values in part.items():
+                if len(values) == len(times):
+                    columns[name] = values
+                    continue
+                if name not in columns:
+                    columns[name] = spill.zeros((len(times), *values.shape[1:]), values.dtype)
+                columns[name][rows] = values
+        columns["time"] = times.copy()
+        return cls(columns)
+
+    def __post_init__(self) -> None:
+        for values in self.columns.values():
+            values.setflags(write=False)
+
+    def __getattr__(self, name: str) -> NDArray[Any]:
+        if name == "columns" or name not in self.columns:
+            raise AttributeError(name)
+        return self.columns[name]
+
+    @cached_property
+    def sample(self) -> PlanSample:
+        """COM, ZMP, force and momentum."""
+        return PlanSample(**{name: self.columns[name] for name in _SAMPLED})
+
+    @cached_property
+    def zmp_margin(self) -> Array:
+        """See :meth:`StepPlan.zmp_margin`; NaN where the support is not planned."""
+        margin = np.empty(len(self.time))
+        for rows in spill.blocks(len(margin)):
+            margin[rows] = polygon_margin(self.points[rows], self.contact[rows], self.zmp[rows])
+        margin = np.where(self.contact.any(axis=1), margin, -np.inf)
+        return np.where(np.isnan(self.points[:, 0, 0]), np.nan, margin)
+
+    def at(self, times: Array) -> PlanRows:
+        """Rows at times (M,) [s], between two instants on a straight line, outside at the first or last."""
+        own = self.time
+        if np.array_equal(times, own[: len(times)]):
+            return PlanRows({name: values[: len(times)] for name, values in self.columns.items()})
+        row = np.searchsorted(own, times + _SAME, side="right") - 1
+        row = row.clip(0, len(own) - 1)
+        ahead = np.minimum(row + 1, len(own) - 1)
+        share = np.clip((times - own[row]) / np.where(ahead > row, own[ahead] - own[row], 1.0), 0.0, 1.0)
+
+        def between(name: str, values: NDArray[Any]) -> NDArray[Any]:
+            if name in _HELD:
+                return values[row]
+            part = share.reshape(-1, *[1] * (values.ndim - 1))
+            return (1.0 - part) * values[row] + part * values[ahead]
+
+        columns = {name: between(name, values) for name, values in self.columns.items()}
+        return PlanRows(columns | {"time": times.copy()})
+
+    def until(self, end: float) -> PlanRows:
+        """The rows up to a time and the one after it, without the memory of the others."""
+        rows = slice(int(np.searchsorted(self.time, end)) + 1)
+        return PlanRows({name: values[rows].copy() for name, values in self.columns.items()})
+
+    @staticmethod
+    def joined(parts: list[PlanRows]) -> PlanRows:
+        """Rows one after another."""
+        if len(parts) == 1:
+            return parts[0]
+        return PlanRows(
+            {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns}
+        )
+
+
+def _sampled(plan: WalkPlan, times: Array) -> dict[str, NDArray[Any]]:
+    """Columns of :class:`PlanRows`."""
+    sample, feet = plan.sample(times), plan.feet.sample(times)
+    return {
+        **{name: np.array(getattr(sample, name)) for name in _SAMPLED},
+        "feet": np.hstack([foot.position for foot in feet]),
+        "headings": np.column_stack([foot.heading for foot in feet]),
+        "momentum_z": np.array(plan.posture.sample(times).angular_momentum_z),
+        "points": np.concatenate([foot.sole_points[:, :, :2] for foot in feet], axis=1),
+        "contact": np.concatenate([foot.contact.repeat(2, axis=1) for foot in feet], axis=1),
+    }
+
+
+@dataclass(frozen=True)
+class FrozenPlan:
+    """A plan as it was when it was handed over.
+
+    Attributes:
+        plan: for its constants and contacts; it is not sampled again.
+        rows: what it said, from when it was handed over on.
+        newton_residual: see :func:`ampm.planner.newton.newton_residual` [m].
+        least_zmp_margin: of its ZMP in its support [m], and when [s]; None if that was not asked.
+    """
+
+    plan: WalkPlan
+    rows: PlanRows
+    newton_residual: float
+    least_zmp_margin: tuple[float, float] | None = None
+
+    @classmethod
+    def of(cls, plan: WalkPlan, times: Array, *, exact: bool = True) -> FrozenPlan:
+        """Sample a plan and check it.
+
+        Args:
+            plan: as it is handed over.
+            times: ascending, shape (N,) [s].
+            exact: whether its least margin is wanted, which lies between the instants.
+
+        Raises:
+            InputError: it contradicts itself.
+        """
+        if not times.size:
+            return cls(plan, PlanRows.of(plan, times), math.nan)
+        until = min(float(times[-1]), plan.duration)
+        found = newton_residual(plan, np.minimum(times, plan.duration))
+        if not found.size <= LARGEST_RESIDUAL:
+            raise InputError(
+                f"the plan contradicts itself at {found.time:.4g} s: its {found.what} and the rest of it are "
+                f"{1e3 * found.size:.3g} mm apart by Newton's law, as a distance of the ZMP, and at most "
+                f"{1e3 * LARGEST_RESIDUAL:g} mm are let pass; make ZMP, COM, acceleration and momentum "
+                "agree, or leave out what ampm.make_plan derives."
+            )
+        margin = plan.least_zmp_margin(until) if exact else None
+        return cls(plan, PlanRows.of(plan, times), found.size, margin)
+
+    def until(self, end: float) -> FrozenPlan:
+        """Only what it said up to a time [s]."""
+        return replace(self, rows=self.rows.until(end))
