@@ -41,12 +41,13 @@ class Mpc:
         self.places = np.array([step.position for step in self.base.contacts.footsteps])
         self.edges = self.base.contacts.switches
         self.clock = self.edges, self.edges  # times, and the same instants of the first plan [s]
-        # COM and speed of the pendulum x'' = omega^2 (x - r) that starts at 0, by r and its first speed.
+        # COM of the pendulum x'' = omega^2 (x - r) that starts at 0, by r and its first speed.
         self.omega = w = np.sqrt(self.base.gravity / self.base.com_height)
         weights, since = GRID * w * (np.tri(321) - 0.5 * np.eye(321)), w * (AHEAD[:, None] - AHEAD)
         weights[:, 0] *= 0.5
-        self.com_by_r, self.speed_by_r = -weights * np.sinh(since), -w * weights * np.cosh(since)
-        self.com_by_speed, self.speed_by_speed = np.sinh(since[:, :1]) / w, np.cosh(since[:, :1])
+        linear = (4.0 * np.eye(321) + np.eye(321, k=1) + np.eye(321, k=-1)) / 6.0  # between the samples
+        linear[0, :2] = 2.0 / 3.0, 1.0 / 3.0
+        self.com_by_r, self.com_by_speed = -weights * np.sinh(since) @ linear, np.sinh(since[:, :1]) / w
         self.dcm_by_r, self.decay = weights[-1] * np.exp(-w * AHEAD), np.exp(-w * AHEAD[-1])
         return self.base
 
@@ -65,14 +66,16 @@ class Mpc:
         tried = [self.solve(time, cost, clock, moved, com, dcm) for cost, clock in self.clocks(time)]
         _, self.clock, moved[:, :2], zmp = min(tried, key=lambda result: result[0])
         last, clock, edges = moved[-1, :2], self.clock, np.interp(self.edges, *self.clock[::-1])
-        # The COM over this ZMP; after the horizon what is left of its motion dies out.
-        x = com + self.com_by_speed * rates[:2] + self.com_by_r @ (zmp - arm - com)
-        v = self.speed_by_speed * rates[:2] + self.speed_by_r @ (zmp - arm - com)
+        x = com + self.com_by_speed * rates[:2] + self.com_by_r @ (zmp - arm - com)  # the COM over this ZMP
+        r = x - zmp + arm
+        v = (x[-1] - x[-2]) / GRID + w * w * GRID / 6.0 * (2.0 * r[-1] + r[-2])
         t = np.arange(time + AHEAD[-1], edges[-1], GRID)
-        later = base.sample(np.interp(t, *clock))
-        left = np.exp(w * (t[0] - t))[:, None] * (x[-1] - later.com[0, :2] - last)
-        x = np.vstack([x, (later.com[:, :2] + last + left)[1:]])
-        v = np.vstack([v, (later.com_velocity[:, :2] - w * left)[1:]])
+        later, s = base.sample(np.interp(t, *clock)), w * (t - t[0])[:, None]
+        # What QPs cannot bound is taken from the speed. After the horizon the rest of ZMP and COM dies out.
+        x -= w * self.decay * self.com_by_speed * (x[-1] + v / w - later.dcm[0] - last)
+        of_zmp, of_com = zmp[-1] - later.zmp[0] - last, x[-1] - later.com[0, :2] - last
+        x = np.vstack([x, (later.com[:, :2] + last + np.exp(-s) * (of_com - 0.5 * s * s * of_zmp))[1:]])
+        zmp = np.vstack([zmp, (later.zmp + last + np.exp(-s) * (1.0 - 2.0 * s) * of_zmp)[1:]])
         pairs = zip(base.contacts.footsteps, (self.places + moved).tolist(), strict=True)
         footsteps = [step._replace(position=tuple(place)) for step, place in pairs]
         return ampm.make_plan(
@@ -80,8 +83,7 @@ class Mpc:
             self.robot,
             times=np.append(time + AHEAD, t[1:]),
             com=x,
-            com_velocity=v,
-            zmp=np.vstack([zmp, later.zmp[1:] + last]),
+            zmp=zmp,
             moment=np.pad(moment, ((0, len(t) - 1), (0, 0))),
             angular_momentum=momentum,
             contacts=ampm.Contacts.in_turn(footsteps, edges),
