@@ -1,8 +1,8 @@
 """AMPM: the gait planner of Kudoh & Komura (IROS 2003) and a controller that tracks its plans.
 
 The package uses Pinocchio and OSQP, but no simulator: a body is given as a description and a Pinocchio model.
-Of the names imported here only ``FootstepPlanner``, ``PeriodicPlanner``, ``TablePlanner`` and
-``TrackingController`` load Pinocchio.
+Of the names imported here only ``FootstepPlanner``, ``PeriodicPlanner``, ``TablePlanner``,
+``TrackingController`` and ``make_plan`` load Pinocchio.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ampm.planner.centroidal import CentroidalPlan, Law
     from ampm.planner.contacts import Contacts, Footstep, Phase
     from ampm.planner.footsteps import plan_footsteps
-    from ampm.planners import FootstepPlanner, PeriodicPlanner, TablePlanner
+    from ampm.planners import FootstepPlanner, PeriodicPlanner, TablePlanner, make_plan
     from ampm.presets import preset_names
     from ampm.reference import Reference, Timing
     from ampm.run_file import dump_run, load_run
@@ -40,7 +40,7 @@ __all__ += ["GaitParameters", "RunParameters", "dump_run", "load_run"]
 __all__ += ["CentroidalPlan", "Contacts", "Footstep", "Law", "Phase", "plan_footsteps"]
 __all__ += ["ControlOutput", "Controller", "Planner", "Posture", "Replanner", "State", "Touch", "WalkPlan"]
 __all__ += ["Reference", "Timing"]
-__all__ += ["FootstepPlanner", "PeriodicPlanner", "TablePlanner", "TrackingController"]
+__all__ += ["FootstepPlanner", "PeriodicPlanner", "TablePlanner", "TrackingController", "make_plan"]
 
 _MODULES = (
     "presets",

@@ -8,20 +8,23 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from ampm.body.feasibility import check_body
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
 from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
-from ampm.parameters import RunParameters
-from ampm.planner.contacts import TIME_TOLERANCE, Footstep
+from ampm.parameters import GRAVITY, RunParameters
+from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.contacts import TIME_TOLERANCE, Contacts, Footstep
 from ampm.planner.footstep_walk import plan_footstep_walk, stops, with_feet
-from ampm.planner.replan import LiveWalk
+from ampm.planner.replan import LiveWalk, joined
+from ampm.planner.sampled import NO_CONSTANTS, sampled_plan
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
-from ampm.planner.table import closed_step, repeats, table_plan
-from ampm.walk import State, Touch, WalkPlan
+from ampm.planner.table import closed_step, repeats, table_motion
+from ampm.walk import RetimedPosture, State, Touch, WalkPlan
 
 
 class PeriodicPlanner:
@@ -66,27 +69,128 @@ def periodic_motion(steps: StepPlan, run: RunParameters, robot: Robot) -> WholeB
     return solve_motion(steps, run, robot)
 
 
-_PLACES = "left_placement_x and right_placement_x"
-_TABLE_WAYS_OUT = {
-    "soles_overlap": "move left_placement_y and right_placement_y apart",
-    "zmp_leaves_sole": f"keep zmp_x of the table nearer to {_PLACES} of the foot that stands",
-    "heel_rises_before_zmp_reaches_ball": f"move zmp_x of the table farther ahead of {_PLACES} of the foot "
-    "that stands, lower foot.heel_rise_lead, or take foot.schedule = flat",
-    "leg_too_short": "lower com_z of the table (without this column gait.com_height), or take shorter steps "
-    f"in {_PLACES}",
+_WAYS_OUT = {
+    "soles_overlap": "move the footsteps of both feet apart",
+    "zmp_leaves_sole": "keep the ZMP along x nearer to the footstep of the foot that stands",
+    "heel_rises_before_zmp_reaches_ball": "move the ZMP farther ahead of the footstep of the foot that "
+    "stands, lower foot.heel_rise_lead, or take foot.schedule = flat",
+    "leg_too_short": "lower the COM (its z, or without it gait.com_height), or take shorter steps",
     "sole_under_floor": "raise foot.swing_height or foot.heel_strike_angle",
-    "zmp_leaves_support": "keep zmp_x and zmp_y of the table in the soles that stand",
+    "zmp_leaves_support": "keep the ZMP in the soles that stand",
 }
-"""Ways out by the reason of a refusal; how the feet swing is the gait's."""
-_RATE = 200.0  # rows a second of a table that is walked as the plan that wrote it
+"""Ways out by the reason of a refusal, for plans of samples; how the feet swing is the gait's."""
+
+
+def make_plan(
+    run: RunParameters,
+    robot: Robot,
+    *,
+    times: ArrayLike,
+    com: ArrayLike,
+    contacts: Contacts,
+    zmp: ArrayLike | None = None,
+    com_velocity: ArrayLike | None = None,
+    com_acceleration: ArrayLike | None = None,
+    moment: ArrayLike | None = None,
+    angular_momentum: ArrayLike | None = None,
+    after: WalkPlan | None = None,
+) -> WalkPlan:
+    """A complete plan from samples of the COM and footsteps: the first one, or one made while walking.
+
+    The feet swing as the gait says. In a first plan, steps that repeat get their periodic whole-body motion,
+    others a constant posture. A plan made ``after`` another one begins in any state of the COM; its feet go
+    on from where they are, and the other plan's posture goes on with the phases of the new contacts.
+
+    What is left out of ZMP, acceleration and moment follows from the others by Newton's law; the moment is 0
+    where two are left out, so that the force passes through the COM. If all are given, all remain.
+    Between samples the COM is cubic and the rest linear. All arrays are copied.
+
+    Args:
+        run: parameters of body, gait and feet.
+        robot: the body.
+        times: ascending to the end of the contacts, at 100 a second or more, shape (N,) [s]. A first plan
+            begins at 0, a later one now, on the walk's clock.
+        com: in world; without z in the height of ``after`` or the gait. Shape (N, 2), or (N, 3) with a
+            constant z [m].
+        contacts: of the whole walk, what has passed included, see :meth:`ampm.Contacts.in_turn`.
+        zmp: on the floor, shape (N, 2) [m].
+        com_velocity: by default from differences of ``com``, shape (N, 2) [m/s].
+        com_acceleration: shape (N, 2) [m/s^2].
+        moment: of the ground force about the COM, (M_x, M_y), shape (N, 2) [N m].
+        angular_momentum: about the COM at the first time, (L_x, L_y); by default that of ``after``, or 0. A
+            first plan of steps that repeat gets the one that repeats [N m s].
+        after: the plan then valid.
+
+    Raises:
+        InputError: arrays do not fit each other, end before the contacts, or contradict Newton's law by more
+            than 0.2 mm of ZMP; or what has passed is changed.
+        BodilyRefusal: the body cannot walk it.
+    """
+    if not isinstance(contacts, Contacts):
+        raise InputError(f"contacts are a {type(contacts).__name__}; give ampm.Contacts.in_turn(...).")
+    bare = CentroidalPlan(run.body.mass, GRAVITY, run.gait.com_height, 1.0, contacts, (), NO_CONSTANTS)
+    plan = sampled_plan(
+        replace(after, contacts=contacts) if after else bare,
+        times,
+        com=com,
+        zmp=zmp,
+        com_velocity=com_velocity,
+        com_acceleration=com_acceleration,
+        moment=moment,
+        angular_momentum=angular_momentum,
+    )
+    try:
+        return _next_walk(after, plan, run, robot) if after else _first_walk(plan, run, robot)
+    except BodilyRefusal as error:
+        error.way_out = _WAYS_OUT.get(error.reason, "change COM, ZMP or footsteps")
+        raise
+
+
+def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkPlan:
+    """A plan of samples with feet, and a posture that its steps allow."""
+    steps = _with_feet(plan, run, robot)
+    if plan.contacts.phases[0].stance == "both":
+        return _walk_over([steps], run, robot)[0]
+    if repeats(steps):
+        closed = closed_step(steps)
+        momentum = closed.phases[0].angular_momentum
+        steps = replace(steps, phases=(steps.phases[0]._replace(angular_momentum=momentum),))
+        return periodic_walk(steps, periodic_motion(closed, run, robot), robot)
+    # Imported here, as the inverse kinematics is compiled.
+    from ampm.body.constant_posture import ConstantPosture
+
+    check_body(steps, robot.description)
+    return WalkPlan.of(steps, posture=ConstantPosture(steps, run, robot))
+
+
+def _next_walk(after: WalkPlan, plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkPlan:
+    """A plan of samples with feet and posture that go on from those of the plan then valid."""
+    now, new, old = plan.phases[0].start, plan.contacts, after.contacts
+    passed = int(np.searchsorted(old.starts, now + TIME_TOLERANCE))
+    if not np.array_equal(new.stance_codes[:passed], old.stance_codes[:passed]) or (
+        np.searchsorted(new.starts, now + TIME_TOLERANCE) != passed
+    ):
+        raise InputError(f"the contacts up to {now:g} s are not those of the plan then valid; keep them.")
+    landings = new.starts[passed:][new.kind_codes[passed:] == 1]
+    feet = joined(after.feet, _with_feet(plan, run, robot).feet, now, min([*landings, plan.duration]))
+    posture, ahead = after.posture, slice(passed, 1 + min(len(new.starts), len(old.starts)))
+    if not np.array_equal(new.switches[ahead], old.switches[ahead]):
+        posture = RetimedPosture(posture, *(np.append(now, one.switches[ahead]) for one in (new, old)))
+    return WalkPlan.of(plan, feet=feet, posture=posture)
+
+
+def _with_feet(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> StepPlan:
+    """A plan with the feet of its gait: rolling as its ZMP allows, if it begins standing."""
+    if plan.contacts.phases[0].stance == "both":
+        return with_feet(plan, run, robot.description)
+    return StepPlan.of(plan, feet=plan_feet(plan.contacts, run.foot, robot.description.sole))
 
 
 class TablePlanner:
-    """COM and ZMP of a table on its footsteps, see :mod:`ampm.planner.table`; the feet swing as the gait's.
+    """COM and ZMP of a table on its footsteps, see :mod:`ampm.planner.table`, by :func:`make_plan`.
 
-    Steps that repeat are walked with their periodic whole-body motion, others with a constant posture. A
-    table that begins with a double support is walked from standing to standing, as over footsteps. From 200
-    rows a second on, the walk is that of the plan that wrote the table, within 5 % of the errors.
+    A table that begins with a double support is walked from standing to standing, as over footsteps. From
+    200 rows a second on, the walk is that of the plan that wrote the table, within 5 % of the errors.
 
     Args:
         table: columns by name, shape (N,) each.
@@ -108,31 +212,7 @@ class TablePlanner:
             InputError: the table makes no plan.
             BodilyRefusal: the body cannot walk it.
         """
-        try:
-            return self._plan(run, robot)
-        except BodilyRefusal as error:
-            error.way_out = _TABLE_WAYS_OUT.get(error.reason, "change the table's COM, ZMP or footsteps")
-            rate = float(np.median(1.0 / np.diff(np.asarray(self.table["time"], dtype=float))))
-            if rate < 0.99 * _RATE:
-                error.way_out += f", or give the table {_RATE:g} rows a second instead of {rate:.3g}"
-            raise
-
-    def _plan(self, run: RunParameters, robot: Robot) -> WalkPlan:
-        plan = table_plan(self.table, mass=run.body.mass, com_height=run.gait.com_height)
-        if plan.contacts.phases[0].stance == "both":
-            return _walk_over([with_feet(plan, run, robot.description)], run, robot)[0]
-        feet = plan_feet(plan.contacts, run.foot, robot.description.sole)
-        steps = StepPlan.of(plan, feet=feet)
-        if repeats(steps):
-            closed = closed_step(steps)
-            momentum = closed.phases[0].angular_momentum
-            steps = replace(steps, phases=(steps.phases[0]._replace(angular_momentum=momentum),))
-            return periodic_walk(steps, periodic_motion(closed, run, robot), robot)
-        # Imported here, as the inverse kinematics is compiled.
-        from ampm.body.constant_posture import ConstantPosture
-
-        check_body(steps, robot.description)
-        return WalkPlan.of(steps, posture=ConstantPosture(steps, run, robot))
+        return make_plan(run, robot, **table_motion(self.table))
 
 
 SPREAD_ARMS = 0.25

@@ -51,6 +51,31 @@ class Posture(Protocol):
 
 
 @dataclass(frozen=True)
+class RetimedPosture:
+    """A posture whose phases have other durations; both clocks run alike before and after the given times.
+
+    Attributes:
+        posture: on its own clock.
+        times: ascending, shape (K,) [s].
+        own: the same instants on its own clock, shape (K,) [s].
+    """
+
+    posture: Posture
+    times: Array
+    own: Array
+
+    def sample(self, times: ArrayLike) -> PostureState:
+        """States at ``times``, shape (T,) [s]."""
+        time = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        beyond = time - np.clip(time, self.times[0], self.times[-1])
+        return self.posture.sample(np.interp(time, self.times, self.own) + beyond)
+
+    def report(self) -> dict[str, Any]:
+        """That of the posture."""
+        return self.posture.report()
+
+
+@dataclass(frozen=True)
 class WalkPlan(StepPlan):
     """A complete plan of a walk: COM, ZMP, force, momentum and feet, and a posture.
 

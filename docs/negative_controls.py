@@ -206,7 +206,7 @@ class Kind(NamedTuple):
 
 KINDS = (
     Kind("ZMP ahead", "mm", shifted_zmp, (0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.5, 1, 2, 3, 5)),
-    Kind("ZMP ahead, no accelerations", "mm", shifted_zmp_alone, (0, 1, 2, 2.5, 3, 5, 7, 10)),
+    Kind("ZMP ahead, no accelerations", "mm", shifted_zmp_alone, (0, 0.1, 0.15, 0.2, 0.5, 1, 2, 5)),
     Kind("constant of L_y", "N m s", wrong_constant, (0, 0.1, 0.14, 0.15, 0.2, 0.5, 1, 2)),
     Kind("mass", "%", other_mass, (0, 0.5, 0.9, 1, 2, 5)),
     Kind("c_y of the plan", "%", other_c_y, (0, 5, 10, 14, 15, 20, 30), "momentum"),

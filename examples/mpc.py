@@ -10,9 +10,6 @@ COM by a, until the measured surplus of angular momentum is gone. After the hori
 displaced by `last`; dcm_1 is its DCM there. A swing is shortened where that costs less.
 """
 
-from dataclasses import replace
-from types import SimpleNamespace
-
 import numpy as np
 import osqp
 from matplotlib.figure import Figure
@@ -20,11 +17,6 @@ from scipy import linalg, sparse
 
 import ampm
 import validation as val
-from ampm.planner.centroidal import CentroidalPhase
-from ampm.planner.contacts import contacts_in_turn
-from ampm.planner.replan import joined
-from ampm.planner.sampled import SampledLaw
-from ampm.planner.stride import plan_feet
 
 GRID, STRIDE = 0.005, 10  # samples of the horizon [s]; how many from one ZMP of the QP to the next
 AHEAD = GRID * np.arange(321)  # the horizon [s], where the ZMP is linear in between
@@ -45,16 +37,17 @@ class Mpc:
     def plan(self, run, robot):
         """The walk without disturbances, and four steps more than are asked for."""
         run = run.replace({"gait.steps": run.gait.steps + 4})
-        self.base, self.foot, self.robot = ampm.PeriodicPlanner("dcm").plan(run, robot), run.foot, robot
+        self.base, self.run, self.robot = ampm.PeriodicPlanner("dcm").plan(run, robot), run, robot
         self.places = np.array([step.position for step in self.base.contacts.footsteps])
-        self.edges = np.append(self.base.contacts.starts, self.base.duration)
+        self.edges = self.base.contacts.switches
         self.clock = self.edges, self.edges  # times, and the same instants of the first plan [s]
-        # COM and speed of the pendulum x'' = omega^2 (x - r) that starts at 0, by r and its first speed.
+        # COM of the pendulum x'' = omega^2 (x - r) that starts at 0, by r and its first speed.
         self.omega = w = np.sqrt(self.base.gravity / self.base.com_height)
         weights, since = GRID * w * (np.tri(321) - 0.5 * np.eye(321)), w * (AHEAD[:, None] - AHEAD)
         weights[:, 0] *= 0.5
-        self.com_by_r, self.speed_by_r = -weights * np.sinh(since), -w * weights * np.cosh(since)
-        self.com_by_speed, self.speed_by_speed = np.sinh(since[:, :1]) / w, np.cosh(since[:, :1])
+        linear = (4.0 * np.eye(321) + np.eye(321, k=1) + np.eye(321, k=-1)) / 6.0  # between the samples
+        linear[0, :2] = 2.0 / 3.0, 1.0 / 3.0
+        self.com_by_r, self.com_by_speed = -weights * np.sinh(since) @ linear, np.sinh(since[:, :1]) / w
         self.dcm_by_r, self.decay = weights[-1] * np.exp(-w * AHEAD), np.exp(-w * AHEAD[-1])
         return self.base
 
@@ -64,33 +57,38 @@ class Mpc:
             return None
         base, w, body = self.base, self.omega, self.robot.jacobian(state.q)
         com, rates = body.com[:2], body.jacobian @ state.v
-        surplus = self.robot.mass * rates[3:5] - [0.0, base.constants.angular_momentum_y_offset]
-        fading = MOMENTUM_RATE / base.weight * np.exp(-MOMENTUM_RATE * AHEAD)[:, None]
-        arm = fading * [surplus[1], -surplus[0]]
+        momentum = self.robot.mass * rates[3:5]
+        surplus = momentum - [0.0, base.constants.angular_momentum_y_offset]
+        moment = -MOMENTUM_RATE * np.exp(-MOMENTUM_RATE * AHEAD)[:, None] * surplus
+        arm = moment[:, ::-1] * [-1.0, 1.0] / base.weight
         dcm = com + rates[:2] / w + self.dcm_by_r @ arm
         moved = np.array([step.position for step in plan.contacts.footsteps]) - self.places
         tried = [self.solve(time, cost, clock, moved, com, dcm) for cost, clock in self.clocks(time)]
         _, self.clock, moved[:, :2], zmp = min(tried, key=lambda result: result[0])
         last, clock, edges = moved[-1, :2], self.clock, np.interp(self.edges, *self.clock[::-1])
-        # The COM over this ZMP; after the horizon what is left of its motion dies out.
-        x = com + self.com_by_speed * rates[:2] + self.com_by_r @ (zmp - arm - com)
-        v = self.speed_by_speed * rates[:2] + self.speed_by_r @ (zmp - arm - com)
+        x = com + self.com_by_speed * rates[:2] + self.com_by_r @ (zmp - arm - com)  # the COM over this ZMP
+        r = x - zmp + arm
+        v = (x[-1] - x[-2]) / GRID + w * w * GRID / 6.0 * (2.0 * r[-1] + r[-2])
         t = np.arange(time + AHEAD[-1], edges[-1], GRID)
-        later = base.sample(np.interp(t, *clock))
-        left = np.exp(w * (t[0] - t))[:, None] * (x[-1] - later.com[0, :2] - last)
-        x = np.vstack([x, (later.com[:, :2] + last + left)[1:]])
-        v = np.vstack([v, (later.com_velocity[:, :2] - w * left)[1:]])
-        zmp, arm = np.vstack([zmp, later.zmp[1:] + last]), np.pad(arm, ((0, len(t) - 1), (0, 0)))
-        motion = x, v, w * w * (x - zmp + arm), zmp, arm
-        laws = [SampledLaw(np.arange(len(x), dtype=float) * GRID, *(u[:, k] for u in motion)) for k in (0, 1)]
-        phase = CentroidalPhase(time, edges[-1] - time, (0.0, 0.0), laws[0], laws[1], tuple(surplus))
+        later, s = base.sample(np.interp(t, *clock)), w * (t - t[0])[:, None]
+        # What QPs cannot bound is taken from the speed. After the horizon the rest of ZMP and COM dies out.
+        x -= w * self.decay * self.com_by_speed * (x[-1] + v / w - later.dcm[0] - last)
+        of_zmp, of_com = zmp[-1] - later.zmp[0] - last, x[-1] - later.com[0, :2] - last
+        x = np.vstack([x, (later.com[:, :2] + last + np.exp(-s) * (of_com - 0.5 * s * s * of_zmp))[1:]])
+        zmp = np.vstack([zmp, (later.zmp + last + np.exp(-s) * (1.0 - 2.0 * s) * of_zmp)[1:]])
         pairs = zip(base.contacts.footsteps, (self.places + moved).tolist(), strict=True)
         footsteps = [step._replace(position=tuple(place)) for step, place in pairs]
-        contacts = contacts_in_turn(footsteps, edges[:-1].tolist(), np.diff(edges).tolist())
-        landing = edges[1::2][np.searchsorted(edges[1::2], time + 1e-9)]
-        feet = joined(plan.feet, plan_feet(contacts, self.foot, plan.feet.sole), time, landing)
-        posture = SimpleNamespace(sample=lambda t: base.posture.sample(np.interp(t, *clock)), report=dict)
-        return replace(plan, phases=(phase,), contacts=contacts, feet=feet, posture=posture)
+        return ampm.make_plan(
+            self.run,
+            self.robot,
+            times=np.append(time + AHEAD, t[1:]),
+            com=x,
+            zmp=zmp,
+            moment=np.pad(moment, ((0, len(t) - 1), (0, 0))),
+            angular_momentum=momentum,
+            contacts=ampm.Contacts.in_turn(footsteps, edges),
+            after=plan,
+        )
 
     def clocks(self, time):
         """Costs and clocks: the valid plan's, and those with shorter rests of the present swing."""

@@ -28,7 +28,7 @@ PAGES = [
     *sorted((ROOT / "docs/howto").glob("*.md")),
 ]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
-LONGEST = {"mpc": 150, "tour": 120}
+LONGEST = {"capture": 120, "mpc": 150, "tour": 120}
 """Lines of the examples that may have more than 60."""
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(r"^    (ampm (?:.+\\\n)*.+)$", re.MULTILINE)

@@ -110,7 +110,7 @@ def test_rooms_import_in_order_and_without_a_circle(package):
 
 PLAN = """
 import ampm, ampm.body.feasibility
-loading = {'FootstepPlanner', 'PeriodicPlanner', 'TablePlanner', 'TrackingController'}
+loading = {'FootstepPlanner', 'PeriodicPlanner', 'TablePlanner', 'TrackingController', 'make_plan'}
 [getattr(ampm, name) for name in ampm.__all__ if name not in loading]
 run = ampm.load_run('momentum', gait={'c_y': 0.6, 'steps': 10})
 assert ampm.plan(run).sample([0.1, 0.2]).zmp.shape == (2, 2)

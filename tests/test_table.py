@@ -13,13 +13,14 @@ from ampm.body.motion import PeriodicPosture
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import GRAVITY
 from ampm.planner import routes
+from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.sampled import NO_CONSTANTS, sampled_plan
 from ampm.planner.support import StepPlan, plan_steps
-from ampm.planner.table import closed_step, repeats, table_plan
+from ampm.planner.table import closed_step, repeats, table_motion
 from ampm.planners import TablePlanner
-from tests.solved import body_of
+from tests.solved import body_of, walk_of
 from validation.store.tables import plan_table, sample_times, write_columns
 from validation.trial.columns import read_columns
-from validation.trial.plan import Request, plan_walk
 from validation.trial.planners import load_planner
 
 STEPS = 3
@@ -35,7 +36,9 @@ def table_of(plan, rate=200.0):
 
 
 def read(table, height=0.865):
-    return table_plan(table, mass=60.0, com_height=height)
+    motion = table_motion(table)
+    bare = CentroidalPlan(60.0, GRAVITY, height, 1.0, motion.pop("contacts"), (), NO_CONSTANTS)
+    return sampled_plan(bare, **motion)
 
 
 @pytest.mark.parametrize("name", ["normal", "momentum"])
@@ -103,14 +106,14 @@ def changed(name, row, value):
         (changed("time", 7, 0.03), "row 8 .* time = 0.03 must ascend"),
         (changed("time", 0, -0.1), "row 1 .* time = -0.1 must begin at 0"),
         (changed("stance", 3, "none"), "row 4 .* stance = 'none' must be one of left, right, both"),
-        (changed("com_z", 9, 0.9), "row 10 .* com_z = 0.9 must stay at 0.865 m"),
+        (changed("com_z", 9, 0.9), "com has heights from 0.865 to 0.9 m; give all the same"),
         (changed("left_placement_x", 20, 0.1), "row 21 .* left_placement_x = 0.1 must stay in place"),
         (changed("phase_start", 0, 0.1), "row 1 .* phase_start = 0.1 must lie between"),
         (
             lambda table: table.update(
                 {"zmp_x": table["zmp_x"] + 0.1, "com_acceleration_x": 0 * table["time"]}
             ),
-            "velocity of com_x .* must agree within 0.05 m/s",
+            "the plan's acceleration contradicts its COM at .* s: by .* mm of ZMP, more than 0.2 mm",
         ),
         (
             lambda table: [table.update({name: column[:2]}) for name, column in list(table.items())],
@@ -119,7 +122,7 @@ def changed(name, row, value):
         (changed("stance", slice(0, None), "both"), "no single support, only stance = 'both'"),
         (changed("left_placement_heading", slice(0, None), 0.2), "0.2 must be 0 as the table begins"),
         (changed("right_placement_heading", 3, math.inf), "right_placement_heading = inf must be a finite"),
-        (changed("com_z", slice(0, None), -1.0), "row 1 .* com_z = -1 must be above 0 m"),
+        (changed("com_z", slice(0, None), -1.0), "com has heights from -1 to -1 m; give .* above 0 m"),
         (changed("stance", slice(130, None), "left"), "row 131 .* stance = 'left' must come in the order"),
         (changed("stance", slice(0, None), "right"), "ends with stance = 'right'; end it with a double"),
     ],
@@ -137,11 +140,16 @@ def test_a_pipe_is_no_table(tmp_path):
         load_planner(str(tmp_path / "plan.csv"))
 
 
-def test_a_table_of_few_rows_is_told_how_many_it_needs(tmp_path):
-    run = ampm.load_run("normal", gait={"planner": "preview", "steps": STEPS})
-    write_columns(table_of(plan_walk(Request("normal", run)).plan, 20.0), tmp_path / "plan.csv")
-    with pytest.raises(BodilyRefusal, match="or give the table 200 rows a second instead of 20") as refused:
-        val.walk(run, planner=str(tmp_path / "plan.csv"))
+def test_a_table_of_few_rows_is_told_how_many_it_needs():
+    with pytest.raises(InputError, match="or give 100 rows a second instead of 20"):
+        read(table_of(planned(), 20.0))
+
+
+def test_a_refusal_of_the_body_names_what_the_table_can_change():
+    table = table_of(planned("flat"))
+    walk = walk_of("foot.schedule=roll", "foot.heel_rise_lead=0.2")
+    with pytest.raises(BodilyRefusal, match="move the ZMP farther ahead") as refused:
+        TablePlanner(table).plan(walk.run, walk.robot)
     assert "a_s" not in str(refused.value)
 
 

@@ -7,6 +7,7 @@ Conventions: world x forward, y left, z up, floor z = 0.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -82,6 +83,36 @@ class Contacts(Brief):
     footsteps: tuple[Footstep, ...]
     phases: tuple[Phase, ...]
 
+    @classmethod
+    def in_turn(cls, footsteps: Sequence[Footstep], switches: ArrayLike) -> "Contacts":
+        """Single and double supports in turn, the last one a double support.
+
+        Args:
+            footsteps: left and right in turn, S + 2 for S steps; the first swing is from the first one to the
+                third one.
+            switches: when the support changes, from 0 to the end: 2 S + 1 times, or 2 S + 2 for a walk that
+                begins standing [s].
+
+        Raises:
+            InputError: feet do not alternate, times do not ascend from 0, or their numbers do not match.
+        """
+        times, steps = ascending("switches", switches).tolist(), len(footsteps) - 2
+        if times[0] != 0.0 or steps < 1 or len(times) not in (2 * steps + 1, 2 * steps + 2):
+            raise InputError(
+                f"{len(footsteps)} footsteps do not fit {len(times)} switches from {times[0]:g} s on; for S "
+                "steps give S + 2 footsteps and 2 S + 1 switches from 0 s on, or one more to begin standing."
+            )
+        try:
+            finite("footsteps", [(*step.position, step.heading) for step in footsteps])
+            sides = [step.foot for step in footsteps]
+        except (AttributeError, TypeError):
+            raise InputError("footsteps has an entry that is not ampm.Footstep(foot, (x, y, 0.0)).") from None
+        if set(sides) != {"left", "right"} or any(one == other for one, other in pairwise(sides)):
+            raise InputError(
+                f"the footsteps' feet are {', '.join(map(str, sides[:4]))}, ...; give left and right in turn."
+            )
+        return contacts_in_turn(footsteps, times)
+
     @property
     def duration(self) -> float:
         """End of the last phase [s]."""
@@ -111,6 +142,11 @@ class Contacts(Brief):
     def starts(self) -> NDArray[np.float64]:
         """Start of every phase, shape (P,) [s]."""
         return _read_only([phase.start for phase in self.phases])
+
+    @cached_property
+    def switches(self) -> NDArray[np.float64]:
+        """Start of every phase and end of the last one, shape (P + 1,) [s]."""
+        return _read_only([*self.starts, self.duration])
 
     @cached_property
     def kind_codes(self) -> NDArray[np.int8]:
@@ -162,21 +198,34 @@ def _read_only(values: object, dtype: type = np.float64) -> NDArray:
     return array
 
 
-def contacts_in_turn(
-    footsteps: Sequence[Footstep], starts: Sequence[float], durations: Sequence[float], *, stand: bool = False
-) -> Contacts:
-    """Single and double supports in turn.
+def finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """A copy of a user's numbers; refuses what is none."""
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} has entries that are no numbers; give an array of numbers.") from None
+    for place in np.argwhere(~np.isfinite(array))[:1]:
+        raise InputError(f"{name}{place.tolist()} = {array[tuple(place)]:g}; give finite numbers.")
+    return array
 
-    Args:
-        footsteps: left and right in turn; the first single support is on the second one.
-        starts: of all phases [s].
-        durations: of all phases [s].
-        stand: whether a double support on the first two footsteps comes first.
-    """
+
+def ascending(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """A copy of a user's times, three or more, shape (N,) [s]; refuses those that do not ascend."""
+    times = finite(name, values)
+    if times.ndim != 1 or len(times) < 3:
+        raise InputError(f"{name} have the shape {times.shape}; give one row of three or more times.")
+    for row in np.flatnonzero(np.diff(times) <= 0.0)[:1]:
+        after = f"{times[row + 1]:g} s comes after {times[row]:g} s"
+        raise InputError(f"{name}[{row + 1}] = {after}; give times that ascend.")
+    return times
+
+
+def contacts_in_turn(footsteps: Sequence[Footstep], switches: Sequence[float]) -> Contacts:
+    """As :meth:`Contacts.in_turn`, without checks: supports of extreme gaits may have no duration."""
     phases = []
-    for number, (start, duration) in enumerate(zip(starts, durations, strict=True), start=1 - stand):
+    for number, (start, end) in enumerate(pairwise(switches), start=2 * len(footsteps) - 2 - len(switches)):
         feet = {step.foot: step for step in footsteps[(number + 1) // 2 : number // 2 + 2]}
-        phases.append(Phase(start, duration, feet.get("left"), feet.get("right")))
+        phases.append(Phase(start, end - start, feet.get("left"), feet.get("right")))
     return Contacts(tuple(footsteps), tuple(phases))
 
 

@@ -190,16 +190,13 @@ def contacts_over(
         raise InputError(
             f"{len(wanted)} landings for {len(footsteps)} footsteps; give one for each, or None."
         )
-    starts, durations = [0.0], [SETTLING]
-    lifted = SETTLING
+    switches, lifted = [0.0], SETTLING
     for number in range(2, len(footsteps)):
         landing = lifted + single if wanted[number] is None else float(wanted[number])  # type: ignore[arg-type]
         check_landing(number, landing, lifted, double)
-        starts += [lifted, landing]
-        durations += [landing - lifted, double]
+        switches += [lifted, landing]
         lifted = landing + double
-    durations[-1] = SETTLING
-    return contacts_in_turn(footsteps, starts, durations, stand=True)
+    return contacts_in_turn(footsteps, [*switches, switches[-1] + SETTLING])
 
 
 def supports_of(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitParameters) -> Supports:

@@ -120,10 +120,10 @@ def _assemble(gait: GaitParameters, mass: float, first: StepLaws) -> tuple[Centr
 def _contacts(gait: GaitParameters, t_ss: float, t_ds: float) -> Contacts:
     """Footsteps and phases of the walk and one step more, with both durations of a step [s]."""
     w, step = 0.5 * gait.step_width, t_ss + t_ds
-    footsteps, starts = [], []
+    footsteps, switches = [], []
     for k in range(-1, gait.steps + 2):
         x = k * gait.step_length
         footsteps.append(Footstep("right", (x, -w, 0.0)) if k % 2 else Footstep("left", (x, w, 0.0)))
     for k in range(gait.steps + 1):
-        starts += [k * step, k * step + t_ss]
-    return contacts_in_turn(footsteps, starts, [t_ss, t_ds] * (gait.steps + 1))
+        switches += [k * step, k * step + t_ss]
+    return contacts_in_turn(footsteps, [*switches, switches[-1] + t_ds])

@@ -1,12 +1,15 @@
-"""One axis of the COM as samples, and the constants of a plan that has no closed form."""
+"""Plans of samples: one axis of the COM, a whole motion, and the constants that no closed form gives."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ampm.planner.centroidal import CentroidalPlan, PlanConstants
+from ampm.exceptions import InputError
+from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
+from ampm.planner.contacts import ascending, finite
+from ampm.planner.newton import newton_residual
 from ampm.planner.pendulum import LawState
 
 Array = NDArray[np.float64]
@@ -18,6 +21,8 @@ NO_CONSTANTS = PlanConstants(**dict.fromkeys((item.name for item in fields(PlanC
 @dataclass(frozen=True)
 class SampledLaw:
     """One axis of a centroidal motion as samples: position and velocity cubic in between, the rest linear.
+
+    The arrays are copied, and read-only.
 
     Attributes:
         time: ascending, shape (N,) [s].
@@ -34,6 +39,11 @@ class SampledLaw:
     acceleration: Array
     zmp: Array
     moment_arm: Array
+
+    def __post_init__(self) -> None:
+        for name, values in vars(self).copy().items():
+            object.__setattr__(self, name, copied := np.array(values, dtype=np.float64))
+            copied.setflags(write=False)
 
     def evaluate(self, time: Any) -> LawState:
         """State at times since the first sample [s]; every field has the shape of the times."""
@@ -58,6 +68,90 @@ class SampledLaw:
             zmp=linear(self.zmp),
             moment_arm=linear(arm),
             moment_arm_integral=before + 0.5 * u * h * (arm[i] + linear(arm)),
+        )
+
+
+ALLOWED = 2e-4
+"""Largest contradiction of a plan of samples, see :func:`ampm.planner.newton.newton_residual` [m]."""
+_ENOUGH = 100.0  # rows a second with which a right plan is within a quarter of this
+_AHEAD = 1.0  # time from its first sample in which a plan made on the way is checked [s]
+
+
+def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> CentroidalPlan:
+    """A plan with the motion of samples.
+
+    Args:
+        plan: the one then valid with new contacts, or a bare one without phases.
+        times: of the samples, shape (N,) [s].
+        given: the samples, named as in :func:`ampm.planners.make_plan`; None is the same as left out.
+
+    Raises:
+        InputError: they do not fit each other, end before the contacts, or contradict Newton's law.
+    """
+    times, first = ascending("times", times), not plan.phases
+    begin, end = float(times[0]), plan.duration
+    if first and begin != 0.0:
+        raise InputError(f"times begin at {begin:g} s; begin at 0 s, or give the plan then valid as after.")
+    if end - times[-1] > times[-1] - times[-2] + 1e-9:
+        raise InputError(
+            f"times end at {times[-1]:g} s and the contacts at {end:g} s; plan the COM to their end, or give "
+            "contacts that end sooner."
+        )
+    given = {name: finite(name, values) for name, values in given.items() if values is not None}
+    for name, values in given.items():
+        shape = (2,) if name == "angular_momentum" else (len(times), 2)
+        if values.shape != shape and (name != "com" or values.shape != (len(times), 3)):
+            raise InputError(
+                f"{name} has the shape {values.shape}, not {shape}; give it a row for each time."
+            )
+    com = given["com"][:, :2]
+    for height in given["com"][:, 2:].T:
+        if not (height.min() > 0.0 and np.ptp(height) <= 1e-6):
+            raise InputError(
+                f"com has heights from {height.min():g} to {height.max():g} m; give all the same, above 0 m."
+            )
+        plan = replace(plan, com_height=float(height[0]))
+    rate, arm = plan.gravity / plan.com_height, np.zeros_like(com)
+    if "moment" in given:
+        arm = given["moment"][:, ::-1] * [-1.0, 1.0] / plan.weight
+    if "com_acceleration" in given:
+        acceleration = given["com_acceleration"]
+        zmp = given.get("zmp", com + arm - acceleration / rate)
+        if "moment" not in given:
+            arm = acceleration / rate - com + zmp
+    elif "zmp" in given:
+        zmp = given["zmp"]
+        acceleration = rate * (com - zmp + arm)
+    else:
+        raise InputError("zmp and com_acceleration are left out; give one of them or both.")
+    velocity = given.get("com_velocity", np.gradient(com, times, axis=0, edge_order=2))
+    momentum = given.get("angular_momentum", np.zeros(2) if first else plan.sample(begin).angular_momentum[0])
+    around_x, around_y = momentum.tolist()
+    around_y -= plan.constants.angular_momentum_y_offset
+    columns = com, velocity, acceleration, zmp, arm
+    x, y = (SampledLaw(times - begin, *(values[:, axis] for values in columns)) for axis in (0, 1))
+    phase = CentroidalPhase(begin, end - begin, (0.0, 0.0), x, y, (around_x, around_y))
+    plan = replace(plan, phases=(phase,))
+    if first:
+        constants = plan_constants(plan)
+        if plan.contacts.phases[0].stance == "both":  # the first step may go aside
+            way = np.linalg.norm(np.diff(com, axis=0), axis=1).sum()
+            constants = replace(constants, mean_velocity=float(way) / end)
+        plan = replace(plan, switching_velocity=constants.mean_velocity, constants=constants)
+    _check(plan, times[times <= (end if first else begin + _AHEAD)])
+    return plan
+
+
+def _check(plan: CentroidalPlan, times: Array) -> None:
+    """Refuse a plan whose samples at some of its times contradict each other."""
+    size, time, what = newton_residual(plan, times)
+    if not size <= ALLOWED:
+        rate = float(np.median(1.0 / np.diff(times)))
+        more = "" if rate >= _ENOUGH else f", or give {_ENOUGH:g} rows a second instead of {rate:.3g}"
+        raise InputError(
+            f"the plan's {what} contradicts its COM at {time:.4g} s: by {1e3 * size:.3g} mm of ZMP, more "
+            f"than {1e3 * ALLOWED:g} mm; correct com, zmp, height or units (m, s), or give the "
+            f"acceleration that belongs to them{more}."
         )
 
 

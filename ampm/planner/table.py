@@ -13,7 +13,8 @@ Columns, one row per instant, SI units, world frame (x forward, y left):
 ``phase_start``                 optional: when the row's phase began [s]; by default at its first row, and
                                 equal steps, to a row, at equal times
 ``com_z``                       optional: height of the COM, the same in all rows; that of the gait by default
-``com_acceleration_x ..._y``    optional: by default the force passes through the COM, ``(g/H)(com - zmp)``
+``com_acceleration_x ..._y``    optional: by default the force passes through the COM, ``(g/H)(com - zmp)``;
+                                refused if the COM moves otherwise, by 0.2 mm of ZMP or more
 ``angular_momentum_x ..._y``    optional: about the COM; if the steps do not repeat, only the first row counts
 ==============================  ===========================================================================
 
@@ -30,10 +31,9 @@ from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
-from ampm.parameters import GRAVITY
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
-from ampm.planner.contacts import STANCE_NAMES, Contacts, Footstep, Side, contacts_in_turn
-from ampm.planner.sampled import NO_CONSTANTS, SampledLaw, plan_constants
+from ampm.planner.contacts import STANCE_NAMES, Contacts, Footstep, Side
+from ampm.planner.sampled import SampledLaw
 from ampm.planner.stride import quintic
 from ampm.planner.support import StepPlan
 
@@ -43,18 +43,15 @@ REPEATED = 1e-3
 """Largest distance of the COM from that of the first step, mirrored, for steps that repeat [m]."""
 _ORDER = np.array(["left", "both", "right", "both"])
 _SAME = 1e-6  # of footsteps and durations that repeat [m, s]
-_SPEED = 0.05  # largest disagreement of the COM's velocity and its acceleration within a phase [m/s]
 _PLACE = ("x", "y", "heading")
 _GRID = 64  # instants of a step that are compared with the first one's
 
 
-def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> CentroidalPlan:
-    """Make a plan of a table.
+def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Contacts and motion of a table, as :func:`ampm.planners.make_plan` takes them.
 
     Args:
         table: columns by name, shape (N,) each; see the module.
-        mass: of the body [kg].
-        com_height: height of the COM where the table has none [m].
 
     Raises:
         InputError: a column is missing, or a row has a value that makes no plan.
@@ -62,17 +59,9 @@ def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> C
     time = _numbers(table, "time")
     later = np.diff(time, prepend=-np.inf) > 0.0
     _check(time, "time", later, "ascend from row to row; remove repeated rows")
-    _check(
-        time, "time", (time[:1] == 0.0) | (np.arange(len(time)) > 0), "begin at 0; subtract the first time"
-    )
-    com, zmp = _vectors(table, "com"), _vectors(table, "zmp")
+    _check(time[:1], "time", time[:1] == 0.0, "begin at 0; subtract the first time")
+    com = _vectors(table, "com", "xyz" if "com_z" in table else "xy")
     left, right = (_placements(table, name) for name in ("left_placement", "right_placement"))
-    if "com_z" in table:
-        height = _numbers(table, "com_z")
-        com_height = float(height[0])
-        level = np.abs(height - com_height) <= _SAME
-        _check(height, "com_z", height > 0.0, "be above 0 m")
-        _check(height, "com_z", level, f"stay at {com_height:g} m: plans have constant height; level it")
     stance = np.asarray(_column(table, "stance")).astype(str)
     _check(stance, "stance", np.isin(stance, STANCE_NAMES), f"be one of {', '.join(STANCE_NAMES)}")
     if (stance == "both").all():
@@ -107,27 +96,12 @@ def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> C
     contacts = _contacts(np.append(started[begins], time[-1]), stance[begins], left[begins], right[begins])
     if "phase_start" not in table:
         contacts = _evened(contacts, time, com[:, 0])
-    rate = GRAVITY / com_height
-    acceleration = (
-        _vectors(table, "com_acceleration") if "com_acceleration_x" in table else rate * (com - zmp)
-    )
-    momentum = _vectors(table, "angular_momentum")[0] if "angular_momentum_x" in table else np.zeros(2)
-    velocity = np.gradient(com, time, axis=0, edge_order=2)
-    arm = acceleration / rate - com + zmp if "com_acceleration_x" in table else np.zeros_like(com)
-    x, y = (
-        SampledLaw(time, com[:, k], velocity[:, k], acceleration[:, k], zmp[:, k], arm[:, k]) for k in (0, 1)
-    )
-    phase = CentroidalPhase(
-        0.0, contacts.duration, (0.0, 0.0), x, y, (float(momentum[0]), float(momentum[1]))
-    )
-    plan = CentroidalPlan(mass, GRAVITY, com_height, 1.0, contacts, (phase,), NO_CONSTANTS)
-    constants = plan_constants(plan)
-    if contacts.phases[0].stance == "both":  # the first step may go aside
-        way = np.linalg.norm(np.diff(com, axis=0), axis=1).sum()
-        constants = replace(constants, mean_velocity=float(way) / contacts.duration)
-    plan = replace(plan, switching_velocity=constants.mean_velocity, constants=constants)
-    _check_motion(plan, time, begins)
-    return plan
+    motion = {"times": time, "com": com, "zmp": _vectors(table, "zmp"), "contacts": contacts}
+    if "com_acceleration_x" in table:
+        motion["com_acceleration"] = _vectors(table, "com_acceleration")
+    if "angular_momentum_x" in table:
+        motion["angular_momentum"] = _vectors(table, "angular_momentum")[0]
+    return motion
 
 
 def _contacts(times: Array, stance: NDArray[np.str_], left: Array, right: Array) -> Contacts:
@@ -149,8 +123,7 @@ def _contacts(times: Array, stance: NDArray[np.str_], left: Array, right: Array)
     here, ahead = footsteps[:2]
     behind = (2.0 * here.position[0] - ahead.position[0], ahead.position[1], 0.0)
     start = placed(sides[1], 0) if stands else ahead._replace(position=behind)
-    begins = times.tolist()[:-1]
-    return contacts_in_turn([start, *footsteps], begins, np.diff(times).tolist(), stand=stands)
+    return Contacts.in_turn([start, *footsteps], times)
 
 
 def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
@@ -169,8 +142,7 @@ def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
     even = np.column_stack([number * step, number * step + touch]).ravel()
     if np.abs(even - contacts.starts).max() > np.diff(time).max():
         return contacts
-    spans = np.diff(even, append=contacts.duration)
-    return contacts_in_turn(contacts.footsteps, even.tolist(), spans.tolist())
+    return Contacts.in_turn(contacts.footsteps, [*even, contacts.duration])
 
 
 def _column(table: Mapping[str, Any], name: str) -> Any:
@@ -196,8 +168,8 @@ def _number(cell: Any) -> float:
         return np.nan
 
 
-def _vectors(table: Mapping[str, Any], name: str) -> Array:
-    return np.column_stack([_numbers(table, f"{name}_{axis}") for axis in "xy"])
+def _vectors(table: Mapping[str, Any], name: str, axes: str = "xy") -> Array:
+    return np.column_stack([_numbers(table, f"{name}_{axis}") for axis in axes])
 
 
 def _placements(table: Mapping[str, Any], name: str) -> Array:
@@ -214,21 +186,6 @@ def _check(values: NDArray[Any], name: str, good: NDArray[np.bool_], rule: str) 
         value = values[row]
         shown = f"{value:.9g}" if isinstance(value, float | np.floating) else repr(str(value))
         raise InputError(f"row {row + 1} of the table: {name} = {shown} must {rule}.")
-
-
-def _check_motion(plan: CentroidalPlan, time: Array, begins: NDArray[np.bool_]) -> None:
-    """Refuse a COM that does not move as its acceleration says, from the start of each phase on."""
-    sample = plan.sample(np.minimum(time, plan.duration))
-    first = np.flatnonzero(begins)[np.cumsum(begins) - 1]
-    rule = (
-        f"agree within {_SPEED:g} m/s with its acceleration since the phase began, by default "
-        "(g/H)(com - zmp); correct com_z, zmp or units (m, s), or give com_acceleration"
-    )
-    for axis, name in enumerate("xy"):
-        speed, change = sample.com_velocity[:, axis], sample.com_acceleration[:, axis]
-        gained = np.cumsum(np.append(0.0, 0.5 * (change[1:] + change[:-1]) * np.diff(time)))
-        off = speed - gained
-        _check(speed, f"velocity of com_{name}", np.abs(off - off[first]) <= _SPEED, rule)
 
 
 def repeats(plan: CentroidalPlan) -> bool:

@@ -58,7 +58,7 @@ def no_walk(made: Any) -> str:
         return f"{text}; ampm.WalkPlan.of(plan, posture=...) adds the posture"
     if isinstance(made, CentroidalPlan):
         return (
-            f"{text}; it lacks feet and posture. Return ampm.PeriodicPlanner().plan(run, robot), or of a "
-            "plan of your own ampm.TablePlanner(table).plan(run, robot)"
+            f"{text}; it lacks feet and posture. Return ampm.PeriodicPlanner().plan(run, robot), or make a "
+            "plan of your own by ampm.make_plan"
         )
     return text

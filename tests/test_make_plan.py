@@ -1,0 +1,282 @@
+"""Plans of samples by ampm.make_plan, before and during a walk, and whether a plan obeys Newton's law."""
+
+import ast
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ampm
+import validation as val
+from ampm.exceptions import InputError
+from ampm.planner.contacts import Footstep
+from ampm.planner.newton import newton_residual
+from ampm.planners import TablePlanner, periodic_walk
+from ampm.walk import RetimedPosture
+from tests.solved import COARSE, motion_of, walk_of
+from validation.store.tables import plan_table, sample_times
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+NOW = 0.8
+"""A time in the second step's single support [s]."""
+
+
+@pytest.fixture(scope="module")
+def walk():
+    """The AMPM's plan of four steps, complete."""
+    return periodic_walk(walk_of(COARSE).plan, motion_of(COARSE), walk_of(COARSE).robot)
+
+
+def samples_of(plan, begin=0.0, rate=200.0):
+    """Arguments of make_plan that give a plan from an instant on."""
+    times = np.append(np.arange(begin, plan.duration - 1e-3, 1.0 / rate), plan.duration)
+    at = plan.sample(times)
+    names = {"com": at.com, "zmp": at.zmp, "com_acceleration": at.com_acceleration[:, :2]}
+    return {"times": times, "contacts": plan.contacts, **{name: np.array(v) for name, v in names.items()}}
+
+
+def made(samples, **more):
+    return ampm.make_plan(walk_of(COARSE).run, walk_of(COARSE).robot, **(samples | more))
+
+
+def later(contacts, by):
+    """The same contacts with all switches after NOW later by some time [s]."""
+    switches = np.where(contacts.switches > NOW, contacts.switches + by, contacts.switches)
+    return ampm.Contacts.in_turn(contacts.footsteps, switches)
+
+
+def test_contacts_in_turn_are_those_of_the_plans(walk):
+    found = ampm.Contacts.in_turn(walk.contacts.footsteps, walk.contacts.switches)
+    assert [phase.stance for phase in found.phases] == [phase.stance for phase in walk.contacts.phases]
+    np.testing.assert_array_equal(found.switches, walk.contacts.switches)
+    standing = ampm.Contacts.in_turn(walk.contacts.footsteps, [0.0, *(1.0 + walk.contacts.switches)])
+    assert (standing.phases[0].stance, standing.steps) == ("both", walk.contacts.steps)
+
+
+def test_samples_and_their_table_make_the_same_plan(walk):
+    table = plan_table(walk, sample_times(walk.duration, 200.0))
+    of_table = TablePlanner(table).plan(walk_of(COARSE).run, walk_of(COARSE).robot)
+    vectors = {
+        name: np.column_stack([table[f"{name}_{axis}"] for axis in axes])
+        for name, axes in (("com", "xyz"), ("zmp", "xy"), ("com_acceleration", "xy"))
+    }
+    found = made({"times": table["time"], "contacts": of_table.contacts, **vectors})
+    times = np.linspace(0.0, found.duration, 301)
+    for name, values in vars(found.sample(times)).items():
+        np.testing.assert_array_equal(values, getattr(of_table.sample(times), name), err_msg=name)
+    np.testing.assert_array_equal(found.posture.sample(times).q, of_table.posture.sample(times).q)
+
+
+def test_a_plan_begins_on_the_way_with_a_com_that_jumped(walk):
+    samples = samples_of(walk, NOW)
+    samples["com"] = samples["com"] + [0.03, -0.01, 0.0]
+    del samples["zmp"]
+    moved = list(walk.contacts.footsteps)
+    x, y, z = moved[3].position
+    moved[3] = moved[3]._replace(position=(x + 0.05, y, z))
+    contacts = later(ampm.Contacts.in_turn(moved, walk.contacts.switches), -0.05)
+    found = made(samples, contacts=contacts, after=walk)
+    old, new = walk.sample(NOW), found.sample(NOW)
+    np.testing.assert_allclose(new.com - old.com, [[0.03, -0.01, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(new.angular_momentum, old.angular_momentum, atol=1e-12)
+    assert new.com_acceleration[0, 0] == pytest.approx(old.com_acceleration[0, 0])
+    for now, before in zip(found.feet.sample([NOW]), walk.feet.sample([NOW]), strict=True):
+        np.testing.assert_allclose(now.position, before.position, atol=1e-12)
+        np.testing.assert_allclose(now.velocity, before.velocity, atol=1e-9)
+    landing = contacts.switches[3]
+    assert landing == walk.contacts.switches[3] - 0.05
+    foot = found.feet.sample([landing + 0.05])[contacts.footsteps[3].foot == "right"]
+    assert foot.position[0, 0] == pytest.approx(x + 0.05, abs=1e-3)
+    state, at = found.posture.sample([NOW, landing]).q, walk.posture.sample([NOW, landing + 0.05]).q
+    np.testing.assert_allclose(state, at, atol=1e-12)
+    again = made(samples_of(found, NOW), contacts=contacts, after=found)
+    assert isinstance(again.posture, RetimedPosture)
+    assert again.posture is found.posture
+
+
+def test_what_is_left_out_follows_from_the_rest(walk):
+    samples = samples_of(walk, NOW)
+    rate, moment = walk.gravity / walk.com_height, walk.sample(samples["times"]).moment
+    arm = moment[:, ::-1] * [-1.0, 1.0] / walk.weight
+    com, zmp, acceleration = samples["com"][:, :2], samples["zmp"], samples.pop("com_acceleration")
+    kept = {"times": samples["times"], "contacts": walk.contacts, "com": com, "after": walk}
+    for given, name, expected in (
+        ({"zmp": zmp, "moment": moment}, "com_acceleration", rate * (com - zmp + arm)),
+        ({"zmp": zmp, "com_acceleration": acceleration}, "moment", moment),
+        ({"com_acceleration": acceleration, "moment": moment}, "zmp", zmp),
+        ({"zmp": zmp, "moment": moment, "com_acceleration": acceleration}, "moment", moment),
+    ):
+        found = getattr(made(kept | given).sample(samples["times"]), name)[:, :2]
+        np.testing.assert_allclose(found, expected, atol=1e-9, err_msg=name)
+
+
+def test_arrays_are_copied_and_read_only(walk):
+    samples = samples_of(walk, NOW)
+    found = made(samples, after=walk)
+    before = found.sample(NOW + 0.1)
+    for values in samples.values():
+        if isinstance(values, np.ndarray):
+            values += 1.0
+    np.testing.assert_array_equal(found.sample(NOW + 0.1).com, before.com)
+    with pytest.raises(ValueError, match="read-only"):
+        found.phases[0].x.zmp[0] = 0.0
+
+
+def spoilt(name, index, value):
+    def change(samples):
+        samples[name][index] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (spoilt("times", 7, 0.83), r"times\[7\] = 0.83 s comes after 0.83 s; give times that ascend"),
+        (spoilt("times", 7, np.nan), r"times\[7\] = nan; give finite numbers"),
+        (spoilt("zmp", (12, 1), np.inf), r"zmp\[12, 1\] = inf; give finite numbers"),
+        (spoilt("com", (5, 2), 0.9), "com has heights from 0.875 to 0.9 m; give all the same, above 0 m"),
+        (
+            spoilt("com", (slice(0, None), 0), 0.0),
+            "COM at .* s: by .* mm of ZMP, more than 0.2 mm; correct com",
+        ),
+        (
+            lambda samples: samples.update(zmp=samples["zmp"][1:]),
+            r"zmp has the shape .*; give it a row for each",
+        ),
+        (lambda samples: samples.update(com="here"), "com has entries that are no numbers; give"),
+        (lambda samples: samples.update(times=[0.8]), r"times have the shape \(1,\); give one row of three"),
+        (
+            lambda samples: samples.update(angular_momentum=[0.0]),
+            r"angular_momentum has the shape \(1,\), not",
+        ),
+        (lambda samples: [samples.pop(n) for n in ("zmp", "com_acceleration")], "left out; give one of them"),
+        (lambda samples: samples.update(contacts=[1, 2]), "contacts are a list; give ampm.Contacts.in_turn"),
+        (
+            lambda samples: samples.update(contacts=later(samples["contacts"], 0.5)),
+            "times end at .* plan the COM",
+        ),
+        (
+            lambda samples: samples.update(moment=0.0 * samples["zmp"], zmp=samples["zmp"] + 1e-3),
+            "the plan's ZMP contradicts its COM at .* s: by 1 mm of ZMP",
+        ),
+        (lambda samples: samples.pop("after"), "times begin at 0.8 s; begin at 0 s, or give the plan"),
+    ],
+)
+def test_bad_samples_are_refused(walk, change, words):
+    samples = samples_of(walk, NOW) | {"after": walk}
+    change(samples)
+    with pytest.raises(InputError, match=words):
+        made(samples)
+
+
+def test_contacts_that_have_passed_are_kept(walk):
+    switches = walk.contacts.switches.copy()
+    switches[2] = NOW + 0.01  # still in the double support
+    contacts = ampm.Contacts.in_turn(walk.contacts.footsteps, switches)
+    with pytest.raises(InputError, match=r"the contacts up to 0.8 s are not those of the plan then valid"):
+        made(samples_of(walk, NOW), contacts=contacts, after=walk)
+
+
+STEPS = [Footstep("right" if k % 2 else "left", (0.3 * k, 0.1 * (-1.0) ** k, 0.0)) for k in range(4)]
+TIMES = [0.0, 0.5, 0.6, 1.1, 1.2]
+
+
+@pytest.mark.parametrize(
+    ("footsteps", "switches", "words"),
+    [
+        (STEPS, [0.0, 0.5, 0.4, 0.7, 0.8], r"switches\[2\] = 0.4 s comes after 0.5 s"),
+        (STEPS, TIMES[:3], "4 footsteps do not fit 3 switches from 0 s on; for S steps give"),
+        (STEPS, [0.1, *TIMES[1:]], r"from 0.1 s on; for S steps give"),
+        (
+            [STEPS[0], *STEPS[:3]],
+            TIMES,
+            r"feet are left, left, right, left, \.\.\.; give left and right in turn",
+        ),
+        ([(0.0, 0.1), *STEPS[1:]], TIMES, "footsteps has an entry that is not ampm.Footstep"),
+        ([STEPS[0]._replace(heading=np.nan), *STEPS[1:]], TIMES, r"footsteps\[0, 3\] = nan; give finite"),
+    ],
+)
+def test_contacts_that_are_no_walk(footsteps, switches, words):
+    with pytest.raises(InputError, match=words):
+        ampm.Contacts.in_turn(footsteps, switches)
+
+
+@pytest.mark.parametrize("name", ["normal", "momentum", "flat"])
+def test_the_closed_form_obeys_newton(name):
+    plan = ampm.plan(ampm.load_run(name, gait={"steps": 4}))
+    assert newton_residual(plan, np.linspace(0.0, plan.duration, 1000)).size < 2e-11
+
+
+class Moved:
+    """A law with something added to a quantity."""
+
+    def __init__(self, law, name, by):
+        self.law, self.name, self.by = law, name, by
+
+    def evaluate(self, time):
+        state = self.law.evaluate(time)
+        return state._replace(**{self.name: getattr(state, self.name) + self.by * np.ones_like(time)})
+
+
+@pytest.mark.parametrize(
+    ("changes", "what", "size"),
+    [
+        ({"zmp": 1e-3}, "ZMP", 1e-3),
+        ({"zmp": 1e-3, "moment_arm": 1e-3}, "moment", 1e-3),
+        ({"zmp": 1e-3, "acceleration": -1e-3 * 9.81 / 0.875}, "acceleration", 1e-3),
+        ({"velocity": 1e-3}, "velocity", 1e-3 * np.sqrt(0.875 / 9.81)),
+        ({"zmp": np.nan}, "ZMP", np.inf),
+    ],
+)
+def test_a_contradiction_is_found_with_its_size(changes, what, size):
+    plan, laws = walk_of(COARSE).plan, {}
+    for phase in plan.phases:
+        law = phase.x
+        for name, by in changes.items():
+            law = Moved(law, name, by)
+        laws[id(phase)] = law
+    wrong = replace(plan, phases=tuple(phase._replace(x=laws[id(phase)]) for phase in plan.phases))
+    found = newton_residual(wrong, np.linspace(0.3, 1.3, 500))
+    assert (found.what, found.size) == (what, pytest.approx(size, rel=1e-6))
+
+
+@pytest.mark.parametrize(("rate", "floor"), [(200.0, 1e-5), (100.0, 5e-5)])
+def test_a_table_without_accelerations_whose_zmp_is_shifted_is_refused(rate, floor):
+    plan = walk_of(COARSE).plan
+    table = plan_table(plan, sample_times(plan.duration, rate))
+    walk = walk_of(COARSE)
+    right = TablePlanner(table).plan(walk.run, walk.robot)
+    assert newton_residual(right, table["time"][:-1]).size < floor
+    table = {name: values for name, values in table.items() if "acceleration" not in name}
+    table["zmp_x"] = table["zmp_x"] + 1e-3
+    with pytest.raises(InputError, match=r"acceleration contradicts its COM at .* s: by 1(\.0\d)? mm of ZMP"):
+        TablePlanner(table).plan(walk.run, walk.robot)
+
+
+@pytest.mark.parametrize("name", ["mpc", "capture"])
+def test_examples_that_replan_use_public_names_only(name):
+    tree = ast.parse((EXAMPLES / f"{name}.py").read_text(encoding="utf-8"))
+    froms = {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    imports = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    assert not {module for module in froms | imports if module.startswith(("ampm.", "validation."))}
+    used = {
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "ampm"
+    }
+    assert used <= set(ampm.__all__)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("force", [(200.0, 0.0), (-200.0, 0.0), (0.0, 150.0), (0.0, -100.0)])
+@pytest.mark.parametrize("name", ["Mpc", "Capture"])
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of OSQP
+def test_planners_that_replan_survive_pushes(monkeypatch, name, force):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    planner = getattr(__import__(name.lower()), name)()
+    run = ampm.load_run("normal", gait={"steps": 10}, simulation={"time_step": 0.002})
+    push = val.Push("chest", (*force, 0.0), at=2.3, duration=0.1)
+    outcome = val.walk(run, planner=planner, disturbances=[push]).record.outcome
+    assert outcome.completed, outcome.cause
