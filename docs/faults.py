@@ -12,11 +12,12 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from trials import write_rows
 
 import validation as val
+from ampm.exceptions import InputError
 from ampm.run_file import dump_run
 from models.source import FOLDER, body_path, read_body_file, source_path
 from validation.cli.console import Narrator
@@ -193,10 +194,17 @@ def explained(number: int, fault: Fault) -> None:
     """Explain a fault and keep the explanation."""
     start = time.monotonic()
     own = OWN_PARTS if fault.walk == OWN else ()
-    found = val.explain(gait(fault.walk), [*WALK, *own, *fault.settings], workers=0, progress=Narrator())
-    kept = {**found.as_dict(), "seconds": time.monotonic() - start}
+    settings = [*WALK, *own, *fault.settings]
+    kept: dict[str, Any]
+    try:
+        kept = val.explain(gait(fault.walk), settings, workers=0, progress=Narrator()).as_dict()
+    except InputError as error:
+        if "contradicts itself" not in str(error):
+            raise
+        kept = {"named": ["planner"], "said": f"Refused: {str(error).partition(';')[0]}.", "changes": []}
+    kept["seconds"] = time.monotonic() - start
     (KEPT / f"{number}.json").write_text(json.dumps(kept), encoding="utf-8")
-    print(number, fault.name, fault.layer, found.named, found.sentence, kept["seconds"], flush=True)  # noqa: T201
+    print(number, fault.name, fault.layer, kept["named"], kept["said"], kept["seconds"], flush=True)  # noqa: T201
 
 
 def row(number: int, fault: Fault) -> tuple[str, ...]:

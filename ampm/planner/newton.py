@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.planner.centroidal import CentroidalPlan
 
+ALLOWED = 2e-4
+"""Largest contradiction that a plan may have, as a distance of its ZMP [m]."""
 WINDOW, SHORTEST = 0.1, 0.05
 """Least length of windows where a phase has several, and of a phase that has one [s]."""
 _PIECE = 0.02  # of a window, with instants by Gauss and Legendre [s]

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from ampm.exceptions import InputError
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
 from ampm.planner.contacts import ascending, finite
-from ampm.planner.newton import newton_residual
+from ampm.planner.newton import ALLOWED, newton_residual
 from ampm.planner.pendulum import LawState
 
 Array = NDArray[np.float64]
@@ -71,9 +71,7 @@ class SampledLaw:
         )
 
 
-ALLOWED = 2e-4
-"""Largest contradiction of a plan of samples, see :func:`ampm.planner.newton.newton_residual` [m]."""
-_ENOUGH = 100.0  # rows a second with which a right plan is within a quarter of this
+_ENOUGH = 100.0  # rows a second with which a right plan is within a quarter of what is allowed
 _AHEAD = 1.0  # time from its first sample in which a plan made on the way is checked [s]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from ampm.exceptions import InputError
 from ampm.geometry import polygon_margin
 from ampm.planner.centroidal import PlanSample
-from ampm.planner.newton import newton_residual
+from ampm.planner.newton import ALLOWED, newton_residual
 from validation.trial import spill
 
 if TYPE_CHECKING:
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-LARGEST_RESIDUAL = 2e-4
-"""Largest contradiction in a plan, as a distance of its ZMP [m]."""
 _SAME = 1e-9  # time before a row that counts as the row [s]
 _SAMPLED = tuple(item.name for item in fields(PlanSample))
 _HELD = ("phase", "stance", "left_placement", "right_placement", "heading", "contact")
@@ -163,11 +161,11 @@ class FrozenPlan:
             return cls(plan, PlanRows.of(plan, times), math.nan)
         until = min(float(times[-1]), plan.duration)
         found = newton_residual(plan, np.minimum(times, plan.duration))
-        if not found.size <= LARGEST_RESIDUAL:
+        if not found.size <= ALLOWED:
             raise InputError(
                 f"the plan contradicts itself at {found.time:.4g} s: its {found.what} and the rest of it are "
                 f"{1e3 * found.size:.3g} mm apart by Newton's law, as a distance of the ZMP, and at most "
-                f"{1e3 * LARGEST_RESIDUAL:g} mm are let pass; make ZMP, COM, acceleration and momentum "
+                f"{1e3 * ALLOWED:g} mm are let pass; make ZMP, COM, acceleration and momentum "
                 "agree, or leave out what ampm.make_plan derives."
             )
         margin = plan.least_zmp_margin(until) if exact else None
