@@ -53,7 +53,7 @@ class Planner:
 
 @pytest.fixture(scope="module")
 def trial():
-    return val.walk(ampm.load_run("normal", **RUN), disturbances=[PUSH], name="pushed")
+    return val.walk(ampm.load_run("normal", **RUN), disturbances=[PUSH], name="pushed", profile="default")
 
 
 def test_a_trial_in_memory(trial):

@@ -106,7 +106,7 @@ def test_other_commands_than_the_trial_take_a_body(ampm):
         ("plan --no-body --rate fast", "--rate 'fast' must be a number; write for example --rate 10."),
         ("compare --body no-such", "no-such"),
         ("validate normal normal --out out", "'normal'"),
-        ("validate normal --profile lenient --out out", "strict, wide, jumps, footsteps, odometry.\n"),
+        ("validate normal --profile lenient --out out", "wide, jumps, footsteps, odometry, pushed.\n"),
         ("validate normal --qp magic --out out", "osqp"),
         ("validate normal bad.toml --out out", "gait.c_y"),
         ("validate normal --controller mine --out out", "MODULE:CLASS"),

@@ -133,7 +133,7 @@ def test_metrics_of_a_run():
         ("ZMP, RMS error along x", "0.586 ± 0.083", "2.5", "mm", "23 %", "pass"),
         ("ground force, RMS error along x", "0.9 ± inf", "0.8", "% BW", "112 %", "undecided"),
         ("ZMP, RMS error along y", "–", "1.5", "mm", "", "not measured"),
-        ("Checks of the measurement", "", "", "", "", ""),
+        ("Checks of plan and measurement", "", "", "", "", ""),
         ("unsolved QPs", "3", "0", "", "", "FAIL"),
     ]
     body_weight, study = table.notes

@@ -34,7 +34,7 @@ def walked(tmp_path_factory):
 def test_a_trial_fills_its_folder_and_prints_its_summary_alone(walked):
     out, answer = walked
     assert answer.returncode == Status.PASS, answer.stderr
-    assert {path.name for path in out.iterdir()} == RUN_FILES - {"external.parquet"}
+    assert {path.name for path in out.iterdir()} == RUN_FILES - {"explain.json", "external.parquet"}
     assert "Traceback" not in answer.stderr
     assert "simulation" in answer.stderr
     summary = json.loads((out / "summary.json").read_text())

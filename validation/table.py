@@ -156,7 +156,7 @@ def format_number(value: float | str | None, digits: int = 4) -> str:
     number = math.nan if value is None else float(value)
     if math.isnan(number):
         return ABSENT
-    text = "∞" if math.isinf(number) else f"{number:.{digits}g}"
+    text = f"{number:.{digits}g}"
     return f"{number:.0f}" if "e+0" in text else text
 
 

@@ -21,6 +21,7 @@ from validation.cli.options import (
     Scheduler,
     Settings,
     Status,
+    Steps,
     Workers,
     answer,
     option,
@@ -98,14 +99,16 @@ def explain(
         str | None, typer.Argument(help="Gait, or the folder of a run.", metavar="GAIT|RUN")
     ] = None,
     settings: Settings = None,
+    steps: Steps = None,
     body: Body = None,
     controller: Controller = None,
     planner: PlannerName = None,
+    engine: Engine = None,
     workers: Workers = None,
     out: Annotated[Path | None, option("--out", "Write explain.json and every walk.", "DIR")] = None,
     as_json: Json = False,
 ) -> int:
-    """Say which part of a trial makes it fail, or costs most of its margin.
+    """Say which part of a trial makes it fail.
 
     The trial is walked again with one layer made ideal at a time: sensing, motors, body, friction, floor,
     contact law, numerics, controller, planner, pushes. What is ideal already is not walked. If no single
@@ -117,7 +120,7 @@ def explain(
 
     found = study(
         run,
-        with_short(settings, body=body, controller=controller, planner=planner),
+        with_short(settings, steps=steps, body=body, controller=controller, planner=planner, engine=engine),
         workers=workers,
         out=out,
         progress=Narrator(),

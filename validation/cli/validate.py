@@ -110,20 +110,18 @@ def validate(
         settings, body=body, steps=steps, planner=planner, qp=qp, controller=controller, engine=engine
     )
     requests = load_requests(gaits or [None], extra, as_is=as_is, sections=with_footsteps(footsteps, steps))
+    disturbances = [
+        *(parse_push(text) for text in push or ()),
+        *(load_disturbance(text) for text in disturbance or ()),
+    ]
     judges = [
-        profiles.own_profile(gait, request.run, pushed=bool(push or disturbance))
-        if profile is None
-        else profiles.profile(profile)
+        profiles.profile(profile) if profile else profiles.own_profile(gait, request.run, disturbances)
         for gait, request in zip(gaits or ["normal"], requests, strict=True)
     ]
     known = [load_uncertainty(path) for path in uncertainty or ()]
     for request in requests if known else ():  # before any walks
         if not leaves_open(request.run):
             matching(known, request)
-    disturbances = [
-        *(parse_push(text) for text in push or ()),
-        *(load_disturbance(text) for text in disturbance or ()),
-    ]
     targets = run.targets(requests, out, force=force)
     narrator = Narrator()
     answers: list[dict[str, Any]] = []

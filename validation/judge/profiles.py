@@ -5,7 +5,7 @@ that they judge, except ``wide`` and the RMS limits of ``odometry``, which were 
 (up to 3.3 mm). Loosening one needs a line in the changelog.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Self
@@ -15,7 +15,7 @@ from ampm.parameters import RunParameters
 from validation.judge.compare import SIGNALS
 from validation.judge.metrics import METRICS, Metric
 from validation.judge.sizes import limit_in_si
-from validation.trial.disturbances import pushes_of
+from validation.trial.disturbances import Disturbance, Push, pushes_of
 
 
 @dataclass(frozen=True)
@@ -142,15 +142,18 @@ OWN: Mapping[str, str] = MappingProxyType({"pitch": "wide", "ipm": "jumps"})
 """Presets that are judged by another profile than `default` unless one is given."""
 
 
-def own_profile(gait: str, run: RunParameters | None = None, *, pushed: bool = False) -> Profile:
+def own_profile(
+    gait: str, run: RunParameters | None = None, disturbances: Sequence[Disturbance] = ()
+) -> Profile:
     """Profile of a gait, of its run over footsteps or with an estimator, unless another one is given.
 
     Args:
         gait: name of a preset, or any other.
         run: its parameters.
-        pushed: whether anything but the run's own section ``disturbance`` pushes the body.
+        disturbances: beside those of the run; a :class:`Push` among them asks for ``pushed``.
     """
-    if pushed or (run is not None and pushes_of(run.disturbance)):
+    own = () if run is None else pushes_of(run.disturbance)
+    if any(isinstance(item, Push) for item in (*own, *disturbances)):
         return PUSHED
     if run is not None and run.sensors.relative:
         return ODOMETRY

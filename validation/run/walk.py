@@ -63,7 +63,7 @@ def walk(
         disturbances: external forces, such as :class:`validation.Push`, beside those of the run.
         footsteps: places to walk over from rest to rest, see :func:`ampm.plan_footsteps`.
         profile: tolerances, or the name of a profile; by default that of the preset if ``run`` is its name,
-            and ``pushed`` if there are disturbances.
+            and ``pushed`` with a push.
         uncertainty: numerical uncertainty of the metrics, from a convergence study.
         name: of the gait, for reports; that of preset or file by default.
         progress: where to report stages.
@@ -101,7 +101,7 @@ def walk(
     if controller is not None:
         request = replace(request, run=request.run.replace({"controller.name": name_of_class}))
     if not isinstance(profile, Profile):
-        own = profiles.own_profile(request.name, request.run, pushed=bool(disturbances))
+        own = profiles.own_profile(request.name, request.run, disturbances)
         profile = own if profile is None else profiles.profile(profile)
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):

@@ -169,8 +169,8 @@ def _window_rows(summary: Summary) -> Iterator[tuple[str, ...]]:
                 label = ""
 
 
-def _scaled(value: float | None, scale: float, digits: int = 3) -> str:
-    return format_number(None if value is None else scale * value, digits)
+def _scaled(value: float | str | None, scale: float, digits: int = 3) -> str:
+    return format_number(None if value is None else scale * float(value), digits)
 
 
 def _split(split: Summary) -> Table:

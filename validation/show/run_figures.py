@@ -105,7 +105,7 @@ class RunFigures:
             found[section] = [
                 self.tracking(curve) for curve in curves if self._has(f"measured_{curve.column}")
             ]
-        if self.saved.summary["ahead"]["judged"]:
+        if self.saved.summary.get("ahead", {}).get("judged"):
             found["zmp"].append(self.ahead())
         for section, entity in _DIFFERENCES.items():
             gap = DIFFERENCES[entity]

@@ -23,7 +23,7 @@ def metric_table(summary: Mapping[str, Any]) -> Table:
     rows = [_row(item) for item in judged if item["kind"] != "instrument"]
     checks = [_row(item) for item in judged if item["kind"] == "instrument"]
     if checks:
-        rows += [("Checks of the measurement", *[""] * 5), *checks]
+        rows += [("Checks of plan and measurement", *[""] * 5), *checks]
     first = "" if all(item["first_step"] is None for item in judged) else ", without the first step"
     return Table(
         f"{summary_title(summary)}: measured against plan{first} (profile {summary['profile']})",
@@ -61,7 +61,7 @@ def _notes(summary: Mapping[str, Any], rows: list[tuple[str, ...]]) -> list[str]
             f"±: numerical uncertainty by a convergence study of {known['gait']}, {known['steps']} steps a "
             "level. A value closer to its limit than that is undecided."
         )
-    if lead := summary["ahead"]["judged"]:
+    if lead := summary.get("ahead", {}).get("judged"):
         notes.append(f"The plan moved: each instant is compared with the plan as it stood {lead:g} s before.")
     if summary["profile"] == "pushed":
         notes.append("Pushed: errors of ZMP, force and angular momentum have to be within limits again.")

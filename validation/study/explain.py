@@ -368,7 +368,7 @@ def explain(
     target = study_folder(out, resume=False)
     if folder is None:
         request = load_request(str(run) if isinstance(run, Path) else run, settings)
-        profile = profiles.own_profile(request.name, request.run, pushed=bool(disturbances)).name
+        profile = profiles.own_profile(request.name, request.run, disturbances).name
         given = Case(request, profile, {}, tuple(disturbances))
     elif settings or disturbances:
         raise InputError(
