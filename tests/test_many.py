@@ -110,7 +110,7 @@ def test_folder_of_others_is_refused(tmp_path):
 
 def test_bad_runs_are_rows_and_the_others_go_on(tmp_path):
     items = [*(Task(f"bad {n}", fail, {"number": n}) for n in range(3)), *tasks(4)]
-    rows = {row["key"]: row for row in walk_many(items, tmp_path, workers=2, limit=5.0)}
+    rows = {row["key"]: row for row in walk_many(items, tmp_path, workers=2, limit=8.0)}
     assert [rows[f"bad {n}"]["outcome"] for n in range(3)] == ["crashed", "crashed", "timed_out"]
     assert [rows[f"bad {n}"]["reason"] for n in range(3)] == ["ValueError", "worker_died", "wall_clock"]
     assert "test_many.py" in rows["bad 0"]["traceback"]

@@ -205,7 +205,7 @@ class Workers:
         self._client, self._limit, self._patience = client, limit, patience
         self._flying: dict[str, Any] = {}  # futures by name
         self._started: dict[str, tuple[str, float]] = {}  # worker and time at which the last attempt began
-        self._addresses: frozenset[str] = frozenset()
+        self._workers = 0  # when last asked
         self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._alive = time.monotonic()
         client.subscribe_topic(STARTED, self._note)
@@ -223,15 +223,15 @@ class Workers:
         if self._client.status in ("closed", "closing", "failed"):
             raise StudyStopped("the dask scheduler is gone", "start it again")
         with suppress(OSError, TimeoutError):
-            self._addresses = frozenset(self._client.nthreads())
+            self._workers = len(self._client.nthreads())
         now = time.monotonic()
-        if self._addresses:
+        if self._workers:
             self._alive = now
         elif now - self._alive > self._patience:
             raise StudyStopped(
                 "no worker process comes up on this machine", "find out what ends them (memory?)"
             )
-        return len(self._addresses)
+        return self._workers
 
     def send(self, work: Work, options: Options) -> str:
         """Submit a run; returns its name."""
@@ -250,10 +250,16 @@ class Workers:
         now = time.monotonic()
         for name in list(self._flying):
             address, began = self._started.get(name, ("", math.inf))
-            if self._limit is not None and now - began > self._limit and address in self._addresses:
+            if self._limit is not None and now - began > self._limit and self._walks(address, name):
                 self._flying.pop(name).cancel()  # its worker ends itself
                 cause = f"the run had not ended after {self._limit:g} s"
                 yield name, {"outcome": "timed_out", "reason": "wall_clock", "cause": cause}
+
+    def _walks(self, address: str, name: str) -> bool:
+        """Whether a worker is still at a run. A worker that died since is known to the scheduler only."""
+        with suppress(OSError, TimeoutError):
+            return name in self._client.processing().get(address, ())
+        return False
 
     def _result(self, future: Any) -> Row:
         from distributed.scheduler import KilledWorker  # slow to load
