@@ -1,18 +1,14 @@
 """Files of a comparison, of walks or of two sweeps."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from validation.show.chart import Picture
 from validation.show.page import render_page
 from validation.store.folders import output_file
 from validation.store.json import write_json
 from validation.study.compare.comparison import WalkComparison
+from validation.study.compare.figures import draw_walks
 from validation.study.compare.sweeps import SweepComparison
-
-if TYPE_CHECKING:
-    from validation.show.style import Picture
 
 REPORT, NUMBERS = "report.html", "comparison.json"
 
@@ -30,8 +26,6 @@ def render(result: WalkComparison | SweepComparison) -> str:
     keys: list[tuple[str, str]] = []
     pictures: list[Picture] = []
     if isinstance(result, WalkComparison):
-        from validation.study.compare.figures import draw_walks  # matplotlib takes long to load
-
         keys, pictures = draw_walks(result.sides)
     return render_page(
         "comparison.html.j2",
