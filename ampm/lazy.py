@@ -1,8 +1,7 @@
 """Public names of a package, imported when they are first read.
 
 NumPy, pydantic and simulators would delay every start. The package's stub ``__init__.pyi`` is the one list of
-its names, which type checkers and editors read, too. A name is public if it is imported ``as`` itself, or
-assigned.
+its names, which type checkers and editors read, too.
 """
 
 import re
@@ -21,15 +20,15 @@ def public_names(package: str, file: str) -> tuple[list[str], Callable[[str], An
         file: its ``__file__``.
     """
     stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
-    homes = {name: module for module, name in re.findall(r"^from (\S+) import (\w+)", stub, re.MULTILINE)}
-    names = {name: name for name in re.findall(r" as (\w+)$", stub, re.MULTILINE)}
-    names |= dict(re.findall(r"^(\w+) = (\w+)$", stub, re.MULTILINE))
+    lines = re.findall(r"^from (\S+) import (\w+) as (\w+)$", stub, re.MULTILINE)
+    homes = {name: (module, original) for module, original, name in lines}
 
     def read(name: str) -> Any:
-        if name not in names:
+        if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(homes[names[name]]), names[name])
+        module, original = homes[name]
+        value = getattr(import_module(module), original)
         setattr(sys.modules[package], name, value)
         return value
 
-    return sorted(names), read
+    return sorted(homes), read
