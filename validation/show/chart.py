@@ -91,16 +91,7 @@ class Chart:
     def line(
         self, x: ArrayLike, y: ArrayLike, color: str, width: float = 1.0, *, dash: str = "", label: str = ""
     ) -> None:
-        """Draw a curve.
-
-        Args:
-            x: shape (N,).
-            y: shape (N,); NaN interrupts it.
-            color: of the curve.
-            width: of the curve [pt].
-            dash: see :data:`DASHED`.
-            label: in the legend.
-        """
+        """Draw a curve through points, shape (N,), of a width [pt]; NaN interrupts it."""
         lengths = " ".join(f"{float(part) * width:.3g}" for part in dash.split())
         dashes = f' stroke-dasharray="{lengths}"' if dash else ""
         style = f'fill="none" stroke="{color}" stroke-width="{width:g}"{dashes}'
@@ -117,17 +108,7 @@ class Chart:
         label: str = "",
         below: bool = False,
     ) -> None:
-        """Fill a polygon.
-
-        Args:
-            x: of the corners, shape (N,).
-            y: likewise.
-            color: of the area.
-            opacity: of area and edge [1].
-            edge: colour of a line about it; empty for none.
-            label: in the legend.
-            below: below everything that is drawn so far.
-        """
+        """Fill a polygon with corners, shape (N,), maybe with an edge, or below what is drawn so far."""
         line = f' stroke="{edge}" stroke-width=".6"' if edge else ""
         style = f'fill="{color}"{line}'
         mark = Mark(np.column_stack([x, y]).astype(float), style, label, color, opacity)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from validation.store.folders import output_file
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 INK, FAINT, GRID, SHADE = "#1d2126", "#6c737d", "#e6e8ea", "#eceef1"
@@ -47,6 +46,11 @@ STYLE: Any = {
     "text.color": INK,
     "legend.frameon": False,
     "legend.fontsize": 8,
+    "legend.borderaxespad": 0.1,
+    "legend.borderpad": 0.1,
+    "legend.handlelength": 1.2,
+    "legend.columnspacing": 1.0,
+    "legend.handletextpad": 0.4,
     "lines.linewidth": 1.3,
     "lines.solid_joinstyle": "round",
     "path.simplify_threshold": 0.3,
@@ -73,24 +77,3 @@ def save_figure(figure: Figure, path: Path) -> None:
     metadata = {"Date": None, "Creator": None} if path.suffix == ".svg" else None
     with output_file(path) as work:
         figure.savefig(work, metadata=metadata)
-
-
-def legend(axis: Axes, columns: int = 5) -> None:
-    """Legend above the axes, because curves fill the axes."""
-    handles, labels = axis.get_legend_handles_labels()
-    if not labels:
-        return
-    axis.legend(
-        handles,
-        labels,
-        loc="lower left",
-        bbox_to_anchor=(-0.01, 1.0),
-        ncols=columns,
-        borderaxespad=0.1,
-        borderpad=0.1,
-        handlelength=1.2,
-        columnspacing=1.0,
-        handletextpad=0.4,
-    )
-    lines = -(-len(labels) // columns)
-    axis.set_title(axis.get_title(loc="left"), pad=6 + 13 * lines)
