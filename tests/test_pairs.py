@@ -5,6 +5,7 @@ import math
 import shutil
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -73,6 +74,8 @@ def test_a_table_beside_our_planner_is_walked_once(tmp_path, ampm, monkeypatch):
     assert [walk["label"] for walk in first.json["walks"]] == ["flat, planner ampm", "flat, planner ipm.csv"]
     assert first.json["sentence"].startswith("flat, planner ampm is better in ")
     assert first.json["metrics"]["zmp_x_maximum"]["better"] == 0
+    assert 'href="walk-2/report.html"' in (out / REPORT).read_text(encoding="utf-8")
+    assert (out / "walk-2" / REPORT).is_file()
     monkeypatch.setattr("validation.study.compare.walks.walk_request", lambda *_, **__: pytest.fail("walked"))
     assert ampm(*command, "--resume").json == first.json
 
@@ -227,7 +230,7 @@ def test_refused_and_fallen_walks_are_told_by_the_status(sides, ampm, monkeypatc
 
 
 def test_a_page_escapes_names(sides):
-    page = render(comparison_of([replace(sides[0], label="<script>"), sides[1]]))
+    page = render(comparison_of([replace(sides[0], label="<script>"), sides[1]]), Path())
     assert "<script>" not in page
 
 
