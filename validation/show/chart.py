@@ -167,8 +167,8 @@ class Chart:
                 if not named:
                     yield f'<path d="M{x:.1f} {place:.1f}h{self.width:.1f}" {grid}/>'
                 yield _text(x - 4, place + 3, text, 'text-anchor="end" font-size="8"')
-        field = f'x="{x:.1f}" y="{self.top:.1f}" width="{self.width:.1f}" height="{self.height:.1f}"'
-        yield f'<svg {field} stroke-linejoin="round">'
+        window = f'x="{x:.1f}" y="{self.top:.1f}" width="{self.width:.1f}" height="{self.height:.1f}"'
+        yield f'<svg {window} stroke-linejoin="round">'
         for mark in self.marks:
             points = np.where(np.isinf(mark.points), np.clip(mark.points, low, high), mark.points)
             path = _path(points - low, unit, self.height)

@@ -7,7 +7,7 @@ import numpy as np
 
 from validation.judge.compare import SIGNALS
 from validation.judge.metrics import display_unit
-from validation.show.chart import DASHED, Picture, new_charts, picture
+from validation.show.chart import DASHED, Picture, decimate, new_charts, picture
 from validation.show.run_figures import middle, shade_double_support
 from validation.show.style import INK, PARTS
 from validation.study.compare.comparison import Side
@@ -49,9 +49,9 @@ def _draw(sides: Sequence[Side], name: str) -> Picture:
         rows = middle(signals)
         time = signals.time[rows] - signals.time[rows.start]
         measured, plan = scale * signals[f"measured_{name}"][rows], scale * signals[f"plan_{name}"][rows]
-        chart.line(time, measured - plan if is_error else measured, color)
+        chart.line(*decimate(time, measured - plan if is_error else measured), color)
         if not is_error:
-            chart.line(time, plan, color, dash=DASHED)
+            chart.line(*decimate(time, plan), color, dash=DASHED)
     shade_double_support(chart, first, middle(first), from_zero=True)
     title = f"{'Error of ' if is_error else ''}{SIGNALS[name].label}"
     chart.title, chart.xlabel, chart.ylabel = f"{title}, two steps", "time [s]", f"[{unit}]"
