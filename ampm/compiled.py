@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 os.environ.setdefault("NUMBA_OPT", "1")  # as fast to run as at level 3, and sooner compiled
 
@@ -154,6 +154,22 @@ def records(shape: int | tuple[int, ...], fields: Sequence[Any]) -> Any:
     """Zeroed entries with fields (name, type, shape), which compiled functions read as attributes."""
     array = np.zeros(shape, np.dtype(list(fields), align=True))
     return array.view(np.recarray) if config.DISABLE_JIT else array
+
+
+def fields_of(entry: type) -> list[Any]:
+    """Fields of :func:`records` whose entries are declared as a class of annotations.
+
+    Args:
+        entry: its fields are bool, int, float, or ``Annotated[NDArray[...], shape]``.
+    """
+    fields: list[Any] = []
+    for name, kind in entry.__annotations__.items():
+        if hasattr(kind, "__metadata__"):
+            item = get_args(get_args(get_args(kind)[0])[1])[0]
+            fields.append((name, item, *kind.__metadata__))
+        else:
+            fields.append((name, kind))
+    return fields
 
 
 class _Compilation(event.Listener):

@@ -40,15 +40,15 @@ def controller(*overrides, weaker=1.0):
 
 def state(time, shift=0.0):
     """State of the motion at an instant, shifted at random [rad, m]."""
-    posture, rng = reference(time).posture, np.random.default_rng(0)
-    q = pin.integrate(walk_of(COARSE).robot.model, posture.q, shift * rng.normal(size=40))
-    return State(time, q, posture.v + 5.0 * shift * rng.normal(size=40))
+    planned, rng = reference(time), np.random.default_rng(0)
+    q = pin.integrate(walk_of(COARSE).robot.model, planned.q, shift * rng.normal(size=40))
+    return State(time, q, planned.v + 5.0 * shift * rng.normal(size=40))
 
 
 def touch(time):
     """The sole points that are planned in contact."""
     robot = walk_of(COARSE).robot
-    contact = reference(time).contacts.planned[robot.point_foot, robot.point_group]
+    contact = reference(time).planned[robot.point_foot, robot.point_group]
     return Touch(contact, np.zeros(12))
 
 
@@ -111,12 +111,9 @@ def test_the_other_foot_makes_up_for_what_a_landing_foot_does_not_carry(miss):
         force = np.zeros(12)
         force[heel] = asked[heel] - miss * row
         now = reference(at, row)
-        posture = now.posture
         standing = touch(at).contact & (robot.point_foot == 0)
         standing[heel] = True
-        output = it.update(
-            State(now.time, posture.q, posture.v), Touch(standing, force, 1.0 / gains.frequency), now
-        )
+        output = it.update(State(now.time, now.q, now.v), Touch(standing, force, 1.0 / gains.frequency), now)
         lost = gains.landing_compensation * (force - asked)[heel] * row
         asked = output.point_force[:, 2].copy()
     assert 0.0 < it.workspace.contact.lines[1, 0]["opening"] < 1.0

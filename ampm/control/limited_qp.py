@@ -64,12 +64,12 @@ class LimitedQP:
         self._backend = make_backend(backend, P_mask, A_mask, settings)
 
     def solve(
-        self, c: Workspace, softness: Array, torque_map: Array, bias: Array, robot: Robot
+        self, work: Workspace, softness: Array, torque_map: Array, bias: Array, robot: Robot
     ) -> QPSolution:
         """Solve with the contact QP's forces, costs and wanted momentum of this tick.
 
         Args:
-            c: of a tick whose contact QP is stated.
+            work: of a tick whose contact QP is stated.
             softness: of the task rows, shape (R,).
             torque_map: torques per unit of (acceleration / g, forces), shape (nu, nv + U) [N m].
             bias: torques at zero, shape (nu,) [N m].
@@ -78,22 +78,26 @@ class LimitedQP:
         Returns:
             Unknowns: accelerations [g], forces and their slacks, slacks of the soft tasks.
         """
-        forces, limit, rows = self._contact_qp.problem, c.joints.torque_limit, c.tasks.scaled.T
+        forces, limit, rows = (
+            self._contact_qp.problem,
+            work.joints.torque_limit,
+            work.tasks.scaled.T,
+        )
         P, q, A, lower, upper = self.problem
         P[self._force_unknowns, self._force_unknowns] = forces.P
-        q[self._accelerations] = -self._weights * (c.motion.posture / c.motion.root_weight)
+        q[self._accelerations] = -self._weights * (work.motion.posture / work.motion.root_weight)
         q[self._force_unknowns] = forces.q
-        A[self._momentum, self._accelerations] = rows[:6] * c.motion.root_weight
-        A[self._momentum, self._forces] = -c.contact.wrench_map
+        A[self._momentum, self._accelerations] = rows[:6] * work.motion.root_weight
+        A[self._momentum, self._forces] = -work.contact.wrench_map
         A[self._force_rows, self._force_unknowns] = forces.A
-        A[self._tasks, self._accelerations] = rows[6:] * c.motion.root_weight
+        A[self._tasks, self._accelerations] = rows[6:] * work.motion.root_weight
         np.fill_diagonal(A[self._tasks, self._slacks], np.sqrt(softness[6:]))
         A[self._torques, : self._forces.stop] = torque_map / limit[:, None]
-        lower[self._momentum] = upper[self._momentum] = c.tasks.rhs[:6]
+        lower[self._momentum] = upper[self._momentum] = work.tasks.rhs[:6]
         lower[self._force_rows], upper[self._force_rows] = forces.lower, forces.upper
-        lower[self._tasks] = upper[self._tasks] = c.tasks.rhs[6:]
+        lower[self._tasks] = upper[self._tasks] = work.tasks.rhs[6:]
         lower[self._torques], upper[self._torques] = -1.0 - bias / limit, 1.0 - bias / limit
-        lower[self._joints], upper[self._joints] = acceleration_bounds(robot, c.sensed.q, c.sensed.v)
+        lower[self._joints], upper[self._joints] = acceleration_bounds(robot, work.sensed.q, work.sensed.v)
         return self._backend.solve(*self.problem)
 
 

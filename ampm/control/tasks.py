@@ -8,7 +8,7 @@ from typing import Any
 
 from ampm.compiled import compiled
 from ampm.control.stabilizer import rotation_error
-from ampm.control.workspace import BALL, HEEL, TIP, Body, Wanted
+from ampm.control.workspace import BALL, HEEL, TIP, Body
 from ampm.vectors import ZERO, Array, Vector, cross, minus, plus, put, times, vector
 
 STANCE, SWING = 1e-8, 1e-4
@@ -20,7 +20,7 @@ trunk and arms are thrown."""
 
 @compiled
 def sole_task(
-    gains: Any, body: Body, i: int, lines: Any, wanted: Wanted, rates: Array, acceleration: Array
+    gains: Any, body: Body, i: int, lines: Any, wanted: Any, rates: Array, acceleration: Array
 ) -> float:
     """Acceleration wanted of one sole.
 
@@ -64,7 +64,7 @@ def _stance(
     body: Body,
     i: int,
     lines: Any,
-    wanted: Wanted,
+    wanted: Any,
     all_planned: bool,
     off: Vector,
     rates: Array,
@@ -154,7 +154,7 @@ def toe_task(gains: Any, wanted: Array, angle: float, rate: float) -> float:
 
 
 @compiled
-def posture_task(gains: Any, q: Array, now: Array, wanted: Wanted, acceleration: Array) -> None:
+def posture_task(gains: Any, q: Array, now: Array, wanted: Any, acceleration: Array) -> None:
     """Accelerations that follow the planned posture: all joints, and the root's rotation.
 
     Args:

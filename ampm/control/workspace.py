@@ -7,15 +7,16 @@ rows: momentum (6), soles (6 each), toes.
 
 import math
 from collections import namedtuple
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ampm.body.rigid_body import frames_of
 from ampm.body.robot import Robot
-from ampm.compiled import records
+from ampm.compiled import fields_of, records
 from ampm.controller_parameters import ControllerParameters
+from ampm.reference import FIELDS
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -74,15 +75,42 @@ POINT = [
 ]
 """Fields of a sole point besides those of its frame; the left foot's points come first, as many per foot."""
 
-STEPPING = [
-    ("off_plan", np.bool_),  # whether the walk has left its plan
-    ("active", np.bool_),  # whether it has, or is disturbed: COM and trunk share what the sole can give
-    ("heading", np.float64, (2,)),  # cosine and sine of the standing foot's
-    ("floor", np.float64),  # height under the body [m]
-    ("com_first", np.bool_),  # whether the COM comes before the trunk in what the sole can give
-    ("force_factor", np.float64),  # of the commanded force, which holds the COM's height [1]
-]
-"""What :mod:`ampm.stepping` says to a tick; one entry."""
+
+class SteppingState:
+    """State of the stabiliser that steps, one entry of a table; feet's shifts and places are in world.
+
+    It is at rest under the stabiliser ``fixed``.
+    """
+
+    off_plan: bool  # whether the walk has left its plan
+    leaves: bool  # whether it has to
+    active: bool  # whether it has, or is disturbed: COM and trunk share what the sole can give
+    com_first: bool  # whether the COM comes before the trunk in what the sole can give
+    heading: Annotated[Array, (2,)]  # cosine and sine of the standing foot's
+    floor: float  # height under the body [m]
+    force_factor: float  # of the commanded force, which holds the COM's height [1]
+    single: bool  # whether this is a single support
+    stance: int  # foot that stands; in double support the one that leaves
+    clock: float  # time since the phase began, by the plan [s]
+    rate: float  # of the clock [1]
+    duration: float  # of the phase, by the plan [s]
+    double: float  # duration of the double support that follows [s]
+    factor: float  # duration of the rest of the phase over the planned one [1]
+    choice: int  # which of the candidates that is, -1 that which returns to the plan
+    late: float  # time behind the plan [s]
+    waited: float  # for a late foot [s]
+    stood: float  # time since the phase began [s]
+    length: float  # planned distance of the next step from the standing foot, along [m]
+    width: float  # the same across [m]
+    step: Annotated[Array, (2,)]  # displacement of the next step from the standing foot's shift [m]
+    excess: float  # by which the wanted displacement is beyond its limits [m]
+    shift: Annotated[Array, (2, 3)]  # of every foot from where it was planned [m]
+    swing: Annotated[Array, (3, 3)]  # the same of the swing foot: value and two derivatives
+    slope: Annotated[Array, (2,)]  # of the floor: dz/dx, dz/dy [1]
+    height: Annotated[Array, (2,)]  # of the COM over its plan, and its rate [m, m/s]
+    sag: float  # by which the COM goes down for a long step [m]
+    away: float  # largest component of the COM's distance from the plan's [m]
+    touches: Annotated[NDArray[np.int64], (2,)]  # ticks since every foot touched, 0 without contact
 
 
 class Sensed(NamedTuple):
@@ -101,31 +129,11 @@ class Sensed(NamedTuple):
     contact: Flags
 
 
-class Wanted(NamedTuple):
-    """The fields of a :class:`~ampm.walk.Reference` by the names of its row; numbers have shape (1,)."""
+Wanted: Any = namedtuple("Wanted", ["smooth", *FIELDS])  # type: ignore[misc]
+"""Views of the fields of a :class:`~ampm.walk.Reference`; numbers have shape (1,).
 
-    com: Array
-    com_velocity: Array
-    com_acceleration: Array
-    angular_momentum: Array
-    moment: Array
-    right_load: Array
-    foot_position: Array
-    foot_velocity: Array
-    foot_acceleration: Array
-    foot_rotation: Array
-    foot_angular_velocity: Array
-    foot_angular_acceleration: Array
-    foot_toe: Array
-    planned: Flags
-    due: Flags
-    until_lift: Array
-    q: Array
-    v: Array
-    acceleration: Array
-    trunk: Array
-    tilt_window: Array
-    jumps: Flags
+``smooth`` has all numbers of the smooth fields, shape (n,).
+"""
 
 
 class Body(NamedTuple):
@@ -200,7 +208,7 @@ class Tasks(NamedTuple):
     system: Array
 
 
-class Command(NamedTuple):
+class Wrench(NamedTuple):
     """The net wrench of the ground that is wanted.
 
     Attributes:
@@ -290,17 +298,17 @@ class Workspace(NamedTuple):
     Attributes:
         gains: the numbers among the parameters of the controller, by their names.
         extrapolates: whether the torque goes on with its rate.
-        stepping: table of one entry, see :data:`STEPPING`.
+        stepping: table of one :class:`SteppingState`.
     """
 
     gains: Any
     extrapolates: bool
     sensed: Sensed
-    wanted: Wanted
+    wanted: Any
     body: Body
     motion: Motion
     tasks: Tasks
-    command: Command
+    command: Wrench
     tilt: Tilt
     contact: Contact
     problem: Problem
@@ -369,7 +377,7 @@ def make_workspace(
             scaled=np.zeros((nv, rows)),
             system=np.zeros((rows, rows + 7)),
         ),
-        command=Command(force=np.zeros(3), moment=np.zeros(3), angular_momentum=np.zeros(3), zmp=np.zeros(2)),
+        command=Wrench(force=np.zeros(3), moment=np.zeros(3), angular_momentum=np.zeros(3), zmp=np.zeros(2)),
         tilt=Tilt(
             past=np.zeros((math.ceil(LONGEST * gains.frequency), 2)),
             integral=np.zeros(2),
@@ -394,19 +402,20 @@ def make_workspace(
             lower=robot.lower.copy(),
             upper=robot.upper.copy(),
         ),
-        stepping=records(1, STEPPING),
+        stepping=records(1, fields_of(SteppingState)),
     )
 
 
-def wanted_of(row: NDArray[Any]) -> Wanted:
-    """Views of one row of references, shape (1,)."""
-    parts = {name: row[name] for name in Wanted._fields}
-    return Wanted(**{name: part if part.ndim == 1 else part[0] for name, part in parts.items()})
+def rows_of(rows: NDArray[Any]) -> Any:
+    """:data:`Wanted` of T rows of references; every array has a leading axis of T."""
+    count = sum(rows[name][0].size for name, field in FIELDS.items() if field.smooth)
+    smooth = rows.view(np.float64).reshape(len(rows), -1)[:, :count]
+    return Wanted._make([smooth, *(rows[name] for name in FIELDS)])
 
 
-def rows_of(rows: NDArray[Any]) -> Wanted:
-    """Copies of the fields of T rows of references, each with a leading axis of T."""
-    return Wanted(**{name: np.array(rows[name], order="C") for name in Wanted._fields})
+def wanted_of(row: NDArray[Any]) -> Any:
+    """:data:`Wanted` of one row of references, shape (1,)."""
+    return Wanted._make(part if part.ndim == 1 else part[0] for part in rows_of(row))
 
 
 def feet_of(robot: Robot) -> Any:

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from ampm.parameters import RunParameters
     from ampm.sensors.readings import Estimator, EstimatorFactory
-    from ampm.stepping.follower import SteppedTick
+    from ampm.stepping.tracker import SteppedTick
     from ampm.walk import Controller, ControllerFactory, Replanner, WalkPlan
     from models.scene import BodyModel
 
