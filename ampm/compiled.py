@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar
 
 os.environ.setdefault("NUMBA_OPT", "1")  # as fast to run as at level 3, and sooner compiled
 
@@ -28,6 +28,7 @@ _SOURCES = (
     "ampm/compiled.py",
     "ampm/linear.py",
     "ampm/qp.py",
+    "ampm/reference.py",
     "ampm/vectors.py",
     "ampm/body/*.py",
     "ampm/control/*.py",
@@ -157,18 +158,11 @@ def records(shape: int | tuple[int, ...], fields: Sequence[Any]) -> Any:
 
 
 def fields_of(entry: type) -> list[Any]:
-    """Fields of :func:`records` whose entries are declared as a class of annotations.
-
-    Args:
-        entry: its fields are bool, int, float, or ``Annotated[NDArray[...], shape]``.
-    """
+    """Fields of :func:`records` from a class of annotations: numbers, or ``Annotated[Array, shape]``."""
     fields: list[Any] = []
     for name, kind in entry.__annotations__.items():
-        if hasattr(kind, "__metadata__"):
-            item = get_args(get_args(get_args(kind)[0])[1])[0]
-            fields.append((name, item, *kind.__metadata__))
-        else:
-            fields.append((name, kind))
+        shape = getattr(kind, "__metadata__", ())
+        fields.append((name, float if shape else kind, *shape))
     return fields
 
 

@@ -61,8 +61,8 @@ class Field:
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
 
-    def __get__(self, reference: Reference, owner: type | None = None) -> Any:
-        return reference.row[self.name]
+    def __get__(self, reference: Reference | None, owner: type | None = None) -> Any:
+        return self if reference is None else reference.row[self.name]
 
 
 class Reference:
@@ -80,9 +80,9 @@ class Reference:
     com = Field((3,), lambda at: at.now.plan.com)
     """Position of the centre of mass, shape (3,) [m]."""
     com_velocity = Field((3,), lambda at: at.now.plan.com_velocity)
-    """Shape (3,) [m/s]."""
+    """Velocity of the centre of mass, shape (3,) [m/s]."""
     com_acceleration = Field((3,), lambda at: at.held.plan.com_acceleration)
-    """Shape (3,) [m/s^2]."""
+    """Acceleration of the centre of mass, shape (3,) [m/s^2]."""
     angular_momentum = Field(
         (3,), lambda at: np.column_stack([at.now.plan.angular_momentum, at.now.posture.angular_momentum_z])
     )
@@ -94,17 +94,17 @@ class Reference:
     foot_position = Field((2, 3), lambda at: at.now.both_feet("position"))
     """Positions of the soles' reference points, shape (2, 3) [m]."""
     foot_velocity = Field((2, 3), lambda at: at.now.both_feet("velocity"))
-    """Shape (2, 3) [m/s]."""
+    """Velocities of these points, shape (2, 3) [m/s]."""
     foot_acceleration = Field((2, 3), lambda at: at.held.both_feet("acceleration"))
-    """Shape (2, 3) [m/s^2]."""
+    """Accelerations of these points, shape (2, 3) [m/s^2]."""
     foot_rotation = Field(
         (2, 3, 3), lambda at: foot_rotation(at.now.both_feet("heading"), at.now.both_feet("pitch"))
     )
     """Rotations of the soles to world, shape (2, 3, 3)."""
     foot_angular_velocity = Field((2, 3), lambda at: at.now.turning(0))
-    """Shape (2, 3) [rad/s]."""
+    """Angular velocities of the soles, shape (2, 3) [rad/s]."""
     foot_angular_acceleration = Field((2, 3), lambda at: at.held.turning(1))
-    """Shape (2, 3) [rad/s^2]."""
+    """Angular accelerations of the soles, shape (2, 3) [rad/s^2]."""
     foot_toe = Field(
         (2, 3),
         lambda at: np.stack(
@@ -143,17 +143,13 @@ class Reference:
 
     @classmethod
     def of(cls, **fields: ArrayLike) -> Self:
-        """Copy the values of all fields into a new reference; T instants have a leading axis.
+        """Copy values into a new reference; T instants have a leading axis.
 
-        Args are the attributes of this class.
+        Args are the attributes of this class. ``time``, ``q`` and ``v`` are needed, what is left out is zero.
 
         Raises:
-            TypeError: a field is missing or unknown.
-            ValueError: a value has another shape, or another number of instants.
+            ValueError: there is no such field, or a value has another shape or number of instants.
         """
-        if fields.keys() != FIELDS.keys():
-            wrong = ", ".join(sorted(fields.keys() ^ FIELDS.keys()))
-            raise TypeError(f"a reference has the fields {', '.join(FIELDS)}; missing or unknown: {wrong}")
         kind = reference_type(np.shape(fields["q"])[-1], np.shape(fields["v"])[-1])
         row = np.zeros(np.shape(fields["time"]), kind)
         for name, value in fields.items():
@@ -172,8 +168,9 @@ class Reference:
         return type(self)(row)
 
 
-FIELDS = {name: value for name, value in vars(Reference).items() if isinstance(value, Field)}
-"""The table of :class:`Reference`. All smooth fields come first, so that they are one run of numbers."""
+_TABLE = [field for field in vars(Reference).values() if isinstance(field, Field)]
+FIELDS = {field.name: field for field in sorted(_TABLE, key=lambda field: not field.smooth)}
+"""The table of :class:`Reference`; the smooth fields come first, as one run of numbers."""
 
 
 @cache

@@ -70,7 +70,7 @@ class RetimedPosture:
         return self.posture.sample(np.interp(time, self.times, self.own) + beyond)
 
     def report(self) -> dict[str, Any]:
-        """That of the posture."""
+        """The posture's report."""
         return self.posture.report()
 
 
@@ -227,7 +227,7 @@ class Replanner(Planner, Protocol):
         Args:
             time: of this tick on the walk's clock, which all plans share [s].
             state: as the controller gets it at this tick, sensed and maybe old; copy what you keep.
-            touch: likewise.
+            touch: of the same tick.
             plan: that is valid now. What :meth:`plan` and earlier calls return is never changed.
 
         Returns:
@@ -246,7 +246,7 @@ class ControlOutput(NamedTuple):
         angular_momentum: about the COM, commanded, shape (3,) [N m s].
         point_force: force commanded at every sole point, shape (P, 3) [N].
         status: SOLVED, LIMITED or UNSOLVED.
-        residual: of its optimisation; NaN where there is none.
+        residual: of its optimisation; NaN without one.
         iterations: of its optimisation.
         seconds: wall-clock time of its optimisation [s].
         rate: at which the torques go on until the next tick, shape (nu,) [N m/s]; None holds them.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ampm.compiled import fields_of, records
-from ampm.control.workspace import Body, SteppingState
+from ampm.control.workspace import PlacedBody, SteppingState
 from ampm.planner import routes
 from ampm.stepping.floor import hold_height
 from ampm.stepping.step_choice import dcm_ahead, quintic_tick, ramp_share, step_change
@@ -71,7 +71,7 @@ def phase():
 def stepper(**fields):
     """A stepper of which only some fields matter."""
     none = np.empty(0)
-    body = Body(none, none, none, none, none, none, none, np.array([0.0, 0.0, 0.87]), 60.0, 9.81)
+    body = PlacedBody(none, none, none, none, none, none, none, np.array([0.0, 0.0, 0.87]), 60.0, 9.81)
     fields = {"body": body, "contact": np.empty(0, dtype=bool), "omega": OMEGA, "tick": 0.002, **fields}
     state = records(1, fields_of(SteppingState))
     return Stepper(**{**dict.fromkeys(Stepper._fields, none), "state": state, **fields})

@@ -56,7 +56,7 @@ class TrackingController:
         self.robot, gains, solver = robot, run.controller, run.solver
         settings = QPSettings(tolerance=solver.tolerance, max_iterations=solver.max_iterations)
         lines = robot.point_group.reshape(len(robot.sole_frames), -1)
-        self.contact_qp = ContactQP(solver.qp, settings, gains.friction, lines)
+        self.contact_qp = ContactQP(settings, gains.friction, lines)
         weights = robot.by_group(POSTURE_WEIGHTS)
         self._row = np.zeros(1, reference_type(robot.nq, robot.nv))
         self.workspace = work = make_workspace(robot, gains, weights, self._row, self.contact_qp.problem)
@@ -67,7 +67,7 @@ class TrackingController:
             alpha=1.6,
             scaling=10,
         )
-        self.limited = LimitedQP(solver.qp, limit_settings, weights, len(work.tasks.scale), self.contact_qp)
+        self.limited = LimitedQP(limit_settings, weights, len(work.tasks.scale), self.contact_qp)
         self._first, self._steps = True, gains.stabilizer == "stepping"
         self._tracker: StepTracker | None = None
         self._stepper: Any = None  # reference to that of the present phase

@@ -1,4 +1,4 @@
-"""What the soles can give, shared between COM and trunk."""
+"""How COM and trunk share what the soles can give."""
 
 import math
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ampm.compiled import compiled
-from ampm.control.workspace import Body, SteppingState, Wrench
+from ampm.control.workspace import PlacedBody, SteppingState, Wrench
 from ampm.vectors import Array, clip, put, times, vector
 
 OPEN = 0.2
@@ -15,7 +15,7 @@ TRUNK_SHARE, TRUNK_LEAST = 0.8, 0.08
 """What the trunk may take of the sole first: a share of it [1], at least so much [m]."""
 
 ACROSS = 3.0
-"""Weight of distances across the foot over those along it, where the ZMP is brought into the sole [1]."""
+"""Distances across the foot count this much more than those along it, to bring the ZMP into the sole [1]."""
 
 
 @compiled
@@ -32,12 +32,12 @@ def sole_of(foot: int, points: Any, com: Array, cos: float, sin: float, out: Arr
 
 
 @compiled
-def share_axis(d: float, m: float, low: float, high: float, com_first: bool) -> tuple[float, float]:
+def share_axis(r: float, arm: float, low: float, high: float, com_first: bool) -> tuple[float, float]:
     """Shifts of r and of the moment's arm that the sole allows along one axis.
 
     Args:
-        d: wanted shift of r: feedback of the COM [m].
-        m: wanted shift of ``ZMP - r``: feedback of the angular momentum [m].
+        r: wanted shift of r: feedback of the COM [m].
+        arm: wanted shift of ``ZMP - r``: feedback of the angular momentum [m].
         low: from the planned ZMP to the sole's edge [m].
         high: the same to the other edge [m].
         com_first: whether the COM gets what it wants first; else the trunk, and the COM may even pay for it.
@@ -45,13 +45,13 @@ def share_axis(d: float, m: float, low: float, high: float, com_first: bool) -> 
     Returns:
         Both shifts; those wanted where their sum is within the sole.
     """
-    if low <= d + m <= high and low <= d <= high:
-        return d, m
+    if low <= r + arm <= high and low <= r <= high:
+        return r, arm
     if com_first:
-        d = clip(d, low, high)
-        return d, clip(m, min(low - d, 0.0), max(high - d, 0.0))
-    m = clip(m, min(TRUNK_SHARE * low, -TRUNK_LEAST), max(TRUNK_SHARE * high, TRUNK_LEAST))
-    return clip(d, low - m, high - m), m
+        r = clip(r, low, high)
+        return r, clip(arm, min(low - r, 0.0), max(high - r, 0.0))
+    arm = clip(arm, min(TRUNK_SHARE * low, -TRUNK_LEAST), max(TRUNK_SHARE * high, TRUNK_LEAST))
+    return clip(r, low - arm, high - arm), arm
 
 
 @compiled
@@ -94,7 +94,7 @@ def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
 
 
 @compiled
-def share_sole(body: Body, state: SteppingState, wanted: Any, command: Wrench) -> None:
+def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, command: Wrench) -> None:
     """Share what the soles can give between COM and trunk, off the plan or disturbed.
 
     The command is untouched where they give it all. First, the force is multiplied by the factor that holds

@@ -23,9 +23,9 @@ from ampm.control.hold import update_rate
 from ampm.control.limited_qp import limit_broken
 from ampm.control.sole import share_sole
 from ampm.control.stabilizer import command_wrench, rotation_error
-from ampm.control.tasks import HURRIED, SWING, posture_task, sole_task, toe_task
+from ampm.control.tasks import posture_task, sole_task, toe_task
 from ampm.control.trunk import fed_back_tilt
-from ampm.control.workspace import Body, Motion, Sensed, Tasks, Workspace
+from ampm.control.workspace import Motion, PlacedBody, Sensed, Tasks, Workspace
 from ampm.linear import add_combination, add_scaled, scale_matrix
 from ampm.stepping.stepper import Stepper
 from ampm.stepping.walker import follow
@@ -85,7 +85,7 @@ def after(work: Workspace, still: bool, first: bool) -> bool:
 
 
 @compiled
-def kinematics(body: Body, motion: Motion, tasks: Tasks, sensed: Sensed, velocity_lag: float) -> None:
+def kinematics(body: PlacedBody, motion: Motion, tasks: Tasks, sensed: Sensed, velocity_lag: float) -> None:
     """Places, task Jacobian B' and rates B v, drift and COM of the measured state.
 
     A velocity that is older than the configuration is brought to its instant: ``v + lag a``, with the
@@ -136,32 +136,21 @@ def tasks(work: Workspace) -> None:
 
     Of the momentum those without contact forces: the QP adds the forces.
     """
-    body, tasks, wanted = work.body, work.tasks, work.wanted
+    body, tasks, wanted, q = work.body, work.tasks, work.wanted, work.sensed.q
     tasks.softness[:] = 0.0
     tasks.wanted[:6] = 0.0
     tasks.wanted[2] = -body.gravity
     for i in range(len(body.feet)):
-        foot, rows = body.feet[i], slice(6 + 6 * i, 12 + 6 * i)
-        softness = sole_task(
-            work.gains,
-            body,
-            i,
-            work.contact.lines[i],
-            wanted,
-            tasks.rates[rows],
-            tasks.wanted[rows],
-        )
-        hurried = softness == SWING and work.stepping[0].off_plan
-        tasks.softness[rows] = HURRIED if hurried else softness
-        if foot.toe_row >= 0:
-            angle, rate = work.sensed.q[foot.toe + 1], tasks.rates[foot.toe_row]
-            tasks.wanted[foot.toe_row] = toe_task(work.gains, wanted.foot_toe[i], angle, rate)
-    posture_task(work.gains, work.sensed.q, work.motion.now, wanted, work.motion.posture)
-    passive_torques(body.passive, work.sensed.q, work.sensed.v, wanted.v, work.motion.passive_torque)
+        sole_task(work, i)
+        toe, row = body.feet[i].toe, body.feet[i].toe_row
+        if row >= 0:
+            tasks.wanted[row] = toe_task(work.gains, wanted.foot_toe[i], q[toe + 1], tasks.rates[row])
+    posture_task(work)
+    passive_torques(body.passive, q, work.sensed.v, wanted.v, work.motion.passive_torque)
 
 
 @compiled
-def scale(body: Body, motion: Motion, tasks: Tasks) -> None:
+def scale(body: PlacedBody, motion: Motion, tasks: Tasks) -> None:
     """Units of the QP: accelerations in g, in the metric ``x = W_p^1/2 a / g`` of the posture weights."""
     motion.posture[:] = motion.posture * (motion.root_weight / body.gravity)
     scale_matrix(tasks.jacobian, 1.0 / motion.root_weight, tasks.scale, tasks.scaled)
@@ -180,15 +169,8 @@ def contact_qp(work: Workspace, landing: bool, load_age: float) -> None:
     if landing:
         since = 1.0 - load_age * work.gains.frequency if work.extrapolates else 0.0
         land(work.gains, body.points, weight, contact, since)
-    fill_qp(
-        feet,
-        body.points,
-        contact,
-        tasks.system,
-        work.wanted.right_load[0],
-        work.gains.friction,
-        work.problem,
-    )
+    right_load, friction = work.wanted.right_load[0], work.gains.friction
+    fill_qp(feet, body.points, contact, tasks.system, right_load, friction, work.problem)
 
 
 # ------------------------------------------------------------------------------ after the QP
@@ -211,13 +193,8 @@ def accelerations(work: Workspace) -> None:
 @compiled
 def torques(work: Workspace) -> None:
     """Inverse dynamics of the accelerations under the contact forces, and what passive joints take."""
-    body, motion, force, torque = (
-        work.body,
-        work.motion,
-        work.contact.point_force,
-        work.joints.torque,
-    )
-    point_forces(len(body.feet), body.points, work.contact.solution, body.mass * body.gravity, force)
+    body, motion, contact, torque = work.body, work.motion, work.contact, work.joints.torque
+    point_forces(len(body.feet), body.points, contact.solution, body.mass * body.gravity, contact.point_force)
     joint_torques(
         body.tree,
         body.armature,
@@ -226,7 +203,7 @@ def torques(work: Workspace) -> None:
         motion.acceleration,
         body.gravity,
         body.points,
-        force,
+        contact.point_force,
         torque,
     )
     add_scaled(torque, 1.0, motion.passive_torque, torque)

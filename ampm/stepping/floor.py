@@ -6,23 +6,23 @@ from ampm.stepping.stepper import Stepper
 from ampm.vectors import clip, column, dot
 
 SINK = 0.00075
-"""How far a sole sinks into the floor under load [m]."""
+"""A sole under load sinks into the floor by this depth [m]."""
 DEEP_IN = 0.0018
-"""Depth of a sole's point in the floor from which the sole does not lie as the floor does [m]."""
+"""A sole with a point deeper than this does not lie as the floor does [m]."""
 LIFT = 0.5
 """Integral gain of the COM's height, times omega^3 [1]."""
 SANK, DEEP = 0.0015, 0.01
-"""Error of the height from which it is fed back, and that beyond which it counts as no larger [m]."""
+"""The height's error is fed back from the first on, and counts at most as the second [m]."""
 TIPPED = 0.9
-"""Cosine of a foot's tilt below which its touch is no landing: a foot that was hit scuffs [1]."""
+"""A touch is a landing only if the cosine of the foot's tilt is larger: a foot that was hit scuffs [1]."""
 AS_PLANNED = 0.993
-"""Cosine of the angle between a foot and its plan below which only its points tell the floor's height [1]."""
+"""If the cosine of the angle to the plan is smaller, only the sole's points tell the floor's height [1]."""
 EARLY = 0.045
-"""A touch so long before its time begins the double support [s]."""
+"""A touch that comes earlier than planned by this time begins the double support [s]."""
 SWUNG = 0.6
-"""Share of the single support from which a touch counts [1]."""
+"""A touch counts after this share of the single support [1]."""
 GRACE = 0.016
-"""Time that a foot may be late before the clock waits for it [s]."""
+"""The clock waits for a foot that is later than this [s]."""
 
 
 @compiled

@@ -19,7 +19,7 @@ from ampm.stepping.stepper import Stepper
 from ampm.vectors import Array, clip
 
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
-"""How far a step may be displaced [m]. All lengths and times here are those of a body of 1.70 m: lengths grow
+"""A step may be displaced this far [m]. All lengths and times here hold for a body of 1.70 m: lengths grow
 with its size, times with the square root of it."""
 BESIDE, IN_LINE, NEAR, GAP = 1.0, 0.5, 0.01, 0.05
 """Least distance of two soles' middles across, in widths of a foot: beside each other, and with one ahead of
@@ -29,7 +29,7 @@ SHORTEST, LONGEST = 0.32, 1.8
 TIMES = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 1.8])
 """Candidates for the rest of a single support, per planned rest [1]."""
 EASY_LENGTH, EASY_WIDTH = 0.15, 0.06
-"""Displacements for which its time is not changed [m]."""
+"""The time does not change for displacements up to these [m]."""
 TIME_COST, LIMIT_COST, CHANGE_COST = 0.03, 2.5, 0.01
 """Costs of another time, per its logarithm [m], of a metre beyond the limits [1], and of another choice than
 at the last tick [m]."""

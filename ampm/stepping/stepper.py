@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from ampm.control.workspace import Array, Body, Flags
+from ampm.control.workspace import Array, Flags, PlacedBody
 
 
 class Curves(NamedTuple):
@@ -36,7 +36,7 @@ class Stepper(NamedTuple):
     """
 
     state: Any
-    body: Body
+    body: PlacedBody
     contact: Flags
     rates: Array
     omega: float

@@ -29,13 +29,13 @@ from ampm.stepping.stepper import Stepper
 from ampm.vectors import clip, cross, minus, plus, put, times, vector
 
 DISTURBED = 0.006
-"""Distance of the DCM from its plan from which the sole is shared [m]: twice that of an undisturbed walk."""
+"""The sole is shared where the DCM is farther than this from its plan, twice as far as undisturbed [m]."""
 OFF_PLACE, OFF_HEIGHT, OFF_TILT = 0.015, 0.0015, 0.008
-"""How far from its plan a foot may stand before the walk leaves the plan [m, m, rad]."""
+"""The walk leaves its plan where a standing foot is farther than this from it [m, m, rad]."""
 LEVEL = 0.005
-"""Slope of the floor that is taken for none: a sole under load is not exactly level [1]."""
+"""Slopes up to this count as level, because a sole under load is not exactly level [1]."""
 FREEZE = 0.05
-"""Time before landing from which the step is not changed any more [s]."""
+"""The next step does not change during this time before landing [s]."""
 PATIENCE = 0.15
 """Longest time that the clock waits [s]."""
 DROP = 0.3
@@ -43,15 +43,15 @@ DROP = 0.3
 RATE_TIME = 0.03
 """Time constant of the clock's rate [s]."""
 HASTE_FROM, HASTE = 0.1, 0.1
-"""DCM ahead of its reference from which a double support is shortened, and by which more to its half [m]."""
+"""A double support is shortened where the DCM is ahead by the first, and halved by the second more [m]."""
 CLOSE = 0.005
-"""COM error up to which its position is fed back; beyond, only the DCM is [m]."""
+"""The COM's position is fed back up to this error; beyond it, only the DCM is [m]."""
 COM_FIRST = 0.1
-"""How far the next step is wanted beyond its limits where the COM comes before the trunk [m]."""
+"""The COM comes before the trunk where the next step is wanted this far beyond its limits [m]."""
 HEIGHT_RATE = 6.0
 """Rate of the double pole with which the COM follows the floor's height [1/s]."""
 SAG = 0.15
-"""How far the COM goes down per length by which a step is longer than planned: a straight leg is late [1]."""
+"""The COM goes down by this share of a step's extra length, because a straight leg is late [1]."""
 FEEL_TIME = 0.03
 """Time constant of the measured slope [s]."""
 

@@ -122,7 +122,6 @@ _SHORT = {
     "body": "body.source",
     "steps": "gait.steps",
     "planner": "gait.planner",
-    "qp": "solver.qp",
     "controller": "controller.name",
     "engine": "simulation.engine",
 }

@@ -53,7 +53,6 @@ def validate(
     steps: Steps = None,
     body: Body = None,
     profile: OwnProfile = None,
-    qp: Annotated[str | None, option("--qp", "Short for solver.qp.", "osqp|daqp")] = None,
     out: Annotated[
         Path | None,
         option(
@@ -107,7 +106,7 @@ def validate(
     for text in metric or ():  # before the profiles
         load_metric(text)
     extra = with_short(
-        settings, body=body, steps=steps, planner=planner, qp=qp, controller=controller, engine=engine
+        settings, body=body, steps=steps, planner=planner, controller=controller, engine=engine
     )
     requests = load_requests(gaits or [None], extra, as_is=as_is, sections=with_footsteps(footsteps, steps))
     disturbances = [

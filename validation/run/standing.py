@@ -44,27 +44,15 @@ def stand(run: RunParameters, body_model: BodyModel, duration: float) -> Simulat
     reference = Reference.of(
         time=0.0,
         com=com,
-        com_velocity=0.0,
-        com_acceleration=0.0,
-        angular_momentum=0.0,
-        moment=0.0,
         right_load=0.5,
         foot_position=feet,
-        foot_velocity=0.0,
-        foot_acceleration=0.0,
         foot_rotation=np.stack([np.eye(3), np.eye(3)]),
-        foot_angular_velocity=0.0,
-        foot_angular_acceleration=0.0,
-        foot_toe=0.0,
         planned=contact,
         due=contact,
         until_lift=np.inf,
         q=q,
         v=still,
-        acceleration=0.0,
         trunk=robot.trunk_rotations(q[None])[0],
-        jumps=False,
-        tilt_window=0.0,
     )
     start = q.copy()
     start[2] -= run.simulation.start_depth
