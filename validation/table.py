@@ -9,6 +9,8 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table as TerminalTable
 from rich.text import Text
 
+from ampm.brief import Brief
+
 COLORS = {"pass": "green", "better": "green", "fail": "red", "worse": "red", "undecided": "yellow"}
 """Colour of a cell on a terminal and on a page, by its whole text in lower case."""
 ABSENT = "–"
@@ -128,7 +130,7 @@ class Table:
         return f'<div class="{kind}"><i style="width:{min(max(percent, 0.0), 100.0):.0f}%"></i></div>'
 
 
-class Tabled:
+class Tabled(Brief):
     """Base of results that have tables: a notebook shows them."""
 
     @property

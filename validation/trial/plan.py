@@ -134,7 +134,7 @@ class PlannedWalk(Brief):
 
 
 def load_request(
-    gait: RunParameters | str | None,
+    gait: Request | RunParameters | str | None,
     settings: Sequence[str] = (),
     *,
     body: Mapping[str, Any] | str | None = None,
@@ -145,7 +145,7 @@ def load_request(
 
     Args:
         gait: preset or TOML file; None for `normal`, or the own gait of another body than the human. Or
-            parameters, which take only ``body`` and ``sections``.
+            parameters, which take only ``body`` and ``sections``. Or a request, which is returned.
         settings: ``key=value`` texts.
         body: its name (``body.source``), or values of the section ``body``.
         as_is: every value counts as given, so that nothing is found.
@@ -154,6 +154,8 @@ def load_request(
     Raises:
         InputError: unknown gait, key or controller, or a bad value.
     """
+    if isinstance(gait, Request):
+        return gait
     if body is not None:
         sections = {**sections, "body": {"source": body} if isinstance(body, str) else body}
     if isinstance(gait, RunParameters):

@@ -113,6 +113,23 @@ class Role:
         Raises:
             InputError: nothing has this name, it cannot be imported, or an option is unknown or missing.
         """
+        factory = self._load(text)
+        self.check_options(text, factory, options)
+        return factory
+
+    def takes(self, text: str, option: str) -> bool:
+        """Whether the class of a name has an option.
+
+        Raises:
+            InputError: nothing has this name, or it cannot be imported.
+        """
+        try:
+            taken = inspect.signature(self._load(text) or (lambda: None)).parameters
+        except (TypeError, ValueError):  # compiled code has no signature; its call will say what is wrong
+            return True
+        return option in taken or any(item.kind is item.VAR_KEYWORD for item in taken.values())
+
+    def _load(self, text: str) -> Any:
         known = dict(self.known)
         if ":" not in text and text not in known:
             known |= {item.name: item.value for item in entry_points(group=f"ampm.{self.name}s")}
@@ -124,9 +141,7 @@ class Role:
                     value=text,
                 )
         place = known.get(text, text)
-        factory = load_object(self.key, place) if place else None
-        self.check_options(text, factory, options)
-        return factory
+        return load_object(self.key, place) if place else None
 
     def check(self, text: str, options: Mapping[str, Option]) -> None:
         """Refuse a name and options as :meth:`find` does, before anything is planned.

@@ -20,7 +20,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
@@ -89,7 +88,7 @@ BROKEN = (State.CRASHED, State.TIMED_OUT)
 
 
 @dataclass(frozen=True)
-class SweepTable(Brief, Tabled):
+class SweepTable(Tabled):
     """One sweep, finished or not.
 
     Attributes:
