@@ -61,12 +61,6 @@ def test_a_named_controller_walks_and_the_run_says_so(tmp_path):
     np.testing.assert_array_equal(again.record.q, trial.record.q)
 
 
-def test_an_unknown_controller_is_refused_before_anything_is_planned():
-    run = ampm.load_run("normal", **QUICK)
-    with pytest.raises(InputError, match=r"controller.name 'nobody' is none of"):
-        val.walk(run.replace({"controller.name": "nobody", "gait.switching_velocity": 0.01}))
-
-
 def test_the_status_tells_of_a_qp():
     class Solving(JointPD):
         def update(self, state, touch, reference):
@@ -170,7 +164,7 @@ def test_a_module_that_cannot_be_imported_is_bad_input(tmp_path, monkeypatch, co
         CONTROLLER.find("spoilt_module:Controller")
 
 
-def test_a_crash_in_mid_walk_keeps_the_run(ampm, tmp_path, caplog):
+def test_a_crash_in_mid_walk_keeps_the_run(ampm, tmp_path, caplog, undrawn):
     settings = [word for text in SETTINGS for word in ("--set", text)]
     words = "validate", "normal", *settings, "--controller", "tests.test_api:Late", "--out", tmp_path / "run"
     answer = ampm(*map(str, words), "--json", "--debug")
