@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
-import mujoco
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -285,7 +284,7 @@ class RunFigures:
     def clearance(self) -> Picture:
         """Least distance of two parts of the body over the whole run, with its limit."""
         figure, (axis,) = new_figure(2.3)
-        shapes = Shapes(mujoco.MjModel.from_xml_string(self.saved.model_xml))
+        shapes = Shapes(self.saved.record.model())
         time, gaps = clearance_over_time(self.saved.record, shapes)
         axis.plot(*decimate(time, 1e3 * gaps.distance), color=MEASURED, linewidth=0.9)
         limit = 1e3 * CLEARANCE

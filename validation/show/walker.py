@@ -51,7 +51,7 @@ def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> Figure
     if record.outcome.name not in (OutcomeName.COMPLETED, OutcomeName.INTERRUPTED):
         stride = slice(int(np.searchsorted(signals.time, record.outcome.time - LAST)), len(signals))
     chosen = np.unique(np.abs(rows - rows_shown(signals, stride)[:, None]).argmin(axis=1))
-    model = mujoco.MjModel.from_xml_string(saved.model_xml)
+    model = saved.record.model()
     figure = Figure(figsize=(2 * WIDTH, 3.4))
     axes = figure.subplots(1, len(chosen), sharex=True, sharey=True, squeeze=False)[0]
     figure.subplots_adjust(left=0.0, right=1.0, bottom=0.01, top=0.88, wspace=0.02)
