@@ -268,3 +268,19 @@ def test_parts_that_are_none_are_refused(own, option, why, ampm):
     answer = ampm("validate", "normal", option)
     assert answer.status == 2
     assert why in answer.err
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ("sweep absent.toml --metric own_parts:NONE", "cannot be imported"),
+        ("explain normal --push nope", "must be SEGMENT,FX,FY,FZ,AT,DURATION"),
+        ("explain normal --disturbance builtins:dict", "has no method apply"),
+        ("robustness normal --planner nope", "gait.planner 'nope'"),
+        ("convergence normal --controller nope", "controller.name 'nope'"),
+    ],
+)
+def test_studies_take_the_options_of_a_walk(own, words, why, ampm):
+    answer = ampm(*words.split())
+    assert answer.status == 2
+    assert why in answer.err

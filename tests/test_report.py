@@ -242,14 +242,13 @@ def test_errors_have_the_large_panels(run_dir, monkeypatch):
     [
         (-7.4, 7.6, ["\u22125", "0", "5"]),
         (0.0, 1.1, ["0.0", "0.5", "1.0"]),
-        (1.0, 1.0, ["1.0", "1.5", "2.0"]),
+        (0.47, 0.47 + 1e-16, ["0.46", "0.48"]),
         (-3e-4, 2e-4, ["\u22120.0002", "0.0000", "0.0002"]),
     ],
 )
 def test_charts_have_round_numbers(low, high, ticks):
     chart = Chart(50.0, 20.0, 300.0, 60.0)
     chart.line([0.0, 1.0], [low, high], "red")
-    chart.ylim = (low, high)
     told = [part for part in chart.svg() if 'text-anchor="end"' in part]
     assert [part.partition(">")[2].removesuffix("</text>") for part in told] == ticks
 

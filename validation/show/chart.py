@@ -139,7 +139,8 @@ class Chart:
         for axis, given in enumerate((self.xlim or (None, None), self.ylim)):
             values = points[np.isfinite(points[:, axis]), axis]
             low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
-            margin = axis * (0.05 * (high - low) or 0.05 * abs(high) or 1.0)
+            size = max(abs(low), abs(high), 1e-3)
+            margin = axis * 0.05 * (high - low) if high - low > 1e-9 * size else 0.05 * size
             fit = (low - margin, high + margin)
             ends.append([fit[k] if given[k] is None else given[k] for k in (0, 1)])
         low, high = np.array(ends, dtype=float).T
@@ -147,7 +148,7 @@ class Chart:
             unit = ((high - low) / (self.width, self.height)).max()
             middle, half = (low + high) / 2, unit * np.array([self.width, self.height]) / 2
             low, high = middle - half, middle + half
-        return low, np.where(high > low, high, low + 1.0)
+        return low, high
 
     def svg(self) -> Iterator[str]:
         """Elements of the picture."""
