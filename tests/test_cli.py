@@ -3,7 +3,6 @@
 import errno
 import json
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,12 +10,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-import typer
 
 from ampm import __version__
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import OPTION_TABLES, keys
-from validation.cli import app as cli
 from validation.cli.app import Status
 from validation.show.viewer import viewer_command
 from validation.trial.plan import load_request
@@ -26,7 +23,6 @@ COLUMNS = (
     "com_acceleration_x com_acceleration_y com_acceleration_z dcm_x dcm_y zmp_x zmp_y "
     "force_x force_y force_z moment_x moment_y angular_momentum_x angular_momentum_y"
 ).split()
-SLOW = "--set gait.step_length=0.75 --set gait.switching_velocity=0.2 --set gait.c_s=1.8"
 CONSTANTS = (
     "l_s l_d inverse_a_s a_d c_d single_support_duration double_support_duration s beta "
     "lateral_switching_velocity mean_velocity angular_momentum_y_offset"
@@ -89,94 +85,6 @@ def test_other_commands_than_the_trial_take_a_body(ampm):
     assert answer.json["parameters"]["gait"]["step_length"] == pytest.approx(0.3 * 0.82, abs=0.001)
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("plan --no-body norml", "did you mean 'normal'"),
-        ("plan --no-body --set gait.switching_velocity=0.3", "the least is"),
-        ("plan --no-body --rate 0", "give --samples FILE"),
-        ("plan --no-body --rate nan --samples x.csv", "--rate"),
-        ("plan --no-body --rate 1e308 --samples x.csv", "lower rate"),
-        ("plan --no-body --samples x.txt", ".parquet"),
-        ("plan --no-body --plot x.jpeg2", ".png"),
-        ("plan --no-body --planner dcm", "leave out --no-body"),
-        ("plan --no-body --samples=none/x.csv", "there is no folder none"),
-        ("plan --no-body --samples=file/x.csv", "x.csv"),
-        ("plan --no-body --bogus", "See 'ampm plan --help'."),
-        ("plan --no-body --rate fast", "--rate 'fast' must be a number; write for example --rate 10."),
-        ("compare --body no-such", "no-such"),
-        ("validate normal normal --out out", "'normal'"),
-        ("validate normal --profile lenient --out out", "wide, jumps, footsteps, odometry, pushed.\n"),
-        ("validate normal --qp magic --out out", "osqp"),
-        ("validate normal bad.toml --out out", "gait.c_y"),
-        ("validate normal --controller mine --out out", "MODULE:CLASS"),
-        ("validate normal --planner json:Planner --out out", "Planner"),
-        ("validate normal --planner kajita --out out", "none of ampm, lipm, ipm, preview, dcm;"),
-        ("validate normal --push chest,1,2,x,1,1 --out out", "SEGMENT"),
-        ("validate normal --push chest,10,0,0,-0.5,-0.1 --out out", "-0.5"),
-        ("validate normal --footsteps walk.csv --planner dcm --out out", "dcm does not plan footsteps"),
-        (
-            "validate normal --footsteps walk.csv --steps 4 --out out",
-            "--steps counts the steps of a",
-        ),
-        ("plan --save gait.txt", ".toml"),
-        ("plan --save bad.toml", "--force"),
-        ("plan --motion motion.csv --no-body", "--motion is of a periodic gait of a body"),
-        ("plan --set gait.c_y=-1", "gait.c_y = -1 must be greater than 0"),
-        (f"convergence normal {SLOW}", "too slow"),
-        ("convergence normal --steps 1", "walk 2 at least"),
-        ("convergence normal --levels 2", "choose 3"),
-        (
-            "convergence normal --workers -1",
-            "--workers '-1' must be at least 0; write for example --workers 10.",
-        ),
-        (
-            "convergence normal --levels four",
-            "--levels 'four' must be a whole number; write for example --levels 4.",
-        ),
-        (
-            "validate normal --steps ten",
-            "--steps 'ten' must be a whole number; write for example --steps 10.",
-        ),
-        (
-            "validate normal --set gait.steps=ten",
-            "gait.steps = 'ten' must be a whole number; the default is 30.",
-        ),
-        ("keys xyzzy", "no key fits 'xyzzy'; sections are gait, planner, body,"),
-        ("keys stp_length", "did you mean 'gait.step_length'?"),
-        ("keys gait friction", "no key fits 'gait' and 'friction'"),
-        ("convergence normal --set simulation.time_step=0.0015", "must be a whole number"),
-        ("replay nothing", "nothing"),
-        ("view nothing", "nothing"),
-    ],
-)
-def test_bad_input_is_one_sentence_before_anything_is_done(ampm, line, words, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").touch()
-    (tmp_path / "bad.toml").write_text("[gait]\nc_y = -1.0\n")
-    (tmp_path / "walk.csv").write_text("foot,x,y,heading\n" + "right,0,-0.1,0\nleft,0,0.1,0\n" * 2)
-    given = {*tmp_path.iterdir()}
-    answer = ampm(*line.split())
-    assert (answer.status, answer.out) == (Status.REFUSED, "")
-    assert answer.err.startswith("ampm: ")
-    assert answer.err.count("\n") == 1
-    assert words in answer.err
-    assert {*tmp_path.iterdir()} == given
-
-
-def test_help_groups_the_commands_in_lines_of_their_own(ampm, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    text = ampm("--help").out
-    assert re.findall(r"╭─ ([\w ]+) ─", text)[1:] == ["Walk", "Look", "Check", "Bodies and gaits"]
-    shown = [line.strip("│ ") for line in text.partition("╭─ Walk")[2].splitlines() if line.startswith("│")]
-    known = typer.main.get_group(cli.app).commands
-    assert len(shown) == len(known) <= 14
-    for line in shown:
-        name, _, words = line.partition(" ")
-        assert words.endswith(".")
-        assert str(known[name].help).startswith(words.strip())
-
-
 def test_keys_by_section_by_word_and_by_both(ampm):
     def found(*words: str) -> list[str]:
         return [item["key"] for item in ampm("keys", *words, "--json").json]
@@ -194,19 +102,11 @@ def test_keys_by_section_by_word_and_by_both(ampm):
     assert set(both) == set(found("controller")) & set(found("damping"))
 
 
-def test_keys_are_whole_and_have_values_of_a_gait(ampm, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr("validation.table._FILE_WIDTH", 80)
-    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in ampm("keys").out.splitlines()]
-    assert set(keys()) <= {row[0] for row in rows if row}
-    text = ampm("keys", "touchdown_damping", "--gait", "ipm").out
-    assert re.search(r"│ controller.touchdown_damping │ 700.0 │ 1/s", text)
-    assert "default 200.0" in text
-
-
 def test_a_title_names_what_was_changed_but_for_the_number_of_steps():
-    request = load_request("normal", ["gait.steps=4", "gait.c_y = 0.93", "solver.qp=daqp"])
-    assert request.title.split(", ") == ["normal", "gait.c_y 0.93", "solver.qp daqp"]
+    request = load_request(
+        "normal", ["gait.steps=4", "gait.c_y = 0.93", "simulation.integrator=implicitfast"]
+    )
+    assert request.title.split(", ") == ["normal", "gait.c_y 0.93", "simulation.integrator implicitfast"]
     assert load_request("normal", ["gait.steps=4"]).title == "normal"
 
 

@@ -11,7 +11,6 @@ from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
 from ampm.parameters import FootParameters
 from ampm.planner.contacts import Contacts, Footstep
-from ampm.planner.feet import FootSample
 from ampm.planner.stride import plan_feet, quintic
 from ampm.planner.support import plan_steps
 from ampm.presets import preset_names
@@ -41,58 +40,6 @@ def planned(foot, **values):
 @pytest.fixture(scope="module", params=SCHEDULES)
 def plan(request):
     return planned(SCHEDULES[request.param])
-
-
-def between_key_frames(plan):
-    """Times that are no nearer than 0.2 ms to any key-frame."""
-    frames = np.concatenate([plan.feet.left.start, plan.feet.right.start])
-    times = np.linspace(0.01, plan.duration - 0.01, 400)
-    return times[np.abs(times[:, None] - frames).min(axis=1) > 2e-4]
-
-
-def same(one: FootSample, other: FootSample, names: str, tolerance: float):
-    for name in names.split():
-        np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=tolerance, err_msg=name)
-
-
-@pytest.mark.parametrize("foot", SCHEDULES.values(), ids=SCHEDULES)
-def test_derivatives_are_those_of_the_values(foot):
-    plan = planned(foot)
-    times, h = between_key_frames(plan), 1e-5
-    for before, here, after in zip(
-        plan.feet.sample(times - h), plan.feet.sample(times), plan.feet.sample(times + h), strict=True
-    ):
-        for names in (
-            ("position", "velocity", "acceleration"),
-            ("pitch", "pitch_velocity", "pitch_acceleration"),
-            ("toe", "toe_velocity", "toe_acceleration"),
-        ):
-            for name, derivative, tolerance in zip(names, names[1:], (1e-5, 1e-3), strict=False):
-                slope = (getattr(after, name) - getattr(before, name)) / (2 * h)
-                np.testing.assert_allclose(slope, getattr(here, derivative), atol=tolerance)
-
-
-def test_paths_are_c2_over_every_key_frame(plan):
-    for index, path in enumerate((plan.feet.left, plan.feet.right)):
-        frames = path.start[path.start > 0.0]
-        before = plan.feet.sample(frames - 2e-12)[index]  # evaluates the segment that ends
-        after = plan.feet.sample(frames)[index]
-        same(before, after, "position pitch toe sole_points", 1e-9)
-        same(before, after, "velocity pitch_velocity toe_velocity", 1e-8)
-        same(before, after, "acceleration pitch_acceleration toe_acceleration", 1e-6)
-
-
-def test_points_in_contact_rest_on_the_floor(plan):
-    """Also the pivot: the heel while the foot rolls down, ball and tip while the heel rises."""
-    times = np.linspace(0.0, plan.duration, 3001)
-    for index, path in enumerate((plan.feet.left, plan.feet.right)):
-        sample = plan.feet.sample(times)[index]
-        contact = sample.contact.repeat(2, axis=1)
-        np.testing.assert_allclose(sample.sole_points[..., 2][contact], 0.0, rtol=0.0, atol=1e-12)
-        segment = np.searchsorted(path.start, times + 1e-12, side="right")
-        same = np.diff(segment) == 0
-        moved = np.abs(np.diff(sample.sole_points, axis=0)).max(axis=2)
-        assert moved[same][contact[:-1][same]].max() < 1e-12
 
 
 @pytest.mark.parametrize("name", preset_names())

@@ -12,7 +12,6 @@ from ampm.body.constant_posture import ConstantPosture
 from ampm.exceptions import AmpmError, BodilyRefusal, InputError
 from ampm.planner import routes
 from ampm.planner.contacts import Footstep
-from ampm.planner.feet import foot_rotation, foot_turning
 from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.footsteps import plan_footsteps
 from ampm.planner.periodic import plan_gait
@@ -45,58 +44,6 @@ def over(footsteps, run=RUN):
 
 def plan(footsteps, run=RUN):
     return plan_footstep_walk(over(footsteps, run), BODY)
-
-
-@pytest.mark.parametrize("name", WALKS)
-@pytest.mark.parametrize("lead", [0.0, -0.1])
-def test_feet_move_smoothly_and_stand_where_they_should(name, lead):
-    walk = plan(WALKS[name], ampm.load_run("normal", foot={"heel_rise_lead": lead}))
-    h = 1e-6
-    for foot, path in zip(("left", "right"), (walk.feet.left, walk.feet.right), strict=True):
-        assert (np.diff(path.start) > 0.01).all()
-        switches = path.start[(path.start > 0.0)]
-        before, after = (walk.feet.sample(switches + shift)[foot == "right"] for shift in (-h, h))
-        np.testing.assert_allclose(after.position, before.position, atol=1e-5)
-        np.testing.assert_allclose(after.velocity, before.velocity, atol=1e-3)
-        np.testing.assert_allclose(after.pitch, before.pitch, atol=1e-4)
-        np.testing.assert_allclose(after.pitch_velocity, before.pitch_velocity, atol=1e-2)
-        swing = ~(before.contact.any(axis=1) | after.contact.any(axis=1))
-        np.testing.assert_allclose(after.acceleration[swing], before.acceleration[swing], atol=0.1)
-    times = np.linspace(0.0, walk.duration, 997)
-    feet = walk.feet.sample(times)
-    for side, foot in zip(("left", "right"), feet, strict=True):
-        points = foot.sole_points.reshape(len(times), 3, 2, 3)
-        held = np.abs(points[..., 2][foot.contact])
-        assert held.max() < 1e-9
-        assert foot.sole_points[..., 2].min() > -5e-5
-        for phase in walk.contacts.phases:
-            step = getattr(phase, side)
-            if step is None:
-                continue
-            middle = walk.feet.sample([phase.start + 0.999 * phase.duration])[side == "right"]
-            if middle.contact[0, 0] and middle.contact[0, 1]:
-                np.testing.assert_allclose(middle.position[0], step.position, rtol=0.0, atol=1e-12)
-                assert math.cos(middle.heading[0] - step.heading) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("name", ["straight", "arc"])
-def test_rates_of_the_feet_are_derivatives(name):
-    walk, h = plan(WALKS[name]), 1e-5
-    switches = np.concatenate([walk.feet.left.start, walk.feet.right.start])
-    times = np.linspace(0.01, walk.duration - 0.01, 397)
-    times = times[(np.abs(times[:, None] - switches) > 3 * h).all(axis=1)]
-    for number in (0, 1):
-        low, mid, high = (walk.feet.sample(times + shift)[number] for shift in (-h, 0.0, h))
-        np.testing.assert_allclose((high.position - low.position) / (2 * h), mid.velocity, atol=1e-6)
-        np.testing.assert_allclose((high.velocity - low.velocity) / (2 * h), mid.acceleration, atol=1e-4)
-        (slow, _), (rate, change), (fast, _) = map(foot_turning, (low, mid, high))
-        np.testing.assert_allclose((fast - slow) / (2 * h), change, atol=1e-4)
-        moved = [foot_rotation(foot.heading, foot.pitch) for foot in (low, high)]
-        spin = np.einsum(
-            "nij,nkj->nik", (moved[1] - moved[0]) / (2 * h), foot_rotation(mid.heading, mid.pitch)
-        )
-        found = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
-        np.testing.assert_allclose(found, rate, atol=1e-6)
 
 
 @pytest.mark.parametrize("gait", ["normal", "momentum"])
@@ -189,34 +136,30 @@ def row(**keys):
     return ampm.load_run("normal", footsteps=[{"foot": "left", "x": 0.0, **keys}])
 
 
-NONE: list[Any] = [5, {"foot": "left"}, np.zeros(3)]
+NO_STEPS: list[Any] = [5, {"foot": "left"}, np.zeros(3)]
+
+
+@pytest.mark.parametrize("lead", [0.9, -0.9])
+def test_what_are_no_swings_is_refused(lead):
+    with pytest.raises(InputError, match=f"{lead:g}"):
+        plan(WALKS["straight"], RUN.replace({"foot.heel_rise_lead": lead}))
 
 
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        *(
-            (
-                lambda lead=lead: plan(WALKS["straight"], RUN.replace({"foot.heel_rise_lead": lead})),
-                "lets the heel rise before the foot stands alone, or after",
-            )
-            for lead in (0.9, -0.9)
-        ),
-        (lambda: row(foot="lefty", y=0.0), r"footsteps.* = 'lefty' must be 'left' or 'right'"),
-        (lambda: row(), r"footsteps\.y is missing"),
-        (lambda: row(x="a", y=0.0), r"footsteps\.x = 'a' must be a number"),
-        (lambda: row(y=0.0, height=1.0), "unknown key"),
-        *(
-            (lambda step=step: routes.as_rows([step]), r"footstep 1, .* is none; give ampm\.Footstep")
-            for step in NONE
-        ),
-        *((lambda step=step: live().changed(1.0, [step, step]), r"footstep 1, .* is none") for step in NONE),
-        (lambda: val.walk(RUN, footsteps=[]), "footsteps holds none"),
-        (lambda: routes.straight(0, 0.4, WIDTH), "no steps"),
-        (lambda: routes.arc(4, 0.3, 0.0, WIDTH), "a radius other than 0 m"),
+        (lambda: row(foot="lefty", y=0.0), r"footsteps.* = 'lefty'"),
+        (lambda: row(), r"footsteps\.y"),
+        (lambda: row(x="a", y=0.0), r"footsteps\.x = 'a'"),
+        (lambda: row(y=0.0, height=1.0), "height"),
+        *((lambda step=step: routes.as_rows([step]), "footstep 1") for step in NO_STEPS),
+        *((lambda step=step: live().changed(1.0, [step, step]), "footstep 1") for step in NO_STEPS),
+        (lambda: val.walk(RUN, footsteps=[]), "footsteps"),
+        (lambda: routes.straight(0, 0.4, WIDTH), "step"),
+        (lambda: routes.arc(4, 0.3, 0.0, WIDTH), "0 m"),
     ],
 )
-def test_what_are_no_footsteps_or_no_swings_is_refused(wrong, words):
+def test_what_are_no_footsteps_is_refused(wrong, words):
     with pytest.raises(InputError, match=words):
         wrong()
 
@@ -296,7 +239,7 @@ def test_posture_follows_the_heading_of_the_feet():
     np.testing.assert_allclose((high[1] - low[1]) / (2 * h), mid[2], atol=1e-5)
     ends = posture.heading(np.array([0.0, walk.duration]))[0]  # the mean of feet that are turned out
     np.testing.assert_allclose(ends, [0.7, 2.7], rtol=0.0, atol=1e-12)
-    start = walk.table([0.0])[0].posture
+    start = walk.table([0.0])[0]
     trunk = start.trunk @ posture.trunk.T
     assert math.atan2(trunk[1, 0], trunk[0, 0]) == pytest.approx(0.7)
 

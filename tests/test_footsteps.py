@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 import ampm
 from ampm.exceptions import BodilyRefusal, InputError
-from ampm.geometry import polygon_margin
 from ampm.planner import routes
-from ampm.planner.contacts import Footstep, footprint
-from ampm.planner.footsteps import MARGIN, plan_footsteps
+from ampm.planner.contacts import Footstep
+from ampm.planner.footsteps import plan_footsteps
+from tests.properties import assert_walk
 from validation.trial.plan import make_body
 
 BODY = make_body(ampm.load_run("normal")).model.description
@@ -63,39 +63,6 @@ def test_the_middle_of_a_long_walk_is_the_closed_form_of_the_paper(gait, steps):
         np.testing.assert_allclose(getattr(there, name), getattr(here, name), rtol=0.0, atol=1e-11)
 
 
-@pytest.mark.parametrize("gait", GAITS)
-@pytest.mark.parametrize("name", WALKS)
-def test_a_walk_is_smooth_and_begins_and_ends_at_rest(gait, name):
-    assert_walk(plan(WALKS[name], gait))
-
-
-def assert_walk(walk):
-    """Conditions of every walk, checked on samples of the finished plan."""
-    assert walk.residuals().largest < 1e-11
-    ends = walk.sample([0.0, walk.duration])
-    feet = np.array([step.position[:2] for step in walk.contacts.footsteps])
-    np.testing.assert_allclose(
-        ends.com[:, :2], [feet[:2].mean(axis=0), feet[-2:].mean(axis=0)], rtol=0.0, atol=1e-10
-    )
-    for value in (ends.com_velocity, ends.com_acceleration, ends.moment, ends.angular_momentum):
-        np.testing.assert_allclose(value, 0.0, rtol=0.0, atol=1e-9)
-    times = np.linspace(0.0, walk.duration, 20 * len(walk.phases))
-    sample = walk.sample(times)
-    arm = np.stack([-sample.moment[:, 1], sample.moment[:, 0]], axis=1) / walk.weight
-    zmp = sample.com[:, :2] - walk.com_height / walk.gravity * sample.com_acceleration[:, :2] + arm
-    np.testing.assert_allclose(zmp, sample.zmp, rtol=0.0, atol=1e-11)
-    corners, standing = [], []
-    for time in times:
-        phase = walk.contacts.phases[np.searchsorted(walk.contacts.starts, time + 1e-12, side="right") - 1]
-        soles = [
-            footprint(SOLE, step or phase.left or phase.right)[:-1] for step in (phase.left, phase.right)
-        ]
-        corners.append(np.concatenate(soles))
-        standing.append(np.repeat([phase.left is not None, phase.right is not None], 6))
-    margin = polygon_margin(np.array(corners), np.array(standing), sample.zmp)
-    assert margin.min() > MARGIN - 1e-6
-
-
 @settings(max_examples=40, deadline=None)
 @given(
     st.lists(
@@ -130,7 +97,7 @@ def test_any_steps_are_walked_or_refused_by_name(steps, gait, timed):
         assert str(refusal).startswith("footstep ")
         assert math.isfinite(refusal.value)
         return
-    assert_walk(walk)
+    assert_walk(walk, SOLE)
     if timed:
         reached = walk.contacts.starts[2::2]
         np.testing.assert_allclose(reached, landings[2:], rtol=0.0, atol=1e-12)
@@ -177,36 +144,17 @@ def test_a_file_of_footsteps(tmp_path, ampm):
     assert answer.status == 0
     assert answer.json["residuals"]["acceleration"] < 1e-12
     assert (tmp_path / "walk.png").stat().st_size > 10_000
-    path.write_text(FILE.replace("1.5", "100"), encoding="utf-8")  # it stands until then, as a trial does
-    assert ampm("plan", "normal", "--footsteps", path, "--json").json["duration"] > 100.0
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("foot,x\nleft,0\n", r"line 2: footsteps\.y is missing"),
-        ("foot,x,y,heading\n", "holds no footsteps"),
-        ("foot,x,y,heading,u\nleft,0,0,0,1\n", r"line 2: unknown key 'footsteps\.u'"),
-        ("foot,x,y,heading\nmiddle,0,0,0\n", r"line 2: footsteps\.foot = 'middle' must be 'left' or 'right'"),
-        ("foot,x,y\nleft,0,0\nright,0,here\n", r"line 3: footsteps\.y = 'here' must be a number"),
-        ("foot ,x ,y ,heading\n\nleft,0,0,inf\n", r"line 3: footsteps\.heading = inf"),
-        ("foot,x,y,heading\nleft,0,0,0,1.5\n", "line 2: unknown key .*more cells than the header"),
-    ],
-)
-def test_a_file_that_is_none(tmp_path, text, words):
-    path = tmp_path / "walk.csv"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=words):
-        routes.read_footsteps(path)
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match=r"none\.csv"):
         routes.read_footsteps(tmp_path / "none.csv")
+    path.write_text(FILE.replace("1.5", "15"), encoding="utf-8")  # it stands until then, as a trial does
+    assert ampm("plan", "normal", "--footsteps", path, "--json").json["duration"] > 15.0
 
 
 def test_targets_are_stood_at_one_after_the_other():
     generator = np.random.default_rng(5)
     targets = [tuple(generator.uniform(-1.0, 1.0, 3).tolist()) for _ in range(6)]
     footsteps = routes.visit(targets, 0.25, 0.24)
-    assert_walk(plan(footsteps))
+    assert_walk(plan(footsteps), SOLE)
     middle = np.array([step.position[:2] for step in footsteps])
     middle = 0.5 * (middle[1:] + middle[:-1])
     for x, y, _ in targets:

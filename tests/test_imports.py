@@ -122,9 +122,9 @@ TRIAL = "validation.run.validate, validation.run.walk, validation.trial.plan, va
     ("statement", "forbidden"),
     [
         ("import " + ", ".join(imports("ampm")), "mujoco dm_control models validation benchmarks"),
-        (PLAN, "pinocchio osqp daqp scipy mujoco numba"),
+        (PLAN, "pinocchio osqp scipy mujoco numba"),
         ("import validation.cli.app", "numpy mujoco pinocchio pyarrow pydantic rerun numba"),
-        ("import ampm.planners, models.human", "osqp daqp scipy numba dm_control"),
+        ("import ampm.planners, models.human", "osqp scipy numba dm_control"),
         (f"import {TRIAL}, validation.show.report, validation.study.compare.report", "rerun matplotlib"),
         ("import validation.measure.measure, validation.measure.log", "mujoco dm_control pydrake models"),
         ("import ampm, validation", "numpy mujoco pinocchio scipy matplotlib rerun rich typer pyarrow numba"),

@@ -203,12 +203,6 @@ def test_contacts_that_are_no_walk(footsteps, switches, words):
         ampm.Contacts.in_turn(footsteps, switches)
 
 
-@pytest.mark.parametrize("name", ["normal", "momentum", "flat"])
-def test_the_closed_form_obeys_newton(name):
-    plan = ampm.plan(ampm.load_run(name, gait={"steps": 4}))
-    assert newton_residual(plan, np.linspace(0.0, plan.duration, 1000)).size < 2e-11
-
-
 class Moved:
     """A law with something added to a quantity."""
 

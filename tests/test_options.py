@@ -1,12 +1,10 @@
 """Options of users' controllers and planners: in files, settings, Python, sweeps, and in what is saved."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import ampm
 import validation as val
 from ampm.control.joint_pd import JointPD
 from ampm.exceptions import InputError
@@ -70,58 +68,6 @@ def test_files_settings_and_python_give_the_same_options(tmp_path):
     assert parameter_values(run)["controller.options.gain"] == 2
     assert "options" not in dump_run(load_run("normal"))
     assert "[planner]" not in dump_run(load_run("normal"))
-
-
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ("controller.options.gain=[1, 2]", r"controller.options.gain = \[1, 2\] must be a finite number"),
-        ("controller.options.gain=nan", "controller.options.gain = nan must be a finite number"),
-        ("controller.option.gain=1", "unknown key 'controller.option.gain'"),
-        ("gait.options.gain=1", "unknown key 'gait.options.gain'"),
-        ("controller.options.a.b=1", "unknown key 'controller.options.a.b'"),
-        (
-            "controller.options=3",
-            r"controller.options = 3 must be a section of keys; write \[controller.options\]",
-        ),
-    ],
-)
-def test_a_value_that_is_no_option_is_refused(setting, words):
-    with pytest.raises(InputError, match=words):
-        load_run("normal", setting)
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        (
-            {"controller": {"name": SOFT, "options": {"gian": 2}}},
-            r"^controller.options do not fit the controller .*:Soft: .* 'gian'; it takes gain, mode\.$",
-        ),
-        (
-            {"controller": {"options": {"gain": 2}}},
-            r"^controller.options do not fit the controller ampm: .* 'gain'; it takes none\.$",
-        ),
-        ({"controller": {"name": "joint-pd", "options": {"gain": 2}}}, "it takes frequency, stance"),
-        ({"planner": {"options": {"far": 2}}}, "do not fit the planner ampm: .* it takes none"),
-        (
-            {"gait": {"planner": SLOW}, "planner": {"options": {"slope": 1.0, "name": "dcm"}}},
-            "planner.options do not fit .*:Slow: .* 'name'; it takes slope",
-        ),
-        ({"gait": {"planner": SLOW}}, "Slow: missing a required argument: 'slope'; it takes slope"),
-    ],
-)
-def test_what_the_signature_lacks_is_refused_before_anything_is_planned(settings, words, tmp_path):
-    file = tmp_path / "own.toml"
-    file.write_text(dump_run(load_run("normal", gait={"switching_velocity": 0.01}).replace({})))
-    with pytest.raises(InputError, match=words):
-        val.walk(_file(tmp_path, load_run("normal", **settings)))
-
-
-def _file(folder: Path, run: ampm.RunParameters) -> str:
-    file = folder / "run.toml"
-    file.write_text(dump_run(run))
-    return str(file)
 
 
 def test_options_reach_a_class_given_in_python_and_the_saved_run_keeps_them(tmp_path):

@@ -197,29 +197,6 @@ def test_a_study_must_be_of_both_gaits(folders, tmp_path, ampm):
     assert "gait.planner" in other.err
 
 
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        ("normal ipm --planner ampm --planner dcm --planner ipm", "--planner is given 3 times"),
-        ("normal --planner ampm --planner dcm --body a --body b", "give one option"),
-        ("normal --planner ampm --planner absent.csv", "absent.csv"),
-        ("normal nowhere", "unknown preset or file"),
-        ("RUN", "compare it with other finished ones"),
-        ("RUN normal", "compare it with other finished ones"),
-        ("RUN RUN --set gait.steps=3", "without options of a gait"),
-        ("RUN RUN --controller ampm", "without options of a gait"),
-        ("RUN EMPTY", "give the folder of a finished run"),
-        ("RUN RUN --uncertainty absent.json", "absent.json"),
-        ("RUN RUN --tolerance 0.1", "are of sweeps"),
-    ],
-)
-def test_what_cannot_be_compared_is_refused(folders, tmp_path, words, why, ampm):
-    places = {"RUN": folders[0], "EMPTY": tmp_path}
-    answer = ampm("compare", *(places.get(word, word) for word in words.split()))
-    assert answer.status == 2
-    assert why in answer.err
-
-
 def test_refused_and_fallen_walks_are_told_by_the_status(sides, ampm, monkeypatch):
     refused = ampm("compare", "normal", "ipm", "--set", "gait.step_length=3", "--as-is", "--workers", "0")
     assert refused.status == 2
@@ -261,7 +238,7 @@ def own(tmp_path, monkeypatch):
         unregister("height_error")
 
 
-def test_own_metrics_and_disturbances_of_saved_runs_are_compared(own, folders, tmp_path, ampm):
+def test_own_metrics_and_disturbances_of_saved_runs_are_compared(own, folders, tmp_path, ampm, undrawn):
     mine = tmp_path / "mine"
     more = ["--metric", f"{own}:HEIGHT", "--disturbance", f"{own}:Rope"]
     assert ampm("validate", "normal", *FAST[:4], *more, "--out", mine).status == 1

@@ -279,19 +279,6 @@ def test_ones_own_estimator_walks_and_does_not_know_biases_and_seed():
 
 
 @pytest.mark.parametrize(
-    ("section", "keys", "words"),
-    [
-        ("sensors", {"delay": 0.0012}, "no multiple of simulation.time_step = 0.0005 s; .* 0.001"),
-        ("sensors", {"fix_rate": 300.0}, "does not divide controller.frequency = 500 Hz; .* 250"),
-        ("sensors", {"gyro_noise": -1.0}, "at least 0"),
-    ],
-)
-def test_refusals(section, keys, words):
-    with pytest.raises(InputError, match=words):
-        load_run("normal", **{section: keys})
-
-
-@pytest.mark.parametrize(
     ("name", "words"),
     [
         ("kalmann", "none of exact, kalman"),

@@ -36,39 +36,6 @@ def inside(plan, count=401):
     return np.concatenate([phase.start + phase.duration * share for phase in phases])
 
 
-@pytest.mark.parametrize("planner", ["ipm", "preview", "dcm"])
-@pytest.mark.parametrize("name", GAITS)
-def test_the_cart_table(name, planner):
-    _, plan = plans(name, planner)
-    times = inside(plan)
-    if planner != "ipm":  # between samples the ZMP is interpolated
-        times = np.concatenate([phase.start + phase.x.time[:-1] for phase in plan.phases])
-    sample, rate = plan.sample(times), GRAVITY / plan.com_height
-    zmp = sample.com[:, :2] - sample.com_acceleration[:, :2] / rate
-    np.testing.assert_allclose(sample.zmp, zmp, rtol=0.0, atol=1e-9)
-    assert not sample.moment.any()
-    assert not sample.angular_momentum.any()
-
-
-@pytest.mark.parametrize("planner", ["preview", "dcm"])
-@pytest.mark.parametrize("name", GAITS)
-def test_position_velocity_and_acceleration_are_consistent_continuous_and_periodic(name, planner):
-    _, plan = plans(name, planner)
-    times, h = inside(plan, 40), 1e-6
-    middle, before, after = (plan.sample(times + shift) for shift in (0.0, -h, h))
-    np.testing.assert_allclose((after.com - before.com) / (2 * h), middle.com_velocity, atol=1e-8)
-    rate = (after.com_velocity - before.com_velocity) / (2 * h)
-    np.testing.assert_allclose(rate, middle.com_acceleration, atol=1e-4)
-    assert plan.residuals().largest < 1e-12
-    assert not plan.jump_times.size
-    step = plan.constants.step_duration
-    times = times[times < (STEPS - 1) * step]
-    now, later = plan.sample(times), plan.sample(times + step)
-    mirrored = now.com[:, :2] * [1.0, -1.0] + [plan.contacts.step_length, 0.0]
-    np.testing.assert_allclose(later.com[:, :2], mirrored, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(later.zmp[:, 1], -now.zmp[:, 1], rtol=0.0, atol=1e-9)
-
-
 def test_the_dcm_obeys_its_dynamics_and_its_recursion():
     """xi' = w (xi - p); single support closed form, double support a cubic of xi; both ends of it meet."""
     own, plan = plans("normal", "dcm")

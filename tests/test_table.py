@@ -88,27 +88,10 @@ def test_without_accelerations_the_force_passes_through_the_com():
     np.testing.assert_allclose(sample.com_acceleration[:, :2], expected[: rows - 1], rtol=0.0, atol=1e-9)
 
 
-def changed(name, row, value):
-    def change(table):
-        column = table[name].astype(object) if isinstance(value, str) else table[name].copy()
-        column[row] = value
-        table[name] = column
-
-    return change
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda table: table.pop("zmp_y"), "no column 'zmp_y'; add it"),
-        (changed("zmp_x", 11, math.nan), "row 12 of the table: zmp_x = nan must be a finite number"),
-        (changed("com_y", 4, "left"), "row 5 .* com_y = 'left' must be a finite number"),
-        (changed("time", 7, 0.03), "row 8 .* time = 0.03 must ascend"),
-        (changed("time", 0, -0.1), "row 1 .* time = -0.1 must begin at 0"),
-        (changed("stance", 3, "none"), "row 4 .* stance = 'none' must be one of left, right, both"),
-        (changed("com_z", 9, 0.9), "com has heights from 0.865 to 0.9 m; give all the same"),
-        (changed("left_placement_x", 20, 0.1), "row 21 .* left_placement_x = 0.1 must stay in place"),
-        (changed("phase_start", 0, 0.1), "row 1 .* phase_start = 0.1 must lie between"),
         (
             lambda table: table.update(
                 {"zmp_x": table["zmp_x"] + 0.1, "com_acceleration_x": 0 * table["time"]}
@@ -119,12 +102,6 @@ def changed(name, row, value):
             lambda table: [table.update({name: column[:2]}) for name, column in list(table.items())],
             "2 rows; give three",
         ),
-        (changed("stance", slice(0, None), "both"), "no single support, only stance = 'both'"),
-        (changed("left_placement_heading", slice(0, None), 0.2), "0.2 must be 0 as the table begins"),
-        (changed("right_placement_heading", 3, math.inf), "right_placement_heading = inf must be a finite"),
-        (changed("com_z", slice(0, None), -1.0), "com has heights from -1 to -1 m; give .* above 0 m"),
-        (changed("stance", slice(130, None), "left"), "row 131 .* stance = 'left' must come in the order"),
-        (changed("stance", slice(0, None), "right"), "ends with stance = 'right'; end it with a double"),
     ],
 )
 def test_tables_that_make_no_plan(change, words):

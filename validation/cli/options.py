@@ -123,7 +123,6 @@ _SHORT = {
     "body": "body.source",
     "steps": "gait.steps",
     "planner": "gait.planner",
-    "qp": "solver.qp",
     "controller": "controller.name",
     "engine": "simulation.engine",
 }
@@ -153,11 +152,10 @@ class WalkOptions:
     planner: PlannerName = None
     controller: Controller = None
     engine: Engine = None
-    qp: Annotated[str | None, option("--qp", "Short for solver.qp.", "osqp|daqp")] = None
 
     def changes(self, steps: int | None = None) -> list[str]:
         """All but ``as_is`` as ``key=value`` texts."""
-        short = {name: getattr(self, name) for name in ("body", "planner", "qp", "controller", "engine")}
+        short = {name: getattr(self, name) for name in ("body", "planner", "controller", "engine")}
         return with_short(self.settings, steps=steps, **short)
 
     def request(self, gait: str | None, steps: int | None = None, **more: Any) -> Request:

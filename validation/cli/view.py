@@ -98,8 +98,9 @@ def choose(targets: Sequence[Path], runs: str | None) -> list[Source]:
         runs: which runs of a sweep, as in ``3,17``; by default the worst one and the median.
 
     Raises:
-        InputError: a target has no recording, or ``runs`` without a sweep.
+        InputError: a target has no recording, a file of a run has changed, or ``runs`` without a sweep.
     """
+    from validation.store.saved import SUMMARY_FILE, check_files
     from validation.study.sweep.table import is_sweep
 
     if is_sweep(targets[0]) and len(targets) == 1:
@@ -108,6 +109,9 @@ def choose(targets: Sequence[Path], runs: str | None) -> list[Source]:
         raise InputError("a sweep is shown alone; of another one give the folders of runs, in recordings/.")
     if runs is not None:
         raise InputError("--runs names runs of a sweep; give the --out folder of 'ampm sweep'.")
+    for target in targets:
+        if (target / SUMMARY_FILE).is_file():
+            check_files(target)
     paths = [recording_of(target) if target.is_dir() else target for target in targets]
     for path in paths:
         if not path.is_file() or path.suffix != ".rrd":

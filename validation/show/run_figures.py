@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -271,7 +270,7 @@ class RunFigures:
     def clearance(self) -> Picture:
         """Least distance of two parts of the body over the whole run, with its limit."""
         (chart,) = charts = new_charts(2.3)
-        shapes = Shapes(mujoco.MjModel.from_xml_string(self.saved.model_xml))
+        shapes = Shapes(self.saved.record.model())
         time, gaps = clearance_over_time(self.saved.record, shapes)
         chart.line(*decimate(time, 1e3 * gaps.distance), MEASURED, 0.9)
         limit = 1e3 * CLEARANCE

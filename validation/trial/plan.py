@@ -325,6 +325,7 @@ def plan_walk(
             if not built_in and not isinstance(planner, TablePlanner):
                 _check_posture(plan, body.robot)
                 check_contacts(plan)
+                _check_steps(plan, run)
     if run.footsteps and not built_in:
         _check_footsteps(plan, run, name)
     period = getattr(planner, "replan_period", 0.0)  # infinite: it never will
@@ -344,9 +345,16 @@ def _check_footsteps(plan: WalkPlan, run: RunParameters, planner: str) -> None:
             )
 
 
+def _check_steps(plan: WalkPlan, run: RunParameters) -> None:
+    """Refuse a plan of fewer steps than its run asks for."""
+    planned, asked = plan.contacts.steps, run.gait.steps
+    if planned < asked and not run.footsteps:
+        raise ValueError(f"it plans {planned} steps, and gait.steps asks for {asked}; plan run.gait.steps")
+
+
 def _check_posture(plan: WalkPlan, robot: Robot) -> None:
     """Refuse a posture whose first state is none of the body."""
-    state = plan.table([0.0])[0].posture
+    state = plan.table([0.0])[0]
     shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}
     for name, shape in shapes.items():
         values = getattr(state, name)

@@ -85,8 +85,6 @@ def studies(run: RunParameters, levels: int = LEVELS) -> list[Study]:
     own = parameter_values(run)
     found = []
     for name, (key, ratio) in NUMERICAL.items():
-        if name == "qp_tolerance" and run.solver.qp == "daqp":
-            continue  # it has none
         # Rounded, so that a tenth of 5e-5 is written as 5e-6.
         values = tuple(float(f"{own[key] / ratio**level:.15g}") for level in range(levels))
         found.append(Study(name, key, values, ratio))

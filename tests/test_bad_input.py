@@ -1,0 +1,118 @@
+"""Bad input, a row of bad_input.csv each: one sentence, with the key, the value, the limit or the way out."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+import ampm
+import validation as val
+from ampm.exceptions import InputError
+from ampm.planner import routes
+from ampm.run_file import load_run
+from tests.solved import simulated
+from tests.test_body_files import TOML, load, write
+from tests.test_table import planned, read, table_of
+from validation.cli.app import Status
+from validation.study.sweep.design import parse_sweep
+from validation.trial.disturbances import Push
+
+ROOT = Path(__file__).parents[1]
+with (ROOT / "tests/bad_input.csv").open(encoding="utf-8", newline="") as file:
+    ROWS = list(csv.DictReader(file))
+
+
+def rows_of(*uses):
+    return [pytest.param(row, id=row["input"][:80]) for row in ROWS if row["how"] in uses]
+
+
+def of_file(use, name):
+    """Use a text as the contents of a file."""
+
+    def call(text, folder):
+        (folder / name).write_text(text, encoding="utf-8")
+        use(folder / name)
+
+    return call
+
+
+def body(change, folder):
+    """The example with a key replaced (``key = value``) or a text (``old -> new``)."""
+    old, arrow, new = change.partition(" -> ")
+    if not arrow:
+        key = change.partition(" =")[0]
+        kept = [line for line in TOML.splitlines() if not line.startswith(f"{key} =")]
+        old, new = TOML, "\n".join([*kept, change])
+    assert old in TOML
+    load(write(folder, toml=TOML.replace(old, new)))
+
+
+def table(change, _):
+    """A plan's table with a value in some rows: ``column row value``, or ``column first: value``."""
+    name, row, text = change.split(" ", 2)
+    found, value = table_of(planned(steps=1)), json.loads(text)
+    column = found[name].astype(object) if isinstance(value, str) else found[name].copy()
+    column[slice(int(row[:-1]), None) if row.endswith(":") else int(row)] = value
+    read(found | {name: column})
+
+
+def run(settings, folder):
+    """Planning is not reached: its gait could not be planned."""
+    path = folder / "run.toml"
+    changed = load_run("normal", ["gait.switching_velocity=0.01", *settings.split()])
+    path.write_text(ampm.dump_run(changed), encoding="utf-8")
+    val.walk(str(path))
+
+
+def push(text, _):
+    simulated(disturbances=[Push(*json.loads(text))], progress=lambda *_: pytest.fail("walked"))
+
+
+USES = {
+    "setting": lambda text, _: load_run("normal", [text]),
+    "run file": of_file(lambda path: load_run(path, ["gait.c_y=1"]), "bad.toml"),
+    "source": lambda text, folder: load_run(ROOT / text if "/" in text else text),
+    "sweep": lambda text, _: parse_sweep(text),
+    "footsteps": of_file(routes.read_footsteps, "walk.csv"),
+    "body": body,
+    "table": table,
+    "push": push,
+    "walk": lambda text, _: simulated(*text.split()),
+    "run": run,
+}
+
+
+def assert_said(message, words):
+    assert "\n" not in message
+    assert [word for word in words.split(" | ") if word not in message] == [], message
+
+
+@pytest.mark.parametrize("row", rows_of(*USES))
+def test_bad_input_is_refused_with_key_and_value(row, tmp_path):
+    with pytest.raises(InputError) as caught:
+        USES[row["how"]](row["input"].replace("\\n", "\n"), tmp_path)
+    assert_said(str(caught.value), row["words"])
+    if row["key"]:
+        assert caught.value.details["key"] == row["key"]
+        assert row["key"] in str(caught.value)
+
+
+@pytest.mark.parametrize("row", rows_of("command"))
+def test_a_bad_command_is_one_sentence_before_anything_is_done(row, ampm, run_of, tmp_path, monkeypatch):
+    line = row["input"]
+    if "RUN" in line:
+        line = line.replace("RUN", str(run_of("normal", steps=4)))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    (tmp_path / "EMPTY").mkdir()
+    (tmp_path / "bad.toml").write_text("[gait]\nc_y = -1.0\n")
+    (tmp_path / "walk.csv").write_text("foot,x,y,heading\n" + "right,0,-0.1,0\nleft,0,0.1,0\n" * 2)
+    given = {*tmp_path.iterdir()}
+    answer = ampm(*line.split())
+    assert (answer.status, answer.out) == (Status.REFUSED, "")
+    *progress, said = answer.err.splitlines()
+    assert said.startswith("ampm: ")
+    assert not progress or line.startswith("compare normal")  # the first of two walks was planned
+    assert_said(said, row["words"])
+    assert {*tmp_path.iterdir()} == given
