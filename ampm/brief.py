@@ -31,7 +31,7 @@ def text_of(title: str, rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([title, *(f"  {line}".rstrip() for line in lines)])
 
 
-class Described(Brief):
+class Described:
     """Base of values that print as a title and rows of aligned cells, and show as a table in notebooks."""
 
     def _described(self) -> tuple[str, Sequence[Sequence[str]]]:

@@ -197,7 +197,7 @@ class _Motion(NamedTuple):
 
 
 @dataclass(frozen=True)
-class CentroidalPlan(Described):
+class CentroidalPlan(Described, Brief):
     """Motion of COM and ZMP over contacts.
 
     Attributes:
