@@ -13,12 +13,12 @@ ROOT = Path(__file__).resolve().parents[1]
 
 ORDER = {
     "ampm": (
-        "exceptions brief presets geometry compiled vectors linear description qp section "
+        "exceptions files brief presets geometry compiled vectors linear description qp section "
         "physics_parameters controller_parameters sensor_parameters "
         "parameters run_file planner reference walk body sensors control+stepping planners tune __main__"
     ).split(),
     "validation": (
-        "progress table trial store measure judge show run study cli environment pytest_plugin"
+        "output progress table trial store measure judge show run study cli environment pytest_plugin"
     ).split(),
 }
 """Rooms of a package, each of which may import itself and those before it. The package itself comes last.
