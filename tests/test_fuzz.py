@@ -41,7 +41,7 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
     max_leaves=4,
 )
-SIZES = pytest.mark.parametrize("examples", [40, pytest.param(3000, marks=pytest.mark.slow)])
+SIZES = pytest.mark.parametrize("examples", [40, pytest.param(1000, marks=pytest.mark.slow)])
 
 
 def fuzz(examples, check, *strategies):
