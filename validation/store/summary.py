@@ -122,7 +122,7 @@ class Summary(_Entry):
     timing: Annotated[Mapping[str, Number], _has("simulated", "real_time_factor")]
     statistics: Mapping[str, Mapping[str, Mapping[str, Number | str]]]
     zmp_error_split: _Split
-    ahead: _Ahead = Field(default=None)
+    ahead: _Ahead = _Ahead(judged=0.0, lead=[], rmse={})
     effort: _Effort
     margins: _Margins
     energy: Annotated[
