@@ -12,6 +12,16 @@ LARGEST_TABLE = 2**31
 """Most bytes of a table of numbers."""
 
 
+def check_regular(path: Path) -> None:
+    """Refuse what is there and is no regular file: a pipe would wait for its writer, a device has no end.
+
+    Raises:
+        InputError: it is a folder, a pipe or a device.
+    """
+    if path.exists() and not path.is_file():
+        raise InputError(f"the file {str(path)!r} cannot be read: it is no regular file; give another one.")
+
+
 def read_file(path: Path, largest: int = LARGEST_TEXT) -> bytes:
     """Read a file.
 
@@ -20,12 +30,8 @@ def read_file(path: Path, largest: int = LARGEST_TEXT) -> bytes:
         InputError: it is no regular file, too large, or cannot be read.
     """
     try:
-        size = path.stat().st_size
-        if not path.is_file():  # a pipe would wait for its writer, a device has no end
-            raise InputError(
-                f"the file {str(path)!r} cannot be read: it is no regular file; give another one."
-            )
-        if size > largest:
+        check_regular(path)
+        if (size := path.stat().st_size) > largest:
             raise InputError(
                 f"the file {str(path)!r} has {size:,} bytes, more than {largest:,}; give a shorter one."
             )

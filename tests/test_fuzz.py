@@ -6,6 +6,7 @@ import re
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 
 from ampm import load_run
 from ampm.exceptions import AmpmError
-from ampm.parameters import RunParameters, keys
+from ampm.parameters import BodyParameters, RunParameters, keys
 from ampm.planner.routes import read_footsteps
 from ampm.planner.table import table_motion
 from models.build import build_body
@@ -41,7 +42,7 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
     max_leaves=4,
 )
-SIZES = pytest.mark.parametrize("examples", [40, pytest.param(3000, marks=pytest.mark.slow)])
+SIZES = pytest.mark.parametrize("examples", [40, pytest.param(1000, marks=pytest.mark.slow)])
 
 
 def fuzz(examples, check, *strategies):
@@ -69,7 +70,7 @@ def test_keys(examples):
 
 @SIZES
 def test_files_of_footsteps(examples, tmp_path):
-    good = [["foot", "x", "y", "heading", "time"]]
+    good: list[list[Any]] = [["foot", "x", "y", "heading", "time"]]
     good += [["left" if i % 2 else "right", 0.3 * i, 0.09 * (-1) ** (i + 1), 0.0, ""] for i in range(6)]
 
     def check(row, column, cell, name):
@@ -129,7 +130,7 @@ def attributes():
     """Places of the numbers of the example's URDF: element, attribute."""
     tree = ET.fromstring((EXAMPLES / "biped.urdf").read_text(encoding="utf-8"))
     found = [(i, name) for i, element in enumerate(tree.iter()) for name in element.keys()]  # noqa: SIM118
-    return [(i, name) for i, name in found if re.search(r"\d", list(tree.iter())[i].get(name))]
+    return [(i, name) for i, name in found if re.search(r"\d", list(tree.iter())[i].attrib[name])]
 
 
 @SIZES
@@ -137,7 +138,7 @@ def attributes():
 def test_models_of_bodies(examples, tmp_path):
     (tmp_path / "biped.toml").write_bytes((EXAMPLES / "biped.toml").read_bytes())
     urdf = (EXAMPLES / "biped.urdf").read_text(encoding="utf-8")
-    run = RunParameters(body={"source": str(tmp_path / "biped.toml")})
+    run = RunParameters(body=BodyParameters(source=str(tmp_path / "biped.toml")))
 
     def check(place, value, number):
         tree = ET.fromstring(urdf)

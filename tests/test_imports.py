@@ -18,7 +18,7 @@ ORDER = {
         "parameters run_file planner reference walk body sensors control+stepping planners tune __main__"
     ).split(),
     "validation": (
-        "progress output table trial store measure judge show run study cli environment pytest_plugin"
+        "output progress table trial store measure judge show run study cli environment pytest_plugin"
     ).split(),
 }
 """Rooms of a package, each of which may import itself and those before it. The package itself comes last.

@@ -83,7 +83,7 @@ class Profile:
             InputError: the metric has a limit for a profile that there is not.
         """
         if wrong := metric.tolerances.keys() - _NAMES - {self.name}:
-            raise unknown(min(wrong), sorted(_NAMES), f"profile in the tolerances of metric '{metric.name}'")
+            raise unknown(min(wrong), sorted(_NAMES), f"profile for a limit of '{metric.name}':")
         if metric.name in self.leaves_out:
             return None
         if self.name in metric.tolerances:

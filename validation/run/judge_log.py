@@ -60,6 +60,10 @@ def judge_log(
         MathematicalRefusal, BodilyRefusal: there is no such plan.
     """
     progress, seconds = progress or Progress(), dict[str, float]()
+    if not np.isfinite([start or 0.0, *(place or ())]).all():
+        raise InputError(
+            f"start {start} and place {place} must be finite numbers; leave them out to find them."
+        )
     request = _request(plan, settings)
     if not isinstance(profile, Profile):
         own = own_profile(request.name, request.run)

@@ -3,33 +3,44 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from ampm.exceptions import InputError
 from ampm.files import read_text
 
 Number = float | Literal["inf", "-inf"] | None
 """A number of a summary: null is NaN, and infinity a word."""
+_Numbers = list[Number]
+_Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+_Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
+_Positive = Annotated[float, Field(gt=0)]
 
 
 class _Entry(BaseModel):
     model_config = ConfigDict(strict=True, allow_inf_nan=False)
 
 
-class Displayed(_Entry):
-    """A metric in the unit of tables."""
+def _has(*names: str) -> AfterValidator:
+    """Refuse a table that lacks an entry."""
 
+    def check(table: Mapping[str, Any]) -> Mapping[str, Any]:
+        if missing := [name for name in names if name not in table]:
+            raise ValueError(f"should have {missing[0]!r}")
+        return table
+
+    return AfterValidator(check)
+
+
+class _Displayed(_Entry):
     value: Number
     unit: str
     tolerance: Number
     uncertainty: Number = None
 
 
-class MetricEntry(_Entry):
-    """One metric, see :meth:`validation.judge.verdict.MetricResult.as_dict`."""
-
+class _Metric(_Entry):  # see `validation.judge.verdict.MetricResult.as_dict`
     label: str
     kind: Literal["walk", "instrument", "cost"]
     value: Number
@@ -38,47 +49,57 @@ class MetricEntry(_Entry):
     passed: bool | None = Field(alias="pass")
     margin: Number
     first_step: Number
-    display: Displayed
+    display: _Displayed
     reason: str | None
     uncertainty: Number = None
     spread: Number = None
 
 
-class Extreme(_Entry):
-    """A margin: its least or largest value, and where."""
-
+class _Extreme(_Entry):
     value: Number
     time: Number
     where: str
 
 
-class End(_Entry):
-    """How the walk ended."""
+class _Margins(_Entry):
+    torque: _Extreme
+    torque_by_joint: Mapping[str, Number]
+    saturated: Number
+    friction: _Extreme
+    friction_available: Number
+    joint: _Extreme
+    knee: _Extreme
+    clearance: _Extreme
+    plan_polygon: _Extreme
+    measured_polygon: _Extreme
+    penetration: _Extreme
 
+
+class _Effort(_Entry):
+    force: _Triple
+    angular_momentum: _Pair
+    zmp: _Pair
+
+
+class _End(_Entry):
     time: Number
     cause: str
 
 
-class Split(_Entry):
-    """What the error of the ZMP is made of."""
-
+class _Split(_Entry):
     residual: Number
-    rmse: Mapping[str, list[Number]]
-    share: Mapping[str, list[Number]]
+    rmse: Mapping[str, _Pair]
+    share: Mapping[str, _Pair]
     unit: str
 
 
-class Ahead(_Entry):
-    """Errors of the plan as it stood before."""
-
+class _Ahead(_Entry):
     judged: Number
-    lead: list[Number]
-    rmse: Mapping[str, list[Number]]
+    lead: _Numbers
+    rmse: Mapping[str, _Numbers]
 
 
-class Study(_Entry):
-    """The convergence study that gave the uncertainty."""
-
+class _Study(_Entry):
     gait: str
     steps: int
 
@@ -88,7 +109,7 @@ class Summary(_Entry):
 
     outcome: str
     steps_completed: int = Field(ge=0)
-    end: End
+    end: _End
     verdict: Literal["pass", "fail", "undecided", "not_measured"]
     reason: str
     profile: str
@@ -97,19 +118,21 @@ class Summary(_Entry):
     planner: str = ""
     controller: str = ""
     disturbances: list[str] = Field(default_factory=list)
-    metrics: Mapping[str, MetricEntry] = Field(min_length=1)
-    timing: Mapping[str, Number]
+    metrics: Mapping[str, _Metric] = Field(min_length=1)
+    timing: Annotated[Mapping[str, Number], _has("simulated", "real_time_factor")]
     statistics: Mapping[str, Mapping[str, Mapping[str, Number | str]]]
-    zmp_error_split: Split
-    ahead: Ahead | None = None
-    effort: Mapping[str, list[Number]]
-    margins: Mapping[str, Extreme | Mapping[str, Number] | Number]
-    energy: Mapping[str, Number]
+    zmp_error_split: _Split
+    ahead: _Ahead = _Ahead(judged=0.0, lead=[], rmse={})
+    effort: _Effort
+    margins: _Margins
+    energy: Annotated[
+        Mapping[str, Number], _has("positive_work", "negative_work", "distance", "cost_of_transport")
+    ]
     self_checks: Mapping[str, Any]
-    solver: Mapping[str, Number]
-    scales: Mapping[str, float]
+    solver: Annotated[Mapping[str, Number], _has("ticks", "unsolved", "time_median", "time_p99")]
+    scales: Annotated[Mapping[str, _Positive], _has("body_weight", "foot_length", "mass_height_velocity")]
     environment: Mapping[str, Any]
-    uncertainty: Study | None = None
+    uncertainty: _Study | None = None
     log: Mapping[str, Any] = Field(default_factory=dict)
     files: Mapping[str, str]
 

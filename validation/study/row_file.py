@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ampm.exceptions import InputError
+from ampm.files import check_regular
 
 Row = dict[str, Any]
 
@@ -40,7 +41,8 @@ class RowFile:
             self._file: Any = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  # closed by close()
             return
         folder.mkdir(parents=True, exist_ok=True)
-        self._file = _opened(folder / ROWS, "a+b")
+        check_regular(folder / ROWS)
+        self._file = (folder / ROWS).open("a+b", buffering=0)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -115,17 +117,11 @@ def read_rows(folder: Path) -> Iterator[Row]:
     Raises:
         InputError: the file is no regular one, or damaged.
     """
-    with _opened(folder / ROWS, "rb") as lines:
+    check_regular(folder / ROWS)
+    with (folder / ROWS).open("rb") as lines:
         for number, line in enumerate(lines, start=1):
             if line.endswith(b"\n"):
                 yield _parsed(line, number, folder / ROWS)
-
-
-def _opened(path: Path, mode: str) -> Any:
-    """The file of rows; to open a pipe would wait for its writer."""
-    if path.exists() and not path.is_file():
-        raise InputError(f"{path} is no regular file; give another folder.")
-    return path.open(mode, buffering=0 if "+" in mode else -1)
 
 
 def _parsed(line: bytes, number: int, path: Path) -> Row:

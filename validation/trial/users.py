@@ -73,7 +73,7 @@ def real_numbers(name: str, value: Any, shape: tuple[int, ...]) -> NDArray[Any]:
     Raises:
         ValueError: another shape, or no real numbers.
     """
-    array = value if type(value) is np.ndarray else np.asarray(value)
+    array = np.asarray(value)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape} and must have {shape}")
     if array.dtype.kind not in "fiu":
