@@ -18,6 +18,14 @@ import pytest
 RunOf = Callable[..., Path]
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile what a walk needs before parallel workers start, so that no two of them compile the same."""
+    if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
+        from validation.run.walk import compile_once  # loads simulator and controller
+
+        compile_once()
+
+
 @pytest.fixture(scope="session")
 def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One folder for all workers of a parallel test session."""
@@ -90,3 +98,14 @@ def ampm(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) ->
         return Answer(status, *capsys.readouterr())
 
     return run
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports without pictures, where only words are read: drawing takes most of a report's time."""
+    # Here, not above: that would load matplotlib for every test.
+    from markupsafe import Markup
+
+    from validation.show.style import Picture
+
+    monkeypatch.setattr("validation.show.run_figures.picture", lambda *_, **__: Picture(Markup(), "", False))
