@@ -108,4 +108,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 
     from validation.show.style import Picture
 
-    monkeypatch.setattr("validation.show.run_figures.picture", lambda *_, **__: Picture(Markup(), "", False))
+    def labelled(_: object, label: str, *__: object, **___: object) -> Picture:
+        return Picture(Markup('<img alt="{}">').format(label), "", wide=False)
+
+    monkeypatch.setattr("validation.show.run_figures.picture", labelled)
