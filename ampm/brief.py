@@ -12,9 +12,10 @@ class Brief:
     """Base of dataclasses whose ``repr`` is one line: the first fields, of arrays their shape."""
 
     def __init_subclass__(cls, **more: Any) -> None:
-        """Keep ``dataclass`` from writing another one."""
+        """Keep ``dataclass`` from writing another one; a class's own stays."""
         super().__init_subclass__(**more)
-        cls.__repr__ = Brief.__repr__  # type: ignore[method-assign]
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = Brief.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
         """Name and first fields."""
@@ -30,8 +31,8 @@ def text_of(title: str, rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([title, *(f"  {line}".rstrip() for line in lines)])
 
 
-class Described:
-    """Base of classes that print as a title and rows of aligned cells, and show as a table in notebooks."""
+class Described(Brief):
+    """Base of values that print as a title and rows of aligned cells, and show as a table in notebooks."""
 
     def _described(self) -> tuple[str, Sequence[Sequence[str]]]:
         """Title, and rows of equal length."""

@@ -28,6 +28,7 @@ _SOURCES = (
     "ampm/compiled.py",
     "ampm/linear.py",
     "ampm/qp.py",
+    "ampm/reference.py",
     "ampm/vectors.py",
     "ampm/body/*.py",
     "ampm/control/*.py",
@@ -154,6 +155,15 @@ def records(shape: int | tuple[int, ...], fields: Sequence[Any]) -> Any:
     """Zeroed entries with fields (name, type, shape), which compiled functions read as attributes."""
     array = np.zeros(shape, np.dtype(list(fields), align=True))
     return array.view(np.recarray) if config.DISABLE_JIT else array
+
+
+def fields_of(entry: type) -> list[Any]:
+    """Fields of :func:`records` from a class of annotations: numbers, or ``Annotated[Array, shape]``."""
+    fields: list[Any] = []
+    for name, kind in entry.__annotations__.items():
+        shape = getattr(kind, "__metadata__", ())
+        fields.append((name, float if shape else kind, *shape))
+    return fields
 
 
 class _Compilation(event.Listener):

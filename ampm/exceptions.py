@@ -61,3 +61,11 @@ class BodilyRefusal(RefusedGait):
 
 class SolverError(AmpmError):
     """A numerical solver failed where no fallback makes sense."""
+
+
+def words_of(error: BaseException) -> str:
+    """Message of an error; empty where making it fails."""
+    try:
+        return str(error)
+    except Exception:
+        return ""

@@ -72,7 +72,7 @@ class GaitParameters(Section, section="gait"):
         1.0, "slope of the force line in the frontal plane; 1 passes through the COM", le=100
     )
     step_width: Open = parameter(0.18, "lateral distance of the feet (2 (s + beta))", "m", gt=0, le=100)
-    steps: Whole = parameter(30, "number of steps", ge=1, le=100_000)
+    steps: Whole = parameter(30, "number of steps", ge=1, le=10_000)
 
 
 class PlannerParameters(Section, section="planner"):
@@ -154,7 +154,7 @@ class DisturbanceParameters(Section, section="disturbance"):
         0.0, "height of the floor under one footstep over the rest", "m", ge=-0.5, le=0.5
     )
     step_number: Whole = parameter(
-        4, "number of that footstep; the walk starts from 1 and 2", ge=3, le=100_000
+        4, "number of that footstep; the walk starts from 1 and 2", ge=3, le=10_000
     )
     slope_along: Real = parameter(
         0.0, "slope of the floor along the walk after footstep 2; positive: front up", "rad", ge=-0.3, le=0.3

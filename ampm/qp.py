@@ -1,15 +1,14 @@
-"""Convex quadratic programs ``min 1/2 x'Px + q'x  s.t.  l <= A x <= u`` behind one small interface.
+"""Convex quadratic programs ``min 1/2 x'Px + q'x  s.t.  l <= A x <= u``, solved by OSQP.
 
-A :class:`QPBackend` keeps its workspace between calls: the sparsity pattern is fixed when it is made, and a
-call only passes new numbers. :class:`OsqpBackend`, the default, is an ADMM; :class:`DaqpBackend` is an exact
-active-set solver. No backend has a time limit: the same numbers give the same answer.
+A :class:`QPSolver` keeps its workspace between calls: the sparsity pattern is fixed when it is made, and a
+call only passes new numbers. It has no time limit: the same numbers give the same answer.
 """
 
 import enum
 import math
 import time
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import osqp
@@ -17,12 +16,9 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from ampm.compiled import bound, compiled, refer
-from ampm.exceptions import InputError, SolverError
+from ampm.exceptions import SolverError
 
 Array = NDArray[np.float64]
-
-BACKENDS = ("osqp", "daqp")
-"""Names that :func:`make_backend` accepts."""
 
 
 class QPStatus(enum.IntEnum):
@@ -41,7 +37,25 @@ _OSQP_STATUS = {
 """All others are certificates of infeasibility."""
 
 _INTERRUPTED = int(osqp.SolverStatus.OSQP_SIGINT)
-_INFINITY = 1e30  # of both solvers
+_INFINITY = 1e30  # of OSQP
+
+
+class QPProblem(NamedTuple):
+    """``min 1/2 x'Px + q'x  s.t.  lower <= A x <= upper``, in arrays that are filled anew for every solve.
+
+    Attributes:
+        P: symmetric positive semidefinite cost matrix, dense, shape (n, n).
+        q: linear cost, shape (n,).
+        A: rows of the constraints, dense, shape (m, n); zero outside the pattern.
+        lower: shape (m,), may be ``-inf``.
+        upper: shape (m,), may be ``inf``.
+    """
+
+    P: Array
+    q: Array
+    A: Array
+    lower: Array
+    upper: Array
 
 
 class QPSolution(NamedTuple):
@@ -90,34 +104,10 @@ class QPSettings:
     scaling: int = 0
 
 
-class QPBackend(Protocol):
-    """Interface of a solver for controller and inverse kinematics."""
-
-    def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
-        """Solve with new numbers, arrays of float64.
-
-        Args:
-            P: symmetric positive semidefinite cost matrix, dense, shape (n, n).
-            q: linear cost, shape (n,).
-            A: rows of the constraints, dense, C-contiguous, shape (m, n); zero outside the pattern.
-            lower: shape (m,), may be ``-inf``.
-            upper: shape (m,), may be ``inf``.
-        """
-        ...
-
-
-class _Pattern:
-    """Sparsity pattern of a matrix, and the places that take a dense array to its CSC values."""
-
-    def __init__(self, mask: NDArray[np.bool_]) -> None:
-        self._csc = sparse.csc_matrix(mask, dtype=np.float64)
-        columns, rows = np.nonzero(mask.T)  # column-major order, as CSC wants
-        self.places = rows * mask.shape[1] + columns
-
-    def matrix(self, dense: Array) -> sparse.csc_matrix:
-        """The sparse matrix itself, explicit zeros kept."""
-        csc = self._csc
-        return sparse.csc_matrix((dense.take(self.places), csc.indices, csc.indptr), shape=csc.shape)
+def _places(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Places of a pattern's values in the dense matrix, in CSC order."""
+    columns, rows = np.nonzero(mask.T)
+    return rows * mask.shape[1] + columns
 
 
 class SparseValues(NamedTuple):
@@ -141,17 +131,17 @@ class SparseValues(NamedTuple):
 
 
 @compiled
-def gather(values: SparseValues, P: Array, A: Array, lower: Array, upper: Array) -> float:
+def gather(problem: QPProblem, values: SparseValues) -> float:
     """Take dense matrices to their values in CSC order, and bounds to finite ones.
 
     Returns:
         The largest difference of a lower bound and its upper one, positive where no point is feasible.
     """
-    dense_P, dense_A = P.reshape(-1), A.reshape(-1)
+    P, A, lower, upper = problem.P.reshape(-1), problem.A.reshape(-1), problem.lower, problem.upper
     for i in range(len(values.P)):
-        values.P[i] = dense_P[values.P_places[i]]
+        values.P[i] = P[values.P_places[i]]
     for i in range(len(values.A)):
-        values.A[i] = dense_A[values.A_places[i]]
+        values.A[i] = A[values.A_places[i]]
     gap = -np.inf
     for i in range(len(lower)):
         values.lower[i], values.upper[i] = max(lower[i], -_INFINITY), min(upper[i], _INFINITY)
@@ -159,46 +149,48 @@ def gather(values: SparseValues, P: Array, A: Array, lower: Array, upper: Array)
     return gap
 
 
-class OsqpBackend:
+class QPSolver:
     """OSQP with one workspace and fixed patterns (Stellato et al. 2020).
 
     Args:
+        problem: C-contiguous arrays of float64, which every solve reads.
         P_mask: pattern of the symmetric cost matrix, shape (n, n).
         A_mask: pattern of the constraint matrix, shape (m, n).
         settings: tolerances and penalties.
     """
 
-    def __init__(self, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings) -> None:
-        self._P, self._A = _Pattern(np.triu(P_mask)), _Pattern(A_mask)
+    def __init__(
+        self, problem: QPProblem, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings
+    ) -> None:
+        self.problem = problem
+        self._patterns = sparse.csc_matrix(np.triu(P_mask)), sparse.csc_matrix(A_mask)
         self._values = SparseValues(
-            P_places=self._P.places,
-            A_places=self._A.places,
-            P=np.empty(self._P.places.size),
-            A=np.empty(self._A.places.size),
+            P_places=_places(np.triu(P_mask)),
+            A_places=_places(A_mask),
+            P=np.empty(self._patterns[0].nnz),
+            A=np.empty(self._patterns[1].nnz),
             lower=np.empty(len(A_mask)),
             upper=np.empty(len(A_mask)),
         )
-        matrix, vector = np.empty((1, 1)), np.empty(1)
-        self._gather = bound(gather, (refer(self._values),), matrix, matrix, vector, vector)
+        self._gather = bound(gather, (refer(problem), refer(self._values)))
         self._settings = settings
         self._solver: Any = None
 
-    def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
-        """See :class:`QPBackend`; warm-started from the last answer.
+    def solve(self) -> QPSolution:
+        """Solve the problem as it stands now, warm-started from the last answer.
 
         Raises:
             SolverError: OSQP does not take the problem, for example because the cost is not convex.
             KeyboardInterrupt: the user interrupted the solve.
         """
-        start = time.perf_counter()
-        P, A = np.ascontiguousarray(P), np.ascontiguousarray(A)
-        gap = self._gather(P, A, np.ascontiguousarray(lower), np.ascontiguousarray(upper))
+        start, q = time.perf_counter(), self.problem.q
+        gap = self._gather()
         if gap > 0.0:  # OSQP would keep the last bounds and solve with those
             no_point = np.full(len(q), np.nan)
             return QPSolution(no_point, QPStatus.INFEASIBLE, gap, 0, time.perf_counter() - start)
         solver = self._solver
         if solver is None:
-            solver = self._solver = self._setup(P, q, A, lower, upper)
+            solver = self._solver = self._setup()
         else:
             values = self._values
             solver.update_data_vec(q=q, l=values.lower, u=values.upper)
@@ -221,27 +213,31 @@ class OsqpBackend:
             raise KeyboardInterrupt  # OSQP catches the signal itself
         return QPSolution(x, status, residual, int(info.iter), seconds)
 
-    def _setup(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> Any:
-        """A workspace: OSQP's compiled solver, without the wrapper that takes longer than a small solve."""
-        s = self._settings
+    def _setup(self) -> Any:
+        """OSQP's compiled solver with the gathered values; its wrapper takes longer than a small solve."""
+        settings, values = self._settings, self._values
+        P, A = (
+            sparse.csc_matrix((data, pattern.indices, pattern.indptr), shape=pattern.shape)
+            for data, pattern in zip((values.P, values.A), self._patterns, strict=True)
+        )
         solver = osqp.OSQP(algebra="builtin")
         try:
             solver.setup(
-                self._P.matrix(P),
-                q,
-                self._A.matrix(A),
-                lower,
-                upper,
-                eps_abs=s.tolerance,
-                eps_rel=s.tolerance,
-                max_iter=s.max_iterations,
-                rho=s.rho,
-                adaptive_rho=int(s.adaptive_rho),  # 1: by iterations; a time-based interval would not repeat
+                P,
+                self.problem.q,
+                A,
+                values.lower,
+                values.upper,
+                eps_abs=settings.tolerance,
+                eps_rel=settings.tolerance,
+                max_iter=settings.max_iterations,
+                rho=settings.rho,
+                adaptive_rho=int(settings.adaptive_rho),  # 1: by iterations, as times would not repeat
                 adaptive_rho_interval=50,
-                alpha=s.alpha,
+                alpha=settings.alpha,
                 sigma=1e-6,
-                scaling=s.scaling,
-                check_termination=s.check_every,
+                scaling=settings.scaling,
+                check_termination=settings.check_every,
                 check_dualgap=False,
                 polishing=False,
                 time_limit=1e10,  # never: a clock would make runs irreproducible
@@ -253,54 +249,3 @@ class OsqpBackend:
                 f"OSQP does not take the problem (error {error}); is its cost convex?"
             ) from error
         return solver._solver
-
-
-class DaqpBackend:
-    """DAQP, a dual active-set solver (Arnström et al. 2022); exact, needs ``pip install -e '.[daqp]'``.
-
-    Args:
-        rows: number of constraints.
-    """
-
-    def __init__(self, rows: int) -> None:
-        try:
-            import daqp  # an optional package
-        except ImportError as error:
-            raise InputError(
-                "solver.qp = daqp needs the package daqp, which is not installed; "
-                "install it with 'pip install -e .[daqp]' in the checkout or use solver.qp = osqp."
-            ) from error
-        self._daqp = daqp
-        self._sense = np.zeros(rows, dtype=np.int32)
-
-    def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
-        """See :class:`QPBackend`; cold-started every time."""
-        start = time.perf_counter()
-        up, low = np.minimum(upper, _INFINITY), np.maximum(lower, -_INFINITY)
-        A = np.ascontiguousarray(A)
-        x, _, flag, info = self._daqp.solve(P, q, A, up, low, self._sense)
-        seconds = time.perf_counter() - start
-        x = np.array(x, dtype=np.float64)
-        if flag == -1:
-            status = QPStatus.INFEASIBLE
-        else:
-            status = QPStatus.SOLVED if flag > 0 and np.isfinite(x).all() else QPStatus.UNSOLVED
-        rows = A @ x
-        violation = float(max((low - rows).max(), (rows - up).max(), 0.0))
-        residual = violation if math.isfinite(violation) else math.inf
-        return QPSolution(x, status, residual, int(info.get("iterations", 0)), seconds)
-
-
-def make_backend(
-    name: str, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings
-) -> QPBackend:
-    """The backend called ``name`` for a problem of this pattern.
-
-    Raises:
-        InputError: no such backend, or its package is not installed.
-    """
-    if name == "osqp":
-        return OsqpBackend(P_mask, A_mask, settings)
-    if name == "daqp":
-        return DaqpBackend(A_mask.shape[0])
-    raise InputError(f"there is no QP solver {name!r}; choose one of {', '.join(BACKENDS)}.")

@@ -6,52 +6,17 @@ heel, ball, tip.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ampm.planner.feet import foot_rotation
+
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Scalar = Any  # a float at one instant, an array (T,) at T of them
-
-
-class FeetState(NamedTuple):
-    """Both feet at one instant; T instants have a leading axis.
-
-    Attributes:
-        position: of the soles' reference points, shape (2, 3) [m].
-        velocity: shape (2, 3) [m/s].
-        acceleration: shape (2, 3) [m/s^2].
-        rotation: of the soles to world, shape (2, 3, 3).
-        angular_velocity: shape (2, 3) [rad/s].
-        angular_acceleration: shape (2, 3) [rad/s^2].
-        toe: angle, velocity and acceleration of the toe joints, shape (2, 3) [rad, rad/s, rad/s^2].
-    """
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-    rotation: Array
-    angular_velocity: Array
-    angular_acceleration: Array
-    toe: Array
-
-
-class ContactState(NamedTuple):
-    """Planned contact at one instant; T instants have a leading axis.
-
-    Attributes:
-        planned: groups in contact, shape (2, 3), bool.
-        due: groups in contact now or shortly: what touches early is taken as contact, shape (2, 3), bool.
-        until_lift: time until the group lifts off, infinite if it does not, shape (2, 3) [s].
-    """
-
-    planned: Flags
-    due: Flags
-    until_lift: Array
 
 
 class PostureState(NamedTuple):
@@ -74,6 +39,140 @@ class PostureState(NamedTuple):
     tilt_window: Scalar = 0.0
 
 
+class Field:
+    """One quantity of a reference: one row of the table that :class:`Reference` is.
+
+    Args:
+        shape: at one instant; "nq" and "nv" are the sizes of Pinocchio's configuration and velocity.
+        sample: takes the quantity from :class:`ampm.walk.Instants`, with a leading axis of T.
+        kind: type of its numbers.
+        smooth: whether the stepping stabiliser interpolates it between the rows of a table.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int | str, ...],
+        sample: Callable[[Any], ArrayLike],
+        kind: type = float,
+        smooth: bool = True,
+    ) -> None:
+        self.shape, self.sample, self.kind, self.smooth = shape, sample, kind, smooth
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, reference: Reference | None, owner: type | None = None) -> Any:
+        return self if reference is None else reference.row[self.name]
+
+
+class Reference:
+    """Reference of a controller at one instant; T instants have a leading axis, see :class:`ReferenceTable`.
+
+    The fields below are a table. The row's type, these attributes, the arrays of compiled functions and the
+    values that a :class:`~ampm.walk.WalkPlan` gives all follow from it.
+
+    Args:
+        row: of :func:`reference_type`; every attribute is a view of it.
+    """
+
+    __slots__ = ("row",)
+
+    com = Field((3,), lambda at: at.now.plan.com)
+    """Position of the centre of mass, shape (3,) [m]."""
+    com_velocity = Field((3,), lambda at: at.now.plan.com_velocity)
+    """Velocity of the centre of mass, shape (3,) [m/s]."""
+    com_acceleration = Field((3,), lambda at: at.held.plan.com_acceleration)
+    """Acceleration of the centre of mass, shape (3,) [m/s^2]."""
+    angular_momentum = Field(
+        (3,), lambda at: np.column_stack([at.now.plan.angular_momentum, at.now.posture.angular_momentum_z])
+    )
+    """Angular momentum about the COM; x and y are the plan's, z the posture's, shape (3,) [N m s]."""
+    moment = Field((3,), lambda at: np.column_stack([at.held.plan.moment, at.yaw_moment]))
+    """Rate of the angular momentum, shape (3,) [N m]."""
+    right_load = Field((), lambda at: at.now.plan.right_load)
+    """Share of the weight planned on the right foot [1]."""
+    foot_position = Field((2, 3), lambda at: at.now.both_feet("position"))
+    """Positions of the soles' reference points, shape (2, 3) [m]."""
+    foot_velocity = Field((2, 3), lambda at: at.now.both_feet("velocity"))
+    """Velocities of these points, shape (2, 3) [m/s]."""
+    foot_acceleration = Field((2, 3), lambda at: at.held.both_feet("acceleration"))
+    """Accelerations of these points, shape (2, 3) [m/s^2]."""
+    foot_rotation = Field(
+        (2, 3, 3), lambda at: foot_rotation(at.now.both_feet("heading"), at.now.both_feet("pitch"))
+    )
+    """Rotations of the soles to world, shape (2, 3, 3)."""
+    foot_angular_velocity = Field((2, 3), lambda at: at.now.turning(0))
+    """Angular velocities of the soles, shape (2, 3) [rad/s]."""
+    foot_angular_acceleration = Field((2, 3), lambda at: at.held.turning(1))
+    """Angular accelerations of the soles, shape (2, 3) [rad/s^2]."""
+    foot_toe = Field(
+        (2, 3),
+        lambda at: np.stack(
+            [
+                at.now.both_feet("toe"),
+                at.now.both_feet("toe_velocity"),
+                at.held.both_feet("toe_acceleration"),
+            ],
+            axis=2,
+        ),
+    )
+    """Angle, velocity and acceleration of the toe joints, shape (2, 3) [rad, rad/s, rad/s^2]."""
+    q = Field(("nq",), lambda at: at.now.posture.q)
+    """Configuration of the body, Pinocchio's coordinates, shape (nq,)."""
+    v = Field(("nv",), lambda at: at.now.posture.v)
+    """Velocity of the body, root part in root axes, shape (nv,)."""
+    acceleration = Field(("nv",), lambda at: at.held.posture.acceleration)
+    """Acceleration of the body, root part in root axes, shape (nv,)."""
+    trunk = Field((3, 3), lambda at: at.now.posture.trunk)
+    """Rotation of the trunk segment to world, shape (3, 3)."""
+    time = Field((), lambda at: at.times, smooth=False)
+    """Time on the walk's clock [s]."""
+    jumps = Field((), lambda at: at.jumps, bool, smooth=False)
+    """Whether the plan's acceleration jumps at this tick of a first-order hold, or at the last one."""
+    planned = Field((2, 3), lambda at: at.contact_within(at.timing.lead), bool, smooth=False)
+    """Groups planned in contact, shape (2, 3), bool."""
+    due = Field((2, 3), lambda at: at.contact_within(at.timing.early), bool, smooth=False)
+    """Groups in contact now or shortly: what touches early is taken as contact, shape (2, 3), bool."""
+    until_lift = Field((2, 3), lambda at: at.feet.until_lift(at.times, at.contact), smooth=False)
+    """Time until the group lifts off, infinite if it does not, shape (2, 3) [s]."""
+    tilt_window = Field((), lambda at: at.now.posture.tilt_window, smooth=False)
+    """Time over which the controller averages the trunk's tilt [s], see :class:`PostureState`."""
+
+    def __init__(self, row: Any) -> None:
+        self.row = row
+
+    @classmethod
+    def of(cls, **fields: ArrayLike) -> Self:
+        """Copy values into a new reference; T instants have a leading axis.
+
+        Args are the attributes of this class. ``time``, ``q`` and ``v`` are needed, what is left out is zero.
+
+        Raises:
+            ValueError: there is no such field, or a value has another shape or number of instants.
+        """
+        kind = reference_type(np.shape(fields["q"])[-1], np.shape(fields["v"])[-1])
+        row = np.zeros(np.shape(fields["time"]), kind)
+        for name, value in fields.items():
+            if np.ndim(value) and np.shape(value) != row[name].shape:
+                raise ValueError(
+                    f"{name} of a reference has shape {np.shape(value)} and must have {row[name].shape}"
+                )
+            row[name] = value
+        return cls(row)
+
+    def replace(self, **fields: ArrayLike) -> Self:
+        """A copy with other values of some fields."""
+        row = self.row.copy()  # np.array() would share the memory of one row
+        for name, value in fields.items():
+            row[name] = value
+        return type(self)(row)
+
+
+_TABLE = [field for field in vars(Reference).values() if isinstance(field, Field)]
+FIELDS = {field.name: field for field in sorted(_TABLE, key=lambda field: not field.smooth)}
+"""The table of :class:`Reference`; the smooth fields come first, as one run of numbers."""
+
+
 @cache
 def reference_type(nq: int, nv: int) -> np.dtype[Any]:
     """One row of a table of references, which a controller copies at once.
@@ -84,146 +183,11 @@ def reference_type(nq: int, nv: int) -> np.dtype[Any]:
         nq: size of Pinocchio's configuration.
         nv: size of its velocity.
     """
-    feet = [(f"foot_{name}", float, (2, 3)) for name in FeetState._fields if name != "rotation"]
-    fields = [
-        ("time", float),
-        ("com", float, (3,)),
-        ("com_velocity", float, (3,)),
-        ("com_acceleration", float, (3,)),
-        ("angular_momentum", float, (3,)),
-        ("moment", float, (3,)),
-        ("right_load", float),
-        ("jumps", bool),
-        *feet,
-        ("foot_rotation", float, (2, 3, 3)),
-        ("planned", bool, (2, 3)),
-        ("due", bool, (2, 3)),
-        ("until_lift", float, (2, 3)),
-        ("q", float, (nq,)),
-        ("v", float, (nv,)),
-        ("acceleration", float, (nv,)),
-        ("trunk", float, (3, 3)),
-        ("tilt_window", float),
-    ]
+    sizes: dict[int | str, int | str] = {"nq": nq, "nv": nv}
+    fields: list[Any] = []
+    for name, field in FIELDS.items():
+        fields.append((name, field.kind, tuple(sizes.get(length, length) for length in field.shape)))
     return np.dtype(fields, align=True)
-
-
-class _Field:
-    """A field of a reference's row as its attribute."""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    def __get__(self, reference: Reference, owner: type | None = None) -> Any:
-        return reference.row[self.name]
-
-
-class Reference:
-    """Reference of a controller at one instant; T instants have a leading axis, see :class:`ReferenceTable`.
-
-    Args:
-        row: of :func:`reference_type`; every attribute is a view of it.
-
-    Attributes:
-        time: [s].
-        com: centre of mass, shape (3,) [m].
-        com_velocity: shape (3,) [m/s].
-        com_acceleration: shape (3,) [m/s^2].
-        angular_momentum: about the COM; x and y are the plan's, z the posture's, shape (3,) [N m s].
-        moment: rate of the angular momentum, shape (3,) [N m].
-        right_load: share of the weight planned on the right foot [1].
-        jumps: whether the plan's acceleration jumps at this tick of a first-order hold, or at the last one.
-    """
-
-    __slots__ = ("row",)
-
-    time = _Field()
-    com = _Field()
-    com_velocity = _Field()
-    com_acceleration = _Field()
-    angular_momentum = _Field()
-    moment = _Field()
-    right_load = _Field()
-    jumps = _Field()
-
-    def __init__(self, row: Any) -> None:
-        self.row = row
-
-    @classmethod
-    def of(
-        cls,
-        *,
-        time: ArrayLike,
-        com: ArrayLike,
-        com_velocity: ArrayLike,
-        com_acceleration: ArrayLike,
-        angular_momentum: ArrayLike,
-        moment: ArrayLike,
-        right_load: ArrayLike,
-        feet: FeetState,
-        contacts: ContactState,
-        posture: PostureState,
-        jumps: ArrayLike = False,
-    ) -> Self:
-        """Copy the parts into a new reference; T instants have a leading axis.
-
-        Args are the attributes of this class.
-
-        Raises:
-            ValueError: a part has another shape, or another number of instants.
-        """
-        parts: dict[str, Any] = {
-            "time": time,
-            "com": com,
-            "com_velocity": com_velocity,
-            "com_acceleration": com_acceleration,
-            "angular_momentum": angular_momentum,
-            "moment": moment,
-            "right_load": right_load,
-            "jumps": jumps,
-            **{f"foot_{name}": part for name, part in feet._asdict().items()},
-            **contacts._asdict(),
-            **posture._asdict(),
-        }
-        del parts["angular_momentum_z"]  # is in the angular momentum
-        row = np.zeros(np.shape(time), reference_type(np.shape(posture.q)[-1], np.shape(posture.v)[-1]))
-        for name, part in parts.items():
-            if np.ndim(part) and np.shape(part) != row[name].shape:
-                raise ValueError(
-                    f"{name} of a reference has shape {np.shape(part)} and must have {row[name].shape}"
-                )
-            row[name] = part
-        return cls(row)
-
-    def replace(self, **fields: ArrayLike) -> Self:
-        """A copy with other values of some fields, by the names of :func:`reference_type`."""
-        row = self.row.copy()  # np.array() would share the memory of one row
-        for name, value in fields.items():
-            row[name] = value
-        return type(self)(row)
-
-    @property
-    def feet(self) -> FeetState:
-        """Pose and motion of both feet."""
-        return FeetState(*(self.row[f"foot_{name}"] for name in FeetState._fields))
-
-    @property
-    def contacts(self) -> ContactState:
-        """Which groups carry load."""
-        return ContactState(self.row["planned"], self.row["due"], self.row["until_lift"])
-
-    @property
-    def posture(self) -> PostureState:
-        """Of the whole body."""
-        row = self.row
-        return PostureState(
-            row["q"],
-            row["v"],
-            row["acceleration"],
-            row["trunk"],
-            row["angular_momentum"][..., 2],
-            row["tilt_window"],
-        )
 
 
 class Timing(NamedTuple):

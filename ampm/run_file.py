@@ -45,6 +45,8 @@ def load_run(
     Raises:
         InputError: no such preset or file, no valid TOML, an unknown key or a bad value.
     """
+    if not isinstance(source, str | Path | None):
+        raise InputError(f"{source!r} names no run; give a preset, a TOML file, or nothing for the defaults.")
     table = {} if source is None else _read_source(source)
     asked: dict[str, Any] = {}
     for setting in [settings] if isinstance(settings, str) else settings:

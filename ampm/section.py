@@ -9,18 +9,27 @@ import reprlib
 import tomllib
 from collections.abc import Iterable, Mapping
 from importlib.resources.abc import Traversable
+from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from ampm.exceptions import InputError
+from ampm.files import read_text
 
-_MOST_LISTED = 12  # known names that are listed when none resembles the unknown one
+_LEAST = 1e-60  # of a number that is not 0
+_MOST_LISTED = 12  # known keys that are listed when none resembles the unknown one
 
 
 def _not_nan(value: float) -> float:
     if math.isnan(value):
         raise ValueError("it should be a number")
+    return _sizable(value)
+
+
+def _sizable(value: float) -> float:
+    if 0.0 < abs(value) < _LEAST:
+        raise ValueError(f"it should be 0, or at least {_LEAST:g} in magnitude")
     return value
 
 
@@ -34,8 +43,8 @@ def _option(value: Any) -> bool | int | float | str:
     raise ValueError("it should be a finite number, a text, true or false")
 
 
-Real = Annotated[float, Field(allow_inf_nan=False)]
-"""A finite float."""
+Real = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_sizable)]
+"""A finite float, 0 or of a size that can be squared."""
 RealOrInf = Annotated[float, AfterValidator(_not_nan)]
 """A float that may be infinite, but not NaN."""
 Whole = Annotated[int, BeforeValidator(_whole)]
@@ -114,14 +123,14 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
 
 
 def unknown(name: str, known: Iterable[str], what: str = "key", **details: Any) -> InputError:
-    """Error about an unknown name, with the nearest of the known ones, or all if they are few."""
+    """Error about an unknown name, with the nearest of the known ones, or all, of keys if they are few."""
     known = tuple(known)
     similar = nearest(name, known)
-    hint = way_out = "'ampm keys' lists all."
+    hint = way_out = f"known are {', '.join(known)}."
     if similar:
         hint, way_out = f"did you mean {similar!r}?", f"write {similar}"
-    elif len(known) <= _MOST_LISTED:
-        hint = way_out = f"known are {', '.join(known)}."
+    elif what == "key" and len(known) > _MOST_LISTED:
+        hint = way_out = "'ampm keys' lists all."
     details = {"key": name, "way_out": way_out, "nearest": similar} | details
     return InputError(f"unknown {what} {name!r}; {hint}", **details)
 
@@ -169,13 +178,7 @@ def read_toml(path: Traversable) -> dict[str, Any]:
         FileNotFoundError, NotADirectoryError: there is no such file.
         InputError: it cannot be read, or is no valid TOML.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (FileNotFoundError, NotADirectoryError):
-        raise
-    except (OSError, ValueError) as error:  # no UTF-8, or a zero byte in its name
-        message = f"the file {str(path)!r} cannot be read ({error}); give a readable TOML file."
-        raise InputError(message) from None
+    text = read_text(path) if isinstance(path, Path) else path.read_text(encoding="utf-8")
     return parse_toml(text, f"the file {str(path)!r}")
 
 
@@ -189,5 +192,9 @@ def parse_toml(text: str, what: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except RecursionError:
         raise InputError(f"{what} is nested too deeply; write plain tables and keys.") from None
-    except ValueError as error:  # TOMLDecodeError, and integers of thousands of digits
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"{what} is no valid TOML: {error}; correct that line.") from None
+    except ValueError:
+        raise InputError(
+            f"{what} is no valid TOML: it has an integer of thousands of digits; shorten it."
+        ) from None

@@ -19,12 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.parameters import RunParameters
 from ampm.planner.centroidal import PlanSample
-from ampm.planner.feet import FootSample, foot_rotation, foot_turning
+from ampm.planner.feet import FeetPlan, FootSample, foot_turning
 from ampm.planner.support import StepPlan
 from ampm.reference import (
+    FIELDS,
     SHARP,
-    ContactState,
-    FeetState,
     PostureState,
     Reference,
     ReferenceTable,
@@ -71,7 +70,7 @@ class RetimedPosture:
         return self.posture.sample(np.interp(time, self.times, self.own) + beyond)
 
     def report(self) -> dict[str, Any]:
-        """That of the posture."""
+        """The posture's report."""
         return self.posture.report()
 
 
@@ -100,48 +99,65 @@ class WalkPlan(StepPlan):
             InputError: a time lies outside the plan.
         """
         times = np.array(times, dtype=np.float64)
-        jumps = (np.abs(times[:, None] - self.jump_times) < timing.slope).any(axis=1)
+        jumps = np.asarray((np.abs(times[:, None] - self.jump_times) < timing.slope).any(axis=1))
         delay = 0.5 * timing.hold * (jumps if timing.slope else np.ones(len(times)))
-        now = held = self._instants(times)
+        now = held = self._sampled(times)
         if delay.any():
-            held = self._instants(np.minimum(times + delay, self.duration))
-        momentum_z = now.posture.angular_momentum_z
-        yaw_moment = np.gradient(momentum_z, times) if len(times) > 1 else np.zeros(len(times))
-        contact = self.feet.contact(times)
+            held = self._sampled(np.minimum(times + delay, self.duration))
+        at = Instants(times, timing, self.feet, self.feet.contact(times), jumps, now, held)
+        return ReferenceTable.of(**{name: field.sample(at) for name, field in FIELDS.items()})
 
-        def within(span: float) -> Flags:
-            """Contact now or at the end of a time span."""
-            return contact | self.feet.contact(np.minimum(times + span, self.feet.duration))
-
-        return ReferenceTable.of(
-            time=times,
-            com=now.plan.com,
-            com_velocity=now.plan.com_velocity,
-            com_acceleration=held.plan.com_acceleration,
-            angular_momentum=np.hstack([now.plan.angular_momentum, momentum_z[:, None]]),
-            moment=np.hstack([held.plan.moment, yaw_moment[:, None]]),
-            right_load=now.plan.right_load,
-            jumps=jumps,
-            feet=_feet_state(now.feet, held.feet),
-            contacts=ContactState(
-                planned=within(timing.lead),
-                due=within(timing.early),
-                until_lift=self.feet.until_lift(times, contact),
-            ),
-            posture=now.posture._replace(acceleration=held.posture.acceleration),
-        )
-
-    def _instants(self, times: Array) -> _Instants:
+    def _sampled(self, times: Array) -> SampledWalk:
         """Everything at times (T,) [s]."""
-        return _Instants(self.sample(times), self.feet.sample(times), self.posture.sample(times))
+        return SampledWalk(self.sample(times), self.feet.sample(times), self.posture.sample(times))
 
 
-class _Instants(NamedTuple):
-    """COM and ZMP, both feet and the posture at some times."""
+class SampledWalk(NamedTuple):
+    """COM and ZMP, both feet and the posture at T times."""
 
     plan: PlanSample
     feet: tuple[FootSample, FootSample]
     posture: PostureState
+
+    def both_feet(self, name: str) -> Any:
+        """One attribute of :class:`~ampm.planner.feet.FootSample` of both feet, shape (T, 2, ...)."""
+        return np.stack([getattr(foot, name) for foot in self.feet], axis=1)
+
+    def turning(self, order: int) -> Array:
+        """Angular velocity (order 0) or acceleration (1) of both feet, shape (T, 2, 3) [rad/s, rad/s^2]."""
+        return np.stack([foot_turning(foot)[order] for foot in self.feet], axis=1)
+
+
+class Instants(NamedTuple):
+    """What the fields of a reference are taken from, at T ticks.
+
+    Attributes:
+        times: shape (T,) [s].
+        timing: look-ahead of the references.
+        feet: of the plan.
+        contact: groups in contact, shape (T, 2, 3).
+        jumps: whether accelerations jump, shape (T,).
+        now: the walk at these times.
+        held: the walk at the middle of the time for which the tick's command acts.
+    """
+
+    times: Array
+    timing: Timing
+    feet: FeetPlan
+    contact: Flags
+    jumps: Flags
+    now: SampledWalk
+    held: SampledWalk
+
+    @property
+    def yaw_moment(self) -> Array:
+        """Rate of the posture's L_z, zero at a single tick, shape (T,) [N m]."""
+        momentum = self.now.posture.angular_momentum_z
+        return np.gradient(momentum, self.times) if len(self.times) > 1 else np.zeros(len(self.times))
+
+    def contact_within(self, span: float) -> Flags:
+        """Contact now or at the end of a time span [s], shape (T, 2, 3)."""
+        return self.contact | self.feet.contact(np.minimum(self.times + span, self.feet.duration))
 
 
 class Planner(Protocol):
@@ -211,7 +227,7 @@ class Replanner(Planner, Protocol):
         Args:
             time: of this tick on the walk's clock, which all plans share [s].
             state: as the controller gets it at this tick, sensed and maybe old; copy what you keep.
-            touch: likewise.
+            touch: of the same tick.
             plan: that is valid now. What :meth:`plan` and earlier calls return is never changed.
 
         Returns:
@@ -221,7 +237,7 @@ class Replanner(Planner, Protocol):
 
 
 class ControlOutput(NamedTuple):
-    """Output of one tick. Only the torque is needed; the others may stay None or NaN.
+    """Output of one tick. Only the torque is needed; the other fields are optional.
 
     Attributes:
         torque: joint torques, shape (nu,) [N m].
@@ -230,7 +246,7 @@ class ControlOutput(NamedTuple):
         angular_momentum: about the COM, commanded, shape (3,) [N m s].
         point_force: force commanded at every sole point, shape (P, 3) [N].
         status: SOLVED, LIMITED or UNSOLVED.
-        residual: of its optimisation; NaN where there is none.
+        residual: of its optimisation; NaN without one.
         iterations: of its optimisation.
         seconds: wall-clock time of its optimisation [s].
         rate: at which the torques go on until the next tick, shape (nu,) [N m/s]; None holds them.
@@ -275,25 +291,3 @@ class ControllerFactory(Protocol):
     def __call__(self, robot: Any, run: RunParameters, /, *more: Any, **options: Any) -> Controller:
         """Make one for a body, :class:`ampm.body.robot.Robot`, and a run, with ``run.controller.options``."""
         ...
-
-
-def _both(feet: tuple[FootSample, FootSample], name: str) -> Any:
-    """One array of both feet, left first, shape (T, 2, ...)."""
-    return np.stack([getattr(foot, name) for foot in feet], axis=1)
-
-
-def _feet_state(feet: tuple[FootSample, FootSample], held: tuple[FootSample, FootSample]) -> FeetState:
-    """Both feet as one; accelerations are those of ``held``."""
-    turning = np.stack([foot_turning(foot)[0] for foot in feet], axis=1)
-    changing = np.stack([foot_turning(foot)[1] for foot in held], axis=1)
-    return FeetState(
-        position=_both(feet, "position"),
-        velocity=_both(feet, "velocity"),
-        acceleration=_both(held, "acceleration"),
-        rotation=foot_rotation(_both(feet, "heading"), _both(feet, "pitch")),
-        angular_velocity=turning,
-        angular_acceleration=changing,
-        toe=np.stack(
-            [_both(feet, "toe"), _both(feet, "toe_velocity"), _both(held, "toe_acceleration")], axis=2
-        ),
-    )

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ampm.exceptions import InputError
-from ampm.qp import BACKENDS
 from validation.cli.console import Narrator, print_json
 from validation.cli.errors import explain
 from validation.cli.options import Status, option
@@ -37,7 +35,6 @@ def benchmark(
     ] = None,
     steps: Annotated[int, option("--steps", "Walking steps of every walk.", least=1)] = 30,
     walks: Annotated[int, option("--walks", "Equal walks; of each part the least time counts.", least=1)] = 3,
-    qp: Annotated[str, option("--qp", "QP solver of the controller.", "osqp|daqp|all")] = "all",
     peers: Annotated[bool, option("--peers", "Compare with other libraries instead.")] = False,
     as_json: Annotated[bool, option("--json", "Print JSON instead of tables.")] = False,
     markdown: Annotated[
@@ -46,23 +43,20 @@ def benchmark(
 ) -> int:
     """Time the stages of a run, and its closed loop beside the bare physics.
 
-    The loop is timed at time steps of 2 ms and 0.5 ms, with each QP solver; simulation.time_step holds for
-    the stages only. Another controller is timed by --set controller.name=module:Class. The work is the same
-    every time and on one thread. The default takes about two minutes.
+    The loop is timed at time steps of 2 ms and 0.5 ms; simulation.time_step holds for the stages only.
+    Another controller is timed by --set controller.name=module:Class. The work is the same every time and
+    on one thread. The default takes about two minutes.
     """
     # Imported here so that '--help' loads neither simulator nor Pinocchio.
     from benchmarks.page import conditions, write_page
     from validation.trial.plan import load_request
 
-    if qp not in (*BACKENDS, "all"):
-        raise InputError(f"--qp {qp!r} must be of {', '.join(BACKENDS)}, all; correct it.")
-    solvers = BACKENDS if qp == "all" else (qp,)
     load, narrator = os.getloadavg()[0], Narrator()
     request = load_request(gait, [*(settings or ()), f"gait.steps={steps}"])
     if peers:
         tables, results = _compare(request, narrator)
     else:
-        tables, results = _time(request, walks, solvers, narrator)
+        tables, results = _time(request, walks, narrator)
     note = conditions(f"{request.title}, {steps} steps", load)
     if as_json:
         print_json({**results, "conditions": note})
@@ -75,9 +69,7 @@ def benchmark(
     return Status.PASS
 
 
-def _time(
-    request: "Request", walks: int, solvers: Sequence[str], narrator: Narrator
-) -> tuple[list[Table], dict[str, Any]]:
+def _time(request: "Request", walks: int, narrator: Narrator) -> tuple[list[Table], dict[str, Any]]:
     """Tables and values of the closed loop and the stages of a run."""
     from benchmarks.loop import loop_table, time_loop
     from benchmarks.stages import cost_table, time_run
@@ -86,9 +78,8 @@ def _time(
     costs = time_run(request, walks, narrator)  # first, for the memory's peak is that of the process
     loops = []
     for time_step in TIME_STEPS:
-        for solver in solvers:
-            changed = request.run.replace({"simulation.time_step": time_step, "solver.qp": solver})
-            loops.append(time_loop(plan_walk(replace(request, run=changed)), walks, narrator))
+        changed = request.run.replace({"simulation.time_step": time_step})
+        loops.append(time_loop(plan_walk(replace(request, run=changed)), walks, narrator))
     results = {"loop": [asdict(walk) for walk in loops], "run": [asdict(cost) for cost in costs]}
     return [loop_table(loops), cost_table(costs)], results
 

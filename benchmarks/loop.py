@@ -32,7 +32,6 @@ class LoopTimes:
 
     Attributes:
         time_step: of the physics [s].
-        qp: name of the QP solver.
         period: one control period of the closed loop, recording included [s].
         tick: of that the control tick, from sensors to torques [s].
         tick_p99: 99th percentile of the same [s].
@@ -42,7 +41,6 @@ class LoopTimes:
     """
 
     time_step: float
-    qp: str
     period: float
     tick: float
     tick_p99: float
@@ -64,7 +62,7 @@ def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes
     """
     run, body = planned.run, planned.body.model
     periods, ticks, solves, physics = [], [], [], []
-    label = f"{walks} walks at {1e3 * run.simulation.time_step:g} ms with {run.solver.qp.upper()}"
+    label = f"{walks} walks at {1e3 * run.simulation.time_step:g} ms"
     with progress.stage(label, "steps") as stage:
         for _ in range(walks):
             with timed_ticks() as (starts, spans):
@@ -78,7 +76,6 @@ def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes
             physics.append(time_physics(record, body, run.controller.frequency))
     return LoopTimes(
         time_step=run.simulation.time_step,
-        qp=run.solver.qp,
         period=float(np.median(least(periods))),
         tick=float(np.median(least(ticks))),
         tick_p99=float(np.percentile(least(ticks), 99)),
@@ -127,10 +124,9 @@ def timed_ticks() -> Iterator[tuple[list[float], list[float]]]:
 
 
 def loop_table(walks: Sequence[LoopTimes]) -> Table:
-    """One row for each time step and solver."""
+    """One row for each time step."""
     columns = (
         "time step",
-        "QP",
         ">control period",
         ">control tick",
         ">99th percentile",
@@ -141,7 +137,6 @@ def loop_table(walks: Sequence[LoopTimes]) -> Table:
     rows = [
         (
             f"{1e3 * walk.time_step:g} ms",
-            walk.qp.upper(),
             format_duration(walk.period),
             format_duration(walk.tick),
             format_duration(walk.tick_p99),
@@ -151,7 +146,5 @@ def loop_table(walks: Sequence[LoopTimes]) -> Table:
         )
         for walk in walks
     ]
-    endings = [
-        f"{1e3 * walk.time_step:g} ms, {walk.qp.upper()}: {walk.ending}" for walk in walks if walk.ending
-    ]
+    endings = [f"{1e3 * walk.time_step:g} ms: {walk.ending}" for walk in walks if walk.ending]
     return Table("closed loop", columns, rows, endings)

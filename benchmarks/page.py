@@ -16,7 +16,7 @@ def conditions(title: str, load: float) -> str:
         load: of the machine at the start, mean of the last minute [1].
     """
     known = describe_environment()
-    names = ("mujoco", "pin", "osqp", "daqp")
+    names = ("mujoco", "pin", "osqp")
     versions = ", ".join(f"{name} {known['versions'][name]}" for name in names)
     return (
         f"{title}; {known['processor']}, one of {known['cores']} cores, load {load:.1f} at the start; "

@@ -9,9 +9,8 @@ from scipy.sparse import csc_matrix
 
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
-from ampm.control.workspace import Problem
 from ampm.parameters import RunParameters
-from ampm.qp import BACKENDS, QPBackend, QPSolution
+from ampm.qp import QPProblem, QPSolution, QPSolver
 from benchmarks.peer import Peer
 from benchmarks.timing import least
 from validation.progress import Progress
@@ -19,15 +18,21 @@ from validation.trial.plan import PlannedWalk
 from validation.trial.simulate import simulate
 
 Array = NDArray[np.float64]
-SOLVERS = {"proxqp": "proxsuite", "piqp": "piqp", "clarabel": "clarabel", "quadprog": "quadprog"}
+SOLVERS = {
+    "daqp": "daqp",
+    "proxqp": "proxsuite",
+    "piqp": "piqp",
+    "clarabel": "clarabel",
+    "quadprog": "quadprog",
+}
 """Solvers by their names in qpsolvers, and the distributions that have them."""
-EXACT = "daqp"
-"""Our backend whose solutions errors are measured from; quadprog, as exact, confirms them."""
+EXACT = 1e-10
+"""Tolerance at which our solver gives the solutions that errors are measured from; quadprog confirms them."""
 _ROUNDS = 3  # equal passes over all problems, of which the least times count
 
 
-def compare_solvers(planned: PlannedWalk, problems: Sequence[Problem], progress: Progress) -> list[Peer]:
-    """Our backends, timed with the update of the workspace, and solvers by qpsolvers, without their set-up.
+def compare_solvers(planned: PlannedWalk, problems: Sequence[QPProblem], progress: Progress) -> list[Peer]:
+    """Our solver, timed with the update of its workspace, and solvers by qpsolvers, without their set-up.
 
     Args:
         planned: the walk of the problems.
@@ -38,16 +43,15 @@ def compare_solvers(planned: PlannedWalk, problems: Sequence[Problem], progress:
         Times of a QP; errors are the largest of a point's normal force, beside :data:`EXACT`.
     """
     run, robot = planned.run, planned.body.robot
-    found: dict[str, tuple[Array, Array]] = {}
-    for name in BACKENDS:
-        with progress.stage(f"QPs by {name}"):
-            found[name] = _solve(problems, run.replace({"solver.qp": name}), robot)
-    exact, normals = found[EXACT][1], TrackingController(robot, run).contact_qp.normals
+    with progress.stage("QPs by our solver"):
+        seconds, ours = _solve(problems, run, robot)
+        exact = _solve(problems, run.replace({"solver.tolerance": EXACT}), robot, rounds=1)[1]
+    normals = TrackingController(robot, run).contact_qp.normals
 
     def error(x: Array) -> str:
         return f"{robot.mass * robot.gravity * np.abs(x - exact)[:, normals].max():.2g} N"
 
-    peers = [Peer.of(f"ours, {name}", seconds, error(x)) for name, (seconds, x) in found.items()]
+    peers = [Peer.of("ours", seconds, error(ours))]
     for name, distribution in SOLVERS.items():
         title = f"qpsolvers, {name}"
         with progress.stage(f"QPs by qpsolvers, {name}"):
@@ -61,25 +65,32 @@ def compare_solvers(planned: PlannedWalk, problems: Sequence[Problem], progress:
 
 
 class _Recorder:
-    """A backend that keeps its problems."""
+    """A solver that keeps its problems."""
 
-    def __init__(self, backend: QPBackend) -> None:
-        self.backend, self.problems = backend, list[Problem]()
+    def __init__(self, solver: QPSolver) -> None:
+        self.solver, self.problems = solver, list[QPProblem]()
 
-    def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
-        """See :class:`ampm.qp.QPBackend`."""
-        self.problems.append(Problem(P.copy(), q.copy(), A.copy(), lower.copy(), upper.copy()))
-        return self.backend.solve(P, q, A, lower, upper)
+    def solve(self) -> QPSolution:
+        """See :class:`ampm.qp.QPSolver`."""
+        self.problems.append(QPProblem._make(array.copy() for array in self.solver.problem))
+        return self.solver.solve()
 
 
-def record_problems(planned: PlannedWalk, progress: Progress) -> list[Problem]:
+def solve(solver: QPSolver, problem: QPProblem) -> QPSolution:
+    """Solve a problem with a solver of its shape and pattern."""
+    for array, values in zip(solver.problem, problem, strict=True):
+        array[...] = values
+    return solver.solve()
+
+
+def record_problems(planned: PlannedWalk, progress: Progress) -> list[QPProblem]:
     """The QPs of a walk as the controller hands them to its solver, one for each tick."""
     recorders: list[_Recorder] = []
 
     def recorded(robot: Robot, run: RunParameters) -> TrackingController:
         controller = TrackingController(robot, run)
-        recorders.append(_Recorder(controller.contact_qp.backend))
-        controller.contact_qp.backend = recorders[0]
+        recorders.append(_Recorder(controller.contact_qp.solver))
+        controller.contact_qp.solver = recorders[0]  # type: ignore[assignment]
         return controller
 
     with progress.stage("control QPs of a walk"):
@@ -87,17 +98,19 @@ def record_problems(planned: PlannedWalk, progress: Progress) -> list[Problem]:
     return recorders[0].problems
 
 
-def _solve(problems: Sequence[Problem], run: RunParameters, robot: Robot) -> tuple[Array, Array]:
-    """Times [s] and solutions of the controller's own backend, shapes (T,) and (T, n)."""
-    rounds = []
-    for _ in range(_ROUNDS):
-        backend = TrackingController(robot, run).contact_qp.backend
-        rounds.append([backend.solve(*problem) for problem in problems])
-    seconds = least([[solution.seconds for solution in solutions] for solutions in rounds])
-    return seconds, np.stack([solution.x for solution in rounds[0]])
+def _solve(
+    problems: Sequence[QPProblem], run: RunParameters, robot: Robot, rounds: int = _ROUNDS
+) -> tuple[Array, Array]:
+    """Times [s] and solutions of the controller's own solver, shapes (T,) and (T, n)."""
+    found = []
+    for _ in range(rounds):
+        solver = TrackingController(robot, run).contact_qp.solver
+        found.append([solve(solver, problem) for problem in problems])
+    seconds = least([[solution.seconds for solution in solutions] for solutions in found])
+    return seconds, np.stack([solution.x for solution in found[0]])
 
 
-def _solve_by_qpsolvers(problems: Sequence[Problem], solver: str) -> tuple[Array, Array]:
+def _solve_by_qpsolvers(problems: Sequence[QPProblem], solver: str) -> tuple[Array, Array]:
     """Times without set-up [s] and solutions with the solver's defaults, shapes (T,) and (T, n).
 
     Raises:
@@ -116,7 +129,7 @@ def _solve_by_qpsolvers(problems: Sequence[Problem], solver: str) -> tuple[Array
     return seconds, np.stack([solution.x for solution in rounds[0]])
 
 
-def _one_sided(problem: Problem, matrix: Callable[[Array], Any]) -> tuple[Any, ...]:
+def _one_sided(problem: QPProblem, matrix: Callable[[Array], Any]) -> tuple[Any, ...]:
     """P, q, G, h, A, b of a problem with ``G x <= h`` and ``A x = b``; matrices made by ``matrix``."""
     P, q, rows, lower, upper = problem
     same = lower == upper

@@ -57,7 +57,7 @@ VARIANTS: Mapping[str, Mapping[str, float | NDArray[np.float64]]] = {
     "no return to the plan": {
         "stepping.step_choice.RETURN": 0.0,
         "stepping.step_choice.CATCH_UP": 0.0,
-        "stepping.follower.BACK": 0.0,
+        "stepping.tracker.BACK": 0.0,
     },
     "COM not at the floor's height": {"stepping.walker.HEIGHT_RATE": 0.0},
     "sole not shared": {"control.sole.OPEN": 10.0},

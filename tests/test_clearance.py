@@ -120,8 +120,8 @@ def test_the_report_shows_the_clearance_over_time_with_its_limit(passing_through
     least = saved.summary["margins"]["clearance"]["value"]
     with patch("validation.show.run_figures.picture") as picture:
         RunFigures(saved, None).clearance()
-    (axis,) = picture.call_args.args[0].axes
-    drawn, limit, *_ = (line.get_ydata() for line in axis.lines)
+    (chart,) = picture.call_args.args[0]
+    drawn, limit, *_ = (mark.points[:, 1] for mark in chart.marks)
     assert 1e-3 * drawn.min() == pytest.approx(least)
     assert set(limit) == {1e3 * CLEARANCE}
-    assert axis.get_ylim()[0] < 1e3 * least
+    assert chart.limits()[0][1] < 1e3 * least

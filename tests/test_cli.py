@@ -103,8 +103,10 @@ def test_keys_by_section_by_word_and_by_both(ampm):
 
 
 def test_a_title_names_what_was_changed_but_for_the_number_of_steps():
-    request = load_request("normal", ["gait.steps=4", "gait.c_y = 0.93", "solver.qp=daqp"])
-    assert request.title.split(", ") == ["normal", "gait.c_y 0.93", "solver.qp daqp"]
+    request = load_request(
+        "normal", ["gait.steps=4", "gait.c_y = 0.93", "simulation.integrator=implicitfast"]
+    )
+    assert request.title.split(", ") == ["normal", "gait.c_y 0.93", "simulation.integrator implicitfast"]
     assert load_request("normal", ["gait.steps=4"]).title == "normal"
 
 

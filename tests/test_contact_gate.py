@@ -7,7 +7,7 @@ from ampm.compiled import records
 from ampm.control.contact_gate import update_gate
 from ampm.control.workspace import BALL, HEEL, LINE, TIP, gains_of, points_of, wanted_of
 from ampm.controller_parameters import ControllerParameters
-from ampm.reference import ContactState, reference_type
+from ampm.reference import reference_type
 from tests.solved import COARSE, walk_of
 
 GAINS = gains_of(ControllerParameters())
@@ -30,10 +30,9 @@ class Gate:
         self.lines, self.points, self.first = records((2, 3), LINE), points_of(robot), True
         self.wanted = wanted_of(np.zeros(1, reference_type(robot.nq, robot.nv)))
 
-    def update(self, contacts, sensed, close_lifted_tips=False):
+    def update(self, planned, due, until_lift, sensed, close_lifted_tips=False):
         self.points["touching"] = sensed
-        for name, value in contacts._asdict().items():
-            getattr(self.wanted, name)[:] = value
+        self.wanted.planned[:], self.wanted.due[:], self.wanted.until_lift[:] = planned, due, until_lift
         self.landing = update_gate(self.wanted, GAINS, self.first, close_lifted_tips, self.points, self.lines)
         self.first = False
 
@@ -49,7 +48,7 @@ class Gate:
 def gate(robot):
     """A gate that has started with the right foot standing and the left one in the air."""
     gate = Gate(robot)
-    gate.update(ContactState(AIR, AIR, NEVER), touch(robot, right=(0, 1, 2)))
+    gate.update(AIR, AIR, NEVER, touch(robot, right=(0, 1, 2)))
     return gate
 
 
@@ -74,7 +73,7 @@ def touch(robot, left=(), right=(), one_point=False):
     ],
 )
 def test_a_group_opens_where_it_is_due_and_has_touched(robot, gate, planned, due, left, expected):
-    gate.update(ContactState(planned, due, NEVER), touch(robot, left=left, right=(0, 1, 2)))
+    gate.update(planned, due, NEVER, touch(robot, left=left, right=(0, 1, 2)))
     assert gate.limits() == pytest.approx(expected)
     assert gate.landing == bool(left)
     assert gate.lines["touching"][0].tolist() == [group in left for group in range(3)]
@@ -84,12 +83,12 @@ def test_a_group_opens_over_the_ramp_once_one_of_its_points_has_touched(robot, g
     sensed = touch(robot, left=(HEEL,), one_point=True) | touch(robot, right=(0, 1, 2))
     opened = []
     for _ in range(25):
-        gate.update(ContactState(ALL, ALL, NEVER), sensed)
+        gate.update(ALL, ALL, NEVER, sensed)
         opened.append(gate.limits()[HEEL])
     np.testing.assert_allclose(opened, np.minimum(RATE * np.arange(1, 26), 1.0))
     assert not gate.landing
     # It stays open when the point lifts for a moment: the force that it carries turns the foot back.
-    gate.update(ContactState(ALL, ALL, NEVER), touch(robot, right=(0, 1, 2)))
+    gate.update(ALL, ALL, NEVER, touch(robot, right=(0, 1, 2)))
     assert gate.limits() == [1.0, 0.0, 0.0]
     assert gate.lines["touched"][0].tolist() == [True, False, False]
     assert not gate.lines["touching"][0].any()
@@ -98,16 +97,16 @@ def test_a_group_opens_over_the_ramp_once_one_of_its_points_has_touched(robot, g
 @pytest.mark.parametrize("left", [0.05, 0.04, 0.02, 0.002, 0.0])
 def test_a_group_closes_over_the_ramp_before_its_lift_off(robot, gate, left):
     until = np.array([[np.inf] * 3, [left, np.inf, np.inf]])
-    gate.update(ContactState(AIR, AIR, until), touch(robot, right=(0, 1, 2)))
+    gate.update(AIR, AIR, until, touch(robot, right=(0, 1, 2)))
     assert gate.limits(1) == pytest.approx([min(left / RAMP, 1.0), 1.0, 1.0])
     assert gate.lines["opening"][1].tolist() == [1.0, 1.0, 1.0]  # how far it has opened is another matter
 
 
 def test_after_lift_off_a_group_must_touch_again(robot, gate):
     both = touch(robot, left=(0, 1, 2), right=(0, 1, 2))
-    gate.update(ContactState(ALL, ALL, NEVER), both)
-    gate.update(ContactState(AIR, AIR, NEVER), touch(robot, right=(0, 1, 2)))
-    gate.update(ContactState(ALL, ALL, NEVER), touch(robot, right=(0, 1, 2)))
+    gate.update(ALL, ALL, NEVER, both)
+    gate.update(AIR, AIR, NEVER, touch(robot, right=(0, 1, 2)))
+    gate.update(ALL, ALL, NEVER, touch(robot, right=(0, 1, 2)))
     assert gate.limits() == [0.0, 0.0, 0.0]
-    gate.update(ContactState(ALL, ALL, NEVER), both)
+    gate.update(ALL, ALL, NEVER, both)
     assert gate.limits() == pytest.approx([RATE, RATE, RATE])

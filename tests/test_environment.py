@@ -115,7 +115,7 @@ class Springs:
         self.limit = robot.torque_limit
 
     def update(self, state, touch, reference):
-        off = reference.posture.q[7:] - state.q[7:], reference.posture.v[6:] - state.v[6:]
+        off = reference.q[7:] - state.q[7:], reference.v[6:] - state.v[6:]
         return ControlOutput(np.clip(self.limit * (5.0 * off[0] + 0.2 * off[1]), -self.limit, self.limit))
 
 

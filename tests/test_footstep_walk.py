@@ -239,7 +239,7 @@ def test_posture_follows_the_heading_of_the_feet():
     np.testing.assert_allclose((high[1] - low[1]) / (2 * h), mid[2], atol=1e-5)
     ends = posture.heading(np.array([0.0, walk.duration]))[0]  # the mean of feet that are turned out
     np.testing.assert_allclose(ends, [0.7, 2.7], rtol=0.0, atol=1e-12)
-    start = walk.table([0.0])[0].posture
+    start = walk.table([0.0])[0]
     trunk = start.trunk @ posture.trunk.T
     assert math.atan2(trunk[1, 0], trunk[0, 0]) == pytest.approx(0.7)
 

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 ORDER = {
     "ampm": (
-        "exceptions brief presets geometry compiled vectors linear description qp section "
+        "exceptions brief lazy presets geometry compiled vectors linear description qp section "
         "physics_parameters controller_parameters sensor_parameters "
         "parameters run_file planner reference walk body sensors control+stepping planners tune __main__"
     ).split(),
@@ -122,10 +122,10 @@ TRIAL = "validation.run.validate, validation.run.walk, validation.trial.plan, va
     ("statement", "forbidden"),
     [
         ("import " + ", ".join(imports("ampm")), "mujoco dm_control models validation benchmarks"),
-        (PLAN, "pinocchio osqp daqp scipy mujoco numba"),
+        (PLAN, "pinocchio osqp scipy mujoco numba"),
         ("import validation.cli.app", "numpy mujoco pinocchio pyarrow pydantic rerun numba"),
-        ("import ampm.planners, models.human", "osqp daqp scipy numba dm_control"),
-        (f"import {TRIAL}", "rerun matplotlib"),
+        ("import ampm.planners, models.human", "osqp scipy numba dm_control"),
+        (f"import {TRIAL}, validation.show.report, validation.study.compare.report", "rerun matplotlib"),
         ("import validation.measure.measure, validation.measure.log", "mujoco dm_control pydrake models"),
         ("import ampm, validation", "numpy mujoco pinocchio scipy matplotlib rerun rich typer pyarrow numba"),
         ("import validation.pytest_plugin", "numpy mujoco pinocchio pyarrow pydantic cloudpickle"),

@@ -2,19 +2,24 @@
 
 import json
 import math
+import shutil
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from ampm.run_file import load_run
 from tests.saved_run import make_study
+from validation.cli.view import choose
 from validation.judge.metrics import added_metrics, unregister
 from validation.judge.uncertainty import Uncertainty
+from validation.show.cost_table import COSTS
 from validation.store.identity import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import load_saved_run
 from validation.study.compare.comparison import (
+    COST,
     JUDGED,
     SHARE,
     SHARE_OF_EXTREMES,
@@ -23,6 +28,7 @@ from validation.study.compare.comparison import (
     comparison_of,
 )
 from validation.study.compare.report import NUMBERS, REPORT, render
+from validation.study.compare.walks import _fitting
 
 FAST = ["--set", "simulation.time_step=0.002", "--steps", "3", "--workers", "0"]
 
@@ -68,8 +74,59 @@ def test_a_table_beside_our_planner_is_walked_once(tmp_path, ampm, monkeypatch):
     assert [walk["label"] for walk in first.json["walks"]] == ["flat, planner ampm", "flat, planner ipm.csv"]
     assert first.json["sentence"].startswith("flat, planner ampm is better in ")
     assert first.json["metrics"]["zmp_x_maximum"]["better"] == 0
-    monkeypatch.setattr("validation.study.compare.walks.walk_planned", lambda *_, **__: pytest.fail("walked"))
+    assert 'href="walk-2/report.html"' in (out / REPORT).read_text(encoding="utf-8")
+    assert (out / "walk-2" / REPORT).is_file()
+    monkeypatch.setattr("validation.study.compare.walks.walk_request", lambda *_, **__: pytest.fail("walked"))
     assert ampm(*command, "--resume").json == first.json
+
+
+GAIN = """
+from ampm.control.joint_pd import JointPD
+
+class Own(JointPD):
+    def __init__(self, robot, run, gain=1.0):
+        super().__init__(robot, run)
+"""
+
+
+def test_options_are_for_those_that_take_them(tmp_path, ampm, monkeypatch):
+    (tmp_path / "own_gain.py").write_text(GAIN, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    table = tmp_path / "table.csv"
+    table.write_text("time\n", encoding="utf-8")
+    chosen = [{"controller": "ampm", "planner": str(table)}, {"controller": "own_gain:Own"}]
+    gain, none = "controller.options.gain=2", "controller.options.none=2"
+    assert _fitting([gain, "gait.steps=3"], chosen) == [["gait.steps=3"], [gain, "gait.steps=3"]]
+    assert _fitting([none], chosen) == [[none], [none]]  # refused
+    answer = ampm("compare", "--controller", "ampm", "--controller", "own_gain:Own", "--set", none)
+    assert answer.status == 2
+    assert "it takes" in answer.err
+
+
+def test_kept_walks_are_viewed(folders, tmp_path):
+    kept = tmp_path / "walk-1"
+    shutil.copytree(folders[0], kept)
+    (kept / "recording.rrd").unlink(missing_ok=True)
+    (source,) = choose([kept], None)
+    assert source.path.stat().st_size > 0
+
+
+def test_bodies_of_two_sizes_are_told_and_scaled_each_by_its_own_weight(sides):
+    scales = sides[0].run.summary["scales"]
+    heavy = changed(sides[0], scales={**scales, "body_weight": 2.0 * scales["body_weight"]})
+    found = comparison_of([sides[0], replace(heavy, label="heavy")])
+    assert any(note.startswith("The bodies differ in size") for note in found.tables()[0].notes)
+    row = next(row for row in found.rows if row.name == "force_z_rmse")
+    light, half = (float(cell) for cell in found.cells(row)[1:3])
+    assert light == pytest.approx(2.0 * half, rel=0.02)
+    assert not any("differ in size" in note for note in comparison_of(sides).tables()[0].notes)
+
+
+def test_costs_are_those_of_validate_and_more_margin_is_better(sides):
+    costs = [row for row in comparison_of(sides).rows if row.group == COST]
+    assert [row.name for row in costs] == list(COSTS)
+    margin = Row(COST, "margin_knee", "knee", "rad", (0.2, 0.5), 0.02)
+    assert margin.better == 1
 
 
 def test_two_equal_plans_agree(ampm):
@@ -122,6 +179,9 @@ def test_a_study_takes_the_place_of_the_share_and_rounding_never_counts(sides):
     studied = replace(side, study=Uncertainty("a", 6, {"zmp_x_rmse": 1e-3, "zmp_y_rmse": 0.0}))
     assert studied.change("zmp_x_rmse", "m") == 1e-3
     assert studied.change("zmp_y_rmse", "m") == pytest.approx(1e-6 * side.value("zmp_y_rmse"))
+    more = {"zmp_x_rmse": 1.15 * side.value("zmp_x_rmse"), "zmp_x_maximum": 1.35 * largest}
+    rows = {row.name: row.better for row in comparison_of([side, changed(side, more)]).rows}
+    assert (rows["zmp_x_rmse"], rows["zmp_x_maximum"]) == (0, None)
     equal = comparison_of([changed(side, {"failed_qp": 0.0, "zmp_x_rmse": v}) for v in (0.0, 1e-14)])
     assert all(row.better is None for row in equal.rows)
 
@@ -147,7 +207,7 @@ def test_refused_and_fallen_walks_are_told_by_the_status(sides, ampm, monkeypatc
 
 
 def test_a_page_escapes_names(sides):
-    page = render(comparison_of([replace(sides[0], label="<script>"), sides[1]]))
+    page = render(comparison_of([replace(sides[0], label="<script>"), sides[1]]), Path())
     assert "<script>" not in page
 
 
@@ -206,5 +266,21 @@ def test_own_metrics_and_disturbances_of_saved_runs_are_compared(own, folders, t
 )
 def test_parts_that_are_none_are_refused(own, option, why, ampm):
     answer = ampm("validate", "normal", option)
+    assert answer.status == 2
+    assert why in answer.err
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ("sweep absent.toml --metric own_parts:NONE", "cannot be imported"),
+        ("explain normal --push nope", "must be SEGMENT,FX,FY,FZ,AT,DURATION"),
+        ("explain normal --disturbance builtins:dict", "has no method apply"),
+        ("robustness normal --planner nope", "gait.planner 'nope'"),
+        ("convergence normal --controller nope", "controller.name 'nope'"),
+    ],
+)
+def test_studies_take_the_options_of_a_walk(own, words, why, ampm):
+    answer = ampm(*words.split())
     assert answer.status == 2
     assert why in answer.err

@@ -1,15 +1,14 @@
-"""QP backends against known answers, against each other, and what they say when there is no answer."""
+"""The QP solver against known answers, and what it says when there is no answer."""
 
 import math
-import sys
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import osqp
 import pytest
 
-from ampm.exceptions import InputError
-from ampm.qp import BACKENDS, OsqpBackend, QPSettings, QPStatus, make_backend
+from ampm.qp import QPProblem, QPSettings, QPSolver, QPStatus
 
 EXACT = QPSettings(tolerance=1e-10, max_iterations=20000)
 N, M, EQUALITIES = 12, 16, 3
@@ -38,16 +37,24 @@ def problem(seed):
     return P, -(P @ x + A.T @ multiplier), A, lower, upper, x
 
 
-def backend(name, settings=EXACT, n=N, m=M):
-    return make_backend(name, np.ones((n, n), dtype=bool), np.ones((m, n), dtype=bool), settings)
+def solver_of(settings=EXACT, n=N, m=M):
+    """A function that solves any problem of this size."""
+    problem = QPProblem(np.zeros((n, n)), np.zeros(n), np.zeros((m, n)), np.zeros(m), np.zeros(m))
+    solver = QPSolver(problem, np.ones((n, n), dtype=bool), np.ones((m, n), dtype=bool), settings)
+    return partial(solved, solver)
 
 
-@pytest.mark.parametrize("name", BACKENDS)
-def test_known_solutions(name):
-    solver = backend(name)
+def solved(solver, *problem):
+    for array, values in zip(solver.problem, problem, strict=True):
+        array[...] = values
+    return solver.solve()
+
+
+def test_known_solutions():
+    solver = solver_of()
     for seed in range(20):
         P, q, A, lower, upper, x = problem(seed)
-        solution = solver.solve(P, q, A, lower, upper)
+        solution = solver(P, q, A, lower, upper)
         assert solution.status == QPStatus.SOLVED
         assert solution.solved
         np.testing.assert_allclose(solution.x, x, atol=1e-6)
@@ -83,39 +90,37 @@ def without_end(seed):
 @pytest.mark.parametrize("broken", [without_point, without_end])
 @pytest.mark.parametrize("tolerance", [3e-4, 1e-9])
 def test_problems_without_a_solution_are_infeasible(broken, tolerance):
-    solver = backend("osqp", QPSettings(tolerance, max_iterations=20_000, adaptive_rho=False))
+    solver = solver_of(QPSettings(tolerance, max_iterations=20_000, adaptive_rho=False))
     for seed in range(20):
-        assert solver.solve(*broken(seed)).status == QPStatus.INFEASIBLE
+        assert solver(*broken(seed)).status == QPStatus.INFEASIBLE
 
 
-@pytest.mark.parametrize("name", BACKENDS)
-def test_infeasible_problems_are_named_and_leave_no_trace(name):
-    solver = backend(name, n=2, m=2)
+def test_infeasible_problems_are_named_and_leave_no_trace():
+    solver = solver_of(n=2, m=2)
     P, q, A = np.eye(2), np.zeros(2), np.array([[1.0, 0.0], [1.0, 0.0]])
     low, high = np.array([1.0, -1.0]), np.array([2.0, 0.5])
-    assert solver.solve(P, q, A, low, high).status == QPStatus.INFEASIBLE
-    good = solver.solve(P, q, A, low, np.array([2.0, 3.0]))
+    assert solver(P, q, A, low, high).status == QPStatus.INFEASIBLE
+    good = solver(P, q, A, low, np.array([2.0, 3.0]))
     assert good.solved
     np.testing.assert_allclose(good.x, [1.0, 0.0], atol=1e-8)
 
 
-@pytest.mark.parametrize("name", BACKENDS)
 @pytest.mark.parametrize("used", [False, True], ids=["fresh", "used"])
-def test_contradicting_bounds_are_infeasible(name, used):
+def test_contradicting_bounds_are_infeasible(used):
     """OSQP's own update would keep the last bounds and call the last problem's answer solved."""
-    solver = backend(name, n=2, m=2)
+    solver = solver_of(n=2, m=2)
     P, q, A = np.eye(2), np.zeros(2), np.eye(2)
     if used:
-        assert solver.solve(P, q, A, np.ones(2), np.ones(2)).solved
-    solution = solver.solve(P, q, A, np.array([2.0, 0.0]), np.array([1.0, 1.0]))
+        assert solver(P, q, A, np.ones(2), np.ones(2)).solved
+    solution = solver(P, q, A, np.array([2.0, 0.0]), np.array([1.0, 1.0]))
     assert solution.status == QPStatus.INFEASIBLE
     assert solution.residual > 0.0
-    assert solver.solve(P, q, A, np.ones(2), np.ones(2)).solved
+    assert solver(P, q, A, np.ones(2), np.ones(2)).solved
 
 
 def test_running_out_of_iterations_gives_the_last_iterate():
-    solver = backend("osqp", QPSettings(tolerance=1e-12, max_iterations=10))
-    solution = solver.solve(*problem(3)[:5])
+    solver = solver_of(QPSettings(tolerance=1e-12, max_iterations=10))
+    solution = solver(*problem(3)[:5])
     assert solution.status == QPStatus.UNSOLVED
     assert not solution.solved
     assert np.isfinite(solution.x).all()
@@ -124,21 +129,21 @@ def test_running_out_of_iterations_gives_the_last_iterate():
 
 @pytest.mark.parametrize("used", [False, True], ids=["fresh", "used"])
 def test_a_nan_is_not_a_solution(used):
-    solver = backend("osqp")
+    solver = solver_of()
     P, q, A, lower, upper, x = problem(4)
     if used:
-        solver.solve(P, q, A, lower, upper)
-    solution = solver.solve(P, q * np.nan, A, lower, upper)
+        solver(P, q, A, lower, upper)
+    solution = solver(P, q * np.nan, A, lower, upper)
     assert solution.status == QPStatus.UNSOLVED
     assert solution.residual == math.inf
-    np.testing.assert_allclose(solver.solve(P, q, A, lower, upper).x, x, atol=1e-6)
+    np.testing.assert_allclose(solver(P, q, A, lower, upper).x, x, atol=1e-6)
 
 
 def test_interrupt_during_a_solve_is_raised():
     """OSQP catches the signal and comes back with a status of its own."""
-    solver = OsqpBackend(np.eye(1, dtype=bool), np.eye(1, dtype=bool), EXACT)
+    solver = solver_of(n=1, m=1)
     status = osqp.SolverStatus.OSQP_SIGINT
-    solver._solver = SimpleNamespace(
+    solver.args[0]._solver = SimpleNamespace(
         update_data_vec=lambda **_: None,
         update_data_mat=lambda **_: None,
         solve=lambda: None,
@@ -146,12 +151,5 @@ def test_interrupt_during_a_solve_is_raised():
         info=SimpleNamespace(status_val=status, prim_res=0.0, iter=1),
     )
     with pytest.raises(KeyboardInterrupt):
-        solver.solve(np.eye(1), np.zeros(1), np.eye(1), np.zeros(1), np.ones(1))
-    assert solver.solve(np.eye(1), np.zeros(1), np.eye(1), np.ones(1), np.ones(1)).solved
-
-
-def test_unknown_and_missing_backends(monkeypatch):
-    monkeypatch.setitem(sys.modules, "daqp", None)
-    for name, words in (("simplex", "osqp, daqp"), ("daqp", r"pip install -e \.\[daqp\]")):
-        with pytest.raises(InputError, match=words):
-            backend(name)
+        solver(np.eye(1), np.zeros(1), np.eye(1), np.zeros(1), np.ones(1))
+    assert solver(np.eye(1), np.zeros(1), np.eye(1), np.ones(1), np.ones(1)).solved

@@ -7,8 +7,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ampm.control.workspace import rows_of
 from ampm.planners import periodic_walk
-from ampm.walk import ReferenceTable, Timing
+from ampm.reference import FIELDS
+from ampm.walk import Reference, ReferenceTable, Timing
 from tests.solved import COARSE, motion_of, walk_of
 
 EARLY, LEAD = 0.04, 0.01
@@ -39,21 +41,21 @@ def test_com_and_momentum_are_the_plans_and_yaw_is_the_motions():
     swing = reference.angular_momentum[:, 2] - reference.angular_momentum[0, 2]
     np.testing.assert_allclose(drawn, swing, atol=0.01 * np.ptp(swing))
     for name in ("q", "v", "acceleration"):
-        np.testing.assert_array_equal(getattr(reference.posture, name), getattr(body, name))
+        np.testing.assert_array_equal(getattr(reference, name), getattr(body, name))
 
 
 def test_feet_are_the_plans():
     for foot, sample in enumerate(plan().feet.sample(TIMES)):
-        feet = rows().feet
+        feet = rows()
         for name in ("position", "velocity", "acceleration"):
-            np.testing.assert_array_equal(getattr(feet, name)[:, foot], getattr(sample, name))
+            np.testing.assert_array_equal(getattr(feet, f"foot_{name}")[:, foot], getattr(sample, name))
         toe = np.stack([sample.toe, sample.toe_velocity, sample.toe_acceleration], axis=1)
-        np.testing.assert_array_equal(feet.toe[:, foot], toe)
-        np.testing.assert_array_equal(feet.angular_velocity[:, foot, 1], sample.pitch_velocity)
-        np.testing.assert_array_equal(feet.angular_acceleration[:, foot, 1], sample.pitch_acceleration)
+        np.testing.assert_array_equal(feet.foot_toe[:, foot], toe)
+        np.testing.assert_array_equal(feet.foot_angular_velocity[:, foot, 1], sample.pitch_velocity)
+        np.testing.assert_array_equal(feet.foot_angular_acceleration[:, foot, 1], sample.pitch_acceleration)
         for k in (0, 200, 330):
             turn = pin.exp3(np.array([0.0, sample.pitch[k], 0.0]))
-            np.testing.assert_allclose(feet.rotation[k, foot], turn, rtol=0.0, atol=1e-14)
+            np.testing.assert_allclose(feet.foot_rotation[k, foot], turn, rtol=0.0, atol=1e-14)
 
 
 def test_a_torque_that_goes_on_is_held_only_where_the_plan_jumps():
@@ -82,14 +84,14 @@ def test_a_torque_that_goes_on_is_held_only_where_the_plan_jumps():
 def test_accelerations_of_a_held_torque_are_those_of_its_middle():
     held, middle = rows(hold=0.002), plan().table(TIMES + 0.001)
     np.testing.assert_array_equal(held.com_acceleration, middle.com_acceleration)
-    np.testing.assert_array_equal(held.feet.angular_acceleration, middle.feet.angular_acceleration)
-    np.testing.assert_array_equal(held.posture.acceleration, middle.posture.acceleration)
+    np.testing.assert_array_equal(held.foot_angular_acceleration, middle.foot_angular_acceleration)
+    np.testing.assert_array_equal(held.acceleration, middle.acceleration)
     np.testing.assert_array_equal(held.com, rows().com)
-    np.testing.assert_array_equal(held.posture.q, rows().posture.q)
+    np.testing.assert_array_equal(held.q, rows().q)
 
 
 def test_contacts_widen_by_lead_and_window_but_never_shrink():
-    exact, wide = rows().contacts, rows(lead=LEAD, early=EARLY).contacts
+    exact, wide = rows(), rows(lead=LEAD, early=EARLY)
     np.testing.assert_array_equal(exact.planned, exact.due)
     for wider, by in ((wide.planned, LEAD), (wide.due, EARLY)):
         assert (wider | exact.planned == wider).all()
@@ -99,7 +101,7 @@ def test_contacts_widen_by_lead_and_window_but_never_shrink():
 
 
 def test_time_until_lift_off():
-    contact, until = rows().contacts.planned, rows(lead=LEAD).contacts.until_lift
+    contact, until = rows().planned, rows(lead=LEAD).until_lift
     assert (until > 0.0).all()
     for foot, group in np.ndindex(2, 3):
         planned = contact[:, foot, group]
@@ -109,7 +111,7 @@ def test_time_until_lift_off():
                 expected = min(TIMES[lifts[lifts > k]]) - TIMES[k]
                 assert until[k, foot, group] == pytest.approx(expected, abs=1e-12)
             else:  # after the last tick
-                exact = plan().table(TIMES[k : k + 1]).contacts.until_lift[0, foot, group]
+                exact = plan().table(TIMES[k : k + 1]).until_lift[0, foot, group]
                 found = until[k, foot, group]
                 assert found == exact or exact - 1e-9 <= found < exact + 0.002
 
@@ -122,9 +124,10 @@ def test_a_walk_ends_as_if_it_went_on():
         for steps in (2, 3)
     )
     ticks = np.arange(0.0, shorter.duration, 0.002)
-    ends = [plan.table(ticks, timing).contacts for plan in (shorter, longer)]
-    for short, long in zip(*ends, strict=True):
-        np.testing.assert_array_equal(np.minimum(short, 0.5), np.minimum(long, 0.5))
+    ends = [plan.table(ticks, timing) for plan in (shorter, longer)]
+    for name in ("planned", "due", "until_lift"):
+        short, long = (np.minimum(getattr(end, name), 0.5) for end in ends)
+        np.testing.assert_array_equal(short, long)
     last = ends[0].until_lift[-1, 1]  # the right foot stands behind
     assert np.isfinite(last[1:]).all()
     assert (last[1:] <= 0.004).all()
@@ -135,7 +138,7 @@ def test_one_instant_is_a_row_of_the_table(k):
     timing = Timing(LEAD, EARLY, 0.001)
     table = plan().table(TIMES, timing)
     instant, row = plan().table(TIMES[k : k + 1], timing)[0], table[k]
-    until, by_ticks = instant.contacts.until_lift, row.contacts.until_lift
+    until, by_ticks = instant.until_lift, row.until_lift
     seen = np.isfinite(by_ticks)
     late = by_ticks[seen] - until[seen]
     assert (late >= -1e-9).all()
@@ -149,7 +152,7 @@ def test_a_table_is_a_sequence_and_cannot_be_changed():
     table = plan().table(TIMES)
     assert len(table) == len(TIMES)
     assert table.part(3, 5)[1].time == table[4].time == TIMES[4]
-    for changed in (table.com, table.row, table[4].com, table[4].feet.position):
+    for changed in (table.com, table.row, table[4].com, table[4].foot_position):
         with pytest.raises(ValueError, match="read-only"):
             changed[...] = 0
     moved = table[4].replace(com=np.ones(3))
@@ -157,3 +160,21 @@ def test_a_table_is_a_sequence_and_cannot_be_changed():
     assert (table[4].com != 1.0).any()
     one = plan().table(np.zeros(1))[0]
     assert one.moment[2] == 0.0
+
+
+def test_a_reference_is_made_of_fields_in_their_shapes():
+    row = plan().table(TIMES)[4]
+    fields = {name: getattr(row, name) for name in FIELDS}
+    assert Reference.of(time=0.0, q=row.q, v=row.v).com.tolist() == [0.0, 0.0, 0.0]
+    assert Reference.of(**fields).row == row.row
+    with pytest.raises(ValueError, match=r"com of a reference has shape \(2,\) and must have \(3,\)"):
+        Reference.of(**fields | {"com": np.zeros(2)})
+    with pytest.raises(ValueError, match="no field of name zmp"):
+        Reference.of(**fields, zmp=np.zeros(2))
+
+
+def test_smooth_fields_are_one_run_of_numbers_for_compiled_functions():
+    table = plan().table(TIMES)
+    rows, smooth = rows_of(table.row), [name for name, field in FIELDS.items() if field.smooth]
+    parts = [getattr(table, name).reshape(len(table), -1) for name in smooth]
+    np.testing.assert_array_equal(rows.smooth, np.hstack(parts))

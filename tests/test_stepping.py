@@ -7,12 +7,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ampm.compiled import records
-from ampm.control.workspace import Body
+from ampm.compiled import fields_of, records
+from ampm.control.workspace import PlacedBody, SteppingState
 from ampm.planner import routes
-from ampm.stepping.floor import force_factor
+from ampm.stepping.floor import hold_height
 from ampm.stepping.step_choice import dcm_ahead, quintic_tick, ramp_share, step_change
-from ampm.stepping.stepper import WALKER, Stepper
+from ampm.stepping.stepper import Stepper
 from tests.records import first_difference
 from validation.judge.built_in import rms
 from validation.judge.compare import compare
@@ -71,9 +71,10 @@ def phase():
 def stepper(**fields):
     """A stepper of which only some fields matter."""
     none = np.empty(0)
-    body = Body(none, none, none, none, none, none, none, np.array([0.0, 0.0, 0.87]), 60.0, 9.81)
+    body = PlacedBody(none, none, none, none, none, none, none, np.array([0.0, 0.0, 0.87]), 60.0, 9.81)
     fields = {"body": body, "contact": np.empty(0, dtype=bool), "omega": OMEGA, "tick": 0.002, **fields}
-    return Stepper(**{**dict.fromkeys(Stepper._fields, none), "walker": records(1, WALKER), **fields})
+    state = records(1, fields_of(SteppingState))
+    return Stepper(**{**dict.fromkeys(Stepper._fields, none), "state": state, **fields})
 
 
 @pytest.mark.parametrize("begin", [0, 123, 390])
@@ -220,9 +221,10 @@ def test_a_softer_floor_and_other_masses_are_survived(disturbance, zmp_x):
 
 def test_a_com_that_sinks_for_lack_of_force_is_brought_back_to_its_height():
     it, speed, below = stepper(), 0.0, []
-    it.walker["load"], com = 1.0, it.body.com
+    it.state["force_factor"], com = 1.0, it.body.com
     for _ in range(4000):  # 3 % too little force, beside the controller's own spring and damper
-        force = force_factor(it, 0.87) - 1.03
+        hold_height(it, 0.87)
+        force = it.state["force_factor"][0] - 1.03
         speed += it.tick * (9.81 * force - 60.0 * (com[2] - 0.87) - 15.0 * speed)
         com[2] += it.tick * speed
         below.append(0.87 - com[2])

@@ -51,12 +51,13 @@ def test_the_example_in_the_docs_is_a_sweep():
 def test_fixed_values_and_steps_are_in_every_run():
     sweep = parse_sweep(
         '[sweep]\ngait = "momentum"\nsteps = 4\n[set]\nbody.height = 1.8\n"contact.friction" = 1\n'
-        f'solver.qp = "daqp"\ngait.a_s = inf\n{GRID}gait.c_y = [0.4, 1]\nsolver.max_iterations = [500, 900]'
+        'simulation.integrator = "implicitfast"\ngait.a_s = inf\n'
+        f"{GRID}gait.c_y = [0.4, 1]\nsolver.max_iterations = [500, 900]"
     )
     assert len(sweep) == 4
     run = sweep.parameters(2)
     assert (run.gait.c_s, run.gait.c_y, run.gait.steps, run.gait.a_s) == (1.2, 1.0, 4, math.inf)
-    assert (run.body.height, run.contact.friction, run.solver.qp) == (1.8, 1.0, "daqp")
+    assert (run.body.height, run.contact.friction, run.simulation.integrator) == (1.8, 1.0, "implicitfast")
     assert run.solver.max_iterations == 500
 
 
@@ -103,14 +104,15 @@ def test_ranges_of_a_grid():
     columns = values(
         GRID + "gait.c_s = { from = 0.8, to = 1.4, count = 7 }\n"
         'controller.com_stiffness = { from = 1, to = 1000, count = 4, scale = "log" }\n'
-        'solver.max_iterations = { from = 10, to = 13, count = 3 }\nsolver.qp = ["osqp", "daqp"]'
+        "solver.max_iterations = { from = 10, to = 13, count = 3 }\n"
+        'simulation.integrator = ["Euler", "implicitfast"]'
     )
     # Exactly 1, where the moment about the COM is exactly zero.
     assert np.unique(columns["gait.c_s"]).tolist() == [0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4]
     np.testing.assert_allclose(np.unique(columns["controller.com_stiffness"]), [1, 10, 100, 1000], rtol=1e-12)
     assert np.unique(columns["solver.max_iterations"]).tolist() == [10, 12, 13]
     assert columns["solver.max_iterations"].dtype == np.int64
-    assert set(columns["solver.qp"]) == {"osqp", "daqp"}
+    assert set(columns["simulation.integrator"]) == {"Euler", "implicitfast"}
 
 
 @pytest.mark.parametrize("method", ["sobol", "latin_hypercube"])

@@ -176,10 +176,9 @@ class FollowPlan(control.Task):
     def initialize_episode(self, physics: WalkPhysics) -> None:
         """Place the body on the plan at a random instant."""
         self.tick = int(self.random.integers(self._starts))
-        posture = self.reference.posture
-        q = posture.q.copy()
+        q = self.reference.q.copy()
         q[2] -= self.run.simulation.start_depth  # the soles carry weight from the first instant
-        physics.data.qpos[:], physics.data.qvel[:] = to_mujoco(q, posture.v)
+        physics.data.qpos[:], physics.data.qvel[:] = to_mujoco(q, self.reference.v)
         physics.force[:] = 0.0
 
     def before_step(self, action: Array, physics: WalkPhysics) -> None:
@@ -215,7 +214,7 @@ class FollowPlan(control.Task):
         reference, description = self.reference, self.robot.description
         trunk = physics.axes(description.trunk_segment)[:, 2]
         soles = np.array([physics.data.ptr.site(leg.sole_frame).xpos for leg in description.legs])
-        planned = reference.com, reference.posture.trunk[:, 2], reference.feet.position
+        planned = reference.com, reference.trunk[:, 2], reference.foot_position
         if Stance(physics.sensor("com"), trunk, soles, *planned).fallen(description.scale):
             return 0.0
         return 1.0 if self.tick == len(self.references) - 1 else None

@@ -117,6 +117,9 @@ def assert_baseline(request: pytest.FixtureRequest) -> Callable[..., None]:
 
     def check(*trials: Trial) -> None:
         __tracebackhide__ = True
+        # Imported here: loads pydantic.
+        from validation.store.summary import Baseline, read_json
+
         wrong = []
         for number, trial in enumerate(trials or _walks_of(request)):
             path = _baseline_path(request, number)
@@ -125,7 +128,7 @@ def assert_baseline(request: pytest.FixtureRequest) -> Callable[..., None]:
                 path.write_text(json.dumps(_baseline(trial), indent=2) + "\n", encoding="utf-8")
             elif not path.is_file():
                 wrong.append(f"{_title(trial)}: there is no baseline {path}; write it with --ampm-update.")
-            elif worse := _worse(json.loads(path.read_text(encoding="utf-8")), trial):
+            elif worse := _worse(read_json(path, Baseline, "write it again with --ampm-update"), trial):
                 title = f"{_title(trial)}: worse than {path}; if that is meant, --ampm-update."
                 wrong += [title, *(f"    {line}" for line in worse)]
         if wrong:

@@ -9,6 +9,9 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table as TerminalTable
 from rich.text import Text
 
+from ampm.brief import Brief
+from validation.output import results
+
 COLORS = {"pass": "green", "better": "green", "fail": "red", "worse": "red", "undecided": "yellow"}
 """Colour of a cell on a terminal and on a page, by its whole text in lower case."""
 ABSENT = "–"
@@ -128,7 +131,7 @@ class Table:
         return f'<div class="{kind}"><i style="width:{min(max(percent, 0.0), 100.0):.0f}%"></i></div>'
 
 
-class Tabled:
+class Tabled(Brief):
     """Base of results that have tables: a notebook shows them."""
 
     @property
@@ -176,7 +179,7 @@ def short_unit(unit: str) -> str:
 
 def print_tables(tables: Iterable[Table]) -> None:
     """Print tables on stdout; in a file or a pipe they are wide enough not to break lines."""
-    console = Console(highlight=False)
+    console = Console(file=results(), highlight=False)
     if not console.is_terminal:
         console.width = max(console.width, _FILE_WIDTH)
     for table in tables:

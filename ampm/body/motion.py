@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Extreme:
-    """A smallest or largest value.
+    """A smallest or largest value, and where and when it occurred.
 
     Attributes:
-        value: in the unit of the quantity.
-        time: when, within the step [s].
-        where: side, joint, or both parts of the body.
+        value: in the unit of the quantity; NaN if nothing was measured.
+        time: when, in the step or the walk [s]; None if nothing was measured.
+        where: side, joint, foot, or both parts of the body; empty if there is none to name.
     """
 
     value: float
-    time: float
-    where: str
+    time: float | None = None
+    where: str = ""
 
 
 @dataclass(frozen=True)

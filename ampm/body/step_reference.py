@@ -23,7 +23,7 @@ class StepReference(NamedTuple):
         rotation: of the soles to world, shape (n+1, F, 3, 3).
         toe: angles of the toe joints, shape (n+1, 2) [rad].
         velocity: of the tasks in the order of their rows, shape (n+1, R).
-        acceleration: likewise, shape (n+1, R).
+        acceleration: of the same rows, shape (n+1, R).
     """
 
     time: Array

@@ -10,7 +10,7 @@ unless they alone hold the body.
 from typing import Any
 
 from ampm.compiled import compiled
-from ampm.control.workspace import BALL, TIP, Contact, Wanted
+from ampm.control.workspace import BALL, TIP, Contact
 
 OFF = 2
 """Ticks without touch after which a tip is off the floor."""
@@ -18,7 +18,7 @@ OFF = 2
 
 @compiled
 def update_gate(
-    wanted: Wanted, gains: Any, first: bool, close_lifted_tips: bool, points: Any, lines: Any
+    wanted: Any, gains: Any, first: bool, close_lifted_tips: bool, points: Any, lines: Any
 ) -> bool:
     """Advance the lines by one tick, and give the points their openings.
 

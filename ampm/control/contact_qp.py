@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.control.forces import NORMAL_COST, TWIST_ARM
-from ampm.control.workspace import ANGULAR, TIP, Contact, Problem, Tasks
+from ampm.control.workspace import ANGULAR, TIP, Contact, Tasks
 from ampm.linear import add_combination, add_gram, substitute, triangular
-from ampm.qp import QPBackend, QPSettings, QPSolution, make_backend
+from ampm.qp import QPProblem, QPSettings, QPSolution, QPSolver
 from ampm.vectors import Array
 
 TANGENT_COST = 0.6
@@ -97,7 +97,7 @@ def fill_qp(
     system: Array,
     right_load: float,
     friction: float,
-    problem: Problem,
+    problem: QPProblem,
 ) -> None:
     """Fill in what changes from tick to tick.
 
@@ -137,16 +137,15 @@ def fill_qp(
 
 
 class ContactQP:
-    """The QP in the contact forces: its matrices, and a backend.
+    """The QP in the contact forces: its matrices, and its solver.
 
     Args:
-        backend: name of the solver.
         settings: of the solver.
         friction: coefficient that the forces may use [1].
         lines: of every point, by foot, shape (F, k).
     """
 
-    def __init__(self, backend: str, settings: QPSettings, friction: float, lines: NDArray[np.int64]) -> None:
+    def __init__(self, settings: QPSettings, friction: float, lines: NDArray[np.int64]) -> None:
         feet, per_foot = lines.shape
         unknowns = per_foot + 3
         self.forces = feet * unknowns
@@ -157,7 +156,7 @@ class ContactQP:
         base[self.normals] = np.where(lines.ravel() == TIP, TIP_COST, NORMAL_COST)
         base[self._tangents] = TANGENT_COST
         P, A = np.diag(base), np.zeros((rows, size))
-        self.problem = Problem(P, np.zeros(size), A, np.full(rows, -np.inf), np.zeros(rows))
+        self.problem = QPProblem(P, np.zeros(size), A, np.full(rows, -np.inf), np.zeros(rows))
         self._right = slice(unknowns, unknowns + per_foot)
         P[self._right, self._right] += LOAD_COST
         A[np.arange(6), self.forces + np.arange(6)] = -MOMENTUM_SLACK
@@ -167,7 +166,7 @@ class ContactQP:
             A[cone, by_foot[foot, per_foot:]] = _CONE
         A[rows - lines.size + np.arange(lines.size), self.normals] = 1.0
         self.problem.lower[-lines.size :] = 0.0
-        self.backend: QPBackend = make_backend(backend, self.P_mask(), self.A_mask(), settings)
+        self.solver = QPSolver(self.problem, self.P_mask(), self.A_mask(), settings)
 
     def P_mask(self) -> NDArray[np.bool_]:
         """Where the cost matrix may ever be other than zero."""
@@ -186,4 +185,4 @@ class ContactQP:
 
     def solve(self) -> QPSolution:
         """Solve what :func:`fill_qp` filled in: first the forces, then six slacks."""
-        return self.backend.solve(*self.problem)
+        return self.solver.solve()

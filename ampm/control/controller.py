@@ -22,7 +22,7 @@ from ampm.control.workspace import make_workspace
 from ampm.parameters import RunParameters
 from ampm.qp import QPSettings, QPSolution, QPStatus
 from ampm.reference import reference_type
-from ampm.stepping.follower import Follower, SteppedTick
+from ampm.stepping.tracker import SteppedTick, StepTracker
 from ampm.vectors import Array
 from ampm.walk import (
     LIMITED,
@@ -56,10 +56,10 @@ class TrackingController:
         self.robot, gains, solver = robot, run.controller, run.solver
         settings = QPSettings(tolerance=solver.tolerance, max_iterations=solver.max_iterations)
         lines = robot.point_group.reshape(len(robot.sole_frames), -1)
-        self.contact_qp = ContactQP(solver.qp, settings, gains.friction, lines)
+        self.contact_qp = ContactQP(settings, gains.friction, lines)
         weights = robot.by_group(POSTURE_WEIGHTS)
         self._row = np.zeros(1, reference_type(robot.nq, robot.nv))
-        self.workspace = c = make_workspace(robot, gains, weights, self._row, self.contact_qp.problem)
+        self.workspace = work = make_workspace(robot, gains, weights, self._row, self.contact_qp.problem)
         limit_settings = QPSettings(  # a problem of mixed scales, solved in few ticks: it is equilibrated
             tolerance=2.0 * solver.tolerance,
             max_iterations=4 * solver.max_iterations,
@@ -67,11 +67,11 @@ class TrackingController:
             alpha=1.6,
             scaling=10,
         )
-        self.limited = LimitedQP(solver.qp, limit_settings, weights, len(c.tasks.scale), self.contact_qp)
+        self.limited = LimitedQP(limit_settings, weights, len(work.tasks.scale), self.contact_qp)
         self._first, self._steps = True, gains.stabilizer == "stepping"
-        self._follower: Follower | None = None
+        self._tracker: StepTracker | None = None
         self._stepper: Any = None  # reference to that of the present phase
-        self._reference = refer(c)
+        self._reference = refer(work)
         self._before: Any = None
         self._after = bound(after, (self._reference,), True, True)
         self._torques = bound(torques, (self._reference,))
@@ -85,7 +85,7 @@ class TrackingController:
     @property
     def stepped(self) -> SteppedTick | None:
         """State of the stabiliser that steps before the last tick; None on the plan, and without it."""
-        return None if self._follower is None else self._follower.stepped
+        return None if self._tracker is None else self._tracker.stepped
 
     def follow(self, plan: WalkPlan, timing: Timing) -> None:
         """Prepare for the references of a plan; a stabiliser that steps needs the plan.
@@ -95,8 +95,8 @@ class TrackingController:
             timing: with which its references are made.
         """
         if self._steps:
-            self._follower = Follower(plan, timing, self.robot, self.workspace)
-            self._stepper = self._follower.handle
+            self._tracker = StepTracker(plan, timing, self.robot, self.workspace)
+            self._stepper = self._tracker.handle
         self._compile()
 
     def _compile(self) -> None:
@@ -117,40 +117,40 @@ class TrackingController:
         Raises:
             ValueError: an array has another shape.
         """
-        c, first = self.workspace, self._first
-        if self._follower is not None:
-            self._stepper = self._follower.begin(state.time, reference)
+        work, first = self.workspace, self._first
+        if self._tracker is not None:
+            self._stepper = self._tracker.begin(state.time, reference)
         self._row[0] = reference.row
-        sensed = c.sensed
+        sensed = work.sensed
         sensed.q[:], sensed.v[:] = state.q, state.v
         sensed.normal_force[:], sensed.contact[:] = touch.normal_force, touch.contact
         if first:
-            c.motion.last_acceleration[:] = c.wanted.acceleration
+            work.motion.last_acceleration[:] = work.wanted.acceleration
         if self._before is None:
             self._compile()
         if self._before(self._stepper, state.velocity_lag, touch.age, first):
             solution, status = self.contact_qp.solve(), SOLVED
             if solution.solved:
-                c.contact.solution[:] = solution.x[: self.contact_qp.forces]
+                work.contact.solution[:] = solution.x[: self.contact_qp.forces]
             else:
-                c.contact.solution[:], status = self._last_iterate(solution), UNSOLVED
-            if not self._after(c.wanted.jumps[0], first):
+                work.contact.solution[:], status = self._last_iterate(solution), UNSOLVED
+            if not self._after(work.wanted.jumps[0], first):
                 solution, status = self._solve_limited(solution, status)
         else:
             solution, status = self._repeat_command(), UNSOLVED
         self._first = False
         return ControlOutput(
-            c.joints.torque,
-            c.command.force,
-            c.command.zmp,
-            c.command.angular_momentum,
-            c.contact.point_force,
+            work.joints.torque,
+            work.command.force,
+            work.command.zmp,
+            work.command.angular_momentum,
+            work.contact.point_force,
             status,
             solution.residual,
             solution.iterations,
             solution.seconds,
-            c.joints.rate if c.extrapolates else None,
-            self._followed() if self._follower is not None else None,
+            work.joints.rate if work.extrapolates else None,
+            self._followed() if self._tracker is not None else None,
         )
 
     def _followed(self) -> Reference | None:
@@ -166,21 +166,21 @@ class TrackingController:
         """
         if solution.status != QPStatus.INFEASIBLE and np.isfinite(solution.x).all():
             return solution.x[: self.contact_qp.forces]
-        c = self.workspace
-        return without_closed(len(c.body.feet), c.body.points, c.contact.forces)
+        work = self.workspace
+        return without_closed(len(work.body.feet), work.body.points, work.contact.forces)
 
     def _repeat_command(self) -> QPSolution:
         """Command of a tick without a QP: torques of the accelerations and forces of the last tick."""
-        c = self.workspace
-        feet, points = len(c.body.feet), c.body.points
-        share_forces(feet, points, c.contact.forces, False)
-        c.motion.acceleration[:] = c.motion.last_acceleration
-        c.contact.solution[:] = without_closed(feet, points, c.contact.forces)
+        work = self.workspace
+        feet, points = len(work.body.feet), work.body.points
+        share_forces(feet, points, work.contact.forces, False)
+        work.motion.acceleration[:] = work.motion.last_acceleration
+        work.contact.solution[:] = without_closed(feet, points, work.contact.forces)
         self._torques()
-        if not np.isfinite(c.joints.torque).all():
-            c.joints.torque[:] = 0.0
-        self._keep(c.wanted.jumps[0], self._first)
-        return QPSolution(c.contact.solution, QPStatus.UNSOLVED, math.inf, 0, 0.0)
+        if not np.isfinite(work.joints.torque).all():
+            work.joints.torque[:] = 0.0
+        self._keep(work.wanted.jumps[0], self._first)
+        return QPSolution(work.contact.solution, QPStatus.UNSOLVED, math.inf, 0, 0.0)
 
     def _solve_limited(self, solution: QPSolution, status: int) -> tuple[QPSolution, int]:
         """The whole problem again, with the limits of torque and joint range as constraints.
@@ -192,20 +192,20 @@ class TrackingController:
         Returns:
             Answer, with the summed cost of both solves; status of the tick.
         """
-        c, robot, forces = self.workspace, self.robot, self.contact_qp.forces
+        work, robot, forces = self.workspace, self.robot, self.contact_qp.forces
         torque_map, bias = self._torque_map()
-        low, high = acceleration_bounds(robot, c.sensed.q, c.sensed.v)
-        softness = c.tasks.softness.copy()
-        for foot in c.body.feet:
+        low, high = acceleration_bounds(robot, work.sensed.q, work.sensed.v)
+        softness = work.tasks.softness.copy()
+        for foot in work.body.feet:
             row, toe = foot["toe_row"], foot["toe"] - 6
-            if row >= 0 and not low[toe] <= c.tasks.rhs[row] <= high[toe]:
+            if row >= 0 and not low[toe] <= work.tasks.rhs[row] <= high[toe]:
                 softness[row] = _END_SOFTNESS  # an exact row would contradict the limit
-        limited = self.limited.solve(c, softness, torque_map, bias, robot)
+        limited = self.limited.solve(work, softness, torque_map, bias, robot)
         if limited.solved:
-            c.motion.acceleration[:] = robot.gravity * limited.x[: robot.nv]
-            c.contact.solution[:] = limited.x[robot.nv : robot.nv + forces]
+            work.motion.acceleration[:] = robot.gravity * limited.x[: robot.nv]
+            work.contact.solution[:] = limited.x[robot.nv : robot.nv + forces]
             self._torques()
-        self._keep(c.wanted.jumps[0], self._first)
+        self._keep(work.wanted.jumps[0], self._first)
         both = QPSolution(
             limited.x,
             limited.status,
@@ -217,15 +217,20 @@ class TrackingController:
 
     def _torque_map(self) -> tuple[Array, Array]:
         """Torques as ``map @ (acceleration / g, forces) + bias``, shapes (nu, nv + U) and (nu,) [N m]."""
-        c, nv, gravity = self.workspace, self.robot.nv, self.robot.gravity
-        written = c.motion.acceleration, c.contact.solution, c.contact.point_force, c.joints.torque
+        work, nv, gravity = self.workspace, self.robot.nv, self.robot.gravity
+        written = (
+            work.motion.acceleration,
+            work.contact.solution,
+            work.contact.point_force,
+            work.joints.torque,
+        )
         kept = [array.copy() for array in written]
         units = np.eye(nv + self.contact_qp.forces + 1)  # with the last one, all unknowns are zero
         columns = np.empty((len(units), self.robot.nu))
         for unit, column in zip(units, columns, strict=True):
-            c.motion.acceleration[:], c.contact.solution[:] = gravity * unit[:nv], unit[nv:-1]
+            work.motion.acceleration[:], work.contact.solution[:] = gravity * unit[:nv], unit[nv:-1]
             self._torques()
-            column[:] = c.joints.torque
+            column[:] = work.joints.torque
         for array, values in zip(written, kept, strict=True):
             array[:] = values
         return (columns[:-1] - columns[-1]).T, columns[-1]

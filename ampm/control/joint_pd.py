@@ -36,21 +36,20 @@ class JointPD:
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One tick."""
-        planned, limit = reference.posture, self.robot.torque_limit
+        limit = self.robot.torque_limit
         stiffness = self.swinging.copy()
-        for leg, contact in zip(self.legs, reference.contacts.planned, strict=True):
+        for leg, contact in zip(self.legs, reference.planned, strict=True):
             if contact.any():
                 stiffness[leg] = self.standing[leg]
-        error = planned.q[7:] - state.q[7:] + self.damping_time * (planned.v[6:] - state.v[6:])
+        error = reference.q[7:] - state.q[7:] + self.damping_time * (reference.v[6:] - state.v[6:])
         torque = self._feed_forward(reference) + stiffness * error
         return ControlOutput(np.clip(torque, -limit, limit))
 
     def _feed_forward(self, reference: Reference) -> np.ndarray:
         """Inverse dynamics of the plan, its ground force shared between the soles."""
         robot, model, data = self.robot, self.robot.model, self.data
-        q, v, a = reference.posture.q, reference.posture.v, reference.posture.acceleration
-        torque = pin.rnea(model, data, q, v, a)
-        pin.computeJointJacobians(model, data, q)
+        torque = pin.rnea(model, data, reference.q, reference.v, reference.acceleration)
+        pin.computeJointJacobians(model, data, reference.q)
         ground = robot.mass * (reference.com_acceleration + np.array([0.0, 0.0, robot.gravity]))
         shares = (1.0 - reference.right_load, reference.right_load)
         for share, frame in zip(shares, robot.sole_frames, strict=True):

@@ -10,8 +10,8 @@ import numpy as np
 from ampm.body.robot import Robot
 from ampm.compiled import compiled
 from ampm.control.contact_qp import ContactQP
-from ampm.control.workspace import Joints, Problem, Workspace
-from ampm.qp import QPSettings, QPSolution, make_backend
+from ampm.control.workspace import Joints, Workspace
+from ampm.qp import QPProblem, QPSettings, QPSolution, QPSolver
 from ampm.vectors import Array
 
 _BRAKE = 500.0  # deceleration with which a joint may run towards its limit [rad/s^2]
@@ -23,7 +23,6 @@ class LimitedQP:
     """The whole problem, torque and joint limits as constraints: accelerations, forces, slacks.
 
     Args:
-        backend: name of the solver.
         settings: of the solver.
         weights: posture weights, shape (nv,).
         rows: of the tasks.
@@ -34,9 +33,7 @@ class LimitedQP:
     """Weights of the deviations from posture, feet and toes; that of the momentum is one, so it has priority
     here, too."""
 
-    def __init__(
-        self, backend: str, settings: QPSettings, weights: Array, rows: int, contact_qp: ContactQP
-    ) -> None:
+    def __init__(self, settings: QPSettings, weights: Array, rows: int, contact_qp: ContactQP) -> None:
         nv, nu, soft = len(weights), len(weights) - 6, rows - 6
         force_rows, force_unknowns = contact_qp.problem.A.shape
         n, task_rows = nv + force_unknowns + soft, 6 + force_rows
@@ -49,7 +46,7 @@ class LimitedQP:
         self._momentum, self._force_rows = slice(6), slice(6, task_rows)
         self._tasks = slice(task_rows, task_rows + soft)
         self._torques, self._joints = slice(m - 2 * nu, m - nu), slice(m - nu, m)
-        self.problem = Problem(np.zeros((n, n)), np.zeros(n), np.zeros((m, n)), np.zeros(m), np.zeros(m))
+        self.problem = QPProblem(np.zeros((n, n)), np.zeros(n), np.zeros((m, n)), np.zeros(m), np.zeros(m))
         P, A = self.problem.P, self.problem.A
         P[self._accelerations, self._accelerations] = np.diag(self._weights)
         P[self._slacks, self._slacks] = self.TASK_COST * np.eye(soft)
@@ -61,15 +58,15 @@ class LimitedQP:
         A_mask[self._force_rows, self._force_unknowns] = contact_qp.A_mask()
         A_mask[self._tasks, self._slacks] = np.eye(soft, dtype=bool)
         A_mask[self._torques, self._accelerations] = A_mask[self._torques, self._forces] = True
-        self._backend = make_backend(backend, P_mask, A_mask, settings)
+        self._solver = QPSolver(self.problem, P_mask, A_mask, settings)
 
     def solve(
-        self, c: Workspace, softness: Array, torque_map: Array, bias: Array, robot: Robot
+        self, work: Workspace, softness: Array, torque_map: Array, bias: Array, robot: Robot
     ) -> QPSolution:
         """Solve with the contact QP's forces, costs and wanted momentum of this tick.
 
         Args:
-            c: of a tick whose contact QP is stated.
+            work: of a tick whose contact QP is stated.
             softness: of the task rows, shape (R,).
             torque_map: torques per unit of (acceleration / g, forces), shape (nu, nv + U) [N m].
             bias: torques at zero, shape (nu,) [N m].
@@ -78,23 +75,27 @@ class LimitedQP:
         Returns:
             Unknowns: accelerations [g], forces and their slacks, slacks of the soft tasks.
         """
-        forces, limit, rows = self._contact_qp.problem, c.joints.torque_limit, c.tasks.scaled.T
+        forces, limit, rows = (
+            self._contact_qp.problem,
+            work.joints.torque_limit,
+            work.tasks.scaled.T,
+        )
         P, q, A, lower, upper = self.problem
         P[self._force_unknowns, self._force_unknowns] = forces.P
-        q[self._accelerations] = -self._weights * (c.motion.posture / c.motion.root_weight)
+        q[self._accelerations] = -self._weights * (work.motion.posture / work.motion.root_weight)
         q[self._force_unknowns] = forces.q
-        A[self._momentum, self._accelerations] = rows[:6] * c.motion.root_weight
-        A[self._momentum, self._forces] = -c.contact.wrench_map
+        A[self._momentum, self._accelerations] = rows[:6] * work.motion.root_weight
+        A[self._momentum, self._forces] = -work.contact.wrench_map
         A[self._force_rows, self._force_unknowns] = forces.A
-        A[self._tasks, self._accelerations] = rows[6:] * c.motion.root_weight
+        A[self._tasks, self._accelerations] = rows[6:] * work.motion.root_weight
         np.fill_diagonal(A[self._tasks, self._slacks], np.sqrt(softness[6:]))
         A[self._torques, : self._forces.stop] = torque_map / limit[:, None]
-        lower[self._momentum] = upper[self._momentum] = c.tasks.rhs[:6]
+        lower[self._momentum] = upper[self._momentum] = work.tasks.rhs[:6]
         lower[self._force_rows], upper[self._force_rows] = forces.lower, forces.upper
-        lower[self._tasks] = upper[self._tasks] = c.tasks.rhs[6:]
+        lower[self._tasks] = upper[self._tasks] = work.tasks.rhs[6:]
         lower[self._torques], upper[self._torques] = -1.0 - bias / limit, 1.0 - bias / limit
-        lower[self._joints], upper[self._joints] = acceleration_bounds(robot, c.sensed.q, c.sensed.v)
-        return self._backend.solve(*self.problem)
+        lower[self._joints], upper[self._joints] = acceleration_bounds(robot, work.sensed.q, work.sensed.v)
+        return self._solver.solve()
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""What the soles can give, shared between COM and trunk."""
+"""How COM and trunk share what the soles can give."""
 
 import math
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ampm.compiled import compiled
-from ampm.control.workspace import Body, Command, Wanted
+from ampm.control.workspace import PlacedBody, SteppingState, Wrench
 from ampm.vectors import Array, clip, put, times, vector
 
 OPEN = 0.2
@@ -15,7 +15,7 @@ TRUNK_SHARE, TRUNK_LEAST = 0.8, 0.08
 """What the trunk may take of the sole first: a share of it [1], at least so much [m]."""
 
 ACROSS = 3.0
-"""Weight of distances across the foot over those along it, where the ZMP is brought into the sole [1]."""
+"""Distances across the foot count this much more than those along it, to bring the ZMP into the sole [1]."""
 
 
 @compiled
@@ -32,12 +32,12 @@ def sole_of(foot: int, points: Any, com: Array, cos: float, sin: float, out: Arr
 
 
 @compiled
-def share_axis(d: float, m: float, low: float, high: float, com_first: bool) -> tuple[float, float]:
+def share_axis(r: float, arm: float, low: float, high: float, com_first: bool) -> tuple[float, float]:
     """Shifts of r and of the moment's arm that the sole allows along one axis.
 
     Args:
-        d: wanted shift of r: feedback of the COM [m].
-        m: wanted shift of ``ZMP - r``: feedback of the angular momentum [m].
+        r: wanted shift of r: feedback of the COM [m].
+        arm: wanted shift of ``ZMP - r``: feedback of the angular momentum [m].
         low: from the planned ZMP to the sole's edge [m].
         high: the same to the other edge [m].
         com_first: whether the COM gets what it wants first; else the trunk, and the COM may even pay for it.
@@ -45,13 +45,13 @@ def share_axis(d: float, m: float, low: float, high: float, com_first: bool) -> 
     Returns:
         Both shifts; those wanted where their sum is within the sole.
     """
-    if low <= d + m <= high and low <= d <= high:
-        return d, m
+    if low <= r + arm <= high and low <= r <= high:
+        return r, arm
     if com_first:
-        d = clip(d, low, high)
-        return d, clip(m, min(low - d, 0.0), max(high - d, 0.0))
-    m = clip(m, min(TRUNK_SHARE * low, -TRUNK_LEAST), max(TRUNK_SHARE * high, TRUNK_LEAST))
-    return clip(d, low - m, high - m), m
+        r = clip(r, low, high)
+        return r, clip(arm, min(low - r, 0.0), max(high - r, 0.0))
+    arm = clip(arm, min(TRUNK_SHARE * low, -TRUNK_LEAST), max(TRUNK_SHARE * high, TRUNK_LEAST))
+    return clip(r, low - arm, high - arm), arm
 
 
 @compiled
@@ -94,7 +94,7 @@ def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
 
 
 @compiled
-def share_sole(body: Body, stepping: Any, wanted: Wanted, command: Command) -> None:
+def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, command: Wrench) -> None:
     """Share what the soles can give between COM and trunk, off the plan or disturbed.
 
     The command is untouched where they give it all. First, the force is multiplied by the factor that holds
@@ -105,22 +105,22 @@ def share_sole(body: Body, stepping: Any, wanted: Wanted, command: Command) -> N
 
     Args:
         body: placed, its points with their limits of this tick.
-        stepping: entry of :data:`~ampm.control.workspace.STEPPING`.
+        state: of the stabiliser that steps.
         wanted: COM and momentum of the plan followed.
         command: of :func:`~ampm.control.stabilizer.command_wrench`, which is changed.
     """
     com, force, moment = body.com, command.force, command.moment
-    if stepping.force_factor != 1.0:
-        put(force, times(stepping.force_factor, vector(force)))
+    if state.force_factor != 1.0:
+        put(force, times(state.force_factor, vector(force)))
     nearly_falling = force[2] < 0.2 * body.mass * body.gravity  # the ZMP means nothing
-    if nearly_falling or not stepping.active:
+    if nearly_falling or not state.active:
         return
-    cos, sin = stepping.heading[0], stepping.heading[1]
+    cos, sin = state.heading[0], state.heading[1]
     places = np.empty((len(body.points), 2))
     sole = places[: open_points(body.points, com, cos, sin, places)]
     if len(sole) == 0:
         return
-    height = com[2] - stepping.floor
+    height = com[2] - state.floor
     down = body.gravity + wanted.com_acceleration[2]
     planned_r, planned_arm, r_shift, arm_shift = np.empty(2), np.empty(2), np.empty(2), np.empty(2)
     planned_arm[0] = -wanted.moment[1] / (body.mass * down)
@@ -128,24 +128,24 @@ def share_sole(body: Body, stepping: Any, wanted: Wanted, command: Command) -> N
     arm_shift[0] = -moment[1] / force[2] - planned_arm[0]
     arm_shift[1] = moment[0] / force[2] - planned_arm[1]
     for axis in range(2):
-        lean = (wanted.com[2] - stepping.floor) / down
+        lean = (wanted.com[2] - state.floor) / down
         planned_r[axis] = wanted.com[axis] - lean * wanted.com_acceleration[axis]
         r_shift[axis] = com[axis] - height * force[axis] / force[2] - planned_r[axis]
     # In the axes of the foot.
     planned = turned_axes(planned_r + planned_arm, cos, sin)
     r_wanted, arm_wanted = turned_axes(r_shift, cos, sin), turned_axes(arm_shift, cos, sin)
     zmp = planned + r_wanted + arm_wanted
-    held = nearest(sole, zmp[0], zmp[1]) if stepping.off_plan else (math.nan, math.nan)
+    held = nearest(sole, zmp[0], zmp[1]) if state.off_plan else (math.nan, math.nan)
     r_change, arm_change = np.zeros(2), np.zeros(2)
     for axis in range(2):
         low, high = sole[:, axis].min() - planned[axis], sole[:, axis].max() - planned[axis]
-        if not stepping.off_plan:
+        if not state.off_plan:
             low, high = min(low, 0.0), max(high, 0.0)
         elif held[axis] > zmp[axis]:
             low = held[axis] - planned[axis]
         elif held[axis] < zmp[axis]:
             high = held[axis] - planned[axis]
-        r_given, arm_given = share_axis(r_wanted[axis], arm_wanted[axis], low, high, stepping.com_first)
+        r_given, arm_given = share_axis(r_wanted[axis], arm_wanted[axis], low, high, state.com_first)
         r_change[axis], arm_change[axis] = r_given - r_wanted[axis], arm_given - arm_wanted[axis]
     if not (r_change.any() or arm_change.any()):
         return

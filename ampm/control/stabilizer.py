@@ -3,7 +3,7 @@
 from typing import Any
 
 from ampm.compiled import compiled
-from ampm.control.workspace import Body, Command, Wanted
+from ampm.control.workspace import PlacedBody, Wrench
 from ampm.vectors import Array, Vector, column, cross, minus, plus, put, times, vector
 
 
@@ -21,7 +21,7 @@ def rotation_error(wanted: Array, actual: Array) -> Vector:
 
 @compiled
 def command_wrench(
-    gains: Any, body: Body, wanted: Wanted, tilt: Vector, rates: Array, command: Command
+    gains: Any, body: PlacedBody, wanted: Any, tilt: Vector, rates: Array, command: Wrench
 ) -> None:
     """Net ground wrench: the plan's, plus feedback of COM, momentum and trunk.
 

@@ -8,43 +8,38 @@ from typing import Any
 
 from ampm.compiled import compiled
 from ampm.control.stabilizer import rotation_error
-from ampm.control.workspace import BALL, HEEL, TIP, Body, Wanted
+from ampm.control.workspace import BALL, HEEL, TIP, Workspace
 from ampm.vectors import ZERO, Array, Vector, cross, minus, plus, put, times, vector
 
 STANCE, SWING = 1e-8, 1e-4
 """Softness of a foot's acceleration task when it stands and when it swings, in the metric of the posture."""
 HURRIED = 1e-3
-"""That of a swinging foot off the plan: where its leg's torque does not suffice, it lags rather than that
-trunk and arms are thrown."""
+"""Softness of a swinging foot off the plan: where its leg is too weak it lags, and the trunk stays."""
 
 
 @compiled
-def sole_task(
-    gains: Any, body: Body, i: int, lines: Any, wanted: Wanted, rates: Array, acceleration: Array
-) -> float:
-    """Acceleration wanted of one sole.
+def sole_task(work: Workspace, i: int) -> None:
+    """Write the wanted acceleration of one sole, linear then angular, and its softness.
+
+    The foot keeps the line that holds it, and that line's speed, for the next tick.
 
     Args:
-        gains: of the controller.
-        body: placed; the foot keeps the line that holds it, and that line's speed, for the next tick.
-        i: which foot.
-        lines: of this foot.
-        wanted: the reference.
-        rates: velocity of the sole, linear then angular, shape (6,).
-        acceleration: written, linear then angular, shape (6,) [m/s^2, rad/s^2].
-
-    Returns:
-        The softness.
+        work: with the body placed, the lines of this tick and the rates of the tasks.
+        i: number of the foot, 0 or 1.
     """
-    foot = body.feet[i]
+    gains, body, wanted, lines = work.gains, work.body, work.wanted, work.contact.lines[i]
+    foot, rows = body.feet[i], slice(6 + 6 * i, 12 + 6 * i)
+    rates, acceleration = work.tasks.rates[rows], work.tasks.wanted[rows]
     off = rotation_error(wanted.foot_rotation[i], foot.pose)
     some = all_planned = lines[HEEL].planned or lines[HEEL].touched
     for group in (BALL, TIP):
         planned = lines[group].planned or lines[group].touched
         some, all_planned = some or planned, all_planned and (planned or (group == TIP and foot.toe < 0))
     if some:
-        _stance(gains, body, i, lines, wanted, all_planned, off, rates, acceleration)
-        return STANCE
+        work.tasks.softness[rows] = STANCE
+        _stance(work, i, all_planned, off, rates, acceleration)
+        return
+    work.tasks.softness[rows] = HURRIED if work.stepping[0].off_plan else SWING
     foot.stood = False
     velocity, turning = vector(rates[0:3]), vector(rates[3:6])
     place = plus(vector(body.com), vector(foot.place))
@@ -55,22 +50,14 @@ def sole_task(
     pull = plus(times(gains.swing_stiffness, off), vector(wanted.foot_angular_acceleration[i]))
     slower = minus(vector(wanted.foot_angular_velocity[i]), turning)
     put(acceleration[3:6], plus(pull, times(gains.swing_damping, slower)))
-    return SWING
 
 
 @compiled
 def _stance(
-    gains: Any,
-    body: Body,
-    i: int,
-    lines: Any,
-    wanted: Wanted,
-    all_planned: bool,
-    off: Vector,
-    rates: Array,
-    acceleration: Array,
+    work: Workspace, i: int, all_planned: bool, off: Vector, rates: Array, acceleration: Array
 ) -> None:
     """Wanted acceleration of a sole in contact; ``off`` is the rotation to the planned one [rad]."""
+    gains, body, wanted, lines = work.gains, work.body, work.wanted, work.contact.lines[i]
     foot, heel, ball = body.feet[i], lines[HEEL], lines[BALL]
     velocity, omega = vector(rates[0:3]), vector(rates[3:6])
     # A foot that has not yet taken its load is pressed down, otherwise it would bounce.
@@ -154,18 +141,11 @@ def toe_task(gains: Any, wanted: Array, angle: float, rate: float) -> float:
 
 
 @compiled
-def posture_task(gains: Any, q: Array, now: Array, wanted: Wanted, acceleration: Array) -> None:
-    """Accelerations that follow the planned posture: all joints, and the root's rotation.
-
-    Args:
-        gains: of the controller.
-        q: shape (nq,).
-        now: velocity, shape (nv,).
-        wanted: configuration, velocity and acceleration of the plan.
-        acceleration: written, shape (nv,) [m/s^2, rad/s^2].
-    """
-    damping, stiffness = gains.posture_damping, gains.posture_stiffness
-    planned_q, planned_v, planned_a = wanted.q, wanted.v, wanted.acceleration
+def posture_task(work: Workspace) -> None:
+    """Write the accelerations that follow the planned posture: all joints, and the root's rotation."""
+    damping, stiffness = work.gains.posture_damping, work.gains.posture_stiffness
+    q, now, acceleration = work.sensed.q, work.motion.now, work.motion.posture
+    planned_q, planned_v, planned_a = work.wanted.q, work.wanted.v, work.wanted.acceleration
     for j in range(len(now)):
         acceleration[j] = planned_a[j] + damping * (planned_v[j] - now[j])
         if j >= 6:

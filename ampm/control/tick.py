@@ -23,9 +23,9 @@ from ampm.control.hold import update_rate
 from ampm.control.limited_qp import limit_broken
 from ampm.control.sole import share_sole
 from ampm.control.stabilizer import command_wrench, rotation_error
-from ampm.control.tasks import HURRIED, SWING, posture_task, sole_task, toe_task
+from ampm.control.tasks import posture_task, sole_task, toe_task
 from ampm.control.trunk import fed_back_tilt
-from ampm.control.workspace import Body, Motion, Sensed, Tasks, Workspace
+from ampm.control.workspace import Motion, PlacedBody, Sensed, Tasks, Workspace
 from ampm.linear import add_combination, add_scaled, scale_matrix
 from ampm.stepping.stepper import Stepper
 from ampm.stepping.walker import follow
@@ -33,11 +33,13 @@ from ampm.vectors import minus, multiply, plus, put, times, vector
 
 
 @compiled
-def before(c: Workspace, stepper: Stepper | None, velocity_lag: float, load_age: float, first: bool) -> bool:
+def before(
+    work: Workspace, stepper: Stepper | None, velocity_lag: float, load_age: float, first: bool
+) -> bool:
     """From what is sensed and wanted to the QP of the contact forces.
 
     Args:
-        c: all that the tick reads and writes.
+        work: all that the tick reads and writes.
         stepper: of a walk that may leave its plan; None for one that may not, and is not compiled then.
         velocity_lag: how much older the measured velocity is than the configuration [s].
         load_age: how old the measured normal forces are [s].
@@ -46,36 +48,36 @@ def before(c: Workspace, stepper: Stepper | None, velocity_lag: float, load_age:
     Returns:
         Whether the QP is stated: the task rows are independent, and all numbers finite.
     """
-    kinematics(c.body, c.motion, c.tasks, c.sensed, velocity_lag)
+    kinematics(work.body, work.motion, work.tasks, work.sensed, velocity_lag)
     if stepper is not None:
-        follow(stepper, c.wanted, c.stepping[0])
-    landing = contacts(c, first)
-    command(c, stepper)
-    tasks(c)
-    scale(c.body, c.motion, c.tasks)
-    if not eliminate_tasks(c.tasks, c.motion.posture):
+        follow(stepper, work.wanted)
+    landing = contacts(work, first)
+    command(work, stepper)
+    tasks(work)
+    scale(work.body, work.motion, work.tasks)
+    if not eliminate_tasks(work.tasks, work.motion.posture):
         return False
-    contact_qp(c, landing, load_age)
+    contact_qp(work, landing, load_age)
     return True
 
 
 @compiled
-def after(c: Workspace, still: bool, first: bool) -> bool:
+def after(work: Workspace, still: bool, first: bool) -> bool:
     """From the contact forces to the torques.
 
     Args:
-        c: all that the tick reads and writes; ``c.contact.solution`` are the forces.
+        work: all that the tick reads and writes; ``work.contact.solution`` are the forces.
         still: whether the torque is held until the next tick, as the plan jumps.
         first: whether this is the first tick of a run.
 
     Returns:
         Whether the torques and joint rates are within their limits; if not, nothing is kept.
     """
-    accelerations(c)
-    torques(c)
-    if limit_broken(c.sensed.q, c.sensed.v, c.motion.acceleration, c.joints):
+    accelerations(work)
+    torques(work)
+    if limit_broken(work.sensed.q, work.sensed.v, work.motion.acceleration, work.joints):
         return False
-    keep(c, still, first)
+    keep(work, still, first)
     return True
 
 
@@ -83,7 +85,7 @@ def after(c: Workspace, still: bool, first: bool) -> bool:
 
 
 @compiled
-def kinematics(body: Body, motion: Motion, tasks: Tasks, sensed: Sensed, velocity_lag: float) -> None:
+def kinematics(body: PlacedBody, motion: Motion, tasks: Tasks, sensed: Sensed, velocity_lag: float) -> None:
     """Places, task Jacobian B' and rates B v, drift and COM of the measured state.
 
     A velocity that is older than the configuration is brought to its instant: ``v + lag a``, with the
@@ -105,55 +107,50 @@ def kinematics(body: Body, motion: Motion, tasks: Tasks, sensed: Sensed, velocit
 
 
 @compiled
-def contacts(c: Workspace, first: bool) -> bool:
+def contacts(work: Workspace, first: bool) -> bool:
     """Which sole points may carry force; whether any of them has just touched down."""
-    points, stepping = c.body.points, c.stepping[0]
+    points, stepping = work.body.points, work.stepping[0]
     for i in range(len(points)):
-        points[i].sensed, points[i].touching = c.sensed.normal_force[i], c.sensed.contact[i]
+        points[i].sensed, points[i].touching = work.sensed.normal_force[i], work.sensed.contact[i]
     close_lifted_tips = stepping.active and not stepping.off_plan
-    return update_gate(c.wanted, c.gains, first, close_lifted_tips, points, c.contact.lines)
+    return update_gate(work.wanted, work.gains, first, close_lifted_tips, points, work.contact.lines)
 
 
 @compiled
-def command(c: Workspace, stepper: Stepper | None) -> None:
+def command(work: Workspace, stepper: Stepper | None) -> None:
     """The net wrench of the ground: the plan's, plus feedback of COM, momentum and trunk."""
-    body, wanted = c.body, c.wanted
+    body, wanted = work.body, work.wanted
     trunk = body.trunk[0]
     pose = np.empty((3, 3))
     multiply(body.link[trunk.joint].turn, trunk.turn, pose)
     error = rotation_error(wanted.trunk, pose)
-    tilt = fed_back_tilt(c.gains, error, wanted.trunk, wanted.tilt_window[0], c.tilt)
-    command_wrench(c.gains, body, wanted, tilt, c.tasks.rates, c.command)
+    tilt = fed_back_tilt(work.gains, error, wanted.trunk, wanted.tilt_window[0], work.tilt)
+    command_wrench(work.gains, body, wanted, tilt, work.tasks.rates, work.command)
     if stepper is not None:
-        share_sole(body, c.stepping[0], wanted, c.command)
+        share_sole(body, work.stepping[0], wanted, work.command)
 
 
 @compiled
-def tasks(c: Workspace) -> None:
+def tasks(work: Workspace) -> None:
     """Accelerations wanted of momentum, soles, toes and posture.
 
     Of the momentum those without contact forces: the QP adds the forces.
     """
-    body, tasks, wanted = c.body, c.tasks, c.wanted
+    body, tasks, wanted, q = work.body, work.tasks, work.wanted, work.sensed.q
     tasks.softness[:] = 0.0
     tasks.wanted[:6] = 0.0
     tasks.wanted[2] = -body.gravity
     for i in range(len(body.feet)):
-        foot, rows = body.feet[i], slice(6 + 6 * i, 12 + 6 * i)
-        softness = sole_task(
-            c.gains, body, i, c.contact.lines[i], wanted, tasks.rates[rows], tasks.wanted[rows]
-        )
-        hurried = softness == SWING and c.stepping[0].off_plan
-        tasks.softness[rows] = HURRIED if hurried else softness
-        if foot.toe_row >= 0:
-            angle, rate = c.sensed.q[foot.toe + 1], tasks.rates[foot.toe_row]
-            tasks.wanted[foot.toe_row] = toe_task(c.gains, wanted.foot_toe[i], angle, rate)
-    posture_task(c.gains, c.sensed.q, c.motion.now, wanted, c.motion.posture)
-    passive_torques(body.passive, c.sensed.q, c.sensed.v, wanted.v, c.motion.passive_torque)
+        sole_task(work, i)
+        toe, row = body.feet[i].toe, body.feet[i].toe_row
+        if row >= 0:
+            tasks.wanted[row] = toe_task(work.gains, wanted.foot_toe[i], q[toe + 1], tasks.rates[row])
+    posture_task(work)
+    passive_torques(body.passive, q, work.sensed.v, wanted.v, work.motion.passive_torque)
 
 
 @compiled
-def scale(body: Body, motion: Motion, tasks: Tasks) -> None:
+def scale(body: PlacedBody, motion: Motion, tasks: Tasks) -> None:
     """Units of the QP: accelerations in g, in the metric ``x = W_p^1/2 a / g`` of the posture weights."""
     motion.posture[:] = motion.posture * (motion.root_weight / body.gravity)
     scale_matrix(tasks.jacobian, 1.0 / motion.root_weight, tasks.scale, tasks.scaled)
@@ -161,27 +158,28 @@ def scale(body: Body, motion: Motion, tasks: Tasks) -> None:
 
 
 @compiled
-def contact_qp(c: Workspace, landing: bool, load_age: float) -> None:
+def contact_qp(work: Workspace, landing: bool, load_age: float) -> None:
     """The QP in the contact forces: the wanted momentum rate, friction, shares and limits of the points."""
-    body, contact, tasks, wrench = c.body, c.contact, c.tasks, c.command
+    body, contact, tasks, wrench = work.body, work.contact, work.tasks, work.command
     feet, weight = len(body.feet), body.mass * body.gravity
-    share_forces(feet, body.points, contact.forces, c.stepping[0].off_plan)
+    share_forces(feet, body.points, contact.forces, work.stepping[0].off_plan)
     wrench_map(feet, body.points, contact.wrench_map)
     contact.momentum[:3] = tasks.scale[:3] * wrench.force / weight
     contact.momentum[3:] = tasks.scale[3:6] * wrench.moment / weight
     if landing:
-        since = 1.0 - load_age * c.gains.frequency if c.extrapolates else 0.0
-        land(c.gains, body.points, weight, contact, since)
-    fill_qp(feet, body.points, contact, tasks.system, c.wanted.right_load[0], c.gains.friction, c.problem)
+        since = 1.0 - load_age * work.gains.frequency if work.extrapolates else 0.0
+        land(work.gains, body.points, weight, contact, since)
+    right_load, friction = work.wanted.right_load[0], work.gains.friction
+    fill_qp(feet, body.points, contact, tasks.system, right_load, friction, work.problem)
 
 
 # ------------------------------------------------------------------------------ after the QP
 
 
 @compiled
-def accelerations(c: Workspace) -> None:
+def accelerations(work: Workspace) -> None:
     """``a = g W_p^-1/2 (posture + scaled y (W f, 1))``, y the last seven columns of the system."""
-    motion, tasks, contact = c.motion, c.tasks, c.contact
+    motion, tasks, contact = work.motion, work.tasks, work.contact
     rows = len(tasks.system)
     net_wrench = np.zeros(6)
     add_combination(1.0, contact.wrench_map.T, contact.solution, net_wrench)
@@ -189,36 +187,36 @@ def accelerations(c: Workspace) -> None:
     add_combination(1.0, tasks.system[:, rows : rows + 6].T, net_wrench, pull)
     scaled = motion.posture.copy()
     add_combination(1.0, tasks.scaled.T, pull, scaled)
-    motion.acceleration[:] = c.body.gravity * scaled / motion.root_weight
+    motion.acceleration[:] = work.body.gravity * scaled / motion.root_weight
 
 
 @compiled
-def torques(c: Workspace) -> None:
+def torques(work: Workspace) -> None:
     """Inverse dynamics of the accelerations under the contact forces, and what passive joints take."""
-    body, motion, force, torque = c.body, c.motion, c.contact.point_force, c.joints.torque
-    point_forces(len(body.feet), body.points, c.contact.solution, body.mass * body.gravity, force)
+    body, motion, contact, torque = work.body, work.motion, work.contact, work.joints.torque
+    point_forces(len(body.feet), body.points, contact.solution, body.mass * body.gravity, contact.point_force)
     joint_torques(
         body.tree,
         body.armature,
         body.link,
-        c.sensed.v,
+        work.sensed.v,
         motion.acceleration,
         body.gravity,
         body.points,
-        force,
+        contact.point_force,
         torque,
     )
     add_scaled(torque, 1.0, motion.passive_torque, torque)
 
 
 @compiled
-def keep(c: Workspace, still: bool, first: bool) -> None:
+def keep(work: Workspace, still: bool, first: bool) -> None:
     """Clip the torques to the motors' limits, give them their rates, and keep what the next tick needs."""
-    joints, contact = c.joints, c.contact
+    joints, contact = work.joints, work.contact
     joints.torque[:] = np.minimum(np.maximum(joints.torque, -joints.torque_limit), joints.torque_limit)
-    update_rate(joints, c.gains.frequency, contact.lines, still or first)
+    update_rate(joints, work.gains.frequency, contact.lines, still or first)
     joints.last_torque[:] = joints.torque
     if not first:
         contact.change[:] = contact.solution - contact.forces
     contact.forces[:] = contact.solution
-    c.motion.last_acceleration[:] = c.motion.acceleration
+    work.motion.last_acceleration[:] = work.motion.acceleration

@@ -7,15 +7,16 @@ rows: momentum (6), soles (6 each), toes.
 
 import math
 from collections import namedtuple
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ampm.body.rigid_body import frames_of
 from ampm.body.robot import Robot
-from ampm.compiled import records
+from ampm.compiled import fields_of, records
 from ampm.controller_parameters import ControllerParameters
+from ampm.reference import FIELDS
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -74,242 +75,162 @@ POINT = [
 ]
 """Fields of a sole point besides those of its frame; the left foot's points come first, as many per foot."""
 
-STEPPING = [
-    ("off_plan", np.bool_),  # whether the walk has left its plan
-    ("active", np.bool_),  # whether it has, or is disturbed: COM and trunk share what the sole can give
-    ("heading", np.float64, (2,)),  # cosine and sine of the standing foot's
-    ("floor", np.float64),  # height under the body [m]
-    ("com_first", np.bool_),  # whether the COM comes before the trunk in what the sole can give
-    ("force_factor", np.float64),  # of the commanded force, which holds the COM's height [1]
-]
-"""What :mod:`ampm.stepping` says to a tick; one entry."""
+
+class SteppingState:
+    """State of the stabiliser that steps, one entry of a table; feet's shifts and places are in world.
+
+    It is at rest under the stabiliser ``fixed``.
+    """
+
+    off_plan: bool  # whether the walk has left its plan
+    leaves: bool  # whether it has to
+    active: bool  # whether it has, or is disturbed: COM and trunk share what the sole can give
+    com_first: bool  # whether the COM comes before the trunk in what the sole can give
+    heading: Annotated[Array, (2,)]  # cosine and sine of the standing foot's
+    floor: float  # height under the body [m]
+    force_factor: float  # of the commanded force, which holds the COM's height [1]
+    single: bool  # whether this is a single support
+    stance: int  # foot that stands; in double support the one that leaves
+    clock: float  # time since the phase began, by the plan [s]
+    rate: float  # of the clock [1]
+    duration: float  # of the phase, by the plan [s]
+    double: float  # duration of the double support that follows [s]
+    factor: float  # duration of the rest of the phase over the planned one [1]
+    choice: int  # which of the candidates that is, -1 that which returns to the plan
+    late: float  # time behind the plan [s]
+    waited: float  # for a late foot [s]
+    stood: float  # time since the phase began [s]
+    length: float  # planned distance of the next step from the standing foot, along [m]
+    width: float  # the same across [m]
+    step: Annotated[Array, (2,)]  # displacement of the next step from the standing foot's shift [m]
+    excess: float  # by which the wanted displacement is beyond its limits [m]
+    shift: Annotated[Array, (2, 3)]  # of every foot from where it was planned [m]
+    swing: Annotated[Array, (3, 3)]  # the same of the swing foot: value and two derivatives
+    slope: Annotated[Array, (2,)]  # of the floor: dz/dx, dz/dy [1]
+    height: Annotated[Array, (2,)]  # of the COM over its plan, and its rate [m, m/s]
+    sag: float  # by which the COM goes down for a long step [m]
+    away: float  # largest component of the COM's distance from the plan's [m]
+    touches: Annotated[Array, (2,)]  # ticks since every foot touched, 0 without contact
 
 
 class Sensed(NamedTuple):
-    """Measured at this tick.
+    """What is measured at this tick."""
 
-    Attributes:
-        q: Pinocchio configuration, shape (nq,).
-        v: velocity, shape (nv,).
-        normal_force: of every sole point, shape (P,) [N].
-        contact: sole points that touch, shape (P,).
-    """
-
-    q: Array
-    v: Array
-    normal_force: Array
-    contact: Flags
+    q: Array  # Pinocchio configuration, shape (nq,)
+    v: Array  # velocity, shape (nv,)
+    normal_force: Array  # of every sole point, shape (P,) [N]
+    contact: Flags  # sole points that touch, shape (P,)
 
 
-class Wanted(NamedTuple):
-    """The fields of a :class:`~ampm.walk.Reference` by the names of its row; numbers have shape (1,)."""
+Wanted: Any = namedtuple("Wanted", ["smooth", *FIELDS])  # type: ignore[misc]
+"""Views of the fields of a :class:`~ampm.walk.Reference`; numbers have shape (1,).
 
-    com: Array
-    com_velocity: Array
-    com_acceleration: Array
-    angular_momentum: Array
-    moment: Array
-    right_load: Array
-    foot_position: Array
-    foot_velocity: Array
-    foot_acceleration: Array
-    foot_rotation: Array
-    foot_angular_velocity: Array
-    foot_angular_acceleration: Array
-    foot_toe: Array
-    planned: Flags
-    due: Flags
-    until_lift: Array
-    q: Array
-    v: Array
-    acceleration: Array
-    trunk: Array
-    tilt_window: Array
-    jumps: Flags
+``smooth`` has all numbers of the smooth fields, shape (n,).
+"""
 
 
-class Body(NamedTuple):
-    """The rigid body, placed at the measured configuration.
-
-    Attributes:
-        tree, link, feet, trunk, points: tables, see :mod:`ampm.body.rigid_body`, :data:`FOOT`, :data:`POINT`.
-        armature: shape (nv,) [kg m^2].
-        passive: of the hinges, see :func:`~ampm.body.rigid_body.passive_torques`, shape (nu, 4).
-        com: shape (3,) [m].
-        mass: [kg].
-        gravity: [m/s^2].
-    """
+class PlacedBody(NamedTuple):
+    """The rigid body, placed at the measured configuration; tables as in :mod:`ampm.body.rigid_body`."""
 
     tree: Any
     link: Any
-    feet: Any
+    feet: Any  # see FOOT
     trunk: Any
-    points: Any
-    armature: Array
-    passive: Array
-    com: Array
-    mass: float
-    gravity: float
+    points: Any  # see POINT
+    armature: Array  # shape (nv,) [kg m^2]
+    passive: Array  # of the hinges, see ampm.body.rigid_body.passive_torques, shape (nu, 4)
+    com: Array  # shape (3,) [m]
+    mass: float  # [kg]
+    gravity: float  # [m/s^2]
 
 
 class Motion(NamedTuple):
-    """Of every coordinate, shape (nv,).
+    """Rates and accelerations per degree of freedom, shape (nv,) unless said."""
 
-    Attributes:
-        now: velocity at the instant of q.
-        acceleration: of this tick [m/s^2, rad/s^2].
-        last_acceleration: of the last tick.
-        zero: zeros.
-        posture: wanted acceleration, later in the metric of the posture [g].
-        root_weight: square root of the posture weights.
-        passive_torque: torque that overcomes dampers, springs and friction, shape (nu,) [N m].
-    """
-
-    now: Array
-    acceleration: Array
-    last_acceleration: Array
-    zero: Array
-    posture: Array
-    root_weight: Array
-    passive_torque: Array
+    now: Array  # velocity at the instant of q
+    acceleration: Array  # of this tick [m/s^2, rad/s^2]
+    last_acceleration: Array  # of the last tick
+    zero: Array  # zeros
+    posture: Array  # wanted acceleration, later in the metric of the posture [g]
+    root_weight: Array  # square root of the posture weights
+    passive_torque: Array  # torque that overcomes dampers, springs and friction, shape (nu,) [N m]
 
 
 class Tasks(NamedTuple):
-    """Task rows, shape (R,) unless said.
+    """Task rows, shape (R,) unless said."""
 
-    Attributes:
-        jacobian: transposed, shape (nv, R).
-        rates: ``jacobian' v``.
-        drift: of the accelerations at zero qdd.
-        wanted: accelerations; of the momentum, those without contact forces.
-        softness: 0 for rows that are met exactly.
-        scale: of the rows in the QP.
-        rhs: wanted less drift in units of the QP [g].
-        scaled: ``jacobian`` in the metric of the posture and in units of the QP, shape (nv, R).
-        system: matrix and solutions of the elimination, shape (R, R + 7).
-    """
-
-    jacobian: Array
-    rates: Array
-    drift: Array
-    wanted: Array
-    softness: Array
-    scale: Array
-    rhs: Array
-    scaled: Array
-    system: Array
+    jacobian: Array  # transposed, shape (nv, R)
+    rates: Array  # jacobian' v
+    drift: Array  # of the accelerations at zero qdd
+    wanted: Array  # accelerations; of the momentum, those without contact forces
+    softness: Array  # 0 for rows that are met exactly
+    scale: Array  # of the rows in the QP
+    rhs: Array  # wanted less drift in units of the QP [g]
+    scaled: Array  # jacobian in the metric of the posture and in units of the QP, shape (nv, R)
+    system: Array  # matrix and solutions of the elimination, shape (R, R + 7)
 
 
-class Command(NamedTuple):
-    """The net wrench of the ground that is wanted.
+class Wrench(NamedTuple):
+    """The net wrench of the ground that is commanded."""
 
-    Attributes:
-        force: shape (3,) [N].
-        moment: about the COM, shape (3,) [N m].
-        angular_momentum: about the COM, shape (3,) [N m s].
-        zmp: of this wrench, on z = 0, shape (2,) [m].
-    """
-
-    force: Array
-    moment: Array
-    angular_momentum: Array
-    zmp: Array
+    force: Array  # shape (3,) [N]
+    moment: Array  # about the COM, shape (3,) [N m]
+    angular_momentum: Array  # about the COM, shape (3,) [N m s]
+    zmp: Array  # of this wrench, on z = 0, shape (2,) [m]
 
 
 class Tilt(NamedTuple):
-    """Memory of the trunk's tilt, see :mod:`ampm.control.trunk`.
+    """Memory of the trunk's tilt, see :mod:`ampm.control.trunk`."""
 
-    Attributes:
-        past: along and across the heading, shape (M, 2) [rad].
-        integral: of the mean, along and across, shape (2,) [rad s].
-        next_row: shape (1,).
-        longest: longest window since it opened, shape (1,) [ticks].
-    """
-
-    past: Array
-    integral: Array
-    next_row: NDArray[np.int64]
-    longest: NDArray[np.int64]
+    past: Array  # along and across the heading, shape (M, 2) [rad]
+    integral: Array  # of the mean, along and across, shape (2,) [rad s]
+    next_row: NDArray[np.int64]  # shape (1,)
+    longest: NDArray[np.int64]  # longest window since it opened, shape (1,) [ticks]
 
 
 class Contact(NamedTuple):
-    """Contact forces in the unknowns of :mod:`ampm.control.forces`, shape (U,) [m g].
+    """Contact forces in the unknowns of :mod:`ampm.control.forces`, shape (U,) [m g] unless said."""
 
-    Attributes:
-        lines: table, see :data:`LINE`, shape (F, 3).
-        forces: of the last tick.
-        change: their change from the tick before.
-        solution: of this tick.
-        wrench_map: net force and moment per unknown, shape (6, U).
-        momentum: wanted momentum rate plus weight, shape (6,) [m g].
-        point_force: of this tick, shape (P, 3) [N].
-    """
-
-    lines: Any
-    forces: Array
-    change: Array
-    solution: Array
-    wrench_map: Array
-    momentum: Array
-    point_force: Array
-
-
-class Problem(NamedTuple):
-    """``min 1/2 x'Px + q'x``, ``lower <= A x <= upper``."""
-
-    P: Array
-    q: Array
-    A: Array
-    lower: Array
-    upper: Array
+    lines: Any  # table, see LINE, shape (F, 3)
+    forces: Array  # of the last tick
+    change: Array  # their change from the tick before
+    solution: Array  # of this tick
+    wrench_map: Array  # net force and moment per unknown, shape (6, U)
+    momentum: Array  # wanted momentum rate plus weight, shape (6,) [m g]
+    point_force: Array  # of this tick, shape (P, 3) [N]
 
 
 class Joints(NamedTuple):
-    """Hinges, shape (nu,).
+    """Hinges, shape (nu,)."""
 
-    Attributes:
-        torque: of this tick [N m].
-        last_torque: of the last tick [N m].
-        rate: at which the torque goes on [N m/s].
-        torque_limit: [N m].
-        lower: end of the range [rad].
-        upper: end of the range [rad].
-    """
-
-    torque: Array
-    last_torque: Array
-    rate: Array
-    torque_limit: Array
-    lower: Array
-    upper: Array
+    torque: Array  # of this tick [N m]
+    last_torque: Array  # of the last tick [N m]
+    rate: Array  # at which the torque goes on [N m/s]
+    torque_limit: Array  # [N m]
+    lower: Array  # end of the range [rad]
+    upper: Array  # end of the range [rad]
 
 
 class Workspace(NamedTuple):
-    """All that a tick reads and writes.
+    """All that a tick reads and writes."""
 
-    Attributes:
-        gains: the numbers among the parameters of the controller, by their names.
-        extrapolates: whether the torque goes on with its rate.
-        stepping: table of one entry, see :data:`STEPPING`.
-    """
-
-    gains: Any
-    extrapolates: bool
+    gains: Any  # the numbers among the parameters of the controller, by their names
+    extrapolates: bool  # whether the torque goes on with its rate
     sensed: Sensed
-    wanted: Wanted
-    body: Body
+    wanted: Any  # see Wanted
+    body: PlacedBody
     motion: Motion
     tasks: Tasks
-    command: Command
+    command: Wrench
     tilt: Tilt
     contact: Contact
-    problem: Problem
+    problem: Any  # QPProblem of the contact forces
     joints: Joints
-    stepping: Any
+    stepping: Any  # table of one SteppingState
 
 
 def make_workspace(
-    robot: Robot, gains: ControllerParameters, weights: Array, row: NDArray[Any], problem: Problem
+    robot: Robot, gains: ControllerParameters, weights: Array, row: NDArray[Any], problem: Any
 ) -> Workspace:
     """The workspace of a controller.
 
@@ -337,7 +258,7 @@ def make_workspace(
             contact=np.zeros(len(points), dtype=bool),
         ),
         wanted=wanted_of(row),
-        body=Body(
+        body=PlacedBody(
             tree=body.tree,
             link=body.link,
             feet=feet_of(robot),
@@ -369,7 +290,7 @@ def make_workspace(
             scaled=np.zeros((nv, rows)),
             system=np.zeros((rows, rows + 7)),
         ),
-        command=Command(force=np.zeros(3), moment=np.zeros(3), angular_momentum=np.zeros(3), zmp=np.zeros(2)),
+        command=Wrench(force=np.zeros(3), moment=np.zeros(3), angular_momentum=np.zeros(3), zmp=np.zeros(2)),
         tilt=Tilt(
             past=np.zeros((math.ceil(LONGEST * gains.frequency), 2)),
             integral=np.zeros(2),
@@ -394,19 +315,20 @@ def make_workspace(
             lower=robot.lower.copy(),
             upper=robot.upper.copy(),
         ),
-        stepping=records(1, STEPPING),
+        stepping=records(1, fields_of(SteppingState)),
     )
 
 
-def wanted_of(row: NDArray[Any]) -> Wanted:
-    """Views of one row of references, shape (1,)."""
-    parts = {name: row[name] for name in Wanted._fields}
-    return Wanted(**{name: part if part.ndim == 1 else part[0] for name, part in parts.items()})
+def rows_of(rows: NDArray[Any]) -> Any:
+    """:data:`Wanted` of T rows of references; every array has a leading axis of T."""
+    count = sum(rows[name][0].size for name, field in FIELDS.items() if field.smooth)
+    smooth = rows.view(np.float64).reshape(len(rows), -1)[:, :count]
+    return Wanted._make([smooth, *(rows[name] for name in FIELDS)])
 
 
-def rows_of(rows: NDArray[Any]) -> Wanted:
-    """Copies of the fields of T rows of references, each with a leading axis of T."""
-    return Wanted(**{name: np.array(rows[name], order="C") for name in Wanted._fields})
+def wanted_of(row: NDArray[Any]) -> Any:
+    """:data:`Wanted` of one row of references, shape (1,)."""
+    return Wanted._make(part if part.ndim == 1 else part[0] for part in rows_of(row))
 
 
 def feet_of(robot: Robot) -> Any:

@@ -13,8 +13,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.planner.pendulum import LawState
+
+Array = NDArray[np.float64]
 
 
 class Shape(NamedTuple):
@@ -100,3 +103,35 @@ class BlendLaw:
             moment_arm=arm,
             moment_arm_integral=0.5 * (q0 + q1) * time + (q1 - q0) * at.integral,
         )
+
+
+class HeightState(NamedTuple):
+    """State of a height at some times; every field has the shape of the times.
+
+    Attributes:
+        position: height of the COM [m].
+        velocity: [m/s].
+        acceleration: [m/s^2].
+        support: height of the support [m].
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    support: Array
+
+
+@dataclass(frozen=True)
+class HeightLaw:
+    """The height of the COM over a support whose height blends as a ZMP does.
+
+    Attributes:
+        blend: of these heights; its force point is the height that the COM follows.
+    """
+
+    blend: BlendLaw
+
+    def evaluate(self, time: Any) -> HeightState:
+        """State at times since the start of the phase [s]."""
+        state = self.blend.evaluate(time)
+        return HeightState(state.position, state.velocity, state.acceleration, state.zmp)

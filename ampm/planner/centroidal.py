@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ampm.brief import Brief, Described
 from ampm.exceptions import InputError
 from ampm.geometry import rotations
+from ampm.planner.blend import HeightLaw
 from ampm.planner.contacts import PHASE_NAMES, STANCE_NAMES, Contacts, times_within
 from ampm.planner.pendulum import LawState
 
@@ -46,8 +47,7 @@ class CentroidalPhase(NamedTuple):
         y: law across it, to the left.
         angular_momentum: (L_x, L_y) about the COM at the start, L_y without the plan's constant [N m s].
         heading: of the laws' axes [rad].
-        z: law of the COM's height, whose ``zmp`` is the height of the support; None at the plan's own height
-            over the floor z = 0.
+        z: law of the COM's height; None at the plan's own height over the floor z = 0.
     """
 
     start: float
@@ -57,7 +57,7 @@ class CentroidalPhase(NamedTuple):
     y: Law
     angular_momentum: tuple[float, float]
     heading: float = 0.0
-    z: Law | None = None
+    z: HeightLaw | None = None
 
 
 def _constant(unit: str, meaning: str) -> Any:
@@ -197,7 +197,7 @@ class _Motion(NamedTuple):
 
 
 @dataclass(frozen=True)
-class CentroidalPlan(Described, Brief):
+class CentroidalPlan(Described):
     """Motion of COM and ZMP over contacts.
 
     Attributes:
@@ -300,7 +300,7 @@ class CentroidalPlan(Described, Brief):
                 rows, law = index == number, self.phases[number].z
                 if law is not None:
                     at = law.evaluate(local[rows])
-                    moved[:, rows, 2], floor[rows] = at[:3], at.zmp
+                    moved[:, rows, 2], floor[rows] = at[:3], at.support
             force = self.mass * (moved[2] + np.array([0.0, 0.0, self.gravity]))
             arm = (moved[0, :, 2] - floor)[:, None] * force[:, :2] + moment[:, ::-1] * np.array([1.0, -1.0])
             zmp = moved[0, :, :2] - arm / force[:, 2:]

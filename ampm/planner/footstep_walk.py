@@ -8,7 +8,7 @@ from typing import TypeVar
 from ampm.description import BodyDescription
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from ampm.planner.blend import BlendLaw
+from ampm.planner.blend import BlendLaw, HeightLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.contacts import Contacts, Phase, check_landing
 from ampm.planner.footsteps import check_footsteps, plan_footsteps
@@ -130,7 +130,9 @@ def _rest(plan: CentroidalPlan, at: float, start: float, duration: float) -> Cen
     (x, y, z), floor = sample.com[0].tolist(), float(sample.floor[0])
     rate = math.sqrt(plan.gravity / plan.com_height)
     still = BlendLaw(rate, 0.0, duration, 0.0, 0.0, (0.0, 0.0), (0.0, 0.0))
-    high = BlendLaw(rate, 0.0, duration, z, 0.0, (z, z), (floor - z, floor - z)) if floor else None
+    high = None
+    if floor:
+        high = HeightLaw(BlendLaw(rate, 0.0, duration, z, 0.0, (z, z), (floor - z, floor - z)))
     return CentroidalPhase(start, duration, (x, y), still, still, (0.0, 0.0), z=high)
 
 

@@ -19,7 +19,7 @@ from ampm.description import SoleGeometry
 from ampm.exceptions import BodilyRefusal
 from ampm.geometry import rotations
 from ampm.parameters import GRAVITY
-from ampm.planner.blend import BlendLaw, shape
+from ampm.planner.blend import BlendLaw, HeightLaw, shape
 from ampm.planner.contacts import Footstep, footprint
 from ampm.planner.rest_to_rest import SETTLING, Supports
 
@@ -37,7 +37,7 @@ def uneven(footsteps: Sequence[Footstep]) -> bool:
 
 def vertical_laws(
     footsteps: Sequence[Footstep], supports: Supports, zmp: Sequence[Array], height: float
-) -> list[BlendLaw]:
+) -> list[HeightLaw]:
     """Heights of the COM in the phases of a walk from rest to rest.
 
     The COM follows a point H over the support. For rest at both ends the point is moved in the first and the
@@ -50,8 +50,7 @@ def vertical_laws(
         height: of the COM over the support, H [m].
 
     Returns:
-        Laws of four, 2 N - 1 and four phases; the ``position`` is the height of the COM, the ``zmp`` that of
-        the support.
+        Laws of four, 2 N - 1 and four phases.
     """
     w, n = math.sqrt(GRAVITY / height), 2 * len(supports.single) + 7
     place, z = (
@@ -94,7 +93,7 @@ def vertical_laws(
     point = height + (size[:, None, None] * points).sum(axis=0)
     columns = rate, duration, position[:n], velocity[:n], point, h - point
     values = zip(*(column.tolist() for column in columns), strict=True)
-    return [BlendLaw(w, k, T, z0, v0, tuple(r), tuple(arm)) for k, T, z0, v0, r, arm in values]
+    return [HeightLaw(BlendLaw(w, k, T, z0, v0, tuple(r), tuple(arm))) for k, T, z0, v0, r, arm in values]
 
 
 @dataclass(frozen=True)

@@ -5,18 +5,34 @@ t = 0 is the start of the first single support, on the left foot, whose referenc
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from ampm.exceptions import InputError, MathematicalRefusal
-from ampm.parameters import GRAVITY, GaitParameters
+from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.closed_form import LIPM, StepLaws, step_laws
 from ampm.planner.contacts import Contacts, Footstep, contacts_in_turn
 from ampm.planner.pendulum import AffineLaw, odd_double_integral, position_integral
+from ampm.run_file import load_run
 
 RESIDUAL_LIMIT = 1e-9
 """Largest relative jump at a switch that rounding may cause."""
+
+
+def plan(run: RunParameters | str | Path) -> CentroidalPlan:
+    """Plan a run's gait in closed form, with the mass of its body.
+
+    Args:
+        run: parameters, or a preset or TOML file.
+
+    Raises:
+        InputError: no such preset or file.
+        MathematicalRefusal: the closed form has no solution, or none that can be computed.
+    """
+    run = run if isinstance(run, RunParameters) else load_run(run)
+    return plan_gait(run.gait, run.body.mass)
 
 
 def plan_gait(gait: GaitParameters, mass: float) -> CentroidalPlan:

@@ -5,6 +5,7 @@ end the feet stand beside each other. It begins at the origin, facing +x.
 """
 
 import csv
+import io
 import itertools
 import math
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ampm.exceptions import InputError
+from ampm.files import check_columns, read_text
 from ampm.parameters import FootstepParameters, RunParameters
 from ampm.planner.contacts import Footstep, Side
 
@@ -219,10 +221,11 @@ def read_footsteps(path: Path) -> list[dict[str, Any]]:
         InputError: the file cannot be read, or a row is no footstep.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            table = csv.DictReader(file, skipinitialspace=True, restkey="more cells than the header")
-            lines = [(table.line_num, row) for row in table]
-    except (OSError, ValueError, csv.Error) as error:
+        text = io.StringIO(read_text(path), newline="")
+        table = csv.DictReader(text, skipinitialspace=True, restkey="more cells than the header")
+        check_columns(map(str.strip, table.fieldnames or ()), path)
+        lines = [(table.line_num, row) for row in table]
+    except (FileNotFoundError, NotADirectoryError, csv.Error) as error:
         raise InputError(f"the file {str(path)!r} cannot be read ({error}); give a CSV file.") from None
     rows = []
     for line, cells in lines:

@@ -43,6 +43,8 @@ REPEATED = 1e-3
 """Largest distance of the COM from that of the first step, mirrored, for steps that repeat [m]."""
 _ORDER = np.array(["left", "both", "right", "both"])
 _SAME = 1e-6  # of footsteps and durations that repeat [m, s]
+_LARGEST = {"angular_momentum": 1e3, "com_acceleration": 1e3, "": 1e4}  # by the begin of a name [SI]
+_NOISE, _NOISY = 1e-3, 0.25  # of the ZMP between rows [m], and in which share of them
 _PLACE = ("x", "y", "heading")
 _GRID = 64  # instants of a step that are compared with the first one's
 
@@ -158,6 +160,8 @@ def _numbers(table: Mapping[str, Any], name: str) -> Array:
     if len(values) < 3:
         raise InputError(f"the table has {len(values)} rows; give three or more.")
     _check(column, name, np.isfinite(values), "be a finite number")
+    largest = next(most for end, most in _LARGEST.items() if name.startswith(end))
+    _check(values, name, np.abs(values) <= largest, f"be at most {largest:g} in magnitude; give SI units")
     return values
 
 
@@ -169,7 +173,17 @@ def _number(cell: Any) -> float:
 
 
 def _vectors(table: Mapping[str, Any], name: str, axes: str = "xy") -> Array:
-    return np.column_stack([_numbers(table, f"{name}_{axis}") for axis in axes])
+    columns = [_numbers(table, f"{name}_{axis}") for axis in axes]
+    if name == "zmp":
+        for axis, values in zip(axes, columns, strict=True):
+            bend = np.diff(values, 2)
+            turns = (bend[1:] * bend[:-1] < 0.0) & (np.minimum(np.abs(bend[1:]), np.abs(bend[:-1])) > _NOISE)
+            if turns.mean() > _NOISY:
+                raise InputError(
+                    f"{name}_{axis} of the table goes to and fro by more than {1e3 * _NOISE:g} mm between "
+                    f"rows, in {turns.mean():.0%} of them; give a smooth plan."
+                )
+    return np.column_stack(columns)
 
 
 def _placements(table: Mapping[str, Any], name: str) -> Array:

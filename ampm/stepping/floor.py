@@ -1,60 +1,59 @@
 """The floor as the feet find it: touches, heights and slopes, and what they say of a walk."""
 
-from typing import Any
-
 from ampm.compiled import compiled
-from ampm.control.workspace import TIP, Array
+from ampm.control.workspace import TIP, Array, SteppingState
 from ampm.stepping.stepper import Stepper
 from ampm.vectors import clip, column, dot
 
 SINK = 0.00075
-"""How far a sole sinks into the floor under load [m]."""
+"""A sole under load sinks into the floor by this depth [m]."""
 DEEP_IN = 0.0018
-"""Depth of a sole's point in the floor from which the sole does not lie as the floor does [m]."""
+"""A sole with a point deeper than this does not lie as the floor does [m]."""
 LIFT = 0.5
 """Integral gain of the COM's height, times omega^3 [1]."""
 SANK, DEEP = 0.0015, 0.01
-"""Error of the height from which it is fed back, and that beyond which it counts as no larger [m]."""
+"""The height's error is fed back from the first on, and counts at most as the second [m]."""
 TIPPED = 0.9
-"""Cosine of a foot's tilt below which its touch is no landing: a foot that was hit scuffs [1]."""
+"""A touch is a landing only if the cosine of the foot's tilt is larger: a foot that was hit scuffs [1]."""
 AS_PLANNED = 0.993
-"""Cosine of the angle between a foot and its plan below which only its points tell the floor's height [1]."""
+"""If the cosine of the angle to the plan is smaller, only the sole's points tell the floor's height [1]."""
 EARLY = 0.045
-"""A touch so long before its time begins the double support [s]."""
+"""A touch that comes earlier than planned by this time begins the double support [s]."""
 SWUNG = 0.6
-"""Share of the single support from which a touch counts [1]."""
+"""A touch counts after this share of the single support [1]."""
 GRACE = 0.016
-"""Time that a foot may be late before the clock waits for it [s]."""
+"""The clock waits for a foot that is later than this [s]."""
 
 
 @compiled
-def feel(s: Stepper) -> None:
+def feel(stepper: Stepper) -> None:
     """Count the ticks for which every foot has stood, and note where its points touched."""
-    w, points = s.walker[0], s.body.points
+    state: SteppingState = stepper.state[0]
+    points = stepper.body.points
     for i in range(len(points)):
-        if s.contact[i] and not points[i].touching:
-            points[i].floor = s.body.com[2] + points[i].arm[2]
+        if stepper.contact[i] and not points[i].touching:
+            points[i].floor = stepper.body.com[2] + points[i].arm[2]
     for foot in range(2):
         touched = False
         for i in range(len(points)):
-            touched = touched or (points[i].foot == foot and s.contact[i])
-        touched = touched and s.body.feet[foot].pose[2, 2] >= TIPPED
-        w.touches[foot] = w.touches[foot] + 1 if touched else 0
-    w.stood += s.tick
+            touched = touched or (points[i].foot == foot and stepper.contact[i])
+        touched = touched and stepper.body.feet[foot].pose[2, 2] >= TIPPED
+        state.touches[foot] = state.touches[foot] + 1 if touched else 0
+    state.stood += stepper.tick
 
 
 @compiled
-def floor_under(s: Stepper, foot: int) -> tuple[float, float, float]:
+def floor_under(stepper: Stepper, foot: int) -> tuple[float, float, float]:
     """Height of the floor at a sole's reference point, with its slopes dz/dx and dz/dy [m, 1, 1].
 
     It is the sole's own plane, :data:`SINK` higher; where a point is deeper in the floor, the plane through
     the heights at which the points touched, by least squares.
     """
-    com, at, pose = s.body.com, s.body.feet[foot].place, s.body.feet[foot].pose
+    com, at, pose = stepper.body.com, stepper.body.feet[foot].place, stepper.body.feet[foot].pose
     n = x = y = z = xx = xy = yy = xz = yz = deepest = 0.0
-    for i in range(len(s.body.points)):
-        point = s.body.points[i]
-        if point.foot == foot and s.contact[i]:
+    for i in range(len(stepper.body.points)):
+        point = stepper.body.points[i]
+        if point.foot == foot and stepper.contact[i]:
             dx, dy, floor = point.arm[0] - at[0], point.arm[1] - at[1], point.floor
             deepest = max(deepest, floor - com[2] - point.arm[2])
             n, x, y, z = n + 1.0, x + dx, y + dy, z + floor
@@ -73,55 +72,64 @@ def floor_under(s: Stepper, foot: int) -> tuple[float, float, float]:
 
 
 @compiled
-def step_up(s: Stepper, foot: int, position: Array, rotation: Array, floor: float) -> float:
+def step_up(stepper: Stepper, foot: int, position: Array, rotation: Array, floor: float) -> float:
     """How much higher than planned the floor is under a foot that touches [m].
 
     Args:
-        s: the stepper.
+        stepper: the stepper.
         foot: 0 or 1.
         position: planned, of the sole's reference point, shape (3,) [m].
         rotation: planned, of the sole to world, shape (3, 3).
         floor: height of the reference point as the phase ends [m].
     """
-    pose = s.body.feet[foot].pose
+    pose = stepper.body.feet[foot].pose
     if dot(column(pose, 2), column(rotation, 2)) >= AS_PLANNED:
-        return floor_under(s, foot)[0] - position[2]
+        return floor_under(stepper, foot)[0] - position[2]
     count, height = 0, 0.0
-    for i in range(len(s.body.points)):
-        if s.body.points[i].foot == foot and s.contact[i]:
-            count, height = count + 1, height + s.body.points[i].floor
+    for i in range(len(stepper.body.points)):
+        if stepper.body.points[i].foot == foot and stepper.contact[i]:
+            count, height = count + 1, height + stepper.body.points[i].floor
     return height / count - floor
 
 
 @compiled
-def force_factor(s: Stepper, height: float) -> float:
-    """Factor of the commanded force, by the integral of the COM's height under its reference [m]."""
-    w = s.walker[0]
-    low = clip(height - s.body.com[2], -DEEP, DEEP)
-    if w.load != 1.0 or abs(low) > SANK:
-        w.load = clip(w.load + LIFT * s.omega**3 / s.body.gravity * low * s.tick, 0.9, 1.1)
-    return float(w.load)
+def hold_height(stepper: Stepper, height: float) -> None:
+    """Change the commanded force's factor by the integral of how far the COM is under its reference."""
+    state: SteppingState = stepper.state[0]
+    low = clip(height - stepper.body.com[2], -DEEP, DEEP)
+    if state.force_factor != 1.0 or abs(low) > SANK:
+        change = LIFT * stepper.omega**3 / stepper.body.gravity * low * stepper.tick
+        state.force_factor = clip(state.force_factor + change, 0.9, 1.1)
 
 
 @compiled
-def stands_flat(s: Stepper) -> bool:
+def stands_flat(stepper: Stepper) -> bool:
     """Whether the foot that stands alone has done so for a while, on all points of heel and ball."""
-    w = s.walker[0]
-    for i in range(len(s.body.points)):
-        point = s.body.points[i]
-        if point.foot == w.stance and point.line != TIP and not s.contact[i]:
+    state: SteppingState = stepper.state[0]
+    for i in range(len(stepper.body.points)):
+        point = stepper.body.points[i]
+        if point.foot == state.stance and point.line != TIP and not stepper.contact[i]:
             return False
-    return bool(w.single and w.stood > 0.04 and w.clock < 0.7 * w.duration)
+    return bool(state.single and state.stood > 0.04 and state.clock < 0.7 * state.duration)
 
 
 @compiled
-def is_early(w: Any) -> bool:
+def is_early(state: SteppingState) -> bool:
     """Whether the swing foot has landed long before its time."""
-    rest = (w.duration - w.clock) / w.rate
-    return bool(w.single and w.clock > SWUNG * w.duration and rest > EARLY and w.touches[1 - w.stance] > 1)
+    rest = (state.duration - state.clock) / state.rate
+    return bool(
+        state.single
+        and state.clock > SWUNG * state.duration
+        and rest > EARLY
+        and state.touches[1 - state.stance] > 1
+    )
 
 
 @compiled
-def is_late(w: Any) -> bool:
+def is_late(state: SteppingState) -> bool:
     """Whether the foot that should have landed has not."""
-    return bool(not w.single and GRACE < w.clock < 0.5 * w.duration and w.touches[1 - w.stance] == 0)
+    return bool(
+        not state.single
+        and GRACE < state.clock < 0.5 * state.duration
+        and state.touches[1 - state.stance] == 0
+    )

@@ -8,15 +8,18 @@ Vectors are horizontal, in the axes of the standing foot: along, and to the left
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
 from ampm.compiled import compiled
+from ampm.control.sole import sole_of
+from ampm.control.workspace import SteppingState
 from ampm.stepping.stepper import Stepper
 from ampm.vectors import Array, clip
 
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
-"""How far a step may be displaced [m]. All lengths and times here are those of a body of 1.70 m: lengths grow
+"""A step may be displaced this far [m]. All lengths and times here hold for a body of 1.70 m: lengths grow
 with its size, times with the square root of it."""
 BESIDE, IN_LINE, NEAR, GAP = 1.0, 0.5, 0.01, 0.05
 """Least distance of two soles' middles across, in widths of a foot: beside each other, and with one ahead of
@@ -26,7 +29,7 @@ SHORTEST, LONGEST = 0.32, 1.8
 TIMES = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 1.8])
 """Candidates for the rest of a single support, per planned rest [1]."""
 EASY_LENGTH, EASY_WIDTH = 0.15, 0.06
-"""Displacements for which its time is not changed [m]."""
+"""The time does not change for displacements up to these [m]."""
 TIME_COST, LIMIT_COST, CHANGE_COST = 0.03, 2.5, 0.01
 """Costs of another time, per its logarithm [m], of a metre beyond the limits [1], and of another choice than
 at the last tick [m]."""
@@ -35,6 +38,8 @@ RETURN, RETURN_MOST, CATCH_UP = 0.5, 0.05, 0.05
 across [m], and how much longer or shorter a single support may be to return to its planned time [1]."""
 OVERSHOOT = 1.05
 """Factor on lateral displacements, because the step after a narrow one is the harder one [1]."""
+SURPLUS = 1.0
+"""Share of the surplus of angular momentum that the DCM is expected to pay for [1]."""
 SOLE_SHARE = 0.8
 """Share of the sole that counts for what the ankle can do until the next switch [1]."""
 
@@ -141,50 +146,63 @@ def mean_zmp(zmp: Array, begin: float, x: float) -> tuple[float, float]:
 
 
 @compiled
-def plan_step(
-    s: Stepper,
-    begin: float,
-    rest: float,
-    reference: Array,
-    xi: Array,
-    sole: Array,
-    length: float,
-    width: float,
-    cos: float,
-    sin: float,
-    chooses_time: bool,
-) -> bool:
+def heading_of(rotation: Array) -> tuple[float, float]:
+    """Cosine and sine of a foot's heading, from its rotation to world."""
+    size = max(math.hypot(rotation[0, 0], rotation[1, 0]), 1e-9)
+    return rotation[0, 0] / size, rotation[1, 0] / size
+
+
+@compiled
+def phase_position(stepper: Stepper) -> float:
+    """Where the clock is in the curves of its phase, in intervals."""
+    state: SteppingState = stepper.state[0]
+    return clip(state.clock / state.duration, 0.0, 1.0) * (len(stepper.curves.r) - 1)
+
+
+@compiled
+def expected_dcm(stepper: Stepper, wanted: Any) -> tuple[float, float]:
+    """Measured DCM, with what taking out the surplus of angular momentum will cost it [m]."""
+    com, rates, mass, omega = stepper.body.com, stepper.rates, stepper.body.mass, stepper.omega
+    lever = SURPLUS * omega / (mass * stepper.body.gravity)
+    surplus_x = mass * rates[3] - wanted.angular_momentum[0]
+    surplus_y = mass * rates[4] - wanted.angular_momentum[1]
+    return com[0] + rates[0] / omega + lever * surplus_y, com[1] + rates[1] / omega - lever * surplus_x
+
+
+@compiled
+def plan_step(stepper: Stepper, wanted: Any) -> bool:
     """Choose place and time of the next step, and whether they differ from the plan.
 
     For each time of the rest of the single support the displacement follows in closed form. As long as it is
     easy, steps return to the places and times of the plan; else a cost weighs displacement, time and limits.
+    Only off the plan may the time be changed.
 
     Args:
-        s: of whose walker ``step``, ``excess``, ``factor`` and ``choice`` are replaced.
-        begin: where its rest begins, in intervals.
-        rest: planned time until the switch [s].
-        reference: planned DCM now, shape (2,) [m].
-        xi: measured DCM, with what it will lose to the surplus of angular momentum, shape (2,) [m].
-        sole: least and largest x, least and largest y of the standing sole in its axes, shape (4,) [m].
-        length: planned distance of the next step from the standing foot, along [m].
-        width: the same across [m].
-        cos: of the standing foot's heading.
-        sin: of the standing foot's heading.
-        chooses_time: whether the time may be changed.
+        stepper: ``length`` and ``width`` of its state are those of the planned step; ``step``, ``excess``,
+            ``factor`` and ``choice`` are replaced.
+        wanted: the plan's reference of this tick.
     """
-    w, curves, omega, size = s.walker[0], s.curves, s.omega, s.size
-    shift, side = w.shift[w.stance], 1.0 if w.stance == 1 else -1.0
+    state: SteppingState = stepper.state[0]
+    curves, omega, size = stepper.curves, stepper.omega, stepper.size
+    shift, side = state.shift[state.stance], 1.0 if state.stance == 1 else -1.0
+    rest, begin = state.duration - state.clock, phase_position(stepper)
+    cos, sin = heading_of(wanted.foot_rotation[state.stance])
+    sole, ahead, best = np.empty(4), np.empty(2), np.zeros(4)
+    sole_of(state.stance, stepper.body.points, stepper.body.com, cos, sin, sole)
+    dcm_x, dcm_y = expected_dcm(stepper, wanted)
     ahead_from, shortest = sole[1] - sole[0] + GAP * size, SHORTEST * math.sqrt(size)
-    ramp, cost, most = ramp_share(omega * w.double), math.inf, RETURN_MOST * size
-    best, ahead, chosen = np.zeros(4), np.empty(2), -1
-    for k in range(-1, len(TIMES) if chooses_time else 0):
-        factor = clip(1.0 - w.late / rest, 1.0 - CATCH_UP, 1.0 + CATCH_UP) if k < 0 else TIMES[k]
-        if k >= 0 and (factor * w.duration < shortest or factor > LONGEST):
+    ramp, cost, most = ramp_share(omega * state.double), math.inf, RETURN_MOST * size
+    chosen = -1
+    for k in range(-1, len(TIMES) if state.off_plan else 0):
+        factor = clip(1.0 - state.late / rest, 1.0 - CATCH_UP, 1.0 + CATCH_UP) if k < 0 else TIMES[k]
+        if k >= 0 and (factor * state.duration < shortest or factor > LONGEST):
             continue
         x = omega * max(rest * factor, 1e-4)
-        ahead[:] = reference
-        if chooses_time:
+        if state.off_plan:
             dcm_ahead(curves.r, curves.xi[-1], begin, x, ahead)
+        else:
+            ahead[0] = wanted.com[0] + wanted.com_velocity[0] / omega
+            ahead[1] = wanted.com[1] + wanted.com_velocity[1] / omega
         decay = math.exp(-x)
         zmp_x, zmp_y = mean_zmp(curves.zmp, begin, x)
         zmp_x, zmp_y = zmp_x + shift[0], zmp_y + shift[1]
@@ -192,7 +210,7 @@ def plan_step(
         if k < 0:
             back_x = clip(-RETURN * (cos * shift[0] + sin * shift[1]), -most, most)
             back_y = clip(-RETURN * (cos * shift[1] - sin * shift[0]), -most, most)
-        error_x, error_y = xi[0] - ahead[0] - shift[0], xi[1] - ahead[1] - shift[1]
+        error_x, error_y = dcm_x - ahead[0] - shift[0], dcm_y - ahead[1] - shift[1]
         error_x, error_y = cos * error_x + sin * error_y, cos * error_y - sin * error_x
         error_x, error_y = error_x - ramp * decay * back_x, error_y - ramp * decay * back_y
         along, across = cos * zmp_x + sin * zmp_y, -sin * zmp_x + cos * zmp_y
@@ -201,19 +219,20 @@ def plan_step(
         low, high = SOLE_SHARE * (sole[2] - across), SOLE_SHARE * (sole[3] - across)
         left = step_change(error_y, decay, ramp, min(low, 0.0), max(high, 0.0))
         wider = side * (OVERSHOOT * left + back_y)
-        u = clip(forward, -size * BACKWARD, size * FORWARD)
-        narrowest = (BESIDE if abs(length + u) < ahead_from else IN_LINE) * s.foot_width + NEAR * size
-        v = clip(wider, min(narrowest - width, 0.0), size * WIDER)
-        beyond = abs(forward - u) + abs(wider - v)
-        price = max(abs(u) - size * EASY_LENGTH, 0.0) + max(abs(v) - size * EASY_WIDTH, 0.0)
+        longer = clip(forward, -size * BACKWARD, size * FORWARD)
+        in_line = abs(state.length + longer) >= ahead_from
+        narrowest = (IN_LINE if in_line else BESIDE) * stepper.foot_width + NEAR * size
+        aside = clip(wider, min(narrowest - state.width, 0.0), size * WIDER)
+        beyond = abs(forward - longer) + abs(wider - aside)
+        price = max(abs(longer) - size * EASY_LENGTH, 0.0) + max(abs(aside) - size * EASY_WIDTH, 0.0)
         price += LIMIT_COST * beyond
-        price += size * (TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == w.choice else 0.0))
+        price += size * (TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == state.choice else 0.0))
         if price < cost:
             cost = price
             chosen = k
-            best[0], best[1], best[2], best[3] = u, side * v, factor, beyond
+            best[0], best[1], best[2], best[3] = longer, side * aside, factor, beyond
     if cost < math.inf:
-        w.step[0] = cos * best[0] - sin * best[1]
-        w.step[1] = sin * best[0] + cos * best[1]
-        w.factor, w.excess, w.choice = best[2], best[3], chosen
-    return w.step[0] != 0.0 or w.step[1] != 0.0
+        state.step[0] = cos * best[0] - sin * best[1]
+        state.step[1] = sin * best[0] + cos * best[1]
+        state.factor, state.excess, state.choice = best[2], best[3], chosen
+    return state.step[0] != 0.0 or state.step[1] != 0.0

@@ -76,19 +76,19 @@ class TsidController:
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One tick."""
-        robot, plan, posture, zero = self.robot, reference, reference.posture, np.zeros(3)
+        robot, plan, zero = self.robot, reference, np.zeros(3)
         q, v = state.q, state.v + state.velocity_lag * self.acceleration
         pin.framesForwardKinematics(robot.model, robot.data, q)
         places = robot.data.oMf
         for foot, frame in enumerate(robot.sole_frames):
             self._place(foot, places[frame], bool(touch.contact[self.points[foot]].any()), plan)
-        tilt = pin.log3(posture.trunk @ places[robot.trunk_frame].rotation.T)
+        tilt = pin.log3(plan.trunk @ places[robot.trunk_frame].rotation.T)
         momentum = plan.angular_momentum + self.gain.trunk_gain * np.array([tilt[0], tilt[1], 0.0])
-        turn = pin.Quaternion(posture.q[3:7]).matrix()
-        turning = turn @ posture.v[3:6], turn @ posture.acceleration[3:6]
+        turn = pin.Quaternion(plan.q[3:7]).matrix()
+        turning = turn @ plan.v[3:6], turn @ plan.acceleration[3:6]
         self.com.setReference(_sample(plan.com, plan.com_velocity, plan.com_acceleration))
         self.momentum.setReference(_sample(momentum, plan.moment, zero))
-        self.joints.setReference(_sample(posture.q[7:], posture.v[6:], posture.acceleration[6:]))
+        self.joints.setReference(_sample(plan.q[7:], plan.v[6:], plan.acceleration[6:]))
         self.root.setReference(_sample([*zero, *turn.T.flat], *([*zero, *rate] for rate in turning)))
         problem = self.work.computeProblemData(state.time, q, v)
         if (size := (self.work.nVar, self.work.nEq, self.work.nIn)) != self.size:
@@ -101,7 +101,7 @@ class TsidController:
             return ControlOutput(self.torque, status=UNSOLVED, seconds=seconds)
         self.acceleration = self.work.getAccelerations(answer)
         damping, stiffness, rest, friction = robot.passive.T  # of hinges, which TSID does not know
-        passive = damping * v[6:] + stiffness * (q[7:] - rest) + friction * np.sign(posture.v[6:])
+        passive = damping * v[6:] + stiffness * (q[7:] - rest) + friction * np.sign(plan.v[6:])
         limit = robot.torque_limit
         self.torque = np.clip(self.work.getActuatorForces(answer) + passive, -limit, limit)
         force = np.zeros((len(robot.point_frames), 3))
@@ -117,7 +117,7 @@ class TsidController:
     def _place(self, foot: int, place: pin.SE3, touches: bool, plan: Reference) -> None:
         """Let a foot stand or swing. What it may carry grows from touch-down on and shrinks to lift-off."""
         contact, task, gain, first = self.contacts[foot], self.feet[foot], self.gain, plan.time == 0.0
-        stands = bool(plan.contacts.due[foot, :2].all()) and (self.stands[foot] or touches or first)
+        stands = bool(plan.due[foot, :2].all()) and (self.stands[foot] or touches or first)
         if stands and not self.stands[foot]:
             contact.setReference(place)
             self.work.addRigidContact(contact, FORCE)
@@ -126,13 +126,12 @@ class TsidController:
             self.work.removeRigidContact(contact.name, 0.0)
         self.stands[foot] = stands
         self.opening[foot] = min(self.opening[foot] + 1.0 / (gain.frequency * gain.contact_ramp), 2.0)
-        share = min(self.opening[foot], plan.contacts.until_lift[foot, :2].min() / gain.contact_ramp)
+        share = min(self.opening[foot], plan.until_lift[foot, :2].min() / gain.contact_ramp)
         contact.setMaxNormalForce(share * self.robot.mass * self.robot.gravity)
         self.work.updateTaskWeight(task.name, 0.0 if stands else FOOT)
-        feet = plan.feet
-        pose = [*feet.position[foot], *feet.rotation[foot].T.flat]
-        velocity = [*feet.velocity[foot], *feet.angular_velocity[foot]]
-        acceleration = [*feet.acceleration[foot], *feet.angular_acceleration[foot]]
+        pose = [*plan.foot_position[foot], *plan.foot_rotation[foot].T.flat]
+        velocity = [*plan.foot_velocity[foot], *plan.foot_angular_velocity[foot]]
+        acceleration = [*plan.foot_acceleration[foot], *plan.foot_angular_acceleration[foot]]
         task.setReference(_sample(pose, velocity, acceleration))
 
 

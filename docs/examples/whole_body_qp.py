@@ -46,24 +46,24 @@ class WholeBodyQP:
         # A point stands from its touch to its planned lift-off, before which its force fades out.
         touching = np.zeros((2, 3), bool)  # foot; heel, ball, tip
         np.logical_or.at(touching, group := (robot.point_foot, robot.point_group), touch.contact)
-        before = plan.contacts.planned if self.stands is None else self.stands
-        self.stands = plan.contacts.due & (touching | before)
-        limit = (self.stands * np.minimum(plan.contacts.until_lift / gain.contact_ramp, 1))[group]
+        before = plan.planned if self.stands is None else self.stands
+        self.stands = plan.due & (touching | before)
+        limit = (self.stands * np.minimum(plan.until_lift / gain.contact_ramp, 1))[group]
         # Tasks of the accelerations: soles (less of those that stand), points that stand, posture.
-        turn = [pin.log3(a @ b.T) for a, b in zip(plan.feet.rotation, terms.sole_turn, strict=True)]
-        off = np.hstack([plan.feet.position - terms.sole, turn]).ravel()
-        rate = np.hstack([plan.feet.velocity, plan.feet.angular_velocity]).ravel() - rates[6:18]
-        feet = np.hstack([plan.feet.acceleration, plan.feet.angular_acceleration]).ravel() - drift[6:18]
+        turn = [pin.log3(a @ b.T) for a, b in zip(plan.foot_rotation, terms.sole_turn, strict=True)]
+        off = np.hstack([plan.foot_position - terms.sole, turn]).ravel()
+        rate = np.hstack([plan.foot_velocity, plan.foot_angular_velocity]).ravel() - rates[6:18]
+        feet = np.hstack([plan.foot_acceleration, plan.foot_angular_acceleration]).ravel() - drift[6:18]
         feet = feet + gain.swing_stiffness * off + gain.swing_damping * rate
-        posture = gain.posture_stiffness * pin.difference(model, q, plan.posture.q)
-        posture = posture + gain.posture_damping * (plan.posture.v - v) + plan.posture.acceleration
+        posture = gain.posture_stiffness * pin.difference(model, q, plan.q)
+        posture = posture + gain.posture_damping * (plan.v - v) + plan.acceleration
         P_a, c_a = squares(
             (np.where(self.stands.any(axis=1), self.roll, 1).repeat(6), terms.jacobian[6:18], feet / g),
             (self.stands[group].repeat(3), jacobian, (-gain.stance_damping * jacobian @ v - swerve) / g),
             (self.posture, np.eye(nv), posture / g),
         )
         # Tasks of the forces: the plan's wrench with feedback of COM, momentum and trunk; the points' shares.
-        tilt = pin.log3(plan.posture.trunk @ data.oMf[robot.trunk_frame].rotation.T)
+        tilt = pin.log3(plan.trunk @ data.oMf[robot.trunk_frame].rotation.T)
         momentum = plan.angular_momentum + gain.trunk_gain * tilt * [1, 1, 0] - robot.mass * rates[3:6]
         force = plan.com_acceleration + gain.com_damping * (plan.com_velocity - rates[:3]) + [0, 0, g]
         force = robot.mass * (force + gain.com_stiffness * (plan.com - terms.com))

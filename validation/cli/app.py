@@ -6,10 +6,10 @@ that needs them, so that ``ampm --help`` and ``ampm plan`` start fast.
 """
 
 import logging
-import os
 import sys
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Annotated, Any
 
 import typer
@@ -20,6 +20,7 @@ from validation.cli import body, compare, gaits, judge, studies, survival, valid
 from validation.cli.console import print_json
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import Status, option
+from validation.output import close_output, only_results
 from validation.progress import interruption
 from validation.show.text import print_line
 
@@ -60,6 +61,7 @@ for group in (gaits, validate, judge, view, body, studies, compare, survival):
         # Typer joins the lines of a docstring's first paragraph only.
         paragraphs = str(command.callback.__doc__).split("\n\n")
         command.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+        command.callback = only_results()(command.callback)
     app.add_typer(group.app)
 
 
@@ -90,6 +92,15 @@ def call(arguments: Sequence[str]) -> int:
     Returns:
         The exit status.
     """
+    status = _call(arguments)
+    error = close_output()
+    if isinstance(error, BrokenPipeError):  # the reader closed the pipe
+        return Status.BROKEN_PIPE
+    return status if error is None else _tell(error)
+
+
+def _call(arguments: Sequence[str]) -> int:
+    """As :func:`call`, of which output is not yet written to its end."""
     debug = "--debug" in arguments
     arguments = [argument for argument in arguments if argument != "--debug"]
     command = typer.main.get_command(app)
@@ -103,18 +114,26 @@ def call(arguments: Sequence[str]) -> int:
         return status
     except typer.Exit as end:
         return end.exit_code
-    except BrokenPipeError:  # the reader closed the pipe
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:
+        close_output()
         return Status.BROKEN_PIPE
     except (Exception, KeyboardInterrupt) as caught:
         error: BaseException = caught
         if interruption.pending and not isinstance(error, KeyboardInterrupt):
             error = KeyboardInterrupt()  # some extensions make another error of it
             error.__cause__ = caught
-        status, text = explain(error)
         if "--json" in arguments:
-            print_json(describe_error(error))
-        if debug or status is Status.CRASH:
+            with suppress(OSError):
+                print_json(describe_error(error))
+        if debug or explain(error)[0] is Status.CRASH:
             traceback.print_exception(error)
+        return _tell(error)
+
+
+def _tell(error: BaseException) -> int:
+    """Print an error as one sentence; its exit status."""
+    status, text = explain(error)
+    with suppress(OSError):
         print(f"ampm: {text}", file=sys.stderr)  # noqa: T201
-        return status
+    close_output()
+    return status

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,13 +14,13 @@ from ampm.exceptions import InputError
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import (
     AsIs,
+    Execution,
     Json,
-    Resume,
     Settings,
     Status,
     Steps,
     Uncertainty,
-    Workers,
+    grouped,
     option,
     with_short,
 )
@@ -39,7 +40,23 @@ EPILOG = (
 )
 
 
+_NAME = "Of all walks; or once for each."
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What all walks have, or each has one of."""
+
+    planner: Annotated[
+        list[str] | None, option("--planner", _NAME, "NAME|FILE.csv|.parquet|MODULE:CLASS")
+    ] = None
+    body: Annotated[list[str] | None, option("--body", _NAME, "NAME|FILE.toml")] = None
+    controller: Annotated[list[str] | None, option("--controller", _NAME, "NAME|MODULE:CLASS")] = None
+    engine: Annotated[list[str] | None, option("--engine", _NAME, "mujoco|drake")] = None
+
+
 @app.command(epilog=EPILOG)
+@grouped
 def compare(
     walks: Annotated[
         list[str] | None,
@@ -49,24 +66,11 @@ def compare(
             metavar="WALK",
         ),
     ] = None,
+    *,
     settings: Settings = None,
     as_is: AsIs = False,
     steps: Steps = None,
-    planner: Annotated[
-        list[str] | None,
-        option("--planner", "Of all walks; or once for each.", "NAME|FILE.csv|.parquet|MODULE:CLASS"),
-    ] = None,
-    body: Annotated[
-        list[str] | None, option("--body", "Of all walks; or once for each.", "NAME|FILE.toml")
-    ] = None,
-    controller: Annotated[
-        list[str] | None,
-        option("--controller", "Of all walks; or once for each.", "NAME|MODULE:CLASS"),
-    ] = None,
-    engine: Annotated[
-        list[str] | None,
-        option("--engine", "Of all walks; or once for each.", "mujoco|drake"),
-    ] = None,
+    chosen: Choices,
     uncertainty: Uncertainty = None,
     tolerance: Annotated[
         float | None,
@@ -80,9 +84,7 @@ def compare(
         bool,
         option("--require-all", "Of sweeps: runs of the first that the second lacks are regressions, too."),
     ] = False,
-    workers: Workers = None,
-    out: Annotated[Path | None, option("--out", "Keep the page, the numbers and the runs.", "DIR")] = None,
-    resume: Resume = False,
+    execution: Execution,
     as_json: Json = False,
 ) -> int:
     """Compare gaits, finished runs, or two sweeps.
@@ -95,9 +97,8 @@ def compare(
     from validation.study.many import study_folder
     from validation.study.sweep.table import is_sweep
 
-    folder = study_folder(out, resume=resume)
-    options = {"planner": planner, "body": body, "controller": controller, "engine": engine}
-    choices = {name: values for name, values in options.items() if values}
+    folder = study_folder(execution.out, resume=execution.resume)
+    choices = {name: values for name, values in vars(chosen).items() if values}
     walks, studies = walks or [], uncertainty or ()
     sweeps = [text for text in walks if is_sweep(Path(text)) or Path(text).suffix == ".parquet"]
     done = [text for text in walks if text in sweeps or Path(text).is_dir()]
@@ -137,13 +138,12 @@ def compare(
                     choices=choices,
                     as_is=as_is,
                     uncertainty=studies,
-                    folder=folder,
-                    workers=workers,
+                    **vars(execution),
                     progress=Narrator(),
                 )
             except KeyboardInterrupt as error:
                 if folder is not None:
-                    again = shlex.join(["ampm", *sys.argv[1:], *([] if resume else ["--resume"])])
+                    again = shlex.join(["ampm", *sys.argv[1:], *([] if execution.resume else ["--resume"])])
                     error.add_note(f"finished runs are kept; go on with {again}")
                 raise
         completed = {side.outcome for side in found.sides} == {"completed"}
@@ -155,7 +155,7 @@ def compare(
     else:
         print_line(found.sentence, "bold")
         print_tables(found.tables())
-    Narrator().wrote(out)
-    if out is None:
+    Narrator().wrote(folder)
+    if folder is None:
         Narrator().say("nothing is kept; --out DIR keeps a page with curves, the numbers and the runs")
     return status

@@ -22,6 +22,7 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bars
 
+from validation.output import results
 from validation.progress import Progress, Stage, interruption
 from validation.show.text import format_duration
 from validation.store.json import dump_json
@@ -110,4 +111,4 @@ class Narrator(Progress):
 
 def print_json(value: Any) -> None:
     """Print JSON on stdout; infinite numbers become ``"inf"``, undefined ones null."""
-    print(dump_json(value))  # noqa: T201  # stdout is the result
+    print(dump_json(value), file=results())

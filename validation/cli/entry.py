@@ -3,6 +3,7 @@
 import os
 import sys
 
+from validation.output import own_descriptor
 from validation.progress import INTERRUPTED, interruption
 from validation.store.machine import one_blas_thread
 
@@ -11,6 +12,7 @@ def main() -> None:
     """Entry point of the console script."""
     interruption.install()
     one_blas_thread()
+    own_descriptor()
     try:
         from validation.cli import app as cli  # imported here: Ctrl-C is handled from now on
 

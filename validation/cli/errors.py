@@ -5,7 +5,7 @@ from typing import Any
 
 import typer
 
-from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError
+from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError, words_of
 from validation.cli.options import Status
 from validation.store.folders import disk_is_full
 from validation.study.exceptions import StudyStopped
@@ -49,7 +49,7 @@ def describe_error(error: BaseException) -> dict[str, Any]:
 def explain(error: BaseException) -> tuple[Status, str]:
     """Exit status and one sentence for an error."""
     status = next((status for kind, status in _STATUSES if isinstance(error, kind)), Status.CRASH)
-    text, way_out = _one_line(str(error)), ""
+    text, way_out = _one_line(words_of(error)), ""
     if status is Status.INTERRUPTED:
         text = "interrupted"
     elif isinstance(error, typer.TyperException):
@@ -64,6 +64,10 @@ def explain(error: BaseException) -> tuple[Status, str]:
     elif isinstance(error, OSError) and error.filename is not None:
         status = Status.REFUSED
         text = f"{error.filename}: {error.strerror}; give another file or folder"
+    elif isinstance(error, FileNotFoundError):
+        status, text = Status.REFUSED, "the working directory was removed; change to another one"
+    elif "MUJOCO_GL" in text:  # MuJoCo's own refusal, when it is imported
+        status, text = Status.REFUSED, f"{text}; unset it, or set it to disable"
     elif status is Status.CRASH:
         text = f"crash of ampm itself ({type(error).__name__}: {text}); please report it."
     for note in getattr(error, "__notes__", ()):

@@ -16,19 +16,17 @@ from ampm.exceptions import InputError
 from ampm.presets import PRESETS
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import (
-    AsIs,
-    Body,
     Footsteps,
     Gait,
     Json,
-    PlannerName,
     Settings,
     Status,
     Steps,
+    WalkOptions,
     check_picture,
+    grouped,
     option,
     with_footsteps,
-    with_short,
 )
 from validation.show.text import format_value
 from validation.store.folders import check_folder_of, check_output_file, output_file
@@ -46,16 +44,15 @@ _PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.it
 
 
 @app.command(epilog=f"Presets.\n\n{_PRESET_LINES}")
+@grouped
 def plan(
     gait: Gait = None,
-    settings: Settings = None,
-    as_is: AsIs = False,
+    *,
+    walk: WalkOptions,
     no_body: Annotated[
         bool, option("--no-body", "Closed form alone: no soles, no joints, mean L_y zero; implies --as-is.")
     ] = False,
     steps: Steps = None,
-    planner: PlannerName = None,
-    body: Body = None,
     footsteps: Footsteps = None,
     as_json: Json = False,
     save: Annotated[
@@ -88,11 +85,10 @@ def plan(
     from ampm.run_file import dump_run
     from validation.store.tables import plan_table, sample_times, write_columns
     from validation.trial.columns import check_suffix
-    from validation.trial.plan import check_formula, load_request, plan_walk
+    from validation.trial.plan import check_formula, plan_walk
 
-    extra = with_short(settings, body=body, steps=steps, planner=planner)
     sections = with_footsteps(footsteps, steps)
-    request = load_request(gait, extra, as_is=as_is or no_body, sections=sections)
+    request = walk.request(gait, steps, as_is=walk.as_is or no_body, sections=sections)
     run = request.run
     if rate is not None and samples is None:
         raise InputError("--rate is that of the samples; give --samples FILE, too, or leave it out.")
@@ -119,33 +115,33 @@ def plan(
     if motion is not None and (no_body or run.footsteps):
         raise InputError("--motion is of a periodic gait of a body; leave out --no-body and footsteps.")
     narrator = Narrator()
-    walk = None if no_body else plan_walk(request, narrator)
-    planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walk is None else walk.plan
+    walked = None if no_body else plan_walk(request, narrator)
+    planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walked is None else walked.plan
     margin = None
-    if walk is not None:
+    if walked is not None:
         with narrator.stage(f"{request.name}: ZMP margin", "instants") as stage:
-            margin, _ = walk.plan.least_zmp_margin(progress=stage.advance)
-    request = request if walk is None else walk.request
+            margin, _ = walked.plan.least_zmp_margin(progress=stage.advance)
+    request = request if walked is None else walked.request
     if save is not None:
-        notes = [request.title, *(() if walk is None or walk.tuned is None else _margins(walk.tuned))]
+        notes = [request.title, *(() if walked is None or walked.tuned is None else _margins(walked.tuned))]
         with output_file(save, force=force) as work:
             lines = "".join(f"# {note}\n" for note in notes)
             work.write_text(lines + dump_run(request.run), encoding="utf-8")
     if samples is not None:
         with narrator.stage("samples"), output_file(samples) as work:
             write_columns(plan_table(planned, sample_times(planned.duration, rate)), work)
-    if motion is not None and walk is not None:
+    if motion is not None and walked is not None:
         with output_file(motion) as work:
-            write_columns(walk.motion.table(), work)
+            write_columns(walked.motion.table(), work)
     if plot is not None:
         from validation.show.plan import plot_plan
 
         title = f"plan of {request.title}" + ("" if footsteps is None else f" over {footsteps.name}")
         plot_plan(planned, plot, title=title)
     if as_json:
-        print_json(describe_plan(request, planned, walk, margin))
+        print_json(describe_plan(request, planned, walked, margin))
     else:
-        print_tables(plan_tables(request, planned, walk, margin))
+        print_tables(plan_tables(request, planned, walked, margin))
     narrator.wrote(save, samples, motion, plot)
     return Status.PASS
 

@@ -15,10 +15,10 @@ from validation.cli.options import (
     Body,
     Force,
     Json,
-    OwnMetrics,
-    OwnProfile,
+    Judging,
     Settings,
     Steps,
+    grouped,
     option,
     with_short,
 )
@@ -33,10 +33,12 @@ EPILOG = (
 
 
 @app.command(epilog=EPILOG)
+@grouped
 def judge(
     log: Annotated[
         Path, typer.Argument(help="Table of measured signals, or the folder of a run.", metavar="LOG")
     ],
+    *,
     plan: Annotated[
         str | None,
         option(
@@ -58,8 +60,7 @@ def judge(
     strides: Annotated[
         bool, option("--strides", "Compare the mean stride with that of a periodic plan.")
     ] = False,
-    profile: OwnProfile = None,
-    metric: OwnMetrics = None,
+    judging: Judging,
     out: Annotated[
         Path | None, option("--out", "Folder of the result. runs/LOG-TIME if not given.", "DIR")
     ] = None,
@@ -87,7 +88,6 @@ def judge(
     ampm judge runs/walk --profile strict
     """
     from ampm.exceptions import InputError
-    from validation.judge.metrics import load_metric
     from validation.run.judge_log import judge_log, judge_run
     from validation.run.validate import RUNS
     from validation.store.folders import check_run_folder
@@ -99,8 +99,7 @@ def judge(
         else:
             print_result(summary, folder)
 
-    for text in metric or ():
-        load_metric(text)
+    profile = judging.load()
     if log.is_dir():
         own = plan is None or (Path(plan).is_dir() and Path(plan).samefile(log))
         others: dict[str, Any] = {

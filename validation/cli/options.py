@@ -1,9 +1,14 @@
 """Exit statuses, and the options and arguments that commands share."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, is_dataclass
 from enum import IntEnum
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
@@ -11,6 +16,11 @@ from ampm.exceptions import InputError
 from ampm.presets import preset_names
 from validation.cli.console import print_json
 from validation.store.folders import check_folder_of, check_output_file
+
+if TYPE_CHECKING:
+    from validation.judge.profiles import Profile
+    from validation.trial.disturbances import Disturbance
+    from validation.trial.plan import Request
 
 PICTURES = (".png", ".svg", ".pdf")
 PROFILES = "default, strict, wide, jumps, footsteps or odometry"
@@ -105,15 +115,6 @@ OwnProfile = Annotated[
     str | None,
     option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P"),
 ]
-Scheduler = Annotated[
-    str | None,
-    option("--scheduler", "Run on this dask scheduler: tcp://HOST:8786, or its --scheduler-file.", "ADDRESS"),
-]
-Resume = Annotated[bool, option("--resume", "Go on with what is missing in --out.")]
-Workers = Annotated[
-    int | None,
-    option("--workers", "Processes; one per core by default, 0 to walk in this very one.", "N", least=0),
-]
 Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")]
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]
 
@@ -122,13 +123,12 @@ _SHORT = {
     "body": "body.source",
     "steps": "gait.steps",
     "planner": "gait.planner",
-    "qp": "solver.qp",
     "controller": "controller.name",
     "engine": "simulation.engine",
 }
 
 
-def with_short(settings: list[str] | None, **options: str | int | None) -> list[str]:
+def with_short(settings: Sequence[str] | None, **options: str | int | None) -> list[str]:
     """Settings of ``--set``, and those of options that are short for a key; a file's path is absolute."""
     found = list(settings or ())
     for name, value in options.items():
@@ -137,6 +137,127 @@ def with_short(settings: list[str] | None, **options: str | int | None) -> list[
         if value is not None:
             found.append(f"{_SHORT[name]}='{value}'" if isinstance(value, str) else f"{_SHORT[name]}={value}")
     return found
+
+
+# ------------------------------------------------------------------------------------- groups of options
+
+
+@dataclass(frozen=True)
+class WalkOptions:
+    """What walks: changes of a gait, its body, planner, controller and engine."""
+
+    settings: Settings = None
+    as_is: AsIs = False
+    body: Body = None
+    planner: PlannerName = None
+    controller: Controller = None
+    engine: Engine = None
+
+    def changes(self, steps: int | None = None) -> list[str]:
+        """All but ``as_is`` as ``key=value`` texts."""
+        short = {name: getattr(self, name) for name in ("body", "planner", "controller", "engine")}
+        return with_short(self.settings, steps=steps, **short)
+
+    def request(self, gait: str | None, steps: int | None = None, **more: Any) -> Request:
+        """A gait with these changes; further arguments as in :func:`validation.trial.plan.load_request`."""
+        from validation.trial.plan import load_request  # loads NumPy
+
+        return load_request(gait, self.changes(steps), **{"as_is": self.as_is, **more})
+
+
+@dataclass(frozen=True)
+class Execution:
+    """How a study is run and kept, see :class:`validation.study.many.Execution`."""
+
+    out: Annotated[Path | None, option("--out", "Folder of the result, with every walk.", "DIR")] = None
+    resume: Annotated[bool, option("--resume", "Go on with what is missing in --out.")] = False
+    workers: Annotated[
+        int | None,
+        option("--workers", "Processes; one per core by default, 0 to walk in this very one.", "N", least=0),
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        option(
+            "--scheduler", "Run on this dask scheduler: tcp://HOST:8786, or its --scheduler-file.", "ADDRESS"
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class Disturbing:
+    """Disturbances beside those of the keys."""
+
+    push: Annotated[
+        list[str] | None,
+        option(
+            "--push",
+            "Push a segment: force in N, begin and duration in s; e.g. chest,50,0,0,2,0.1. Repeatable.",
+            "SEGMENT,FX,FY,FZ,AT,DURATION",
+        ),
+    ] = None
+    disturbance: Annotated[
+        list[str] | None,
+        option(
+            "--disturbance", "A disturbance of your own, made without arguments. Repeatable.", "MODULE:CLASS"
+        ),
+    ] = None
+
+    def load(self) -> list[Disturbance]:
+        """The disturbances."""
+        from validation.trial.disturbances import load_disturbance, parse_push  # loads NumPy
+
+        return [*map(parse_push, self.push or ()), *map(load_disturbance, self.disturbance or ())]
+
+
+@dataclass(frozen=True)
+class Judging:
+    """Limits and metrics of one's own."""
+
+    profile: OwnProfile = None
+    metric: OwnMetrics = None
+
+    def load(self) -> Profile | None:
+        """Register the metrics; the profile, None for that of the preset."""
+        from validation.judge.profiles import profile  # loads NumPy
+
+        load_metrics(self.metric)
+        return profile(self.profile) if self.profile else None
+
+
+def load_metrics(metrics: Sequence[str] | None) -> None:
+    """Register metrics of a user's own."""
+    from validation.judge.metrics import load_metric  # loads NumPy
+
+    for text in metrics or ():
+        load_metric(text)
+
+
+def grouped(command: Callable[..., int]) -> Callable[..., int]:
+    """A command each of whose parameters of a class of options becomes one option for each field."""
+    groups: dict[str, Any] = {}
+    taken: list[inspect.Parameter] = []
+    for parameter in inspect.signature(command, eval_str=True).parameters.values():
+        kind = parameter.annotation
+        if is_dataclass(kind):
+            groups[parameter.name], hints = kind, get_type_hints(kind, include_extras=True)
+            taken += [
+                parameter.replace(name=field.name, default=field.default, annotation=hints[field.name])
+                for field in fields(kind)
+            ]
+        else:
+            taken.append(parameter)
+
+    @wraps(command)
+    def call(**values: Any) -> int:
+        for name, kind in groups.items():
+            values[name] = kind(**{field.name: values.pop(field.name) for field in fields(kind)})
+        return command(**values)
+
+    call.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in taken]
+    )
+    call.__annotations__ = {parameter.name: parameter.annotation for parameter in taken}
+    return call
 
 
 def with_footsteps(path: Path | None, steps: int | None) -> dict[str, Any]:

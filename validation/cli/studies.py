@@ -15,18 +15,16 @@ from ampm.exceptions import InputError
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import (
     PROFILES,
-    AsIs,
-    Body,
+    Execution,
     Gait,
     Json,
-    Resume,
-    Scheduler,
-    Settings,
+    OwnMetrics,
     Status,
-    Workers,
+    WalkOptions,
     answer,
+    grouped,
+    load_metrics,
     option,
-    with_short,
 )
 from validation.show.text import print_line
 from validation.table import print_tables
@@ -50,14 +48,12 @@ CONVERGENCE_EPILOG = (
 
 
 @app.command(epilog=SWEEP_EPILOG)
+@grouped
 def sweep(
     file: Annotated[Path, typer.Argument(help="Definition of the sweep (TOML).", metavar="FILE")],
-    out: Annotated[
-        Path | None, option("--out", "Folder of the sweep; only --dry-run needs none.", "DIR")
-    ] = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    resume: Resume = False,
+    *,
+    execution: Execution,
+    metric: OwnMetrics = None,
     dry_run: Annotated[
         bool, option("--dry-run", "Count runs and refusals by formula; walk one run to measure its time.")
     ] = False,
@@ -72,30 +68,29 @@ def sweep(
     from validation.study.sweep.run import forecast  # loads simulator and measurement
     from validation.study.sweep.run import sweep as walk_sweep
 
+    load_metrics(metric)
     if dry_run:
         from validation.study.sweep.design import load_sweep
 
-        expected = forecast(load_sweep(file), workers, progress=Narrator())
+        expected = forecast(load_sweep(file), execution.workers, progress=Narrator())
         if as_json:
             print_json(expected.as_dict())
         else:
             print_tables(expected.tables())
         return Status.PASS if expected.walking else Status.REFUSED
-    if out is None:
+    if execution.out is None:
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
     try:
-        found = walk_sweep(
-            file, out, workers=workers, scheduler=scheduler, resume=resume, progress=Narrator()
-        )
+        found = walk_sweep(file, **vars(execution), progress=Narrator())
     except KeyboardInterrupt as error:
-        again = shlex.join(["ampm", "sweep", str(file), "--out", str(out), "--resume"])
+        again = shlex.join(["ampm", "sweep", str(file), "--out", str(execution.out), "--resume"])
         error.add_note(f"every finished row is kept; go on with the same options and --resume: {again}")
         raise
     if as_json:
-        print_json({**found.summary(), "directory": str(out)})
+        print_json({**found.summary(), "directory": str(execution.out)})
     else:
         print_tables([found.result()])
-        print_line(str(out))
+        print_line(str(execution.out))
     return _sweep_status(found)
 
 
@@ -114,22 +109,17 @@ def _sweep_status(found: SweepTable) -> int:
 
 
 @app.command(epilog=CONVERGENCE_EPILOG)
+@grouped
 def convergence(
     gait: Gait = None,
-    settings: Settings = None,
-    as_is: AsIs = False,
-    body: Body = None,
+    *,
+    walk: WalkOptions,
     steps: Annotated[int, option("--steps", "Walked at every level: the gait is periodic.", "N")] = 6,
     levels: Annotated[
         int, option("--levels", "Of every numerical study, 3 ... 6; 4 can confirm an order.", "N")
     ] = 4,
     profile: Annotated[str, option("--profile", f"Tolerance profile: {PROFILES}.", "P")] = "default",
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    out: Annotated[
-        Path | None, option("--out", "Write convergence.json, a table, a picture and every walk.", "DIR")
-    ] = None,
-    resume: Resume = False,
+    execution: Execution,
     as_json: Json = False,
 ) -> int:
     """Measure the numerical uncertainty of a gait's metrics.
@@ -144,20 +134,15 @@ def convergence(
     from validation.study.convergence.study import convergence as study
 
     found = study(
-        gait,
-        with_short(settings, body=body),
-        as_is=as_is,
+        walk.request(gait),
         steps=steps,
         levels=levels,
         profile=profile,
-        workers=workers,
-        scheduler=scheduler,
-        out=out,
-        resume=resume,
+        **vars(execution),
         progress=Narrator(),
     )
     answer(found, Convergence.as_dict, lambda found: print_tables(found.tables()), as_json=as_json)
-    Narrator().wrote(out)
+    Narrator().wrote(execution.out)
     if not found.completed:
         return Status.NOT_COMPLETED
     return Status.PASS if found.verdict.passed else Status.OUT_OF_TOLERANCE

@@ -10,22 +10,17 @@ import typer
 
 from validation.cli.console import Narrator
 from validation.cli.options import (
-    Body,
-    Controller,
-    Engine,
+    Disturbing,
+    Execution,
     Gait,
     Json,
     OwnProfile,
-    PlannerName,
-    Resume,
-    Scheduler,
-    Settings,
     Status,
     Steps,
-    Workers,
+    WalkOptions,
     answer,
+    grouped,
     option,
-    with_short,
 )
 from validation.show.text import print_line
 from validation.table import print_tables
@@ -39,12 +34,11 @@ EPILOG = (
 
 
 @app.command(epilog=EPILOG)
+@grouped
 def robustness(
     gait: Gait = None,
-    settings: Settings = None,
-    body: Body = None,
-    controller: Controller = None,
-    engine: Engine = None,
+    *,
+    walk: WalkOptions,
     quick: Annotated[
         bool, option("--quick", "Fewer pushes, and every grid coarser: a quarter of an hour on two cores.")
     ] = False,
@@ -56,12 +50,7 @@ def robustness(
         int, option("--replicas", "Walks of every value, of which four fifths have to survive.", "N")
     ] = 5,
     profile: OwnProfile = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    out: Annotated[
-        Path | None, option("--out", "Write robustness.json, a table and every walk.", "DIR")
-    ] = None,
-    resume: Resume = False,
+    execution: Execution,
     as_json: Json = False,
 ) -> int:
     """Find the pushes and disturbances that a gait survives.
@@ -74,38 +63,32 @@ def robustness(
     from validation.study.robustness.study import robustness as study
 
     found = study(
-        gait,
-        with_short(settings, body=body, controller=controller, engine=engine),
+        walk.request(gait),
         quick=quick,
         only=only or (),
         replicas=replicas,
         profile=profile,
-        workers=workers,
-        scheduler=scheduler,
-        out=out,
-        resume=resume,
+        **vars(execution),
         progress=Narrator(),
     )
     answer(found, Robustness.as_dict, lambda found: print_tables(found.tables()), as_json=as_json)
-    Narrator().wrote(out)
+    Narrator().wrote(execution.out)
     return Status.CRASH if found.crashes else Status.PASS
 
 
 @app.command(
     epilog="Exit status: 0 explained, 2 bad input or refused, 5 stopped from outside, 130 interrupted."
 )
+@grouped
 def explain(
     run: Annotated[
         str | None, typer.Argument(help="Gait, or the folder of a run.", metavar="GAIT|RUN")
     ] = None,
-    settings: Settings = None,
+    *,
+    walk: WalkOptions,
     steps: Steps = None,
-    body: Body = None,
-    controller: Controller = None,
-    planner: PlannerName = None,
-    engine: Engine = None,
-    workers: Workers = None,
-    out: Annotated[Path | None, option("--out", "Write explain.json and every walk.", "DIR")] = None,
+    disturbing: Disturbing,
+    execution: Execution,
     as_json: Json = False,
 ) -> int:
     """Say which part of a trial makes it fail.
@@ -118,11 +101,12 @@ def explain(
     from validation.study.explain import Explanation
     from validation.study.explain import explain as study
 
+    is_folder = run is not None and Path(run).is_dir()
     found = study(
-        run,
-        with_short(settings, steps=steps, body=body, controller=controller, planner=planner, engine=engine),
-        workers=workers,
-        out=out,
+        run if is_folder else walk.request(run, steps),
+        walk.changes(steps) if is_folder else (),
+        disturbances=disturbing.load(),
+        **vars(execution),
         progress=Narrator(),
     )
     answer(found, Explanation.as_dict, lambda found: print_tables(found.tables()), as_json=as_json)

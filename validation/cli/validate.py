@@ -13,25 +13,20 @@ from ampm.exceptions import RefusedGait
 from validation.cli.console import Narrator, print_json
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import (
-    AsIs,
-    Body,
-    Controller,
-    Engine,
+    Disturbing,
     Footsteps,
     Force,
     Gaits,
     Json,
-    OwnMetrics,
-    OwnProfile,
-    PlannerName,
+    Judging,
     RunFolder,
-    Settings,
     Status,
     Steps,
     Uncertainty,
+    WalkOptions,
+    grouped,
     option,
     with_footsteps,
-    with_short,
 )
 from validation.progress import interruption
 from validation.show.text import print_line, print_verdict
@@ -46,14 +41,16 @@ EPILOG = (
 
 
 @app.command(epilog=EPILOG)
+@grouped
 def validate(
     gaits: Gaits = None,
-    settings: Settings = None,
-    as_is: AsIs = False,
+    *,
+    walk: WalkOptions,
     steps: Steps = None,
-    body: Body = None,
-    profile: OwnProfile = None,
-    qp: Annotated[str | None, option("--qp", "Short for solver.qp.", "osqp|daqp")] = None,
+    footsteps: Footsteps = None,
+    disturbing: Disturbing,
+    judging: Judging,
+    uncertainty: Uncertainty = None,
     out: Annotated[
         Path | None,
         option(
@@ -64,26 +61,6 @@ def validate(
     ] = None,
     force: Force = False,
     as_json: Json = False,
-    uncertainty: Uncertainty = None,
-    controller: Controller = None,
-    engine: Engine = None,
-    planner: PlannerName = None,
-    footsteps: Footsteps = None,
-    push: Annotated[
-        list[str] | None,
-        option(
-            "--push",
-            "Push a segment: force in N, begin and duration in s; e.g. chest,50,0,0,2,0.1. Repeatable.",
-            "SEGMENT,FX,FY,FZ,AT,DURATION",
-        ),
-    ] = None,
-    disturbance: Annotated[
-        list[str] | None,
-        option(
-            "--disturbance", "A disturbance of your own, made without arguments. Repeatable.", "MODULE:CLASS"
-        ),
-    ] = None,
-    metric: OwnMetrics = None,
 ) -> int:
     """Plan, walk, measure and judge gaits: the trial.
 
@@ -98,24 +75,16 @@ def validate(
     """
     from ampm.run_file import leaves_open
     from validation.judge import profiles
-    from validation.judge.metrics import load_metric
     from validation.judge.uncertainty import load_uncertainty, matching
     from validation.run import validate as run
-    from validation.trial.disturbances import load_disturbance, parse_push
     from validation.trial.plan import complete, load_requests
 
-    for text in metric or ():  # before the profiles
-        load_metric(text)
-    extra = with_short(
-        settings, body=body, steps=steps, planner=planner, qp=qp, controller=controller, engine=engine
-    )
-    requests = load_requests(gaits or [None], extra, as_is=as_is, sections=with_footsteps(footsteps, steps))
-    disturbances = [
-        *(parse_push(text) for text in push or ()),
-        *(load_disturbance(text) for text in disturbance or ()),
-    ]
+    profile = judging.load()
+    sections = with_footsteps(footsteps, steps)
+    requests = load_requests(gaits or [None], walk.changes(steps), as_is=walk.as_is, sections=sections)
+    disturbances = disturbing.load()
     judges = [
-        profiles.profile(profile) if profile else profiles.own_profile(gait, request.run, disturbances)
+        profile or profiles.own_profile(gait, request.run, disturbances)
         for gait, request in zip(gaits or ["normal"], requests, strict=True)
     ]
     known = [load_uncertainty(path) for path in uncertainty or ()]

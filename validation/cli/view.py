@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-RECORDING_FILE = "recording.rrd"
+RECORDING_FILE, SUMMARY_FILE = "recording.rrd", "summary.json"
 
 
 class Source(NamedTuple):
@@ -98,8 +98,9 @@ def choose(targets: Sequence[Path], runs: str | None) -> list[Source]:
         runs: which runs of a sweep, as in ``3,17``; by default the worst one and the median.
 
     Raises:
-        InputError: a target has no recording, or ``runs`` without a sweep.
+        InputError: a target has no recording, a file of a run has changed, or ``runs`` without a sweep.
     """
+    from validation.store.saved import SUMMARY_FILE, check_files
     from validation.study.sweep.table import is_sweep
 
     if is_sweep(targets[0]) and len(targets) == 1:
@@ -108,7 +109,10 @@ def choose(targets: Sequence[Path], runs: str | None) -> list[Source]:
         raise InputError("a sweep is shown alone; of another one give the folders of runs, in recordings/.")
     if runs is not None:
         raise InputError("--runs names runs of a sweep; give the --out folder of 'ampm sweep'.")
-    paths = [target / RECORDING_FILE if target.is_dir() else target for target in targets]
+    for target in targets:
+        if (target / SUMMARY_FILE).is_file():
+            check_files(target)
+    paths = [recording_of(target) if target.is_dir() else target for target in targets]
     for path in paths:
         if not path.is_file() or path.suffix != ".rrd":
             raise InputError(f"{path} is no recording; give the folder of a run, or an .rrd file.")
@@ -118,6 +122,19 @@ def choose(targets: Sequence[Path], runs: str | None) -> list[Source]:
     return [
         Source(letter, name, path) for letter, name, path in zip(ascii_lowercase, names, paths, strict=False)
     ]
+
+
+def recording_of(folder: Path) -> Path:
+    """Recording of a run's folder; a run that was kept without one gets it."""
+    path = folder / RECORDING_FILE
+    if not path.is_file() and (folder / SUMMARY_FILE).is_file():
+        # Imported here because rerun is slow to load.
+        from validation.show.rerun.record import write_recording
+        from validation.store.saved import load_saved_run
+
+        with Narrator().stage(f"{folder.name}: recording"):
+            write_recording(load_saved_run(folder))
+    return path
 
 
 def parse_runs(text: str) -> list[int]:

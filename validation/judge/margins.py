@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ampm.body.motion import Extreme
 from validation.trial.record import state_steps
 from validation.trial.spill import blocks, zeros
 
@@ -38,21 +38,6 @@ SATURATED = 0.999
 CLEARANCE_ROWS = 2
 """States on disk, 10 ms apart, from one posture of which the clearance is measured to the next: at 10 m/s^2
 half a millimetre is lost in 20 ms."""
-
-
-@dataclass(frozen=True)
-class Extreme:
-    """The worst value of a quantity, and where and when it occurred.
-
-    Attributes:
-        value: in the unit that the owner states; NaN if nothing was measured.
-        time: [s], None if nothing was measured.
-        where: joint, foot or both parts of the body, empty if there is none to name.
-    """
-
-    value: float
-    time: float | None = None
-    where: str = ""
 
 
 def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Rows) -> dict[str, Any]:

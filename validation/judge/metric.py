@@ -25,8 +25,8 @@ class Metric:
         meaning: one phrase for the description of a table's column.
         kind: what it judges: the ``walk``, the ``instrument`` that measures it (its exact value is zero), or
             its ``cost``.
-        compute: value in ``unit``; NaN if it could not be measured, None if the walk has no such metric. Of a
-            registered metric it is not called where the window has no instant.
+        compute: value in ``unit``; NaN if it could not be measured. Only built-in ones may return None, if
+            the walk has no such metric. A registered one is not called where the window has no instant.
         tolerances: name of a profile to the largest value that passes; see
             :class:`validation.judge.profiles.Profile` for profiles that are not named.
         tolerance_unit: of ``tolerances``: ``unit`` by default, or one that grows with the body, such as
@@ -53,7 +53,9 @@ class Metric:
     section: str = ""
 
     def __post_init__(self) -> None:
-        """Complete the label; refuse an unknown kind or nature, and a tolerance that is no number."""
+        """Complete the label; refuse a bad name, an unknown kind or nature, a tolerance that is no number."""
+        if not (isinstance(self.name, str) and self.name.isidentifier()):
+            raise InputError(f"metric name {self.name!r} is no identifier; use letters, digits and '_'.")
         object.__setattr__(self, "label", self.label or spaced(self.name))
         for value, known in ((self.kind, _KINDS), (self.nature, _NATURES)):
             if value not in known:

@@ -25,11 +25,12 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
+from numbers import Real
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ampm.exceptions import InputError
+from ampm.exceptions import InputError, words_of
 from validation.judge.built_in import COMPUTED
 from validation.judge.built_in import has_qp as has_qp
 from validation.judge.built_in import rms as rms
@@ -60,12 +61,10 @@ def register(metric: Metric) -> Metric:
     """Add a metric; it is then computed, judged and shown like the built-in ones.
 
     Raises:
-        InputError: its name is taken or no identifier, or it has a tolerance without a reason.
+        InputError: its name is taken, or it has a tolerance without a reason.
     """
     if metric.name in _METRICS:
         raise InputError(f"metric '{metric.name}' exists; choose another name.")
-    if not metric.name.isidentifier():
-        raise InputError(f"metric name '{metric.name}' is no identifier; use letters, digits and '_'.")
     if metric.tolerances and not metric.reason:
         raise InputError(
             f"metric '{metric.name}' has a tolerance and no reason; give the reason for its value."
@@ -137,20 +136,22 @@ def _compute(metric: Metric, walk: Comparison) -> float | None:
     """Value of one metric.
 
     Raises:
-        InputError: a registered metric fails.
+        InputError: a registered metric fails, or returns no number.
     """
     own = metric.name in _ADDED
     if own and not walk.inside.any():
         return math.nan
     try:
         value = metric.compute(walk)
+        if own and not isinstance(value, Real):
+            raise TypeError(f"it returned {str(value)[:40]} of type {type(value).__name__}, not a number")
         return None if value is None else float(value)
     except (Exception, SystemExit) as error:
         if not own:
             raise
         raise InputError(
-            f"metric '{metric.name}' cannot be computed ({type(error).__name__}: {error}); correct its "
-            "'compute', or unregister it."
+            f"metric '{metric.name}' cannot be computed ({type(error).__name__}: {words_of(error)}); correct "
+            "its 'compute', or unregister it."
         ) from error
 
 

@@ -12,6 +12,7 @@ from typing import Any, Self
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from ampm.section import unknown
 from validation.judge.compare import SIGNALS
 from validation.judge.metrics import METRICS, Metric
 from validation.judge.sizes import limit_in_si
@@ -44,6 +45,9 @@ class Tolerance:
         return limit_in_si(self.limit, self.unit, scales)
 
 
+_NAMES: set[str] = set()  # of all profiles that were made
+
+
 @dataclass(frozen=True)
 class Profile:
     """A named set of tolerances, read from the registry of metrics.
@@ -62,6 +66,10 @@ class Profile:
     factor: float = 1.0
     leaves_out: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        """Remember the name, for :meth:`tolerance`."""
+        _NAMES.add(self.name)
+
     @property
     def tolerances(self) -> tuple[Tolerance, ...]:
         """Limits of all judged metrics, in the order in which they are reported."""
@@ -69,7 +77,13 @@ class Profile:
         return tuple(item for item in found if item is not None)
 
     def tolerance(self, metric: Metric) -> Tolerance | None:
-        """Limit of one metric, None if it is not judged."""
+        """Limit of one metric, None if it is not judged.
+
+        Raises:
+            InputError: the metric has a limit for a profile that there is not.
+        """
+        if wrong := metric.tolerances.keys() - _NAMES - {self.name}:
+            raise unknown(min(wrong), sorted(_NAMES), f"profile in the tolerances of metric '{metric.name}'")
         if metric.name in self.leaves_out:
             return None
         if self.name in metric.tolerances:

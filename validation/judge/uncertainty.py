@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import BaseModel, NonNegativeFloat, ValidationError
 
 from ampm.exceptions import InputError
+from ampm.files import read_file
 from ampm.geometry import Array
 from validation.store.identity import parameter_values
 from validation.store.json import json_ready
@@ -95,7 +96,7 @@ def load_uncertainty(path: Path) -> Uncertainty:
     """
     file = path / FILE if path.is_dir() else path
     try:
-        found = _File.model_validate_json(file.read_bytes()).uncertainty
+        found = _File.model_validate_json(read_file(file)).uncertainty
     except OSError as error:
         raise InputError(
             f"--uncertainty {file} cannot be read ({error.strerror}); give the {FILE} of 'ampm convergence'."

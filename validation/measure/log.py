@@ -59,6 +59,9 @@ LOADED = 0.05
 _SLOWEST = 0.05  # most time from row to row [s]
 _RATIO = 2.0  # of mean vertical force and weight: more is another unit, or another body [1]
 _FARTHEST = 1000.0  # of a place: more is another unit [m]
+_LEAN = 1.0  # horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
+_HEIGHTS = 0.05, 5.0  # of the COM above the floor [m]
+_APART = 0.05  # of two ways to one quantity: more is an error, as a share of the weight, and in metres [1, m]
 
 
 @dataclass(frozen=True)
@@ -129,6 +132,7 @@ def read_log(table: Mapping[str, Any], weight: float, name: str = "the log") -> 
     except ValueError as error:
         raise InputError(f"{name}: a sensor's quaternion is none ({error}).") from None
     _check_units(signals, name, weight)
+    _check_force_line(signals, name, weight)
     known = np.asarray(np.isfinite(signals["force"]).all(axis=1))
     if "zmp" in signals:
         light = signals["force"][:, 2] < LEAST_SUPPORT * weight
@@ -148,6 +152,8 @@ def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
         raise InputError(f"{name}: {key} must be numbers ({error}).") from None
     if numbers.shape != np.shape(table["time"]) or numbers.ndim != 1:
         raise InputError(f"{name}: {key} and time must have equally many rows, and one column each.")
+    if len(numbers) and np.isnan(numbers).all():
+        raise InputError(f"{name}: {key} holds no number; leave its column out.")
     bad = np.flatnonzero(np.isinf(numbers) | (np.isnan(numbers) & (key == "time")))
     if bad.size:
         raise InputError(f"row {bad[0] + 1} of {name}: {key} = {numbers[bad[0]]:g} must be a number.")
@@ -200,9 +206,18 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
             light = force[:, 2:] < least  # the centre of pressure of a foot in the air is noise
             forces.append(np.where(light, 0.0, force))
             torques.append(np.where(light, 0.0, np.cross(at, force)))
-    signals.setdefault("force", signals["left_force"] + signals["right_force"])
+    found = {"force": signals["left_force"] + signals["right_force"]}
     if len(torques) == len(FEET):
-        signals.setdefault("zmp", centre_of_pressure(sum(forces), sum(torques), least, floor))
+        found["zmp"] = centre_of_pressure(sum(forces), sum(torques), least, floor)
+    for key, values in found.items():
+        apart = np.abs(signals.setdefault(key, values) - values).max(axis=1)
+        most = _APART * (weight if key == "force" else 1.0)
+        if (middle := float(np.nanmedian(apart))) > most:
+            unit = "N" if key == "force" else "m"
+            raise InputError(
+                f"{key} differs from that of both feet by {middle:.3g} {unit} or more in half of the rows, "
+                f"and may by {most:.3g} {unit}; correct one, or leave it out."
+            )
 
 
 def _check_units(signals: Mapping[str, Array], name: str, weight: float) -> None:
@@ -216,6 +231,30 @@ def _check_units(signals: Mapping[str, Array], name: str, weight: float) -> None
         far = float(np.nanmax(np.abs(signals[key]), initial=0.0))
         if far > _FARTHEST:
             raise InputError(f"{name}: {key} is up to {far:.4g} m away; give lengths in metres.")
+
+
+def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) -> None:
+    """Refuse a COM that does not move, is not above the floor, or is too far from the ZMP."""
+    if not {"com", "zmp"} <= signals.keys():
+        return
+    com, zmp = signals["com"], signals["zmp"]
+    for axis, moves in zip("xy", np.nanmax(com, axis=0) > np.nanmin(com, axis=0), strict=False):
+        if not moves:
+            raise InputError(f"{name}: com_{axis} is the same in all rows; leave the columns of com out.")
+    stands = signals["force"][:, 2] >= LEAST_SUPPORT * weight
+    height = com[:, 2] - signals.get("floor", 0.0)
+    middle = float(np.nanmedian(height))
+    if not _HEIGHTS[0] < middle < _HEIGHTS[1]:
+        raise InputError(
+            f"{name}: com_z is {middle:.3g} m above the floor, beyond {_HEIGHTS[0]:g} ... {_HEIGHTS[1]:g} m; "
+            "give it in metres, z upwards."
+        )
+    lean = float(np.nanmedian((np.hypot(*(com[:, :2] - zmp).T) / np.maximum(height, 1e-9))[stands]))
+    if lean > _LEAN:
+        raise InputError(
+            f"{name}: com and zmp are {lean:.3g} times the COM's height apart along the floor, or more, in "
+            f"half of the rows, and may be {_LEAN:g}; give both in metres from one origin."
+        )
 
 
 def measure_log(log: Log, mass: float, gravity: float) -> MeasuredGait:

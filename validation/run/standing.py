@@ -13,7 +13,7 @@ from ampm.exceptions import BodilyRefusal
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.feet import TIP
-from ampm.walk import ContactState, FeetState, PostureState, Reference
+from ampm.walk import Reference
 from models.scene import BodyModel
 from validation.trial.physics import Physics
 from validation.trial.record import SimulationRecord
@@ -39,20 +39,20 @@ def stand(run: RunParameters, body_model: BodyModel, duration: float) -> Simulat
     feet = 0.5 * run.gait.step_width * np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
     q = _posture(robot, run, np.vstack([com, feet]))
     still = np.zeros(robot.nv)
-    contact, both = np.ones((2, 3), dtype=bool), np.zeros((2, 3))
+    contact = np.ones((2, 3), dtype=bool)
     contact[:, TIP] = robot.description.sole.has_toes
-    level = np.stack([np.eye(3), np.eye(3)])
     reference = Reference.of(
         time=0.0,
         com=com,
-        com_velocity=np.zeros(3),
-        com_acceleration=np.zeros(3),
-        angular_momentum=np.zeros(3),
-        moment=np.zeros(3),
         right_load=0.5,
-        feet=FeetState(feet, both, both, level, both, both, both),
-        contacts=ContactState(contact, contact, np.full((2, 3), np.inf)),
-        posture=PostureState(q, still, still, robot.trunk_rotations(q[None])[0], 0.0),
+        foot_position=feet,
+        foot_rotation=np.stack([np.eye(3), np.eye(3)]),
+        planned=contact,
+        due=contact,
+        until_lift=np.inf,
+        q=q,
+        v=still,
+        trunk=robot.trunk_rotations(q[None])[0],
     )
     start = q.copy()
     start[2] -= run.simulation.start_depth

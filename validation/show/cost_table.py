@@ -8,7 +8,7 @@ from validation.table import ABSENT, USED, Table, format_number, format_share, s
 
 _SHARES = ("margin_torque", "margin_saturated")
 """Costs that are shown as percentages."""
-_SHOWN = (
+COSTS = (
     "effort_zmp_x",
     "effort_zmp_y",
     *_SHARES,
@@ -21,6 +21,8 @@ _SHOWN = (
     "energy_cost_of_transport",
 )
 """Costs beside the agreement; the others are in :func:`reported_table`."""
+LARGER_IS_BETTER = COSTS[5:10]
+"""Costs that are room left; of all other metrics the smaller value is better."""
 _SMALL = 0.01
 """Planned ZMP margin that is explained [m]."""
 
@@ -31,7 +33,7 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
     Args:
         summary: contents of ``summary.json``.
     """
-    rows = [_row(summary, METRICS[name]) for name in _SHOWN]
+    rows = [_row(summary, METRICS[name]) for name in COSTS]
     if "log" in summary:
         rows = [row for row in rows if row[1] != ABSENT]
     columns = ("cost", ">value", ">limit", "unit", USED, "where")
@@ -52,7 +54,7 @@ def reported_table(summary: Mapping[str, Any]) -> Table:
         for item in summary["metrics"].values()
         if item["tolerance"] is None
     ]
-    rest: Iterable[Metric] = (item for item in METRICS.values() if item.section and item.name not in _SHOWN)
+    rest: Iterable[Metric] = (item for item in METRICS.values() if item.section and item.name not in COSTS)
     for metric in rest:
         label, value, _, unit, _, where = _row(summary, metric)
         rows.append((label, value, unit, where))
@@ -67,11 +69,7 @@ def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
         at = "" if value["time"] is None else f", {value['time']:.2f} s"
         where = f"{value['where'].replace('_', ' ')}{at}".removeprefix(", ")
         value = value["value"]
-    scale, unit = display_unit(metric.unit, summary["scales"]["body_weight"])
-    if metric.name in _SHARES:
-        scale, unit = 100.0, "%"
-    elif metric.section == "energy":  # a way of metres
-        scale, unit = 1.0, metric.unit.removesuffix("1")
+    scale, unit = cost_unit(metric, summary["scales"]["body_weight"])
     limits = {"margin_torque": 1.0, "margin_friction": summary["margins"]["friction_available"]}
     limit = limits.get(metric.name)
     if value is None:
@@ -84,6 +82,15 @@ def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
         format_share(value, limit),
         where,
     )
+
+
+def cost_unit(metric: Metric, weight: float) -> tuple[float, str]:
+    """Factor and unit in which a cost of a body with a weight [N] is shown."""
+    if metric.name in _SHARES:
+        return 100.0, "%"
+    if metric.section == "energy":  # a way of metres
+        return 1.0, metric.unit.removesuffix("1")
+    return display_unit(metric.unit, weight)
 
 
 def _sentence(summary: Mapping[str, Any]) -> str:

@@ -1,6 +1,7 @@
 """Pictures of a plan."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,10 +11,16 @@ from matplotlib.patches import Polygon
 from ampm.planner.centroidal import CentroidalPlan, PlanSample
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
-from validation.show.style import legend, save_figure, style
+from validation.show.style import save_figure, style
 
 _SHOWN_STEPS = 4  # a periodic gait repeats itself every two
 _POINTS = 1200
+_ABOVE: Any = {
+    "loc": "lower left",
+    "bbox_to_anchor": (-0.01, 1.0),
+    "ncols": 5,
+}
+"""Place of a legend: above the axes, because curves fill them."""
 _ROUNDING = 1e-9
 _BEYOND = 0.7  # of the path of the COM, in which footsteps are drawn [m]
 _COLORS = {
@@ -72,7 +79,7 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
                 end = min(phase.start + phase.duration, duration)
                 axis.axvspan(phase.start, end, color="0.92", zorder=0, lw=0)
         axis.set(xlabel="time [s]", ylabel=label, xlim=(0, duration))
-        legend(axis)
+        axis.legend(**_ABOVE)
     _draw_top(figure.add_subplot(grid[4, :]), plan, sample)
     save_figure(figure, path)
 
@@ -96,5 +103,5 @@ def _draw_top(axis: Axes, plan: CentroidalPlan, sample: PlanSample) -> None:
         axis.plot(values[:, 0], values[:, 1], color=_COLORS[name], label=name)
     axis.set_aspect("equal", adjustable="datalim")
     axis.set(xlabel="x, forward [m]", ylabel="y, left [m]")
-    axis.set_title("from above: footprints, support polygons (shaded)")
-    legend(axis)
+    axis.set_title("from above: footprints, support polygons (shaded)", pad=19)
+    axis.legend(**_ABOVE)

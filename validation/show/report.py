@@ -17,7 +17,6 @@ from validation.show.cost_table import cost_table, reported_table
 from validation.show.explanation import read_explanation
 from validation.show.page import render_page
 from validation.show.run_figures import RunFigures
-from validation.show.style import style
 from validation.store.folders import output_file
 from validation.store.json import dump_json
 from validation.store.saved import EXPLANATION, REPORT_FILE, SavedRun, load_saved_run, run_events
@@ -66,8 +65,7 @@ def render(saved: SavedRun) -> str:
     headline = headline if outcome.completed else f"{outcome.name}, {headline}"
     pictures = {}
     if len(saved.signals) > 1:
-        with style():
-            pictures = RunFigures(saved, plan).sections()
+        pictures = RunFigures(saved, plan).sections()
     return render_page(
         "report.html.j2",
         f"{saved.title}: {headline}",

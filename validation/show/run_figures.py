@@ -4,10 +4,8 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
-import mujoco
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from ampm.body.limits import CLEARANCE
 from ampm.description import SOLE_POINT_GROUPS
@@ -18,6 +16,7 @@ from validation.judge.compare import PARTS as CAUSES
 from validation.judge.compare import SIGNALS
 from validation.judge.margins import clearance_over_time
 from validation.judge.metrics import display_unit
+from validation.show.chart import DASHED, WIDTH, Chart, Picture, decimate, new_charts, picture
 from validation.show.curves import CURVES, DIFFERENCES, Curve, Difference
 from validation.show.style import (
     BAD,
@@ -31,12 +30,6 @@ from validation.show.style import (
     PLAN,
     RIGHT,
     SHADE,
-    WIDTH,
-    Picture,
-    decimate,
-    legend,
-    new_figure,
-    picture,
 )
 from validation.show.walker import draw_walker
 from validation.store.saved import SavedRun
@@ -44,10 +37,11 @@ from validation.store.signals import Signals
 from validation.table import short_unit
 from validation.trial.shapes import REACH, Shapes
 
-_DASHED = (0, (4, 3))
 _FEET = {"left": LEFT, "right": RIGHT}
 _KINDS = (("plan", PLAN, 2.4), ("command", COMMAND, 1.1), ("measured", MEASURED, 1.1))
 """Kind, colour and width of a curve; the plan is a broad line below the others."""
+_UPWARD = (-np.inf, np.inf, np.inf, -np.inf)
+"""Heights of the corners of an area from edge to edge."""
 _SECTIONS = {
     "zmp": ("zmp_x", "zmp_y"),
     "force": ("force_x", "force_y", "force_z"),
@@ -70,7 +64,7 @@ def middle(signals: Signals) -> slice:
     return found[len(found) // 2] if found else slice(0, len(signals))
 
 
-def shade_double_support(axis: Axes, signals: Signals, window: slice, *, from_zero: bool = False) -> None:
+def shade_double_support(chart: Chart, signals: Signals, window: slice, *, from_zero: bool = False) -> None:
     """Shade the planned double supports, on the clock of the walk or from 0 on."""
     first = float(signals.time[window.start]) if from_zero else 0.0
     step = float(signals.time[1] - signals.time[0]) if len(signals) > 1 else 0.0
@@ -78,7 +72,8 @@ def shade_double_support(axis: Axes, signals: Signals, window: slice, *, from_ze
         a, b = max(a, window.start), min(b, window.stop)
         if a < b and signals["phase"][a] == "double_support":
             begin = float(signals.time[a]) - first
-            axis.axvspan(begin, begin + (b - a) * step, color=SHADE, linewidth=0, zorder=0)
+            ends = [begin, begin + (b - a) * step]
+            chart.area(np.repeat(ends, 2), _UPWARD, SHADE, below=True)
 
 
 class RunFigures:
@@ -111,8 +106,8 @@ class RunFigures:
             gap = DIFFERENCES[entity]
             found[section] = [self.difference(gap)] if self._has(f"{gap.minuend}_x") else []
         if not self.saved.is_log:
-            figure = draw_walker(self.saved, self.plan, self.window)
-            found["walker"] = [] if figure is None else [self.walker(figure)]
+            poses = draw_walker(self.saved, self.plan, self.window)
+            found["walker"] = [self.walker(poses)] if poses else []
             found["split"] = [self.causes(axis) for axis in "xy"]
             found["contact"] = [self.contact_timeline()]
             found["cost"] = [self.torque_use(), self.clearance(), *found["cost"]]
@@ -122,40 +117,38 @@ class RunFigures:
         """Whether a column has any value: a log may lack some, a user's controller may report no command."""
         return bool(np.isfinite(self.signals[column]).any())
 
-    def walker(self, figure: Figure) -> Picture:
+    def walker(self, poses: list[Chart]) -> Picture:
         """The body at a few instants."""
         caption = (
             "Arrows: planned (blue) and measured (orange) ground force, from the ZMP. Black dot: COM. Pink: "
             "left side; yellow: right side."
         )
-        return picture(figure, "The walking body from the side", caption, wide=True)
+        return picture(poses, "The walking body from the side", caption, wide=True)
 
     def tracking(self, curve: Curve) -> Picture:
         """Error over one stride, large; below it plan and measurement, and the error over the whole run."""
-        figure, (large, lower, whole) = new_figure(6.2, 3, ratios=[5, 2.5, 2])
+        large, lower, whole = charts = new_charts(6.2, 3, ratios=[5, 2.5, 2])
         signals, rows, name = self.signals, self.window, curve.column
         time = signals.time[rows]
         scale, unit = display_unit(SIGNALS[name].unit, self.weight)
         gap = scale * (signals[f"measured_{name}"] - signals[f"{curve.reference}_{name}"])
-        large.fill_between(time, *self._spread(gap), color=MEASURED, alpha=0.25, linewidth=0)
-        large.plot(*decimate(time, gap[rows]), color=MEASURED)
-        whole.plot(*decimate(signals.time, gap), color=MEASURED, linewidth=0.8)
-        for axis in (large, whole):
-            _draw_tolerances(axis, self._tolerance(f"{name}_rmse"), self._tolerance(f"{name}_maximum"))
-        for axis in (large, lower):
-            shade_double_support(axis, signals, rows)
+        large.band(time, *self._spread(gap), MEASURED, opacity=0.25)
+        large.line(*decimate(time, gap[rows]), MEASURED, 1.3)
+        whole.line(*decimate(signals.time, gap), MEASURED, 0.8)
+        for chart in (large, whole):
+            _draw_tolerances(chart, self._tolerance(f"{name}_rmse"), self._tolerance(f"{name}_maximum"))
         for foot, color in _FEET.items():
             if f"{foot}_{name}" in signals:
-                values = curve.values(signals, foot)[rows]
-                lower.plot(*decimate(time, values), color=color, linewidth=0.9, label=f"{foot} foot")
+                values = curve.scale * signals[f"{foot}_{name}"][rows]
+                lower.line(*decimate(time, values), color, 0.9, label=f"{foot} foot")
         plan, *others = _KINDS
         first_plan = ("first_plan", FAINT, 1.1)  # of a plan that moved
         for kind, color, width in ((curve.reference, *plan[1:]), first_plan, *others):
             if f"{kind}_{name}" in signals and self._has(f"{kind}_{name}"):
                 values = curve.values(signals, kind)[rows]
-                lower.plot(
-                    *decimate(time, values), color=color, linewidth=width, label=kind.replace("_", " ")
-                )
+                lower.line(*decimate(time, values), color, width, label=kind.replace("_", " "))
+        for chart in (large, lower):
+            shade_double_support(chart, signals, rows)
         title = f"Error of {SIGNALS[name].label}"
         _finish(large, f"{title}, two steps", f"[{short_unit(unit)}]")
         _finish(lower, curve.title, f"[{curve.unit}]")
@@ -163,45 +156,48 @@ class RunFigures:
         caption = (
             "Of the whole-body motion, as the AMPM does not plan it." if curve.reference == "motion" else ""
         )
-        return picture(figure, f"{curve.title}: error, plan and measurement", caption)
+        return picture(charts, f"{curve.title}: error, plan and measurement", caption)
 
     def ahead(self) -> Picture:
         """RMS errors of the ZMP by how long before each instant the plan stood."""
-        figure, (axis,) = new_figure(2.3)
+        (chart,) = charts = new_charts(2.3)
         ahead = self.saved.summary["ahead"]
         for name, color in zip(("zmp_x", "zmp_y"), PARTS, strict=False):
             values = 1e3 * np.array(ahead["rmse"][name], dtype=float)
-            axis.plot(ahead["lead"], values, "o-", color=color, label=SIGNALS[name].direction)
-        axis.axvline(ahead["judged"], color=FAINT, linewidth=0.7, linestyle=_DASHED)
-        axis.set(xlabel="age of the plan [s]", ylim=(0.0, None))
-        _finish(axis, "ZMP, RMS error from the plan as it stood before", "[mm]")
+            chart.line(ahead["lead"], values, color, 1.3, label=SIGNALS[name].direction)
+            chart.dots(ahead["lead"], values, color, 5.0)
+        chart.instant(ahead["judged"], FAINT, dash=DASHED)
+        chart.ylim = (0.0, None)
+        _finish(chart, "ZMP, RMS error from the plan as it stood before", "[mm]", "age of the plan [s]")
         caption = "Dashed: the age by which this walk is judged."
-        return picture(figure, "RMS error of the ZMP by the age of the plan", caption)
+        return picture(charts, "RMS error of the ZMP by the age of the plan", caption)
 
     def difference(self, gap: Difference) -> Picture:
         """Difference of two vectors, over the whole run."""
-        figure, (axis,) = new_figure(2.3)
-        axis.axhline(0.0, color=FAINT, linewidth=0.7)
+        (chart,) = charts = new_charts(2.3)
+        chart.level(0.0, FAINT)
         values = gap.values(self.signals, self.weight)
         for name, part, color in zip(gap.axes, values.T, PARTS, strict=False):
-            axis.plot(*decimate(self.signals.time, part), color=color, linewidth=0.9, label=name)
-        self._finish_run(axis, gap.title, f"[{short_unit(gap.unit)}]")
-        return picture(figure, gap.title)
+            chart.line(*decimate(self.signals.time, part), color, 0.9, label=name)
+        self._finish_run(chart, gap.title, f"[{short_unit(gap.unit)}]")
+        return picture(charts, gap.title)
 
     def causes(self, axis: str) -> Picture:
         """Causes of the ZMP error over one stride, stacked, with the error itself as a line."""
-        figure, (axes,) = new_figure(2.7)
-        shade_double_support(axes, self.signals, self.window)
+        (chart,) = charts = new_charts(2.7)
         begin, end = self.window.start, self.window.stop
         rows = np.arange(begin, end, max(1, (end - begin) // 280))
         parts = 1e3 * np.stack([self.signals[f"zmp_error_{part}_{axis}"][rows] for part in CAUSES])
         parts, time = np.nan_to_num(parts), self.signals.time[rows]
-        colors = (*PARTS, FAINT)
-        for half, labels in ((np.maximum(parts, 0.0), tuple(CAUSES.values())), (np.minimum(parts, 0.0), ())):
-            axes.stackplot(time, half, colors=colors, labels=labels, alpha=0.75, linewidth=0)
-        axes.plot(time, parts.sum(axis=0), color=INK, linewidth=1.1, label="error")
-        _finish(axes, "", f"error along {axis} [mm]", columns=3)
-        return picture(figure, f"Causes of the ZMP error along {axis}, stacked")
+        for half, labels in ((np.maximum(parts, 0.0), [*CAUSES.values()]), (np.minimum(parts, 0.0), None)):
+            tops = np.cumsum(half, axis=0)
+            for k, color in enumerate((*PARTS, FAINT)):
+                label = labels[k] if labels else ""
+                chart.band(time, tops[k] - half[k], tops[k], color, opacity=0.75, label=label)
+        chart.line(time, parts.sum(axis=0), INK, 1.1, label="error")
+        shade_double_support(chart, self.signals, self.window)
+        _finish(chart, "", f"error along {axis} [mm]")
+        return picture(charts, f"Causes of the ZMP error along {axis}, stacked")
 
     def top_view(self, steps: int = 4) -> Picture:
         """ZMP and COM over the footprints, seen from above: some steps from the middle, or all from rest."""
@@ -212,24 +208,23 @@ class RunFigures:
         rows = slice(None) if is_whole else slice(bounds[begin], bounds[end])
         com = self.signals.vector("plan_com", "xy")[rows]
         low, high = com.min(axis=0) - 0.35, com.max(axis=0) + 0.35
-        figure, (axis,) = new_figure(4.8 if is_whole else 2.6, width=2 * WIDTH)
+        (chart,) = charts = new_charts(4.8 if is_whole else 2.6, width=2 * WIDTH)
         if self.plan is not None:
             for step in self.plan.contacts.footsteps:
                 if (low - 0.15 < step.position[:2]).all() and (step.position[:2] < high + 0.15).all():
-                    foot = footprint(self.plan.feet.sole, step)
-                    axis.fill(*foot.T, color=SHADE, linewidth=0)
-                    axis.plot(*foot.T, color=_FEET[step.foot], linewidth=0.9)
+                    x, y = footprint(self.plan.feet.sole, step).T
+                    chart.area(x, y, SHADE)
+                    chart.line(x, y, _FEET[step.foot], 0.9)
         for kind, color, width in _KINDS:
-            zmp = self.signals.vector(f"{kind}_zmp", "xy")[rows]
-            axis.plot(*zmp.T, color=color, linewidth=width, label=f"ZMP, {kind}")
+            x, y = self.signals.vector(f"{kind}_zmp", "xy")[rows].T
+            chart.line(x, y, color, width, label=f"ZMP, {kind}")
         for kind, color in (("plan", PLAN), ("measured", MEASURED)):
-            path = self.signals.vector(f"{kind}_com", "xy")[rows]
-            axis.plot(*path.T, color=color, linewidth=1.0, linestyle=_DASHED, label=f"COM, {kind}")
-        axis.set_aspect("equal", adjustable="datalim")
-        axis.set(xlabel="x, forward [m]", ylabel="y, left [m]")
-        legend(axis)
+            x, y = self.signals.vector(f"{kind}_com", "xy")[rows].T
+            chart.line(x, y, color, dash=DASHED, label=f"COM, {kind}")
+        chart.equal = True
+        _finish(chart, "", "y, left [m]", "x, forward [m]")
         caption = "The whole walk." if is_whole else "Four steps from the middle of the run."
-        return picture(figure, "ZMP and COM over the footprints, seen from above", caption, wide=True)
+        return picture(charts, "ZMP and COM over the footprints, seen from above", caption, wide=True)
 
     def contact_timeline(self) -> Picture:
         """Contact of the parts of both soles over one stride, every 10 ms: planned (line), measured (bar)."""
@@ -237,65 +232,55 @@ class RunFigures:
         stored = record.state_rows[:-1] * record.time_step
         rows = np.flatnonzero((stored >= shown[0]) & (stored <= shown[-1]))
         time, force = stored[rows], record.point_force[rows]
-        figure, (axis,) = new_figure(2.6, left=0.85)
-        shade_double_support(axis, self.signals, self.window)
+        (chart,) = charts = new_charts(2.6, left=0.95)
         planned = None
         if self.plan is not None:
             planned = self.plan.feet.sample(np.minimum(time, self.plan.duration))
-        ticks: dict[str, float] = {}
         for foot, (name, color) in enumerate(_FEET.items()):
             for group, region in enumerate(SOLE_POINT_GROUPS):
                 points = (record.point_foot == foot) & (record.point_group == group)
                 if not points.any():
                     continue
-                at = ticks[f"{name} {region}"] = -(3.5 * foot + group)
-                loaded = force[:, points, 2].max(axis=1, initial=0.0) > 1.0
-                axis.fill_between(
-                    time, at - 0.31, at + 0.31, where=loaded, step="post", color=color, linewidth=0
-                )
+                at = chart.yticks[f"{name} {region}"] = -(3.5 * foot + group)
+                _draw_bars(chart, time, force[:, points, 2].max(axis=1, initial=0.0) > 1.0, at, 0.31, color)
                 if planned is not None:
-                    on = planned[foot].contact[:, group]
-                    axis.fill_between(
-                        time, at - 0.07, at + 0.07, where=on, step="post", color=INK, linewidth=0
-                    )
-        axis.set_yticks(list(ticks.values()), list(ticks))
-        axis.grid(False, axis="y")
-        _finish(axis, "Measured contact (bars) and planned contact (thin lines)", "")
-        return picture(figure, "Contact of heel, ball and tip of both feet")
+                    _draw_bars(chart, time, planned[foot].contact[:, group], at, 0.07, INK)
+        shade_double_support(chart, self.signals, self.window)
+        chart.ylim = (min(chart.yticks.values(), default=0.0) - 0.5, 0.5)
+        _finish(chart, "Measured contact (bars) and planned contact (thin lines)", "")
+        return picture(charts, "Contact of heel, ball and tip of both feet")
 
     def torque_use(self, most: int = 16) -> Picture:
         """Largest and RMS torque of the busiest motors, as shares of their limits."""
         record = self.saved.record
-        figure, (axis,) = new_figure(3.9, left=1.45)
+        (chart,) = charts = new_charts(3.9, left=1.45)
         share = 100.0 * np.abs(record.tick_torque) / record.torque_limit
-        peak, rms = share.max(axis=0), np.sqrt((share**2).mean(axis=0))
-        order = np.argsort(peak)[::-1][:most]
-        rows = np.arange(len(order))
-        axis.barh(rows, peak[order], height=0.7, color=PLAN, alpha=0.45, linewidth=0, label="largest")
-        axis.barh(rows, rms[order], height=0.32, color=PLAN, linewidth=0, label="RMS")
-        axis.set_yticks(rows, [record.joint_names[index] for index in order])
-        axis.invert_yaxis()
-        axis.set_xlim(0, max(100.0, 1.05 * float(peak.max())))
-        axis.axvline(100.0, color=BAD, linewidth=0.9, linestyle=_DASHED)
-        axis.grid(False, axis="y")
-        axis.set(xlabel="torque [% of the motor's limit]", title="The busiest motors")
-        legend(axis)
-        return picture(figure, "Torque of the busiest motors")
+        order = np.argsort(share.max(axis=0))[::-1][:most]
+        peak, rms = share.max(axis=0)[order], np.sqrt((share**2).mean(axis=0))[order]
+        for values, half, opacity, label in ((peak, 0.35, 0.45, "largest"), (rms, 0.16, 1.0, "RMS")):
+            for row, value in enumerate(values):
+                corners = [0.0, value, value, 0.0], [-row - half, -row - half, -row + half, -row + half]
+                chart.area(*corners, PLAN, opacity=opacity, label=label if row == 0 else "")
+        chart.yticks = {record.joint_names[index]: -row for row, index in enumerate(order)}
+        chart.xlim = (0.0, max(100.0, 1.05 * float(peak.max())))
+        chart.instant(100.0, BAD, 0.9, dash=DASHED)
+        _finish(chart, "The busiest motors", "", "torque [% of the motor's limit]")
+        return picture(charts, "Torque of the busiest motors")
 
     def clearance(self) -> Picture:
         """Least distance of two parts of the body over the whole run, with its limit."""
-        figure, (axis,) = new_figure(2.3)
-        shapes = Shapes(mujoco.MjModel.from_xml_string(self.saved.model_xml))
+        (chart,) = charts = new_charts(2.3)
+        shapes = Shapes(self.saved.record.model())
         time, gaps = clearance_over_time(self.saved.record, shapes)
-        axis.plot(*decimate(time, 1e3 * gaps.distance), color=MEASURED, linewidth=0.9)
+        chart.line(*decimate(time, 1e3 * gaps.distance), MEASURED, 0.9)
         limit = 1e3 * CLEARANCE
-        axis.axhline(limit, color=BAD, linewidth=0.9, linestyle=_DASHED, label=f"limit, {limit:g} mm")
-        axis.set_ylim(bottom=min(0.0, 1.1e3 * float(gaps.distance.min())))
-        self._finish_run(axis, "Least distance of two parts of the body", "[mm]")
+        chart.level(limit, BAD, 0.9, dash=DASHED, label=f"limit, {limit:g} mm")
+        chart.ylim = (min(0.0, 1.1e3 * float(gaps.distance.min())), None)
+        self._finish_run(chart, "Least distance of two parts of the body", "[mm]")
         closest = gaps.parts[int(gaps.distance.argmin())]
         caption = f"Arms, legs and trunk; {1e3 * REACH:g} mm where nothing is nearer."
         label = "Least distance of two parts of the body over the run, and its limit"
-        return picture(figure, label, f"{caption} Closest: {closest}." if closest else caption)
+        return picture(charts, label, f"{caption} Closest: {closest}." if closest else caption)
 
     def _tolerance(self, metric: str) -> float | None:
         """Tolerance of a metric in the unit of reports."""
@@ -313,31 +298,41 @@ class RunFigures:
         stack = np.where(np.isnan(stack).all(axis=0), 0.0, stack)
         return np.nanmin(stack, axis=0), np.nanmax(stack, axis=0)
 
-    def _finish_run(self, axis: Axes, title: str, ylabel: str) -> None:
+    def _finish_run(self, chart: Chart, title: str, ylabel: str) -> None:
         """Labels; a dotted line at the end of the first step, which is judged separately."""
         end = 0 if self.saved.from_rest else self.signals.first_step()
         if 0 < end < len(self.signals):
-            axis.axvline(float(self.signals.time[end]), color=FAINT, linewidth=0.8, linestyle=":")
-        _finish(axis, title, ylabel)
+            chart.instant(float(self.signals.time[end]), FAINT, 0.8, dash="1 2")
+        _finish(chart, title, ylabel)
 
 
-def _finish(axis: Axes, title: str, ylabel: str, *, columns: int = 5) -> None:
-    """Labels and legend of curves over time."""
-    axis.set(title=title, xlabel="time [s]", ylabel=ylabel)
-    axis.margins(x=0)
-    legend(axis, columns)
+def _finish(chart: Chart, title: str, ylabel: str, xlabel: str = "time [s]") -> None:
+    """Labels of a chart."""
+    chart.title, chart.xlabel, chart.ylabel = title, xlabel, ylabel
 
 
-def _draw_tolerances(axis: Axes, rmse: float | None, maximum: float | None) -> None:
+def _draw_bars(
+    chart: Chart, time: NDArray[np.floating], on: NDArray[np.bool_], at: float, half: float, color: str
+) -> None:
+    """Bars about a height, of half a thickness, while something holds."""
+    edges = np.flatnonzero(np.diff([False, *on, False]))
+    ends = np.append(time, time[-1:])
+    for begin, end in edges.reshape(-1, 2):
+        corners = np.repeat(ends[[begin, end]], 2)
+        chart.area(corners, (at - half, at + half, at + half, at - half), color)
+
+
+def _draw_tolerances(chart: Chart, rmse: float | None, maximum: float | None) -> None:
     """Tolerances about zero; a wide one does not scale the axis."""
-    axis.axhline(0.0, color=FAINT, linewidth=0.7)
-    reach = 1.15 * max(abs(limit) for limit in axis.get_ylim())
+    low, high = chart.limits()
+    reach = 1.1 * max(abs(low[1]), abs(high[1]))
+    chart.level(0.0, FAINT)
     if rmse is not None:
-        axis.axhspan(-rmse, rmse, color=GOOD, alpha=0.22, linewidth=0)
+        chart.area((-np.inf, np.inf, np.inf, -np.inf), (-rmse, -rmse, rmse, rmse), GOOD, opacity=0.22)
         reach = max(reach, 1.6 * rmse)
     if maximum is not None:
         if 0.4 * maximum < reach:
             reach = max(reach, 1.1 * maximum)
         for sign in (-1, 1):
-            axis.axhline(sign * maximum, color=BAD, linewidth=0.9, linestyle=_DASHED)
-    axis.set_ylim(-reach, reach)
+            chart.level(sign * maximum, BAD, 0.9, dash=DASHED)
+    chart.ylim = (-reach, reach)

@@ -6,12 +6,15 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
+from validation.output import results
 from validation.table import ABSENT, COLORS, format_number
 
 
 def print_line(text: str | Text = "", style: str = "") -> None:
     """Print one line on stdout, unwrapped and unchanged."""
-    Console(highlight=False, soft_wrap=True).print(Text(text) if isinstance(text, str) else text, style=style)
+    Console(file=results(), highlight=False, soft_wrap=True).print(
+        Text(text) if isinstance(text, str) else text, style=style
+    )
 
 
 def judged(verdict: str) -> Text:

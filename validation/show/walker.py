@@ -4,13 +4,12 @@ from itertools import pairwise
 
 import mujoco
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ampm.geometry import Array, rotations
 from ampm.planner.support import StepPlan
-from validation.show.style import FAINT, INK, LEFT, MEASURED, PLAN, RIGHT, WIDTH
+from validation.show.chart import WIDTH, Chart
+from validation.show.style import FAINT, INK, LEFT, MEASURED, PLAN, RIGHT
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals
 from validation.trial.outcome import OutcomeName
@@ -21,6 +20,7 @@ INSTANTS = 6
 LAST = 1.0
 """Of a walk that was lost its end is shown [s]."""
 _ARROW = 1.25  # length of the weight's arrow, over the height of the COM: it passes the COM
+_HEAD = 0.04  # length of an arrow's head [m]
 _SMALLEST = 0.005  # radius from which a shape of the body is drawn [m]
 _WHOLE = 1e3  # radius from which a part of the floor is not drawn: it is the plane [m]
 _OUTLINE = rotations(np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False))[..., 0]
@@ -33,7 +33,7 @@ def drawn_geoms(model: mujoco.MjModel) -> NDArray[np.intp]:
     return np.flatnonzero(((model.geom_bodyid > 0) | steps) & (model.geom_rbound > _SMALLEST))
 
 
-def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> Figure | None:
+def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> list[Chart]:
     """Draw the body with ZMP and ground force at a few instants, moved by the recorded joint angles.
 
     Args:
@@ -42,29 +42,30 @@ def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> Figure
         stride: rows of the signals that are shown; of a walk that was lost its last second.
 
     Returns:
-        One pose beside the other in order of time; None for a run without states.
+        One pose beside the other in order of time; none for a run without states.
     """
     record, signals = saved.record, saved.signals
     _, states, rows = np.intersect1d(record.state_rows[:-1], saved.signal_steps, return_indices=True)
     if not len(states):
-        return None
+        return []
     if record.outcome.name not in (OutcomeName.COMPLETED, OutcomeName.INTERRUPTED):
         stride = slice(int(np.searchsorted(signals.time, record.outcome.time - LAST)), len(signals))
     chosen = np.unique(np.abs(rows - rows_shown(signals, stride)[:, None]).argmin(axis=1))
-    model = mujoco.MjModel.from_xml_string(saved.model_xml)
-    figure = Figure(figsize=(2 * WIDTH, 3.4))
-    axes = figure.subplots(1, len(chosen), sharex=True, sharey=True, squeeze=False)[0]
-    figure.subplots_adjust(left=0.0, right=1.0, bottom=0.01, top=0.88, wspace=0.02)
-    for axis, state, row in zip(axes, states[chosen], rows[chosen], strict=True):
+    model = saved.record.model()
+    wide, charts = 2 * 72 * WIDTH / len(chosen), list[Chart]()
+    for state, row in zip(states[chosen], rows[chosen], strict=True):
         time = float(signals.time[row])
         heading = 0.0 if plan is None else float(plan.sample([min(time, plan.duration)]).heading[0])
         points, forces = record.point_position[[state], :, 2], record.point_force[[state], :, 2]
         floor = float(support_height(record.metadata, points, forces)[0])
-        _draw_pose(axis, model, record.q[state], signals.take(np.array([row])), rotations(heading), floor)
-        axis.set_title(f"{time:.2f} s\n{_phase(signals, int(row))}", fontsize=8, loc="center")
-        axis.set(aspect="equal", xlim=(-0.45, 0.45))
-        axis.axis("off")
-    return figure
+        chart = Chart(wide * len(charts), 28.0, wide, 215.0, f"{time:.2f} s\n{_phase(signals, int(row))}")
+        chart.xlim, chart.equal, chart.frame = (-0.45, 0.45), True, False
+        _draw_pose(chart, model, record.q[state], signals.take(np.array([row])), rotations(heading), floor)
+        charts.append(chart)
+    lowest, highest = (limit(chart.limits()[k][1] for chart in charts) for k, limit in enumerate((min, max)))
+    for chart in charts:
+        chart.ylim = (lowest, highest)
+    return charts
 
 
 def rows_shown(signals: Signals, window: slice) -> NDArray[np.intp]:
@@ -85,12 +86,12 @@ def _phase(signals: Signals, row: int) -> str:
 
 
 def _draw_pose(
-    axis: Axes, model: mujoco.MjModel, q: Array, signals: Signals, axes: Array, floor: float
+    chart: Chart, model: mujoco.MjModel, q: Array, signals: Signals, axes: Array, floor: float
 ) -> None:
     """What is seen of one instant by someone on the right of the body, about the COM.
 
     Args:
-        axis: to draw into; forward [m], upward [m].
+        chart: to draw into; forward [m], upward [m].
         model: the body.
         q: its configuration.
         signals: one row, of this instant.
@@ -106,18 +107,22 @@ def _draw_pose(
     geoms = drawn_geoms(model)
     for geom in geoms[np.argsort(-data.geom_xpos[geoms, :2] @ axes[:, 1])].tolist():  # the farthest first
         corners = outline(model, data, geom, plane) - middle
-        axis.fill(*corners.T, facecolor=colors[geom], edgecolor=FAINT, alpha=0.35, linewidth=0.6)
-    axis.axhline(floor, color=FAINT, linewidth=0.8)
+        chart.area(corners[:, 0], corners[:, 1], colors[geom], opacity=0.35, edge=FAINT)
+    chart.level(floor, FAINT, 0.8)
     weight = float(signals["plan_force_z"][0])
     scale = _ARROW * com[2] / weight if weight > 0.0 else 0.0
     for kind, color, width in (("plan", PLAN, 4.0), ("measured", MEASURED, 1.5)):
         zmp = plane @ [*signals.vector(f"{kind}_zmp", "xy")[0], floor] - middle
         tip = zmp + scale * plane @ signals.vector(f"{kind}_force")[0]
         if np.isfinite([*zmp, *tip]).all():
-            arrow = {"arrowstyle": "-|>", "color": color, "linewidth": width, "shrinkA": 0, "shrinkB": 0}
-            axis.annotate("", xy=tuple(tip), xytext=tuple(zmp), arrowprops=arrow)
-            axis.plot(*zmp, "o", color=color, markersize=3 + width)
-    axis.plot(*(plane @ com - middle), "o", color=INK, markersize=5)
+            along = (tip - zmp) / max(float(np.linalg.norm(tip - zmp)), 1e-9)
+            back, aside = tip - _HEAD * along, 0.4 * _HEAD * np.array([-along[1], along[0]])
+            x, y = np.transpose([zmp, back, tip, back + aside, back - aside])
+            chart.line(x[:2], y[:2], color, width)
+            chart.area(x[2:], y[2:], color)
+            chart.dots(x[:1], y[:1], color, 3 + width)
+    x, y = plane @ com - middle
+    chart.dots([x], [y], INK, 5.0)
 
 
 def _colors(model: mujoco.MjModel) -> list[str]:

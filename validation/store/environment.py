@@ -11,7 +11,7 @@ from typing import Any
 
 from validation.store.machine import cores
 
-COMPUTING = ("mujoco", "dm-control", "pin", "osqp", "daqp", "numba", "numpy", "scipy")
+COMPUTING = ("mujoco", "dm-control", "pin", "osqp", "numba", "numpy", "scipy")
 """Distributions whose version can change a number."""
 DISTRIBUTIONS = ("ampm", *COMPUTING, "drake", "pyarrow", "rerun-sdk", "matplotlib", "pydantic")
 """Distributions whose version can change a result or its picture."""

@@ -5,7 +5,6 @@ is exact, and the support polygons are cheaper to recompute than to store.
 """
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +27,7 @@ from validation.store.metric_table import metric_table, summary_title
 from validation.store.record import MODEL_FILE as MODEL_FILE
 from validation.store.record import RECORD_FILES, StoredRecord
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
+from validation.store.summary import Summary, read_json
 from validation.table import Table, Tabled
 
 _DESCRIPTION = TypeAdapter(BodyDescription)
@@ -130,6 +130,8 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
     Raises:
         InputError: the folder or one of its files is missing, damaged, or not what the run wrote.
     """
+    if not isinstance(directory, str | Path):
+        raise InputError(f"{directory!r} names no folder; give that of a finished run.")
     directory = Path(directory)
     missing = [name for name in _NEEDED if not (directory / name).is_file()]
     if missing:
@@ -213,15 +215,7 @@ def _load_summary(path: Path) -> dict[str, Any]:
     Raises:
         InputError: there is none, or it is damaged.
     """
-    if not path.is_file():
-        raise InputError(f"{path} is missing, or no regular file; give the folder of a finished run.")
-    try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no JSON ({error}); walk the gait again.") from error
-    if not isinstance(summary, dict) or not isinstance(summary.get("files"), dict):
-        raise InputError(f"{path} is damaged: it has no digests of files; walk the gait again.")
-    return summary
+    return read_json(path, Summary, "walk the gait again")
 
 
 def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:

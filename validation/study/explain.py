@@ -15,12 +15,11 @@ from importlib.resources import files
 from importlib.util import find_spec
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 from xml.etree import ElementTree
 
 import numpy as np
 
-from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN, OPEN_KEYS, OPTION_TABLES, RunParameters, keys
 from ampm.planner.newton import newton_residual
@@ -28,13 +27,12 @@ from ampm.presets import PRESETS
 from ampm.run_file import load_run
 from validation.judge import profiles
 from validation.judge.margins import SATURATED
-from validation.progress import Progress
 from validation.run.walk import walk_planned
 from validation.show.explanation import explanation_table
 from validation.store.folders import output_file
 from validation.store.json import json_ready, write_json
 from validation.store.saved import EXPLANATION, RUN_FILE, load_saved_run
-from validation.study.many import Search, Task, study_folder, walk_many
+from validation.study.many import Execution, Search, Task, open_study, walk_many
 from validation.study.row_file import Row
 from validation.study.walk_options import users_classes
 from validation.table import Table, Tabled
@@ -266,7 +264,7 @@ def residuals_of(planned: PlannedWalk) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Explanation(Brief, Tabled):
+class Explanation(Tabled):
     """Why a trial fails, or what costs most of its margin.
 
     Attributes:
@@ -342,13 +340,11 @@ def _rank(row: Row) -> tuple[float, ...]:
 
 
 def explain(
-    run: RunParameters | str | Path | None = "normal",
+    run: Request | RunParameters | str | Path | None = "normal",
     settings: Sequence[str] = (),
     *,
     disturbances: Sequence[Disturbance] = (),
-    workers: int | None = None,
-    out: str | Path | None = None,
-    progress: Progress | None = None,
+    **execution: Unpack[Execution],
 ) -> Explanation:
     """Find the layer that makes a trial fail, or that costs most of its margin.
 
@@ -356,16 +352,14 @@ def explain(
         run: parameters, preset, TOML file, or the folder of a finished run, which gets the explanation.
         settings: ``key=value`` texts, for a preset or file.
         disturbances: external forces beside those of the run; those of a folder act again as recorded.
-        workers: processes; None for one a core, 0 for this very process.
-        out: folder of every walk and ``explain.json``.
-        progress: where to report it.
+        execution: workers and folder, see :class:`validation.study.many.Execution`.
 
     Raises:
         InputError, RefusedGait: the trial cannot be walked, or ``out`` is used otherwise.
         StudyStopped: see :func:`validation.study.many.walk_many`.
     """
     folder = Path(run) if isinstance(run, str | Path) and Path(run).is_dir() else None
-    target = study_folder(out, resume=False)
+    target, pool = open_study(execution)
     if folder is None:
         request = load_request(str(run) if isinstance(run, Path) else run, settings)
         profile = profiles.own_profile(request.name, request.run, disturbances).name
@@ -376,14 +370,14 @@ def explain(
         )
     else:
         given = _saved_case(folder)
-    planned = plan_walk(given.request, progress)
+    planned = plan_walk(given.request, pool.get("progress"))
     case = replace(given, request=planned.request, users=users_classes(planned.run))
     trial = walk_case(case)
     case = replace(case, strained=trial["motor"] if trial["strained"] else "")
     changes, found = list(possible(case)), dict[tuple[Change, ...], Row]()
     searches = [_search(case, trial, changes, change, found) for change in changes]
     label = f"{planned.name}: layers"
-    for _ in walk_many(searches, target, workers=workers, label=label, unit="changes", progress=progress):
+    for _ in walk_many(searches, target, label=label, unit="changes", **pool):
         pass
     rows = tuple(
         # Without limits the motor shows that needs more than its own.

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.util import resolve_name
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack, cast
 
 import numpy as np
 from pydantic import BaseModel
@@ -26,6 +26,7 @@ from validation.judge.metrics import added_metrics
 from validation.progress import Progress, Stage, interruption
 from validation.store.folders import check_target, disk_is_full
 from validation.store.identity import code_hash
+from validation.store.machine import cores
 from validation.study.exceptions import StudyStopped
 from validation.study.pool import open_pool, users_file
 from validation.study.row_file import ROWS, Row, RowFile
@@ -105,6 +106,43 @@ def _add_sources(name: str, files: dict[str, bytes]) -> None:
             _add_sources(imported, files)
 
 
+class Pool(TypedDict, total=False):
+    """Where walks run, and where they report.
+
+    Attributes:
+        workers: processes of this machine; None for one a core, 0 to walk in this very process.
+        scheduler: address of a dask scheduler or its scheduler file; its workers are used instead.
+        progress: where to report; silent by default.
+    """
+
+    workers: int | None
+    scheduler: str | None
+    progress: Progress | None
+
+
+class Execution(Pool, total=False):
+    """How every study is run and kept.
+
+    Attributes:
+        out: folder of every walk and of the result; None writes nothing.
+        resume: go on with what is in ``out``: walk what has no row of these options and this code.
+    """
+
+    out: str | Path | None
+    resume: bool
+
+
+def open_study(execution: Execution) -> tuple[Path | None, Pool]:
+    """Folder of a study, see :func:`study_folder`, and where it walks.
+
+    Raises:
+        InputError: as :func:`study_folder`.
+    """
+    rest: dict[str, Any] = {**execution}
+    folder = study_folder(rest.pop("out", None), resume=rest.pop("resume", False))
+    return folder, cast(Pool, rest)
+
+
 def study_folder(out: str | Path | None, *, resume: bool) -> Path | None:
     """Folder of a study, checked before anything is walked; None if nothing is to be written.
 
@@ -129,12 +167,10 @@ def walk_many(
     tasks: Iterable[Task | Search],
     folder: Path | None = None,
     *,
-    workers: int | None = None,
-    scheduler: str | None = None,
     limit: float | None = None,
     label: str = "walks",
     unit: str = "runs",
-    progress: Progress | None = None,
+    **pool: Unpack[Pool],
 ) -> Iterator[Row]:
     """Walk every task once; yield its row, with ``key`` and ``digest``, as soon as it is there.
 
@@ -144,23 +180,25 @@ def walk_many(
     Args:
         tasks: runs and searches, taken one by one as workers get free.
         folder: of the rows; None keeps them in a temporary file.
-        workers: processes of this machine; None for one a core, 0 to walk in this very process.
-        scheduler: address of a dask scheduler or its scheduler file; its workers are used instead.
         limit: wall-clock time of a run [s]; none in this very process.
         label: what is done, for the progress.
         unit: what the tasks and searches are, likewise.
-        progress: where to report.
+        pool: where to walk, see :class:`Pool`.
 
     Raises:
         InputError: bad options, or the folder is in use.
         StudyStopped: a full disk, a lost scheduler, a worker that cannot work; finished runs are kept.
         KeyboardInterrupt: Ctrl-C; finished runs are kept.
     """
+    workers, scheduler = pool.get("workers"), pool.get("scheduler")
+    progress = pool.get("progress") or Progress()
     if workers is not None and workers < 0:
         raise InputError(f"--workers {workers} must not be negative; give the number of processes.")
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler exclude each other: a scheduler has its own workers.")
-    progress = progress or Progress()
+    total = len(tasks) if isinstance(tasks, Sized) else 0
+    if scheduler is None and total:  # no process without a walk
+        workers = min(cores() if workers is None else workers, total)
     rows = RowFile(folder)
     source, ready = iter(tasks), deque[tuple[Search, Task]]()
 
@@ -190,19 +228,19 @@ def walk_many(
 
     try:
         with progress.stage(label, unit) as stage:
-            report = _Report(stage, len(tasks) if isinstance(tasks, Sized) else 0)
+            report = _Report(stage, total)
             yield from refill()
             if not ready:
                 return
-            with open_pool(workers, scheduler, limit) as pool:
+            with open_pool(workers, scheduler, limit) as processes:
                 flying: dict[str, tuple[Search, Task]] = {}
                 while ready or flying:
-                    if ready and len(flying) < pool.size():
+                    if ready and len(flying) < processes.size():
                         search, task = ready.popleft()
-                        flying[pool.send(task.work, task.options)] = search, task
+                        flying[processes.send(task.work, task.options)] = search, task
                         yield from refill()
                         continue
-                    for name, columns in pool.wait():
+                    for name, columns in processes.wait():
                         search, task = flying.pop(name)
                         row = {"key": task.key, "digest": task.digest, **columns}
                         rows.append(row)
@@ -211,7 +249,7 @@ def walk_many(
                         yield from advance(search, row)
                         yield from refill()
                     interruption.check()
-                    report.show(waiting=not pool.size())
+                    report.show(waiting=not processes.size())
     except OSError as error:
         if disk_is_full(error):
             raise StudyStopped(f"the disk is full ({error})", "free some space") from error

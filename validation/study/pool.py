@@ -5,6 +5,7 @@ a run that hangs ends its process by a timer of C, and the client learns when a 
 """
 
 import faulthandler
+import json
 import logging
 import math
 import os
@@ -27,6 +28,7 @@ from uuid import uuid4
 import cloudpickle
 
 from ampm.exceptions import InputError, RefusedGait
+from ampm.files import read_text
 from validation.judge.metrics import add_metrics, added_metrics
 from validation.store.folders import disk_is_full
 from validation.store.identity import code_hash
@@ -359,11 +361,12 @@ def _remote(address: str) -> Iterator[Any]:
     where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
     try:
         if "scheduler_file" in where:
-            Path(address).read_bytes()  # a client would wait for it for ever
+            if not isinstance(json.loads(read_text(Path(address)))["address"], str):  # a client would wait
+                raise ValueError("its address is no text")
         else:
             resolve_address(address)  # a client of an address that is none waits for a minute
         client = Client(**where, timeout=_CONNECT, set_as_default=False)
-    except (OSError, ValueError, TypeError, KeyError, TimeoutError) as error:
+    except (OSError, ValueError, TypeError, KeyError, TimeoutError, InputError) as error:
         raise InputError(
             f"no dask scheduler answers at --scheduler {address} ({error}); start one with 'dask scheduler', "
             "or leave the option out to run on this machine."

@@ -40,7 +40,7 @@ class RowFile:
             self._file: Any = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  # closed by close()
             return
         folder.mkdir(parents=True, exist_ok=True)
-        self._file = (folder / ROWS).open("a+b", buffering=0)
+        self._file = _opened(folder / ROWS, "a+b")
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -59,13 +59,8 @@ class RowFile:
                 if not line.endswith(b"\n"):  # cut off by a kill or a full disk
                     self._file.truncate(start)
                     return
-                try:
-                    row = json.loads(line)
-                    place = row["key"], row["digest"]
-                except (ValueError, KeyError, TypeError):
-                    raise InputError(
-                        f"line {number} of {path} is damaged; remove it, or give another folder."
-                    ) from None
+                row = _parsed(line, number, path)
+                place = row["key"], row["digest"]
                 if row.get("outcome") in UNFINISHED:
                     self._lines.pop(place, None)
                 else:
@@ -115,8 +110,30 @@ def crash_notes(rows: Iterable[Row]) -> list[str]:
 
 
 def read_rows(folder: Path) -> Iterator[Row]:
-    """Whole rows of a folder, as they were written; a later row of a key replaces an earlier one."""
-    with (folder / ROWS).open("rb") as lines:
-        for line in lines:
+    """Whole rows of a folder, as they were written; a later row of a key replaces an earlier one.
+
+    Raises:
+        InputError: the file is no regular one, or damaged.
+    """
+    with _opened(folder / ROWS, "rb") as lines:
+        for number, line in enumerate(lines, start=1):
             if line.endswith(b"\n"):
-                yield json.loads(line)
+                yield _parsed(line, number, folder / ROWS)
+
+
+def _opened(path: Path, mode: str) -> Any:
+    """The file of rows; to open a pipe would wait for its writer."""
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path} is no regular file; give another folder.")
+    return path.open(mode, buffering=0 if "+" in mode else -1)
+
+
+def _parsed(line: bytes, number: int, path: Path) -> Row:
+    """The row of a line, which has a key and a digest."""
+    try:
+        row: Row = json.loads(line)
+        if isinstance(row["key"], str) and isinstance(row["digest"], str):
+            return row
+    except (ValueError, KeyError, TypeError, RecursionError):
+        pass
+    raise InputError(f"line {number} of {path} is damaged; remove it, or give another folder.")

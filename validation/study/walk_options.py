@@ -1,4 +1,4 @@
-"""What of a user decides on a walk: controller, planner, estimator, sent by value, and files."""
+"""The walk of a study on a worker, with what a user adds to it: classes, sent by value, and files."""
 
 import os
 from contextlib import suppress
@@ -7,6 +7,13 @@ from typing import Any
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from ampm.walk import Planner
+from validation.judge.profiles import DEFAULT, Profile
+from validation.judge.profiles import profile as find_profile
+from validation.run.trial import Trial
+from validation.run.walk import timed, walk_planned
+from validation.trial.outcome import OutcomeName
+from validation.trial.plan import Request, plan_walk
 from validation.trial.planners import load_planner
 from validation.trial.users import CONTROLLER, ESTIMATOR, PLANNER
 
@@ -15,9 +22,9 @@ def users_classes(run: RunParameters) -> dict[str, Any]:
     """Controller, planner and estimator of a run that are not the project's own; empty if all are.
 
     Returns:
-        ``controller``: what makes the controller, as :func:`validation.run.walk.walk_planned` takes it.
-        ``planner``: the planner, as :func:`validation.trial.plan.plan_walk` takes it; of a table its rows.
-        ``estimator``: what makes the estimator, as :func:`validation.run.walk.walk_planned` takes it.
+        ``controller``: what makes the controller, as :func:`walk_request` takes it.
+        ``planner``: the planner, as :func:`walk_request` takes it; of a table its rows.
+        ``estimator``: what makes the estimator, as :func:`walk_request` takes it.
 
     Raises:
         InputError: there is no such controller, planner or estimator.
@@ -43,3 +50,27 @@ def users_files(run: RunParameters) -> list[Path]:
         with suppress(InputError):  # its runs will say what is wrong
             files.append(source_path(read_body_file(files[0]).source, files[0].parent))
     return files
+
+
+def walk_request(
+    request: Request, profile: Profile | str = DEFAULT, *, planner: Planner | None = None, **users: Any
+) -> Trial:
+    """Plan, walk and judge one run of a study.
+
+    Args:
+        request: parameters and name.
+        profile: tolerances, or their name.
+        planner: of a user's own; that of the run by default.
+        users: other classes of a user, see :func:`users_classes`, and disturbances.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C in this very process: no result.
+    """
+    seconds: dict[str, float] = {}
+    with timed(seconds, "planning"):
+        planned = plan_walk(request, planner=planner)
+    profile = profile if isinstance(profile, Profile) else find_profile(profile)
+    trial = walk_planned(planned, profile, seconds=seconds, **users)
+    if trial.record.outcome.name == OutcomeName.INTERRUPTED:
+        raise KeyboardInterrupt
+    return trial

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import InputError
+from ampm.files import LARGEST_TABLE, check_columns, read_file, read_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,13 +29,21 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
     import pyarrow.parquet as pq
 
     check_suffix(path)
-    if not path.exists():
-        raise InputError(f"there is no file {str(path)!r}; correct the name.")
-    if not path.is_file():  # to open a pipe would wait for its writer
-        raise InputError(f"{path} is no regular file; give a table in a file.")
     try:
-        table = pq.read_table(path) if path.suffix == ".parquet" else pyarrow.csv.read_csv(path)
+        if path.suffix == ".parquet":
+            with pq.ParquetFile(io.BytesIO(read_file(path, LARGEST_TABLE))) as file:
+                cells = file.metadata.num_rows * file.metadata.num_columns
+                if cells > LARGEST_TABLE // 8:  # a few bytes may stand for many
+                    raise InputError(f"{path} has {cells:,} cells; give at most {LARGEST_TABLE // 8:,}.")
+                table = file.read()
+        else:
+            table = pyarrow.csv.read_csv(io.BytesIO(read_text(path, LARGEST_TABLE).encode()))
+        check_columns(table.column_names, path)
         return {name: table[name].to_numpy() for name in table.column_names}
+    except FileNotFoundError:
+        raise InputError(f"there is no file {str(path)!r}; correct the name.") from None
+    except InputError:
+        raise
     except (OSError, ValueError) as error:  # pyarrow's errors are ValueErrors
         raise InputError(f"{path} cannot be read as a table ({error}); give a whole file.") from error
 

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ampm.exceptions import InputError
-from validation.trial.users import UsersCode, load_object
+from validation.trial.users import UsersCode, load_object, real_numbers
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -82,9 +82,11 @@ class Plant:
 
         Raises:
             InputError: there is no such segment, or a number is not finite.
+            ValueError: force or moment are not three real numbers.
         """
         body = self.segment(segment)
-        wrench = np.concatenate([np.reshape(force, 3), np.reshape(moment, 3)]).astype(np.float64)
+        parts = (("force", force), ("moment", moment))
+        wrench = np.concatenate([real_numbers(name, value, (3,)) for name, value in parts], dtype=np.float64)
         if not np.isfinite(wrench).all():
             raise InputError(f"a push of {wrench} on {segment} is not finite; give finite numbers.")
         if segment == "com":  # acts on the root, with the moment of the same force at the centre of mass

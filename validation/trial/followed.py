@@ -19,7 +19,7 @@ from validation.trial.stepped import Stepped
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.stepping.follower import SteppedTick
+    from ampm.stepping.tracker import SteppedTick
 
     Array = NDArray[np.float64]
 

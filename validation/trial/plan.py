@@ -134,7 +134,7 @@ class PlannedWalk(Brief):
 
 
 def load_request(
-    gait: RunParameters | str | None,
+    gait: Request | RunParameters | str | None,
     settings: Sequence[str] = (),
     *,
     body: Mapping[str, Any] | str | None = None,
@@ -145,7 +145,7 @@ def load_request(
 
     Args:
         gait: preset or TOML file; None for `normal`, or the own gait of another body than the human. Or
-            parameters, which take only ``body`` and ``sections``.
+            parameters, which take only ``body`` and ``sections``. Or a request, which is returned.
         settings: ``key=value`` texts.
         body: its name (``body.source``), or values of the section ``body``.
         as_is: every value counts as given, so that nothing is found.
@@ -154,6 +154,8 @@ def load_request(
     Raises:
         InputError: unknown gait, key or controller, or a bad value.
     """
+    if isinstance(gait, Request):
+        return gait
     if body is not None:
         sections = {**sections, "body": {"source": body} if isinstance(body, str) else body}
     if isinstance(gait, RunParameters):
@@ -323,6 +325,7 @@ def plan_walk(
             if not built_in and not isinstance(planner, TablePlanner):
                 _check_posture(plan, body.robot)
                 check_contacts(plan)
+                _check_steps(plan, run)
     if run.footsteps and not built_in:
         _check_footsteps(plan, run, name)
     period = getattr(planner, "replan_period", 0.0)  # infinite: it never will
@@ -342,9 +345,16 @@ def _check_footsteps(plan: WalkPlan, run: RunParameters, planner: str) -> None:
             )
 
 
+def _check_steps(plan: WalkPlan, run: RunParameters) -> None:
+    """Refuse a plan of fewer steps than its run asks for."""
+    planned, asked = plan.contacts.steps, run.gait.steps
+    if planned < asked and not run.footsteps:
+        raise ValueError(f"it plans {planned} steps, and gait.steps asks for {asked}; plan run.gait.steps")
+
+
 def _check_posture(plan: WalkPlan, robot: Robot) -> None:
     """Refuse a posture whose first state is none of the body."""
-    state = plan.table([0.0])[0].posture
+    state = plan.table([0.0])[0]
     shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}
     for name, shape in shapes.items():
         values = getattr(state, name)

@@ -25,17 +25,16 @@ def observe(state: State, touch: Touch, reference: Reference) -> dict[str, Array
     - ``contact``: sole points that touch, shape (P,); ``planned_contact``: groups in contact, shape (6,);
     - ``planned_velocity`` [m/s], ``planned_acceleration`` [m/s^2]: of the COM, world, shape (3,).
     """
-    plan = reference.posture
     return {
-        "posture_error": plan.q[7:] - state.q[7:],
-        "rate_error": plan.v[6:] - state.v[6:],
+        "posture_error": reference.q[7:] - state.q[7:],
+        "rate_error": reference.v[6:] - state.v[6:],
         "joints": state.q[7:].copy(),
         "rates": state.v[6:].copy(),
-        "root_error": plan.q[:3] - state.q[:3],
+        "root_error": reference.q[:3] - state.q[:3],
         "orientation": state.q[3:7].copy(),
         "root_rate": state.v[:6].copy(),
         "contact": touch.contact.astype(np.float64),
-        "planned_contact": reference.contacts.planned.astype(np.float64).ravel(),
+        "planned_contact": reference.planned.astype(np.float64).ravel(),
         "planned_velocity": reference.com_velocity.copy(),
         "planned_acceleration": reference.com_acceleration.copy(),
     }

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ampm.reference import PostureState, Reference, Timing
+    from ampm.reference import Reference, Timing
     from ampm.walk import Controller, Replanner, State, Touch
 
 _BLOCK = 16_384  # ticks of a table that are made at once; the last digits depend on it
@@ -82,9 +82,9 @@ class References(Course):
         self.follow(plan)
 
     @property
-    def start(self) -> PostureState:
-        """Posture in which the walk begins."""
-        return self._table[0].posture
+    def start(self) -> Reference:
+        """Reference in which the walk begins."""
+        return self._table[0]
 
     def follow(self, plan: WalkPlan) -> None:
         """Go on with another plan from the next tick on."""

@@ -35,7 +35,7 @@ from validation.trial.references import Course, References, Replanning
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
 from validation.trial.step import act, end_step, sense
-from validation.trial.users import CONTROLLER, UsersCode, UsersError
+from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
 from validation.trial.watch import End, Watch
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from ampm.parameters import RunParameters
     from ampm.sensors.readings import Estimator, EstimatorFactory
-    from ampm.stepping.follower import SteppedTick
+    from ampm.stepping.tracker import SteppedTick
     from ampm.walk import Controller, ControllerFactory, Replanner, WalkPlan
     from models.scene import BodyModel
 
@@ -236,6 +236,8 @@ class ClosedLoop:
             self.faults = MotorFaults(run, robot.torque_limit)
         self.log = RunLog(course.total, physics)
         self.command, self._row = self.log.command, self.log.row
+        optional = ("rate", "force", "zmp", "angular_momentum")
+        self._targets = [(name, getattr(self.command, name)) for name in optional]
         self.watch = Watch(self.log.stance, run.controller.unsolved_limit, robot.description.scale)
         self.sensing = None
         if not run.sensors.perfect:
@@ -328,8 +330,6 @@ class ClosedLoop:
                 raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
             if self.faults is not None:
                 output = self.faults.act(output)
-            if k == 0:  # NumPy spreads a single number over all joints
-                self._check_shapes(output)
             self._take(output)
             self._row[0] = reference.row if output.reference is None else output.reference.row
             status, residual = int(output.status), float(output.residual)
@@ -348,25 +348,23 @@ class ClosedLoop:
         return self.watch.check(time, status, residual=residual, limit=limit)
 
     def _take(self, output: ControlOutput) -> None:
-        """Copy a controller's output; NaN for what it does not say."""
-        command, momentum = self.command, output.angular_momentum
-        command.torque[:] = output.torque
-        command.rate[:] = math.nan if output.rate is None else output.rate
-        command.force[:] = math.nan if output.force is None else output.force
-        command.zmp[:] = math.nan if output.zmp is None else output.zmp
-        command.angular_momentum[:] = math.nan if momentum is None else momentum
+        """Copy a controller's output; NaN for what it does not say.
 
-    def _check_shapes(self, output: ControlOutput) -> None:
-        """Raise a ValueError where a part of a controller's first output has another shape."""
-        for name in ("torque", "rate", "force", "zmp", "angular_momentum"):
-            value, wanted = getattr(output, name), getattr(self.command, name).shape
-            if value is not None and np.shape(value) != wanted:
-                raise ValueError(f"{name} has shape {np.shape(value)} and must have {wanted}")
+        Raises:
+            ValueError: a part has another shape, or no real numbers.
+        """
+        for name, target in self._targets:
+            value = getattr(output, name)
+            target[:] = math.nan if value is None else real_numbers(name, value, target.shape)
+        self.command.torque[:] = real_numbers("torque", output.torque, self.command.torque.shape)
+        if output.rate is not None and math.isnan(self.command.rate[0]):  # of the others see `act`
+            raise ValueError(self._not_finite())
 
     def _not_finite(self) -> str:
-        """Which part of the command is not finite, in words; NaN is a rate that holds the torque."""
+        """Which part of the command is not finite, in words."""
         command, names = self.command, self.physics.robot.joint_names
-        for what, wrong in (("torque", ~np.isfinite(command.torque)), ("rate", np.isinf(command.rate))):
+        for what in ("torque", "rate"):
+            wrong = ~np.isfinite(getattr(command, what))
             if wrong.any():
                 joint = int(wrong.argmax())
                 return f"{what} of {names[joint]} is {getattr(command, what)[joint]}"

@@ -59,8 +59,9 @@ def act(log: Log, k: int, status: int, residual: float, iterations: int, seconds
     """
     command, record = log.command, log.record
     torque, rate, limit, ctrl = command.torque, command.rate, log.body.torque_limit, log.body.ctrl
+    held = math.isnan(rate[0])
     for j in range(len(limit)):
-        if not math.isfinite(torque[j]) or math.isinf(rate[j]):
+        if not math.isfinite(torque[j]) or math.isinf(rate[j]) or math.isnan(rate[j]) != held:
             return False
     for axis in range(3):
         if not math.isfinite(command.com[axis]):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ampm.stepping.follower import CYCLE, STILL
+from ampm.stepping.tracker import CYCLE, STILL
 from validation.trial.frozen_plan import FrozenPlan, PlanRows
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ampm.stepping.follower import SteppedTick
+    from ampm.stepping.tracker import SteppedTick
 
     Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class Stepped:
     Attributes:
         time: of the ticks [s], shape (N,).
         index: phase of the plan; after its end the numbers go on, shape (N,).
-        walker: see :data:`ampm.stepping.stepper.WALKER`, shape (N,).
+        walker: see entries of :class:`~ampm.control.workspace.SteppingState`, shape (N,).
     """
 
     time: Array

@@ -11,8 +11,11 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 import ampm
-from ampm.exceptions import AmpmError, InputError
+from ampm.exceptions import AmpmError, InputError, words_of
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.section import Option
 from ampm.sensor_parameters import EXACT
@@ -55,8 +58,27 @@ class UsersCode:
             own = [(path.name, line) for path, line in frames if not any(map(path.is_relative_to, _OURS))]
             place = "".join(f" in {file}, line {line}" for file, line in own[-1:])
             raise UsersError(
-                f"the {self.what} {name} failed ({type(error).__name__}: {error}){place}{_WAY_OUT}"
+                f"the {self.what} {name} failed ({type(error).__name__}: {words_of(error)}){place}{_WAY_OUT}"
             ) from error
+
+
+def real_numbers(name: str, value: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Array of a value that a user's code returned, of any type of real numbers.
+
+    Args:
+        name: of the value, for the message.
+        value: finite or not.
+        shape: that it must have.
+
+    Raises:
+        ValueError: another shape, or no real numbers.
+    """
+    array = value if type(value) is np.ndarray else np.asarray(value)
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape} and must have {shape}")
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"{name} holds {array.dtype} values and must hold real numbers")
+    return array
 
 
 def load_object(option: str, text: str) -> Any:
@@ -73,7 +95,8 @@ def load_object(option: str, text: str) -> Any:
         return getattr(import_module(module), name)
     except (Exception, SystemExit) as error:
         raise InputError(
-            f"{option} {text!r} cannot be imported ({type(error).__name__}: {error}); correct name or module."
+            f"{option} {text!r} cannot be imported ({type(error).__name__}: {words_of(error)}); "
+            "correct name or module."
         ) from error
     finally:
         sys.path.pop(0)
@@ -113,6 +136,23 @@ class Role:
         Raises:
             InputError: nothing has this name, it cannot be imported, or an option is unknown or missing.
         """
+        factory = self._load(text)
+        self.check_options(text, factory, options)
+        return factory
+
+    def takes(self, text: str, option: str) -> bool:
+        """Whether the class of a name has an option.
+
+        Raises:
+            InputError: nothing has this name, or it cannot be imported.
+        """
+        try:
+            taken = inspect.signature(self._load(text) or (lambda: None)).parameters
+        except (TypeError, ValueError):  # compiled code has no signature; its call will say what is wrong
+            return True
+        return option in taken or any(item.kind is item.VAR_KEYWORD for item in taken.values())
+
+    def _load(self, text: str) -> Any:
         known = dict(self.known)
         if ":" not in text and text not in known:
             known |= {item.name: item.value for item in entry_points(group=f"ampm.{self.name}s")}
@@ -124,9 +164,7 @@ class Role:
                     value=text,
                 )
         place = known.get(text, text)
-        factory = load_object(self.key, place) if place else None
-        self.check_options(text, factory, options)
-        return factory
+        return load_object(self.key, place) if place else None
 
     def check(self, text: str, options: Mapping[str, Option]) -> None:
         """Refuse a name and options as :meth:`find` does, before anything is planned.

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ampm.brief import Brief
-from validation.judge.metrics import METRICS, added_metrics, display_unit
+from validation.judge.metrics import METRICS, added_metrics, cost_entry, display_unit
 from validation.judge.uncertainty import Uncertainty, rounding
+from validation.show.cost_table import COSTS, LARGER_IS_BETTER, cost_unit
 from validation.show.text import format_value
 from validation.store.identity import parameter_values
 from validation.store.json import json_ready
@@ -26,8 +27,6 @@ SHARE, SHARE_OF_EXTREMES = 0.1, 0.4
 At half the time step, judged RMSEs of the presets change by 9.5 % at most (``momentum``), largest errors by
 38 % (``pitch``).
 """
-COSTS = ("margin_torque", "margin_friction", "energy_cost_of_transport")
-"""Metrics that are compared without being judged."""
 JUDGED, COST, OWN = "judged metrics", "cost", "own metrics without a limit"
 
 
@@ -61,8 +60,13 @@ class Side(Brief):
     def basis(self) -> str:
         """Where :meth:`change` comes from."""
         if self.study is not None:
-            return "their numerical uncertainty"
+            return "their numerical uncertainties, added"
         return f"{100 * SHARE:g} % ({100 * SHARE_OF_EXTREMES:g} % of largest values)"
+
+    @property
+    def weight(self) -> float:
+        """Of the body [N]."""
+        return float(self.run.summary["scales"]["body_weight"])
 
     @property
     def planner(self) -> str:
@@ -71,10 +75,10 @@ class Side(Brief):
 
     def entry(self, name: str) -> Mapping[str, Any]:
         """What ``summary.json`` says of a metric; empty if it says nothing."""
-        section = METRICS[name].section if name in METRICS else ""
-        entries = self.run.summary.get(section or "metrics", {})
-        found = entries.get(name.partition("_")[2] if section else name)
-        return found if isinstance(found, Mapping) else {"value": found}
+        if name in METRICS and METRICS[name].section:
+            found = cost_entry(self.run.summary, METRICS[name])
+            return found if isinstance(found, Mapping) else {"value": found}
+        return dict(self.run.summary["metrics"].get(name, {}))
 
     def value(self, name: str) -> float:
         """Value of a metric in SI units, NaN if the walk has none."""
@@ -100,7 +104,8 @@ class Row(NamedTuple):
         label: in words.
         unit: SI unit.
         values: of the sides, NaN where one has none.
-        least: difference above which it counts: the sum of the two largest changes of the sides.
+        least: difference above which it counts: the change of the smallest value, or the sum of the two
+            largest uncertainties by studies.
         limit: tolerance; None if it is not judged.
     """
 
@@ -119,9 +124,9 @@ class Row(NamedTuple):
 
     @property
     def better(self) -> int | None:
-        """The side with the smallest value; None if its lead does not count."""
-        best, second = sorted(self.values)[:2]
-        return self.values.index(best) if self.differs and second - best > self.least else None
+        """The side with the best value; None if its lead does not count."""
+        best, second = sorted(self.values, reverse=self.name in LARGER_IS_BETTER)[:2]
+        return self.values.index(best) if self.differs and abs(second - best) > self.least else None
 
     @property
     def share(self) -> float:
@@ -130,7 +135,7 @@ class Row(NamedTuple):
 
 
 @dataclass(frozen=True)
-class WalkComparison(Brief, Tabled):
+class WalkComparison(Tabled):
     """Walks and all their compared metrics.
 
     Attributes:
@@ -175,8 +180,14 @@ class WalkComparison(Brief, Tabled):
 
     def cells(self, row: Row) -> tuple[str, ...]:
         """Label, all values, unit, least difference that counts, and the better side, for tables."""
-        factor, unit = display_unit(row.unit, float(self.sides[0].run.summary["scales"]["body_weight"]))
-        *values, least = (_shown(factor * value) for value in (*row.values, row.least))
+        shown = [
+            cost_unit(METRICS[row.name], side.weight)
+            if row.group == COST
+            else display_unit(row.unit, side.weight)
+            for side in self.sides
+        ]
+        unit, values = shown[0][1], [_shown(shown[k][0] * value) for k, value in enumerate(row.values)]
+        least = _shown(shown[0][0] * row.least)
         better = "" if row.better is None else self.sides[row.better].label
         return row.label, *values, short_unit(unit), least, better
 
@@ -184,8 +195,10 @@ class WalkComparison(Brief, Tabled):
         """What differs, and the metrics group by group."""
         heads = ["", *(f">{side.label}" for side in self.sides)]
         notes = (
-            f"Smaller is better. A difference counts beyond both numerical changes: {self.sides[0].basis}.",
+            f"A difference counts if it is larger than {self.sides[0].basis}. Smaller is better, except for "
+            "margins, distances and flexion.",
             "The first step is left out. Measured values are compared with the own plan of each walk.",
+            *self._warnings(),
         )
         columns = [*heads, "unit", ">counts from", "better" if len(self.sides) == 2 else "best"]
         tables = [Table("the walks", heads, list(self._facts()), notes)]
@@ -194,6 +207,12 @@ class WalkComparison(Brief, Tabled):
             if rows:
                 tables.append(Table(group, columns, rows))
         return tables
+
+    def _warnings(self) -> Iterator[str]:
+        """What makes the values of the walks hard to compare."""
+        weights = [side.weight for side in self.sides]
+        if max(weights) > 1.01 * min(weights):
+            yield "The bodies differ in size, which errors in mm and N m s do not take into account."
 
     def _facts(self) -> Iterator[tuple[str, ...]]:
         """How the walks ended, and in what they differ; a walk from Python may have more than its keys."""
@@ -249,6 +268,8 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
         if entry["kind"] == "instrument" or (group == OWN and name in built_in):
             continue
         values = tuple(side.value(name) for side in sides)
-        least = sum(sorted(side.change(name, entry["unit"]) for side in sides)[-2:])
+        changes = sorted(side.change(name, entry["unit"]) for side in sides)
+        studied = all(side.study is not None and name in side.study.values for side in sides)
+        least = sum(changes[-2:]) if studied else changes[0]
         rows[group].append(Row(group, name, entry["label"], entry["unit"], values, least, limit))
     return WalkComparison(tuple(sides), tuple(row for group in rows.values() for row in group))

@@ -7,8 +7,9 @@ import numpy as np
 
 from validation.judge.compare import SIGNALS
 from validation.judge.metrics import display_unit
+from validation.show.chart import DASHED, Picture, new_charts, picture
 from validation.show.run_figures import middle, shade_double_support
-from validation.show.style import INK, PARTS, Picture, new_figure, picture, style
+from validation.show.style import INK, PARTS
 from validation.study.compare.comparison import Side
 
 _COLORS = (*PARTS, INK)
@@ -29,31 +30,29 @@ def draw_walks(sides: Sequence[Side]) -> tuple[list[tuple[str, str]], list[Pictu
         for side in sides
     ]
     keys = list(zip(names, cycle(_COLORS), strict=False))
-    with style():
-        pictures = [
-            _draw(sides, name)
-            for name in (*_ERRORS, *_CURVES)
-            if any(np.isfinite(side.run.signals[f"measured_{name}"]).any() for side in sides)
-        ]
+    pictures = [
+        _draw(sides, name)
+        for name in (*_ERRORS, *_CURVES)
+        if any(np.isfinite(side.run.signals[f"measured_{name}"]).any() for side in sides)
+    ]
     return keys, pictures
 
 
 def _draw(sides: Sequence[Side], name: str) -> Picture:
     """One signal of all walks, over two steps from the middle of each."""
-    figure, (axis,) = new_figure(2.6)
+    (chart,) = charts = new_charts(2.6)
     is_error = name in _ERRORS
     scale, unit = display_unit(SIGNALS[name].unit, 1.0)
     first = sides[0].run.signals
-    shade_double_support(axis, first, middle(first), from_zero=True)
     for side, color in zip(sides, cycle(_COLORS), strict=False):
         signals = side.run.signals
         rows = middle(signals)
         time = signals.time[rows] - signals.time[rows.start]
         measured, plan = scale * signals[f"measured_{name}"][rows], scale * signals[f"plan_{name}"][rows]
-        axis.plot(time, measured - plan if is_error else measured, color=color, linewidth=1.0)
+        chart.line(time, measured - plan if is_error else measured, color)
         if not is_error:
-            axis.plot(time, plan, color=color, linewidth=1.0, linestyle="--")
+            chart.line(time, plan, color, dash=DASHED)
+    shade_double_support(chart, first, middle(first), from_zero=True)
     title = f"{'Error of ' if is_error else ''}{SIGNALS[name].label}"
-    axis.set(title=f"{title}, two steps", xlabel="time [s]", ylabel=f"[{unit}]")
-    axis.margins(x=0)
-    return picture(figure, f"{title} of all walks", "Measured minus planned." if is_error else "")
+    chart.title, chart.xlabel, chart.ylabel = f"{title}, two steps", "time [s]", f"[{unit}]"
+    return picture(charts, f"{title} of all walks", "Measured minus planned." if is_error else "")

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.brief import Brief
 from ampm.exceptions import InputError
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, rounding
 from validation.show.text import format_value
@@ -54,7 +53,7 @@ class Change(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SweepComparison(Brief, Tabled):
+class SweepComparison(Tabled):
     """Two sweeps compared.
 
     Attributes:

@@ -6,22 +6,19 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Unpack
 
 from ampm.exceptions import InputError
 from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import load_uncertainty, matching
-from validation.progress import Progress
-from validation.run.walk import walk_planned
-from validation.store.machine import cores
 from validation.store.saved import load_saved_run
 from validation.study.compare.comparison import Side, WalkComparison, comparison_of
-from validation.study.many import Task, walk_many
+from validation.study.many import Execution, Task, open_study, walk_many
 from validation.study.row_file import Row
-from validation.study.walk_options import users_classes
-from validation.trial.outcome import OutcomeName
+from validation.study.walk_options import users_classes, walk_request
+from validation.trial.columns import SUFFIXES
 from validation.trial.plan import Request, load_request, plan_walk
-from validation.trial.users import UsersError
+from validation.trial.users import CONTROLLER, PLANNER, UsersError
 
 CHOICES = {
     "planner": "gait.planner",
@@ -62,22 +59,19 @@ def compare_gaits(
     choices: Mapping[str, Sequence[str]] = MappingProxyType({}),
     as_is: bool = False,
     uncertainty: Sequence[Path] = (),
-    folder: Path | None = None,
-    workers: int | None = None,
-    progress: Progress | None = None,
+    **execution: Unpack[Execution],
 ) -> WalkComparison:
     """Walk two or more gaits and compare them.
 
     Args:
         gaits: presets or TOML files. A single one is compared with `ipm`, or walked with every value of the
             option that has several; if none, it is `normal` or the own gait of another body.
-        settings: ``key=value`` texts for all gaits.
+        settings: ``key=value`` texts for all gaits; options of planner and controller for those that take
+            them.
         choices: option of :data:`CHOICES` to its value for all walks, or to one value for each.
         as_is: find nothing that the gaits leave open.
         uncertainty: as in :func:`compare_runs`.
-        folder: keeps runs and rows, and what is there is not walked again; None keeps nothing.
-        workers: processes, one per core by default, 0 to walk in this very process.
-        progress: where to report.
+        execution: workers and folder, see :class:`validation.study.many.Execution`.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: a gait cannot be walked.
@@ -86,30 +80,35 @@ def compare_gaits(
         UsersError: a user's class failed.
         RuntimeError: a walk crashed.
     """
+    folder, pool = open_study(execution)
     texts: list[str | None] = list(gaits) or [None]
     varied = _varied(choices, len(texts))
     if len(texts) == 1:
         texts = texts * len(choices[varied]) if varied else [*texts, "ipm"]
+    chosen_ones = [
+        {name: given[min(place, len(given) - 1)] for name, given in choices.items() if given}
+        for place in range(len(texts))
+    ]
+    fitting = _fitting(settings, chosen_ones)
     requests, labels = [], []
-    for place, text in enumerate(texts):
-        chosen = {name: given[min(place, len(given) - 1)] for name, given in choices.items() if given}
+    for text, chosen, changes in zip(texts, chosen_ones, fitting, strict=True):
         own = [f"{CHOICES[name]}={json.dumps(_absolute(value))}" for name, value in chosen.items()]
-        request = load_request(text, [*settings, *own], as_is=as_is)
+        request = load_request(text, [*changes, *own], as_is=as_is)
         # With the values that are found; a refused gait is named before the first walk.
-        requests.append(plan_walk(request, progress).request)
+        requests.append(plan_walk(request, pool.get("progress")).request)
         labels.append(f"{request.name}, {varied} {Path(chosen[varied]).name}" if varied else request.name)
     known = [load_uncertainty(file) for file in uncertainty]
     for request in requests if known else ():
         matching(known, request)
     with nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="ampm-compare-") as home:
-        folders = [str(Path(home) / f"walk-{number}") for number in range(1, len(requests) + 1)]
+        place = Path(home).resolve()
+        folders = [str(place / f"walk-{number}") for number in range(1, len(requests) + 1)]
         titles = {path: request.title for path, request in zip(folders, requests, strict=True)}
         tasks = [
             Task(path, walk_gait, {"request": request, "folder": path, **users_classes(request.run)})
             for path, request in zip(folders, requests, strict=True)
         ]
-        count = min(cores() if workers is None else workers, len(tasks))
-        for row in walk_many(tasks, Path(home), workers=count, progress=progress):
+        for row in walk_many(tasks, place, **pool):
             if "reason" in row:
                 kinds = {"refused": InputError, UsersError.__name__: UsersError}
                 kind = kinds.get(row["outcome"], kinds.get(row["reason"], RuntimeError))
@@ -138,19 +137,31 @@ def _varied(choices: Mapping[str, Sequence[str]], walks: int) -> str:
     return next(iter(several), "")
 
 
+def _fitting(settings: Sequence[str], walks: Sequence[Mapping[str, str]]) -> list[list[str]]:
+    """Settings of every walk: an option of a planner or controller only where the chosen one takes it.
+
+    An option that none takes stays, so that it is refused.
+    """
+
+    def takes(setting: str, chosen: Mapping[str, str]) -> bool:
+        for role in (PLANNER, CONTROLLER):
+            key = setting.partition("=")[0].strip()
+            if key.startswith(f"{role.options}.") and role.name in chosen:
+                text = chosen[role.name]
+                return Path(text).suffix not in SUFFIXES and role.takes(text, key.rpartition(".")[2])
+        return True
+
+    common = {text for text in settings if not any(takes(text, chosen) for chosen in walks)}
+    return [[text for text in settings if text in common or takes(text, chosen)] for chosen in walks]
+
+
 def _absolute(value: str) -> str:
     """The value of an option; a file's path is absolute."""
     return str(Path(value).resolve()) if Path(value).is_file() else value
 
 
-def walk_gait(
-    request: Request, folder: str, controller: Any = None, planner: Any = None, estimator: Any = None
-) -> Row:
+def walk_gait(request: Request, folder: str, **users: Any) -> Row:
     """Walk one gait, on a worker, and keep the run in a folder."""
-    planned = plan_walk(request, planner=planner)
-    profile = own_profile(request.name, request.run)
-    trial = walk_planned(planned, profile, controller=controller, estimator=estimator)
-    if trial.record.outcome.name == OutcomeName.INTERRUPTED:
-        raise KeyboardInterrupt
+    trial = walk_request(request, own_profile(request.name, request.run), **users)
     trial.save(folder, force=True, recording=False)
     return {"outcome": str(trial.record.outcome.name)}

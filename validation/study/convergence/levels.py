@@ -8,11 +8,10 @@ from typing import Any
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.judge.metrics import evaluate
-from validation.run.walk import walk_planned
 from validation.store.identity import parameter_values
 from validation.study.row_file import Row
+from validation.study.walk_options import walk_request
 from validation.trial.engine import check_drake
-from validation.trial.plan import Request, plan_walk
 
 LEVELS = 4
 """Levels of a numerical study by default: two triplets, the least that can confirm an order."""
@@ -86,8 +85,6 @@ def studies(run: RunParameters, levels: int = LEVELS) -> list[Study]:
     own = parameter_values(run)
     found = []
     for name, (key, ratio) in NUMERICAL.items():
-        if name == "qp_tolerance" and run.solver.qp == "daqp":
-            continue  # it has none
         # Rounded, so that a tenth of 5e-5 is written as 5e-6.
         values = tuple(float(f"{own[key] / ratio**level:.15g}") for level in range(levels))
         found.append(Study(name, key, values, ratio))
@@ -120,15 +117,14 @@ def runs_of(run: RunParameters, found: Sequence[Study]) -> dict[str, RunParamete
     return runs
 
 
-def walk_level(request: Request, controller: Any = None, planner: Any = None, estimator: Any = None) -> Row:
-    """Plan and walk one level, on a worker.
+def walk_level(**options: Any) -> Row:
+    """Walk one level; the options are those of :func:`validation.study.walk_options.walk_request`.
 
     Returns:
         ``outcome`` and ``cause``; ``values`` of all metrics in SI units; ``scales``, reference quantities of
         the walk.
     """
-    planned = plan_walk(request, planner=planner)
-    walk = walk_planned(planned, controller=controller, estimator=estimator).comparison
+    walk = walk_request(**options).comparison
     end = walk.record.outcome
     return {
         "outcome": str(end.name),

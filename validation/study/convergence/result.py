@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ampm.brief import Brief
 from validation.judge.metrics import METRICS, MetricValue
 from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
@@ -48,7 +47,7 @@ class StudiedMetric:
 
 
 @dataclass(frozen=True)
-class Convergence(Brief, Tabled):
+class Convergence(Tabled):
     """All studies of one gait.
 
     Attributes:

@@ -1,18 +1,20 @@
 """Convergence study of a gait: which walks it takes, and the files of its result."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Unpack
 
 from ampm.exceptions import InputError
+from ampm.parameters import RunParameters
 from ampm.physics_parameters import steps_per_tick
 from validation.judge import profiles
 from validation.judge.uncertainty import FILE
-from validation.progress import Progress
 from validation.store.folders import output_file
 from validation.store.json import write_json
 from validation.study.convergence.levels import LEVELS, runs_of, studies, walk_level
 from validation.study.convergence.result import Convergence, combine
-from validation.study.many import Task, study_folder, walk_many
+from validation.study.many import Execution, Task, open_study, walk_many
 from validation.study.walk_options import users_classes
 from validation.table import markdown_page
 from validation.trial.plan import Request, load_request, plan_walk
@@ -23,33 +25,23 @@ MARKDOWN, PICTURE = "convergence.md", "convergence.svg"
 
 
 def convergence(
-    gait: str | None = None,
+    gait: Request | RunParameters | str | None = None,
     settings: Sequence[str] = (),
     *,
-    as_is: bool = False,
     steps: int = STEPS,
     levels: int = LEVELS,
     profile: str = "default",
-    workers: int | None = None,
-    scheduler: str | None = None,
-    out: Path | None = None,
-    resume: bool = False,
-    progress: Progress | None = None,
+    **execution: Unpack[Execution],
 ) -> Convergence:
     """Study one gait.
 
     Args:
-        gait: preset or TOML file; normal by default.
-        settings: ``key=value`` texts.
-        as_is: find nothing that the gait leaves open.
+        gait: parameters, preset or TOML file; normal by default.
+        settings: ``key=value`` texts, for a preset or file.
         steps: walked at every level.
         levels: of every numerical study.
         profile: name of the tolerance profile.
-        workers: processes; None for one a core, 0 for this very process.
-        scheduler: address of a dask scheduler that is running already.
-        out: folder of every walk, the table, the picture and ``convergence.json``; None writes nothing.
-        resume: go on with what is in ``out``.
-        progress: where to report it.
+        execution: workers and folder, see :class:`validation.study.many.Execution`.
 
     Raises:
         InputError, RefusedGait: the request cannot be met, or ``out`` is used otherwise.
@@ -57,13 +49,15 @@ def convergence(
     """
     if steps < 2:
         raise InputError(f"--steps {steps}: the first step is in no metric; walk 2 at least.", value=steps)
-    limits, folder = profiles.profile(profile), study_folder(out, resume=resume)
-    request = load_request(gait, [*settings, f"gait.steps={steps}"], as_is=as_is)
+    limits, (folder, pool) = profiles.profile(profile), open_study(execution)
+    request = load_request(gait, settings)
+    request = replace(request, run=request.run.replace({"gait.steps": steps}))
     studies(request.run, levels)  # refuse before anything is planned
     # Halving the time step does not correct a control period that is no multiple of it.
     steps_per_tick(request.run.controller.frequency, request.run.simulation.time_step)
     users = users_classes(request.run)
-    request = plan_walk(request, progress, planner=users.get("planner")).request  # with all values
+    planned = plan_walk(request, pool.get("progress"), planner=users.get("planner"))
+    request = planned.request  # with all values
     found = studies(request.run, levels)
     runs = runs_of(request.run, found)
     # The finest steps take longest. Started first, they leave no worker idle at the end.
@@ -72,7 +66,7 @@ def convergence(
         Task(task, walk_level, {"request": Request(request.name, runs[task]), **users}) for task in order
     ]
     label = f"{request.name}: convergence"
-    rows = walk_many(tasks, folder, workers=workers, scheduler=scheduler, label=label, progress=progress)
+    rows = walk_many(tasks, folder, label=label, **pool)
     walks = {row["key"]: row for row in rows}
     result = combine(request, limits, found, {task: walks[task] for task in runs})
     if folder is not None:

@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from ampm.brief import Brief
 from validation.store.json import json_ready
 from validation.study.robustness.cells import Cell, needed
 from validation.study.robustness.push import DURATION
@@ -46,7 +45,7 @@ class CellResult:
 
 
 @dataclass(frozen=True)
-class Robustness(Brief, Tabled):
+class Robustness(Tabled):
     """A robustness study.
 
     Attributes:

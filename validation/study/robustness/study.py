@@ -5,16 +5,16 @@ from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from ampm.parameters import RunParameters
+from ampm.walk import Planner
 from models.scene import BodyModel
 from validation.judge import profiles
-from validation.progress import Progress
 from validation.run.walk import walk_planned
 from validation.store.folders import output_file
 from validation.store.json import write_json
-from validation.study.many import Search, Task, study_folder, walk_many
+from validation.study.many import Execution, Search, Task, open_study, walk_many
 from validation.study.robustness.cells import (
     AFTER,
     PUSH_STEP,
@@ -47,20 +47,15 @@ _EVERY = 0.01  # time between two looks at the distance of the legs [s]
 
 
 def walk_replica(
-    request: Request,
-    profile: str | None,
-    controller: Any = None,
-    planner: Any = None,
-    estimator: Any = None,
+    request: Request, profile: str | None, *, planner: Planner | None = None, **users: Any
 ) -> Row:
     """Walk once.
 
     Args:
         request: complete, with its disturbances.
         profile: name of the tolerances; None to leave the walk unmeasured.
-        controller: a user's, see :func:`validation.study.walk_options.users_classes`.
-        planner: likewise.
-        estimator: likewise.
+        planner: a user's, see :func:`validation.study.walk_options.users_classes`.
+        users: other classes, likewise.
 
     Returns:
         ``outcome`` and ``cause``, which is empty for a walk that survived; ``passed``, whether it kept the
@@ -70,17 +65,10 @@ def walk_replica(
     planned = _planned(name, run) if planner is None else plan_walk(Request(name, run), planner=planner)
     passed, zmp = False, [math.nan, math.nan]
     if profile is None:
-        record = simulate(
-            planned.plan,
-            request.run,
-            planned.body.model,
-            controller=controller,
-            estimator=estimator,
-            planner=planned.replanner,
-        )
+        record = simulate(planned.plan, request.run, planned.body.model, planner=planned.replanner, **users)
     else:
         disturbed = replace(planned, request=request)
-        trial = walk_planned(disturbed, profiles.profile(profile), controller=controller, estimator=estimator)
+        trial = walk_planned(disturbed, profiles.profile(profile), **users)
         record, passed = trial.record, trial.verdict.passed
         zmp = [trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy"]
     cause = cause_of(record, planned.body.model)
@@ -144,18 +132,14 @@ def climb(
 
 
 def robustness(
-    run: RunParameters | str | None = "normal",
+    run: Request | RunParameters | str | None = "normal",
     settings: Sequence[str] = (),
     *,
     quick: bool = False,
     only: Sequence[str] = (),
     replicas: int = REPLICAS,
     profile: str | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    out: str | Path | None = None,
-    resume: bool = False,
-    progress: Progress | None = None,
+    **execution: Unpack[Execution],
 ) -> Robustness:
     """Find what a gait survives with its body and controller.
 
@@ -166,11 +150,7 @@ def robustness(
         only: kinds of disturbance, see :func:`validation.study.robustness.cells.chosen`.
         replicas: walks of each value; four fifths have to survive.
         profile: name of the tolerances; the preset's own by default.
-        workers: processes; None for one a core, 0 for this very process.
-        scheduler: address of a dask scheduler that is running already.
-        out: folder of every walk, ``robustness.json``, a table; None writes nothing.
-        resume: go on with what is in ``out``.
-        progress: where to report it.
+        execution: workers and folder, see :class:`validation.study.many.Execution`.
 
     Raises:
         InputError, RefusedGait: the request cannot be met, or ``out`` is used otherwise.
@@ -178,24 +158,16 @@ def robustness(
     """
     needed(replicas)
     cells = chosen([*push_cells(quick), *other_cells(quick)], only)
-    folder = study_folder(out, resume=resume)
+    folder, pool = open_study(execution)
     request = load_request(run, settings)
     users = users_classes(request.run)
     limits = profiles.own_profile(request.name, request.run) if profile is None else profiles.profile(profile)
     short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
-    planned = plan_walk(short, progress, planner=users.get("planner"))
+    planned = plan_walk(short, pool.get("progress"), planner=users.get("planner"))
     task = partial(replica_task, planned=planned, profile=limits.name, users=users)
     results: dict[str, CellResult] = {}
     searches = [climb(cell, replicas, task, results) for cell in cells]
-    rows = walk_many(
-        searches,
-        folder,
-        workers=workers,
-        scheduler=scheduler,
-        label=f"{request.name}: robustness",
-        unit="disturbances",
-        progress=progress,
-    )
+    rows = walk_many(searches, folder, label=f"{request.name}: robustness", unit="disturbances", **pool)
     crashes = tuple(crash_notes(rows))
     found = Robustness(
         gait=request.title,

@@ -2,27 +2,24 @@
 
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.planner.step_planners import STEP_PLANNERS
-from ampm.walk import Planner
-from validation.judge.profiles import profile as find_profile
 from validation.progress import Progress
-from validation.run.trial import Trial
 from validation.show.text import format_duration
 from validation.store.folders import output_file
 from validation.store.identity import parameter_values
 from validation.store.json import write_json
 from validation.store.machine import cores
-from validation.study.many import Task, study_folder, walk_many
+from validation.study.many import Pool, Task, study_folder, walk_many
 from validation.study.pool import error_columns
 from validation.study.row_file import Row
 from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
@@ -39,9 +36,9 @@ from validation.study.sweep.table import (
     key_of,
     wrap_table,
 )
-from validation.study.walk_options import users_classes
+from validation.study.walk_options import users_classes, walk_request
 from validation.table import Table, Tabled
-from validation.trial.plan import Request, check_formula, plan_walk
+from validation.trial.plan import Request, check_formula
 from validation.trial.users import UsersError
 
 _TRIED = 8  # runs that a dry run tries until one of them can be walked
@@ -51,20 +48,16 @@ def sweep(
     definition: SweepDefinition | str | Path,
     out: str | Path | None = None,
     *,
-    workers: int | None = None,
-    scheduler: str | None = None,
     resume: bool = False,
-    progress: Progress | None = None,
+    **pool: Unpack[Pool],
 ) -> SweepTable:
     """Walk many runs; ``sweep("slopes.toml").table.to_pandas()``, with the extra pandas, gives a row per run.
 
     Args:
         definition: TOML file, or a loaded definition.
         out: folder of the sweep; without one only the table is kept, and no recording.
-        workers: processes of this machine, one per core by default, 0 to walk in this very process.
-        scheduler: address of a dask scheduler to run on instead, or its scheduler file.
         resume: go on in the folder: walk the runs that have no row of this definition and this code.
-        progress: where to report; silent by default.
+        pool: where to walk, see :class:`validation.study.many.Pool`.
 
     Raises:
         InputError: bad options, a bad definition, or a folder that cannot be used.
@@ -74,18 +67,18 @@ def sweep(
     if not isinstance(definition, SweepDefinition):
         definition = load_sweep(definition)
     folder = study_folder(out, resume=resume)
-    many: Any = {"workers": workers, "scheduler": scheduler, "progress": progress or Progress()}
-    rows = walk_many(_Runs(definition, folder), folder, limit=definition.wall_clock, label="sweep", **many)
+    progress = pool.get("progress") or Progress()
+    rows = walk_many(_Runs(definition, folder), folder, limit=definition.wall_clock, label="sweep", **pool)
     found = wrap_table(build_table(definition, rows), folder, definition.name)
     if folder is None:
         return found
-    kept = pa.array(_keep_worst(definition, found, folder, many), pa.string())
+    kept = pa.array(_keep_worst(definition, found, folder, pool), pa.string())
     column = found.table.schema.get_field_index("recording")
     found = replace(found, table=found.table.set_column(column, "recording", kept))
     with output_file(folder / RESULTS) as file:
         pq.write_table(found.table, file, compression="zstd")
     write_json(folder / SUMMARY, found.summary())
-    with many["progress"].stage("report"):
+    with progress.stage("report"):
         from validation.study.sweep.report import write_sweep_report  # loads Vega's JavaScript engine
 
         write_sweep_report(folder)
@@ -128,7 +121,7 @@ def task_of(definition: SweepDefinition, run: int) -> Task:
 
 
 def _options(definition: SweepDefinition, run: int) -> dict[str, Any]:
-    """Arguments of :func:`walk`.
+    """Arguments of :func:`validation.study.walk_options.walk_request`.
 
     Raises:
         InputError: a parameter is beyond its bounds.
@@ -138,31 +131,12 @@ def _options(definition: SweepDefinition, run: int) -> dict[str, Any]:
 
 
 def walk_run(**options: Any) -> Row:
-    """Walk one run on a worker; the options are those of :func:`walk`."""
-    trial = walk(**options)
-    if trial.record.outcome.name == "interrupted":  # Ctrl-C in this very process: no result
-        raise KeyboardInterrupt
+    """Walk one run on a worker, see :func:`validation.study.walk_options.walk_request`."""
+    trial = walk_request(**options)
     if trial.record.outcome.name == "crashed":  # an error of the user's code is no result about the gait
         raise UsersError(trial.record.outcome.cause)
     requested, found = (parameter_values(run) for run in (options["request"].run, trial.run))
     return {**{key: found[key] for key in found if found[key] != requested[key]}, **walk_columns(trial)}
-
-
-def walk(request: Request, profile: str, planner: Planner | None = None, **users: Any) -> Trial:
-    """Plan, walk and judge one run.
-
-    Args:
-        request: parameters and name.
-        profile: name of the tolerance profile.
-        planner: of a user's own; that of the run by default.
-        users: other classes of a user, see :func:`validation.study.walk_options.users_classes`.
-    """
-    from validation.run.walk import timed, walk_planned  # loads the simulator
-
-    seconds: dict[str, float] = {}
-    with timed(seconds, "planning"):
-        planned = plan_walk(request, planner=planner)
-    return walk_planned(planned, find_profile(profile), seconds=seconds, **users)
 
 
 # ------------------------------------------------------------------------------------------ kept folders
@@ -170,13 +144,11 @@ def walk(request: Request, profile: str, planner: Planner | None = None, **users
 
 def keep_run(folder: str, **options: Any) -> Row:
     """Walk one run again, to the same bits, and write its folder as ``ampm validate`` does."""
-    walk(**options).save(folder, force=True)
+    walk_request(**options).save(folder, force=True)
     return {"outcome": "kept"}
 
 
-def _keep_worst(
-    definition: SweepDefinition, found: SweepTable, folder: Path, many: Mapping[str, Any]
-) -> list[str | None]:
+def _keep_worst(definition: SweepDefinition, found: SweepTable, folder: Path, pool: Pool) -> list[str | None]:
     """Keep the folders of the worst runs, or of the worst failures; returns the column ``recording``."""
     passed, numbers = found.is_state(State.PASS), found.table["run"].to_pylist()
     rows = [row for row in found.worst if definition.recordings == "worst" or not passed[row]]
@@ -188,9 +160,10 @@ def _keep_worst(
         Task(name, keep_run, {"folder": str(folder.resolve() / name), **_options(definition, numbers[row])})
         for row, name in names.items()
     ]
-    for row in walk_many(tasks, folder / RECORDINGS, label="recordings of the worst runs", **many):
+    for row in walk_many(tasks, folder / RECORDINGS, label="recordings of the worst runs", **pool):
         if row["outcome"] != "kept":
-            many["progress"].say(f"ampm: {folder / row['key']} was not written ({row['cause']}).")
+            progress = pool.get("progress") or Progress()
+            progress.say(f"ampm: {folder / row['key']} was not written ({row['cause']}).")
     return [
         name if name and (folder / name / REPORT).is_file() else None
         for name in map(names.get, range(len(found)))
@@ -270,7 +243,7 @@ def forecast(
         with progress.stage("walk of one run, to time it"):
             start = time.perf_counter()
             with suppress(InputError, RefusedGait):
-                walk(**task.options)
+                walk_request(**task.options)
                 seconds = time.perf_counter() - start
                 break
     refused = wrap_table(build_table(definition, rows), None, definition.name)

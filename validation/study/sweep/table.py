@@ -20,7 +20,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
@@ -89,7 +88,7 @@ BROKEN = (State.CRASHED, State.TIMED_OUT)
 
 
 @dataclass(frozen=True)
-class SweepTable(Brief, Tabled):
+class SweepTable(Tabled):
     """One sweep, finished or not.
 
     Attributes:
@@ -423,7 +422,7 @@ def read_sweep(path: Path | str) -> SweepTable:
         raise InputError(f"{path} holds no sweep; give the --out folder of one, or its {RESULTS}.")
     if (path / RESULTS).is_file():
         return wrap_table(_read_table(path / RESULTS), path)
-    definition = load_sweep(path / DEFINITION)
+    definition = load_sweep(path / DEFINITION, finished=True)
     rows = {row["key"]: row for row in (read_rows(path) if (path / ROWS).is_file() else ())}
     keys = (key_of(definition, run) for run in range(len(definition)))
     table = build_table(definition, (rows[key] for key in keys if key in rows))

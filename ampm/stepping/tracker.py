@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ampm.body.robot import Robot
-from ampm.compiled import bound, records, refer
-from ampm.control.workspace import Array, Wanted, Workspace, rows_of
+from ampm.compiled import bound, refer
+from ampm.control.workspace import Array, SteppingState, Workspace, rows_of
 from ampm.planner.contacts import Phase
 from ampm.reference import Reference, Timing, reference_type
 from ampm.stepping.floor import SINK
-from ampm.stepping.stepper import WALKER, Curves, Stepper
+from ampm.stepping.stepper import Curves, Stepper
 from ampm.stepping.walker import OFF_HEIGHT, pass_time
 from ampm.walk import WalkPlan
 
@@ -37,40 +37,15 @@ class SteppedTick(NamedTuple):
     Attributes:
         time: on the walk's clock [s].
         phase: its number in the plan; after its end the numbers go on.
-        walker: entry of :data:`~ampm.stepping.stepper.WALKER`.
+        state: a :class:`~ampm.control.workspace.SteppingState`, as an entry of its table.
     """
 
     time: float
     phase: int
-    walker: Any
+    state: Any
 
 
-def make_stepper(robot: Robot, c: Workspace, omega: float) -> Stepper:
-    """A stepper without a phase.
-
-    Args:
-        robot: the body, as the controller knows it.
-        c: of the controller.
-        omega: of the pendulum [1/s].
-    """
-    walker = records(1, WALKER)
-    walker["rate"] = walker["factor"] = walker["load"] = 1.0
-    walker["choice"] = -1
-    return Stepper(
-        walker=walker,
-        body=c.body,
-        contact=c.sensed.contact,
-        rates=c.tasks.rates,
-        omega=omega,
-        tick=1.0 / c.gains.frequency,
-        size=robot.description.scale,
-        foot_width=2.0 * robot.description.sole.half_width,
-        curves=Curves(np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2))),
-        table=rows_of(np.zeros(2, reference_type(robot.nq, robot.nv))),
-    )
-
-
-class Follower:
+class StepTracker:
     """The Python part of the stepping stabiliser: which phase it is, and the phase's tables.
 
     The plan is sampled when it is handed over, and not later. After the end of a plan that walks on, its last
@@ -80,7 +55,7 @@ class Follower:
         plan: of the walk.
         timing: look-ahead of the references.
         robot: the body, as the controller knows it.
-        c: of the controller.
+        workspace: of the controller; its stepping state is reset.
 
     Attributes:
         stepped: state of this tick off the plan, before the body's was sensed; None on the plan.
@@ -88,15 +63,27 @@ class Follower:
 
     stepped: SteppedTick | None = None
 
-    def __init__(self, plan: WalkPlan, timing: Timing, robot: Robot, c: Workspace) -> None:
-        self.plan, self._timing, self._c = plan, timing, c
-        self._stepper = stepper = make_stepper(robot, c, math.sqrt(c.body.gravity / plan.com_height))
-        self._walker, self._stepping = stepper.walker, c.stepping
-        self._leaves, self._off_plan = self._walker["leaves"], self._stepping["off_plan"]
-        self._clock = self._walker["clock"]
-        self._stepping["force_factor"] = 1.0
-        self._stepping["off_plan"] = self._stepping["com_first"] = False
-        self._pass_time = bound(pass_time, (self._walker, stepper.tick))
+    def __init__(self, plan: WalkPlan, timing: Timing, robot: Robot, workspace: Workspace) -> None:
+        self.plan, self._timing, self._workspace = plan, timing, workspace
+        self._state: SteppingState = workspace.stepping.view(np.recarray)[0]
+        self._reset()
+        self._state.force_factor = 1.0
+        self._stepper = Stepper(
+            state=workspace.stepping,
+            body=workspace.body,
+            contact=workspace.sensed.contact,
+            rates=workspace.tasks.rates,
+            omega=math.sqrt(workspace.body.gravity / plan.com_height),
+            tick=1.0 / workspace.gains.frequency,
+            size=robot.description.scale,
+            foot_width=2.0 * robot.description.sole.half_width,
+            curves=Curves(np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2))),
+            table=rows_of(np.zeros(2, reference_type(robot.nq, robot.nv))),
+        )
+        # Views, as reading a field of one entry takes longer.
+        states = workspace.stepping
+        self._leaves, self._off_plan, self._clock = states["leaves"], states["off_plan"], states["clock"]
+        self._pass_time = bound(pass_time, (states, self._stepper.tick))
         self._index, self._loaded, self._next = -1, -1, -math.inf
         self._starts = [*plan.contacts.starts.tolist(), math.inf]
         end = plan.sample(np.array([plan.duration])).com_velocity
@@ -128,7 +115,7 @@ class Follower:
         if self._off_plan[0]:
             if self._loaded != self._index:
                 self._load()
-            self.stepped = SteppedTick(time, self._index, self._walker[0].copy())
+            self.stepped = SteppedTick(time, self._index, self._stepper.state[0].copy())
         else:
             self.stepped = None
             if time + 1e-9 >= self._next:
@@ -151,26 +138,32 @@ class Follower:
     def _phase(self, index: int) -> Phase:
         return self.plan.contacts.phases[self._source(index)[0]]
 
+    def _reset(self) -> None:
+        """Begin on the plan; the floor is where it was."""
+        floor = self._state.floor
+        self._workspace.stepping[:] = 0
+        self._state.floor, self._state.rate, self._state.factor, self._state.choice = floor, 1.0, 1.0, -1
+
     def _enter(self, index: int) -> None:
         """Begin a phase."""
-        w, phase, following = self._walker[0], self._phase(index), self._phase(index + 1)
-        w["single"] = phase.kind == "single_support"
-        if w["single"]:
-            w["stance"] = phase.left is None
+        state, phase, following = self._state, self._phase(index), self._phase(index + 1)
+        state.single = phase.kind == "single_support"
+        if state.single:
+            state.stance = phase.left is None
         elif index:  # the foot that stood before leaves next
-            w["stance"] = self._phase(index - 1).left is None
+            state.stance = self._phase(index - 1).left is None
         else:
-            w["stance"] = following.left is not None
-        w["duration"] = phase.duration
-        w["double"] = following.duration if following.kind == "double_support" else phase.duration
-        w["stood"], w["waited"] = 0.0, 0.0
+            state.stance = following.left is not None
+        state.duration = phase.duration
+        state.double = following.duration if following.kind == "double_support" else phase.duration
+        state.stood, state.waited = 0.0, 0.0
         self._index = index
-        if not self._off_plan[0]:
+        if not state.off_plan:
             self._next = self._starts[index + 1]
             self._take(self._ahead[index])
             x, y, _ = self._across[index]
             heading = self._headings[index]
-            w["width"] = abs(math.cos(heading) * y - math.sin(heading) * x)
+            state.width = abs(math.cos(heading) * y - math.sin(heading) * x)
 
     def _look_ahead(self) -> list[Curves]:
         """Curves of the plan's phases."""
@@ -188,14 +181,14 @@ class Follower:
 
     def _curves(self, com: Array, velocity: Array, acceleration: Array, moment: Array) -> Curves:
         """Horizontal curves of a plan's centroidal motion."""
-        mass, gravity = self._c.body.mass, self._c.body.gravity
+        mass, gravity = self._workspace.body.mass, self._workspace.body.gravity
         down = gravity + acceleration[:, 2:]
         r = com[:, :2] - com[:, 2:] / down * acceleration[:, :2]
         arm = np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (mass * down)
         curves = r, com[:, :2] + velocity[:, :2] / self._stepper.omega, r + arm
         return Curves(*(np.ascontiguousarray(curve) for curve in curves))
 
-    def _take(self, curves: Curves, table: Wanted | None = None) -> None:
+    def _take(self, curves: Curves, table: Any = None) -> None:
         """Give curves, and off the plan the table, to the compiled functions."""
         self._stepper = self._stepper._replace(curves=curves, table=table or self._stepper.table)
         self.handle = refer(self._stepper)
@@ -208,52 +201,52 @@ class Follower:
     def _load(self) -> None:
         """Tables of the present phase."""
         source, offset = self._source(self._index)
-        rows = rows_of(self._tables[source])
-        rows.com[:, :2] += offset
-        rows.foot_position[:, :, :2] += offset
-        self._take(self._curves(rows.com, rows.com_velocity, rows.com_acceleration, rows.moment), rows)
+        table = rows_of(self._tables[source].copy())
+        table.com[:, :2] += offset
+        table.foot_position[:, :, :2] += offset
+        self._take(self._curves(table.com, table.com_velocity, table.com_acceleration, table.moment), table)
         self._loaded = self._index
 
     def _leave(self) -> None:
         """Leave the plan: the shift of a foot that stands is measured if it matters."""
-        w, body = self._walker[0], self._c.body
-        w["leaves"], self._stepping["off_plan"] = False, True
+        state, body = self._state, self._workspace.body
+        state.leaves, state.off_plan = False, True
         for foot in range(2):
-            if w["touches"][foot] > 1 and not (w["single"] and foot != w["stance"]):
-                off = body.com + body.feet["place"][foot] - self._c.wanted.foot_position[foot]
+            if state.touches[foot] > 1 and not (state.single and foot != state.stance):
+                off = body.com + body.feet["place"][foot] - self._workspace.wanted.foot_position[foot]
                 off[2] += SINK
                 off[:2] *= np.hypot(off[0], off[1]) > 0.01
                 off[2] *= abs(off[2]) > OFF_HEIGHT
-                w["shift"][foot] = off
-        w["swing"][0] = w["shift"][1 - w["stance"]]
+                state.shift[foot] = off
+        state.swing[0] = state.shift[1 - state.stance]
 
     def _is_back(self) -> bool:
         """Whether a walk that begins a phase is on the plan again; then it is followed by the time."""
-        w = self._walker[0]
-        on_time = w["single"] and abs(w["late"]) < self._stepper.tick and self._index < len(self._starts) - 1
-        in_place = np.abs(w["shift"]).max(axis=0) < (BACK, BACK, OFF_HEIGHT)
-        level = max(abs(w["height"][0]), 0.1 * np.abs(w["slope"]).max()) < OFF_HEIGHT
-        return bool(on_time and level and in_place.all() and w["away"] < BACK)
+        state = self._state
+        on_time = (
+            state.single and abs(state.late) < self._stepper.tick and self._index < len(self._starts) - 1
+        )
+        in_place = np.abs(state.shift).max(axis=0) < (BACK, BACK, OFF_HEIGHT)
+        level = max(abs(state.height[0]), 0.1 * np.abs(state.slope).max()) < OFF_HEIGHT
+        return bool(on_time and level and in_place.all() and state.away < BACK)
 
     def _return(self) -> None:
         """Follow the plan again."""
-        w = self._walker
-        load, touches = float(w["load"][0]), w["touches"].copy()
-        w[:] = 0
-        w["load"], w["touches"], w["rate"], w["factor"], w["choice"] = load, touches, 1.0, 1.0, -1
+        force_factor, touches = self._state.force_factor, self._state.touches.copy()
+        self._reset()
+        self._state.force_factor, self._state.touches[:] = force_factor, touches
         self._next = -math.inf
-        self._stepping["com_first"], self._stepping["off_plan"] = False, False
 
     def _switch(self) -> None:
         """Go on to the next phase."""
-        w = self._walker[0]
-        over = w["clock"] - w["duration"]
-        if w["single"]:  # until it is measured, the foot is where it was sent
-            w["shift"][1 - w["stance"]] = w["swing"][0]
+        state = self._state
+        over = state.clock - state.duration
+        if state.single:  # until it is measured, the foot is where it was sent
+            state.shift[1 - state.stance] = state.swing[0]
         self._enter(self._index + 1)
-        w["clock"] = min(max(over, 0.0), 0.25 * w["duration"])
-        w["late"] += over - w["clock"]
-        w["step"], w["factor"], w["excess"], w["choice"] = 0.0, 1.0, 0.0, -1
-        if w["single"]:
-            w["swing"] = 0.0
-            w["swing"][0] = w["shift"][1 - w["stance"]]
+        state.clock = min(max(over, 0.0), 0.25 * state.duration)
+        state.late += over - state.clock
+        state.step[:], state.factor, state.excess, state.choice = 0.0, 1.0, 0.0, -1
+        if state.single:
+            state.swing[:] = 0.0
+            state.swing[0] = state.shift[1 - state.stance]

@@ -1,0 +1,59 @@
+"""Files that a user names, read whole: regular files of limited size, texts in UTF-8, columns named once."""
+
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+
+from ampm.exceptions import InputError
+
+LARGEST_TEXT = 2**26
+"""Most bytes of a file that is read as text at once: run files, footsteps, studies."""
+LARGEST_TABLE = 2**31
+"""Most bytes of a table of numbers."""
+
+
+def read_file(path: Path, largest: int = LARGEST_TEXT) -> bytes:
+    """Read a file.
+
+    Raises:
+        FileNotFoundError, NotADirectoryError: there is no such file.
+        InputError: it is no regular file, too large, or cannot be read.
+    """
+    try:
+        size = path.stat().st_size
+        if not path.is_file():  # a pipe would wait for its writer, a device has no end
+            raise InputError(
+                f"the file {str(path)!r} cannot be read: it is no regular file; give another one."
+            )
+        if size > largest:
+            raise InputError(
+                f"the file {str(path)!r} has {size:,} bytes, more than {largest:,}; give a shorter one."
+            )
+        return path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
+        raise
+    except (OSError, ValueError) as error:  # a zero byte in its name is a ValueError
+        raise InputError(f"the file {str(path)!r} cannot be read ({error}); give a readable file.") from None
+
+
+def read_text(path: Path, largest: int = LARGEST_TEXT) -> str:
+    """Read a file of text; a byte order mark is skipped. Raises as :func:`read_file` does."""
+    content = read_file(path, largest)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"the file {str(path)!r} cannot be read: byte {content[error.start]:#x} in line {line} is no "
+            "UTF-8; save it as UTF-8."
+        ) from None
+
+
+def check_columns(names: Iterable[str], path: Path) -> None:
+    """Refuse a table in which two columns have one name.
+
+    Raises:
+        InputError: names one of them.
+    """
+    if twice := [name for name, number in Counter(names).items() if number > 1]:
+        raise InputError(f"{path} has the column {twice[0]!r} twice; remove one of them.")
