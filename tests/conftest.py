@@ -98,17 +98,3 @@ def ampm(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) ->
         return Answer(status, *capsys.readouterr())
 
     return run
-
-
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports without pictures, where only words are read: drawing takes most of a report's time."""
-    # Here, not above: that would load matplotlib for every test.
-    from markupsafe import Markup
-
-    from validation.show.style import Picture
-
-    def labelled(_: object, label: str, *__: object, **___: object) -> Picture:
-        return Picture(Markup('<img alt="{}">').format(label), "", wide=False)
-
-    monkeypatch.setattr("validation.show.run_figures.picture", labelled)

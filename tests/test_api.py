@@ -67,7 +67,7 @@ def test_a_trial_in_memory(trial):
     assert trial.summary["gait"] == "pushed"
 
 
-def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path, undrawn):
+def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path):
     folder = trial.save(tmp_path / "run", recording=False)
     with pytest.raises(InputError, match="--force"):
         trial.save(folder)
@@ -85,7 +85,7 @@ def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path, undrawn):
     np.testing.assert_array_equal(val.load(out).record.torque, trial.record.torque)
 
 
-def test_a_controller_and_a_planner_of_ones_own(tmp_path, ampm, undrawn):
+def test_a_controller_and_a_planner_of_ones_own(tmp_path, ampm):
     options = ["--controller", f"{HERE}:Weaker", "--planner", f"{HERE}:Planner", "--out", tmp_path / "a"]
     answer = ampm("validate", "normal", "--steps", "2", *options, "--json")
     assert answer.status in (Status.PASS, Status.OUT_OF_TOLERANCE)

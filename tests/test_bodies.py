@@ -164,7 +164,7 @@ def test_passive_torques_are_overcome_by_the_controller() -> None:
     assert worst[1] > 5.0 * worst[0]
 
 
-def test_folder_has_the_body(ampm, tmp_path: Path, undrawn: None) -> None:
+def test_folder_has_the_body(ampm, tmp_path: Path) -> None:
     answer = ampm("validate", "--body", BIPED, "--steps", 4, "--out", tmp_path / "run", "--json")
     assert answer.status == 0, answer.err
     for axis in "xy":

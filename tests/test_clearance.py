@@ -106,7 +106,7 @@ def passing_through(tmp_path_factory):
     return make_run(tmp_path_factory.mktemp("run"), steps=2, angles={"left_shoulder_roll": -0.15})
 
 
-def test_a_walk_that_passes_through_itself_fails(passing_through, undrawn):
+def test_a_walk_that_passes_through_itself_fails(passing_through):
     saved = load_saved_run(passing_through)
     clearance, judged = saved.summary["margins"]["clearance"], saved.summary["metrics"]["clearance_shortfall"]
     assert clearance["where"] == "left hand and left thigh"

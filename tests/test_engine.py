@@ -107,7 +107,7 @@ def test_recorded_forces_and_torques_give_mujocos_step_in_drake(drake, settings)
     [("normal",), pytest.param(("--body", str(BIPED)), marks=pytest.mark.slow)],
     ids=["human", "biped"],
 )
-def test_two_bodies_pass_in_drake(drake, ampm, tmp_path, walker, undrawn):
+def test_two_bodies_pass_in_drake(drake, ampm, tmp_path, walker):
     out = tmp_path / "run"
     words = "--engine drake --steps 3 --set simulation.time_step=0.002 --json".split()
     answer = ampm("validate", *walker, *words, "--out", out)

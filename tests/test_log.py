@@ -195,7 +195,7 @@ def test_the_mean_stride_has_less_error_than_the_run(folder, summary, table):
     assert trial.verdict.passed, trial.verdict.reason
 
 
-def test_a_person_is_no_pendulum_of_constant_height(tmp_path, ampm, undrawn):
+def test_a_person_is_no_pendulum_of_constant_height(tmp_path, ampm):
     """The public mean strides at 0.8 m/s: report and recording are written, and the limits are not met."""
     answer = ampm(
         *("judge", PERSON, "--plan", "normal", "--set", "body.mass=70", "--strides"),
@@ -216,7 +216,7 @@ def test_a_person_is_no_pendulum_of_constant_height(tmp_path, ampm, undrawn):
         val.replay(tmp_path / "person")
 
 
-def test_the_command_judges_and_keeps(folder, table, tmp_path, ampm, undrawn):
+def test_the_command_judges_and_keeps(folder, table, tmp_path, ampm):
     write_columns(table, log := tmp_path / "log.csv")
     out = tmp_path / "again"
     answer = ampm("judge", log, "--plan", folder, "--out", out, "--json")

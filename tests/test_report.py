@@ -83,7 +83,7 @@ def test_page_is_self_contained_small_and_well_formed(run_dir, html):
     assert set(re.findall(r"var\(--([\w-]+)\)", html)) <= set(re.findall(r"--([\w-]+):", html))
 
 
-def test_page_shows_the_tables_of_the_run(run_dir, html, undrawn):
+def test_page_shows_the_tables_of_the_run(run_dir, html):
     saved = load_saved_run(run_dir)
     for table in (saved.table(), cost_table(saved.summary), reported_table(saved.summary)):
         assert table.__html__() in html
@@ -119,7 +119,7 @@ def test_a_fall_is_told_as_one(tmp_path, seconds):
         assert float(poses[-1].title.split()[0]) == pytest.approx(seconds, abs=0.02)
 
 
-def test_names_from_outside_are_escaped(run_dir, undrawn):
+def test_names_from_outside_are_escaped(run_dir):
     nasty = "</title><script>alert(1)</script>"
     saved = load_saved_run(run_dir)
     summary = {**saved.summary, "gait": nasty, "reason": nasty, "environment": {nasty: nasty}}

@@ -91,7 +91,7 @@ def as_text(path):
         ("ticks.parquet", lambda path: path.unlink()),
     ],
 )
-def test_a_damaged_or_changed_folder_is_refused(walked, tmp_path, capsys, file, damage, undrawn):
+def test_a_damaged_or_changed_folder_is_refused(walked, tmp_path, capsys, file, damage):
     copy = tmp_path / "copy"
     shutil.copytree(walked[0], copy)
     damage(copy / file)
@@ -102,7 +102,7 @@ def test_a_damaged_or_changed_folder_is_refused(walked, tmp_path, capsys, file, 
         assert err.count("\n") == 1
 
 
-def test_the_same_run_has_the_same_bits(walked, tmp_path, undrawn):
+def test_the_same_run_has_the_same_bits(walked, tmp_path):
     again = tmp_path / "again"
     assert call(["validate", str(walked[0] / "run.toml"), "--out", str(again)]) == Status.PASS
     assert first_difference(StoredRecord(walked[0]), StoredRecord(again)) is None
@@ -197,7 +197,7 @@ def test_ctrl_c_before_the_walk_leaves_nothing(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_fall_is_an_outcome(tmp_path, capsys, undrawn):
+def test_a_fall_is_an_outcome(tmp_path, capsys):
     """Hardly any friction: the walk cannot complete, and says so."""
     out = tmp_path / "ice"
     settings = ["--steps", "4", "--set", "contact.friction=0.05", "--set", "simulation.time_step=0.002"]

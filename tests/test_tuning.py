@@ -201,7 +201,7 @@ def test_a_sweep_tunes_its_runs():
 # ------------------------------------------------------------------ commands
 
 
-def test_a_saved_plan_is_walked_with_the_values_found(ampm, tmp_path, undrawn):
+def test_a_saved_plan_is_walked_with_the_values_found(ampm, tmp_path):
     path, out = tmp_path / "gait.toml", tmp_path / "run"
     changed = ("plan", "--set", "gait.step_length=0.5", "--steps", 2)
     answer = ampm(*changed, "--save", path)
