@@ -113,7 +113,7 @@ def _vertical(gains: Any, foot: Any, lines: Any, press: float, damping: float, s
         speed: of the line [m/s].
     """
     heel, ball = lines[HEEL], lines[BALL]
-    asked = -damping * (speed + press * gains.touchdown_velocity)
+    asked = -damping * (speed + press * (gains.touchdown_velocity + foot.hurry))
     touching = heel.touching or ball.touching or lines[TIP].touching
     if foot.stood and touching and foot.on_heel == heel.touched and foot.on_ball == ball.touched:
         share = press * gains.landing_yield

@@ -18,6 +18,7 @@ from ampm.body.rigid_body import joint_torques, passive_torques, place_body, pla
 from ampm.compiled import compiled
 from ampm.control.contact_gate import land, update_gate
 from ampm.control.contact_qp import eliminate_tasks, fill_qp
+from ampm.control.floor import follow_floor
 from ampm.control.forces import point_forces, share_forces, wrench_map
 from ampm.control.hold import update_rate
 from ampm.control.limited_qp import limit_broken
@@ -51,6 +52,8 @@ def before(
     kinematics(work.body, work.motion, work.tasks, work.sensed, velocity_lag)
     if stepper is not None:
         follow(stepper, work.wanted)
+    else:
+        follow_floor(work)
     landing = contacts(work, first)
     command(work, stepper)
     tasks(work)

@@ -41,6 +41,12 @@ FOOT = [
     ("on_heel", np.bool_),  # whether its heel held it then
     ("on_ball", np.bool_),
     ("speed", np.float64),  # upward speed of the line that held it [m/s]
+    ("late", np.float64),  # time for which its planned contact has been missing [s]
+    ("hurry", np.float64),  # its speed downwards beyond the touch-down velocity [m/s]
+    ("floor", np.float64),  # height of the floor under it over the plan's [m]
+    ("slope", np.float64, (2,)),  # of the floor: dz/dx, dz/dy [1]
+    ("raised", np.float64),  # height by which its reference is raised [m]
+    ("raised_rate", np.float64),  # [m/s]
 ]
 """Fields of a foot besides those of its sole's frame."""
 

@@ -1,0 +1,72 @@
+"""The reference over a floor that is higher, lower or steeper than the plan's.
+
+A foot that stands flat tells the height and the slope of the floor under it. The reference follows: the swing
+foot's height over that plane, and the COM's as the load goes from foot to foot. A foot that touches late goes
+down faster and faster.
+"""
+
+from typing import Any
+
+from ampm.compiled import compiled
+from ampm.control.workspace import BALL, HEEL, TIP, Workspace
+
+LEVEL = 0.003
+"""Height over the plan's floor that is not followed [m]: soles sink into any floor by a millimetre."""
+FLAT = 0.006
+"""Slope that is not followed [1]."""
+RATE = 40.0
+"""Rate of the critically damped filter of the heights [1/s]."""
+PATIENCE = 0.016
+"""Time that a foot may be late before it goes down faster [s]."""
+HURRY, FASTEST = 5.0, 0.3
+"""Acceleration of a late foot [m/s^2], and its largest speed beyond the touch-down velocity [m/s]."""
+
+
+@compiled
+def follow_floor(work: Workspace) -> None:
+    """Raise feet and COM of the reference by the height of the floor over the plan's."""
+    feet, wanted, tick = work.body.feet, work.wanted, 1.0 / work.gains.frequency
+    right = wanted.right_load[0]
+    for i in range(len(feet)):
+        foot, lines = feet[i], work.contact.lines[i]
+        heel, ball, tip = lines[HEEL], lines[BALL], lines[TIP]
+        touching = heel.touching or ball.touching or tip.touching
+        foot.late = 0.0 if touching or not (heel.planned or ball.planned or tip.planned) else foot.late + tick
+        foot.hurry = min(HURRY * max(foot.late - PATIENCE, 0.0), FASTEST)
+        if heel.touched or ball.touched or tip.touched:
+            _feel(foot, heel, ball, work.body.com[2] - wanted.foot_position[i, 2])
+        else:
+            other = feet[1 - i]
+            x, y, _ = wanted.foot_position[i] - wanted.foot_position[1 - i]
+            foot.floor = other.floor + other.slope[0] * x + other.slope[1] * y
+        change = RATE * (RATE * (foot.floor - foot.raised) - 2.0 * foot.raised_rate)
+        foot.raised_rate += tick * change
+        foot.raised += tick * foot.raised_rate
+        load = right if i == 1 else 1.0 - right
+        wanted.foot_position[i, 2] += foot.raised
+        wanted.foot_velocity[i, 2] += foot.raised_rate
+        wanted.com[2] += load * foot.raised
+        wanted.com_velocity[2] += load * foot.raised_rate
+
+
+@compiled
+def _feel(foot: Any, heel: Any, ball: Any, height: float) -> None:
+    """Height and slope of the floor under a foot whose whole sole carries load.
+
+    Args:
+        foot: it keeps both.
+        heel: its line.
+        ball: likewise.
+        height: of the COM over the planned sole [m].
+    """
+    loaded = heel.opening == 1.0 and heel.limit == 1.0 and ball.opening == 1.0
+    if loaded and heel.touching and ball.touching:
+        foot.floor = _beyond(height + foot.place[2], LEVEL)
+        foot.slope[0] = _beyond(-foot.pose[0, 2] / foot.pose[2, 2], FLAT)
+        foot.slope[1] = _beyond(-foot.pose[1, 2] / foot.pose[2, 2], FLAT)
+
+
+@compiled
+def _beyond(value: float, limit: float) -> float:
+    """A value that is larger than a limit in size; otherwise zero."""
+    return value if abs(value) > limit else 0.0
