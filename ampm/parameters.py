@@ -279,6 +279,8 @@ class RunParameters(Described, Section):
                     way_out="walk with --engine mujoco",
                 )
 
+    __repr__ = Section.__repr__  # not that of Brief, which is for dataclasses
+
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         """What differs from the defaults; of footsteps their number."""
         yield from self.model_dump(exclude_defaults=True, exclude={"footsteps"}).items()

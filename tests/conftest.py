@@ -18,6 +18,14 @@ import pytest
 RunOf = Callable[..., Path]
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile what a walk needs before parallel workers start, so that no two of them compile the same."""
+    if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
+        from validation.run.walk import compile_once  # loads simulator and controller
+
+        compile_once()
+
+
 @pytest.fixture(scope="session")
 def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One folder for all workers of a parallel test session."""

@@ -71,6 +71,7 @@ def push(text, _):
 
 USES = {
     "setting": lambda text, _: load_run("normal", [text]),
+    "settings": lambda text, _: load_run("normal", text.split()),
     "run file": of_file(lambda path: load_run(path, ["gait.c_y=1"]), "bad.toml"),
     "source": lambda text, folder: load_run(ROOT / text if "/" in text else text),
     "sweep": lambda text, _: parse_sweep(text),

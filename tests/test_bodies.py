@@ -89,11 +89,9 @@ def test_straight_knee_makes_the_leg_longest() -> None:
     assert robot.knee_flexion(q)[0] == pytest.approx(0.05)
 
 
-@pytest.mark.parametrize(("source", "schedule"), [("suite-humanoid", "flat"), (str(BIPED), "roll")])
-def test_body_walks_a_gait_of_its_own(source: str, schedule: str) -> None:
-    request = load_request(None, [f"body.source='{source}'", f"foot.schedule={schedule}", "gait.steps=4"])
-    trial = walk(request.run, name=request.name)
-    check(trial)
+def test_body_walks_a_gait_of_its_own() -> None:
+    request = load_request(None, ["body.source='suite-humanoid'", "foot.schedule=flat", "gait.steps=4"])
+    check(walk(request.run, name=request.name))
 
 
 def test_a_gait_of_its_own_is_that_of_the_body_again() -> None:
@@ -167,9 +165,10 @@ def test_passive_torques_are_overcome_by_the_controller() -> None:
 
 
 def test_folder_has_the_body(ampm, tmp_path: Path) -> None:
-    settings = ("--set", "foot.schedule=flat", "--steps", 2, "--out", tmp_path / "run")
-    answer = ampm("validate", "--body", BIPED, *settings)
-    assert answer.status in (0, 1), answer.err
+    answer = ampm("validate", "--body", BIPED, "--steps", 4, "--out", tmp_path / "run", "--json")
+    assert answer.status == 0, answer.err
+    for axis in "xy":
+        assert answer.json["metrics"][f"zmp_{axis}_rmse"]["value"] < ZMP_SHARE * 0.21
     description = load_description(tmp_path / "run")
     assert description.left_leg.knee == "l_knee"
     assert description.sole.length == pytest.approx(0.21)

@@ -172,7 +172,7 @@ def test_a_module_that_cannot_be_imported_is_bad_input(tmp_path, monkeypatch, co
         CONTROLLER.find("spoilt_module:Controller")
 
 
-def test_a_crash_in_mid_walk_keeps_the_run(ampm, tmp_path, caplog, undrawn):
+def test_a_crash_in_mid_walk_keeps_the_run(ampm, tmp_path, caplog):
     settings = [word for text in SETTINGS for word in ("--set", text)]
     words = "validate", "normal", *settings, "--controller", "tests.test_api:Late", "--out", tmp_path / "run"
     answer = ampm(*map(str, words), "--json", "--debug")

@@ -126,7 +126,11 @@ def test_commands_run(page, tmp_path):
 @pytest.mark.parametrize(
     "example",
     [
-        pytest.param(path, marks=[pytest.mark.slow] if "sweep" in path.stem else [], id=path.stem)
+        pytest.param(
+            path,
+            marks=[pytest.mark.slow] if "sweep" in path.stem or path.stem == "capture" else [],
+            id=path.stem,
+        )
         for path in EXAMPLES
         if path.stem != "tour"  # draws none; test_tour.py walks it
     ],

@@ -10,7 +10,6 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.physics_parameters import DrakeParameters
-from ampm.run_file import load_run
 from tests.solved import body_of, replays, simulated
 from tests.test_bodies import run_of
 from validation import environment
@@ -103,7 +102,11 @@ def test_recorded_forces_and_torques_give_mujocos_step_in_drake(drake, settings)
 # ------------------------------------------------------------------------------------------------- walks
 
 
-@pytest.mark.parametrize("walker", [("normal",), ("--body", str(BIPED))], ids=["human", "biped"])
+@pytest.mark.parametrize(
+    "walker",
+    [("normal",), pytest.param(("--body", str(BIPED)), marks=pytest.mark.slow)],
+    ids=["human", "biped"],
+)
 def test_two_bodies_pass_in_drake(drake, ampm, tmp_path, walker):
     out = tmp_path / "run"
     words = "--engine drake --steps 3 --set simulation.time_step=0.002 --json".split()
@@ -151,24 +154,6 @@ def test_a_step_that_drake_cannot_make_ends_the_walk(drake):
 
 
 # ---------------------------------------------------------------------------------------------- refusals
-
-
-@pytest.mark.parametrize(
-    "setting",
-    [
-        "contact.time_constant=0.02",
-        "contact.impedance_min=0.9",
-        "contact.impratio=1",
-        "simulation.integrator=implicitfast",
-        "disturbance.softness_factor=2",
-    ],
-)
-def test_what_only_mujoco_has_is_refused(setting):
-    key, _, value = setting.partition("=")
-    with pytest.raises(InputError, match=rf"{key} = {value}.* is of MuJoCo alone.*--engine mujoco") as error:
-        load_run("normal", [DRAKE, setting])
-    assert error.value.details["key"] == key
-    assert load_run("normal", [DRAKE, "contact.friction=0.7"]).contact.friction == 0.7
 
 
 def test_without_drake_the_message_has_the_pip_line(monkeypatch, ampm):

@@ -12,10 +12,10 @@ from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.footsteps import plan_footsteps
 from ampm.planner.heights import EDGE, Ground
 from ampm.planner.replan import LiveWalk
-from tests.test_bodies import run_of
+from tests.test_walk_motion import gait_of
 from tests.walk import assert_follows
 from validation.store.saved import load_saved_run
-from validation.trial.plan import complete, load_request, make_body
+from validation.trial.plan import make_body
 
 RUNS = {name: ampm.load_run(name, gait={"a_s": 3.0}) for name in ("normal", "momentum")}
 BODY = make_body(RUNS["normal"]).model.description
@@ -178,8 +178,7 @@ def test_the_human_walks_over_heights(name):
 
 
 def test_the_robot_walks_over_heights():
-    run_of("g1")  # skips where its package is not installed
-    run = complete(load_request(None, ["body.source='g1'", "simulation.time_step=0.002"])).run.as_is()
+    run = gait_of("g1")  # skips where its package is not installed
     for height in (0.05, -0.05):
         footsteps = routes.platform(6, 0.24, 1.1 * run.gait.step_width, height, last=4)
         trial = val.walk(run, footsteps=footsteps)

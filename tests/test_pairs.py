@@ -238,7 +238,7 @@ def own(tmp_path, monkeypatch):
         unregister("height_error")
 
 
-def test_own_metrics_and_disturbances_of_saved_runs_are_compared(own, folders, tmp_path, ampm, undrawn):
+def test_own_metrics_and_disturbances_of_saved_runs_are_compared(own, folders, tmp_path, ampm):
     mine = tmp_path / "mine"
     more = ["--metric", f"{own}:HEIGHT", "--disturbance", f"{own}:Rope"]
     assert ampm("validate", "normal", *FAST[:4], *more, "--out", mine).status == 1

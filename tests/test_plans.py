@@ -25,6 +25,7 @@ def test_steps_of_a_gait_obey_newton_and_mirror_each_other(name, planner):
     times = properties.inside(plan)
     if planner in ("preview", "dcm"):  # between its samples the ZMP is interpolated
         times = np.concatenate([phase.start + phase.x.time[:-1] for phase in plan.phases])
+        assert plan.least_zmp_margin()[0] > 0.0
     properties.assert_newton_euler(plan, times)
     properties.assert_rates(plan)
     properties.assert_mirrored(plan)

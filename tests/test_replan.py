@@ -1,5 +1,6 @@
 """Planners that go on planning while their plan is walked."""
 
+import re
 import runpy
 from dataclasses import replace
 from pathlib import Path
@@ -132,18 +133,19 @@ def test_errors_at_the_first_tick_are_the_planners(change, words):
         simulated(planner=Replanning(change))
 
 
-def test_errors_on_the_way_end_the_walk():
-    record = simulated(planner=Replanning(lambda time, plan: plan_of(1) if time > 0.9 else None))
+@pytest.mark.parametrize(
+    ("change", "at", "words"),
+    [
+        (lambda plan: plan_of(1), 0.9, "before now"),
+        (lambda plan: plan_of(1), 0.3, "1 steps .* to step"),
+        (lambda plan: replace(plan, com_height=np.nan), 0.1, "'com' of its plan"),
+    ],
+)
+def test_errors_on_the_way_end_the_walk(change, at, words):
+    record = simulated(planner=Replanning(lambda time, plan: change(plan) if time > at else None))
     assert record.outcome.name is OutcomeName.CRASHED
-    assert "before now" in record.outcome.cause
-    assert record.time[-1] == pytest.approx(0.9, abs=0.01)
-
-
-def test_a_plan_without_numbers_is_refused():
-    planner = Replanning(lambda time, plan: replace(plan, com_height=np.nan) if time > 0.1 else None)
-    record = simulated(planner=planner)
-    assert record.outcome.name is OutcomeName.CRASHED
-    assert "'com' of its plan" in record.outcome.cause
+    assert re.search(words, record.outcome.cause), record.outcome.cause
+    assert words != "before now" or record.time[-1] == pytest.approx(at, abs=0.01)
 
 
 def test_a_period_that_is_none_is_refused():
@@ -380,10 +382,3 @@ def test_a_planner_of_a_module_replans_on_the_command_line(tmp_path, monkeypatch
     assert saved.summary["metrics"]["plan_changes"]["value"] == saved.record.tick_plan.max()
     assert saved.summary["metrics"]["plan_change_rate"]["value"] == pytest.approx(20.0, abs=1.0)
     assert saved.summary["metrics"]["zmp_x_rmse"]["value"] < 1e-3
-
-
-def test_a_plan_of_fewer_steps_than_the_walk_has_is_refused():
-    fewer = plan_of(1)
-    record = simulated(planner=Replanning(lambda time, plan: fewer if time > 0.3 else None))
-    assert record.outcome.name is OutcomeName.CRASHED
-    assert "has 1 steps in all, and the walk goes on to step" in record.outcome.cause

@@ -1,5 +1,7 @@
 """The one table of results: its forms, and the tables of a run from one summary."""
 
+import os
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +16,7 @@ from validation.show.rerun.record import verdict_markdown
 from validation.store.metric_table import metric_table
 from validation.table import Table, format_number, format_share, print_tables
 
+SNAPSHOT = Path(__file__).with_name("run_tables.md")
 TABLE = Table(
     "walk",
     ["metric", ">value", ""],
@@ -126,43 +129,17 @@ def summary():
     }
 
 
-def test_metrics_of_a_run():
-    table = metric_table(summary())
-    assert table.title == "normal: measured against plan, without the first step (profile default)"
-    assert table.rows == [
-        ("ZMP, RMS error along x", "0.586 ± 0.083", "2.5", "mm", "23 %", "pass"),
-        ("ground force, RMS error along x", "0.9 ± inf", "0.8", "% BW", "112 %", "undecided"),
-        ("ZMP, RMS error along y", "–", "1.5", "mm", "", "not measured"),
-        ("Checks of plan and measurement", "", "", "", "", ""),
-        ("unsolved QPs", "3", "0", "", "", "FAIL"),
-    ]
-    body_weight, study = table.notes
-    assert body_weight == "BW: body weight."
-    assert "a convergence study of normal, 6 steps a level" in study
-
-
-def test_cost_of_a_run():
-    table = cost_table(summary())
-    rows = {row[0]: row[1:] for row in table.rows}
-    assert rows["largest torque, of the motor's limit"] == (
-        "50",
-        "100",
-        "%",
-        "50 %",
-        "left knee pitch, 1.25 s",
-    )
-    assert rows["ZMP, RMS feedback along x"] == ("1", "", "mm", "", "")
-    assert rows["ZMP, RMS feedback along y"] == ("–", "", "", "", "")
-    assert rows["least distance of two parts of the body"] == ("–", "", "", "", "")
-    (note,) = table.notes
-    assert note.startswith("completed, 6 steps in 4 s, the closed loop at 3.9 times real time; ")
-    assert note.endswith("100 QPs, 3 unsolved, median 8 us, 99th percentile 32 us.")
-    small = summary()
-    small["margins"]["plan_polygon"] = {"value": 1e-4, "time": 2.6, "where": ""}
-    assert "the ZMP passes the ball" in cost_table(small).notes[1]
-    others = {row[0] for row in reported_table(summary()).rows}
-    assert "COM, RMS error along x" in others
-    assert {item.label for item in METRICS.values() if item.section} <= others | rows.keys()
+def test_tables_of_a_run_are_those_of_the_snapshot():
+    """``AMPM_SNAPSHOT=1 pytest tests/test_result_table.py`` writes it anew; look at the difference."""
+    said = summary()
+    found = "\n".join(table(said).markdown() for table in (metric_table, cost_table, reported_table))
+    if os.environ.get("AMPM_SNAPSHOT"):
+        SNAPSHOT.write_text(found, encoding="utf-8")
+    assert found == SNAPSHOT.read_text(encoding="utf-8")
+    rows = set(re.findall(r"^\| (.*?) \|", found, re.MULTILINE))
+    assert {item.label for item in METRICS.values() if item.section} <= rows
+    said["margins"]["plan_polygon"] = {"value": 1e-4, "time": 2.6, "where": ""}
+    assert len(cost_table(said).notes) == 2  # the ZMP passes the ball
 
 
 def test_terminal_and_recording_show_the_tables(capsys):

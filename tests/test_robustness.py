@@ -94,20 +94,6 @@ def test_the_docs_have_every_key_with_its_unit():
     assert written == keys_table()
 
 
-@pytest.mark.parametrize(
-    ("options", "word"),
-    [
-        ({"only": ("wind",)}, "'wind' is no .* friction_factor, .* pushes"),
-        ({"replicas": 0}, "--replicas 0"),
-        ({"resume": True}, "--out"),
-    ],
-)
-def test_bad_requests_are_refused_before_anything_is_planned(options, word, monkeypatch):
-    monkeypatch.setattr(robustness, "plan_walk", lambda *_, **__: pytest.fail("planned"))
-    with pytest.raises(InputError, match=word):
-        robustness.robustness("normal", **options)
-
-
 def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch, ampm):
     """A push that no body survives, and little friction over three steps."""
     push = next(cell for cell in push_cells() if cell.name == "chest early narrower")

@@ -200,9 +200,8 @@ def test_ctrl_c_before_the_walk_leaves_nothing(tmp_path):
 def test_a_fall_is_an_outcome(tmp_path, capsys):
     """Hardly any friction: the walk cannot complete, and says so."""
     out = tmp_path / "ice"
-    status = call(
-        ["validate", "normal", "--steps", "4", "--set", "contact.friction=0.05", "--out", str(out), "--json"]
-    )
+    settings = ["--steps", "4", "--set", "contact.friction=0.05", "--set", "simulation.time_step=0.002"]
+    status = call(["validate", "normal", *settings, "--out", str(out), "--json"])
     summary = json.loads(capsys.readouterr().out)
     assert status == Status.NOT_COMPLETED
     assert summary["outcome"] in ("fell", "diverged", "infeasible")

@@ -13,7 +13,7 @@ from ampm.run_file import load_run
 from models.human import sole_geometry
 from tests.walk import APART, perfect_walk, with_state
 from validation.judge.compare import compare
-from validation.judge.metrics import METRICS, evaluate
+from validation.judge.metrics import evaluate
 from validation.judge.profiles import DEFAULT, STRICT, WIDE, own_profile, profile
 from validation.judge.sizes import DEFAULT_BODY
 from validation.judge.uncertainty import Uncertainty
@@ -195,11 +195,6 @@ def test_limits_grow_with_foot_and_weight():
     assert momentum == pytest.approx(0.15 * 0.5**2.5, abs=1e-9)
     many = {"body_weight": np.full(2, 588.6), "foot_length": np.array([0.258, 0.129])}
     np.testing.assert_allclose(limits["zmp_x_rmse"].limit_for(many), [2.5e-3, 1.25e-3])
-
-
-def test_wide_doubles_the_limits_on_the_walk():
-    for two, three in zip(DEFAULT.tolerances, WIDE.tolerances, strict=True):
-        assert three.limit == two.limit * (2.0 if METRICS[two.metric].kind == "walk" else 1.0)
 
 
 def test_profiles_are_found_by_name_and_by_preset():

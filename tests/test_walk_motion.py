@@ -1,5 +1,7 @@
 """Walks over footsteps that a body cannot walk are refused before it tries, and others are not."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ from validation.trial.plan import complete, load_request, make_body
 HUMAN = ampm.load_run("normal", simulation={"time_step": 0.002})
 
 
+@cache
 def gait_of(source: str) -> RunParameters:
     """The gait found for a body."""
     run_of(source)  # skips what is not installed
