@@ -83,7 +83,7 @@ def record_problems(planned: PlannedWalk, progress: Progress) -> list[Problem]:
         return controller
 
     with progress.stage("control QPs of a walk"):
-        simulate(planned.plan, planned.run, planned.body.model, controller=recorded)
+        simulate(planned, controller=recorded)
     return recorders[0].problems
 
 

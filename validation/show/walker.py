@@ -59,7 +59,7 @@ def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> Figure
         time = float(signals.time[row])
         heading = 0.0 if plan is None else float(plan.sample([min(time, plan.duration)]).heading[0])
         points, forces = record.point_position[[state], :, 2], record.point_force[[state], :, 2]
-        floor = float(support_height(record.metadata, points, forces)[0])
+        floor = float(support_height(record.floor, points, forces)[0])
         _draw_pose(axis, model, record.q[state], signals.take(np.array([row])), rotations(heading), floor)
         axis.set_title(f"{time:.2f} s\n{_phase(signals, int(row))}", fontsize=8, loc="center")
         axis.set(aspect="equal", xlim=(-0.45, 0.45))

@@ -68,18 +68,11 @@ def walk_replica(
     """
     name, run = request.name, request.run.undisturbed
     planned = _planned(name, run) if planner is None else plan_walk(Request(name, run), planner=planner)
+    disturbed = replace(planned, request=request)
     passed, zmp = False, [math.nan, math.nan]
     if profile is None:
-        record = simulate(
-            planned.plan,
-            request.run,
-            planned.body.model,
-            controller=controller,
-            estimator=estimator,
-            planner=planned.replanner,
-        )
+        record = simulate(disturbed, controller=controller, estimator=estimator)
     else:
-        disturbed = replace(planned, request=request)
         trial = walk_planned(disturbed, profiles.profile(profile), controller=controller, estimator=estimator)
         record, passed = trial.record, trial.verdict.passed
         zmp = [trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy"]
