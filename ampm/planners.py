@@ -34,6 +34,9 @@ class PeriodicPlanner:
         name: makes COM and feet, see :data:`ampm.planner.step_planners.STEP_PLANNERS`.
     """
 
+    tunes = checked = True
+    plans_footsteps = False
+
     def __init__(self, name: str = "ampm") -> None:
         self.name, self.steps = name, STEP_PLANNERS[name]
 
@@ -200,6 +203,9 @@ class TablePlanner:
         InputError: the table is the name of a file.
     """
 
+    plans_footsteps = False
+    gives_steps = True
+
     def __init__(self, table: Mapping[str, Any], name: str = "table") -> None:
         if isinstance(table, str | Path):
             raise InputError("TablePlanner takes columns, not a file; pass a file to val.walk(planner=).")
@@ -234,6 +240,8 @@ class FootstepPlanner:
             footsteps move with them. At no other time does it plan: a push later in a support is answered
             when the next one begins.
     """
+
+    checked = True
 
     def __init__(
         self, changes: Sequence[tuple[float, Sequence[Footstep] | None]] = (), *, measured: bool = False

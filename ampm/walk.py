@@ -161,7 +161,17 @@ class Instants(NamedTuple):
 
 
 class Planner(Protocol):
-    """Makes the plan of a walk; any class with this method is one. One that goes on: :class:`Replanner`."""
+    """Makes the plan of a walk; any class with this method is one. One that goes on: :class:`Replanner`.
+
+    A class may state what follows; a class made from it states it anew.
+
+    Attributes:
+        tunes: True if values that the run leaves open are found before ``plan`` is called; else the run
+            comes as it is.
+        checked: True if no plan that it makes needs to be checked.
+        plans_footsteps: False if a run with footsteps is to be refused.
+        gives_steps: True if it uses no key of the section ``gait`` but ``com_height``.
+    """
 
     def plan(self, run: RunParameters, robot: Any) -> WalkPlan:
         """Plan a walk.

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.physics_parameters import steps_per_tick
+from ampm.walk import ControlOutput
 from benchmarks.timing import least
 from models.scene import BodyModel
 from validation.progress import Progress, interruption
@@ -66,7 +67,7 @@ def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes
     with progress.stage(label, "steps") as stage:
         for _ in range(walks):
             with timed_ticks() as (starts, spans):
-                record = simulate(planned.plan, run, body, planner=planned.replanner, progress=stage.advance)
+                record = simulate(planned, progress=stage.advance)
             if record.outcome.name == OutcomeName.INTERRUPTED:  # simulate keeps the record instead of raising
                 interruption.acknowledge()
                 raise KeyboardInterrupt
@@ -108,18 +109,20 @@ def time_physics(record: SimulationRecord, body: BodyModel, frequency: float) ->
 @contextlib.contextmanager
 def timed_ticks() -> Iterator[tuple[list[float], list[float]]]:
     """When each control tick of the walks made meanwhile begins, and how long it takes [s]."""
-    tick, clock = ClosedLoop.tick, time.perf_counter
+    read, apply, clock = ClosedLoop.read, ClosedLoop.apply, time.perf_counter
     starts: list[float] = []
     spans: list[float] = []
 
-    def timed(*step: Any) -> End | None:
-        start = clock()
-        end = tick(*step)
-        spans.append(clock() - start)
-        starts.append(start)
+    def begun(loop: ClosedLoop) -> Any:
+        starts.append(clock())
+        return read(loop)
+
+    def ended(loop: ClosedLoop, output: ControlOutput) -> End | None:
+        end = apply(loop, output)
+        spans.append(clock() - starts[-1])
         return end
 
-    with mock.patch.object(ClosedLoop, "tick", timed):
+    with mock.patch.multiple(ClosedLoop, read=begun, apply=ended):
         yield starts, spans
 
 

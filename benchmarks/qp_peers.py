@@ -94,7 +94,7 @@ def record_problems(planned: PlannedWalk, progress: Progress) -> list[QPProblem]
         return controller
 
     with progress.stage("control QPs of a walk"):
-        simulate(planned.plan, planned.run, planned.body.model, controller=recorded)
+        simulate(planned, controller=recorded)
     return recorders[0].problems
 
 

@@ -86,7 +86,7 @@ def walk_tour(seed, request, count, share, planner=None, **users):
     model = body.compile()
     hinged = [model.body(k).name for k in dict.fromkeys(model.jnt_bodyid[1:].tolist())]
     pushes = punches(seed, share, hinged, until=float(plan.contacts.step_ends[-1]))
-    record = simulate(plan, planned.run, body, planner=planned.replanner, disturbances=pushes, **users)
+    record = simulate(planned, disturbances=pushes, **users)
     off, cause = distances(places, plan, record), cause_of(record, body)  # no cause: completed
     row = {"seed": seed, "outcome": cause.partition(":")[0] or "completed", "cause": cause}
     row |= {"reached": len(off), "error": fmean(off) if off else None}

@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 
 from validation.store.record import MODEL_FILE, StoredRecord, save_record
-from validation.trial.record import SimulationRecord, stored_rows
+from validation.trial.record import stored_rows
 
 _STATES = ("q", "qd")
 _CONTACTS = ("point_force", "point_position")
@@ -43,7 +43,7 @@ def arrays(record):
 def stored_arrays(record):
     """All arrays of a record that are on disk, with the rows that they have there."""
     names = [*_STATES, *_CONTACTS, *_TICKS, *(_EXTERNAL if record.external_segments else ())]
-    if not isinstance(record, SimulationRecord):
+    if isinstance(record, StoredRecord):
         return {name: getattr(record, name) for name in names}
     found = {name: getattr(record, name) for name in names if name != "tick_torque"}
     rows = stored_rows(record.steps, record.time_step)

@@ -62,7 +62,7 @@ def walked(
         if outcome is not None and done * planned.run.simulation.time_step >= outcome.time:
             raise KeyboardInterrupt
 
-    record = simulate(planned.plan, planned.run, planned.body.model, progress=stop)
+    record = simulate(planned, progress=stop)
     return planned, replace(record, outcome=outcome or record.outcome)
 
 

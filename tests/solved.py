@@ -10,11 +10,13 @@ from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.planners import periodic_walk
 from ampm.run_file import load_run
+from ampm.walk import Replanner, WalkPlan
 from models.human import build
 from models.scene import BodyModel
 from tests.records import same_bits
 from validation.run.replay import step_again
 from validation.trial.physics import Physics
+from validation.trial.plan import Body, PlannedWalk, Request
 from validation.trial.record import SHAPES, SimulationRecord
 from validation.trial.shapes import make_robot
 from validation.trial.simulate import simulate
@@ -72,7 +74,7 @@ def body_of(*overrides: str) -> BodyModel:
 
 def replays(record: SimulationRecord, *overrides: str) -> bool:
     """Whether a walk under these settings gives every bit of states, contacts and pushes again."""
-    again = step_again(Physics(body_of(*overrides), walk_of(COARSE, *overrides).run), record)
+    again = step_again(Physics(Body.of(body_of(*overrides)), walk_of(COARSE, *overrides).run), record)
     names = [name for name in SHAPES if not name.startswith(("command_", "qp_", "tick_plan", "torque_rate"))]
     return all(same_bits(getattr(record, name), getattr(again, name)) for name in names)
 
@@ -81,4 +83,16 @@ def simulated(*overrides: str, body: BodyModel | None = None, **options: Any) ->
     """A short walk under some settings; the motion does not depend on controller and contact."""
     asked = walk_of(COARSE, *overrides)
     plan = periodic_walk(asked.plan, motion_of(COARSE), asked.robot)
-    return simulate(plan, asked.run, body or body_of(*overrides), **{"steps": 2, **options})
+    return simulate_plan(plan, *overrides, body=body or body_of(*overrides), **{"steps": 2, **options})
+
+
+def simulate_plan(
+    plan: WalkPlan,
+    *overrides: str,
+    body: BodyModel | None = None,
+    planner: Replanner | None = None,
+    **options: Any,
+) -> SimulationRecord:
+    """A plan walked under some settings."""
+    run, model = walk_of(COARSE, *overrides).run, Body.of(body or body_of())
+    return simulate(PlannedWalk(Request("walk", run), plan, model, replanner=planner), **options)

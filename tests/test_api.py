@@ -195,8 +195,8 @@ def test_every_public_name_is_listed_and_there(package):
 def test_whatever_is_held_has_a_short_repr_and_a_table_for_notebooks(trial, tmp_path):
     saved = val.load(trial.save(tmp_path / "run", recording=False))
     run, plan = ampm.load_run("momentum", ["controller.name='a:<b>'"]), ampm.plan("momentum")
-    held = (trial.record, saved.record, trial.planned, trial.planned.body, trial.plan, trial.plan.feet)
-    held += (trial.plan.posture, trial.measured, trial.comparison, trial.verdict, saved.signals, plan)
+    held = [trial.record, saved.record, trial.planned, trial.planned.body, trial.plan, trial.plan.feet]
+    held += [trial.plan.posture, trial.measured, trial.comparison, trial.verdict, saved.signals, plan]
     for value in (trial, saved, run, *held):  # one line, however long the arrays
         assert len(repr(value)) < 400
         assert "\n" not in repr(value)

@@ -43,7 +43,7 @@ def test_loop_and_stages_are_measured_and_put_into_the_page(tmp_path, monkeypatc
 
 
 def test_physics_alone_is_that_of_the_walk(planned, monkeypatch):
-    record = simulate(planned.plan, planned.run, planned.body.model)
+    record = simulate(planned)
     stepped, step = [], mujoco.mj_step
 
     def noted(model, data):

@@ -21,7 +21,7 @@ from validation.run.body_check import check as check_body
 from validation.run.walk import walk
 from validation.store.saved import load_description
 from validation.study.sweep.design import dump_sweep, load_sweep, parse_sweep
-from validation.trial.plan import load_request, make_body, own_gait, tune_walk
+from validation.trial.plan import Body, load_request, make_body, own_gait, tune_walk
 
 ROOT = Path(__file__).parents[1]
 BIPED = ROOT / "docs" / "examples" / "biped.toml"
@@ -153,9 +153,9 @@ def test_passive_torques_are_overcome_by_the_controller() -> None:
 
     from validation.trial.simulate import simulate
 
-    record = simulate(planned.plan, planned.run, planned.body.model)
+    record = simulate(planned)
     forgetful = replace(planned.body.model, description=replace(body, passive=()))
-    other = simulate(planned.plan, planned.run, forgetful)
+    other = simulate(replace(planned, body=Body.of(forgetful)))
     assert record.outcome.completed
     worst = [
         np.abs(r.com - planned.plan.sample(np.minimum(r.time, planned.plan.duration)).com).max()

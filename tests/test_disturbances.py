@@ -51,8 +51,8 @@ def test_a_push_is_recorded_where_and_when_it_acts(tmp_path):
     assert not record.external_force[~pushed].any()
     assert not record.external_moment.any()
     assert (np.abs(record.external_position[pushed, 0] - record.com[:-1][pushed]) < 0.5).all()
-    assert record.metadata["disturbances"] == str(SHOVE)
-    assert (walk().external_segments, dict(walk().metadata)) == ((), {})
+    assert record.disturbances == str(SHOVE)
+    assert (walk().external_segments, walk().disturbances, walk().controller) == ((), "", "")
     gained = (record.com - walk().com)[record.time.searchsorted(0.8)]
     assert gained[1] > 1e-3
     assert first_difference(record, stored(record, body_of().xml, tmp_path)) is None
@@ -89,13 +89,13 @@ def test_a_users_own_wind_pushes_with_the_relative_air():
     while_it_blows = (record.time[:-1] > 0.22) & (record.time[:-1] < 0.58)
     assert (blown[while_it_blows, 1] > 10.0).all()  # across
     assert (blown[while_it_blows, 0] < 0.0).all()  # against the walk
-    assert "Wind" in record.metadata["disturbances"]
+    assert "Wind" in record.disturbances
 
 
 def test_a_users_own_controller_may_fall_and_leaves_the_rest_unsaid():
     record = walk(controller=JointPD, steps=4)
     assert record.outcome.name is OutcomeName.FELL
-    assert record.metadata["controller"] == "joint-pd"
+    assert record.controller == "joint-pd"
     assert np.isnan(record.command_zmp).all()
     assert np.isnan(record.qp_residual).all()
     np.testing.assert_array_equal(record.command_com[0], walk().command_com[0])

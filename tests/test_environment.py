@@ -14,7 +14,9 @@ import validation as val
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
 from ampm.walk import ControlOutput
+from tests.records import same_bits
 from validation import environment
+from validation.trial.disturbances import Push
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 COARSE: dict[str, Any] = {
@@ -41,6 +43,14 @@ class TestContract(test_utils.EnvironmentTestMixin, absltest.TestCase):
                 yield np.broadcast_to(action, spec.shape).astype(spec.dtype)
 
 
+def tracking(env):
+    """The controller of a walk, for an environment."""
+    planned = env.physics.planned
+    controller = TrackingController(planned.body.again(), planned.run.undisturbed)
+    controller.follow(planned.plan, env.physics.walk.timing)
+    return lambda: controller.update(*env.physics.sensed).torque
+
+
 def episode(env, act):
     step, found = env.reset(), []
     while not step.last():
@@ -50,8 +60,12 @@ def episode(env, act):
 
 
 def test_what_an_environment_has_not_is_refused():
-    with pytest.raises(InputError, match="no disturbances; leave out disturbance"):
-        load(disturbance={"slope_along": 0.1})
+    with pytest.raises(InputError, match="a push at 9 s comes after the walk"):
+        load(disturbances=[Push("chest", (10.0, 0.0, 0.0), 9.0, 0.1)])
+    env = load()
+    env.reset()
+    with pytest.raises(InputError, match="is not finite; give finite torques"):
+        env.step(np.full(env.action_spec().shape, np.nan))
     with pytest.raises(InputError, match="profile 'nope' is unknown"):
         load(profile="nope")
 
@@ -59,16 +73,31 @@ def test_what_an_environment_has_not_is_refused():
 @pytest.mark.parametrize("time_step", [0.002, 0.001])
 def test_the_own_controller_scores_nearly_one_a_tick(time_step):
     env = load(seed=2, simulation={"time_step": time_step})
-    task = env.task
-    controller = TrackingController(task.robot, task.run)
-
-    def act():
-        output = controller.update(task.state(env.physics), env.physics.touch(), task.reference)
-        return output.torque / task.robot.torque_limit
-
-    found, discount = episode(env, act)
+    found, discount = episode(env, tracking(env))
     assert found.mean() >= 0.95
     assert discount == 1.0
+
+
+@pytest.mark.parametrize(
+    ("sections", "disturbances"),
+    [
+        ({}, []),
+        ({"sensors": {"rate_noise": 0.01, "delay": 0.002}}, [Push("chest", (30.0, 0.0, 0.0), 0.5, 0.1)]),
+        ({"disturbance": {"slope_along": 0.002, "actuation_delay": 0.002, "push_y": 20.0}}, []),
+        ({"simulation": {"time_step": 0.001}}, []),
+    ],
+    ids=["plain", "sensors and a push", "disturbance", "two steps a tick"],
+)
+def test_torques_of_the_own_controller_give_the_same_bits_as_a_walk(sections, disturbances):
+    env = load(random_start=False, disturbances=disturbances, **sections)
+    episode(env, tracking(env))
+    loop = env.physics.loop
+    run = ampm.load_run("normal", **{**COARSE, **sections, "controller": {"hold": "zero-order"}})
+    record = val.walk(run, disturbances=disturbances).record
+    assert loop.done == (record.steps - 1) // record.substeps * record.substeps
+    for name in ("q", "qd", "torque", "point_force", "point_position"):
+        same = getattr(loop.log.record, name)[: loop.done], getattr(record, name)[: loop.done]
+        assert same_bits(*same), name
 
 
 def test_a_limp_body_falls_and_scores_little():
@@ -81,7 +110,7 @@ def test_a_limp_body_falls_and_scores_little():
 def test_a_diverged_simulation_ends_the_episode_without_reward():
     env = load(seed=2)
     env.reset()
-    env.physics.data.qvel[:] = np.inf
+    env.physics.loop.physics.data.qvel[:] = np.inf
     step = env.step(np.zeros(env.action_spec().shape))
     assert (step.last(), step.reward, step.discount) == (True, 0.0, 0.0)
     assert env.step(np.zeros(env.action_spec().shape)).first()
@@ -93,7 +122,7 @@ def test_episodes_begin_on_the_plan_at_instants_that_the_seed_fixes():
         for _ in range(6):
             observation = env.reset().observation
             assert np.abs(observation["posture_error"]).max() == 0.0
-            found.append(env.task.tick)
+            found.append(env.physics.first)
         return found
 
     assert len({*starts(5)}) > 3
@@ -102,9 +131,9 @@ def test_episodes_begin_on_the_plan_at_instants_that_the_seed_fixes():
 
 @pytest.mark.slow
 def test_the_body_can_be_another():
-    assert load(body={"mass": 70.0}).task.robot.mass == pytest.approx(70.0)
+    assert load(body={"mass": 70.0}).physics.physics.robot.mass == pytest.approx(70.0)
     env = environment.load(body="suite-humanoid", seed=2, **COARSE)  # with a gait of its own
-    assert env.task.robot.nu == env.action_spec().shape[0] == 21
+    assert env.action_spec().shape == (21,)
     assert env.reset().observation["joints"].shape == (21,)
 
 

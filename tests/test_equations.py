@@ -15,7 +15,6 @@ from validation.measure.equations import Equations, check_equations
 from validation.run.replay import replay
 from validation.trial import bridge
 from validation.trial.passive import PassiveJoints
-from validation.trial.scene import disturbed_model
 
 ZERO = np.zeros(7)
 NOTHING = PassiveJoints(damping=ZERO, stiffness=ZERO, rest=ZERO, friction=ZERO, implicit=False)
@@ -69,7 +68,7 @@ def test_what_is_missing_shows(block):
 )
 def test_a_walk_obeys_them(settings):
     planned, record = walked(2, settings, None)
-    model = disturbed_model(planned.body.model, planned.run, planned.plan.contacts).compile()
+    model = planned.scene.model.compile()
 
     def of(record, passive):
         twin = bridge.pinocchio_model(model)

@@ -31,18 +31,18 @@ class Ours(TrackingController):
     ids=["ours", "a subclass", "a user's", "faults", "sensors", "stones", "stepping"],
 )
 def test_every_tick_is_one_call_of_update_in_the_loops_tick(monkeypatch, settings, options, kind):
-    ticks, updates, tick, update = [], [], ClosedLoop.tick, kind.update
+    ticks, updates, read, update = [], [], ClosedLoop.read, kind.update
 
-    def counted_tick(self, k, time):
+    def counted(self):
         assert type(self.controller) is kind
-        ticks.append(k)
-        return tick(self, k, time)
+        ticks.append(self.done)
+        return read(self)
 
     def counted_update(self, state, touch, reference):
         updates.append(state.time)
         return update(self, state, touch, reference)
 
-    monkeypatch.setattr(ClosedLoop, "tick", counted_tick)
+    monkeypatch.setattr(ClosedLoop, "read", counted)
     monkeypatch.setattr(kind, "update", counted_update)
     record = simulated(*settings, steps=1, **options)
     assert ticks == list(range(0, record.steps, record.substeps))

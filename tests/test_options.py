@@ -16,6 +16,7 @@ from validation.study.sweep.design import dump_sweep, parse_sweep
 from validation.study.sweep.run import task_of
 from validation.study.sweep.table import build_table
 from validation.study.walk_options import users_classes
+from validation.trial.plan import load_request, plan_walk
 from validation.trial.planners import load_planner
 
 QUICK: dict[str, Any] = {
@@ -89,6 +90,21 @@ def test_options_reach_a_planner():
     assert (type(planner), planner.slope) == (Slow, 0.9)
     run = load_run("normal", gait={"planner": SLOW}, planner={"options": {"slope": 0.9}})
     assert users_classes(run)["planner"].slope == 0.9
+
+
+def test_a_planner_is_made_once(monkeypatch):
+    made: list[float] = []
+    make = Slow.__init__
+
+    def counted(self, slope):
+        made.append(slope)
+        make(self, slope)
+
+    monkeypatch.setattr(Slow, "__init__", counted)
+    request = load_request("normal", [f"gait.planner='{SLOW}'", "planner.options.slope=0.9"])
+    assert made == []
+    plan_walk(request)
+    assert made == [0.9]
 
 
 def test_keys_tell_of_options():

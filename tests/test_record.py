@@ -138,7 +138,7 @@ def rewritten(path, change):
 
 def older(table):
     header = table.schema.metadata[b"ampm_record"]
-    return table.replace_schema_metadata({"ampm_record": header.replace(b'"format": 5', b'"format": 4')})
+    return table.replace_schema_metadata({"ampm_record": header.replace(b'"format": 6', b'"format": 5')})
 
 
 def pipe(path):
@@ -173,7 +173,7 @@ def test_a_folder_that_was_changed_is_neither_read_nor_replayed(folder, tmp_path
 @pytest.mark.parametrize(
     ("name", "change", "words"),
     [
-        ("joints", older, "format 4, this version reads 5; walk the gait again"),
+        ("joints", older, "format 5, this version reads 6; walk the gait again"),
         ("joints", lambda table: table.replace_schema_metadata(), "no description"),
         ("joints", lambda table: table.slice(0, 3), "has not"),
         ("contacts", lambda table: table.drop_columns(table.column_names[3]), "no column"),

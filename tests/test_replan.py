@@ -16,7 +16,7 @@ from ampm.exceptions import InputError
 from ampm.planner.contacts import Contacts
 from ampm.planners import PeriodicPlanner, periodic_walk
 from ampm.reference import Timing
-from tests.solved import COARSE, body_of, motion_of, simulated, walk_of
+from tests.solved import COARSE, motion_of, simulate_plan, simulated, walk_of
 from validation.cli.app import app
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
@@ -30,7 +30,6 @@ from validation.trial.disturbances import Push
 from validation.trial.followed import JUDGED_LEAD, LEADS
 from validation.trial.outcome import OutcomeName
 from validation.trial.references import References
-from validation.trial.simulate import simulate
 
 
 class Replanning:
@@ -107,9 +106,8 @@ def plan_of(steps):
 )
 def test_the_plan_then_valid_says_when_a_walk_ends(fixed, first, then, asked, walked):
     """The run asks for 4 steps; a record of a walk that became longer than planned has no gap."""
-    run = walk_of(COARSE).run
     planner = Replanning(lambda time, plan: plan_of(then) if time > 0.3 else None, 0.05)
-    record = simulate(plan_of(first), run, body_of(COARSE), planner=planner, steps=asked)
+    record = simulate_plan(plan_of(first), planner=planner, steps=asked)
     assert record.outcome.completed
     assert record.outcome.steps_completed == walked
     rows = min(record.steps, fixed.steps) - 1
@@ -196,7 +194,7 @@ def replanned():
     """A walk whose plan moves by 1 mm along y at 0.3 s: first plan, record."""
     planner = Replanning(lambda time, plan: moved_plan(plan, 1e-3) if abs(time - 0.3) < 1e-9 else None)
     plan = plan_of(4)
-    return plan, simulate(plan, walk_of(COARSE).run, body_of(COARSE), planner=planner, steps=2)
+    return plan, simulate_plan(plan, planner=planner, steps=2)
 
 
 def test_the_record_says_which_plan_was_followed(replanned, fixed, tmp_path):
@@ -206,7 +204,7 @@ def test_the_record_says_which_plan_was_followed(replanned, fixed, tmp_path):
     save_record(record, tmp_path / "moved")
     stored = StoredRecord(tmp_path / "moved")
     np.testing.assert_array_equal(stored.tick_plan, record.tick_plan)
-    assert stored.metadata["plans"] == "1"
+    assert stored.changes == 1
     save_record(fixed, tmp_path / "fixed")
     assert not StoredRecord(tmp_path / "fixed").tick_plan.any()
     assert "plan" not in read_table(tmp_path / "fixed" / "ticks.parquet").column_names
@@ -268,7 +266,7 @@ def test_what_a_plan_answers_after_it_was_handed_over_has_no_effect(fixed):
         return plan
 
     plan = replace(plan, phases=phases)
-    record = simulate(plan, walk_of(COARSE).run, body_of(COARSE), planner=Replanning(change), steps=2)
+    record = simulate_plan(plan, planner=Replanning(change), steps=2)
     assert first_difference(fixed, record) is None
     walk = compared(plan, record)
     assert laws[0].off == 0.1
@@ -281,13 +279,12 @@ def test_a_plan_that_contradicts_itself_is_refused():
     off = Wrong(plan.phases[0].x)
     off.off = 3e-4
     wrong = replace(plan, phases=(plan.phases[0]._replace(x=off), *plan.phases[1:]))
-    run, body = walk_of(COARSE).run, body_of(COARSE)
     with pytest.raises(InputError, match=r"contradicts itself at .* s: its ZMP .* 0\.3 mm apart .* 0\.2 mm"):
-        simulate(wrong, run, body)
+        simulate_plan(wrong)
     record = simulated(planner=Replanning(lambda time, plan: wrong if time > 0.1 else None), steps=2)
     assert record.outcome.completed or "contradicts itself" in record.outcome.cause
     off.off = 1e-4
-    walk = compared(wrong, simulate(wrong, run, body))
+    walk = compared(wrong, simulate_plan(wrong))
     assert evaluate(walk)["plan_newton_residual"].value == pytest.approx(1e-4, rel=1e-3)
 
 
@@ -302,9 +299,8 @@ def test_a_plan_made_of_the_measurement_does_not_know_what_comes(fixed):
             off = com - plan.sample([time]).com[0]
             return moved_plan(plan, float(off[1]))
 
-    run, model = walk_of(COARSE).run, body_of(COARSE)
     push = Push("chest", (0.0, 20.0, 0.0), at=0.3, duration=0.1)
-    record = simulate(plan_of(4), run, model, planner=Follows(None, 0.02), disturbances=[push], steps=2)
+    record = simulate_plan(plan_of(4), planner=Follows(None, 0.02), disturbances=[push], steps=2)
     walk = compared(plan_of(4), record)
     errors = [found["com_y"] for found in walk.ahead.values()]
     assert errors[1] > 1.5 * errors[0]

@@ -11,6 +11,7 @@ from models.human import build
 from validation.measure.measure import measure
 from validation.run.standing import stand
 from validation.trial.bridge import pinocchio_model, to_pinocchio
+from validation.trial.plan import Body
 
 RUN = RunParameters()
 
@@ -18,7 +19,7 @@ RUN = RunParameters()
 def test_a_still_body_presses_with_its_weight_under_its_com():
     body = build(RUN.body, RUN.contact, RUN.simulation)
     model = pinocchio_model(body.compile())
-    record = stand(RUN, body, 2.0)
+    record = stand(RUN, Body.of(body), 2.0)
     measured = measure(record, model, to_pinocchio)
     rest = measured.time >= 1.5
     force = measured.force[rest].mean(axis=0)
@@ -35,4 +36,4 @@ def test_a_still_body_presses_with_its_weight_under_its_com():
 def test_a_com_that_is_too_high_is_refused():
     run = RUN.replace({"gait.com_height": 1.2})
     with pytest.raises(BodilyRefusal, match=r"1\.2 m; lower gait\.com_height"):
-        stand(run, build(run.body, run.contact, run.simulation), 1.0)
+        stand(run, Body.of(build(run.body, run.contact, run.simulation)), 1.0)

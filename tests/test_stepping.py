@@ -22,6 +22,7 @@ from validation.run.walk import walk_planned
 from validation.trial.bridge import to_pinocchio
 from validation.trial.disturbances import Push
 from validation.trial.followed import LEADS, STEPPING
+from validation.trial.plan import Body as TrialBody
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.simulate import simulate
 
@@ -41,13 +42,13 @@ def planned(stabilizer, gait="normal"):
 @cache
 def walked(stabilizer, force=None, floor=0.0, steps=9):
     walk = planned(stabilizer)
-    body, run = walk.body.model, walk.run
     if floor:
+        body = walk.body.model
         xml = body.xml.replace('<geom name="floor"', f'<geom name="floor" pos="0 0 {floor}"')
         assert xml != body.xml
-        body = replace(body, xml=xml)
+        walk = replace(walk, body=TrialBody.of(replace(body, xml=xml)))
     pushes = [Push("chest", force, AT, 0.1)] if force else []
-    return simulate(walk.plan, run, body, disturbances=pushes, steps=steps)
+    return simulate(walk, disturbances=pushes, steps=steps)
 
 
 # ------------------------------------------------------------------ formulas
@@ -240,4 +241,4 @@ def plan_over(*settings, footsteps=()):
 
 def walk_over(*settings, footsteps=()):
     walk = plan_over(*settings, footsteps=footsteps)
-    return simulate(walk.plan, walk.run, walk.body.model)
+    return simulate(walk)

@@ -133,7 +133,6 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
         torque_limit=np.array([50.0]),
         joint_range=np.array([[-2.0, 2.0]]),
         joint_names=("swing",),
-        metadata={"body": "block"},
     )
 
 

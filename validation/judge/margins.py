@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from ampm.geometry import Array
     from ampm.planner.centroidal import PlanSample
     from validation.measure.measure import MeasuredGait
-    from validation.store.record import StoredRecord
     from validation.trial.followed import Followed
     from validation.trial.record import SimulationRecord
     from validation.trial.shapes import Shapes
@@ -159,7 +158,7 @@ def _motors(record: SimulationRecord, steps: NDArray[np.intp], part: np.ufunc) -
     return power
 
 
-def clearance_over_time(record: SimulationRecord | StoredRecord, shapes: Shapes) -> tuple[Array, Gaps]:
+def clearance_over_time(record: SimulationRecord, shapes: Shapes) -> tuple[Array, Gaps]:
     """Instants [s], :data:`CLEARANCE_ROWS` states on disk apart, and the closest parts of the body then."""
     instants = record.state_rows
     rows = instants % (CLEARANCE_ROWS * state_steps(record.time_step)) == 0

@@ -304,7 +304,7 @@ def log_record(log: Log, measured: MeasuredGait, steps: int) -> SimulationRecord
         steps: that it covers.
     """
     end = float(log.time[-1] + log.time_step)
-    sizes = {"K+1": log.time.size + 1, "K": log.time.size, "F": 2, "T": 1}
+    sizes = {"K+1": log.time.size + 1, "K": log.time.size, "F": 2, "T": 1, "L": 1}
     sizes |= dict.fromkeys(("nq", "nv", "nu", "P", "S"), 0)
     arrays: dict[str, Any] = {
         name: np.full(shape_of(name, sizes), 0 if name in INTEGERS else np.nan) for name in SHAPES
@@ -312,7 +312,7 @@ def log_record(log: Log, measured: MeasuredGait, steps: int) -> SimulationRecord
     commands = {name: values for name, values in log.signals.items() if name.startswith("command_")}
     states = {name: getattr(measured, name) for name in ("com", "angular_momentum", "foot_position")}
     ends = {name: np.concatenate([values, values[-1:]]) for name, values in states.items()}
-    times = {"time": np.append(log.time, end), "tick_time": np.zeros(1)}
+    times = {"time": np.append(log.time, end), "tick_time": np.zeros(1), "floor": np.zeros(1)}
     return SimulationRecord(
         **{**arrays, **commands, **ends, **times},
         outcome=Outcome(OutcomeName.COMPLETED, end, "", steps),

@@ -111,8 +111,7 @@ def _torque_shares(walk: PlannedWalk) -> dict[str, float]:
 
 def _standing_refusal(walk: PlannedWalk) -> str:
     """Why the body does not stand under the controller at the height of the walk; empty if it does."""
-    model = walk.body.model
-    outcome = explained(stand(walk.run, model, _STANDING).outcome, model.compile())
+    outcome = explained(stand(walk.run, walk.body, _STANDING).outcome, walk.body.model.compile())
     return "" if outcome.completed else f"it does not stand for {_STANDING:g} s. {outcome.ending}"
 
 

@@ -27,14 +27,15 @@ from validation.measure.equations import Equations, check_equations
 from validation.measure.measure import MeasuredGait, measure
 from validation.progress import Progress
 from validation.store.environment import describe_environment
-from validation.store.record import JOINTS_FILE, MODEL_FILE, StoredRecord
+from validation.store.record import MODEL_FILE, StoredRecord
 from validation.store.saved import ENVIRONMENT_FILE, RUN_FILE, check_files, load_description
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
 from validation.trial import spill
-from validation.trial.bridge import passive_joints, pinocchio_model, to_pinocchio
+from validation.trial.bridge import passive_joints, to_pinocchio
 from validation.trial.log import RunLog
 from validation.trial.physics import Physics, quiet_mujoco
-from validation.trial.record import PLANS, SimulationRecord
+from validation.trial.plan import Body
+from validation.trial.record import JOINTS_FILE, SimulationRecord
 from validation.trial.step import keep_step
 
 _Table = tuple[str, list[str], Array, NDArray[Any], NDArray[Any]]
@@ -106,7 +107,7 @@ def replay(directory: str | Path, *, equations: bool = False, progress: Progress
     record = StoredRecord(directory)
     check_files(directory)
     physics = _physics(record)
-    passive, twin = passive_joints(physics.model), pinocchio_model(physics.model)
+    passive, twin = passive_joints(physics.model), physics.robot.model
     if equations and passive.friction.any():
         raise InputError(
             "the equations of motion cannot be checked: joints of this body have dry friction, whose "
@@ -134,12 +135,12 @@ def _physics(record: StoredRecord) -> Physics:
     xml, description = (folder / MODEL_FILE).read_text(encoding="utf-8"), load_description(folder)
     if record.point_sites != tuple(site for _, _, site in description.sole_points()):
         raise InputError(f"{folder} has sole points of two bodies; give the folder of one run.")
-    return Physics(BodyModel(xml, description), load_run(folder / RUN_FILE, ()))
+    return Physics(Body.of(BodyModel(xml, description)), load_run(folder / RUN_FILE, ()))
 
 
 def step_again(
     physics: Physics,
-    record: SimulationRecord | StoredRecord,
+    record: SimulationRecord,
     advance: Callable[[int, int], None] | None = None,
 ) -> SimulationRecord:
     """Step the physics with recorded torques, up to the first recorded state of which a bit differs.
@@ -179,7 +180,8 @@ def step_again(
                 spill.release()
                 if advance is not None:
                     advance(end, record.steps)
-    return replace(log.close(done, record.outcome), metadata=record.metadata)
+    said = {name: getattr(record, name) for name in ("floor", "changes", "controller", "disturbances")}
+    return replace(log.close(done, record.outcome), **said)
 
 
 def _first_difference(record: StoredRecord, again: SimulationRecord, measured: MeasuredGait) -> Replay:
@@ -226,7 +228,7 @@ def _tables(record: StoredRecord, again: SimulationRecord, measured: MeasuredGai
     held = {"time": time, **measured_columns(measured, every)}
     recorded = np.column_stack([stored[name][: len(time)].astype(np.float64) for name in held])
     yield SIGNALS_FILE, list(held), time, recorded, np.column_stack(list(held.values()))
-    if PLANS not in record.metadata:
+    if not record.changes:
         total, error = (item[: len(time)] for item in _zmp_error(stored))
         yield SIGNALS_FILE, ["sum of zmp_error_x", "sum of zmp_error_y"], time, total, error
 

@@ -14,26 +14,26 @@ from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.feet import TIP
 from ampm.walk import Reference
-from models.scene import BodyModel
 from validation.trial.physics import Physics
+from validation.trial.plan import Body
 from validation.trial.record import SimulationRecord
 from validation.trial.references import Course
 from validation.trial.simulate import ClosedLoop
 
 
-def stand(run: RunParameters, body_model: BodyModel, duration: float) -> SimulationRecord:
+def stand(run: RunParameters, body: Body, duration: float) -> SimulationRecord:
     """Let the body stand on both flat feet, the COM over their middle, and record it.
 
     Args:
         run: body, contact, controller, simulation and solver parameters; of the gait only the COM's height
             and the lateral distance of the feet.
-        body_model: the body.
+        body: that stands.
         duration: how long it stands [s].
 
     Raises:
         BodilyRefusal: the body cannot stand with its COM at that height.
     """
-    physics = Physics(body_model, run)
+    physics = Physics(body, run)
     robot = physics.robot
     com = np.array([0.0, 0.0, run.gait.com_height])
     feet = 0.5 * run.gait.step_width * np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])

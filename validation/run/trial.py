@@ -38,7 +38,6 @@ from validation.store.signals import SIGNALS_FILE, save_signals
 from validation.table import Table, Tabled
 from validation.trial.plan import PlannedWalk
 from validation.trial.record import SimulationRecord
-from validation.trial.scene import disturbed_model
 
 _KEY_METRICS = ("zmp_x_rmse", "zmp_y_rmse")
 """What ``print(trial)`` shows beside the metrics that failed."""
@@ -150,8 +149,7 @@ class Trial(Tabled):
 def write_inputs(folder: Path, planned: PlannedWalk, environment: Mapping[str, Any]) -> None:
     """Write the inputs of a run: parameters, simulated model, description of the body, environment."""
     (folder / RUN_FILE).write_text(dump_run(planned.run), encoding="utf-8")
-    scene = disturbed_model(planned.body.model, planned.run, planned.plan.contacts)
-    (folder / MODEL_FILE).write_text(scene.xml, encoding="utf-8")
+    (folder / MODEL_FILE).write_text(planned.scene.model.xml, encoding="utf-8")
     save_description(planned.body.model.description, folder)
     write_json(folder / ENVIRONMENT_FILE, environment)
 

@@ -27,12 +27,11 @@ from validation.judge.verdict import judge
 from validation.measure.measure import measure
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
-from validation.trial.bridge import passive_joints, pinocchio_model, to_pinocchio
+from validation.trial.bridge import passive_joints, to_pinocchio
 from validation.trial.disturbances import Disturbance, describe
 from validation.trial.plan import PlannedWalk, load_request, make_body, plan_walk
 from validation.trial.planners import check_planner
 from validation.trial.record import SimulationRecord
-from validation.trial.scene import disturbed_model
 from validation.trial.simulate import simulate
 from validation.trial.users import CONTROLLER
 
@@ -151,28 +150,23 @@ def walk_planned(
             stage.advance(done, total)
 
         record = simulate(
-            planned.plan,
-            run,
-            body.model,
+            planned,
             controller=controller,
             estimator=estimator,
-            planner=planned.replanner,
             disturbances=disturbances,
             progress=advance,
         )
         keep(record)
     with timed(taken, "measurement"), progress.stage(f"{planned.name}: measurement"):
-        scene = disturbed_model(body.model, run, planned.plan.contacts)
-        simulated = scene.compile()
-        true = body.robot.model if scene is body.model else pinocchio_model(simulated)
-        measured = measure(record, true, to_pinocchio, passive_joints(simulated))
+        passive = passive_joints(planned.scene.model.compile())
+        measured = measure(record, planned.scene.robot.model, to_pinocchio, passive)
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
         metrics = MappingProxyType(evaluate(comparison))
         verdict = judge(metrics, profile, comparison.scales, uncertainty, ended=record.outcome.ending)
     extra: dict[str, Any] = {}
-    if "controller" in record.metadata:
-        extra["controller"] = record.metadata["controller"]
+    if record.controller:
+        extra["controller"] = record.controller
     if planned.planner:
         extra["planner"] = planned.planner
     unusual = run.disturbance.model_dump(exclude_defaults=True)

@@ -99,7 +99,7 @@ def _disturbed(saved: SavedRun) -> str:
     parts = [f"{key} = {value}" for key, value in own.items() if not key.startswith(("push_", "seed"))]
     sensors = saved.parameters.sensors.model_dump(exclude_defaults=True)
     parts += [f"sensors.{key} = {value}" for key, value in sensors.items()]
-    return "; ".join([*parts, *filter(None, [saved.record.metadata.get("disturbances")])])
+    return "; ".join([*parts, *filter(None, [saved.record.disturbances])])
 
 
 def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:

@@ -57,7 +57,7 @@ def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> list[C
         time = float(signals.time[row])
         heading = 0.0 if plan is None else float(plan.sample([min(time, plan.duration)]).heading[0])
         points, forces = record.point_position[[state], :, 2], record.point_force[[state], :, 2]
-        floor = float(support_height(record.metadata, points, forces)[0])
+        floor = float(support_height(record.floor, points, forces)[0])
         chart = Chart(wide * len(charts), 28.0, wide, 215.0, f"{time:.2f} s\n{_phase(signals, int(row))}")
         chart.xlim, chart.equal, chart.frame = (-0.45, 0.45), True, False
         _draw_pose(chart, model, record.q[state], signals.take(np.array([row])), rotations(heading), floor)

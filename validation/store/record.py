@@ -8,6 +8,7 @@ on beside the model, see :mod:`validation.run.replay`. Nothing is pickled or rou
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain, product
 from pathlib import Path
@@ -23,15 +24,20 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from validation.store.json import json_ready
 from validation.trial.outcome import Outcome
-from validation.trial.record import INTEGERS, PLANS, SHAPES, SimulationRecord, stored_rows
+from validation.trial.record import (
+    CONTACTS_FILE,
+    EXTERNAL_FILE,
+    INTEGERS,
+    JOINTS_FILE,
+    SHAPES,
+    STORED,
+    TICKS_FILE,
+    SimulationRecord,
+    stored_rows,
+)
 from validation.trial.spill import blocks
 
-JOINTS_FILE = "joints.parquet"
-CONTACTS_FILE = "contacts.parquet"
-TICKS_FILE = "ticks.parquet"
 RECORD_FILES = (JOINTS_FILE, CONTACTS_FILE, TICKS_FILE)
-EXTERNAL_FILE = "external.parquet"
-"""Beside the others if the walk was disturbed."""
 MODEL_FILE = "model.xml"
 """The model that was simulated."""
 
@@ -48,13 +54,14 @@ CONSTANTS = (
     "point_group",
     "point_sites",
     "external_segments",
-    "metadata",
+    "floor",
+    "changes",
+    "controller",
+    "disturbances",
 )
 """Fields of a :class:`SimulationRecord` that are in the header, a JSON text."""
 
-_OF_TICKS = ("qp_", "torque_rate", "tick_plan")
-"""Beginnings of the names of fields that have a row for each control tick in memory, too."""
-_FORMAT = 5
+_FORMAT = 6
 _GROUP = 65_536  # rows written at a time
 _HEADER = b"ampm_record"
 _ROOT_Q = ("root_x", "root_y", "root_z", "root_qw", "root_qx", "root_qy", "root_qz")
@@ -70,34 +77,23 @@ class _Field(NamedTuple):
 
 def _files(header: Mapping[str, Any]) -> dict[str, dict[str, _Field]]:
     """The fields in every file of the record that has this header."""
-    joints, segments = header["joint_names"], header["external_segments"]
-    points = header["point_sites"] or range(len(header["point_foot"]))
-
-    def field(word: str, *parts: Iterable[Any]) -> _Field:
-        names = ["_".join([word, *map(str, part)]) for part in product(*parts)]
-        return _Field(names, tuple(len(list(part)) for part in parts))
-
-    files = {
-        JOINTS_FILE: {
-            "q": field("q", _coordinate_names(header["nq"], _ROOT_Q, joints)),
-            "qd": field("qd", _coordinate_names(header["nv"], _ROOT_V, joints)),
-        },
-        CONTACTS_FILE: {
-            "point_force": field("force", points, "xyz"),
-            "point_position": field("position", points, "xyz"),
-        },
-        TICKS_FILE: {
-            "torque": field("torque", joints),
-            "torque_rate": field("torque_rate", joints),
-            **{name: field(name) for name in ("qp_status", "qp_residual", "qp_iterations", "qp_time")},
-        },
+    joints = header["joint_names"]
+    labels: dict[str, Sequence[Any]] = {
+        "nq": _coordinate_names(header["nq"], _ROOT_Q, joints),
+        "nv": _coordinate_names(header["nv"], _ROOT_V, joints),
+        "nu": joints,
+        "P": header["point_sites"] or range(len(header["point_foot"])),
+        "S": header["external_segments"],
+        "3": "xyz",
     }
-    if PLANS in header["metadata"]:
-        files[TICKS_FILE]["tick_plan"] = field("plan")
-    if segments:
-        files[EXTERNAL_FILE] = {
-            f"external_{word}": field(word, segments, "xyz") for word in ("force", "moment", "position")
-        }
+    files: dict[str, dict[str, _Field]] = {}
+    for name, file in STORED.items():
+        if (file == EXTERNAL_FILE and not labels["S"]) or (name == "tick_plan" and not header["changes"]):
+            continue
+        word = re.sub("^(point|external|tick)_", "", name)
+        parts = [labels[symbol] for symbol in SHAPES[name].split()[1:]]
+        columns = ["_".join([word, *map(str, part)]) for part in product(*parts)]
+        files.setdefault(file, {})[name] = _Field(columns, tuple(map(len, parts)))
     return files
 
 
@@ -134,7 +130,7 @@ def save_record(record: SimulationRecord, directory: str | Path) -> None:
         columns = {"time": record.time[rows[file]]}
         for name, field in fields.items():
             array = getattr(record, name)
-            if not name.startswith(_OF_TICKS):
+            if not SHAPES[name].startswith("T"):
                 array = array[rows[file]]
             columns.update(zip(field.columns, array.reshape(len(array), len(field.columns)).T, strict=True))
         _write_columns(columns, directory / file, json.dumps(header, allow_nan=False))
@@ -180,14 +176,14 @@ def write_tables(tables: Iterable[pa.Table], path: Path) -> None:
 # -------------------------------------------------------------------------------------------------- reading
 
 
-class StoredRecord:
-    """A record in a folder: its constants, and its arrays, each of which is read when it is first used.
-
-    The arrays are those of a :class:`validation.trial.record.SimulationRecord`, but
+class StoredRecord(SimulationRecord):
+    """A record in a folder. Its arrays are read when they are first used, at the rates of their files.
 
     - ``q`` and ``qd`` have a row for each of ``state_rows`` only, shape (R + 1, ...),
     - ``point_force`` and ``point_position`` one for each of these but the last, shape (R, P, 3),
-    - ``tick_torque`` one for each control tick, shape (T, nu).
+    - ``tick_torque`` one for each control tick, shape (T, nu), from which ``torque`` is made.
+
+    What the folder lacks is no attribute.
 
     Args:
         directory: folder of a recorded run.
@@ -196,37 +192,34 @@ class StoredRecord:
         InputError: there is no record, or one of another format.
     """
 
-    outcome: Outcome
-    mass: float
-    gravity: float
-    time_step: float
-    friction: float
-    torque_limit: Array
-    joint_range: Array
-    joint_names: tuple[str, ...]
-    point_foot: NDArray[np.int8]
-    point_group: NDArray[np.int8]
-    point_sites: tuple[str, ...]
-    external_segments: tuple[str, ...]
-    metadata: Mapping[str, str]
+    directory: Path
+    coordinates: tuple[int, int]
+    _files: dict[str, dict[str, _Field]]
 
     def __init__(self, directory: Path) -> None:
-        self.directory = directory
         header = _read_header(directory / JOINTS_FILE)
+        own = vars(self)  # assignments are closed
+        own["directory"] = directory
         try:
-            self._files = _files(header)
-            vars(self).update(_constants(header))
-            self.steps, self.substeps = int(header["steps"]), int(header["substeps"])
-            self.coordinates = int(header["nq"]), int(header["nv"])
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            own["_files"] = _files(header)
+            own.update(_constants(header))
+            own["coordinates"] = int(header["nq"]), int(header["nv"])
+            steps, substeps = int(header["steps"]), int(header["substeps"])
+            own["time"] = np.arange(steps + 1, dtype=np.float64) * self.time_step
+            own["tick_time"] = np.arange(-(-steps // substeps), dtype=np.float64) * (
+                substeps * self.time_step
+            )
+        except (ArithmeticError, AttributeError, KeyError, MemoryError, TypeError, ValueError) as error:
             raise InputError(
                 f"{directory / JOINTS_FILE} is damaged: its description is ({error}); walk the gait again."
             ) from error
-        self.state_rows = stored_rows(self.steps, self.time_step)
+        for name in ("time", "tick_time"):
+            own[name].setflags(write=False)
 
-    def __repr__(self) -> str:
-        """Outcome and time, without the arrays."""
-        return f"StoredRecord({self.outcome.summary} at {self.outcome.time:g} s)"
+    @property
+    def state_rows(self) -> NDArray[np.intp]:
+        """Instants of the rows of ``q`` and ``qd``."""
+        return stored_rows(self.steps, self.time_step)
 
     def __getattr__(self, name: str) -> NDArray[Any]:
         """Read an array and keep it.
@@ -250,12 +243,6 @@ class StoredRecord:
     def columns(self, name: str) -> tuple[str, list[str]]:
         """File of an array, and the columns of its scalars."""
         return next((file, fields[name].columns) for file, fields in self._files.items() if name in fields)
-
-    @property
-    def tick_time(self) -> Array:
-        """Time of each control tick, shape (T,) [s]."""
-        ticks = -(-self.steps // self.substeps)
-        return np.arange(ticks, dtype=np.float64) * (self.substeps * self.time_step)
 
     @property
     def torque(self) -> Array:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from validation.trial.outcome import Outcome
-    from validation.trial.physics import Body, Physics
+    from validation.trial.physics import BodyState, Physics
 
     Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ class Log(NamedTuple):
     """
 
     record: Any
-    body: Body
+    body: BodyState
     command: Command
     stance: Stance
     normal_force: Array

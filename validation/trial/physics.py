@@ -11,7 +11,6 @@ import numpy as np
 from ampm.physics_parameters import steps_per_tick
 from validation.trial.bridge import to_mujoco
 from validation.trial.engine import drake_of, make_engine
-from validation.trial.shapes import make_robot
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.parameters import RunParameters
-    from models.scene import BodyModel
+    from validation.trial.plan import Body
 
     Array = NDArray[np.float64]
 
@@ -36,7 +35,7 @@ def quiet_mujoco() -> Iterator[None]:
         mujoco.set_mju_user_warning(None)
 
 
-class Body(NamedTuple):
+class BodyState(NamedTuple):
     """The body that is simulated, as views of MuJoCo's data.
 
     Contacts have as many rows as MuJoCo's memory can hold.
@@ -106,40 +105,25 @@ class SolePoints:
         self.of_geom[[model.geom(name).id for name in names]] = np.arange(len(names))
 
 
-def point_forces(data: mujoco.MjData, points: SolePoints) -> tuple[Array, Array]:
-    """Forces of the floor on the sole points in the last step, and where they act, shape (P, 3) [N], [m].
-
-    Points without a force have a place of zero.
-    """
-    force, place = np.zeros((2, len(points.names), 3))
-    for contact in data.contact:
-        point, first = int(points.of_geom[contact.geom].max()), contact.efc_address
-        if point >= 0 and first >= 0:
-            side = 1.0 if points.of_geom[contact.geom[1]] >= 0 else -1.0  # it acts on the second geom
-            force[point] = side * contact.frame.reshape(3, 3).T @ data.efc_force[first : first + 3]
-            place[point] = contact.pos
-    return force, place
-
-
 class Physics:
     """One simulation: model, data, and the quantities read at every step.
 
     Args:
-        body_model: MJCF and its description.
+        body: in its world.
         run: engine, time step and control frequency.
 
     Raises:
         InputError: the control period is no multiple of the time step, or the engine cannot step the body.
     """
 
-    def __init__(self, body_model: BodyModel, run: RunParameters) -> None:
-        self.model = model = body_model.compile()
+    def __init__(self, body: Body, run: RunParameters) -> None:
+        self.model = model = body.model.compile()
         self.data = data = mujoco.MjData(model)
         self.engine = make_engine(model, data, drake_of(run))
-        self.robot = robot = make_robot(model, body_model.description)
+        self.robot = robot = body.robot
         self.time_step = float(model.opt.timestep)
         self.substeps = steps_per_tick(run.controller.frequency, self.time_step)
-        description = body_model.description
+        description = robot.description
         self.points = points = SolePoints(
             model,
             tuple(site for _, _, site in description.sole_points()),
@@ -147,7 +131,7 @@ class Physics:
         )
         contact, sites = data.contact, points.sites[-2:]
         self.soles = data.site_xpos[sites[0] : sites[1] + 1 : sites[1] - sites[0]]
-        self.body = Body(
+        self.body = BodyState(
             qpos=data.qpos,
             qvel=data.qvel,
             ctrl=data.ctrl,

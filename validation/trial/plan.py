@@ -82,10 +82,26 @@ class Body(Brief):
     robot: Robot
     shapes: Shapes
 
+    @classmethod
+    def of(cls, model: BodyModel) -> Body:
+        """The body of a model."""
+        # Imported here: simulator and Pinocchio take a second to load.
+        from validation.trial.shapes import Shapes, make_robot
+
+        compiled = model.compile()
+        shapes = Shapes(compiled)
+        return cls(model, make_robot(compiled, model.description, shapes), shapes)
+
+    def again(self) -> Robot:
+        """A robot of its own for a controller, whose changes reach no other part of the walk."""
+        from validation.trial.shapes import make_robot  # as above
+
+        return make_robot(self.model.compile(), self.model.description, self.shapes)
+
 
 @dataclass(frozen=True)
 class PlannedWalk(Brief):
-    """Inputs of a walk.
+    """What a walk is simulated from.
 
     Attributes:
         request: name and parameters, with the values that were found.
@@ -112,6 +128,18 @@ class PlannedWalk(Brief):
     def run(self) -> RunParameters:
         """Parameters of the run."""
         return self.request.run
+
+    @cached_property
+    def scene(self) -> Body:
+        """The body in its world as it is simulated; ``body`` itself if the run changes neither.
+
+        Raises:
+            InputError: the run's disturbance does not fit the body or its plan.
+        """
+        from validation.trial.scene import disturbed_model  # imported here because SciPy is slow to load
+
+        model = disturbed_model(self.body.model, self.run, self.plan.contacts)
+        return self.body if model is self.body.model else Body.of(model)
 
     @property
     def motion(self) -> WholeBodyMotion:
@@ -252,16 +280,13 @@ def make_body(run: RunParameters) -> Body:
     """
     # Imported here: simulator and Pinocchio take a second to load.
     from models.build import build_body
-    from validation.trial.shapes import Shapes, make_robot
 
     model = build_body(run.body, run.contact, run.simulation)
-    compiled = model.compile()
     if run.simulation.engine == "drake":
         from validation.trial.engine import check_drake  # as above
 
-        check_drake(compiled)
-    shapes = Shapes(compiled)
-    return Body(model, make_robot(compiled, model.description, shapes), shapes)
+        check_drake(model.compile())
+    return Body.of(model)
 
 
 def plan_walk(
@@ -285,9 +310,10 @@ def plan_walk(
     """
     run, progress = request.run, progress or Progress()
     # Imported here: Pinocchio is slow to load.
-    from ampm.planners import FootstepPlanner, PeriodicPlanner, TablePlanner
+    from ampm.planners import FootstepPlanner
     from ampm.walk import WalkPlan
     from validation.trial.contact_check import check_contacts
+    from validation.trial.references import replan_period
 
     if planner is None and run.footsteps and run.gait.planner == "ampm":
         planner = FootstepPlanner()
@@ -296,16 +322,17 @@ def plan_walk(
             request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
             run = request.run
     planner = planner or load_planner(run.gait.planner, run.planner.options)
-    periodic = type(planner) is PeriodicPlanner
+    says = vars(type(planner))  # see ampm.walk.Planner
+    tunes, checked = says.get("tunes", False), says.get("checked", False)
     name = str(getattr(planner, "name", type(planner).__name__))
-    if run.footsteps and (periodic or isinstance(planner, TablePlanner)):
+    if run.footsteps and not says.get("plans_footsteps", True):
         raise InputError(f"the planner {name} does not plan footsteps; leave out one of them.")
-    if isinstance(planner, TablePlanner):
+    if says.get("gives_steps", False):
         unused = {*request.changed, *({"gait.steps"} & run.given)} - {"gait.com_height"}
         if keys := ", ".join(sorted(key for key in unused if key.startswith("gait."))):
             progress.say(f"{request.name}: the table gives the steps; not used: {keys}")
     body = None
-    if periodic:
+    if tunes:
         name = "" if name == "ampm" else name
         if leaves_open(run):
             tuned = tune_walk(request, progress)
@@ -316,20 +343,20 @@ def plan_walk(
     if body is None:
         with progress.stage(f"{request.name}: body"):
             body = make_body(run)
-    with progress.stage(f"{request.name}: whole-body motion"):
-        built_in = periodic or type(planner) is FootstepPlanner
-        with _way_out(run) if built_in else UsersCode("planner", planner):
-            plan = planner.plan(run.undisturbed, body.robot)
-            if not isinstance(plan, WalkPlan):
-                raise TypeError(f"it made {no_walk(plan)}")
-            if not built_in and not isinstance(planner, TablePlanner):
-                _check_posture(plan, body.robot)
-                check_contacts(plan)
-                _check_steps(plan, run)
-    if run.footsteps and not built_in:
+    with (
+        progress.stage(f"{request.name}: whole-body motion"),
+        _way_out(run) if checked else UsersCode("planner", planner),
+    ):
+        plan = planner.plan(run.undisturbed, body.robot)
+        if not isinstance(plan, WalkPlan):
+            raise TypeError(f"it made {no_walk(plan)}")
+        if not checked:
+            _check_posture(plan, body.robot)
+            check_contacts(plan)
+            _check_steps(plan, run)
+    if run.footsteps and not checked:
         _check_footsteps(plan, run, name)
-    period = getattr(planner, "replan_period", 0.0)  # infinite: it never will
-    goes_on: Any = planner if hasattr(planner, "replan") and period != math.inf else None
+    goes_on: Any = planner if replan_period(planner) < math.inf else None
     return PlannedWalk(request, plan, body, name, replanner=goes_on)
 
 

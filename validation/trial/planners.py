@@ -6,7 +6,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from ampm.planner.centroidal import CentroidalPlan
-from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.support import StepPlan
 from validation.trial.columns import SUFFIXES, read_columns
 from validation.trial.users import PLANNER, UsersCode
@@ -44,11 +43,15 @@ def load_planner(text: str, options: "Mapping[str, Option]" = MappingProxyType({
 def check_planner(text: str, options: "Mapping[str, Option]") -> None:
     """Refuse a name that is no planner, and options that it does not take, before anything is planned.
 
+    A user's planner is not made for it.
+
     Raises:
         InputError: as :func:`load_planner`.
     """
-    if text not in STEP_PLANNERS or options:
+    if Path(text).suffix in SUFFIXES:
         load_planner(text, options)
+    else:
+        PLANNER.check(text, options)
 
 
 def no_walk(made: Any) -> str:

@@ -1,12 +1,13 @@
 """Record of a simulation: one frozen :class:`SimulationRecord`."""
 
+# ruff: noqa: RUF009, since what is called makes a field
+
 from __future__ import annotations
 
 import math
 import mmap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,17 +24,28 @@ if TYPE_CHECKING:
 
 FEET = ("left", "right")
 
+JOINTS_FILE = "joints.parquet"
+CONTACTS_FILE = "contacts.parquet"
+TICKS_FILE = "ticks.parquet"
+EXTERNAL_FILE = "external.parquet"
+"""Beside the others if the walk was disturbed."""
 
-def _of(shape: str, kind: Any = np.float64, *, logged: bool = False) -> dict[str, Any]:
-    """Metadata of an array: its shape in symbols, its type, and whether it is filled step by step."""
-    return {"shape": shape, "kind": kind, "logged": logged}
 
+def _array(
+    shape: str, kind: Any = np.float64, *, logged: bool = False, file: str = "", optional: bool = False
+) -> Any:
+    """Field of an array.
 
-FLOOR = "floor"
-"""Key of the metadata that has the heights of a floor's surfaces, ascending, separated by spaces [m]."""
+    Args:
+        shape: in symbols; the first one is its rate in memory.
+        kind: of its numbers.
+        logged: whether it is filled step by step.
+        file: that holds it on disk, at the rate of the file.
+        optional: whether it is zero if it is left out.
+    """
+    metadata = {"shape": shape, "kind": kind, "logged": logged, "file": file, "optional": optional}
+    return field(metadata=metadata, default_factory=lambda: None) if optional else field(metadata=metadata)
 
-PLANS = "plans"
-"""Key of the metadata that has the number of plans followed after the first one, if there were any."""
 
 STATE_INTERVAL = 0.01
 """Time between the states, and between the contacts, on disk [s]."""
@@ -54,7 +66,7 @@ def shape_of(name: str, sizes: Mapping[str, int]) -> tuple[int, ...]:
     return tuple(sizes[symbol] if symbol in sizes else int(symbol) for symbol in SHAPES[name].split())
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SimulationRecord:
     """Everything one simulation produced: K steps of ``time_step``, P sole points, T control ticks.
 
@@ -105,52 +117,55 @@ class SimulationRecord:
         external_moment: moment on each of them, shape (K, S, 3) [N m].
         external_position: where the force acts, the segment's COM, shape (K, S, 3) [m].
         point_sites: sites of the sole points in the model, P names.
-        metadata: further identification of the run, text to text; :data:`FLOOR`, if the floor has steps, and
-            :data:`PLANS`, if the plan moved.
+        floor: heights of its surfaces, ascending, shape (L,) [m].
+        changes: number of plans followed after the first one.
+        controller: name of a user's, empty for the project's own.
+        disturbances: pushes and other forces, in words.
         followed: what the plans that were followed said, not on disk; None of a log.
     """
 
-    time: Array = field(metadata=_of("K+1"))
-    q: Array = field(metadata=_of("K+1 nq", logged=True))
-    qd: Array = field(metadata=_of("K+1 nv", logged=True))
-    torque: Array = field(metadata=_of("K nu", logged=True))
-    torque_rate: Array = field(metadata=_of("T nu", logged=True))
-    point_force: Array = field(metadata=_of("K P 3", logged=True))
-    point_position: Array = field(metadata=_of("K P 3", logged=True))
-    point_penetration: Array = field(metadata=_of("K P", logged=True))
-    point_place: Array = field(metadata=_of("K+1 P 3", logged=True))
-    point_foot: NDArray[np.int8] = field(metadata=_of("P", np.int8))
-    point_group: NDArray[np.int8] = field(metadata=_of("P", np.int8))
-    com: Array = field(metadata=_of("K+1 3", logged=True))
-    angular_momentum: Array = field(metadata=_of("K+1 3", logged=True))
-    foot_position: Array = field(metadata=_of("K+1 F 3", logged=True))
-    foot_forward: Array = field(metadata=_of("K+1 F 3", logged=True))
-    command_com: Array = field(metadata=_of("K 3", logged=True))
-    command_zmp: Array = field(metadata=_of("K 2", logged=True))
-    command_force: Array = field(metadata=_of("K 3", logged=True))
-    command_angular_momentum: Array = field(metadata=_of("K 3", logged=True))
-    tick_time: Array = field(metadata=_of("T"))
-    qp_status: NDArray[np.int8] = field(metadata=_of("T", np.int8, logged=True))
-    qp_residual: Array = field(metadata=_of("T", logged=True))
-    qp_iterations: NDArray[np.int32] = field(metadata=_of("T", np.int32, logged=True))
-    qp_time: Array = field(metadata=_of("T", logged=True))
+    time: Array = _array("K+1")
+    q: Array = _array("K+1 nq", logged=True, file=JOINTS_FILE)
+    qd: Array = _array("K+1 nv", logged=True, file=JOINTS_FILE)
+    torque: Array = _array("K nu", logged=True, file=TICKS_FILE)
+    torque_rate: Array = _array("T nu", logged=True, file=TICKS_FILE)
+    point_force: Array = _array("K P 3", logged=True, file=CONTACTS_FILE)
+    point_position: Array = _array("K P 3", logged=True, file=CONTACTS_FILE)
+    point_penetration: Array = _array("K P", logged=True)
+    point_place: Array = _array("K+1 P 3", logged=True)
+    point_foot: NDArray[np.int8] = _array("P", np.int8)
+    point_group: NDArray[np.int8] = _array("P", np.int8)
+    com: Array = _array("K+1 3", logged=True)
+    angular_momentum: Array = _array("K+1 3", logged=True)
+    foot_position: Array = _array("K+1 F 3", logged=True)
+    foot_forward: Array = _array("K+1 F 3", logged=True)
+    command_com: Array = _array("K 3", logged=True)
+    command_zmp: Array = _array("K 2", logged=True)
+    command_force: Array = _array("K 3", logged=True)
+    command_angular_momentum: Array = _array("K 3", logged=True)
+    tick_time: Array = _array("T")
+    qp_status: NDArray[np.int8] = _array("T", np.int8, logged=True, file=TICKS_FILE)
+    qp_residual: Array = _array("T", logged=True, file=TICKS_FILE)
+    qp_iterations: NDArray[np.int32] = _array("T", np.int32, logged=True, file=TICKS_FILE)
+    qp_time: Array = _array("T", logged=True, file=TICKS_FILE)
+    tick_plan: NDArray[np.int32] = _array("T", np.int32, file=TICKS_FILE, optional=True)
     outcome: Outcome
     mass: float
     gravity: float
     time_step: float
-    torque_limit: Array = field(metadata=_of("nu"))
-    joint_range: Array = field(metadata=_of("nu 2"))
-    joint_names: tuple[str, ...]
     friction: float = math.nan
+    floor: Array = _array("L", optional=True)
+    torque_limit: Array = _array("nu")
+    joint_range: Array = _array("nu 2")
+    joint_names: tuple[str, ...]
     external_segments: tuple[str, ...] = ()
-    external_force: Array = field(metadata=_of("K S 3"), default_factory=lambda: np.zeros((0, 0, 3)))
-    external_moment: Array = field(metadata=_of("K S 3"), default_factory=lambda: np.zeros((0, 0, 3)))
-    external_position: Array = field(metadata=_of("K S 3"), default_factory=lambda: np.zeros((0, 0, 3)))
+    external_force: Array = _array("K S 3", file=EXTERNAL_FILE, optional=True)
+    external_moment: Array = _array("K S 3", file=EXTERNAL_FILE, optional=True)
+    external_position: Array = _array("K S 3", file=EXTERNAL_FILE, optional=True)
     point_sites: tuple[str, ...] = ()
-    metadata: Mapping[str, str] = field(default_factory=dict)
-    tick_plan: NDArray[np.int32] = field(
-        metadata=_of("T", np.int32), default_factory=lambda: np.zeros(0, np.int32)
-    )
+    changes: int = 0
+    controller: str = ""
+    disturbances: str = ""
     followed: Followed | None = None
 
     def __post_init__(self) -> None:
@@ -164,22 +179,20 @@ class SimulationRecord:
             "T": len(self.tick_time),
             "nu": len(self.joint_names),
             "S": len(self.external_segments),
+            "L": 1 if self.floor is None else len(self.floor),
         }
         for name, symbols in SHAPES.items():
             shape, given = shape_of(name, sizes), getattr(self, name)
-            if name.startswith("external_") and not sizes["S"]:
+            if name in OPTIONAL and (given is None or not np.size(given)):
                 given = np.zeros(shape)
-            if name == "tick_plan" and not len(given):
-                given = np.zeros(shape, np.int32)
             value = _frozen(given, INTEGERS.get(name, np.float64))
             if value.shape != shape:
                 raise InputError(f"record: {name} has shape {value.shape}, expected {symbols} = {shape}.")
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
 
     def __repr__(self) -> str:
         """Outcome and time, without the arrays."""
-        return f"SimulationRecord({self.outcome.summary} at {self.outcome.time:g} s)"
+        return f"{type(self).__name__}({self.outcome.summary} at {self.outcome.time:g} s)"
 
     @property
     def steps(self) -> int:
@@ -222,27 +235,30 @@ INTEGERS: dict[str, Any] = {name: of["kind"] for name, of in _ARRAYS.items() if 
 """Types of the arrays that are not float64."""
 LOGGED = tuple(name for name, of in _ARRAYS.items() if of["logged"])
 """Arrays that are filled step by step."""
+STORED = {name: of["file"] for name, of in _ARRAYS.items() if of["file"]}
+"""File of every array on disk."""
+OPTIONAL = frozenset(name for name, of in _ARRAYS.items() if of["optional"])
+"""Arrays that are zero if they are left out."""
 
 
-def support_height(metadata: Mapping[str, str], height: Array, load: Array) -> Array:
+def support_height(floor: Array, height: Array, load: Array) -> Array:
     """Height of the floor under points, each on the surface nearest to it, averaged by their loads.
 
     Args:
-        metadata: of a record.
+        floor: heights of its surfaces, ascending, shape (L,) [m].
         height: of the points, shape (..., P) [m].
         load: vertical force on each, shape (..., P) [N].
 
     Returns:
         Shape (...) [m]; the lowest level where there is no load.
     """
-    surface = np.array([float(level) for level in metadata.get(FLOOR, "0").split()])
-    if len(surface) == 1:
-        return np.full(height.shape[:-1], surface[0])
-    under = surface[np.abs(height[..., None] - surface).argmin(axis=-1)]
+    if len(floor) == 1:
+        return np.full(height.shape[:-1], floor[0])
+    under = floor[np.abs(height[..., None] - floor).argmin(axis=-1)]
     load = np.maximum(load, 0.0)
     total = load.sum(axis=-1)
     mean = (under * load).sum(axis=-1) / np.where(total > 0.0, total, 1.0)
-    return np.asarray(np.where(total > 0.0, mean, surface[0]))
+    return np.asarray(np.where(total > 0.0, mean, floor[0]))
 
 
 def _frozen(value: Any, dtype: Any) -> NDArray[Any]:

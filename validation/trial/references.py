@@ -43,6 +43,9 @@ class Course:
     step_ends: NDArray[np.float64]
     references: Iterator[Reference]
 
+    def replan(self, time: float, state: State, touch: Touch) -> None:
+        """After a tick: change what is followed from the next one on."""
+
 
 class References(Course):
     """References of the plan then valid, one for each control tick.
@@ -55,7 +58,8 @@ class References(Course):
         time_step: of the physics [s].
         substeps: steps of a control tick.
         steps: walking steps asked for; None: all of the plan then valid.
-        author: of the plans, for messages; by default their postures.
+        planner: goes on planning, at its period, from what the controller senses.
+        controller: gets every plan of the planner, if it has ``follow``.
 
     Attributes:
         plans: all of them so far, as they were handed over; the last one is followed from the next tick on.
@@ -70,10 +74,12 @@ class References(Course):
         time_step: float,
         substeps: int,
         steps: int | None = None,
-        author: Any = None,
+        planner: Replanner | None = None,
+        controller: Controller | None = None,
     ) -> None:
         self.timing, self.time_step, self.substeps = timing, time_step, substeps
-        self.steps, self.author = steps, author
+        self.steps, self.planner, self.controller = steps, planner, controller
+        self.period, self._due = replan_period(planner), 0.0
         self.plans: list[FrozenPlan] = []
         self.since: list[int] = []
         self._tick = 0
@@ -82,9 +88,9 @@ class References(Course):
         self.follow(plan)
 
     @property
-    def start(self) -> Reference:
-        """Reference in which the walk begins."""
-        return self._table[0]
+    def table(self) -> ReferenceTable:
+        """References of all ticks of the plan followed last."""
+        return self._table
 
     def follow(self, plan: WalkPlan) -> None:
         """Go on with another plan from the next tick on."""
@@ -94,7 +100,7 @@ class References(Course):
         self.step_ends, self.total = step_ends, total
         if not ticks.size:  # the walk ends here
             return
-        with UsersCode("planner", self.author or type(plan.posture)):
+        with UsersCode("planner", self.planner or type(plan.posture)):
             self._table = self._sampled(plan, ticks)
             instants = ticks if self.plans else np.arange(total)
             frozen = FrozenPlan.of(plan, instants * self.time_step, exact=not self.plans)
@@ -102,6 +108,35 @@ class References(Course):
             self.plans[-1] = self.plans[-1].until(self._tick * self.substeps * self.time_step + max(LEADS))
         self.plans.append(frozen)
         self.since.append(self._tick)
+
+    def replan(self, time: float, state: State, touch: Touch) -> None:
+        """After a tick: ask the planner where it is due, and follow what it makes from the next tick on."""
+        if self.planner is None or time + 1e-9 < self._due:
+            return
+        if self.period:
+            self._due = (math.floor(time / self.period + 1e-9) + 1) * self.period
+        valid = self.plans[-1].plan
+        with UsersCode("planner", self.planner):
+            plan = self.planner.replan(time, state, touch, valid)
+            if plan is None or plan is valid:
+                return
+            if not isinstance(plan, WalkPlan):
+                raise TypeError(f"replan at {time:g} s made {no_walk(plan)}; None keeps the plan")
+            if not plan.duration >= time:
+                raise ValueError(
+                    f"the plan made at {time:g} s ends at {plan.duration:g} s, before now; "
+                    "plan on the walk's clock, beyond now"
+                )
+            due = len(self.step_ends)
+            if self.steps is not None and plan.contacts.steps < due:
+                raise ValueError(
+                    f"the plan made at {time:g} s has {plan.contacts.steps} steps in all, and the walk "
+                    f"goes on to step {due}; plan as many"
+                )
+            check_contacts(plan, time, NEXT, PUSHED_OUTSIDE)
+        self.follow(plan)
+        if self.controller is not None and hasattr(self.controller, "follow"):
+            self.controller.follow(plan, self.timing)
 
     def _walk(self) -> Iterator[Reference]:
         """The references, as long as the plan then valid goes on."""
@@ -130,50 +165,15 @@ class References(Course):
         return ReferenceTable(rows)
 
 
-class Replanning:
-    """The planner that goes on planning, at its period, from what the controller senses.
-
-    Args:
-        planner: of the plans.
-        course: of the walk, which goes on with each new plan.
-        controller: gets every plan, if it has ``follow``.
-    """
-
-    def __init__(self, planner: Replanner, course: References, controller: Controller) -> None:
-        self.planner, self.course, self.controller = planner, course, controller
-        self.period = float(getattr(planner, "replan_period", 0.0))
-        if not 0.0 <= self.period < math.inf:
-            raise ValueError(f"its replan_period is {self.period} s; give a number of seconds, 0 or more")
-        self._due = 0.0
-
-    def update(self, time: float, state: State, touch: Touch) -> None:
-        """After a tick: ask the planner where it is due, and follow what it makes from the next tick on."""
-        if time + 1e-9 < self._due:
-            return
-        if self.period:
-            self._due = (math.floor(time / self.period + 1e-9) + 1) * self.period
-        course, valid = self.course, self.course.plans[-1].plan
-        with UsersCode("planner", self.planner):
-            plan = self.planner.replan(time, state, touch, valid)
-            if plan is None or plan is valid:
-                return
-            if not isinstance(plan, WalkPlan):
-                raise TypeError(f"replan at {time:g} s made {no_walk(plan)}; None keeps the plan")
-            if not plan.duration >= time:
-                raise ValueError(
-                    f"the plan made at {time:g} s ends at {plan.duration:g} s, before now; "
-                    "plan on the walk's clock, beyond now"
-                )
-            due = len(course.step_ends)
-            if course.steps is not None and plan.contacts.steps < due:
-                raise ValueError(
-                    f"the plan made at {time:g} s has {plan.contacts.steps} steps in all, and the walk "
-                    f"goes on to step {due}; plan as many"
-                )
-            check_contacts(plan, time, NEXT, PUSHED_OUTSIDE)
-        course.follow(plan)
-        if hasattr(self.controller, "follow"):
-            self.controller.follow(plan, course.timing)
+def replan_period(planner: Any) -> float:
+    """Time from one call of a planner's ``replan`` to the next; infinite if there is none [s]."""
+    if not hasattr(planner, "replan"):
+        return math.inf
+    with UsersCode("planner", planner):
+        period = float(getattr(planner, "replan_period", 0.0))
+        if not period >= 0.0:
+            raise ValueError(f"its replan_period is {period} s; give a number of seconds, 0 or more")
+    return period
 
 
 def _jumps(new: Reference, old: Reference) -> bool:

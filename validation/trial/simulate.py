@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import DisturbanceParameters
 from ampm.planner.heights import uneven
+from ampm.stepping.tracker import SteppedTick
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, State, Timing, Touch
 from validation.trial import spill
 from validation.trial.disturbances import Disturbance, Plant, Push, describe, pushes_of
@@ -30,10 +31,8 @@ from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, quiet_mujoco
 from validation.trial.readings import Sensing, make_estimator
-from validation.trial.record import FLOOR, PLANS, SimulationRecord, support_height
-from validation.trial.references import Course, References, Replanning
-from validation.trial.scene import disturbed_model
-from validation.trial.shapes import make_robot
+from validation.trial.record import SimulationRecord, support_height
+from validation.trial.references import Course, References
 from validation.trial.step import act, end_step, sense
 from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
 from validation.trial.watch import End, Watch
@@ -42,10 +41,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.parameters import RunParameters
+    from ampm.reference import Reference
     from ampm.sensors.readings import Estimator, EstimatorFactory
-    from ampm.stepping.tracker import SteppedTick
-    from ampm.walk import Controller, ControllerFactory, Replanner, WalkPlan
-    from models.scene import BodyModel
+    from ampm.walk import Controller, ControllerFactory
+    from validation.trial.plan import PlannedWalk
 
     Array = NDArray[np.float64]
 
@@ -54,26 +53,21 @@ _FLOAT = np.dtype(np.float64)
 
 
 def simulate(
-    plan: WalkPlan,
-    run: RunParameters,
-    body: BodyModel,
+    planned: PlannedWalk,
     *,
     controller: ControllerFactory | None = None,
     estimator: EstimatorFactory | None = None,
-    planner: Replanner | None = None,
     disturbances: Sequence[Disturbance] = (),
     steps: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SimulationRecord:
-    """Walk the plan and record everything.
+    """Walk a plan and record everything.
 
     Args:
-        plan: of the walk; it starts on the plan's own posture.
-        run: gains, contact, time step; its section ``disturbance`` acts, unknown to the controller.
-        body: the simulated body.
-        controller: makes the controller from robot and run; the one that ``run`` names by default.
-        estimator: makes the estimator; the one that ``run`` names by default.
-        planner: goes on planning while walking.
+        planned: plan, run, body and replanner; it starts on the plan's own posture. The run's section
+            ``disturbance`` acts, unknown to the controller.
+        controller: makes the controller from robot and run; the one that the run names by default.
+        estimator: makes the estimator; the one that the run names by default.
         disturbances: further forces; the controller gets no information on them.
         steps: walking steps; by default those of the plan, and of a planner that goes on ``gait.steps``, or
             over footsteps all.
@@ -86,103 +80,111 @@ def simulate(
         InputError: control period and time step do not fit, more steps than planned, or a user's class fails
             at once.
     """
-    planned = plan.contacts.steps
-    if steps is None and planner is not None and not run.footsteps:
+    plan, run, replanner = planned.plan, planned.run, planned.replanner
+    if steps is None and replanner is not None and not run.footsteps:
         steps = run.gait.steps
-    elif steps is not None and not 1 <= steps <= planned:
+    elif steps is not None and not 1 <= steps <= plan.contacts.steps:
         raise InputError(
-            f"{steps} steps were requested, but the plan has {planned}; "
-            f"take 1 ... {planned} or raise gait.steps."
+            f"{steps} steps were requested, but the plan has {plan.contacts.steps}; "
+            f"take 1 ... {plan.contacts.steps} or raise gait.steps."
         )
-    scene = disturbed_model(body, run, plan.contacts)
-    physics = Physics(scene, run)
-    disturbances = [*pushes_of(run.disturbance), *disturbances]
+    physics = Physics(planned.scene, run)
+    timing = timing_of(run, physics)
+    factory = controller or CONTROLLER.find(run.controller.name, run.controller.options)
+    known = planned.body.again()
+    with UsersCode("controller", factory):
+        follower = factory(known, run.undisturbed, **run.controller.options)
+        if hasattr(follower, "follow"):
+            follower.follow(plan, timing)
+    course = References(
+        plan,
+        timing,
+        time_step=physics.time_step,
+        substeps=physics.substeps,
+        steps=steps,
+        planner=replanner,
+        controller=follower,
+    )
+    forces = forces_of(run, disturbances, physics, math.inf if replanner else course.total)
+    start = place(physics, run, course.table[0])
+    estimating = make_estimator(run, known, start, estimator)
+    loop = ClosedLoop(physics, follower, course, run, estimator=estimating, disturbances=forces)
+    record = loop.run(progress)
+    tick = physics.substeps * physics.time_step
+    since = tuple(first * tick for first in course.since)
+    followed = Followed(tuple(course.plans), since, tuple(loop.stepped), tick)
+    outcome, named = record.outcome, ""
+    if factory is not TrackingController:
+        named = CONTROLLER.name_of(factory)
+    elif run.controller.stabilizer == "fixed" and (forces or run.disturbance != DisturbanceParameters()):
+        outcome = _with_way_out(outcome)
+    record = replace(
+        record,
+        outcome=outcome if outcome.completed else explained(outcome, physics.model),
+        controller=named,
+        disturbances="; ".join(map(describe, forces)),
+        followed=followed,
+        changes=followed.changes,
+        tick_plan=followed.numbers(record.tick_time),
+    )
+    levels = sorted({step.position[2] for step in plan.contacts.footsteps})
+    return _on_floor(record, np.array(levels)) if uneven(plan.contacts.footsteps) else record
+
+
+def timing_of(run: RunParameters, physics: Physics) -> Timing:
+    """Look-ahead of the references of a walk."""
     dt, gains = physics.time_step, run.controller
-    timing = Timing(
+    return Timing(
         lead=gains.touchdown_lead,
         early=gains.touchdown_window,
         hold=(physics.substeps - 1) * dt,
         slope=physics.substeps * dt if gains.hold == "first-order" else 0.0,
     )
-    course = References(
-        plan,
-        timing,
-        time_step=dt,
-        substeps=physics.substeps,
-        steps=steps,
-        author=planner,
-    )
-    for push in disturbances:
-        if isinstance(push, Push) and push.at >= course.total * dt and planner is None:
+
+
+def forces_of(
+    run: RunParameters, disturbances: Sequence[Disturbance], physics: Physics, steps: float
+) -> list[Disturbance]:
+    """The push of a run and further forces.
+
+    Raises:
+        InputError: a push begins after ``steps`` steps of the physics, or the body has no such segment.
+    """
+    forces, end = [*pushes_of(run.disturbance), *disturbances], steps * physics.time_step
+    plant = Plant(physics.model, physics.data, physics.robot.description)
+    for push in forces:
+        if isinstance(push, Push) and push.at >= end:
             raise InputError(
-                f"a push at {push.at:g} s comes after the walk, which ends at {course.total * dt:.3g} s; "
+                f"a push at {push.at:g} s comes after the walk, which ends at {end:.3g} s; "
                 "push earlier, or walk more steps."
             )
         if isinstance(push, Push):  # before the walk, not when it is pushed
-            Plant(physics.model, physics.data, physics.robot.description).position(push.segment)
-    start = course.start
-    q = start.q.copy()
+            plant.position(push.segment)
+    return forces
+
+
+def place(physics: Physics, run: RunParameters, start: Reference) -> State:
+    """Place the body on a reference's posture, with the run's errors of the start.
+
+    Returns:
+        The state as controller and estimator know it.
+    """
+    q, off = start.q.copy(), run.disturbance
     # The soles carry weight from the first instant.
-    q[2] += run.disturbance.floor_height - run.simulation.start_depth
-    physics.place(q, started(start.v, run.disturbance))
-    factory = controller or CONTROLLER.find(run.controller.name, run.controller.options)
-    with UsersCode("controller", factory):
-        known = physics.robot if scene is body else make_robot(body.compile(), body.description)
-        follower = factory(known, run.undisturbed, **run.controller.options)
-        if hasattr(follower, "follow"):
-            follower.follow(plan, timing)
-    replanning = None
-    if planner is not None:
-        with UsersCode("planner", planner):
-            replanning = Replanning(planner, course, follower)
-    q[2] -= run.disturbance.floor_height  # is not known
-    estimating = make_estimator(run, known, State(0.0, q, start.v, 0.5 * dt), estimator)
-    loop = ClosedLoop(
-        physics,
-        follower,
-        course,
-        run,
-        replanning=replanning,
-        estimator=estimating,
-        disturbances=disturbances,
-        progress=progress,
-    )
-    record, metadata = loop.run(), {}
-    if uneven(plan.contacts.footsteps):
-        levels = sorted({step.position[2] for step in plan.contacts.footsteps})
-        metadata[FLOOR] = " ".join(map(repr, levels))
-        record = _with_zmp_on_floor(record, metadata)
-    followed = Followed(
-        tuple(course.plans),
-        tuple(tick * physics.substeps * dt for tick in course.since),
-        tuple(loop.stepped),
-        physics.substeps * dt,
-    )
-    record = replace(record, followed=followed)
-    if followed.moved:
-        record = replace(record, tick_plan=followed.numbers(record.tick_time))
-        metadata[PLANS] = str(followed.changes)
-    if factory is not TrackingController:
-        metadata["controller"] = CONTROLLER.name_of(factory)
-    elif run.controller.stabilizer == "fixed" and (
-        disturbances or run.disturbance != DisturbanceParameters()
-    ):
-        record = replace(record, outcome=_with_way_out(record.outcome))
-    if not record.outcome.completed:
-        record = replace(record, outcome=explained(record.outcome, physics.model))
-    if disturbances:
-        metadata["disturbances"] = "; ".join(map(describe, disturbances))
-    return replace(record, metadata=metadata) if metadata else record
+    q[2] += off.floor_height - run.simulation.start_depth
+    physics.place(q, started(start.v, off))
+    q[2] -= off.floor_height  # is not known
+    return State(0.0, q, start.v, 0.5 * physics.time_step)
 
 
-def _with_zmp_on_floor(record: SimulationRecord, metadata: Mapping[str, str]) -> SimulationRecord:
+def _on_floor(record: SimulationRecord, floor: Array) -> SimulationRecord:
     """The commanded ZMP, which is on z = 0, on the plane of the contacts of the step before each tick."""
     ticks = np.arange(0, record.steps, record.substeps)
     before = np.maximum(ticks - 1, 0)
-    place, load = record.point_position[before, :, 2], record.point_force[before, :, 2]
-    height = np.repeat(support_height(metadata, place, load), record.substeps)[: record.steps]
+    at, load = record.point_position[before, :, 2], record.point_force[before, :, 2]
+    height = np.repeat(support_height(floor, at, load), record.substeps)[: record.steps]
     along = record.command_force[:, :2] / record.command_force[:, 2:]
-    return replace(record, command_zmp=record.command_zmp + height[:, None] * along)
+    return replace(record, floor=floor, command_zmp=record.command_zmp + height[:, None] * along)
 
 
 def _with_way_out(outcome: Outcome) -> Outcome:
@@ -194,43 +196,39 @@ def _with_way_out(outcome: Outcome) -> Outcome:
 
 
 class ClosedLoop:
-    """Controller and physics, step by step, and the record of it.
+    """Controller and physics, a control tick at a time, and the record of it.
 
     Args:
         physics: placed at the start.
-        controller: at its first tick.
+        controller: at its first tick; None if :meth:`act` is called with what acts.
         course: what the walk follows and when it ends; both may change at a tick.
         run: parameters; its section ``disturbance`` has the faults of the motors.
-        replanning: the planner that goes on planning, if there is one.
         estimator: that makes the state; None for the true one, as the sensors of the run read it.
         disturbances: external forces.
-        progress: called with (simulation steps done, all) now and then.
 
     Attributes:
         command: of the last tick.
+        done: whole steps of the physics.
         stepped: states of the stabiliser that steps, off the plan.
     """
 
     def __init__(
         self,
         physics: Physics,
-        controller: Controller,
+        controller: Controller | None,
         course: Course,
         run: RunParameters,
         *,
-        replanning: Replanning | None = None,
         estimator: Estimator | None = None,
         disturbances: Sequence[Disturbance] = (),
-        progress: Callable[[int, int], None] | None = None,
     ) -> None:
         self.disturbances = [(item, UsersCode("disturbance", item)) for item in disturbances]
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
         self.plant.segment(run.disturbance.push_segment)  # refused also without a force
-        self.physics, self.controller, self.replanning = physics, controller, replanning
+        self.physics, self.controller, self.course = physics, controller, course
         self.users_code = UsersCode("controller", controller)
-        self.stepped: list[SteppedTick] = []
+        self.done, self.stepped = 0, list[SteppedTick]()
         self._steps = controller if isinstance(controller, TrackingController) else None
-        self.course, self.progress = course, progress
         robot, fault = physics.robot, run.disturbance
         self.faults = None
         if fault.actuation_delay or fault.torque_bias:
@@ -253,60 +251,78 @@ class ClosedLoop:
         self._act = bound(act, (log,), 0, 0, 0.0, 0, 0.0)
         self._end_step = bound(end_step, (log,), 0, 0, self.physics.data.efc_force)
 
-    def run(self) -> SimulationRecord:
-        """Step to the end of the run; an interrupt or a user's error ends it, and the record is kept.
+    def run(self, progress: Callable[[int, int], None] | None = None) -> SimulationRecord:
+        """Walk to the end of the course; an interrupt or a user's error ends it, and the record is kept.
+
+        Args:
+            progress: called with (simulation steps done, all) now and then.
 
         Raises:
             InputError: a user's class fails in the first step, or for lack of memory or files.
         """
-        done, end = 0, None
+        end, course, controller = None, self.course, cast("Controller", self.controller)
         try:
             with quiet_mujoco():
-                while done < self.course.total:
-                    if self.progress is not None and done % _PROGRESS_STEPS == 0:
-                        self.progress(done, self.course.total)
-                    end = self._step(done)
-                    if end is not None:
-                        done += not self.physics.body.warnings.any()
-                        break
-                    done += 1
-            if self.progress is not None:
-                self.progress(done, max(done, self.course.total))
+                while end is None and self.done < course.total:
+                    if progress is not None and self.done % _PROGRESS_STEPS < self.physics.substeps:
+                        progress(self.done, course.total)
+                    sensed = self.sense()
+                    with self.users_code:
+                        output = controller.update(*sensed)
+                    end = self.act(output)
+            if progress is not None:
+                progress(self.done, max(self.done, course.total))
         except SolverError as error:
-            refused = done * self.physics.time_step
+            refused = self.done * self.physics.time_step
             end = End(OutcomeName.INFEASIBLE, f"the solver refused the QP at {refused:.3f} s: {error}")
         except InputError as error:
             # In the first step nothing is lost. Machine errors do not count as failures of the walk.
-            if not done or isinstance(error.__cause__, MemoryError | OSError):
+            if not self.done or isinstance(error.__cause__, MemoryError | OSError):
                 raise
             logging.getLogger("ampm").debug("The walk ends.", exc_info=True)
             end = End(OutcomeName.CRASHED, error.fault if isinstance(error, UsersError) else str(error))
         except KeyboardInterrupt:
             end = End(OutcomeName.INTERRUPTED, "the run was interrupted by the user")
-        time = done * self.physics.time_step
-        if end is None:
-            walked = len(self.course.step_ends)
-            return self.log.close(done, Outcome(OutcomeName.COMPLETED, time, "", walked))
-        walked = int(np.searchsorted(self.course.step_ends, time + 1e-6))
-        return self.log.close(done, Outcome(end.name, time, end.cause, walked))
+        return self.log.close(self.done, self._outcome(end))
 
-    def _step(self, k: int) -> End | None:
-        """One step of the physics, with a control tick where one is due."""
-        physics, end = self.physics, None
-        data, time = physics.data, k * physics.time_step
-        physics.engine.step1()
+    def _outcome(self, end: End | None) -> Outcome:
+        time, step_ends = self.done * self.physics.time_step, self.course.step_ends
+        if end is None:
+            return Outcome(OutcomeName.COMPLETED, time, "", len(step_ends))
+        return Outcome(end.name, time, end.cause, int(np.searchsorted(step_ends, time + 1e-6)))
+
+    def sense(self) -> tuple[State, Touch, Reference]:
+        """Begin a control tick; what the controller gets."""
+        self._begin_step()
+        return self.read()
+
+    def act(self, output: ControlOutput) -> End | None:
+        """Let the output of a tick act until the next one is due; whether the walk is over."""
+        end, first = self.apply(output), self.done
+        until = max(first + 1, min(first + self.physics.substeps, self.course.total))
+        while True:
+            end = self._finish_step(end)
+            if end is not None or self.done >= until:
+                return end
+            self._begin_step()
+
+    def _begin_step(self) -> None:
+        self.physics.engine.step1()
         if self.disturbances:
-            self._disturb(k, time)
-        if k % physics.substeps == 0:
-            end = self.tick(k, time)
+            self._disturb(self.done, self.done * self.physics.time_step)
+
+    def _finish_step(self, end: End | None) -> End | None:
+        """End a step of the physics; whether the walk is over, as it is if its tick said so."""
+        physics, k = self.physics, self.done
+        data, time = physics.data, k * physics.time_step
         physics.engine.step2()
         if k % spill.ROWS == 0:
             spill.release()
-        if self._end_step(k, data.ncon, data.efc_force):
-            return end
-        if physics.body.warnings.any():
+        goes_on = self._end_step(k, data.ncon, data.efc_force)
+        if not goes_on and physics.body.warnings.any():
             return self.watch.blown_up(time)
-        return self.watch.check(time, SOLVED)
+        self.done += 1
+        return end if goes_on else self.watch.check(time, SOLVED)
 
     def _disturb(self, k: int, time: float) -> None:
         """Push the body during step k."""
@@ -316,17 +332,23 @@ class ClosedLoop:
                 disturbance.apply(time, self.plant)
         self.log.keep_pushes(k, self.plant.pushes)
 
-    def tick(self, k: int, time: float) -> End | None:
-        """One control tick; whether the walk is over."""
-        body = self.physics.body
-        self._sense(self.physics.data.ncon)
-        reference = next(self.course.references)
+    def read(self) -> tuple[State, Touch, Reference]:
+        """What the sensors of this tick read, and what the walk follows."""
+        physics, k = self.physics, self.done
+        self._sense(physics.data.ncon)
+        self._reference = next(self.course.references)
         if self.sensing is None:
-            state, touch = State(time, body.q, body.v, 0.5 * body.time_step), self._touch
+            body = physics.body
+            self._sensed = State(k * physics.time_step, body.q, body.v, 0.5 * body.time_step), self._touch
         else:
-            state, touch = self.sensing.update(self.log, k, getattr(self.controller, "acceleration", None))
+            commanded = getattr(self.controller, "acceleration", None)
+            self._sensed = self.sensing.update(self.log, k, commanded)
+        return *self._sensed, self._reference
+
+    def apply(self, output: ControlOutput) -> End | None:
+        """Set and keep the command of this tick, and plan again; whether the walk is over."""
+        reference, k = self._reference, self.done
         with self.users_code:
-            output = self.controller.update(state, touch, reference)
             if not isinstance(output, ControlOutput):
                 raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
             if self.faults is not None:
@@ -340,12 +362,12 @@ class ClosedLoop:
                 raise ValueError(self._not_finite())
         if self._steps is not None and self._steps.stepped is not None:
             self.stepped.append(self._steps.stepped)
-        if self.replanning is not None:
-            self.replanning.update(float(reference.time), state, touch)
+        self.course.replan(float(reference.time), *self._sensed)
         if self.course.total > len(self.log.record.torque):
             self.log = self.log.extended(self.course.total)
             self._bind()
         limit = self._worst_joint() if status == LIMITED else ""
+        time = k * self.physics.time_step
         return self.watch.check(time, status, residual=residual, limit=limit)
 
     def _take(self, output: ControlOutput) -> None:

@@ -296,7 +296,7 @@ def _log_soles(log: _Log, saved: SavedRun, frames: _Pictures) -> Array:
     """Soles, contact points and forces of both feet; height of the floor under them, shape (N,) [m]."""
     record, times = saved.record, frames.time
     force, point = record.point_force[frames.states], record.point_position[frames.states]
-    floor = support_height(record.metadata, point[:, :, 2], force[:, :, 2])
+    floor = support_height(record.floor, point[:, :, 2], force[:, :, 2])
     for foot, (name, color) in enumerate(_FEET.items()):
         mine = np.flatnonzero(record.point_foot == foot)
         sole, contact = f"world/feet/{name}/sole", f"world/feet/{name}/contact"

@@ -63,11 +63,11 @@ def walk_replica(
     """
     name, run = request.name, request.run.undisturbed
     planned = _planned(name, run) if planner is None else plan_walk(Request(name, run), planner=planner)
+    disturbed = replace(planned, request=request)
     passed, zmp = False, [math.nan, math.nan]
     if profile is None:
-        record = simulate(planned.plan, request.run, planned.body.model, planner=planned.replanner, **users)
+        record = simulate(disturbed, **users)
     else:
-        disturbed = replace(planned, request=request)
         trial = walk_planned(disturbed, profiles.profile(profile), **users)
         record, passed = trial.record, trial.verdict.passed
         zmp = [trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy"]
