@@ -107,7 +107,7 @@ def test_other_commands_than_the_trial_take_a_body(ampm):
         ("compare --body no-such", "no-such"),
         ("validate normal normal --out out", "'normal'"),
         ("validate normal --profile lenient --out out", "wide, jumps, footsteps, odometry, pushed.\n"),
-        ("validate normal --qp magic --out out", "osqp"),
+        ("validate normal --set simulation.integrator=magic --out out", "implicitfast"),
         ("validate normal bad.toml --out out", "gait.c_y"),
         ("validate normal --controller mine --out out", "MODULE:CLASS"),
         ("validate normal --planner json:Planner --out out", "Planner"),
