@@ -214,7 +214,7 @@ class Reference:
 
     @property
     def posture(self) -> PostureState:
-        """Of the whole body."""
+        """Whole-body posture."""
         row = self.row
         return PostureState(
             row["q"],

@@ -221,7 +221,7 @@ class Replanner(Planner, Protocol):
 
 
 class ControlOutput(NamedTuple):
-    """Output of one tick. Only the torque is needed; the others may stay None or NaN.
+    """Output of one tick. Only the torque is required; other fields are optional (None or NaN).
 
     Attributes:
         torque: joint torques, shape (nu,) [N m].

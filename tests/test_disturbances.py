@@ -88,7 +88,7 @@ def test_pushes_add_up_and_a_force_lifts():
         (("chest", (1.0, 0.0), 0.0, 1.0), "three"),
         (("chest", (1.0, 0.0, 0.0), 0.5, -0.1), "-0.1"),
         (("chest", (1.0, 0.0, 0.0), 100.0, 0.1), "100 s"),
-        (("chest", (1.0, 0.0, 0.0), "2", 1), "at 2 s for 1 s is none"),
+        (("chest", (1.0, 0.0, 0.0), "2", 1), "invalid push at 2 s for 1 s"),
     ],
 )
 def test_impossible_pushes_are_refused(push, word):

@@ -207,10 +207,10 @@ NONE: list[Any] = [5, {"foot": "left"}, np.zeros(3)]
         (lambda: row(x="a", y=0.0), r"footsteps\.x = 'a' must be a number"),
         (lambda: row(y=0.0, height=1.0), "unknown key"),
         *(
-            (lambda step=step: routes.as_rows([step]), r"footstep 1, .* is none; give ampm\.Footstep")
+            (lambda step=step: routes.as_rows([step]), r"cannot read footstep 1: .*; give ampm\.Footstep")
             for step in NONE
         ),
-        *((lambda step=step: live().changed(1.0, [step, step]), r"footstep 1, .* is none") for step in NONE),
+        *((lambda step=step: live().changed(1.0, [step, step]), "cannot read footstep 1") for step in NONE),
         (lambda: val.walk(RUN, footsteps=[]), "footsteps holds none"),
         (lambda: routes.straight(0, 0.4, WIDTH), "no steps"),
         (lambda: routes.arc(4, 0.3, 0.0, WIDTH), "a radius other than 0 m"),

@@ -153,7 +153,7 @@ class Body(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Of every coordinate, shape (nv,).
+    """Per degree of freedom, shape (nv,).
 
     Attributes:
         now: velocity at the instant of q.

@@ -361,7 +361,7 @@ def _remote(address: str) -> Iterator[Any]:
         if "scheduler_file" in where:
             Path(address).read_bytes()  # a client would wait for it for ever
         else:
-            resolve_address(address)  # a client of an address that is none waits for a minute
+            resolve_address(address)  # with an invalid address a client waits for a minute
         client = Client(**where, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError, TypeError, KeyError, TimeoutError) as error:
         raise InputError(

@@ -343,7 +343,7 @@ def _check_footsteps(plan: WalkPlan, run: RunParameters, planner: str) -> None:
 
 
 def _check_posture(plan: WalkPlan, robot: Robot) -> None:
-    """Refuse a posture whose first state is none of the body."""
+    """Refuse a posture whose first state does not fit the model."""
     state = plan.table([0.0])[0].posture
     shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}
     for name, shape in shapes.items():
