@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from validation.study.many import Task as Task
     from validation.study.many import walk_many as walk_many
     from validation.study.robustness.study import robustness as robustness
+    from validation.study.sweep.design import SweepDefinition as SweepDefinition
     from validation.study.sweep.run import sweep as sweep
     from validation.trial.disturbances import Disturbance as Disturbance
     from validation.trial.disturbances import Plant as Plant
@@ -42,6 +43,7 @@ _HOMES = {
     "Progress": "progress.Progress",
     "Push": "trial.disturbances.Push",
     "Statistics": "judge.compare.Statistics",
+    "SweepDefinition": "study.sweep.design.SweepDefinition",
     "Task": "study.many.Task",
     "Trial": "run.trial.Trial",
     "explain": "study.explain.explain",
@@ -68,6 +70,7 @@ __all__ = [
     "Progress",
     "Push",
     "Statistics",
+    "SweepDefinition",
     "Task",
     "Trial",
     "explain",
