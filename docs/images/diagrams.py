@@ -32,14 +32,14 @@ class Box(NamedTuple):
         """SVG of the box."""
         fill, edge = FILLS[self.kind]
         left, top = self.x - self.width / 2, self.y - self.height / 2
-        first = self.y - 8.5 * len(self.lines) + 5
+        first = self.y - 9.5 * len(self.lines) + 5
         parts = [
             f'<rect x="{left:g}" y="{top:g}" width="{self.width:g}" height="{self.height:g}" rx="8" '
             f'fill="{fill}" stroke="{edge}" stroke-width="1.4"/>',
             text(self.x, first, self.title, weight=600),
         ]
         parts += [
-            text(self.x, first + 17 * number, line, size=12, color=LINE)
+            text(self.x, first + 19 * number, line, size=14.5, color=LINE)
             for number, line in enumerate(self.lines, start=1)
         ]
         return "".join(parts)
@@ -47,7 +47,7 @@ class Box(NamedTuple):
 
 def text(x: float, y: float, words: str, **look: object) -> str:
     """SVG of one line of text about a middle [px]; look: size, weight, color, anchor."""
-    size, weight = look.get("size", 14), look.get("weight", 400)
+    size, weight = look.get("size", 16.5), look.get("weight", 400)
     color, anchor = look.get("color", INK), look.get("anchor", "middle")
     style = f'font-size="{size}" font-weight="{weight}" fill="{color}" text-anchor="{anchor}"'
     return f'<text x="{x:g}" y="{y:g}" {style}>{escape(words)}</text>'
@@ -60,7 +60,7 @@ def arrow(*points: tuple[float, float], label: str = "", at: tuple[float, float]
         f'<polyline points="{path}" fill="none" stroke="{LINE}" stroke-width="1.6" marker-end="url(#head)"/>'
     )
     if label and at:
-        drawn += text(*at, label, size=12)
+        drawn += text(*at, label, size=14.5)
     return drawn
 
 
@@ -70,7 +70,7 @@ def group(left: float, top: float, width: float, height: float, title: str, inde
         f'<rect x="{left:g}" y="{top:g}" width="{width:g}" height="{height:g}" rx="12" fill="none" '
         f'stroke="#b4bcc8" stroke-width="1.2" stroke-dasharray="6 5"/>'
     )
-    return frame + text(left + indent, top + 21, title, size=12.5, color=LINE, anchor="start", weight=600)
+    return frame + text(left + indent, top + 21, title, size=15, color=LINE, anchor="start", weight=600)
 
 
 def write(name: str, width: int, height: int, about: str, parts: Sequence[str]) -> None:
@@ -91,17 +91,17 @@ def architecture() -> None:
     """From a run to a verdict, and who owns what."""
     boxes = [
         Box(110, 105, 150, 66, "run", ["parameters, TOML"]),
-        Box(110, 215, 150, 66, "body", ["URDF, MJCF, human"], "body"),
+        Box(110, 215, 150, 66, "body", ["URDF, MJCF"], "body"),
         Box(330, 160, 150, 84, "Planner", ["AMPM, table,", "your class"], "plan"),
-        Box(560, 160, 160, 84, "WalkPlan", ["COM, ZMP, momentum,", "feet, posture"], "plan"),
+        Box(560, 160, 160, 84, "WalkPlan", ["COM, ZMP, feet,", "momentum, posture"], "plan"),
         Box(330, 390, 150, 84, "Controller", ["tracking QP,", "your class"], "body"),
         Box(560, 390, 160, 84, "Engine", ["MuJoCo or Drake,", "disturbances"], "world"),
-        Box(445, 510, 200, 66, "sensors, estimator", ["exact, Kalman, your class"], "body"),
-        Box(800, 390, 160, 84, "SimulationRecord", ["states, forces,", "torques"], "world"),
-        Box(800, 275, 160, 66, "MeasuredGait", ["without the plan"], "judge"),
-        Box(800, 160, 160, 84, "Comparison", ["measurement", "minus plan"], "judge"),
-        Box(1000, 160, 130, 84, "Verdict", ["metrics, cost,", "limits"], "judge"),
-        Box(1000, 290, 130, 84, "files", ["report, recording,", "tables"]),
+        Box(445, 510, 200, 66, "sensors, estimator", ["exact, Kalman, own class"], "body"),
+        Box(800, 390, 164, 84, "record", ["states, forces,", "torques"], "world"),
+        Box(800, 275, 160, 66, "measurement", ["without the plan"], "judge"),
+        Box(800, 160, 160, 84, "comparison", ["measurement", "minus plan"], "judge"),
+        Box(1000, 160, 130, 84, "verdict", ["metrics, cost,", "limits"], "judge"),
+        Box(1000, 290, 130, 84, "files", ["report, data,", "recording"]),
     ]
     lines = [
         group(20, 30, 640, 240, "ampm: plans, and imports no simulator"),
@@ -129,16 +129,16 @@ def tick() -> None:
     """The steps of a control tick in their order, as ``ampm.control.tick`` has them."""
     x, top, upper, lower = (180, 410, 640, 870), 62, 205, 375
     boxes = [
-        Box(235, top, 290, 66, "State, Touch", ["q, v; force and touch of every sole point"], "world"),
+        Box(235, top, 290, 66, "State, Touch", ["q, v; force on every sole point"], "world"),
         Box(
             685, top, 550, 66, "Reference", ["one instant of the plan: COM, momentum, feet, posture"], "plan"
         ),
         Box(x[0], upper, 180, 84, "kinematics", ["Jacobians, drift,", "COM, momentum"], "body"),
-        Box(x[1], upper, 180, 84, "contacts", ["openings: which points", "may carry force"], "body"),
+        Box(x[1], upper, 180, 84, "contacts", ["which sole points", "may carry force"], "body"),
         Box(x[2], upper, 180, 84, "command", ["wrench: the plan's", "plus feedback"], "body"),
-        Box(x[3], upper, 180, 84, "tasks", ["wanted accelerations of", "feet, toes, posture"], "body"),
-        Box(x[3], lower, 180, 84, "elimination", ["accelerations as a", "function of the forces"], "judge"),
-        Box(x[2], lower, 180, 84, "QP", ["contact forces near", "the commanded wrench"], "judge"),
+        Box(x[3], upper, 180, 84, "tasks", ["accelerations of feet,", "toes, posture"], "body"),
+        Box(x[3], lower, 180, 84, "elimination", ["accelerations by", "contact forces"], "judge"),
+        Box(x[2], lower, 180, 84, "QP", ["contact forces near", "the command"], "judge"),
         Box(x[1], lower, 180, 84, "accelerations", ["of all joints,", "from the forces"], "body"),
         Box(x[0], lower, 180, 84, "torques", ["by inverse", "dynamics"], "body"),
     ]
@@ -150,7 +150,7 @@ def tick() -> None:
         *(arrow((right - 90, lower), (right - 139, lower)) for right in x[:0:-1]),
         arrow((x[0] - 90, lower), (28, lower), label="motors", at=(50, lower - 10)),
         arrow((x[0], lower + 42), (x[0], lower + 80), (x[2], lower + 80), (x[2], lower + 43)),
-        text(x[1], lower + 98, "if a torque or joint limit is broken: once more, with limits", size=12),
+        text(x[1], lower + 98, "if a torque or joint limit is broken: once more, with limits", size=14.5),
     ]
     write("tick", 990, 495, "Block diagram of one control tick", [*lines, *(box.draw() for box in boxes)])
 
