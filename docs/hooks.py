@@ -82,7 +82,7 @@ def tolerances() -> str:
     profiles = header[2:-1]
     shown = []
     for name, grows, *limits, reason in rows:
-        given = [f"{profile}: {limit}" for profile, limit in zip(profiles, limits, strict=True) if limit]
+        given = [f"{profile}&nbsp;{limit}" for profile, limit in zip(profiles, limits, strict=True) if limit]
         shown.append((f"`{name}`", grows, "<br>".join(given), reason))
     limits = Table("", ("metric", "grows with", "limits", "reason"), shown)
     parts = [
