@@ -72,7 +72,7 @@ def row(variant: str) -> list[str]:
     for name, value in VARIANTS[variant].items():
         path, _, constant = name.rpartition(".")
         module = import_module(f"ampm.{path}")
-        getattr(module, constant)  # a name that is none would change nothing
+        getattr(module, constant)  # an unknown name would change nothing
         setattr(module, constant, value)
     name = "fixed" if variant == "fixed" else "stepping"
     run = load_run("normal", controller={"stabilizer": name}, gait={"steps": PUSH_STEP + 2})

@@ -1,9 +1,8 @@
-"""Seed faults in healthy walks and explain each; rewrite the table of docs/explain.md and data/faults.csv.
+"""Seed faults in healthy walks and explain each; rewrite data/faults.csv, which docs/explain.md counts.
 
-    python docs/faults.py [page]
+    python docs/faults.py [NUMBER ...]
 
-Half an hour of two cores. With ``page`` only the table is made again, from the data. Needs the extra
-``robots``; with ``drake`` that engine is tried, too.
+Half an hour of two cores. Needs the extra ``robots``; with ``drake`` that engine is tried, too.
 """
 
 import json
@@ -21,12 +20,9 @@ from ampm.exceptions import InputError
 from ampm.run_file import dump_run
 from models.source import FOLDER, body_path, read_body_file, source_path
 from validation.cli.console import Narrator
-from validation.show.text import replace_between
-from validation.table import Table
 from validation.trial.plan import complete, load_request
 
-PAGE = Path(__file__).with_name("explain.md")
-KEPT = PAGE.parents[1] / "build" / "faults"
+KEPT = Path(__file__).parents[1] / "build" / "faults"
 HUMAN, G1, OWN = "human", "G1", "own planner and controller"
 OWN_PARTS = ("gait.planner='fault_parts:OwnPlanner'", "controller.name='fault_parts:OwnController'")
 
@@ -177,17 +173,13 @@ COLUMNS = (
 
 
 def main() -> None:
-    """Explain what is missing, write the data, and from the data the table of the page."""
+    """Explain what is missing, and write the data."""
     cases = [*faults(), *HEALTHY]
     wanted = [int(text) for text in sys.argv[1:] if text.isdigit()] or range(len(cases))
-    for number in wanted if "page" not in sys.argv[1:] else ():
+    for number in wanted:
         explained(number, cases[number])
     if len(wanted) == len(cases):
-        rows = [row(number, fault) for number, fault in enumerate(cases)]
-        write_rows("faults", [COLUMNS, *rows])
-        table = Table("", ("", "fault", "walk", "seeded in", "named"), [shown(row) for row in rows])
-        page = replace_between(PAGE.read_text(encoding="utf-8"), "faults", table.markdown())
-        PAGE.write_text(page, encoding="utf-8")
+        write_rows("faults", [COLUMNS, *(row(number, fault) for number, fault in enumerate(cases))])
 
 
 def explained(number: int, fault: Fault) -> None:
@@ -224,19 +216,6 @@ def row(number: int, fault: Fault) -> tuple[str, ...]:
         found["said"].replace(f"{KEPT}/", ""),
         str(1 + sum("metrics" in change for change in found["changes"])),
         f"{found['seconds']:.0f}",
-    )
-
-
-def shown(row: Sequence[str]) -> tuple[str, ...]:
-    """Row of the page; what is named wrongly is bold."""
-    cells = dict(zip(COLUMNS, row, strict=True))
-    named = cells["named"] or "nobody"
-    return (
-        cells["number"] if cells["seeded"] else "",
-        f"{cells['fault']}{'' if cells['half'] != 'seen' else ' *'}",
-        cells["walk"],
-        cells["seeded"] or "nothing",
-        named if cells["right"] == "yes" else f"**{named}**",
     )
 
 

@@ -35,8 +35,13 @@ BIASES = {"gyro_bias": 2e-4, "accelerometer_bias": 0.02, "force_bias": 2.0}
 SLOPE = math.radians(1.0)
 ONLY_IN_FILE = (
     ("normal", "Kalman, no noise"),
+    ("normal", "Kalman, no noise, 1 ms late"),
     ("normal", "Kalman, 2 ms late"),
-    ("normal", "true state, masses +2 %"),
+    ("momentum", "Kalman, fixes at 100 Hz"),
+    ("normal", "Kalman, masses -2 %"),
+    ("normal", "Kalman, 1 degree up"),
+    ("normal", "true state, 1 degree up"),
+    ("normal", "Kalman, 1 degree across"),
 )
 COLUMNS = (
     "gait",

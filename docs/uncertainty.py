@@ -5,7 +5,6 @@ One ``ampm convergence GAIT`` for every preset, each half a minute on two idle c
 the numerical studies, data/contact-laws.csv the others.
 """
 
-import csv
 import math
 import sys
 from collections.abc import Iterator, Mapping
@@ -55,7 +54,6 @@ def main() -> None:
     for gait, found in studies.items():
         print(gait, found.verdict.name, found.verdict.reason, file=sys.stderr, flush=True)  # noqa: T201
     write_rows("contact-laws", [LAWS, *(_laws(gait, found) for gait, found in studies.items())])
-    write_law_table()
     numerical = {gait: studies[gait] for gait in GAITS}
     draw(numerical["normal"], PICTURE)
     page = replace_between(PAGE.read_text(encoding="utf-8"), "uncertainty", _table(numerical).markdown())
@@ -85,25 +83,6 @@ def _laws(gait: str, found: Convergence) -> tuple[str, ...]:
         and abs(item.tolerance - item.value) < item.spread
     ]
     return (gait, *values, worst[1].replace("_", " "), "; ".join(undecided))
-
-
-def write_law_table() -> None:
-    """Rewrite the page's table of contact laws from the data file."""
-    with LAW_DATA.open(encoding="utf-8", newline="") as file:
-        laws = list(csv.DictReader(file))
-    shown = (*LAWS[1:3], LAWS[6])
-    rows = [
-        (f"`{law['gait']}`", *(law[name] for name in shown), _count(law["undecided metrics"])) for law in laws
-    ]
-    heads = ("gait", *(f">{name}" for name in shown), ">undecided metrics")
-    page = replace_between(
-        PAGE.read_text(encoding="utf-8"), "contact laws", Table("", heads, rows).markdown()
-    )
-    PAGE.write_text(page, encoding="utf-8")
-
-
-def _count(names: str) -> str:
-    return str(len(list(filter(None, names.split("; ")))))
 
 
 def _table(studies: Mapping[str, Convergence]) -> Table:

@@ -159,7 +159,7 @@ class Short(Broken):
         ({"planner": Broken()}, "planner Broken failed .*int"),
         ({"disturbances": [Broken()]}, "disturbance Broken failed .KeyError: 'gusts'"),
         ({"disturbances": PUSH}, "Push.* cannot be the disturbances; give a list"),
-        ({"controller": "x"}, "controller.name 'x' is none of ampm, joint-pd; .* MODULE:CLASS"),
+        ({"controller": "x"}, "unknown controller.name 'x'; known: ampm, joint-pd; .* MODULE:CLASS"),
         ({"controller": 3}, "3 cannot be the controller; give a class"),
         ({"planner": object}, "cannot be the planner; give an object"),
         ({"planner": Slack(lambda state: None)}, "planner Slack failed .AttributeError"),

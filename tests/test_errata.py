@@ -284,6 +284,7 @@ def test_e11_the_force_on_the_body_points_upwards():
     assert zero(H * F_y - y * m * g - true)
     printed = y * (-m * g) - H * F_y
     assert not zero(printed - true)
+    assert zero(y * m * g - H * F_y + true)  # with F_z alone corrected, r_x has the wrong sign
     assert not zero(printed.subs(c_y, 1))  # where the force passes through the COM
 
 

@@ -16,7 +16,7 @@ from validation.store.signals import SIGNALS_FILE
 from validation.store.tables import write_columns
 from validation.trial.columns import read_columns
 
-PERSON = Path(__file__).parents[1] / "docs/examples/person_0p8ms.csv"
+PERSON = Path(__file__).parents[1] / "validation/measure/person_0p8ms.csv"
 OF_PLAN = ("zmp", "force", "angular_momentum", "com")
 
 

@@ -17,6 +17,7 @@ from validation.study.explain import explain as explain
 from validation.study.many import Task as Task
 from validation.study.many import walk_many as walk_many
 from validation.study.robustness.study import robustness as robustness
+from validation.study.sweep.design import SweepDefinition as SweepDefinition
 from validation.study.sweep.run import sweep as sweep
 from validation.trial.disturbances import Disturbance as Disturbance
 from validation.trial.disturbances import Plant as Plant

@@ -54,7 +54,7 @@ class Interruption:
 
 
 interruption = Interruption()
-"""Of this process."""
+"""Process-wide interruption flag."""
 
 
 class Stage:

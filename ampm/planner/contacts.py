@@ -201,7 +201,7 @@ def _read_only(values: object, dtype: type = np.float64) -> NDArray:
 
 
 def finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """A copy of a user's numbers; refuses what is none."""
+    """A copy of a user's numbers; rejects what is not finite."""
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):

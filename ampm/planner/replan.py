@@ -96,7 +96,7 @@ class LiveWalk(NamedTuple):
         if k >= old.steps:
             raise InputError(f"a change at {at:g} s comes when the walk has ended; ask earlier.", value=at)
         ahead = self._beside(k) if ahead is None else list(ahead)
-        as_rows(ahead)  # refuses what is none
+        as_rows(ahead)  # rejects malformed footsteps
         if len(ahead) < 2:
             raise InputError(
                 f"a change takes at least 2 footsteps, not {len(ahead)}; give where both feet land."

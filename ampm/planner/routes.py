@@ -207,7 +207,7 @@ def as_rows(
             foot, (x, y, z), heading = step.foot, map(float, step.position), float(step.heading)
         except (AttributeError, TypeError, ValueError):
             wanted = "give ampm.Footstep(foot, (x, y, 0.0), heading)."
-            raise InputError(f"footstep {number}, {str(step)[:80]}, is none; {wanted}") from None
+            raise InputError(f"cannot read footstep {number}: {str(step)[:80]}; {wanted}") from None
         time = None if landings is None else landings[number - 1]
         rows.append({"foot": foot, "x": x, "y": y, "heading": heading})
         rows[-1] |= ({"z": z} if z else {}) | ({} if time is None else {"time": float(time)})

@@ -34,7 +34,7 @@ RATE_ERROR = 0.4  # of the root's commanded angular acceleration [rad/s^2]
 POINT_ERROR = 1e-3  # standard deviation of a resting point [m]
 FLOOR_ERROR = 3e-4  # standard deviation of the height of a point that has just touched [m]
 STEP_ERROR = 5e-3  # a point that touches so far from all floors stands on something else [m]
-CLOCK = 1e-9  # a time span that is none but for rounding [s]
+CLOCK = 1e-9  # a shorter time span is rounding [s]
 
 
 class Filter(NamedTuple):

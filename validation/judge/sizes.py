@@ -30,7 +30,7 @@ def limit_in_si(limit: float, unit: str, scales: Mapping[str, Any]) -> Any:
         scales: ``body_weight`` [N] and ``foot_length`` [m], as :attr:`Comparison.scales` has them.
     """
     if unit in (FOOT_LENGTH, FOOT_MOMENTUM):
-        return np.round(limit * _size(unit, scales), 12)  # as it was before it was made a share
+        return np.round(limit * _size(unit, scales), 12)  # undo the normalisation's rounding
     return limit * _size(unit, scales)
 
 

@@ -130,7 +130,7 @@ def read_log(table: Mapping[str, Any], weight: float, name: str = "the log") -> 
     except KeyError as error:
         raise InputError(f"{name} has no {error.args[0]}; it needs {NEEDED}; it has {have}.") from None
     except ValueError as error:
-        raise InputError(f"{name}: a sensor's quaternion is none ({error}).") from None
+        raise InputError(f"{name}: invalid sensor quaternion ({error}).") from None
     _check_units(signals, name, weight)
     _check_force_line(signals, name, weight)
     known = np.asarray(np.isfinite(signals["force"]).all(axis=1))

@@ -98,7 +98,7 @@ def judge_run(directory: str | Path, profile: Profile | str | None = None) -> Sa
         The run with the new verdict in its summary.
 
     Raises:
-        InputError: the folder is none of a run, or the profile or one of the metrics is not known.
+        InputError: not a run folder, or the profile or one of the metrics is not known.
     """
     saved = load_saved_run(directory)
     if not isinstance(profile, Profile):

@@ -1,7 +1,7 @@
 """Step the physics again from a recorded start with the recorded torques, measure, and compare every bit.
 
 The controller is not used: a replay tests that the record holds everything that the physics depends on. The
-solver's warm start is none of it: a walk begins with that of new data, zero. Steps are logged and measured by
+solver's warm start is not needed: a walk begins with that of new data, zero. Steps are logged and measured by
 the functions of the walk itself, so that what was measured is compared as exactly as the states.
 """
 

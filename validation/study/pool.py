@@ -364,7 +364,7 @@ def _remote(address: str) -> Iterator[Any]:
             if not isinstance(json.loads(read_text(Path(address)))["address"], str):  # a client would wait
                 raise ValueError("its address is no text")
         else:
-            resolve_address(address)  # a client of an address that is none waits for a minute
+            resolve_address(address)  # with an invalid address a client waits for a minute
         client = Client(**where, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError, TypeError, KeyError, TimeoutError, InputError) as error:
         raise InputError(

@@ -140,7 +140,7 @@ class Push:
         numbers = isinstance(self.at, Real) and isinstance(self.duration, Real)
         if not (numbers and math.isfinite(self.at) and self.at >= 0.0 and self.duration > 0.0):
             raise InputError(
-                f"a push at {self.at} s for {self.duration} s is none; begin at 0 or later, and last above 0."
+                f"invalid push at {self.at} s for {self.duration} s; begin at 0 or later, and last above 0."
             )
 
     def apply(self, time: float, plant: Plant) -> None:

@@ -380,7 +380,7 @@ def _check_steps(plan: WalkPlan, run: RunParameters) -> None:
 
 
 def _check_posture(plan: WalkPlan, robot: Robot) -> None:
-    """Refuse a posture whose first state is none of the body."""
+    """Refuse a posture whose first state does not fit the model."""
     state = plan.table([0.0])[0]
     shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}
     for name, shape in shapes.items():

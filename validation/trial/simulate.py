@@ -357,7 +357,7 @@ class ClosedLoop:
             self._row[0] = reference.row if output.reference is None else output.reference.row
             status, residual = int(output.status), float(output.residual)
             if status not in (SOLVED, LIMITED, UNSOLVED):
-                raise ValueError(f"status {status} is none")
+                raise ValueError(f"{status} is not a QP status")
             if not self._act(k, status, residual, int(output.iterations), float(output.seconds)):
                 raise ValueError(self._not_finite())
         if self._steps is not None and self._steps.stepped is not None:

@@ -158,7 +158,7 @@ class Role:
             known |= {item.name: item.value for item in entry_points(group=f"ampm.{self.name}s")}
             if text not in known:
                 raise InputError(
-                    f"{self.key} {text!r} is none of {', '.join(known)}; take one of them, or "
+                    f"unknown {self.key} {text!r}; known: {', '.join(known)}; take one of them, or "
                     f"{self.otherwise}, for example mine:{self.name.capitalize()}.",
                     key=self.key,
                     value=text,

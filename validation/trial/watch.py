@@ -108,7 +108,7 @@ def posture(stance: Stance) -> tuple[float, float, float]:
 def stands(stance: Stance, scale: float) -> bool:
     """Whether a body has not fallen; ``scale`` is its size over 1.70 m."""
     height, apart, upright = posture(stance)
-    # Not so where a number is none.
+    # NaN counts as fallen.
     return abs(height - 1.0) <= FALL_SHARE and apart <= scale * FALL_DISTANCE and upright >= _FALL_COSINE
 
 

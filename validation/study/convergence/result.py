@@ -187,7 +187,7 @@ def combine(
 def _sum_of(name: str, estimates: Mapping[str, Estimate]) -> float:
     """Numerical uncertainty of a metric in its SI unit: the sum over its studies, infinite without a bound.
 
-    A count is exact. A self-check measures the error of the time step, so that is none of its own.
+    A count is exact. A self-check measures the error of the time step, and excludes that study.
     """
     metric = METRICS[name]
     if metric.nature == "count":

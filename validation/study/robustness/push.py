@@ -9,11 +9,11 @@ from ampm.geometry import Array
 from ampm.planner.contacts import Contacts
 
 DURATION = 0.1
-"""Of a push [s]."""
+"""Duration of the push [s]."""
 Direction = Literal["forward", "backward", "wider", "narrower"]
 DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
-"""Of a push, along and across the walk. *narrower* is over the foot of the single support in which, or before
-which, the push ends, so that the next step must narrow or cross; *wider* is away from it."""
+"""Directions of the push, along and across the walk. *narrower* is over the foot of the single support in
+which, or before which, the push ends, so that the next step must narrow or cross; *wider* is away from it."""
 PushPhase = Literal["early", "mid", "late", "double"]
 PUSH_PHASES: tuple[PushPhase, ...] = get_args(PushPhase)
 """When a push begins: at 12, 50, 85 % of a single support, or in mid double support after it."""

@@ -71,7 +71,7 @@ class Robustness(Tabled):
     def tables(self) -> list[Table]:
         """Largest value survived, and that within the tolerances, of every disturbance."""
         rule = f"survived by {needed(self.replicas)} of {self.replicas} walks"
-        note = f"Of a push of {DURATION:g} s the velocity change. A value counts with all smaller ones."
+        note = f"Pushes of {DURATION:g} s: the velocity change. A value counts with all smaller ones."
         return [
             Table(
                 f"{self.gait}, body {self.body}, controller {self.controller}: {rule}",
