@@ -171,9 +171,11 @@ def test_without_drake_the_message_has_the_pip_line(monkeypatch, ampm):
     assert isinstance(make_engine(model, mujoco.MjData(model)), MujocoEngine)
 
 
-def test_an_environment_is_mujocos():
-    with pytest.raises(InputError, match=r"leave out simulation\.engine"):
-        environment.load("normal", simulation={"engine": "drake"})
+def test_an_environment_is_stepped_by_drake(drake):
+    env = environment.load("normal", gait={"steps": 1}, simulation={"engine": "drake", "time_step": 0.002})
+    env.reset()
+    assert type(env.physics.physics.engine).__name__ == "DrakeEngine"
+    assert 0.0 <= env.step(np.zeros(env.action_spec().shape)).reward <= 1.0
 
 
 def test_dry_friction_is_refused(drake):
