@@ -12,7 +12,7 @@ from ampm.control.workspace import BALL, HEEL, TIP, Workspace
 
 LEVEL = 0.003
 """Height over the plan's floor that is not followed [m]: soles sink into any floor by a millimetre."""
-FLAT = 0.006
+FLAT = 0.012
 """Slope that is not followed [1]."""
 RATE = 40.0
 """Rate of the critically damped filter of the heights [1/s]."""
@@ -30,10 +30,10 @@ def follow_floor(work: Workspace) -> None:
     for i in range(len(feet)):
         foot, lines = feet[i], work.contact.lines[i]
         heel, ball, tip = lines[HEEL], lines[BALL], lines[TIP]
-        touching = heel.touching or ball.touching or tip.touching
-        foot.late = 0.0 if touching or not (heel.planned or ball.planned or tip.planned) else foot.late + tick
+        stands = heel.touched or ball.touched or tip.touched
+        foot.late = foot.late + tick if (heel.planned or ball.planned) and not stands else 0.0
         foot.hurry = min(HURRY * max(foot.late - PATIENCE, 0.0), FASTEST)
-        if heel.touched or ball.touched or tip.touched:
+        if stands:
             _feel(foot, heel, ball, work.body.com[2] - wanted.foot_position[i, 2])
         else:
             other = feet[1 - i]
