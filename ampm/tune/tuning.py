@@ -37,10 +37,10 @@ Report = Callable[[str], None]
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
 _SPARE = 0.4  # margin with which the values that there are stay
 _HOPELESS = -1.0  # margin below which no search with small margins follows
-_CHOICES = 110  # of the search and all searches for a way out
+_CHOICES = 100  # of the search and all searches for a way out
 _STARTS = 64  # spread over the ranges, where the search from the guess finds nothing
 _FROM_STARTS, _USEFUL = 40, 20  # choices of all searches from starts, and the fewest that one begins with
-_FOR_WAYS_OUT = 50  # choices of all searches for a way out, at least
+_FOR_WAYS_OUT = 40  # choices of all searches for a way out, at least
 _OF_A_WAY_OUT = 0.1  # margin that is enough for a way out
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
 _L_Z = "body.angular_momentum_z"
@@ -220,10 +220,11 @@ def _searches(
         balanced = _begun(still, robot, report, effort)
         if balanced.candidates[-1].orbit is not None:
             yield balanced, balanced.candidates[-1]
-            if not effort.starts:
-                return
             tried = len(balanced.candidates)
-            search.effort = replace(effort, choices=(_CHOICES - tried) // 2)
+            left = (_CHOICES - tried) // 2
+            if not effort.starts or left < _USEFUL:
+                return
+            search.effort = replace(effort, choices=left)
     yield search, first
     tried += len(search.candidates)
     left = min(_FROM_STARTS, (_CHOICES - tried) // 2)
