@@ -148,9 +148,9 @@ def pipe(path):
 
 CHANGES = {
     "a digest for none of the files": ("summary.json", with_files({}), "has no digest"),
-    "digests of another kind": ("summary.json", with_files([]), "no digests of files"),
+    "digests of another kind": ("summary.json", with_files([]), "is damaged: files"),
     "no summary": ("summary.json", lambda path: path.unlink(), "missing|has no"),
-    "a summary without metrics": ("summary.json", without("metrics"), "has changed"),
+    "a summary without metrics": ("summary.json", without("metrics"), "is damaged: metrics"),
     "a changed number": ("ticks.parquet", lambda path: rewritten(path, lambda t: t.slice(1)), "has changed"),
     "a file that was none of the run's": ("external.parquet", lambda path: path.touch(), "has no digest"),
     "a missing file": ("contacts.parquet", lambda path: path.unlink(), "is missing"),

@@ -281,7 +281,7 @@ def test_ones_own_estimator_walks_and_does_not_know_biases_and_seed():
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("kalmann", "none of exact, kalman"),
+        ("kalmann", "known: exact, kalman"),
         ("tests.test_sensors:Wrong", "estimator Wrong failed .* no State"),
         ("tests.test_sensors:Short", r"estimator Short failed .*'v' of its state must be \d+ finite"),
     ],

@@ -172,7 +172,7 @@ def test_a_walk_that_ctrl_c_ends_in_this_process_is_no_row(monkeypatch):
             class outcome:
                 name = "interrupted"
 
-    monkeypatch.setattr(run, "walk", lambda **_: Interrupted)
+    monkeypatch.setattr(run, "walk_request", lambda **_: Interrupted)
     with pytest.raises(KeyboardInterrupt):
         run.walk_run(request=None)
 
@@ -319,7 +319,7 @@ def test_a_dry_run_counts_refusals_and_times_one_walk(command, capsys, monkeypat
         if len(tried) == 1:
             raise REFUSAL
 
-    monkeypatch.setattr(run, "walk", walk)
+    monkeypatch.setattr(run, "walk_request", walk)
     assert command("--dry-run", "--json") == 0
     said = json.loads(capsys.readouterr().out)
     assert said["refused"] == {"switching_velocity_too_low": 3, "bad_parameter": 3}

@@ -139,7 +139,7 @@ LIMITS: Mapping[str, Limit] = {
         for name, (words, target) in _GROUPS.items()
     },
     "speed": Limit("largest share of a joint's speed limit", "1", 1.0, 0.9, "speed_limits"),
-    "gap": Limit("least distance of two parts", "m", CLEARANCE + _GAP_GRID, 0.012, "self_collision"),
+    "gap": Limit("least distance of two parts", "m", CLEARANCE + _GAP_GRID, 0.0135, "self_collision"),
     # Feedback needs what is left, above all in the hips, which stop and turn the legs of a fast gait.
     "hip_time": Limit(
         "mean use of a hip motor's last fifth of torque over a step", "1", 0.045, 0.02, "torque_limits"

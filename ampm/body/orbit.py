@@ -4,7 +4,7 @@ Unknowns are the state at the start of the step and the constant of L_y, which A
 the mirrored return of the state and the mean pitch of the trunk.
 
 The search runs on a coarse grid and ends on the fine one. It starts from a body that stands upright, and
-where that fails from the periodic step with a lower COM.
+where that fails from the periodic steps of easier plans: with a lower COM, or with less angular momentum.
 """
 
 import math

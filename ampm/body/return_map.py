@@ -26,8 +26,10 @@ _MAX_STEP = 0.5  # of a Newton step, in scaled units
 _DIFFERENCE = 1e-5  # step of finite differences, in scaled units
 _KRYLOV = 10  # largest dimension of the Krylov space
 _LEFT = 0.9  # share of the residual after a step above which the Jacobian, ten steps, is built anew [1]
-_DROPS = (0.06, 0.1)  # by how much the COM of a body of 1.70 m is lowered for another start [m]
-_LOWER_TOLERANCE = 1e-5  # of the step with a lower COM [rad, m, rad/s, m/s]
+_PATHS = (((0.06, 1.0),), ((0.1, 1.0),), ((0.06, 0.5), (0.03, 0.75)))
+"""Paths to a step from easier ones: how much lower the COM of a body of 1.70 m is [m], and the share of the
+angular momentum."""
+_EASIER_TOLERANCE = 1e-5  # of an easier step [rad, m, rad/s, m/s]
 
 
 class StepMap:
@@ -52,9 +54,10 @@ class StepMap:
         self.n = 2 * nv + 1
         self.scale = np.concatenate([np.ones(nv), np.full(nv, _VELOCITY_SCALE), [_OFFSET_SCALE]])
 
-    def lowered(self, drop: float) -> "StepMap":
-        """The map of the same step with the COM lower by ``drop`` [m]."""
-        return StepMap(self.ik, self.reference.lowered(drop), self.step_length, self.lean)
+    def easier(self, drop: float, share: float) -> "StepMap":
+        """The map of the same step with the COM lower by ``drop`` [m] and a share of the angular momentum."""
+        reference = self.reference.lowered(drop).with_momentum_share(share)
+        return StepMap(self.ik, reference, self.step_length, self.lean)
 
     def encode(self, q: Array, v: Array, offset: float) -> Array:
         """Unknowns of a start state and a constant of L_y [N m s]."""
@@ -243,7 +246,7 @@ def newton(
 
 
 def start_orbit(step_map: StepMap, tolerance: float) -> Orbit:
-    """Fixed point of a map from a body that stands upright, else from the periodic step with a lower COM.
+    """Fixed point of a map from a body that stands upright, else from the periodic steps of easier ones.
 
     Args:
         step_map: the map.
@@ -256,17 +259,21 @@ def start_orbit(step_map: StepMap, tolerance: float) -> Orbit:
         return newton(step_map, step_map.guess(), tolerance)
     except Unreachable as error:
         cause = error
-    for drop in (step_map.ik.robot.description.scale * drop for drop in _DROPS):
-        lower = step_map.lowered(drop)
+    scale, enough = step_map.ik.robot.description.scale, max(tolerance, _EASIER_TOLERANCE)
+    for path in _PATHS:
+        first, *others = (step_map.easier(scale * drop, share) for drop, share in path)
         try:
-            orbit = newton(lower, lower.guess(), max(tolerance, _LOWER_TOLERANCE))
+            orbit = newton(first, first.guess(), enough)
+            for easier in others:
+                orbit = newton(easier, orbit.z, enough, orbit.inverse)
         except Unreachable:
             continue
         try:
             return newton(step_map, orbit.z, tolerance, orbit.inverse)
         except Unreachable as error:
-            error.drop = drop
-            raise
+            if not others and not cause.drop:
+                error.drop = scale * path[0][0]
+                cause = error
     raise cause
 
 

@@ -11,7 +11,8 @@ from ampm.planner.support import StepPlan
 
 Array = NDArray[np.float64]
 
-_L_Y = 4  # row of the angular momentum about y
+_MOMENTUM = slice(3, 5)  # rows of the angular momentum about x and y
+_L_Y = 4
 
 
 class StepReference(NamedTuple):
@@ -38,6 +39,13 @@ class StepReference(NamedTuple):
         position = self.position.copy()
         position[:, 0, 2] -= drop
         return self._replace(position=position)
+
+    def with_momentum_share(self, share: float) -> "StepReference":
+        """The same step with a share of the angular momentum, which is easier for trunk and arms."""
+        velocity, acceleration = self.velocity.copy(), self.acceleration.copy()
+        velocity[:, _MOMENTUM] *= share
+        acceleration[:, _MOMENTUM] *= share
+        return self._replace(velocity=velocity, acceleration=acceleration)
 
     def with_angular_momentum_y(self, constant: float) -> "StepReference":
         """The same step with a constant more of L_y over the mass [m^2/s]."""

@@ -24,8 +24,6 @@ PHASE_NAMES = ("single_support", "double_support")
 """Values of :attr:`Phase.kind`; a sample's ``phase`` is the place of its kind here."""
 TIME_TOLERANCE = 1e-9
 """Times this far outside a plan are taken as its ends [s]."""
-LONGEST_SWING = 10.0
-"""Longest time for which one foot stands [s]; the COM's law grows beyond a number's digits after it."""
 STANCE_NAMES = ("left", "right", "both")
 """Values of :attr:`Phase.stance`; a sample's ``stance`` is the place of its name here."""
 
@@ -264,14 +262,9 @@ def footprint(sole: SoleGeometry, step: Footstep) -> NDArray[np.float64]:
 
 
 def check_landing(number: int, landing: float, lifted: float, least: float) -> None:
-    """Refuse a landing of the footstep at an index that leaves less than a time to swing [s], or too much."""
+    """Refuse a landing of the footstep at an index that leaves less than a time to swing [s]."""
     if not landing - lifted >= least:
         raise InputError(
             f"footstep {number + 1} is reached at {landing:g} s, but its swing begins at {lifted:.4g} s; "
             f"give a time of at least {lifted + least:.4g} s."
-        )
-    if landing - lifted > LONGEST_SWING:
-        raise InputError(
-            f"footstep {number + 1} is reached at {landing:g} s, but its swing begins at {lifted:.4g} s, and "
-            f"one foot stands for at most {LONGEST_SWING:g} s; give times in seconds."
         )

@@ -74,6 +74,14 @@ front foot comes down turning (``foot.heel_strike_rate``), the swing foot's feed
 (``controller.swing_stiffness``, ``controller.swing_damping``), and L_z is held at zero where the feet could
 not hold its swing (``body.angular_momentum_z``)."""
 _ROLLING = {"toe_off", "toe_turn", "toe_back", "strike", "down"}  # without effect on flat feet
+_SPREAD = {
+    "ratio": (-0.45, 0.1),
+    "height": (-0.5, 0.05),
+    "width": (-0.45, 0.05),
+    "toe_off": (-0.05, 0.45),
+    "strike": (-0.05, 0.4),
+}
+"""Where other starts lie about the guess, as shares of a choice's range: mostly where the legs reach."""
 _RANGE = {choice.name: choice for choice in CHOICES}
 
 
@@ -112,6 +120,14 @@ class FreeChoices:
             x[j] = max(self.lower[j], x[j] - drop)
         return x
 
+    def spread(self, guess: Array, number: int) -> Array:
+        """Choices about a guess, evenly spread (Sobol) and always the same, shape (number, choices)."""
+        from scipy.stats import qmc  # takes nearly a second to import
+
+        low, high = np.array([_SPREAD.get(name, (-0.3, 0.3)) for name in self.names]).T
+        share = low + (high - low) * qmc.Sobol(len(self.names), rng=0).random(number)
+        return np.clip(guess + share * (self.upper - self.lower), self.lower, self.upper)
+
     def values(self, run: RunParameters) -> dict[str, float | str]:
         """Free keys and their values in a run with choices."""
         idle = {_RANGE[name].key for name in self.useless}
@@ -139,7 +155,7 @@ class FreeChoices:
                 "foot.swing_lag": choice["lag"],
             },
         )
-        plan = plan_gait(run.gait, run.body.mass)
+        plan = plan_gait(_begin(run.gait), run.body.mass)
         gains, swing = self.run.controller, plan.constants.single_support_duration
         faster = max(1.0, _SWING_RATE / (swing * math.sqrt(max(gains.swing_stiffness, 1.0))))
         run = self._replaced(
@@ -156,7 +172,7 @@ class FreeChoices:
         rolling = self._rolling(run, choice, double, lead)
         if "foot.heel_rise_lead" in self.fixed:
             return rolling
-        late = _later_rise(plan_steps(rolling.gait, rolling.body.mass, rolling.foot, self.sole))
+        late = _later_rise(plan_steps(_begin(rolling.gait), rolling.body.mass, rolling.foot, self.sole))
         late = min(late, 0.7 * (double + lead))
         return self._rolling(rolling, choice, double, lead - late) if late > 0.0 else rolling
 
@@ -251,7 +267,7 @@ class FreeChoices:
 
     def _steps(self, choice: Mapping[str, float]) -> StepPlan:
         run = self.parameters(choice)
-        return plan_steps(run.gait, run.body.mass, run.foot, self.sole)
+        return plan_steps(_begin(run.gait), run.body.mass, run.foot, self.sole)
 
     def _timing(self, choice: Mapping[str, float]) -> dict[str, float]:
         """Keys that decide whether the COM passes over the foot."""
@@ -322,6 +338,11 @@ class FreeChoices:
             return float(brentq(spare, lowest, top, xtol=1e-4))
         except RefusedGait:
             return choice["height"]
+
+
+def _begin(gait: GaitParameters) -> GaitParameters:
+    """The gait's first two steps, which are like all others."""
+    return gait.model_copy(update={"steps": 2})
 
 
 def _heel_rise_lead(plan: CentroidalPlan, ball: float) -> float:

@@ -7,8 +7,6 @@ from ampm.body.limits import LIMITS
 from ampm.exceptions import BodilyRefusal
 from ampm.tune.search import ChoiceSearch
 
-_NONE = "no choice of timing, heights and angles lets this body walk the gait"
-
 
 class NoFeasibleChoice(BodilyRefusal):
     """No choice was found; value and limit are those of the best that was tried.
@@ -29,13 +27,12 @@ def broken_limit(name: str, values: Mapping[str, float], tried: int) -> NoFeasib
     Args:
         name: in :data:`LIMITS`.
         values: of all known limits for the best choice.
-        tried: number of choices.
+        tried: number of choices; 1 where the best choice of all is known.
     """
     limit, value = LIMITS[name], values[name]
     reached, rule = limit.told(value)
-    best = f"at best of {tried} choices" if tried > 1 else "at best"
     return NoFeasibleChoice(
-        f"{_NONE}: {limit.what} is {reached} {best} and must be {rule}",
+        f"{_none(tried)}: {limit.what} is {reached} at best and must be {rule}",
         tried=tried,
         values=values,
         reason=limit.reason,
@@ -45,15 +42,15 @@ def broken_limit(name: str, values: Mapping[str, float], tried: int) -> NoFeasib
     )
 
 
-def no_feasible_choice(search: ChoiceSearch) -> NoFeasibleChoice:
+def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
     """The limit that stayed broken in the best of all choices, or why none has a periodic step."""
-    tried, best = len(search.candidates), search.best()
+    best = search.best()
     if best.orbit is not None:
         margins = best.margins()
         return broken_limit(min(margins, key=lambda name: margins[name]), best.values, tried)
     why = next((candidate.why for candidate in search.candidates if candidate.why is not None), None)
     return NoFeasibleChoice(
-        f"{_NONE}: {why or 'the formula has no solution'}",
+        f"{_none(tried)}: {why or 'the formula has no solution'}",
         tried=tried,
         values=best.values,
         reason="no_periodic_motion",
@@ -61,3 +58,9 @@ def no_feasible_choice(search: ChoiceSearch) -> NoFeasibleChoice:
         limit=0.0 if why is None else why.limit,
         unit="1" if why is None else why.unit,
     )
+
+
+def _none(tried: int) -> str:
+    """What was found of so many choices that were tried, in words."""
+    none = "no choice" if tried == 1 else f"none of {tried} choices"
+    return f"{none} of timing, heights and angles lets this body walk the gait"

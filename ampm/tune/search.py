@@ -32,10 +32,12 @@ class Effort:
     Attributes:
         choices: after which it ends.
         enough: least margin at which it ends [1].
+        starts: spread over the ranges, from which others begin where the first finds nothing.
     """
 
     choices: int = 120
     enough: float = 0.9
+    starts: int = 0
 
 
 _NODES = (32, 14)  # intervals of the grid in single and double support
@@ -44,6 +46,7 @@ _DIFFERENCE = 0.015  # step of finite differences, as a share of a choice's rang
 _PULL = 0.06  # weight of the distance to the guess
 _TRIES = 30  # steps after which a search ends
 _RADIUS, _LEAST_RADIUS = 0.3, 0.02  # trust region at first, and that at which slopes are renewed [slacks]
+_ENOUGH_ORBITS = 8  # of starts that are spread over the ranges
 _LITTLE = 0.02  # share of the residuals' squares that is worth another step
 _PROGRESS = 0.8  # what must be left of them at most to compute the slopes again
 
@@ -156,6 +159,17 @@ class ChoiceSearch:
         self.candidates.append(candidate)
         return candidate
 
+    def spread(self, starts: int) -> list[Candidate]:
+        """Those of choices spread over the ranges that have a periodic step, the least residuals first."""
+        found: list[Candidate] = []
+        for x in self.space.spread(self.guess, starts):
+            candidate = self.evaluate(x)
+            if candidate.orbit is not None:
+                found.append(candidate)
+            if len(found) == _ENOUGH_ORBITS:
+                break
+        return sorted(found, key=lambda candidate: float((_missing(candidate.detail, 1.0) ** 2).sum()))
+
     def _judged(self, x: Array, near: Candidate | None) -> Candidate:
         space, orbits = self.space, self.orbits
         try:
@@ -224,7 +238,8 @@ class ChoiceSearch:
             if expected < _LITTLE * before:
                 stale = True
                 continue
-            trial = self.evaluate(here.x + step * space.slack, here)
+            x = np.clip(here.x + step * space.slack, space.lower, space.upper)  # for rounding
+            trial = self.evaluate(x, here)
             self.report(f"worst margin {trial.worst():.2f} after {len(self.candidates)} choices")
             gain = (before - cost(trial)) / expected
             if gain > -1.0:

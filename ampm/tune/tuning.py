@@ -10,12 +10,12 @@ of that step under the planned ground force are evaluated: no simulation.
 
 In order: the values that there are, a preset's own or defaults, which stay if every limit is kept with room
 to spare; the guess and least squares from there, with L_z held at zero where the feet would twist the floor;
-the values that there are, if they keep the limits at all.
+the values that there are, if they keep the limits at all; least squares from other starts.
 """
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 from ampm.body.inverse_kinematics import Unreachable
 from ampm.body.limits import LIMITS
@@ -28,7 +28,7 @@ from ampm.planners import PeriodicPlanner
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import least, orbit_margins, plan_margins
 from ampm.tune.refusal import NoFeasibleChoice, broken_limit, no_feasible_choice
-from ampm.tune.search import ChoiceSearch, Effort, RoughOrbits
+from ampm.tune.search import Candidate, ChoiceSearch, Effort, RoughOrbits
 from ampm.tune.ways_out import ways_out
 from ampm.walk import WalkPlan
 
@@ -37,7 +37,10 @@ Report = Callable[[str], None]
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
 _SPARE = 0.4  # margin with which the values that there are stay
 _HOPELESS = -1.0  # margin below which no search with small margins follows
-_CHOICES = 110  # of the search and all searches for a way out
+_CHOICES = 100  # of the search and all searches for a way out
+_STARTS = 64  # spread over the ranges, where the search from the guess finds nothing
+_FROM_STARTS, _USEFUL = 40, 20  # choices of all searches from starts, and the fewest that one begins with
+_FOR_WAYS_OUT = 40  # choices of all searches for a way out, at least
 _OF_A_WAY_OUT = 0.1  # margin that is enough for a way out
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
 _L_Z = "body.angular_momentum_z"
@@ -102,10 +105,10 @@ def tune(run: RunParameters, robot: Robot, *, progress: Report | None = None, ad
             return False, getattr(error, "tried", 1)
 
     try:
-        return _tuned(run, robot, report, Effort())
+        return _tuned(run, robot, report, Effort(starts=_STARTS))
     except RefusedGait as error:
         if advise:
-            left = _CHOICES - getattr(error, "tried", 1)
+            left = max(_CHOICES - getattr(error, "tried", 1), _FOR_WAYS_OUT)
             error.way_out = ways_out(run, robot.description, accepts, left)
         raise
 
@@ -123,12 +126,13 @@ def _tuned(run: RunParameters, robot: Robot, report: Report, effort: Effort) -> 
     present = _present(space, robot)
     if present is not None and present.worst() >= _SPARE:
         return present
+    kept = present is not None and present.worst() >= -_GRID
     try:
-        tuned = _searched(space, robot, report, effort)
+        tuned = _searched(space, robot, report, replace(effort, starts=0) if kept else effort)
     except RefusedGait as error:
         if present is None:
             raise
-        if present.worst() >= -_GRID:
+        if kept:
             return present
         error.add_note("as it is, the gait has a plan beyond these limits: --as-is walks it")
         raise
@@ -162,21 +166,76 @@ def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
 
 
 def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> Tuned:
-    """The best choice of a search; with L_z held at zero where the guess would twist the feet.
-
-    The arms then balance the legs about the vertical, which takes from the feet's twisting moment.
+    """The best choice of the first search that finds one, with its plan over all steps and its motion.
 
     Raises:
-        RefusedGait: there is none.
+        MathematicalRefusal: there is no guess.
+        NoFeasibleChoice: none finds one, or its motion is refused.
+    """
+    searches = list[ChoiceSearch]()
+    refusal = None
+    for search, start in _searches(space, robot, report, effort):
+        searches += [] if search in searches else [search]
+        best = _improved(search, start)
+        if best.worst() < 0.0:
+            continue
+        try:
+            plan = PeriodicPlanner().plan(best.run, robot)
+        except BodilyRefusal as error:
+            values, refusal = best.values, error
+        else:
+            found = search.space.values(best.run)
+            return Tuned(best.run.as_is(), plan, found, best.values, len(search.candidates))
+    tried = sum(len(search.candidates) for search in searches)
+    if refusal is None:
+        raise no_feasible_choice(max(searches, key=lambda search: search.best().worst()), tried)
+    raise NoFeasibleChoice(
+        f"the best choice just fails: {refusal.args[0]} ({tried} choices tried)",
+        tried=tried,
+        values=values,
+        reason=refusal.reason,
+        value=refusal.value,
+        limit=refusal.limit,
+        unit=refusal.unit,
+    ) from refusal
+
+
+def _searches(
+    space: FreeChoices, robot: Robot, report: Report, effort: Effort
+) -> Iterator[tuple[ChoiceSearch, Candidate]]:
+    """Searches in turn, and the choices that they go on from.
+
+    The first begins with the guess; with L_z held at zero where that would twist the feet: the arms then
+    balance the legs about the vertical, which takes from the feet's twisting moment. Where it finds nothing,
+    others begin with starts that are spread over the ranges.
+
+    Raises:
+        MathematicalRefusal: there is no guess.
     """
     search = _begun(space, robot, report, effort)
-    twist = search.candidates[-1].margins().get("twist", math.inf)
+    first, tried = search.candidates[-1], 0
+    twist = first.margins().get("twist", math.inf)
     if _L_Z not in space.fixed and twist < Effort().enough:
         still = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description)
         balanced = _begun(still, robot, report, effort)
         if balanced.candidates[-1].orbit is not None:
-            search = balanced
-    return _confirmed(search)
+            yield balanced, balanced.candidates[-1]
+            tried = len(balanced.candidates)
+            left = (_CHOICES - tried) // 2
+            if not effort.starts or left < _USEFUL:
+                return
+            search.effort = replace(effort, choices=left)
+    yield search, first
+    tried += len(search.candidates)
+    left = min(_FROM_STARTS, (_CHOICES - tried) // 2)
+    if not effort.starts or not space.names or left < _USEFUL:
+        return
+    search = ChoiceSearch(space, RoughOrbits(robot, space.run), report, effort)
+    found = search.spread(effort.starts)
+    search.effort = replace(effort, choices=len(search.candidates) + left)
+    for start in found or search.candidates[-1:]:
+        if search.effort.choices - len(search.candidates) >= _USEFUL:
+            yield search, start
 
 
 def _begun(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> ChoiceSearch:
@@ -192,32 +251,12 @@ def _begun(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> 
     return search
 
 
-def _confirmed(search: ChoiceSearch) -> Tuned:
-    """The best choice of a search that has begun, with its plan over all steps and its motion.
-
-    Raises:
-        NoFeasibleChoice: there is none, or the motion is refused.
-    """
-    space, best = search.space, search.candidates[-1]
+def _improved(search: ChoiceSearch, best: Candidate) -> Candidate:
+    """The best choice of a search that goes on from one with a periodic step; without, the one itself."""
     if best.orbit is not None:
         best = search.minimise(best)
-    if best.worst() < 0.0 and best.orbit is not None:  # a hard limit is broken
-        if search.best().worst() > _HOPELESS:  # go on with small margins
-            search.minimise(best, wanted=0.15, pull=0.02, enough=0.1)
-        best = search.best()
-    if best.worst() < 0.0:
-        raise no_feasible_choice(search)
-    try:
-        plan = PeriodicPlanner().plan(best.run, search.orbits.robot)
-    except BodilyRefusal as error:
-        tried = len(search.candidates)
-        raise NoFeasibleChoice(
-            f"the best choice just fails: {error.args[0]} ({tried} choices tried)",
-            tried=tried,
-            values=best.values,
-            reason=error.reason,
-            value=error.value,
-            limit=error.limit,
-            unit=error.unit,
-        ) from error
-    return Tuned(best.run.as_is(), plan, space.values(best.run), best.values, len(search.candidates))
+        if best.worst() < 0.0:  # a hard limit is broken
+            if search.best().worst() > _HOPELESS:  # go on with small margins
+                search.minimise(best, wanted=0.15, pull=0.02, enough=0.1)
+            best = search.best()
+    return best

@@ -353,7 +353,8 @@ def plan_walk(
         if not checked:
             _check_posture(plan, body.robot)
             check_contacts(plan)
-            _check_steps(plan, run)
+            if not says.get("gives_steps", False):
+                _check_steps(plan, run)
     if run.footsteps and not checked:
         _check_footsteps(plan, run, name)
     goes_on: Any = planner if replan_period(planner) < math.inf else None
