@@ -13,6 +13,7 @@ from ampm.parameters import RunParameters
 from tests.sweep_table import make_table, write_sweep
 from validation.cli.app import call
 from validation.store.identity import parameter_values, run_key
+from validation.study import walk_options
 from validation.study.exceptions import StudyStopped
 from validation.study.row_file import ROWS, RowFile
 from validation.study.sweep import report, run
@@ -172,7 +173,8 @@ def test_a_walk_that_ctrl_c_ends_in_this_process_is_no_row(monkeypatch):
             class outcome:
                 name = "interrupted"
 
-    monkeypatch.setattr(run, "walk_request", lambda **_: Interrupted)
+    monkeypatch.setattr(walk_options, "plan_walk", lambda *_, **__: None)
+    monkeypatch.setattr(walk_options, "walk_planned", lambda *_, **__: Interrupted)
     with pytest.raises(KeyboardInterrupt):
         run.walk_run(request=None)
 

@@ -88,8 +88,8 @@ def randomise(c, robot, rng, k):
     c.sensed.normal_force[:] = c.sensed.contact * sensed
     c.contact.solution[:] = rng.uniform(0.0, 0.2, len(c.contact.solution))
     c.joints.torque_limit[:] = robot.torque_limit * rng.choice([0.1, 1e3])
-    c.body.feet["slope"], c.body.feet["raised_rate"] = 0.0, 0.0
-    c.body.feet["floor"] = c.body.feet["raised"] = 0.005 * rng.normal(size=2)
+    for name in ("floor", "slope", "raised", "raised_rate"):
+        c.body.feet[name] = 0.0
 
 
 @cache

@@ -20,6 +20,8 @@ from ampm.planner.swings import plan_swings
 
 LONGEST = 2.0
 """Time by which a swing may be longer than the gait's [s]; on one foot a COM out of place falls within it."""
+LONGEST_STAND = 60.0
+"""Longest time from a foot's lift-off to its landing, a stand before it included [s]."""
 REST = 2.0
 """Time for which the body stands after the walk [s]."""
 
@@ -86,6 +88,11 @@ def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[i
             raise InputError(
                 f"footstep {number + 1} is reached at {landing:g} s, so that its swing takes "
                 f"{landing - lifted:.4g} s; give a time of at most {lifted + single + LONGEST:.4g} s."
+            )
+        if not landing - lifted <= LONGEST_STAND:
+            raise InputError(
+                f"footstep {number + 1} is reached at {landing:g} s, {landing - lifted:.4g} s after the step "
+                f"before it; a walk stands for at most {LONGEST_STAND:g} s. Give times in seconds."
             )
         lifted = landing + double
     return [*parts, (first, len(landings), begin)]
