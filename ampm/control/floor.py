@@ -14,6 +14,8 @@ LEVEL = 0.003
 """Height over the plan's floor that is not followed [m]: soles sink into any floor by a millimetre."""
 FLAT = 0.012
 """Slope that is not followed [1]."""
+UPRIGHT = 0.995
+"""Cosine of a sole's tilt below which it stands on an edge."""
 RATE = 40.0
 """Rate of the critically damped filter of the heights [1/s]."""
 PATIENCE = 0.016
@@ -28,17 +30,15 @@ def follow_floor(work: Workspace) -> None:
     feet, wanted, tick = work.body.feet, work.wanted, 1.0 / work.gains.frequency
     right = wanted.right_load[0]
     for i in range(len(feet)):
-        foot, lines = feet[i], work.contact.lines[i]
-        heel, ball, tip = lines[HEEL], lines[BALL], lines[TIP]
-        stands = heel.touched or ball.touched or tip.touched
-        foot.late = foot.late + tick if (heel.planned or ball.planned) and not stands else 0.0
-        foot.hurry = min(HURRY * max(foot.late - PATIENCE, 0.0), FASTEST)
-        if stands:
-            _feel(foot, heel, ball, work.body.com[2] - wanted.foot_position[i, 2])
-        else:
-            other = feet[1 - i]
+        foot, other, lines = feet[i], feet[1 - i], work.contact.lines
+        if _stands(lines[i]):
+            _feel(foot, lines[i], work.body.com[2] - wanted.foot_position[i, 2])
+        elif _stands(lines[1 - i]):
             x, y, _ = wanted.foot_position[i] - wanted.foot_position[1 - i]
             foot.floor = other.floor + other.slope[0] * x + other.slope[1] * y
+        planned = lines[i, HEEL].planned or lines[i, BALL].planned
+        foot.late = foot.late + tick if planned and not _stands(lines[i]) else 0.0
+        foot.hurry = min(HURRY * max(foot.late - PATIENCE, 0.0), FASTEST)
         change = RATE * (RATE * (foot.floor - foot.raised) - 2.0 * foot.raised_rate)
         foot.raised_rate += tick * change
         foot.raised += tick * foot.raised_rate
@@ -50,17 +50,24 @@ def follow_floor(work: Workspace) -> None:
 
 
 @compiled
-def _feel(foot: Any, heel: Any, ball: Any, height: float) -> None:
-    """Height and slope of the floor under a foot whose whole sole carries load.
+def _stands(lines: Any) -> bool:
+    """Whether any line of a foot has touched down."""
+    return bool(lines[HEEL].touched or lines[BALL].touched or lines[TIP].touched)
+
+
+@compiled
+def _feel(foot: Any, lines: Any, height: float) -> None:
+    """Height and slope of the floor under a foot that stands flat, as planned.
 
     Args:
         foot: it keeps both.
-        heel: its line.
-        ball: likewise.
+        lines: of the foot.
         height: of the COM over the planned sole [m].
     """
-    loaded = heel.opening == 1.0 and heel.limit == 1.0 and ball.opening == 1.0
-    if loaded and heel.touching and ball.touching:
+    heel, ball = lines[HEEL], lines[BALL]
+    planned = heel.planned and ball.planned
+    loaded = planned and heel.opening == 1.0 and heel.limit == 1.0 and ball.opening == 1.0
+    if loaded and heel.touching and ball.touching and foot.pose[2, 2] > UPRIGHT:
         foot.floor = _beyond(height + foot.place[2], LEVEL)
         foot.slope[0] = _beyond(-foot.pose[0, 2] / foot.pose[2, 2], FLAT)
         foot.slope[1] = _beyond(-foot.pose[1, 2] / foot.pose[2, 2], FLAT)

@@ -200,6 +200,8 @@ def draw_run(folder: Path, name: str = "", progress: Progress | None = None) -> 
         saved = load_saved_run(folder, check=False)
         write_recording(saved)
     with progress.stage(f"{name}: report"):
-        from validation.show.report import write_report  # matplotlib takes long to load
+        from validation.show.report import (
+            write_report,
+        )
 
         write_report(saved)
