@@ -10,9 +10,9 @@ from typing import Any
 from ampm.compiled import compiled
 from ampm.control.workspace import BALL, HEEL, TIP, Workspace
 
-LEVEL = 0.003
-"""Height over the plan's floor that is not followed [m]: soles sink into any floor by a millimetre."""
-FLAT = 0.012
+LEVEL = 0.008
+"""Height over the plan's floor that is not followed [m]: soles sink into a floor by some millimetres."""
+FLAT = 0.03
 """Slope that is not followed [1]."""
 UPRIGHT = 0.995
 """Cosine of a sole's tilt below which it stands on an edge."""
