@@ -340,9 +340,9 @@ def test_an_interrupt_keeps_whole_steps(monkeypatch, spoil, tmp_path, where, at)
 
 
 def test_a_fall_between_control_ticks_is_noticed():
-    record = walk("controller.frequency=20", "controller.hold=zero-order")
+    record = walk("controller.frequency=25", "controller.hold=zero-order")
     assert record.outcome.name == OutcomeName.FELL
-    assert record.steps % 25 > 1  # neither at a tick nor at the step after it
+    assert record.steps % 20 > 1  # neither at a tick nor at the step after it
 
 
 def test_a_qp_that_the_solver_refuses_ends_the_walk_and_keeps_its_record(spoil):

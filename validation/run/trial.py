@@ -200,8 +200,6 @@ def draw_run(folder: Path, name: str = "", progress: Progress | None = None) -> 
         saved = load_saved_run(folder, check=False)
         write_recording(saved)
     with progress.stage(f"{name}: report"):
-        from validation.show.report import (
-            write_report,
-        )
+        from validation.show.report import write_report  # draws, which takes long to load
 
         write_report(saved)
