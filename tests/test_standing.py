@@ -5,21 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ampm.exceptions import BodilyRefusal
 from ampm.parameters import RunParameters
-from models.human import build
 from validation.measure.measure import measure
-from validation.run.standing import stand
-from validation.trial.bridge import pinocchio_model, to_pinocchio
-from validation.trial.plan import Body
+from validation.trial.bridge import to_pinocchio
+from validation.trial.plan import Request, plan_walk
+from validation.trial.simulate import simulate
 
-RUN = RunParameters()
+RUN = RunParameters(gait={"planner": "none"}, command={"duration": 2.0})
 
 
 def test_a_still_body_presses_with_its_weight_under_its_com():
-    body = build(RUN.body, RUN.contact, RUN.simulation)
-    model = pinocchio_model(body.compile())
-    record = stand(RUN, Body.of(body), 2.0)
+    planned = plan_walk(Request("standing", RUN))
+    model = planned.body.robot.model
+    record = simulate(planned)
     measured = measure(record, model, to_pinocchio)
     rest = measured.time >= 1.5
     force = measured.force[rest].mean(axis=0)
@@ -31,9 +29,3 @@ def test_a_still_body_presses_with_its_weight_under_its_com():
     scaled = measure(replace(record, point_force=1.001 * record.point_force), model, to_pinocchio)
     residual = scaled.self_checks.impulse_residual - measured.self_checks.impulse_residual
     assert residual == pytest.approx(0.001, rel=1e-3)
-
-
-def test_a_com_that_is_too_high_is_refused():
-    run = RUN.replace({"gait.com_height": 1.2})
-    with pytest.raises(BodilyRefusal, match=r"1\.2 m; lower gait\.com_height"):
-        stand(run, Body.of(build(run.body, run.contact, run.simulation)), 1.0)

@@ -50,6 +50,12 @@ def _excess(walk: Comparison) -> float | None:
     return max(0.0, margins["speed"].value - 1.0) if "speed" in margins else None
 
 
+def _velocity_error(walk: Comparison, part: int) -> float | None:
+    """Distance of one part of the mean velocity from the commanded one; None where none was commanded."""
+    velocity = walk.costs.get("velocity")
+    return None if velocity is None else abs(velocity["measured"][part] - velocity["commanded"][part])
+
+
 def _drift(walk: Comparison) -> float | None:
     """Drift in a step [m]; None for less than three steps, or where the first or last was not measured."""
     ends = walk.plan.contacts.step_ends
@@ -115,8 +121,10 @@ def _change_rate(walk: Comparison) -> float | None:
     return None if changes is None else changes / float(walk.time[-1] + walk.record.time_step)
 
 
-def _newton_residual(walk: Comparison) -> float:
-    """Largest contradiction in a plan that was followed, as a distance of its ZMP [m]."""
+def _newton_residual(walk: Comparison) -> float | None:
+    """Largest contradiction in a plan that was followed, as a distance of its ZMP [m]; None without one."""
+    if walk.plan.command is not None:
+        return None
     return max(frozen.newton_residual for frozen in walk.followed.plans)
 
 
@@ -141,9 +149,14 @@ def _force_gap(walk: Comparison) -> float:
 
 
 def _equations(walk: Comparison, which: str) -> float | None:
-    """Defect of the equations of motion, relative to the median change of velocity; None if not checked."""
-    found = walk.measured.self_checks.equations
-    return None if found is None else float(getattr(found, which)) / found.change
+    """Defect of the equations of motion, relative to the median change of velocity; None if not checked.
+
+    The velocity of a body that stands still changes by rounding only: a thousandth of a fall's counts.
+    """
+    found, record = walk.measured.self_checks.equations, walk.record
+    if found is None:
+        return None
+    return float(getattr(found, which)) / max(found.change, 1e-3 * record.gravity * record.time_step)
 
 
 def has_qp(record: SimulationRecord) -> bool:
@@ -167,6 +180,9 @@ COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
     "slip_maximum": _slip,
     "clearance_shortfall": _shortfall,
     "speed_excess": _excess,
+    "velocity_x_error": lambda walk: _velocity_error(walk, 0),
+    "velocity_y_error": lambda walk: _velocity_error(walk, 1),
+    "yaw_rate_error": lambda walk: _velocity_error(walk, 2),
     "drift_per_step": _drift,
     "plan_newton_residual": _newton_residual,
     "plan_moved_zmp_maximum": _zmp_moved_most,

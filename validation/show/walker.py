@@ -109,8 +109,8 @@ def _draw_pose(
         corners = outline(model, data, geom, plane) - middle
         chart.area(corners[:, 0], corners[:, 1], colors[geom], opacity=0.35, edge=FAINT)
     chart.level(floor, FAINT, 0.8)
-    weight = float(signals["plan_force_z"][0])
-    scale = _ARROW * com[2] / weight if weight > 0.0 else 0.0
+    weight = float(model.body_mass.sum() * -model.opt.gravity[2])
+    scale = _ARROW * com[2] / weight
     for kind, color, width in (("plan", PLAN, 4.0), ("measured", MEASURED, 1.5)):
         zmp = plane @ [*signals.vector(f"{kind}_zmp", "xy")[0], floor] - middle
         tip = zmp + scale * plane @ signals.vector(f"{kind}_force")[0]

@@ -82,6 +82,15 @@ class PlanRows:
         margin = np.where(self.contact.any(axis=1), margin, -np.inf)
         return np.where(np.isnan(self.points[:, 0, 0]), np.nan, margin)
 
+    def without_plan(self, stance: NDArray[np.int8]) -> PlanRows:
+        """NaN for all that is planned, and what stands, shape (N,), in place of the planned stance."""
+        unknown = {
+            name: np.full(values.shape, np.nan)
+            for name, values in self.columns.items()
+            if values.dtype == np.float64 and name != "time"
+        }
+        return PlanRows({**self.columns, **unknown, "stance": stance, "phase": (stance == 2).astype(np.int8)})
+
     def at(self, times: Array) -> PlanRows:
         """Rows at times (M,) [s], between two instants on a straight line, outside at the first or last."""
         own = self.time

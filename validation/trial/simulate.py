@@ -18,7 +18,7 @@ import numpy as np
 from ampm.compiled import bound
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
-from ampm.parameters import DisturbanceParameters
+from ampm.parameters import NO_PLAN, DisturbanceParameters
 from ampm.planner.heights import uneven
 from ampm.stepping.tracker import SteppedTick
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, State, Timing, Touch
@@ -34,6 +34,7 @@ from validation.trial.readings import Sensing, make_estimator
 from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References
 from validation.trial.step import act, end_step, sense
+from validation.trial.unplanned import Supports
 from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
 from validation.trial.watch import End, Watch
 
@@ -114,6 +115,8 @@ def simulate(
     since = tuple(first * tick for first in course.since)
     followed = Followed(tuple(course.plans), since, tuple(loop.stepped), tick)
     outcome, named = record.outcome, ""
+    if plan.command is not None:
+        outcome = replace(outcome, steps_completed=Supports.of(record).steps)
     if factory is not TrackingController:
         named = CONTROLLER.name_of(factory)
     elif run.controller.stabilizer == "fixed" and (forces or run.disturbance != DisturbanceParameters()):
@@ -237,7 +240,8 @@ class ClosedLoop:
         self.command, self._row = self.log.command, self.log.row
         names = ("torque", "rate", "force", "zmp", "angular_momentum")
         self._parts = [(name, (part := getattr(self.command, name)), part.shape) for name in names]
-        self.watch = Watch(self.log.stance, run.controller.unsolved_limit, robot.description.scale)
+        planned = run.gait.planner != NO_PLAN
+        self.watch = Watch(self.log.stance, run.controller.unsolved_limit, robot.description.scale, planned)
         self.sensing = None
         if not run.sensors.perfect:
             self.sensing = Sensing(run, self.log, robot.gravity, estimator)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 import ampm
 from ampm.exceptions import AmpmError, InputError, words_of
+from ampm.parameters import NO_PLAN
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.section import Option
 from ampm.sensor_parameters import EXACT
@@ -232,7 +233,7 @@ PLANNER = Role(
     name="planner",
     key="gait.planner",
     options="planner.options",
-    known=MappingProxyType(dict.fromkeys(STEP_PLANNERS, "")),
+    known=MappingProxyType(dict.fromkeys(STEP_PLANNERS, "") | {NO_PLAN: "ampm.planners:StandingPlanner"}),
     arguments=0,
     otherwise="a table FILE.csv or FILE.parquet, or MODULE:CLASS",
 )
