@@ -74,7 +74,7 @@ class WholeBodyMotion(Brief):
         acceleration: Pinocchio accelerations, shape (n+1, nv).
         trunk_pitch: shape (n+1,) [rad].
         angular_momentum_z: about the COM, shape (n+1,) [N m s]; not part of a plan.
-        step_length: [m].
+        step_length, step_rise: way of a step along x and z [m].
         report: constant of L_y, residuals, multipliers, margins.
     """
 
@@ -86,6 +86,7 @@ class WholeBodyMotion(Brief):
     trunk_pitch: Array
     angular_momentum_z: Array
     step_length: float
+    step_rise: float
     report: MotionReport
 
     def __post_init__(self) -> None:
@@ -132,6 +133,7 @@ class WholeBodyMotion(Brief):
         q[odd] = robot.mirror_q(q[odd])
         v[odd], acceleration[odd] = robot.mirror_v(v[odd]), robot.mirror_v(acceleration[odd])
         q[:, 0] += step * self.step_length
+        q[:, 2] += step * self.step_rise
         trunk, window = robot.trunk_rotations(q), np.zeros(len(t))
         state = PostureState(q, v, acceleration, trunk, np.where(odd, -yaw, yaw), window)
         for array in state:
