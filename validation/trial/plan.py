@@ -353,6 +353,7 @@ def plan_walk(
         if not checked:
             _check_posture(plan, body.robot)
             check_contacts(plan)
+            _check_slope(plan, run)
             if not says.get("gives_steps", False):
                 _check_steps(plan, run)
     if run.footsteps and not checked:
@@ -371,6 +372,15 @@ def _check_footsteps(plan: WalkPlan, run: RunParameters, planner: str) -> None:
                 f"planner {planner} does not step on footstep {number} at ({wanted.x:g}, {wanted.y:g}) m; "
                 f"its nearest step is {away:.3g} m off. Plan run.footsteps in it, or leave them out."
             )
+
+
+def _check_slope(plan: WalkPlan, run: RunParameters) -> None:
+    """Refuse a plan for a floor with another slope."""
+    if plan.contacts.slope != run.gait.slope:
+        raise ValueError(
+            f"it plans for a slope of {plan.contacts.slope:g}, and gait.slope is {run.gait.slope:g}; make the "
+            "plan with ampm.make_plan, which takes it from the run"
+        )
 
 
 def _check_steps(plan: WalkPlan, run: RunParameters) -> None:
