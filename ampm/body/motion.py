@@ -26,17 +26,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Extreme:
-    """A smallest or largest value, and where and when it occurred.
+    """A smallest or largest value, and where and when it occurred."""
 
-    Attributes:
-        value: in the unit of the quantity; NaN if nothing was measured.
-        time: when, in the step or the walk [s]; None if nothing was measured.
-        where: side, joint, foot, or both parts of the body; empty if there is none to name.
-    """
-
-    value: float
-    time: float | None = None
-    where: str = ""
+    value: float  # in the unit of the quantity; NaN if nothing was measured
+    time: float | None = None  # when, in the step or the walk [s]; None if nothing was measured
+    where: str = ""  # side, joint, foot, or both parts of the body; empty if there is none to name
 
 
 @dataclass(frozen=True)
@@ -157,15 +151,10 @@ class WholeBodyMotion(Brief):
 
 @dataclass(frozen=True)
 class PeriodicPosture(Brief):
-    """A periodic whole-body step as the posture of a walk.
+    """A periodic whole-body step as the posture of a walk."""
 
-    Attributes:
-        motion: one step.
-        robot: the body.
-    """
-
-    motion: WholeBodyMotion
-    robot: Robot
+    motion: WholeBodyMotion  # one step
+    robot: Robot  # the body
 
     def report(self) -> dict[str, Any]:
         """Values of the periodic motion, see :class:`MotionReport`."""

@@ -37,27 +37,17 @@ class Law(Protocol):
 
 
 class CentroidalPhase(NamedTuple):
-    """One phase of the centroidal motion: the law of each axis about an explicit origin and heading.
+    """One phase of the centroidal motion: the law of each axis about an explicit origin and heading."""
 
-    Attributes:
-        start: [s].
-        duration: [s].
-        origin: world (x, y) from which both laws count [m].
-        x: law along the heading.
-        y: law across it, to the left.
-        angular_momentum: (L_x, L_y) about the COM at the start, L_y without the plan's constant [N m s].
-        heading: of the laws' axes [rad].
-        z: law of the COM's height; None at the plan's own height over the floor z = 0.
-    """
-
-    start: float
-    duration: float
-    origin: tuple[float, float]
-    x: Law
-    y: Law
+    start: float  # [s]
+    duration: float  # [s]
+    origin: tuple[float, float]  # world (x, y) from which both laws count [m]
+    x: Law  # law along the heading
+    y: Law  # law across it, to the left
+    # (L_x, L_y) about the COM at the start, L_y without the plan's constant [N m s]
     angular_momentum: tuple[float, float]
-    heading: float = 0.0
-    z: HeightLaw | None = None
+    heading: float = 0.0  # of the laws' axes [rad]
+    z: HeightLaw | None = None  # law of the COM's height; None at the plan's own height over the floor z = 0
 
 
 def _constant(unit: str, meaning: str) -> Any:

@@ -68,19 +68,13 @@ X, Y, Z, PITCH, TOE, HEADING = range(6)
 
 @dataclass(frozen=True)
 class FootPath:
-    """One foot's path as a sequence of polynomial segments, each in the time since its own start.
+    """One foot's path as a sequence of polynomial segments, each in the time since its own start."""
 
-    Attributes:
-        start: start of every segment, ascending, shape (K,) [s].
-        pivot: which point the path is written for, heel or ball, shape (K,).
-        contact: heel, ball, tip in contact, shape (K, 3), bool.
-        curve: coefficients of the pivot's x, y, z, of pitch, toe angle and heading, lowest order first, shape
-            (K, 6, order) [m/s^k, rad/s^k].
-    """
-
-    start: Array
-    pivot: NDArray[np.int8]
-    contact: NDArray[np.bool_]
+    start: Array  # start of every segment, ascending, shape (K,) [s]
+    pivot: NDArray[np.int8]  # which point the path is written for, heel or ball, shape (K,)
+    contact: NDArray[np.bool_]  # heel, ball, tip in contact, shape (K, 3), bool
+    # coefficients of the pivot's x, y, z, of pitch, toe angle and heading, lowest order first, shape (K, 6,
+    # order) [m/s^k, rad/s^k]
     curve: Array
 
     def __post_init__(self) -> None:

@@ -102,17 +102,11 @@ def plan_footsteps(
 
 
 class Walk(NamedTuple):
-    """A solved walk.
+    """A solved walk."""
 
-    Attributes:
-        nominal: one step of the periodic gait.
-        contacts: of the walk.
-        solved: COM, ZMP and angular momentum.
-    """
-
-    nominal: CentroidalPlan
-    contacts: Contacts
-    solved: Solution
+    nominal: CentroidalPlan  # one step of the periodic gait
+    contacts: Contacts  # of the walk
+    solved: Solution  # COM, ZMP and angular momentum
 
 
 def solve_walk(

@@ -34,23 +34,14 @@ _TRIAL = 0.01  # displacement of the landing in the second and third solve [m]
 
 
 class LiveWalk(NamedTuple):
-    """A walk over footsteps, and what is needed to change it.
+    """A walk over footsteps, and what is needed to change it."""
 
-    Attributes:
-        run: gait and feet.
-        body: its mass, soles and lengths.
-        steps: COM, ZMP, momentum and feet.
-        walk: the solution behind the rest of the walk, and all contacts.
-        first: number of the first single support of that rest, from 0.
-        begin: when the rest begins, in that support or with it [s].
-    """
-
-    run: RunParameters
-    body: BodyDescription
-    steps: StepPlan
-    walk: walks.Walk
-    first: int
-    begin: float
+    run: RunParameters  # gait and feet
+    body: BodyDescription  # its mass, soles and lengths
+    steps: StepPlan  # COM, ZMP, momentum and feet
+    walk: walks.Walk  # the solution behind the rest of the walk, and all contacts
+    first: int  # number of the first single support of that rest, from 0
+    begin: float  # when the rest begins, in that support or with it [s]
 
     @classmethod
     def of(cls, run: RunParameters, body: BodyDescription) -> "LiveWalk":

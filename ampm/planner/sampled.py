@@ -23,22 +23,14 @@ class SampledLaw:
     """One axis of a centroidal motion as samples: position and velocity cubic in between, the rest linear.
 
     The arrays are copied, and read-only.
-
-    Attributes:
-        time: ascending, shape (N,) [s].
-        position: of the COM, shape (N,) [m].
-        velocity: shape (N,) [m/s].
-        acceleration: shape (N,) [m/s^2].
-        zmp: shape (N,) [m].
-        moment_arm: distance by which the force line misses the COM, shape (N,) [m].
     """
 
-    time: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
-    zmp: Array
-    moment_arm: Array
+    time: Array  # ascending, shape (N,) [s]
+    position: Array  # of the COM, shape (N,) [m]
+    velocity: Array  # shape (N,) [m/s]
+    acceleration: Array  # shape (N,) [m/s^2]
+    zmp: Array  # shape (N,) [m]
+    moment_arm: Array  # distance by which the force line misses the COM, shape (N,) [m]
 
     def __post_init__(self) -> None:
         for name, values in vars(self).copy().items():

@@ -27,17 +27,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Effort:
-    """How far a search goes.
+    """How far a search goes."""
 
-    Attributes:
-        choices: after which it ends.
-        enough: least margin at which it ends [1].
-        starts: spread over the ranges, from which others begin where the first finds nothing.
-    """
-
-    choices: int = 120
-    enough: float = 0.9
-    starts: int = 0
+    choices: int = 120  # after which it ends
+    enough: float = 0.9  # least margin at which it ends [1]
+    starts: int = 0  # spread over the ranges, from which others begin where the first finds nothing
 
 
 _NODES = (32, 14)  # intervals of the grid in single and double support

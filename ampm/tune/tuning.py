@@ -48,21 +48,13 @@ _L_Z = "body.angular_momentum_z"
 
 @dataclass(frozen=True)
 class Tuned:
-    """A run whose free choices are made.
+    """A run whose free choices are made."""
 
-    Attributes:
-        run: complete; every value counts as set.
-        plan: complete, with the periodic step on the fine grid.
-        values: what was open, by namespaced key.
-        margins: limit to value on the search's grid, in the unit of :data:`LIMITS`.
-        tried: how many choices were tried.
-    """
-
-    run: RunParameters
-    plan: WalkPlan
-    values: Mapping[str, float | str]
-    margins: Mapping[str, float]
-    tried: int
+    run: RunParameters  # complete; every value counts as set
+    plan: WalkPlan  # complete, with the periodic step on the fine grid
+    values: Mapping[str, float | str]  # what was open, by namespaced key
+    margins: Mapping[str, float]  # limit to value on the search's grid, in the unit of `LIMITS`
+    tried: int  # how many choices were tried
 
     def margin(self, name: str) -> float:
         """Normalised margin of one limit [1]."""

@@ -28,35 +28,22 @@ _BUCKETS = 420
 
 
 class Picture(NamedTuple):
-    """One figure of a page.
+    """One figure of a page."""
 
-    Attributes:
-        image: markup, without references to anything outside the page.
-        caption: explanation.
-        wide: whether it spans the page.
-    """
-
-    image: Markup
-    caption: str
-    wide: bool
+    image: Markup  # markup, without references to anything outside the page
+    caption: str  # explanation
+    wide: bool  # whether it spans the page
 
 
 class Mark(NamedTuple):
-    """A curve or an area.
+    """A curve or an area."""
 
-    Attributes:
-        points: shape (N, 2), in the units of the axes; NaN interrupts a curve, infinity is the chart's edge.
-        style: attributes of SVG.
-        label: in the legend; empty for none.
-        color: in the legend.
-        opacity: of curve or area, and in the legend [1].
-    """
-
+    # shape (N, 2), in the units of the axes; NaN interrupts a curve, infinity is the chart's edge
     points: Array
-    style: str
-    label: str
-    color: str
-    opacity: float = 1.0
+    style: str  # attributes of SVG
+    label: str  # in the legend; empty for none
+    color: str  # in the legend
+    opacity: float = 1.0  # of curve or area, and in the legend [1]
 
 
 @dataclass

@@ -25,19 +25,12 @@ SIGNALS_FILE = "signals.parquet"
 
 
 class SignalColumn(NamedTuple):
-    """Columns of one kind.
+    """Columns of one kind."""
 
-    Attributes:
-        pattern: regular expression of their names.
-        unit: SI unit, empty for labels and flags.
-        frame: in which vectors are written, empty for anything else.
-        meaning: one phrase.
-    """
-
-    pattern: str
-    unit: str
-    frame: str
-    meaning: str
+    pattern: str  # regular expression of their names
+    unit: str  # SI unit, empty for labels and flags
+    frame: str  # in which vectors are written, empty for anything else
+    meaning: str  # one phrase
 
 
 with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as _file:

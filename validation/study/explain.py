@@ -93,21 +93,13 @@ _ANOTHER: Mapping[str, Callable[[RunParameters], Values]] = {
 
 @dataclass(frozen=True)
 class Change:
-    """One layer made ideal, or another one in its place: a row of ``layers.csv``.
+    """One layer made ideal, or another one in its place: a row of ``layers.csv``."""
 
-    Attributes:
-        layer: its name.
-        text: what is changed; "it passes" may follow.
-        keys: that change, and sections, separated by spaces.
-        value: ``default``, a factor such as ``x0.5``, ``another``, or the value itself.
-        drops: which of a user's ``controller``, ``planner``, ``estimator`` and ``pushes`` is left out.
-    """
-
-    layer: str
-    text: str
-    keys: str
-    value: str
-    drops: str
+    layer: str  # its name
+    text: str  # what is changed; "it passes" may follow
+    keys: str  # that change, and sections, separated by spaces
+    value: str  # `default`, a factor such as `x0.5`, `another`, or the value itself
+    drops: str  # which of a user's `controller`, `planner`, `estimator` and `pushes` is left out
 
     def values(self, run: RunParameters) -> Values:
         """New values by key, of a run."""
@@ -135,23 +127,14 @@ CHANGES = tuple(
 
 @dataclass(frozen=True)
 class Case:
-    """A trial as it is walked.
+    """A trial as it is walked."""
 
-    Attributes:
-        request: complete.
-        profile: name of the tolerances.
-        users: classes of a user, see :func:`validation.study.walk_options.users_classes`.
-        pushes: forces on the body beside those of the run.
-        strained: motor that reaches its limit; empty if none does.
-        lifted: whether there are no limits.
-    """
-
-    request: Request
-    profile: str
-    users: Values
-    pushes: tuple[Disturbance, ...] = ()
-    strained: str = ""
-    lifted: bool = False
+    request: Request  # complete
+    profile: str  # name of the tolerances
+    users: Values  # classes of a user, see `users_classes`
+    pushes: tuple[Disturbance, ...] = ()  # forces on the body beside those of the run
+    strained: str = ""  # motor that reaches its limit; empty if none does
+    lifted: bool = False  # whether there are no limits
 
     def changed(self, change: Change) -> "Case":
         """With a change; equal if the layer is ideal already.

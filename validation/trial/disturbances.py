@@ -151,19 +151,12 @@ class Push:
 
 @dataclass(frozen=True)
 class Recorded:
-    """The forces of an earlier walk again, at the same times.
+    """The forces of an earlier walk again, at the same times."""
 
-    Attributes:
-        segments: that were pushed, S names.
-        force: in every step, in world, shape (N, S, 3) [N].
-        moment: likewise, shape (N, S, 3) [N m].
-        time_step: of that walk [s].
-    """
-
-    segments: tuple[str, ...]
-    force: Array
-    moment: Array
-    time_step: float
+    segments: tuple[str, ...]  # that were pushed, S names
+    force: Array  # in every step, in world, shape (N, S, 3) [N]
+    moment: Array  # likewise, shape (N, S, 3) [N m]
+    time_step: float  # of that walk [s]
 
     def apply(self, time: float, plant: Plant) -> None:
         """Push as at this time then."""

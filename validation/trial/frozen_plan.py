@@ -32,15 +32,12 @@ _HELD = ("phase", "stance", "left_placement", "right_placement", "heading", "con
 
 @dataclass(frozen=True)
 class PlanRows:
-    """Columns of a plan at N ascending instants.
+    """Columns of a plan at N ascending instants."""
 
-    Attributes:
-        columns: those of a :class:`PlanSample` by name; ``feet``, reference points of both soles, left first,
-            shape (N, 6) [m]; ``headings`` of both feet (N, 2) [rad]; ``momentum_z``, L_z of the posture, (N,)
-            [N m s]; ``points``, all twelve sole points, (N, 12, 2) [m], and ``contact``, which of them are in
-            contact, (N, 12); NaN points where the support is not planned.
-    """
-
+    # those of a `PlanSample` by name; `feet`, reference points of both soles, left first, shape (N, 6) [m];
+    # `headings` of both feet (N, 2) [rad]; `momentum_z`, L_z of the posture, (N,) [N m s]; `points`, all
+    # twelve sole points, (N, 12, 2) [m], and `contact`, which of them are in contact, (N, 12); NaN points
+    # where the support is not planned
     columns: Mapping[str, NDArray[Any]]
 
     @classmethod
@@ -131,18 +128,12 @@ def _sampled(plan: WalkPlan, times: Array) -> dict[str, NDArray[Any]]:
 
 @dataclass(frozen=True)
 class FrozenPlan:
-    """A plan as it was when it was handed over.
+    """A plan as it was when it was handed over."""
 
-    Attributes:
-        plan: for its constants and contacts; it is not sampled again.
-        rows: what it said, from when it was handed over on.
-        newton_residual: see :func:`ampm.planner.newton.newton_residual` [m].
-        least_zmp_margin: of its ZMP in its support [m], and when [s]; None if that was not asked.
-    """
-
-    plan: WalkPlan
-    rows: PlanRows
-    newton_residual: float
+    plan: WalkPlan  # for its constants and contacts; it is not sampled again
+    rows: PlanRows  # what it said, from when it was handed over on
+    newton_residual: float  # largest, see `ampm.planner.newton` [m]
+    # of its ZMP in its support [m], and when [s]; None if that was not asked
     least_zmp_margin: tuple[float, float] | None = None
 
     @classmethod

@@ -31,45 +31,26 @@ Recorded: Any = namedtuple("Recorded", LOGGED)  # type: ignore[misc]
 
 
 class Command(NamedTuple):
-    """What a controller commands at a tick; NaN where it says nothing.
+    """What a controller commands at a tick; NaN where it says nothing."""
 
-    Attributes:
-        torque: shape (nu,) [N m].
-        rate: at which the torques go on, NaN holds them, shape (nu,) [N m/s].
-        force: of the ground, shape (3,) [N].
-        zmp: shape (2,) [m].
-        angular_momentum: about the COM, shape (3,) [N m s].
-        com: of the reference that it follows, shape (3,) [m].
-    """
-
-    torque: Array
-    rate: Array
-    force: Array
-    zmp: Array
-    angular_momentum: Array
-    com: Array
+    torque: Array  # shape (nu,) [N m]
+    rate: Array  # at which the torques go on, NaN holds them, shape (nu,) [N m/s]
+    force: Array  # of the ground, shape (3,) [N]
+    zmp: Array  # shape (2,) [m]
+    angular_momentum: Array  # about the COM, shape (3,) [N m s]
+    com: Array  # of the reference that it follows, shape (3,) [m]
 
 
 class Log(NamedTuple):
-    """What the compiled functions of a step read and write.
+    """What the compiled functions of a step read and write."""
 
-    Attributes:
-        record: arrays of :data:`validation.trial.record.LOGGED`.
-        body: of this step.
-        command: of the last tick.
-        stance: of body and command.
-        normal_force: of every sole point in the last step, shape (P,) [N].
-        touching: sole points that touch, shape (P,).
-        substeps: steps of a control tick.
-    """
-
-    record: Any
-    body: BodyState
-    command: Command
-    stance: Stance
-    normal_force: Array
-    touching: NDArray[np.bool_]
-    substeps: int
+    record: Any  # arrays of `LOGGED`
+    body: BodyState  # of this step
+    command: Command  # of the last tick
+    stance: Stance  # of body and command
+    normal_force: Array  # of every sole point in the last step, shape (P,) [N]
+    touching: NDArray[np.bool_]  # sole points that touch, shape (P,)
+    substeps: int  # steps of a control tick
 
 
 @compiled

@@ -31,17 +31,11 @@ _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^
 
 @dataclass
 class Course:
-    """What a walk follows, and when it ends.
+    """What a walk follows, and when it ends."""
 
-    Attributes:
-        total: steps of the physics until it ends.
-        step_ends: when each walking step ends, shape (steps,) [s].
-        references: one for each control tick.
-    """
-
-    total: int
-    step_ends: NDArray[np.float64]
-    references: Iterator[Reference]
+    total: int  # steps of the physics until it ends
+    step_ends: NDArray[np.float64]  # when each walking step ends, shape (steps,) [s]
+    references: Iterator[Reference]  # one for each control tick
 
     def replan(self, time: float, state: State, touch: Touch) -> None:
         """After a tick: change what is followed from the next one on."""

@@ -28,17 +28,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Stepped:
-    """States of the stabiliser off its plan, N ticks.
+    """States of the stabiliser off its plan, N ticks."""
 
-    Attributes:
-        time: of the ticks [s], shape (N,).
-        index: phase of the plan; after its end the numbers go on, shape (N,).
-        walker: see entries of :class:`~ampm.control.workspace.SteppingState`, shape (N,).
-    """
-
-    time: Array
-    index: NDArray[np.intp]
-    walker: Any
+    time: Array  # of the ticks [s], shape (N,)
+    index: NDArray[np.intp]  # phase of the plan; after its end the numbers go on, shape (N,)
+    walker: Any  # see entries of `SteppingState`, shape (N,)
 
     @classmethod
     def of(cls, ticks: Sequence[SteppedTick]) -> Stepped:

@@ -104,24 +104,16 @@ def load_object(option: str, text: str) -> Any:
 
 @dataclass(frozen=True)
 class Role:
-    """A part of a walk that may be played by a user's own class.
+    """A part of a walk that may be played by a user's own class."""
 
-    Attributes:
-        name: of the part; installed packages add classes by entry points of the group ``ampm.NAMEs``.
-        key: of the run's parameters, that names the class.
-        options: table of the parameters with the class's options.
-        known: the project's own names and what they stand for, ``module:Class``, or empty for what is no
-            class of its own.
-        arguments: number of arguments that a class gets before its options.
-        otherwise: what may stand in the place of a name, for messages.
-    """
-
-    name: str
-    key: str
-    options: str
+    name: str  # of the part; installed packages add classes by entry points of the group `ampm.NAMEs`
+    key: str  # of the run's parameters, that names the class
+    options: str  # table of the parameters with the class's options
+    # the project's own names and what they stand for, `module:Class`, or empty for what is no class of its
+    # own
     known: Mapping[str, str]
-    arguments: int
-    otherwise: str = "MODULE:CLASS"
+    arguments: int  # number of arguments that a class gets before its options
+    otherwise: str = "MODULE:CLASS"  # what may stand in the place of a name, for messages
 
     def find(self, text: str, options: Mapping[str, Option] = MappingProxyType({})) -> Any:
         """Import the class or function of a name: ours, an installed package's, or ``module:Class``.

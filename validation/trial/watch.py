@@ -54,23 +54,14 @@ FALL_TIME = 1.0
 
 
 class Stance(NamedTuple):
-    """Quantities that decide whether a body stands: measured and planned.
+    """Quantities that decide whether a body stands: measured and planned."""
 
-    Attributes:
-        com: shape (3,) [m].
-        trunk: its long axis in world, unit vector, shape (3,).
-        soles: reference points of both, shape (2, 3) [m].
-        planned_com: shape (3,) [m].
-        planned_trunk: of the planned motion, shape (3,).
-        planned_soles: shape (2, 3) [m].
-    """
-
-    com: Array
-    trunk: Array
-    soles: Array
-    planned_com: Array
-    planned_trunk: Array
-    planned_soles: Array
+    com: Array  # shape (3,) [m]
+    trunk: Array  # its long axis in world, unit vector, shape (3,)
+    soles: Array  # reference points of both, shape (2, 3) [m]
+    planned_com: Array  # shape (3,) [m]
+    planned_trunk: Array  # of the planned motion, shape (3,)
+    planned_soles: Array  # shape (2, 3) [m]
 
     def fallen(self, scale: float = 1.0) -> str:
         """How the body has fallen, in words; empty if it stands. ``scale`` is its size over 1.70 m."""

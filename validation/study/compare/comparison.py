@@ -32,17 +32,11 @@ JUDGED, COST, OWN = "judged metrics", "cost", "own metrics without a limit"
 
 @dataclass(frozen=True)
 class Side(Brief):
-    """One of the walks.
+    """One of the walks."""
 
-    Attributes:
-        label: name in tables.
-        run: the finished run.
-        study: convergence study of its gait; None if none is known.
-    """
-
-    label: str
-    run: SavedRun
-    study: Uncertainty | None = None
+    label: str  # name in tables
+    run: SavedRun  # the finished run
+    study: Uncertainty | None = None  # convergence study of its gait; None if none is known
 
     @property
     def outcome(self) -> str:
@@ -96,26 +90,17 @@ class Side(Brief):
 
 
 class Row(NamedTuple):
-    """One metric of all sides, in SI units.
+    """One metric of all sides, in SI units."""
 
-    Attributes:
-        group: heading that it stands under.
-        name: of the metric.
-        label: in words.
-        unit: SI unit.
-        values: of the sides, NaN where one has none.
-        least: difference above which it counts: the change of the smallest value, or the sum of the two
-            largest uncertainties by studies.
-        limit: tolerance; None if it is not judged.
-    """
-
-    group: str
-    name: str
-    label: str
-    unit: str
-    values: tuple[float, ...]
+    group: str  # heading that it stands under
+    name: str  # of the metric
+    label: str  # in words
+    unit: str  # SI unit
+    values: tuple[float, ...]  # of the sides, NaN where one has none
+    # difference above which it counts: the change of the smallest value, or the sum of the two largest
+    # uncertainties by studies
     least: float
-    limit: float | None = None
+    limit: float | None = None  # tolerance; None if it is not judged
 
     @property
     def differs(self) -> bool:

@@ -42,19 +42,13 @@ ENGINES = ("mujoco", "drake")
 
 @dataclass(frozen=True)
 class Study:
-    """Levels of one parameter.
+    """Levels of one parameter."""
 
-    Attributes:
-        name: of the study.
-        key: of the parameter.
-        values: of the key in its unit, the gait's own one first; those of a numerical study fall.
-        ratio: of neighbouring levels of a numerical study, 0 of a contact law or the engine.
-    """
-
-    name: str
-    key: str
+    name: str  # of the study
+    key: str  # of the parameter
+    # of the key in its unit, the gait's own one first; those of a numerical study fall
     values: tuple[Any, ...]
-    ratio: float = 0.0
+    ratio: float = 0.0  # of neighbouring levels of a numerical study, 0 of a contact law or the engine
 
     @property
     def numerical(self) -> bool:

@@ -12,20 +12,14 @@ from validation.table import Table, Tabled
 
 @dataclass(frozen=True)
 class CellResult:
-    """What a cell showed; values in its unit.
+    """What a cell showed; values in its unit."""
 
-    Attributes:
-        cell: the disturbance.
-        survived: largest value survived with all smaller ones; None if there is none.
-        within: largest value that kept the tolerances with all smaller ones; None if there is none, and of
-            pushes, which are not judged.
-        cause: how a walk of the first value that was not survived ended; empty if there is none.
-    """
-
-    cell: Cell
-    survived: float | None = None
+    cell: Cell  # the disturbance
+    survived: float | None = None  # largest value survived with all smaller ones; None if there is none
+    # largest value that kept the tolerances with all smaller ones; None if there is none, and of pushes,
+    # which are not judged
     within: float | None = None
-    cause: str = ""
+    cause: str = ""  # how a walk of the first value that was not survived ended; empty if there is none
 
     def cells(self) -> tuple[str, ...]:
         """Row of the table; angles in degrees."""

@@ -175,17 +175,12 @@ def _keep_worst(definition: SweepDefinition, found: SweepTable, folder: Path, po
 
 @dataclass(frozen=True)
 class Forecast(Tabled):
-    """What a sweep would walk.
+    """What a sweep would walk."""
 
-    Attributes:
-        refused: runs that bounds or formula refuse.
-        seconds: wall-clock time of one run, from a walk; None if the tried runs cannot be walked [s].
-        workers: processes.
-    """
-
-    refused: SweepTable
+    refused: SweepTable  # runs that bounds or formula refuse
+    # wall-clock time of one run, from a walk; None if the tried runs cannot be walked [s]
     seconds: float | None
-    workers: int
+    workers: int  # processes
 
     @property
     def walking(self) -> int:

@@ -32,19 +32,12 @@ _KINDS: Mapping[str, Kind] = {"float": "real", "int": "whole", "text": "text"}
 
 
 class Column(NamedTuple):
-    """One column of the table.
+    """One column of the table."""
 
-    Attributes:
-        name: as in the file.
-        kind: real (float64), whole (int64), text (UTF-8).
-        unit: SI unit, ``1`` for a plain number, empty for words.
-        words: meaning.
-    """
-
-    name: str
-    kind: Kind
-    unit: str
-    words: str
+    name: str  # as in the file
+    kind: Kind  # real (float64), whole (int64), text (UTF-8)
+    unit: str  # SI unit, `1` for a plain number, empty for words
+    words: str  # meaning
 
 
 _RUN = (
