@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from ampm.compiled import bound, compiled, refer
 from ampm.exceptions import SolverError
-
-Array = NDArray[np.float64]
+from ampm.geometry import Array
 
 
 class QPStatus(enum.IntEnum):

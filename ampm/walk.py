@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.centroidal import PlanSample
 from ampm.planner.feet import FeetPlan, FootSample, foot_turning
@@ -30,7 +31,6 @@ from ampm.reference import (
     Timing,
 )
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

@@ -9,8 +9,8 @@ from unittest import mock
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from ampm.physics_parameters import steps_per_tick
 from ampm.walk import ControlOutput
 from benchmarks.timing import least
@@ -23,8 +23,6 @@ from validation.trial.plan import PlannedWalk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import ClosedLoop, simulate
 from validation.trial.watch import End
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

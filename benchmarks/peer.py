@@ -6,12 +6,10 @@ from importlib import metadata
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from validation.show.text import format_duration
 from validation.table import Table
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,15 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.walk import PostureState
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from ampm.body.robot import Robot
-    from ampm.geometry import Array
 
 
 @dataclass(frozen=True)

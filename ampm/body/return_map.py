@@ -9,13 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import StepReference
-
-Array = NDArray[np.float64]
+from ampm.geometry import Array
 
 MULTIPLIERS = 4
 """How many multipliers of the return map are reported."""

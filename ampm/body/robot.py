@@ -10,18 +10,17 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
     from ampm.body.rigid_body import RigidBody
 
-    Array = NDArray[np.float64]
 
 TASK_ROWS = 6 + 2 * 6
 """com 3, angular momentum 3, left foot 6 (linear, angular), right foot 6; toes are further rows."""

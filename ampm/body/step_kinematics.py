@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ampm.body.rigid_body import moved, place_body, place_of, task_drift
 from ampm.body.step_reference import StepReference
 from ampm.compiled import compiled
+from ampm.geometry import Array
 from ampm.vectors import column, minus, multiply, plus, put, rotation_vector, times, turned, vector
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 EXACT = 1e-12

@@ -3,13 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ampm.body.robot import TASK_ROWS
+from ampm.geometry import Array
 from ampm.planner.feet import foot_rotation, foot_turning
 from ampm.planner.support import StepPlan
-
-Array = NDArray[np.float64]
 
 _MOMENTUM = slice(3, 5)  # rows of the angular momentum about x and y
 _L_Y = 4

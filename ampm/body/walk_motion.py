@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from ampm.body.constant_posture import ConstantPosture, turned
 from ampm.body.feasibility import joint_groups
@@ -19,10 +18,9 @@ from ampm.body.limits import AT_LEAST, AT_MOST, CLEARANCE, Limit, check
 from ampm.body.robot import Robot
 from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import StepReference, step_reference
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
-
-Array = NDArray[np.float64]
 
 _PIECE, _INTERVALS = 0.04, 5
 """Longest time for which heading and feedback are held [s], and intervals of the grid in it."""

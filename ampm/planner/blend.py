@@ -13,11 +13,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from ampm.planner.pendulum import LawState
-
-Array = NDArray[np.float64]
 
 
 class Shape(NamedTuple):

@@ -19,12 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.brief import Brief, Described
 from ampm.exceptions import InputError
-from ampm.geometry import rotations
+from ampm.geometry import Array, rotations
 from ampm.planner.blend import HeightLaw
 from ampm.planner.contacts import PHASE_NAMES, STANCE_NAMES, Contacts, times_within
 from ampm.planner.pendulum import LawState
-
-Array = NDArray[np.float64]
 
 _SWITCH_TOLERANCE = 1e-12  # times this close before a switch belong to the phase that begins [s]
 

@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.brief import Brief
 from ampm.description import SoleGeometry
+from ampm.geometry import Array
 from ampm.planner.contacts import times_within
-
-Array = NDArray[np.float64]
 
 HEEL, BALL, TIP = 0, 1, 2
 """Columns of :attr:`FootSample.contact`."""

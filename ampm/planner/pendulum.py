@@ -23,9 +23,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ampm.geometry import Array
 
 EPSILON = float(np.finfo(np.float64).eps)
 """Relative distance of 1 to the next double [1]."""

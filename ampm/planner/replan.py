@@ -11,10 +11,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.description import BodyDescription
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner import footsteps as walks
 from ampm.planner.contacts import Contacts, Footstep
@@ -25,8 +25,6 @@ from ampm.planner.rest_to_rest import Problem, Solution, Supports, in_world, sin
 from ampm.planner.routes import as_rows, footsteps_of
 from ampm.planner.stride import quintic, shift
 from ampm.planner.support import StepPlan
-
-Array = NDArray[np.float64]
 
 LEAST_LEFT = 0.25
 """Least share of a swing that must be left to move its landing; after it the next step is moved [1]."""

@@ -19,9 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from ampm.planner.blend import shape
-
-Array = NDArray[np.float64]
 
 SETTLING = 0.8
 """Duration of the first and of the last double support [s]."""

@@ -4,15 +4,14 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
 from ampm.planner.contacts import ascending, finite
 from ampm.planner.newton import ALLOWED, newton_residual
 from ampm.planner.pendulum import LawState
-
-Array = NDArray[np.float64]
 
 NO_CONSTANTS = PlanConstants(**dict.fromkeys((item.name for item in fields(PlanConstants)), 0.0))
 """Of a plan whose constants are still to be read from its motion, see :func:`plan_constants`."""

@@ -27,16 +27,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import polynomial
-from numpy.typing import NDArray
 
 from ampm.description import SoleGeometry
+from ampm.geometry import Array
 from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPhase
 from ampm.planner.closed_form import LIPM
 from ampm.planner.sampled import SampledLaw, plan_constants
 from ampm.planner.support import StepPlan, plan_steps
-
-Array = NDArray[np.float64]
 
 SAMPLE_TIME = 0.005
 """Sampling time of preview control [s], of Kajita et al.; adapted to a whole number of samples in a step."""

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.limits import LIMITS
@@ -17,12 +16,11 @@ from ampm.body.return_map import Orbit, StepMap, newton, start_orbit
 from ampm.body.robot import Robot
 from ampm.body.step_reference import phase_grid, step_reference
 from ampm.exceptions import InputError, RefusedGait
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import least, orbit_margins, plan_margins
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,16 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.body.motion import Extreme
+from ampm.geometry import Array
 from validation.trial.record import state_steps
 from validation.trial.spill import blocks, zeros
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from ampm.body.robot import Gaps
     from ampm.description import BodyDescription
-    from ampm.geometry import Array
     from ampm.planner.centroidal import PlanSample
     from validation.measure.measure import MeasuredGait
     from validation.trial.followed import Followed

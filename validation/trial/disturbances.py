@@ -13,17 +13,16 @@ from typing import TYPE_CHECKING, Protocol
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from validation.trial.users import UsersCode, load_object, real_numbers
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
     from ampm.description import BodyDescription
     from ampm.parameters import DisturbanceParameters
 
-    Array = NDArray[np.float64]
 
 _CLOCK = 1e-9  # tolerance of the start of a push, for rounding [s]
 

@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from ampm.geometry import Array
 
+if TYPE_CHECKING:
     from ampm.parameters import DisturbanceParameters, RunParameters
     from ampm.walk import ControlOutput
-
-    Array = NDArray[np.float64]
 
 
 class MotorFaults:

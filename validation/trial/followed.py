@@ -12,16 +12,15 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from validation.trial.frozen_plan import FrozenPlan, PlanRows
 from validation.trial.stepped import Stepped
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from ampm.stepping.tracker import SteppedTick
 
-    Array = NDArray[np.float64]
 
 LEADS = (0.0, 0.05, 0.1, 0.2, 0.4)
 """How long before an instant the plan stood that it is compared with [s]."""

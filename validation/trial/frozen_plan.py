@@ -8,9 +8,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
-from ampm.geometry import polygon_margin
+from ampm.geometry import Array, polygon_margin
 from ampm.planner.centroidal import PlanSample
 from ampm.planner.newton import ALLOWED, newton_residual
 from validation.trial import spill
@@ -18,11 +19,8 @@ from validation.trial import spill
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
     from ampm.walk import WalkPlan
 
-    Array = NDArray[np.float64]
 
 _SAME = 1e-9  # time before a row that counts as the row [s]
 _SAMPLED = tuple(item.name for item in fields(PlanSample))

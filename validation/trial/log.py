@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled, refer
+from ampm.geometry import Array
 from ampm.reference import reference_type
 from ampm.vectors import put, vector
 from validation.trial import spill
@@ -19,12 +21,9 @@ from validation.trial.watch import Stance
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
     from validation.trial.outcome import Outcome
     from validation.trial.physics import BodyState, Physics
 
-    Array = NDArray[np.float64]
 
 # Code for a class of a function would be compiled by every process.
 Recorded: Any = namedtuple("Recorded", LOGGED)  # type: ignore[misc]

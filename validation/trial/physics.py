@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from ampm.physics_parameters import steps_per_tick
 from validation.trial.bridge import to_mujoco
 from validation.trial.engine import drake_of, make_engine
@@ -15,12 +17,9 @@ from validation.trial.engine import drake_of, make_engine
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
-
     from ampm.parameters import RunParameters
     from validation.trial.plan import Body
 
-    Array = NDArray[np.float64]
 
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
 

@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ampm.geometry import Array
+
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from ampm.walk import Reference, State, Touch
-
-    Array = NDArray[np.float64]
 
 
 def observe(state: State, touch: Touch, reference: Reference) -> dict[str, Array]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ampm.compiled import bound, compiled
+from ampm.geometry import Array
 from ampm.sensors.readings import Readings
 from ampm.vectors import from_quaternion, minus, plus, times, turned, vector
 from ampm.walk import State, Touch
@@ -19,14 +20,11 @@ from validation.trial.users import ESTIMATOR, UsersCode
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
-
     from ampm.body.robot import Robot
     from ampm.parameters import RunParameters
     from ampm.sensors.readings import Estimator, EstimatorFactory
     from validation.trial.log import RunLog
 
-    Array = NDArray[np.float64]
 
 _HINGES = 6  # velocities of the free root come first
 _DRAWN = 64  # ticks whose noise is drawn at once

@@ -11,16 +11,15 @@ from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from validation.trial.followed import Followed
     from validation.trial.outcome import Outcome
 
-    Array = NDArray[np.float64]
 
 FEET = ("left", "right")
 

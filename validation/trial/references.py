@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.reference import ReferenceTable
 from ampm.walk import WalkPlan
@@ -19,8 +20,6 @@ from validation.trial.users import UsersCode
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from numpy.typing import NDArray
 
     from ampm.reference import Reference, Timing
     from ampm.walk import Controller, Replanner, State, Touch

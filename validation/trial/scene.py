@@ -16,18 +16,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.parameters import DisturbanceParameters
 from ampm.planner.contacts import footprint
 from ampm.planner.heights import Ground, uneven
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from ampm.parameters import RunParameters
     from ampm.planner.contacts import Contacts, Footstep
     from models.scene import BodyModel
 
-    Array = NDArray[np.float64]
 
 _FAR = 1e3  # half the size of the floor of a scene with edges [m]
 _THICK = 1.0  # of that floor [m]

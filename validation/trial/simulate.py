@@ -18,6 +18,7 @@ import numpy as np
 from ampm.compiled import bound
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
+from ampm.geometry import Array
 from ampm.parameters import DisturbanceParameters
 from ampm.planner.heights import uneven
 from ampm.stepping.tracker import SteppedTick
@@ -38,15 +39,12 @@ from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbe
 from validation.trial.watch import End, Watch
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from ampm.parameters import RunParameters
     from ampm.reference import Reference
     from ampm.sensors.readings import Estimator, EstimatorFactory
     from ampm.walk import Controller, ControllerFactory
     from validation.trial.plan import PlannedWalk
 
-    Array = NDArray[np.float64]
 
 _PROGRESS_STEPS = 50
 _FLOAT = np.dtype(np.float64)

@@ -6,18 +6,16 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
+from ampm.geometry import Array
 from ampm.vectors import put, turned, vector
 from validation.trial.log import keep_instant
 from validation.trial.watch import stands
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from validation.trial.log import Log
-
-    Array = NDArray[np.float64]
 
 
 @compiled

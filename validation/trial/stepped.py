@@ -12,18 +12,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from ampm.stepping.tracker import CYCLE, STILL
 from validation.trial.frozen_plan import FrozenPlan, PlanRows
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from ampm.stepping.tracker import SteppedTick
-
-    Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

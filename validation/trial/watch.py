@@ -7,19 +7,15 @@ failing QP makes the body fall. The order decides: a QP that stays unsolved whil
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ampm.compiled import bound, compiled, refer
+from ampm.geometry import Array
 from ampm.vectors import dot, minus, vector
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.trial.outcome import OutcomeName
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 FALL_SHARE = 0.25
 """The body has fallen when the height of its COM over the lower sole differs from the planned one by more
