@@ -11,12 +11,12 @@ from ampm.exceptions import InputError
 from ampm.run_file import load_run
 from tests.saved_run import make_study
 from validation.cli.app import Status, call
+from validation.judge.metric import DEFAULT_BODY
 from validation.judge.metrics import METRICS
 from validation.judge.profiles import DEFAULT
-from validation.judge.sizes import DEFAULT_BODY
 from validation.judge.uncertainty import FILE, load_uncertainty, matching
 from validation.judge.verdict import VerdictName
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.study.convergence import levels
 from validation.study.convergence import study as convergence

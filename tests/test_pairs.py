@@ -15,7 +15,7 @@ from validation.cli.view import choose
 from validation.judge.metrics import added_metrics, unregister
 from validation.judge.uncertainty import Uncertainty
 from validation.show.cost_table import COSTS
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import load_saved_run
 from validation.study.compare.comparison import (

@@ -14,8 +14,15 @@ from tests.solved import body_of, walk_of
 from validation.cli.app import Status
 from validation.study.many import Task
 from validation.study.robustness import study as robustness
-from validation.study.robustness.cells import Cell, chosen, needed, other_cells, push_cells
-from validation.study.robustness.push import PushPhase, push_instant
+from validation.study.robustness.cells import (
+    Cell,
+    PushPhase,
+    chosen,
+    needed,
+    other_cells,
+    push_cells,
+    push_instant,
+)
 from validation.study.robustness.result import CellResult, Robustness
 from validation.study.robustness.study import climb
 from validation.study.row_file import read_rows

@@ -14,8 +14,8 @@ from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.section import unknown
 from validation.judge.compare import SIGNALS
+from validation.judge.metric import limit_in_si
 from validation.judge.metrics import METRICS, Metric
-from validation.judge.sizes import limit_in_si
 from validation.trial.disturbances import Disturbance, Push, pushes_of
 
 

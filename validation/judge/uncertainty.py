@@ -13,7 +13,7 @@ from pydantic import BaseModel, NonNegativeFloat, ValidationError
 from ampm.exceptions import InputError
 from ampm.files import read_file
 from ampm.geometry import Array
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 
 if TYPE_CHECKING:

@@ -20,14 +20,13 @@ from typing import Any, TypedDict, Unpack, cast
 import numpy as np
 from pydantic import BaseModel
 
-from ampm.exceptions import InputError
+from ampm.exceptions import InputError, StudyStopped
 from ampm.parameters import RunParameters
 from validation.judge.metrics import added_metrics
 from validation.progress import Progress, Stage, interruption
+from validation.store.environment import code_hash
 from validation.store.folders import check_target, disk_is_full
-from validation.store.identity import code_hash
 from validation.store.machine import cores
-from validation.study.exceptions import StudyStopped
 from validation.study.pool import open_pool, users_file
 from validation.study.row_file import ROWS, Row, RowFile
 from validation.study.walk_options import users_files

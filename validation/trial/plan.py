@@ -23,8 +23,7 @@ from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
 from validation.progress import Progress
-from validation.trial.planners import check_planner, load_planner, no_walk
-from validation.trial.users import CONTROLLER, ESTIMATOR, UsersCode
+from validation.trial.users import CONTROLLER, ESTIMATOR, UsersCode, check_planner, load_planner, no_walk
 
 if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
@@ -312,7 +311,7 @@ def plan_walk(
     # Imported here: Pinocchio is slow to load.
     from ampm.planners import FootstepPlanner
     from ampm.walk import WalkPlan
-    from validation.trial.contact_check import check_contacts
+    from validation.trial.frozen_plan import check_contacts
     from validation.trial.references import replan_period
 
     if planner is None and run.footsteps and run.gait.planner == "ampm":

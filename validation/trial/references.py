@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 from ampm.reference import ReferenceTable
 from ampm.walk import WalkPlan
 from validation.trial import spill
-from validation.trial.contact_check import NEXT, PUSHED_OUTSIDE, check_contacts
 from validation.trial.followed import LEADS
-from validation.trial.frozen_plan import FrozenPlan
-from validation.trial.planners import no_walk
-from validation.trial.users import UsersCode
+from validation.trial.frozen_plan import NEXT, PUSHED_OUTSIDE, FrozenPlan, check_contacts
+from validation.trial.users import UsersCode, no_walk
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

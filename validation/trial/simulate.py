@@ -24,13 +24,11 @@ from ampm.planner.heights import uneven
 from ampm.stepping.tracker import SteppedTick
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, State, Timing, Touch
 from validation.trial import spill
-from validation.trial.disturbances import Disturbance, Plant, Push, describe, pushes_of
-from validation.trial.divergence import explained
-from validation.trial.faults import MotorFaults, started
+from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, describe, pushes_of, started
 from validation.trial.followed import Followed
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.physics import Physics, quiet_mujoco
+from validation.trial.physics import Physics, explained, quiet_mujoco
 from validation.trial.readings import Sensing, make_estimator
 from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References

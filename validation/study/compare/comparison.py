@@ -15,7 +15,7 @@ from validation.judge.metrics import METRICS, added_metrics, cost_entry, display
 from validation.judge.uncertainty import Uncertainty, rounding
 from validation.show.cost_table import COSTS, LARGER_IS_BETTER, cost_unit
 from validation.show.text import format_value
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import SavedRun
 from validation.table import Table, Tabled, format_number, short_unit

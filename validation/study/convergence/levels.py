@@ -8,7 +8,7 @@ from typing import Any
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.judge.metrics import evaluate
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.study.row_file import Row
 from validation.study.walk_options import walk_request
 from validation.trial.engine import check_drake

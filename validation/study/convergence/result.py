@@ -11,8 +11,7 @@ from validation.judge.metrics import METRICS, MetricValue
 from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import MetricResult, Verdict, judge
-from validation.store.environment import describe_environment
-from validation.store.identity import parameter_values
+from validation.store.environment import describe_environment, parameter_values
 from validation.study.convergence.levels import OWN, Study
 from validation.study.convergence.order import Estimate, estimate
 from validation.study.row_file import Row

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from validation.store.json import json_ready
-from validation.study.robustness.cells import Cell, needed
-from validation.study.robustness.push import DURATION
+from validation.study.robustness.cells import DURATION, Cell, needed
 from validation.table import Table, Tabled
 
 

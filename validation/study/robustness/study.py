@@ -17,6 +17,7 @@ from validation.store.json import write_json
 from validation.study.many import Execution, Search, Task, open_study, walk_many
 from validation.study.robustness.cells import (
     AFTER,
+    DURATION,
     PUSH_STEP,
     REPLICAS,
     SHIFTS,
@@ -27,8 +28,8 @@ from validation.study.robustness.cells import (
     needed,
     other_cells,
     push_cells,
+    push_instant,
 )
-from validation.study.robustness.push import DURATION, push_instant
 from validation.study.robustness.result import CellResult, Robustness
 from validation.study.row_file import Row, crash_notes
 from validation.study.walk_options import users_classes

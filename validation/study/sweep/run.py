@@ -15,8 +15,8 @@ from ampm.exceptions import InputError, RefusedGait
 from ampm.planner.step_planners import STEP_PLANNERS
 from validation.progress import Progress
 from validation.show.text import format_duration
+from validation.store.environment import parameter_values
 from validation.store.folders import output_file
-from validation.store.identity import parameter_values
 from validation.store.json import write_json
 from validation.store.machine import cores
 from validation.study.many import Pool, Task, study_folder, walk_many

@@ -27,8 +27,7 @@ from ampm.section import Option
 from validation.judge.metrics import METRICS, display_unit, metric_label
 from validation.judge.profiles import Tolerance
 from validation.judge.profiles import profile as find_profile
-from validation.store.environment import describe_environment
-from validation.store.identity import code_hash, parameter_values, run_key
+from validation.store.environment import code_hash, describe_environment, parameter_values, run_key
 from validation.study.row_file import ROWS, Row, read_rows
 from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
 from validation.study.sweep.schema import columns, schema
