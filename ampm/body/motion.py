@@ -9,18 +9,16 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ampm.body.robot import Robot
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.walk import PostureState
-
-if TYPE_CHECKING:
-    from ampm.body.robot import Robot
 
 
 @dataclass(frozen=True)

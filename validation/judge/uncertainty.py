@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, NonNegativeFloat, ValidationError
@@ -15,9 +15,7 @@ from ampm.files import read_file
 from ampm.geometry import Array
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready
-
-if TYPE_CHECKING:
-    from validation.trial.plan import Request
+from validation.trial.plan import Request
 
 FILE = "convergence.json"
 _FREE = "gait.steps"

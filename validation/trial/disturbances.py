@@ -10,21 +10,18 @@ import math
 from collections import deque
 from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ampm.description import BodyDescription
 from ampm.exceptions import InputError
 from ampm.geometry import Array
+from ampm.parameters import DisturbanceParameters, RunParameters
+from ampm.walk import ControlOutput
 from validation.trial.users import UsersCode, load_object, real_numbers
-
-if TYPE_CHECKING:
-    from ampm.description import BodyDescription
-    from ampm.parameters import DisturbanceParameters, RunParameters
-    from ampm.walk import ControlOutput
-
 
 _CLOCK = 1e-9  # tolerance of the start of a push, for rounding [s]
 

@@ -6,23 +6,18 @@ compared with the plan as it stood at t - lead.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ampm.geometry import Array
-from ampm.stepping.tracker import CYCLE, STILL
+from ampm.stepping.tracker import CYCLE, STILL, SteppedTick
 from validation.trial.frozen_plan import FrozenPlan, PlanRows
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from ampm.stepping.tracker import SteppedTick
-
 
 LEADS = (0.0, 0.05, 0.1, 0.2, 0.4)
 """How long before an instant the plan stood that it is compared with [s]."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +17,8 @@ from ampm.planner.centroidal import PlanSample
 from ampm.planner.contacts import footprint
 from ampm.planner.newton import ALLOWED, newton_residual
 from ampm.planner.support import StepPlan
+from ampm.walk import WalkPlan
 from validation.trial import spill
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from ampm.walk import WalkPlan
-
 
 _SAME = 1e-9  # time before a row that counts as the row [s]
 _SAMPLED = tuple(item.name for item in fields(PlanSample))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import namedtuple
+from collections.abc import Mapping
 from copy import copy
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -15,15 +16,10 @@ from ampm.geometry import Array
 from ampm.reference import reference_type
 from ampm.vectors import put, vector
 from validation.trial import spill
+from validation.trial.outcome import Outcome
+from validation.trial.physics import BodyState, Physics
 from validation.trial.record import INTEGERS, LOGGED, SHAPES, SimulationRecord, shape_of
 from validation.trial.watch import Stance
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from validation.trial.outcome import Outcome
-    from validation.trial.physics import BodyState, Physics
-
 
 # Code for a class of a function would be compiled by every process.
 Recorded: Any = namedtuple("Recorded", LOGGED)  # type: ignore[misc]

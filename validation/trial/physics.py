@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from ampm.geometry import Array
+from ampm.parameters import RunParameters
 from ampm.physics_parameters import steps_per_tick
 from validation.trial.bridge import to_mujoco
 from validation.trial.engine import drake_of, make_engine
 from validation.trial.outcome import Outcome, OutcomeName
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from ampm.parameters import RunParameters
-    from validation.trial.plan import Body
-
+from validation.trial.plan import Body
 
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
 

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ampm.geometry import Array
-
-if TYPE_CHECKING:
-    from ampm.walk import Reference, State, Touch
+from ampm.walk import Reference, State, Touch
 
 
 def observe(state: State, touch: Touch, reference: Reference) -> dict[str, Array]:

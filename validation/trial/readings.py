@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ampm.body.robot import Robot
 from ampm.compiled import bound, compiled
 from ampm.geometry import Array
-from ampm.sensors.readings import Readings
+from ampm.parameters import RunParameters
+from ampm.sensors.readings import Estimator, EstimatorFactory, Readings
 from ampm.vectors import from_quaternion, minus, plus, times, turned, vector
 from ampm.walk import State, Touch
 from validation.trial.bridge import to_pinocchio
-from validation.trial.log import Log
+from validation.trial.log import Log, RunLog
 from validation.trial.users import ESTIMATOR, UsersCode
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from ampm.body.robot import Robot
-    from ampm.parameters import RunParameters
-    from ampm.sensors.readings import Estimator, EstimatorFactory
-    from validation.trial.log import RunLog
-
 
 _HINGES = 6  # velocities of the free root come first
 _DRAWN = 64  # ticks whose noise is drawn at once

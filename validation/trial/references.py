@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.reference import ReferenceTable
-from ampm.walk import WalkPlan
+from ampm.reference import Reference, ReferenceTable, Timing
+from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
 from validation.trial import spill
 from validation.trial.followed import LEADS
 from validation.trial.frozen_plan import NEXT, PUSHED_OUTSIDE, FrozenPlan, check_contacts
 from validation.trial.users import UsersCode, no_walk
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from ampm.reference import Reference, Timing
-    from ampm.walk import Controller, Replanner, State, Touch
 
 _BLOCK = 16_384  # ticks of a table that are made at once; the last digits depend on it
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]

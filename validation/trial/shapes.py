@@ -6,19 +6,14 @@ between the drawn shapes.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ampm.body.robot import Gaps, Robot
+from ampm.description import BodyDescription
 from ampm.geometry import Array
 from validation.trial.bridge import pinocchio_model, to_mujoco
-
-if TYPE_CHECKING:
-    from ampm.description import BodyDescription
-
 
 REACH = 0.1
 """Largest distance that is computed [m]."""

@@ -11,7 +11,7 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
@@ -19,30 +19,35 @@ from ampm.compiled import bound
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.geometry import Array
-from ampm.parameters import DisturbanceParameters
+from ampm.parameters import DisturbanceParameters, RunParameters
 from ampm.planner.heights import uneven
+from ampm.reference import Reference
+from ampm.sensors.readings import Estimator, EstimatorFactory
 from ampm.stepping.tracker import SteppedTick
-from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, State, Timing, Touch
+from ampm.walk import (
+    LIMITED,
+    SOLVED,
+    UNSOLVED,
+    Controller,
+    ControllerFactory,
+    ControlOutput,
+    State,
+    Timing,
+    Touch,
+)
 from validation.trial import spill
 from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, describe, pushes_of, started
 from validation.trial.followed import Followed
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, explained, quiet_mujoco
+from validation.trial.plan import PlannedWalk
 from validation.trial.readings import Sensing, make_estimator
 from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References
 from validation.trial.step import act, end_step, sense
 from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
 from validation.trial.watch import End, Watch
-
-if TYPE_CHECKING:
-    from ampm.parameters import RunParameters
-    from ampm.reference import Reference
-    from ampm.sensors.readings import Estimator, EstimatorFactory
-    from ampm.walk import Controller, ControllerFactory
-    from validation.trial.plan import PlannedWalk
-
 
 _PROGRESS_STEPS = 50
 _FLOAT = np.dtype(np.float64)

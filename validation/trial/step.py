@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +10,8 @@ from numpy.typing import NDArray
 from ampm.compiled import compiled
 from ampm.geometry import Array
 from ampm.vectors import put, turned, vector
-from validation.trial.log import keep_instant
+from validation.trial.log import Log, keep_instant
 from validation.trial.watch import stands
-
-if TYPE_CHECKING:
-    from validation.trial.log import Log
 
 
 @compiled

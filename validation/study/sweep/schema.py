@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import pyarrow as pa
 
@@ -20,9 +20,7 @@ from ampm.planner.centroidal import PlanConstants
 from ampm.run_file import describe_keys, key_info
 from ampm.section import Option
 from validation.judge.metrics import METRICS
-
-if TYPE_CHECKING:
-    from validation.run.trial import Trial
+from validation.run.trial import Trial
 
 Kind = Literal["real", "whole", "text"]
 Options = Mapping[str, Sequence[Option]]
