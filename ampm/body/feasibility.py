@@ -1,7 +1,5 @@
 """Refusals by the body: checks of plan and soles before anything is solved, and of the solved motion."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -3,8 +3,6 @@
 The ``pin.Model`` is an argument, so this module is independent of the simulator.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import cached_property
 from typing import NamedTuple, Protocol

@@ -79,25 +79,17 @@ class RoughOrbits:
 
 @dataclass
 class Candidate:
-    """One choice that was evaluated.
+    """One choice that was evaluated."""
 
-    Attributes:
-        x: free unknowns.
-        run: complete, if there is a plan.
-        plan: None where the formula has no solution.
-        values: limit to value; those of the orbit are missing where there is none.
-        detail: normalised margins of every joint and phase; empty where there is no periodic step.
-        orbit: the periodic step, if there is one.
-        why: why there is none.
-    """
-
-    x: Array
-    run: RunParameters
-    plan: StepPlan | None = None
+    x: Array  # free unknowns
+    run: RunParameters  # complete, if there is a plan
+    plan: StepPlan | None = None  # None where the formula has no solution
+    # limit to value; those of the orbit are missing where there is none
     values: dict[str, float] = field(default_factory=dict)
+    # normalised margins of every joint and phase; empty where there is no periodic step
     detail: Array = field(default_factory=lambda: np.empty(0))
-    orbit: Orbit | None = None
-    why: Unreachable | None = None
+    orbit: Orbit | None = None  # the periodic step, if there is one
+    why: Unreachable | None = None  # why there is none
 
     def margins(self) -> dict[str, float]:
         """Normalised margins of the limits that have a value."""

@@ -3,8 +3,6 @@
 Units and meanings are listed in :mod:`validation.judge.metrics`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any

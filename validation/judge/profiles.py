@@ -21,20 +21,12 @@ from validation.trial.disturbances import Disturbance, Push, pushes_of
 
 @dataclass(frozen=True)
 class Tolerance:
-    """One limit and its reason.
+    """One limit and its reason."""
 
-    Attributes:
-        metric: name in :data:`validation.judge.metrics.METRICS`.
-        limit: largest value that passes, in ``unit``.
-        unit: the metric's, or one that grows with the body: ``body weight``, ``foot length``, ``foot
-            momentum``.
-        reason: why this number, one or two sentences.
-    """
-
-    metric: str
-    limit: float
-    unit: str
-    reason: str
+    metric: str  # name in `METRICS`
+    limit: float  # largest value that passes, in `unit`
+    unit: str  # the metric's, or one that grows with the body: `body weight`, `foot length`, `foot momentum`
+    reason: str  # why this number, one or two sentences
 
     def limit_for(self, scales: Mapping[str, Any]) -> Any:
         """The limit in the metric's own unit, for one body or several.

@@ -1,7 +1,5 @@
 """Numerical uncertainty of a gait's metrics, as ``ampm convergence`` stores it; what rounding changes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -45,22 +45,14 @@ class Equations(Brief):
 
     The defect of a step is the largest difference, over all coordinates, between the recorded change of
     velocity and that of the equations [m/s or rad/s].
-
-    Attributes:
-        steps: that were checked.
-        median: median defect.
-        largest: largest defect.
-        coordinate: that has the largest one.
-        time: of the step with the largest one [s].
-        change: median over the steps of the largest change of velocity, for comparison.
     """
 
-    steps: int
-    median: float
-    largest: float
-    coordinate: str
-    time: float
-    change: float
+    steps: int  # that were checked
+    median: float  # median defect
+    largest: float  # largest defect
+    coordinate: str  # that has the largest one
+    time: float  # of the step with the largest one [s]
+    change: float  # median over the steps of the largest change of velocity, for comparison
 
     def __str__(self) -> str:
         return (

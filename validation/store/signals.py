@@ -52,13 +52,9 @@ def column_of(name: str) -> SignalColumn:
 
 @dataclass(frozen=True)
 class Signals(Brief):
-    """Columns of ``signals.parquet``; a null is NaN.
+    """Columns of ``signals.parquet``; a null is NaN."""
 
-    Attributes:
-        columns: name to array (N,): float64, bool, or object for the labels.
-    """
-
-    columns: Mapping[str, NDArray[Any]]
+    columns: Mapping[str, NDArray[Any]]  # name to array (N,): float64, bool, or object for the labels
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in self.columns:

@@ -248,23 +248,14 @@ def residuals_of(planned: PlannedWalk) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Explanation(Tabled):
-    """Why a trial fails, or what costs most of its margin.
+    """Why a trial fails, or what costs most of its margin."""
 
-    Attributes:
-        title: gait, and what was changed in it.
-        named: layers that are to blame; none if the trial passes, or if no layer helps.
-        said: the sentence.
-        trial: the trial itself, see :func:`walk_case`.
-        changes: the same of every change and pair, with its ``layers`` and its ``text``.
-        residuals: see :func:`residuals_of`.
-    """
-
-    title: str
-    named: tuple[str, ...]
-    said: str
-    trial: Row
-    changes: tuple[Row, ...]
-    residuals: Mapping[str, float]
+    title: str  # gait, and what was changed in it
+    named: tuple[str, ...]  # layers that are to blame; none if the trial passes, or if no layer helps
+    said: str  # the sentence
+    trial: Row  # the trial itself, see `walk_case`
+    changes: tuple[Row, ...]  # the same of every change and pair, with its `layers` and its `text`
+    residuals: Mapping[str, float]  # see `residuals_of`
 
     @property
     def sentence(self) -> str:

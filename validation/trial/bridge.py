@@ -16,8 +16,6 @@ root linear acceleration  d/dt of the above           spatial: ``R^T a - omega x
 ========================  ==========================  ===================================
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

@@ -4,8 +4,6 @@ What else disturbs a walk is in :mod:`validation.trial.scene` (world and body) a
 :mod:`validation.trial.readings` (sensors).
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass

@@ -34,18 +34,12 @@ class Followed:
 
     A plan holds from the tick after it was made. Off its plan, the stabiliser that steps has planned each
     tick before it sensed the state of this tick, see :class:`Stepped`.
-
-    Attributes:
-        plans: of the planner, the first one first.
-        since: first tick of each of them [s].
-        stepped: states of the stabiliser, a tick each, in turn.
-        tick: control period [s].
     """
 
-    plans: tuple[FrozenPlan, ...]
-    since: tuple[float, ...] = (0.0,)
-    stepped: tuple[SteppedTick, ...] = ()
-    tick: float = 0.0
+    plans: tuple[FrozenPlan, ...]  # of the planner, the first one first
+    since: tuple[float, ...] = (0.0,)  # first tick of each of them [s]
+    stepped: tuple[SteppedTick, ...] = ()  # states of the stabiliser, a tick each, in turn
+    tick: float = 0.0  # control period [s]
 
     @property
     def moved(self) -> bool:

@@ -1,7 +1,5 @@
 """The simulated body: the only module of a walk that owns ``MjData``."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from dataclasses import replace

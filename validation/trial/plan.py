@@ -36,16 +36,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Request:
-    """One gait that a user asks for.
+    """One gait that a user asks for."""
 
-    Attributes:
-        name: preset, or stem of the file.
-        run: everything that describes the run.
-        changed: key to value of what settings changed in the preset or file, except the number of steps.
-    """
-
-    name: str
-    run: RunParameters
+    name: str  # preset, or stem of the file
+    run: RunParameters  # everything that describes the run
+    # key to value of what settings changed in the preset or file, except the number of steps
     changed: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -69,17 +64,11 @@ def gait_title(name: str, changed: Mapping[str, Any], planner: str = "") -> str:
 
 @dataclass(frozen=True)
 class Body(Brief):
-    """A body for simulator and controller.
+    """A body for simulator and controller."""
 
-    Attributes:
-        model: the simulator's.
-        robot: of planner and controller.
-        shapes: that must keep apart.
-    """
-
-    model: BodyModel
-    robot: Robot
-    shapes: Shapes
+    model: BodyModel  # the simulator's
+    robot: Robot  # of planner and controller
+    shapes: Shapes  # that must keep apart
 
     @classmethod
     def of(cls, model: BodyModel) -> Body:
@@ -100,23 +89,15 @@ class Body(Brief):
 
 @dataclass(frozen=True)
 class PlannedWalk(Brief):
-    """What a walk is simulated from.
+    """What a walk is simulated from."""
 
-    Attributes:
-        request: name and parameters, with the values that were found.
-        plan: COM, momentum, feet and posture.
-        body: that walks.
-        planner: name of the planner that made the plan, empty for the default one.
-        tuned: the values that were found, with their margins; None if nothing was searched for.
-        replanner: the planner, if it goes on planning while its plan is walked.
-    """
-
-    request: Request
-    plan: WalkPlan
-    body: Body
-    planner: str = ""
+    request: Request  # name and parameters, with the values that were found
+    plan: WalkPlan  # COM, momentum, feet and posture
+    body: Body  # that walks
+    planner: str = ""  # name of the planner that made the plan, empty for the default one
+    # the values that were found, with their margins; None if nothing was searched for
     tuned: Tuned | None = None
-    replanner: Replanner | None = None
+    replanner: Replanner | None = None  # the planner, if it goes on planning while its plan is walked
 
     @property
     def name(self) -> str:

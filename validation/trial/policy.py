@@ -1,7 +1,5 @@
 """What a policy observes of one tick, in :mod:`validation.environment` and as the controller of a trial."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ampm.geometry import Array

@@ -1,7 +1,5 @@
 """Sensors of the simulated body: true values of the log, with delay, noise and bias."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from itertools import pairwise

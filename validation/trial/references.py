@@ -1,7 +1,5 @@
 """The plans that a walk follows, one after another, and their references at its control ticks."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ once, and so is the tree that sorts contacts out. So every change is written int
 compiled, and only there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Only the soles of the body collide, so parts of the body can penetrate each othe
 between the drawn shapes.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -5,8 +5,6 @@ so that the controller senses the contacts of the state on which it acts. The ru
 motion.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Compiled parts of a step of the simulation: what lies between MuJoCo's calls and the controller."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

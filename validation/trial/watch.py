@@ -4,8 +4,6 @@ failing QP makes the body fall. The order decides: a QP that stays unsolved whil
 ``infeasible``; a body that had left the plan before is given time to fall.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

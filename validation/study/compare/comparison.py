@@ -121,15 +121,10 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class WalkComparison(Tabled):
-    """Walks and all their compared metrics.
+    """Walks and all their compared metrics."""
 
-    Attributes:
-        sides: the walks, two or more.
-        rows: metrics, group by group.
-    """
-
-    sides: tuple[Side, ...]
-    rows: tuple[Row, ...]
+    sides: tuple[Side, ...]  # the walks, two or more
+    rows: tuple[Row, ...]  # metrics, group by group
 
     @property
     def title(self) -> str:

@@ -47,23 +47,14 @@ class StudiedMetric:
 
 @dataclass(frozen=True)
 class Convergence(Tabled):
-    """All studies of one gait.
+    """All studies of one gait."""
 
-    Attributes:
-        request: the gait, with the steps that were walked.
-        studies: in order.
-        walks: task of a level to its row, see :func:`validation.study.convergence.levels.walk_level`.
-        uncertainty: numerical uncertainty by the studies.
-        studied: metric to its levels and estimates.
-        verdict: pass only where every metric is further from its limit than its uncertainty.
-    """
-
-    request: Request
-    studies: tuple[Study, ...]
-    walks: Mapping[str, Row]
-    uncertainty: Uncertainty
-    studied: Mapping[str, StudiedMetric]
-    verdict: Verdict
+    request: Request  # the gait, with the steps that were walked
+    studies: tuple[Study, ...]  # in order
+    walks: Mapping[str, Row]  # task of a level to its row, see `walk_level`
+    uncertainty: Uncertainty  # numerical uncertainty by the studies
+    studied: Mapping[str, StudiedMetric]  # metric to its levels and estimates
+    verdict: Verdict  # pass only where every metric is further from its limit than its uncertainty
 
     @property
     def metrics(self) -> dict[str, MetricResult]:

@@ -39,22 +39,14 @@ class CellResult:
 
 @dataclass(frozen=True)
 class Robustness(Tabled):
-    """A robustness study.
+    """A robustness study."""
 
-    Attributes:
-        gait: its name.
-        body: its name.
-        controller: its name.
-        replicas: of each value.
-        cells: results.
-        crashes: runs that an error of program or machine ended, with its cause; they count as not survived.
-    """
-
-    gait: str
-    body: str
-    controller: str
-    replicas: int
-    cells: tuple[CellResult, ...]
+    gait: str  # its name
+    body: str  # its name
+    controller: str  # its name
+    replicas: int  # of each value
+    cells: tuple[CellResult, ...]  # results
+    # runs that an error of program or machine ended, with its cause; they count as not survived
     crashes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:

@@ -6,8 +6,6 @@ interruptions. Metrics come from the registry (:mod:`validation.judge.metrics`),
 :class:`ampm.parameters.RunParameters`: a new one is a new column.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
