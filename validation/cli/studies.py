@@ -80,10 +80,7 @@ def sweep(
         from validation.study.sweep.design import load_sweep
 
         expected = forecast(load_sweep(file), execution.workers, progress=Narrator())
-        if as_json:
-            print_json(expected.as_dict())
-        else:
-            print_tables(expected.tables())
+        answer(expected, as_json=as_json)
         return Status.PASS if expected.walking else Status.REFUSED
     if execution.out is None:
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
@@ -137,7 +134,6 @@ def convergence(
     uncertainty, or "no asymptotic range"; 'ampm validate --uncertainty' quotes the uncertainty in its
     verdict.
     """
-    from validation.study.convergence.result import Convergence
     from validation.study.convergence.study import convergence as study
 
     found = study(
@@ -148,8 +144,7 @@ def convergence(
         **vars(execution),
         progress=Narrator(),
     )
-    answer(found, Convergence.as_dict, lambda found: print_tables(found.tables()), as_json=as_json)
-    Narrator().wrote(execution.out)
+    answer(found, as_json=as_json, out=execution.out)
     if not found.completed:
         return Status.NOT_COMPLETED
     return Status.PASS if found.verdict.passed else Status.OUT_OF_TOLERANCE
@@ -181,7 +176,6 @@ def robustness(
     values of the keys of disturbance and sensors. A value counts if it and
     all smaller ones are survived.
     """
-    from validation.study.robustness.result import Robustness
     from validation.study.robustness.study import robustness as study
 
     found = study(
@@ -193,8 +187,7 @@ def robustness(
         **vars(execution),
         progress=Narrator(),
     )
-    answer(found, Robustness.as_dict, lambda found: print_tables(found.tables()), as_json=as_json)
-    Narrator().wrote(execution.out)
+    answer(found, as_json=as_json, out=execution.out)
     return Status.CRASH if found.crashes else Status.PASS
 
 
@@ -220,7 +213,6 @@ def explain(
     layer restores the pass, pairs of the best three are. The folder of a run gets explain.json, which 'ampm
     report' shows.
     """
-    from validation.study.explain import Explanation
     from validation.study.explain import explain as study
 
     is_folder = run is not None and Path(run).is_dir()
@@ -231,7 +223,5 @@ def explain(
         **vars(execution),
         progress=Narrator(),
     )
-    answer(found, Explanation.as_dict, lambda found: print_tables(found.tables()), as_json=as_json)
-    if not as_json:
-        print_line(found.sentence)
+    answer(found, as_json=as_json, out=execution.out)
     return Status.PASS
