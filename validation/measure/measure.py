@@ -283,7 +283,8 @@ def _soles(record: SimulationRecord) -> _Soles:
     for part in blocks(steps):
         position, point_force = record.point_position[part], record.point_force[part]
         point_torque = np.cross(position, point_force)
-        floor[part] = support_height(record.floor, position[:, :, 2], point_force[:, :, 2])
+        surface = position[:, :, 2] + record.point_penetration[part]
+        floor[part] = support_height(record.floor, surface, point_force[:, :, 2])
         contact = point_contact[part] = point_force[:, :, 2] > 0.0
         depth = np.where(contact, record.point_penetration[part], 0.0)
         load = np.where(contact, point_force[:, :, 2], 0.0)

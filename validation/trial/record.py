@@ -116,7 +116,7 @@ class SimulationRecord:
         external_moment: moment on each of them, shape (K, S, 3) [N m].
         external_position: where the force acts, the segment's COM, shape (K, S, 3) [m].
         point_sites: sites of the sole points in the model, P names.
-        floor: heights of its surfaces, ascending, shape (L,) [m].
+        floor: heights of its surfaces, ascending, shape (L,); empty if it slopes [m].
         changes: number of plans followed after the first one.
         controller: name of a user's, empty for the project's own.
         disturbances: pushes and other forces, in words.
@@ -244,20 +244,20 @@ def support_height(floor: Array, height: Array, load: Array) -> Array:
     """Height of the floor under points, each on the surface nearest to it, averaged by their loads.
 
     Args:
-        floor: heights of its surfaces, ascending, shape (L,) [m].
+        floor: heights of its surfaces, ascending, shape (L,); empty if it slopes, then points are on it [m].
         height: of the points, shape (..., P) [m].
         load: vertical force on each, shape (..., P) [N].
 
     Returns:
-        Shape (...) [m]; the lowest level where there is no load.
+        Shape (...) [m]; of the lowest surface, or point, where there is no load.
     """
     if len(floor) == 1:
         return np.full(height.shape[:-1], floor[0])
-    under = floor[np.abs(height[..., None] - floor).argmin(axis=-1)]
+    under = floor[np.abs(height[..., None] - floor).argmin(axis=-1)] if len(floor) else height
     load = np.maximum(load, 0.0)
     total = load.sum(axis=-1)
     mean = (under * load).sum(axis=-1) / np.where(total > 0.0, total, 1.0)
-    return np.asarray(np.where(total > 0.0, mean, floor[0]))
+    return np.asarray(np.where(total > 0.0, mean, floor[0] if len(floor) else height.min(axis=-1)))
 
 
 def _frozen(value: Any, dtype: Any) -> NDArray[Any]:

@@ -60,6 +60,14 @@ def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> 
     return replace(body, xml=ElementTree.tostring(root, encoding="unicode"))
 
 
+def surfaces(wanted: DisturbanceParameters, footsteps: Sequence[Footstep]) -> Array:
+    """Heights of the level surfaces of the floor, ascending, shape (L,); empty if it slopes [m]."""
+    if wanted.slope_along or wanted.slope_across:
+        return np.empty(0)
+    levels = {step.position[2] for step in footsteps} | {wanted.step_height}
+    return wanted.floor_height + np.array(sorted(levels))
+
+
 def _scale(element: ElementTree.Element, key: str, factor: float, *, all_of_it: bool = False) -> None:
     """Multiply the first number of an attribute, or all of them."""
     if factor != 1.0 and key in element.attrib:
