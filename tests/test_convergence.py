@@ -169,9 +169,9 @@ def folder(tmp_path_factory, result):
 
 
 def test_the_files_are_whole_and_read_back(folder, result):
-    assert {path.name for path in folder.iterdir()} == {FILE, convergence.MARKDOWN, convergence.PICTURE}
+    assert {path.name for path in folder.iterdir()} == {FILE, "convergence.md", convergence.PICTURE}
     assert "<svg" in (folder / convergence.PICTURE).read_text()
-    assert "| unsolved QPs |" in (folder / convergence.MARKDOWN).read_text()
+    assert "| unsolved QPs |" in (folder / "convergence.md").read_text()
     known = load_uncertainty(folder / FILE)
     assert load_uncertainty(folder) == known
     assert (known.values, known.spreads) == (result.uncertainty.values, result.uncertainty.spreads)

@@ -25,11 +25,13 @@ from ampm.parameters import RunParameters
 from validation.judge.metrics import added_metrics
 from validation.progress import Progress, Stage, interruption
 from validation.store.environment import code_hash
-from validation.store.folders import check_target, disk_is_full
+from validation.store.folders import check_target, disk_is_full, output_file
+from validation.store.json import write_json
 from validation.store.machine import cores
 from validation.study.pool import open_pool, users_file
 from validation.study.row_file import ROWS, Row, RowFile
 from validation.study.walk_options import users_files
+from validation.table import Tabled, markdown_page
 
 
 @dataclass(frozen=True)
@@ -160,6 +162,15 @@ def study_folder(out: str | Path | None, *, resume: bool) -> Path | None:
         Path(out), None, force=resume, what="study", marks=(ROWS,), way_out="--resume to go on with its study"
     )
     return Path(out)
+
+
+def write_study(result: Tabled, path: Path) -> None:
+    """Write the tables of a study as Markdown and, last, its numbers as JSON, which mark it as complete."""
+    path.unlink(missing_ok=True)
+    with output_file(path.with_suffix(".md")) as work:
+        work.write_text(markdown_page(result.tables()), encoding="utf-8")
+    with output_file(path) as work:
+        write_json(work, result.as_dict())
 
 
 def walk_many(

@@ -238,6 +238,12 @@ STORED = {name: of["file"] for name, of in _ARRAYS.items() if of["file"]}
 """File of every array on disk."""
 OPTIONAL = frozenset(name for name, of in _ARRAYS.items() if of["optional"])
 """Arrays that are zero if they are left out."""
+CONSTANTS = tuple(
+    item.name
+    for item in fields(SimulationRecord)
+    if item.name != "followed" and SHAPES.get(item.name, "").partition(" ")[0] not in ("K", "K+1", "T")
+)
+"""Fields of a :class:`SimulationRecord` without a rate of their own."""
 
 
 def support_height(floor: Array, height: Array, load: Array) -> Array:
