@@ -22,39 +22,22 @@ PIVOT_HEEL, PIVOT_BALL = np.int8(0), np.int8(1)
 
 @dataclass(frozen=True)
 class FootSample:
-    """One foot's planned motion at N times, in world.
+    """One foot's planned motion at N times, in world."""
 
-    Attributes:
-        position: sole reference point, shape (N, 3) [m].
-        velocity: its velocity, shape (N, 3) [m/s].
-        acceleration: its acceleration, shape (N, 3) [m/s^2].
-        pitch: rotation of the foot segment about +y, toes down positive, shape (N,) [rad].
-        pitch_velocity: shape (N,) [rad/s].
-        pitch_acceleration: shape (N,) [rad/s^2].
-        heading: yaw of the foot segment, before its pitch, shape (N,) [rad].
-        heading_velocity: shape (N,) [rad/s].
-        heading_acceleration: shape (N,) [rad/s^2].
-        toe: angle of the toe joint about +y, relative to the foot segment, shape (N,) [rad].
-        toe_velocity: shape (N,) [rad/s].
-        toe_acceleration: shape (N,) [rad/s^2].
-        contact: heel, ball and tip planned in contact, shape (N, 3), bool.
-        sole_points: heel left/right, ball left/right, tip left/right, shape (N, 6, 3) [m].
-    """
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-    pitch: Array
-    pitch_velocity: Array
-    pitch_acceleration: Array
-    heading: Array
-    heading_velocity: Array
-    heading_acceleration: Array
-    toe: Array
-    toe_velocity: Array
-    toe_acceleration: Array
-    contact: NDArray[np.bool_]
-    sole_points: Array
+    position: Array  # sole reference point, shape (N, 3) [m]
+    velocity: Array  # its velocity, shape (N, 3) [m/s]
+    acceleration: Array  # its acceleration, shape (N, 3) [m/s^2]
+    pitch: Array  # rotation of the foot segment about +y, toes down positive, shape (N,) [rad]
+    pitch_velocity: Array  # shape (N,) [rad/s]
+    pitch_acceleration: Array  # shape (N,) [rad/s^2]
+    heading: Array  # yaw of the foot segment, before its pitch, shape (N,) [rad]
+    heading_velocity: Array  # shape (N,) [rad/s]
+    heading_acceleration: Array  # shape (N,) [rad/s^2]
+    toe: Array  # angle of the toe joint about +y, relative to the foot segment, shape (N,) [rad]
+    toe_velocity: Array  # shape (N,) [rad/s]
+    toe_acceleration: Array  # shape (N,) [rad/s^2]
+    contact: NDArray[np.bool_]  # heel, ball and tip planned in contact, shape (N, 3), bool
+    sole_points: Array  # heel left/right, ball left/right, tip left/right, shape (N, 6, 3) [m]
 
     def __post_init__(self) -> None:
         for value in vars(self).values():

@@ -102,9 +102,6 @@ def ipm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: Sol
 
     With ``k = sqrt(g/H)``, half the travel in single support is ``l_s = v0 tanh(k T_SS/2) / k``, in double
     support ``v0 T_DS / 2``, and together they are half a step.
-
-    Raises:
-        InputError, MathematicalRefusal: as :func:`ampm.planner.support.plan_steps`.
     """
     steps = plan_steps(gait, mass, foot, sole)
     single, double = steps.constants.single_support_duration, steps.constants.double_support_duration
@@ -118,11 +115,7 @@ def ipm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: Sol
 
 
 def lipm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:
-    """The plain inverted pendulum in closed form, with the gait's speed at the switches.
-
-    Raises:
-        InputError, MathematicalRefusal: as :func:`ampm.planner.support.plan_steps`.
-    """
+    """The plain inverted pendulum in closed form, with the gait's speed at the switches."""
     return plan_steps(gait.model_copy(update={"planner": LIPM}), mass, foot, sole)
 
 
@@ -135,9 +128,6 @@ def dcm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: Sol
     In single support ``xi`` is closed form. For the recursion the ZMP changes feet at once in the middle of
     the double support (equal shares of it before and after). Then the double support becomes a cubic of
     ``xi`` that meets value and rate at both ends, so that the ZMP is continuous.
-
-    Raises:
-        InputError, MathematicalRefusal: as :func:`ampm.planner.support.plan_steps`.
     """
     steps = plan_steps(gait, mass, foot, sole)
     single, double = (
@@ -196,11 +186,7 @@ def _dcm_step(steps: StepPlan, axis: _Axis, in_single: Array, in_double: Array) 
 
 
 def preview_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:
-    """Preview control of the cart-table along a ZMP that is linear in time in either phase.
-
-    Raises:
-        InputError, MathematicalRefusal: as :func:`ampm.planner.support.plan_steps`.
-    """
+    """Preview control of the cart-table along a ZMP that is linear in time in either phase."""
     steps = plan_steps(gait, mass, foot, sole)
     count = round(steps.constants.step_duration / SAMPLE_TIME)
     times = np.linspace(0.0, steps.constants.step_duration, count, endpoint=False)

@@ -200,9 +200,6 @@ def _searches(
     The first begins with the guess; with L_z held at zero where that would twist the feet: the arms then
     balance the legs about the vertical, which takes from the feet's twisting moment. Where it finds nothing,
     others begin with starts that are spread over the ranges.
-
-    Raises:
-        MathematicalRefusal: there is no guess.
     """
     search = _begun(space, robot, report, effort)
     first, tried = search.candidates[-1], 0
@@ -231,11 +228,7 @@ def _searches(
 
 
 def _begun(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> ChoiceSearch:
-    """A search with the guess as its first choice, the COM lowered until there is a periodic step.
-
-    Raises:
-        MathematicalRefusal: there is no guess.
-    """
+    """A search with the guess as its first choice, the COM lowered until there is a periodic step."""
     search = ChoiceSearch(space, RoughOrbits(robot, space.run), report, effort)
     for drop in _DROPS if "height" in space.names else _DROPS[:1]:
         if search.evaluate(space.lowered(search.guess, drop)).orbit is not None:

@@ -84,17 +84,11 @@ class Metric:
 
 @dataclass(frozen=True)
 class MetricValue:
-    """Value of a metric over the run without the first step.
+    """Value of a metric over the run without the first step."""
 
-    Attributes:
-        value: NaN if it could not be measured.
-        unit: SI unit.
-        first_step: the same metric for the first step, None if it has none.
-    """
-
-    value: float
-    unit: str
-    first_step: float | None = None
+    value: float  # NaN if it could not be measured
+    unit: str  # SI unit
+    first_step: float | None = None  # the same metric for the first step, None if it has none
 
 
 def spaced(name: str) -> str:

@@ -42,21 +42,13 @@ _NAMES: set[str] = set()  # of all profiles that were made
 
 @dataclass(frozen=True)
 class Profile:
-    """A named set of tolerances, read from the registry of metrics.
+    """A named set of tolerances, read from the registry of metrics."""
 
-    Attributes:
-        name: as given to ``--profile``.
-        description: what it is for, one sentence.
-        base: profile whose limit holds for a metric that names none for this one.
-        factor: on the limits of ``base`` that judge the walk, not its instrument.
-        leaves_out: metrics that it does not judge.
-    """
-
-    name: str
-    description: str
-    base: Self | None = None
-    factor: float = 1.0
-    leaves_out: tuple[str, ...] = ()
+    name: str  # as given to `--profile`
+    description: str  # what it is for, one sentence
+    base: Self | None = None  # profile whose limit holds for a metric that names none for this one
+    factor: float = 1.0  # on the limits of `base` that judge the walk, not its instrument
+    leaves_out: tuple[str, ...] = ()  # metrics that it does not judge
 
     def __post_init__(self) -> None:
         """Remember the name, for :meth:`tolerance`."""

@@ -200,11 +200,7 @@ def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _load_summary(path: Path) -> dict[str, Any]:
-    """Read ``summary.json``.
-
-    Raises:
-        InputError: there is none, or it is damaged.
-    """
+    """Read ``summary.json``."""
     return read_json(path, Summary, "walk the gait again")
 
 

@@ -134,11 +134,7 @@ class Execution(Pool, total=False):
 
 
 def open_study(execution: Execution) -> tuple[Path | None, Pool]:
-    """Folder of a study, see :func:`study_folder`, and where it walks.
-
-    Raises:
-        InputError: as :func:`study_folder`.
-    """
+    """Folder of a study, see :func:`study_folder`, and where it walks."""
     rest: dict[str, Any] = {**execution}
     folder = study_folder(rest.pop("out", None), resume=rest.pop("resume", False))
     return folder, cast(Pool, rest)

@@ -404,11 +404,7 @@ def tune_walk(request: Request, progress: Progress | None = None, *, advise: boo
 
 
 def complete(request: Request, progress: Progress | None = None) -> Request:
-    """The request with all values, including those that planning would find.
-
-    Raises:
-        InputError, MathematicalRefusal, BodilyRefusal: as :func:`tune_walk`.
-    """
+    """The request with all values, including those that planning would find."""
     return tune_walk(request, progress).request if leaves_open(request.run) else request
 
 

@@ -266,9 +266,6 @@ def check_planner(text: str, options: Mapping[str, Option]) -> None:
     """Refuse a name that is no planner, and options that it does not take, before anything is planned.
 
     A user's planner is not made for it.
-
-    Raises:
-        InputError: as :func:`load_planner`.
     """
     if Path(text).suffix in SUFFIXES:
         load_planner(text, options)
