@@ -1,7 +1,4 @@
-"""``ampm body list`` and ``ampm body check``.
-
-Commands import what they run: simulator and Pinocchio take long to load.
-"""
+"""``ampm body list`` and ``ampm body check``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""``ampm plan`` and ``ampm keys``: commands that simulate nothing.
-
-Commands import what they run: NumPy, Pinocchio and matplotlib take long to load.
-"""
+"""``ampm plan`` and ``ampm keys``: commands that simulate nothing."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""``ampm sweep``, ``convergence``, ``robustness`` and ``explain``: many walks.
-
-Commands import what they run: simulator, Pinocchio and NumPy take long to load.
-"""
+"""``ampm sweep``, ``convergence``, ``robustness`` and ``explain``: many walks."""
 
 from __future__ import annotations
 
