@@ -53,7 +53,8 @@ class WholeBodyMotion(Brief):
     acceleration: Array  # Pinocchio accelerations, shape (n+1, nv)
     trunk_pitch: Array  # shape (n+1,) [rad]
     angular_momentum_z: Array  # about the COM, shape (n+1,) [N m s]; not part of a plan
-    step_length: float  # [m]
+    step_length: float  # way of a step along x [m]
+    step_rise: float  # the same along z [m]
     report: MotionReport  # constant of L_y, residuals, multipliers, margins
 
     def __post_init__(self) -> None:
@@ -100,6 +101,7 @@ class WholeBodyMotion(Brief):
         q[odd] = robot.mirror_q(q[odd])
         v[odd], acceleration[odd] = robot.mirror_v(v[odd]), robot.mirror_v(acceleration[odd])
         q[:, 0] += step * self.step_length
+        q[:, 2] += step * self.step_rise
         trunk, window = robot.trunk_rotations(q), np.zeros(len(t))
         state = PostureState(q, v, acceleration, trunk, np.where(odd, -yaw, yaw), window)
         for array in state:

@@ -56,7 +56,7 @@ def solve_motion(plan: StepPlan, run: RunParameters, robot: Robot) -> WholeBodyM
 
     def map_on(grid_step: float) -> StepMap:
         reference = step_reference(plan, step_grid(plan, grid_step))
-        return StepMap(ik, reference, plan.contacts.step_length, run.body.lean)
+        return StepMap(ik, reference, plan.contacts, run.body.lean)
 
     coarse, fine = map_on(max(fine_step, min(COARSE_STEP, longest))), map_on(fine_step)
     try:
@@ -115,6 +115,7 @@ def _motion(
         step.trunk_pitch,
         step.angular_momentum_z,
         plan.contacts.step_length,
+        plan.contacts.step_rise,
         report,
     )
 

@@ -14,6 +14,7 @@ from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import StepReference
 from ampm.geometry import Array
+from ampm.planner.contacts import Contacts
 
 MULTIPLIERS = 4
 """How many multipliers of the return map are reported."""
@@ -39,15 +40,15 @@ class StepMap:
     Args:
         ik: integrates the step.
         reference: the step.
-        step_length: [m].
+        contacts: their step is its way.
         lean: mean pitch of the trunk over the step [rad].
     """
 
     def __init__(
-        self, ik: InverseKinematics, reference: StepReference, step_length: float, lean: float
+        self, ik: InverseKinematics, reference: StepReference, contacts: Contacts, lean: float
     ) -> None:
         self.ik, self.reference, self.origin = ik, reference, standing(ik, reference)
-        self.step_length, self.lean = step_length, lean
+        self.contacts, self.lean = contacts, lean
         nv = self.ik.robot.nv
         self.n = 2 * nv + 1
         self.scale = np.concatenate([np.ones(nv), np.full(nv, _VELOCITY_SCALE), [_OFFSET_SCALE]])
@@ -55,7 +56,7 @@ class StepMap:
     def easier(self, drop: float, share: float) -> "StepMap":
         """The map of the same step with the COM lower by ``drop`` [m] and a share of the angular momentum."""
         reference = self.reference.lowered(drop).with_momentum_share(share)
-        return StepMap(self.ik, reference, self.step_length, self.lean)
+        return StepMap(self.ik, reference, self.contacts, self.lean)
 
     def encode(self, q: Array, v: Array, offset: float) -> Array:
         """Unknowns of a start state and a constant of L_y [N m s]."""
@@ -83,7 +84,8 @@ class StepMap:
     def returned(self, trajectory: StepTrajectory, offset: float) -> Array:
         """Unknowns of the step's mirrored end."""
         robot = self.ik.robot
-        q = robot.mirror_q(trajectory.q[-1], -self.step_length)
+        way = self.contacts
+        q = robot.mirror_q(trajectory.q[-1], -way.step_length, -way.step_rise)
         return self.encode(q, robot.mirror_v(trajectory.v[-1]), offset)
 
     def mean_pitch(self, trajectory: StepTrajectory) -> float:

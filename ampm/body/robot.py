@@ -169,11 +169,12 @@ class Robot:
         """Reflect joint values (..., nu) in the sagittal plane."""
         return values[..., self._mirror_index] * self._mirror_sign
 
-    def mirror_q(self, q: Array, advance: float = 0.0) -> Array:
-        """Reflect configurations (..., nq) in the plane y = 0 and move them by ``advance`` along x [m]."""
+    def mirror_q(self, q: Array, advance: float = 0.0, rise: float = 0.0) -> Array:
+        """Reflect configurations (..., nq) in the plane y = 0; move them along x and z [m]."""
         out = q.copy()
         out[..., [1, 3, 5]] *= -1.0  # y, and of the quaternion x, y, z, w roll and yaw
         out[..., 0] += advance
+        out[..., 2] += rise
         out[..., 7:] = self.mirror_joints(q[..., 7:])
         return out
 

@@ -3,8 +3,12 @@
 A :class:`CentroidalPlan` gives COM, ZMP, force and angular momentum about the COM for arrays of times, and
 its own residuals.
 
-Conventions: world x forward, y left, z up, floor z = 0 except under footsteps of another height; forces and
-moments act on the body.
+Conventions: world x forward, y left, z up, floor z = 0 except on a slope and under footsteps of another
+height; forces and moments act on the body.
+
+On a slope the COM moves parallel to the floor. Its motion along x and y, the ZMP along x, the moments and the
+angular momentum are those of the walk on level ground: ``z = H + k x`` gives ``F_z = m (g + k x'')``, and the
+pendulum along x keeps its law (Kajita et al., "The 3D Linear Inverted Pendulum Mode", IROS 2001).
 """
 
 from __future__ import annotations
@@ -108,8 +112,8 @@ class PlanSample(Brief):
     com_acceleration: Array  # shape (N, 3) [m/s^2]
     dcm: Array  # divergent component of motion, com + com_velocity sqrt(H/g), shape (N, 2) [m]
     zmp: Array  # on the level plane of height `floor`, shape (N, 2) [m]
-    # height of the support: of the standing foot, in double support of a point on the line between the feet,
-    # shape (N,) [m]
+    # height of the support: of the standing foot, in double support of a point on the line between the feet;
+    # on a slope of the floor under the ZMP, shape (N,) [m]
     floor: Array
     force: Array  # ground reaction on the body, shape (N, 3) [N]
     moment: Array  # moment (x, y) of that force about the COM, shape (N, 2) [N m]
@@ -257,7 +261,7 @@ class CentroidalPlan(Described, Brief):
         moved = np.zeros((3, len(index), 3))
         moved[0, :, :2], moved[1, :, :2], moved[2, :, :2] = origin + state.position, *state[1:3]
         moved[0, :, 2], zmp, floor = self.com_height, origin + state.zmp, np.zeros(len(index))
-        if self._climbs:
+        if self.climbs:
             for number in np.unique(index):
                 rows, law = index == number, self.phases[number].z
                 if law is not None:
@@ -266,10 +270,18 @@ class CentroidalPlan(Described, Brief):
             force = self.mass * (moved[2] + np.array([0.0, 0.0, self.gravity]))
             arm = (moved[0, :, 2] - floor)[:, None] * force[:, :2] + moment[:, ::-1] * np.array([1.0, -1.0])
             zmp = moved[0, :, :2] - arm / force[:, 2:]
+        if slope := self.contacts.slope:
+            # With heights that grow by the slope, the force along x, the moment and the ZMP along x remain.
+            ahead, across = (moved[0, :, :2] - zmp).T
+            moved[:, :, 2] += slope * moved[:, :, 0]
+            lateral = across * self.gravity + slope * ahead * moved[2, :, 1]
+            zmp[:, 1] = moved[0, :, 1] - lateral / (self.gravity + moved[2, :, 2])
+            floor = slope * zmp[:, 0]
         return _Motion(moved[0], moved[1], moved[2], zmp, moment, momentum, floor)
 
     @cached_property
-    def _climbs(self) -> bool:
+    def climbs(self) -> bool:
+        """Whether footsteps have different heights over the plane of the floor."""
         return any(phase.z is not None for phase in self.phases)
 
     def sample(self, times: ArrayLike) -> PlanSample:

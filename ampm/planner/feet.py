@@ -76,12 +76,13 @@ class FootPath:
 
 @dataclass(frozen=True)
 class FeetPlan(Brief):
-    """Both feet's paths over a whole plan."""
+    """Both feet's paths over a whole plan, on a floor with a slope along x, dz/dx [1]."""
 
     sole: SoleGeometry
     left: FootPath
     right: FootPath
     duration: float
+    slope: float = 0.0
 
     def sample(self, times: ArrayLike) -> tuple[FootSample, FootSample]:
         """Evaluate left and right foot at ``times``, shape (N,) [s].
@@ -91,6 +92,11 @@ class FeetPlan(Brief):
         """
         t = times_within(times, self.duration)
         return _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
+
+    def heights(self, times: ArrayLike) -> Array:
+        """Height of the lowest sole point of both feet over the floor's plane, shape (N, 2) [m]."""
+        points = np.stack([foot.sole_points for foot in self.sample(times)], axis=1)
+        return np.asarray((points[..., 2] - self.slope * points[..., 0]).min(axis=2))
 
     def contact(self, times: Array) -> NDArray[np.bool_]:
         """Groups of both feet in contact at times (T,) [s], shape (T, 2, 3)."""

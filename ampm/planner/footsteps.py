@@ -187,7 +187,7 @@ def contacts_over(
         check_landing(number, landing, lifted, double)
         switches += [lifted, landing]
         lifted = landing + double
-    return contacts_in_turn(footsteps, [*switches, switches[-1] + SETTLING])
+    return contacts_in_turn(footsteps, [*switches, switches[-1] + SETTLING], nominal.contacts.slope)
 
 
 def supports_of(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitParameters) -> Supports:

@@ -190,7 +190,7 @@ def joined(old: FeetPlan, new: FeetPlan, begin: float, landed: float) -> FeetPla
         landed: when the foot lands that swings, or the next one if none does [s].
     """
     left = _joined(old.left, new.left, begin, landed)
-    return FeetPlan(new.sole, left, _joined(old.right, new.right, begin, landed), new.duration)
+    return replace(new, left=left, right=_joined(old.right, new.right, begin, landed))
 
 
 def _joined(old: FootPath, new: FootPath, begin: float, landed: float) -> FootPath:

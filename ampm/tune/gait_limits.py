@@ -57,7 +57,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
     feet = plan.feet.sample(times)
     level = ~double & feet[0].contact[:, HEEL]  # a rising heel leaves the ZMP on the edge
     share = times / plan.contacts.phases[0].duration
-    swing = feet[1].sole_points[:, :, 2].min(axis=1)
+    swing = plan.feet.heights(times)[:, 1]
     turn = max(run.foot.toe_off_rate, run.foot.heel_strike_rate)
     near = np.minimum(share, 1.0 - share) / _SWING_ENDS
     ends = [(near > 0.1) & (near < 1.0) & side for side in (share < 0.5, share > 0.5)]

@@ -71,7 +71,7 @@ class RoughOrbits:
         """
         self.ik.spread_arms(run)
         reference = step_reference(plan, phase_grid(plan, *self.nodes))
-        step_map = StepMap(self.ik, reference, plan.contacts.step_length, run.body.lean)
+        step_map = StepMap(self.ik, reference, plan.contacts, run.body.lean)
         if near is None:
             return start_orbit(step_map, _TOLERANCE)
         return newton(step_map, near.z + shift, _TOLERANCE, near.inverse, rebuilds=1)

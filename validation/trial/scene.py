@@ -46,7 +46,7 @@ def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> 
         InputError: there is no such segment or footstep, or a disturbance needs a level floor.
     """
     wanted = run.disturbance
-    if wanted == DisturbanceParameters() and not uneven(contacts.footsteps):
+    if wanted == DisturbanceParameters() and not uneven(contacts.footsteps) and not contacts.slope:
         return body
     root = ElementTree.fromstring(body.xml)
     for contact in root.iterfind(".//default[@class='contact']/geom"):
@@ -60,11 +60,11 @@ def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> 
     return replace(body, xml=ElementTree.tostring(root, encoding="unicode"))
 
 
-def surfaces(wanted: DisturbanceParameters, footsteps: Sequence[Footstep]) -> Array:
+def surfaces(wanted: DisturbanceParameters, contacts: Contacts) -> Array:
     """Heights of the level surfaces of the floor, ascending, shape (L,); empty if it slopes [m]."""
-    if wanted.slope_along or wanted.slope_across:
+    if wanted.slope_along or wanted.slope_across or contacts.slope:
         return np.empty(0)
-    levels = {step.position[2] for step in footsteps} | {wanted.step_height}
+    levels = {step.position[2] for step in contacts.footsteps} | {wanted.step_height}
     return wanted.floor_height + np.array(sorted(levels))
 
 
@@ -106,11 +106,16 @@ def _change_floor(
     world = next(root.iter("worldbody"))
     plane = next(world.iterfind("geom[@name='floor']"))
     sloped = bool(wanted.slope_along or wanted.slope_across)
+    if (uneven(contacts.footsteps) or contacts.slope) and (sloped or wanted.step_height):
+        raise InputError(
+            "slopes and disturbance.step_height need a level floor; leave them out, or gait.slope and the "
+            "footsteps' z."
+        )
+    if contacts.slope:
+        plane.set("pos", f"0 0 {wanted.floor_height!r}")
+        plane.set("zaxis", _text([-contacts.slope, 0.0, 1.0]))
+        return
     if uneven(contacts.footsteps):
-        if sloped or wanted.step_height:
-            raise InputError(
-                "slopes and disturbance.step_height need a level floor; leave them out, or the footsteps' z."
-            )
         _raise_floor(world, plane, Ground.under(contacts.footsteps, body.description.sole), wanted)
         return
     if not (sloped or wanted.step_height):

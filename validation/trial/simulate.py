@@ -126,7 +126,7 @@ def simulate(
         changes=followed.changes,
         tick_plan=followed.numbers(record.tick_time),
     )
-    floor = surfaces(run.disturbance, plan.contacts.footsteps)
+    floor = surfaces(run.disturbance, plan.contacts)
     return record if np.array_equal(floor, [0.0]) else _on_floor(record, floor)
 
 
