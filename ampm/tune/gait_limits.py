@@ -76,7 +76,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
     return {name: np.atleast_1d(value) for name, value in values.items()}
 
 
-def least(values: Mapping[str, Array]) -> dict[str, float]:
+def tightest(values: Mapping[str, Array]) -> dict[str, float]:
     """Of every limit the value with the least margin."""
     return {name: float(min(every, key=LIMITS[name].margin)) for name, every in values.items()}
 

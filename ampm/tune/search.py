@@ -20,7 +20,7 @@ from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import least, orbit_margins, plan_margins
+from ampm.tune.gait_limits import orbit_margins, plan_margins, tightest
 
 
 @dataclass(frozen=True)
@@ -171,10 +171,10 @@ class ChoiceSearch:
                 shift = 0.0 if self._slopes is None else self._slopes[len(near.detail) :] @ step
                 orbit = orbits.solve(plan, run, near.orbit, shift)
         except Unreachable as error:
-            return Candidate(x, run, plan, least(values), why=error)
+            return Candidate(x, run, plan, tightest(values), why=error)
         values |= orbit_margins(orbit, plan, orbits.robot)
         detail = [LIMITS[name].margin(value) for name, every in values.items() for value in every.tolist()]
-        return Candidate(x, run, plan, least(values), np.array(detail), orbit)
+        return Candidate(x, run, plan, tightest(values), np.array(detail), orbit)
 
     def minimise(
         self, start: Candidate, *, wanted: float = 1.0, pull: float = _PULL, enough: float = math.inf

@@ -26,7 +26,7 @@ from ampm.planner.closed_form import LIPM
 from ampm.planner.periodic import plan_gait
 from ampm.planners import PeriodicPlanner
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import least, orbit_margins, plan_margins
+from ampm.tune.gait_limits import orbit_margins, plan_margins, tightest
 from ampm.tune.refusal import NoFeasibleChoice, broken_limit, no_feasible_choice
 from ampm.tune.search import Candidate, ChoiceSearch, Effort, RoughOrbits
 from ampm.tune.ways_out import ways_out
@@ -154,7 +154,7 @@ def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
     except (RefusedGait, InputError, Unreachable):
         return None
     values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, robot)
-    return Tuned(run.as_is(), plan, space.values(run), least(values), 1)
+    return Tuned(run.as_is(), plan, space.values(run), tightest(values), 1)
 
 
 def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> Tuned:

@@ -36,7 +36,7 @@ class Command(NamedTuple):
     com: Array  # of the reference that it follows, shape (3,) [m]
 
 
-class Log(NamedTuple):
+class StepLog(NamedTuple):
     """What the compiled functions of a step read and write."""
 
     record: Any  # arrays of `LOGGED`
@@ -49,7 +49,7 @@ class Log(NamedTuple):
 
 
 @compiled
-def keep_instant(log: Log, k: int) -> None:
+def keep_instant(log: StepLog, k: int) -> None:
     """Copy the places of sole points and soles, COM and angular momentum at t_k."""
     record, body = log.record, log.body
     sites, place = body.sites, body.site_place
@@ -77,7 +77,7 @@ class RunLog:
         row: what the controller follows at a tick, see :func:`ampm.reference.reference_type`, shape (1,).
         command: of the last tick.
         stance: of body and command.
-        handle: reference to the :class:`Log`, for compiled functions.
+        handle: reference to the :class:`StepLog`, for compiled functions.
     """
 
     def __init__(self, steps: int, physics: Physics) -> None:
@@ -121,7 +121,7 @@ class RunLog:
         )
         self.external: dict[str, Array] = {}  # pushes of every segment that was pushed, shape (K, 9)
         self.touching, self.normal_force = np.zeros(points, dtype=bool), np.zeros(points)
-        self.parts = Log(
+        self.parts = StepLog(
             record=self.record,
             body=physics.body,
             command=self.command,

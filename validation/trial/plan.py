@@ -23,7 +23,14 @@ from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
 from validation.progress import Progress
-from validation.trial.users import CONTROLLER, ESTIMATOR, UsersCode, check_planner, load_planner, no_walk
+from validation.trial.users import (
+    CONTROLLER,
+    ESTIMATOR,
+    UsersCode,
+    check_planner,
+    load_planner,
+    planner_problem,
+)
 
 if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
@@ -329,7 +336,7 @@ def plan_walk(
     ):
         plan = planner.plan(run.undisturbed, body.robot)
         if not isinstance(plan, WalkPlan):
-            raise TypeError(f"it made {no_walk(plan)}")
+            raise TypeError(f"it made {planner_problem(plan)}")
         if not checked:
             _check_posture(plan, body.robot)
             check_contacts(plan)

@@ -14,7 +14,7 @@ from ampm.sensors.readings import Estimator, EstimatorFactory, Readings
 from ampm.vectors import from_quaternion, minus, plus, times, turned, vector
 from ampm.walk import State, Touch
 from validation.trial.bridge import to_pinocchio
-from validation.trial.log import Log, RunLog
+from validation.trial.log import RunLog, StepLog
 from validation.trial.users import ESTIMATOR, UsersCode
 
 _HINGES = 6  # velocities of the free root come first
@@ -22,7 +22,7 @@ _DRAWN = 64  # ticks whose noise is drawn at once
 
 
 @compiled
-def read_true(log: Log, gravity: float, time_step: float, i: int, values: Array) -> None:
+def read_true(log: StepLog, gravity: float, time_step: float, i: int, values: Array) -> None:
     """Add the true readings of step i to values: angles, rates, gyro, accelerometer, normal forces.
 
     The acceleration is the mean of a tick before the step, and forces are those of the step before.

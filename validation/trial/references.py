@@ -13,7 +13,7 @@ from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
 from validation.trial import spill
 from validation.trial.followed import LEADS
 from validation.trial.frozen_plan import NEXT, PUSHED_OUTSIDE, FrozenPlan, check_contacts
-from validation.trial.users import UsersCode, no_walk
+from validation.trial.users import UsersCode, planner_problem
 
 _BLOCK = 16_384  # ticks of a table that are made at once; the last digits depend on it
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]
@@ -105,7 +105,7 @@ class References(Course):
             if plan is None or plan is valid:
                 return
             if not isinstance(plan, WalkPlan):
-                raise TypeError(f"replan at {time:g} s made {no_walk(plan)}; None keeps the plan")
+                raise TypeError(f"replan at {time:g} s made {planner_problem(plan)}; None keeps the plan")
             if not plan.duration >= time:
                 raise ValueError(
                     f"the plan made at {time:g} s ends at {plan.duration:g} s, before now; "

@@ -273,7 +273,7 @@ def check_planner(text: str, options: Mapping[str, Option]) -> None:
         PLANNER.check(text, options)
 
 
-def no_walk(made: Any) -> str:
+def planner_problem(made: Any) -> str:
     """What a planner made instead of a WalkPlan, and what completes it."""
     text = f"a {type(made).__name__}, not a WalkPlan"
     if isinstance(made, StepPlan):

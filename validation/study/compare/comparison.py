@@ -89,7 +89,7 @@ class Side(Brief):
         return max(change, float(rounding(value, unit)))
 
 
-class Row(NamedTuple):
+class MetricRow(NamedTuple):
     """One metric of all sides, in SI units."""
 
     group: str  # heading that it stands under
@@ -124,7 +124,7 @@ class WalkComparison(Tabled):
     """Walks and all their compared metrics."""
 
     sides: tuple[Side, ...]  # the walks, two or more
-    rows: tuple[Row, ...]  # metrics, group by group
+    rows: tuple[MetricRow, ...]  # metrics, group by group
 
     @property
     def title(self) -> str:
@@ -158,7 +158,7 @@ class WalkComparison(Tabled):
             found = [f"{side.label} is better in {wins[k]}" for k, side in enumerate(self.sides) if wins[k]]
         return f"{', '.join(found)} of {len(judged)} judged metrics by more than {basis}; {most}."
 
-    def cells(self, row: Row) -> tuple[str, ...]:
+    def cells(self, row: MetricRow) -> tuple[str, ...]:
         """Label, all values, unit, least difference that counts, and the better side, for tables."""
         shown = [
             cost_unit(METRICS[row.name], side.weight)
@@ -235,7 +235,7 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
     Checks of the measurement itself are left out. Of several limits the first side's counts.
     """
     built_in = METRICS.keys() - {metric.name for metric in added_metrics()}
-    rows: dict[str, list[Row]] = {JUDGED: [], COST: [], OWN: []}
+    rows: dict[str, list[MetricRow]] = {JUDGED: [], COST: [], OWN: []}
     entries: dict[str, Mapping[str, Any]] = {}
     for side in reversed(sides):  # this process may not know users' metrics, but the summaries say all
         entries |= side.run.summary["metrics"]
@@ -251,5 +251,5 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
         changes = sorted(side.change(name, entry["unit"]) for side in sides)
         studied = all(side.study is not None and name in side.study.values for side in sides)
         least = sum(changes[-2:]) if studied else changes[0]
-        rows[group].append(Row(group, name, entry["label"], entry["unit"], values, least, limit))
+        rows[group].append(MetricRow(group, name, entry["label"], entry["unit"], values, least, limit))
     return WalkComparison(tuple(sides), tuple(row for group in rows.values() for row in group))

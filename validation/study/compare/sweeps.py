@@ -32,7 +32,7 @@ _SHOWN = 100
 """Rows of the table of runs."""
 
 
-class Change(NamedTuple):
+class RunChange(NamedTuple):
     """A run that changed.
 
     Attributes:
@@ -69,7 +69,7 @@ class SweepComparison(Tabled):
     b: str
     matched: int
     missing: tuple[str, ...]
-    changes: tuple[Change, ...]
+    changes: tuple[RunChange, ...]
     notes: tuple[str, ...]
     require_all: bool = False
 
@@ -184,7 +184,7 @@ def compare_sweeps(
     names, labels = a.words("name"), [b.label(name) for name in metrics]
     varied = [key for key in dict.fromkeys((*a.varied, *b.varied)) if key in a]
     changes = [
-        Change(
+        RunChange(
             kind=str(kinds[run]),
             run=names[rows_a[run]],
             before=a.state(rows_a[run]).label,
