@@ -1,6 +1,9 @@
 """Refusals by the body: checks of plan and soles before anything is solved, and of the solved motion."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,11 +17,13 @@ from ampm.body.limits import (
     Limit,
     check,
 )
-from ampm.body.motion import MotionReport
 from ampm.description import BodyDescription
 from ampm.geometry import Array
 from ampm.planner.feet import HEEL
 from ampm.planner.support import StepPlan
+
+if TYPE_CHECKING:
+    from ampm.body.motion import MotionReport
 
 FLOOR_TOLERANCE = 1e-6
 """Depth under the floor that rounding may give a planned sole point [m]."""

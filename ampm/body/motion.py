@@ -5,18 +5,22 @@ step is solved, as a periodic orbit (:mod:`ampm.body.orbit`). Every later step i
 forward by a step length.
 """
 
+from __future__ import annotations
+
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ampm.body.robot import Robot
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.walk import PostureState
+
+if TYPE_CHECKING:
+    from ampm.body.robot import Robot
 
 
 @dataclass(frozen=True)

@@ -3,18 +3,22 @@
 The ``pin.Model`` is an argument, so this module is independent of the simulator.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ampm.body.rigid_body import RigidBody
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription
 from ampm.exceptions import InputError
 from ampm.geometry import Array
+
+if TYPE_CHECKING:
+    from ampm.body.rigid_body import RigidBody
 
 TASK_ROWS = 6 + 2 * 6
 """com 3, angular momentum 3, left foot 6 (linear, angular), right foot 6; toes are further rows."""
