@@ -55,24 +55,15 @@ def shape(rate: Any, duration: Any, time: Any) -> Shape:
 
 @dataclass(frozen=True)
 class BlendLaw:
-    """A law that blends force point, ZMP and moment arm from one support to the next.
+    """A law that blends force point, ZMP and moment arm from one support to the next."""
 
-    Attributes:
-        omega: sqrt(g / H) [1/s].
-        rate: k of the blend [1/s].
-        duration: [s].
-        position, velocity: of the COM at the begin [m, m/s].
-        force_point: r at begin and end [m].
-        moment_arm: q at begin and end [m].
-    """
-
-    omega: float
-    rate: float
-    duration: float
-    position: float
-    velocity: float
-    force_point: tuple[float, float]
-    moment_arm: tuple[float, float]
+    omega: float  # sqrt(g / H) [1/s]
+    rate: float  # k of the blend [1/s]
+    duration: float  # [s]
+    position: float  # of the COM at the begin [m]
+    velocity: float  # likewise [m/s]
+    force_point: tuple[float, float]  # r at begin and end [m]
+    moment_arm: tuple[float, float]  # q at begin and end [m]
 
     def evaluate(self, time: Any) -> LawState:
         """State at times since the start of the phase [s]."""

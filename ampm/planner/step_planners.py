@@ -45,18 +45,12 @@ JERK_WEIGHT = 1e-6
 
 
 class _Axis(NamedTuple):
-    """ZMP of one axis in one step, and how the step returns: times ``sign``, plus ``shift``.
+    """ZMP of one axis in one step, and how the step returns: times ``sign``, plus ``shift``."""
 
-    Attributes:
-        begin, end: ZMP at the ends of single support [m].
-        sign: 1 or, where the step returns mirrored, -1.
-        shift: [m].
-    """
-
-    begin: float
-    end: float
-    sign: float
-    shift: float
+    begin: float  # ZMP at the begin of single support [m]
+    end: float  # ZMP at its end [m]
+    sign: float  # 1 or, where the step returns mirrored, -1
+    shift: float  # [m]
 
     @property
     def next(self) -> float:

@@ -27,20 +27,15 @@ LEAST_SUPPORT = 0.01
 
 @dataclass(frozen=True)
 class SelfChecks:
-    """Checks of the instrument over the whole run that rows of a measurement do not tell.
+    """Checks of the instrument over the whole run that rows of a measurement do not tell."""
 
-    Attributes:
-        com_agreement: largest distance between the simulator's COM and Pinocchio's [m].
-        angular_momentum_agreement: largest distance between the two momenta about the COM [N m s].
-        impulse_residual: vertical impulse over the run, less weight and gain of momentum, over the weight's
-            impulse [1]. A standing body presses with exactly its weight; a walking one with its weight and
-            the rate of its momentum.
-        equations: the equations of motion of the recorded steps; None if they were not checked.
-    """
-
-    com_agreement: float
-    angular_momentum_agreement: float
+    com_agreement: float  # largest distance between the simulator's COM and Pinocchio's [m]
+    angular_momentum_agreement: float  # largest distance between the two momenta about the COM [N m s]
+    # vertical impulse over the run, less weight and gain of momentum, over the weight's impulse [1]. A
+    # standing body presses with exactly its weight; a walking one with its weight and the rate of its
+    # momentum
     impulse_residual: float
+    # the equations of motion of the recorded steps; None if they were not checked
     equations: Equations | None = None
 
 

@@ -31,17 +31,12 @@ _NOTES = (
 
 @dataclass(frozen=True)
 class StudiedMetric:
-    """One metric in all studies.
+    """One metric in all studies."""
 
-    Attributes:
-        levels: study to the value at every level, the own one first [SI unit]; NaN where the walk did not
-            complete.
-        estimates: numerical study to its estimate, that of the time step first.
-        spread: largest change by another contact law or engine, infinite if a walk with one did not complete.
-    """
-
+    # study to the value at every level, the own one first [SI unit]; NaN where the walk did not complete
     levels: Mapping[str, tuple[float, ...]]
-    estimates: Mapping[str, Estimate]
+    estimates: Mapping[str, Estimate]  # numerical study to its estimate, that of the time step first
+    # largest change by another contact law or engine, infinite if a walk with one did not complete
     spread: float
 
 

@@ -45,22 +45,15 @@ _GRID = {"forward": 0.1, "backward": 0.1, "wider": 0.05, "narrower": 0.05}
 
 @dataclass(frozen=True)
 class Cell:
-    """One disturbance with rising values.
+    """One disturbance with rising values."""
 
-    Attributes:
-        name: unique.
-        key: that it sets, ``pushes`` for a push.
-        values: tried in this order until one is not survived, in the key's unit; of a push its velocity
-            change [m/s].
-        direction, phase, height: of a push.
-    """
-
-    name: str
-    key: str
+    name: str  # unique
+    key: str  # that it sets, `pushes` for a push
+    # tried in this order until one is not survived, in the key's unit; of a push its velocity change [m/s]
     values: tuple[float, ...]
-    direction: Direction = "forward"
-    phase: PushPhase = "mid"
-    height: str = "com"
+    direction: Direction = "forward"  # of a push
+    phase: PushPhase = "mid"  # of a push
+    height: str = "com"  # of a push
 
     @property
     def unit(self) -> str:
