@@ -14,8 +14,15 @@ from tests.solved import body_of, walk_of
 from validation.cli.app import Status
 from validation.study.many import Task
 from validation.study.robustness import study as robustness
-from validation.study.robustness.cells import Cell, chosen, needed, other_cells, push_cells
-from validation.study.robustness.push import PushPhase, push_instant
+from validation.study.robustness.cells import (
+    Cell,
+    PushPhase,
+    chosen,
+    needed,
+    other_cells,
+    push_cells,
+    push_instant,
+)
 from validation.study.robustness.result import CellResult, Robustness
 from validation.study.robustness.study import climb
 from validation.study.row_file import read_rows
@@ -69,7 +76,7 @@ def test_the_table_and_the_files(tmp_path):
     assert table.rows[0] == ("com early forward", "m/s", "0.4", "", cause)
     assert table.rows[-1] == ("up", "degrees", "1 (all tried)", "1", "")
     robustness.write(found, tmp_path)
-    assert "| com early forward |" in (tmp_path / robustness.MARKDOWN).read_text()
+    assert "| com early forward |" in (tmp_path / "robustness.md").read_text()
     written = json.loads((tmp_path / robustness.RESULT).read_text())
     assert written == found.as_dict()
     assert written["cells"][0]["survived"] == 0.4

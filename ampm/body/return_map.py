@@ -9,14 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import StepReference
+from ampm.geometry import Array
 from ampm.planner.contacts import Contacts
-
-Array = NDArray[np.float64]
 
 MULTIPLIERS = 4
 """How many multipliers of the return map are reported."""
@@ -167,21 +165,13 @@ class BroydenInverse:
 
 @dataclass
 class Orbit:
-    """A periodic step: a fixed point of one map.
+    """A periodic step: a fixed point of one map."""
 
-    Attributes:
-        reference: tasks of the body, on the grid.
-        z: unknowns of the map, see :class:`StepMap`.
-        trajectory: the step.
-        offset: constant of L_y [N m s].
-        inverse: approximate inverse Jacobian, for the next search nearby.
-    """
-
-    reference: StepReference
-    z: Array
-    trajectory: StepTrajectory
-    offset: float
-    inverse: BroydenInverse | None
+    reference: StepReference  # tasks of the body, on the grid
+    z: Array  # unknowns of the map, see `StepMap`
+    trajectory: StepTrajectory  # the step
+    offset: float  # constant of L_y [N m s]
+    inverse: BroydenInverse | None  # approximate inverse Jacobian, for the next search nearby
 
 
 def newton(

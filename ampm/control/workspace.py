@@ -16,9 +16,9 @@ from ampm.body.rigid_body import frames_of
 from ampm.body.robot import Robot
 from ampm.compiled import fields_of, records
 from ampm.controller_parameters import ControllerParameters
+from ampm.geometry import Array
 from ampm.reference import FIELDS
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 HEEL, BALL, TIP = 0, 1, 2

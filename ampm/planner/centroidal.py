@@ -23,12 +23,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.brief import Brief, Described
 from ampm.exceptions import InputError
-from ampm.geometry import rotations
+from ampm.geometry import Array, rotations
 from ampm.planner.blend import HeightLaw
 from ampm.planner.contacts import PHASE_NAMES, STANCE_NAMES, Contacts, times_within
 from ampm.planner.pendulum import LawState
-
-Array = NDArray[np.float64]
 
 _SWITCH_TOLERANCE = 1e-12  # times this close before a switch belong to the phase that begins [s]
 
@@ -41,27 +39,17 @@ class Law(Protocol):
 
 
 class CentroidalPhase(NamedTuple):
-    """One phase of the centroidal motion: the law of each axis about an explicit origin and heading.
+    """One phase of the centroidal motion: the law of each axis about an explicit origin and heading."""
 
-    Attributes:
-        start: [s].
-        duration: [s].
-        origin: world (x, y) from which both laws count [m].
-        x: law along the heading.
-        y: law across it, to the left.
-        angular_momentum: (L_x, L_y) about the COM at the start, L_y without the plan's constant [N m s].
-        heading: of the laws' axes [rad].
-        z: law of the COM's height; None at the plan's own height over the floor z = 0.
-    """
-
-    start: float
-    duration: float
-    origin: tuple[float, float]
-    x: Law
-    y: Law
+    start: float  # [s]
+    duration: float  # [s]
+    origin: tuple[float, float]  # world (x, y) from which both laws count [m]
+    x: Law  # law along the heading
+    y: Law  # law across it, to the left
+    # (L_x, L_y) about the COM at the start, L_y without the plan's constant [N m s]
     angular_momentum: tuple[float, float]
-    heading: float = 0.0
-    z: HeightLaw | None = None
+    heading: float = 0.0  # of the laws' axes [rad]
+    z: HeightLaw | None = None  # law of the COM's height; None at the plan's own height over the floor z = 0
 
 
 def _constant(unit: str, meaning: str) -> Any:
@@ -97,23 +85,14 @@ class PlanConstants:
 
 @dataclass(frozen=True)
 class PlanResiduals:
-    """Largest jump over all switches, relative to H, v0, g, H, m g H and m H v0.
+    """Largest jump over all switches, relative to H, v0, g, H, m g H and m H v0."""
 
-    Attributes:
-        position: of the COM, over H [1].
-        velocity: of the COM, over v0 [1].
-        acceleration: of the COM, over g [1].
-        zmp: of the ZMP, over H [1].
-        moment: about the COM, over m g H [1].
-        angular_momentum: about the COM, over m H v0 [1].
-    """
-
-    position: float
-    velocity: float
-    acceleration: float
-    zmp: float
-    moment: float
-    angular_momentum: float
+    position: float  # of the COM, over H [1]
+    velocity: float  # of the COM, over v0 [1]
+    acceleration: float  # of the COM, over g [1]
+    zmp: float  # of the ZMP, over H [1]
+    moment: float  # about the COM, over m g H [1]
+    angular_momentum: float  # about the COM, over m H v0 [1]
 
     @property
     def largest(self) -> float:
@@ -123,42 +102,25 @@ class PlanResiduals:
 
 @dataclass(frozen=True)
 class PlanSample(Brief):
-    """The plan at N times; all vectors in world, all arrays read-only.
+    """The plan at N times; all vectors in world, all arrays read-only."""
 
-    Attributes:
-        time: shape (N,) [s].
-        phase: 0 single support, 1 double support, shape (N,), int8.
-        stance: 0 left, 1 right, 2 both, shape (N,), int8.
-        com: shape (N, 3) [m].
-        com_velocity: shape (N, 3) [m/s].
-        com_acceleration: shape (N, 3) [m/s^2].
-        dcm: divergent component of motion, com + com_velocity sqrt(H/g), shape (N, 2) [m].
-        zmp: on the level plane of height ``floor``, shape (N, 2) [m].
-        floor: height of the support: of the standing foot, in double support of a point on the line between
-            the feet; on a slope of the floor under the ZMP, shape (N,) [m].
-        force: ground reaction on the body, shape (N, 3) [N].
-        moment: moment (x, y) of that force about the COM, shape (N, 2) [N m].
-        angular_momentum: (L_x, L_y) about the COM, shape (N, 2) [N m s].
-        left_placement: left foot's placement in force, the next one while it swings, shape (N, 2) [m].
-        right_placement: the same of the right foot, shape (N, 2) [m].
-        heading: mean of these placements' headings, shape (N,) [rad].
-    """
-
-    time: Array
-    phase: NDArray[np.int8]
-    stance: NDArray[np.int8]
-    com: Array
-    com_velocity: Array
-    com_acceleration: Array
-    dcm: Array
-    zmp: Array
+    time: Array  # shape (N,) [s]
+    phase: NDArray[np.int8]  # 0 single support, 1 double support, shape (N,), int8
+    stance: NDArray[np.int8]  # 0 left, 1 right, 2 both, shape (N,), int8
+    com: Array  # shape (N, 3) [m]
+    com_velocity: Array  # shape (N, 3) [m/s]
+    com_acceleration: Array  # shape (N, 3) [m/s^2]
+    dcm: Array  # divergent component of motion, com + com_velocity sqrt(H/g), shape (N, 2) [m]
+    zmp: Array  # on the level plane of height `floor`, shape (N, 2) [m]
+    # height of the support: of the standing foot, in double support of a point on the line between the feet;
+    # on a slope of the floor under the ZMP, shape (N,) [m]
     floor: Array
-    force: Array
-    moment: Array
-    angular_momentum: Array
-    left_placement: Array
-    right_placement: Array
-    heading: Array
+    force: Array  # ground reaction on the body, shape (N, 3) [N]
+    moment: Array  # moment (x, y) of that force about the COM, shape (N, 2) [N m]
+    angular_momentum: Array  # (L_x, L_y) about the COM, shape (N, 2) [N m s]
+    left_placement: Array  # left foot's placement in force, the next one while it swings, shape (N, 2) [m]
+    right_placement: Array  # the same of the right foot, shape (N, 2) [m]
+    heading: Array  # mean of these placements' headings, shape (N,) [rad]
 
     def __post_init__(self) -> None:
         for value in vars(self).values():

@@ -51,11 +51,7 @@ def plan_footstep_walk(run: RunParameters, body: BodyDescription) -> StepPlan:
 
 
 def with_feet(plan: CentroidalPlan, run: RunParameters, body: BodyDescription) -> StepPlan:
-    """The plan of a walk with the feet of a run.
-
-    Raises:
-        InputError, BodilyRefusal: as :func:`ampm.planner.swings.plan_swings`.
-    """
+    """The plan of a walk with the feet of a run."""
     return StepPlan.of(plan, feet=plan_swings(plan, run.foot, body.sole, run.gait.step_length))
 
 

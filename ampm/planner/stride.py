@@ -54,46 +54,28 @@ class Roll(NamedTuple):
 
     The foot of footstep k leaves for swing k. The last entry of n + 1 is of the foot that stands in the last
     single support.
-
-    Attributes:
-        lift: pitch of the foot at toe off, shape (n + 1,) [rad]; it leaves flat where it and its rate are 0.
-        lift_rate: its rate, shape (n + 1,) [rad/s].
-        delay: time by which the heel rises after the begin of the double support, shape (n + 1,) [s].
-        strike: pitch at landing, toes up, shape (n,) [rad]; it lands flat where this and its rate are 0.
-        strike_rate: speed at which the toes come down, shape (n,) [rad/s].
-        down: time in which the sole comes down, shape (n,) [s].
-        height: extra lift at mid swing, shape (n,) [m].
-        bump: pitch about mid swing, shape (n,) [rad].
     """
 
+    # pitch of the foot at toe off, shape (n + 1,) [rad]; it leaves flat where it and its rate are 0
     lift: Array
-    lift_rate: Array
-    delay: Array
-    strike: Array
-    strike_rate: Array
-    down: Array
-    height: Array
-    bump: Array
+    lift_rate: Array  # its rate, shape (n + 1,) [rad/s]
+    delay: Array  # time by which the heel rises after the begin of the double support, shape (n + 1,) [s]
+    strike: Array  # pitch at landing, toes up, shape (n,) [rad]; it lands flat where this and its rate are 0
+    strike_rate: Array  # speed at which the toes come down, shape (n,) [rad/s]
+    down: Array  # time in which the sole comes down, shape (n,) [s]
+    height: Array  # extra lift at mid swing, shape (n,) [m]
+    bump: Array  # pitch about mid swing, shape (n,) [rad]
 
 
 class _Segment(NamedTuple):
-    """One segment of the stride in each of n steps.
+    """One segment of the stride in each of n steps."""
 
-    Attributes:
-        feet: footsteps whose feet pass it, shape (n,).
-        start: shape (n,) [s].
-        pivot: the point that the curve is written for.
-        contact: heel, ball, tip.
-        curve: coefficients of the rows, shape (n, 6, 9).
-        used: where there is one, shape (n,), bool.
-    """
-
-    feet: NDArray[np.intp]
-    start: Array
-    pivot: np.int8
-    contact: tuple[bool, bool, bool]
-    curve: Array
-    used: NDArray[np.bool_]
+    feet: NDArray[np.intp]  # footsteps whose feet pass it, shape (n,)
+    start: Array  # shape (n,) [s]
+    pivot: np.int8  # the point that the curve is written for
+    contact: tuple[bool, bool, bool]  # heel, ball, tip
+    curve: Array  # coefficients of the rows, shape (n, 6, 9)
+    used: NDArray[np.bool_]  # where there is one, shape (n,), bool
 
 
 def quintic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:

@@ -32,17 +32,11 @@ STILL = 0.05
 
 
 class SteppedTick(NamedTuple):
-    """State of a walk off its plan, before the state of this tick is sensed.
+    """State of a walk off its plan, before the state of this tick is sensed."""
 
-    Attributes:
-        time: on the walk's clock [s].
-        phase: its number in the plan; after its end the numbers go on.
-        state: a :class:`~ampm.control.workspace.SteppingState`, as an entry of its table.
-    """
-
-    time: float
-    phase: int
-    state: Any
+    time: float  # on the walk's clock [s]
+    phase: int  # its number in the plan; after its end the numbers go on
+    state: Any  # a `SteppingState`, as an entry of its table
 
 
 class StepTracker:

@@ -16,12 +16,11 @@ from ampm.body.return_map import Orbit
 from ampm.body.robot import Robot
 from ampm.body.step_kinematics import StepTrajectory
 from ampm.description import BodyDescription, SoleGeometry
+from ampm.geometry import Array
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.feet import HEEL, FootSample
 from ampm.planner.support import StepPlan
-
-Array = NDArray[np.float64]
 
 _BETWEEN = np.array([0.2, 0.4, 0.6, 0.8])  # places between two nodes
 _NARROW = 3  # nodes with the least distances, next to which it is also looked
@@ -77,7 +76,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
     return {name: np.atleast_1d(value) for name, value in values.items()}
 
 
-def least(values: Mapping[str, Array]) -> dict[str, float]:
+def tightest(values: Mapping[str, Array]) -> dict[str, float]:
     """Of every limit the value with the least margin."""
     return {name: float(min(every, key=LIMITS[name].margin)) for name, every in values.items()}
 

@@ -19,7 +19,7 @@ from models.scene import Findings
 from validation.progress import Progress
 from validation.run.standing import stand
 from validation.trial.bridge import to_mujoco
-from validation.trial.divergence import explained
+from validation.trial.physics import explained
 from validation.trial.plan import PlannedWalk, load_request, make_body, tune_walk
 
 _BENT = 0.6  # flexion of the knees at which the legs are judged [rad]

@@ -5,29 +5,20 @@ once, and so is the tree that sorts contacts out. So every change is written int
 compiled, and only there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
-from ampm.parameters import DisturbanceParameters
-from ampm.planner.contacts import footprint
+from ampm.geometry import Array
+from ampm.parameters import DisturbanceParameters, RunParameters
+from ampm.planner.contacts import Contacts, Footstep, footprint
 from ampm.planner.heights import Ground, uneven
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.parameters import RunParameters
-    from ampm.planner.contacts import Contacts, Footstep
-    from models.scene import BodyModel
-
-    Array = NDArray[np.float64]
+from models.scene import BodyModel
 
 _FAR = 1e3  # half the size of the floor of a scene with edges [m]
 _THICK = 1.0  # of that floor [m]

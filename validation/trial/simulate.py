@@ -5,30 +5,40 @@ so that the controller senses the contacts of the state on which it acts. The ru
 motion.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
 from ampm.compiled import bound
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
-from ampm.parameters import DisturbanceParameters
+from ampm.geometry import Array
+from ampm.parameters import DisturbanceParameters, RunParameters
+from ampm.reference import Reference
+from ampm.sensors.readings import Estimator, EstimatorFactory
 from ampm.stepping.tracker import SteppedTick
-from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, State, Timing, Touch
+from ampm.walk import (
+    LIMITED,
+    SOLVED,
+    UNSOLVED,
+    Controller,
+    ControllerFactory,
+    ControlOutput,
+    State,
+    Timing,
+    Touch,
+)
 from validation.trial import spill
-from validation.trial.disturbances import Disturbance, Plant, Push, describe, pushes_of
-from validation.trial.divergence import explained
-from validation.trial.faults import MotorFaults, started
+from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, describe, pushes_of, started
 from validation.trial.followed import Followed
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.physics import Physics, quiet_mujoco
+from validation.trial.physics import Physics, explained, quiet_mujoco
+from validation.trial.plan import PlannedWalk
 from validation.trial.readings import Sensing, make_estimator
 from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References
@@ -36,17 +46,6 @@ from validation.trial.scene import surfaces
 from validation.trial.step import act, end_step, sense
 from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
 from validation.trial.watch import End, Watch
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.parameters import RunParameters
-    from ampm.reference import Reference
-    from ampm.sensors.readings import Estimator, EstimatorFactory
-    from ampm.walk import Controller, ControllerFactory
-    from validation.trial.plan import PlannedWalk
-
-    Array = NDArray[np.float64]
 
 _PROGRESS_STEPS = 50
 _FLOAT = np.dtype(np.float64)

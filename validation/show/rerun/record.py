@@ -178,19 +178,12 @@ def _gait_phase(signals: Signals, end: float) -> tuple[Array, Array]:
 
 
 class _Pictures(NamedTuple):
-    """Instants that are drawn, N of them.
+    """Instants that are drawn, N of them."""
 
-    Attributes:
-        states: rows of the states and of the contacts.
-        signals: rows of the signals.
-        q: configurations, shape (N, nq).
-        time: [s].
-    """
-
-    states: NDArray[np.intp]
-    signals: NDArray[np.intp]
-    q: Array
-    time: Array
+    states: NDArray[np.intp]  # rows of the states and of the contacts
+    signals: NDArray[np.intp]  # rows of the signals
+    q: Array  # configurations, shape (N, nq)
+    time: Array  # [s]
 
 
 def _pictures(saved: SavedRun) -> _Pictures:
