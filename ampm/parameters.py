@@ -75,6 +75,9 @@ class GaitParameters(Section, section="gait"):
         1.0, "slope of the force line in the frontal plane; 1 passes through the COM", le=100
     )
     step_width: Open = parameter(0.18, "lateral distance of the feet (2 (s + beta))", "m", gt=0, le=100)
+    slope: Real = parameter(
+        0.0, "rise of the floor over the way along x; the soles are planned on it", "1", ge=-0.15, le=0.15
+    )
     steps: Whole = parameter(30, "number of steps", ge=1, le=10_000)
 
 

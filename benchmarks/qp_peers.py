@@ -4,11 +4,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.qp import QPProblem, QPSolution, QPSolver
 from benchmarks.peer import Peer
@@ -17,7 +17,6 @@ from validation.progress import Progress
 from validation.trial.plan import PlannedWalk
 from validation.trial.simulate import simulate
 
-Array = NDArray[np.float64]
 SOLVERS = {
     "daqp": "daqp",
     "proxqp": "proxsuite",

@@ -26,8 +26,7 @@ from validation.judge.profiles import DEFAULT
 from validation.measure.log import read_log
 from validation.store.summary import Baseline, Summary, read_json
 from validation.trial import plan as planning
-from validation.trial.columns import read_columns
-from validation.trial.users import UsersCode, UsersError
+from validation.trial.users import UsersCode, UsersError, read_columns
 
 URDF = Path(__file__).parents[1] / "docs" / "examples" / "biped.urdf"
 QUICK = {"gait": {"steps": 3}, "simulation": {"time_step": 2e-3}, "solver": {"ik_time_step": 0.01}}

@@ -11,16 +11,18 @@ from ampm.exceptions import InputError
 from ampm.run_file import load_run
 from tests.saved_run import make_study
 from validation.cli.app import Status, call
+from validation.judge.metric import DEFAULT_BODY
 from validation.judge.metrics import METRICS
 from validation.judge.profiles import DEFAULT
-from validation.judge.sizes import DEFAULT_BODY
 from validation.judge.uncertainty import FILE, load_uncertainty, matching
 from validation.judge.verdict import VerdictName
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.study.convergence import levels
 from validation.study.convergence import study as convergence
 from validation.study.convergence.levels import OWN, runs_of, studies
+from validation.study.convergence.picture import draw
+from validation.study.many import write_study
 from validation.study.row_file import ROWS
 from validation.trial.plan import load_request
 
@@ -35,7 +37,7 @@ def values_of(*settings, count=4):
 
 def test_what_is_studied():
     found = values_of(*COARSE)
-    assert list(found) == [*levels.NUMERICAL, *list(levels.LAWS)[:4], *["engine"] * DRAKE]
+    assert list(found) == [*levels.NUMERICAL, *list(levels.CONTACT_MODELS)[:4], *["engine"] * DRAKE]
     assert found["time_step"] == (0.002, 0.001, 0.0005, 0.00025)
     assert found["qp_tolerance"] == (5e-5, 5e-6, 5e-7, 5e-8)
     assert (0.015 / np.array(found["contact_stiffness"])) ** 2 == pytest.approx([1.0, 0.5, 2.0])
@@ -164,14 +166,15 @@ def test_a_margin_below_the_spread_over_contact_laws_is_undecided(margin, undeci
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, result):
     out = tmp_path_factory.mktemp("study")
-    convergence.write(result, out)
+    draw(result, out / convergence.PICTURE)
+    write_study(result, out / FILE)
     return out
 
 
 def test_the_files_are_whole_and_read_back(folder, result):
-    assert {path.name for path in folder.iterdir()} == {FILE, convergence.MARKDOWN, convergence.PICTURE}
+    assert {path.name for path in folder.iterdir()} == {FILE, "convergence.md", convergence.PICTURE}
     assert "<svg" in (folder / convergence.PICTURE).read_text()
-    assert "| unsolved QPs |" in (folder / convergence.MARKDOWN).read_text()
+    assert "| unsolved QPs |" in (folder / "convergence.md").read_text()
     known = load_uncertainty(folder / FILE)
     assert load_uncertainty(folder) == known
     assert (known.values, known.spreads) == (result.uncertainty.values, result.uncertainty.spreads)
@@ -239,7 +242,7 @@ def test_the_exit_status_follows_the_verdict(options, status, word, monkeypatch,
 def test_a_real_study_and_its_resumption(tmp_path, monkeypatch):
     """Two steps of the easy gait at three time steps."""
     monkeypatch.setattr(levels, "NUMERICAL", {"time_step": levels.NUMERICAL["time_step"]})
-    monkeypatch.setattr(levels, "LAWS", {})
+    monkeypatch.setattr(levels, "CONTACT_MODELS", {})
     monkeypatch.setattr(levels, "ENGINES", ())
     settings = [*COARSE, "solver.ik_time_step=0.004"]
     options = {"steps": 2, "levels": 3, "workers": 0, "out": tmp_path}

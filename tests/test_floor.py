@@ -12,7 +12,13 @@ SLOPE = math.radians(2.0)
 
 @pytest.mark.parametrize(
     "disturbance",
-    [{"slope_along": SLOPE}, {"slope_along": -SLOPE}, {"slope_across": SLOPE}, {"step_height": -0.01}],
+    [
+        {"slope_along": SLOPE},
+        {"slope_along": -SLOPE},
+        {"slope_across": SLOPE},
+        {"step_height": -0.01},
+        {"softness_factor": 4.0},
+    ],
     ids=str,
 )
 def test_an_unknown_floor_is_walked(disturbance):

@@ -14,7 +14,7 @@ from validation.judge.log import take_overs
 from validation.store.saved import load_saved_run
 from validation.store.signals import SIGNALS_FILE
 from validation.store.tables import write_columns
-from validation.trial.columns import read_columns
+from validation.trial.users import read_columns
 
 PERSON = Path(__file__).parents[1] / "validation/measure/person_0p8ms.csv"
 OF_PLAN = ("zmp", "force", "angular_momentum", "com")

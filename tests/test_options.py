@@ -10,14 +10,14 @@ from ampm.control.joint_pd import JointPD
 from ampm.exceptions import InputError
 from ampm.planners import PeriodicPlanner
 from ampm.run_file import dump_run, find_keys, load_run
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.study.many import Task
 from validation.study.sweep.design import dump_sweep, parse_sweep
 from validation.study.sweep.run import task_of
 from validation.study.sweep.table import build_table
 from validation.study.walk_options import users_classes
 from validation.trial.plan import load_request, plan_walk
-from validation.trial.planners import load_planner
+from validation.trial.users import load_planner
 
 QUICK: dict[str, Any] = {
     "gait": {"steps": 1},

@@ -15,7 +15,7 @@ from validation.cli.view import choose
 from validation.judge.metrics import added_metrics, unregister
 from validation.judge.uncertainty import Uncertainty
 from validation.show.cost_table import COSTS
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import load_saved_run
 from validation.study.compare.comparison import (
@@ -23,7 +23,7 @@ from validation.study.compare.comparison import (
     JUDGED,
     SHARE,
     SHARE_OF_EXTREMES,
-    Row,
+    MetricRow,
     Side,
     comparison_of,
 )
@@ -125,7 +125,7 @@ def test_bodies_of_two_sizes_are_told_and_scaled_each_by_its_own_weight(sides):
 def test_costs_are_those_of_validate_and_more_margin_is_better(sides):
     costs = [row for row in comparison_of(sides).rows if row.group == COST]
     assert [row.name for row in costs] == list(COSTS)
-    margin = Row(COST, "margin_knee", "knee", "rad", (0.2, 0.5), 0.02)
+    margin = MetricRow(COST, "margin_knee", "knee", "rad", (0.2, 0.5), 0.02)
     assert margin.better == 1
 
 
@@ -148,7 +148,7 @@ def test_two_equal_plans_agree(ampm):
     ],
 )
 def test_which_side_is_better(values, least, better):
-    assert Row(JUDGED, "zmp_x_rmse", "ZMP", "m", values, least).better == better
+    assert MetricRow(JUDGED, "zmp_x_rmse", "ZMP", "m", values, least).better == better
 
 
 def changed(side: Side, metrics: dict[str, float] | None = None, **summary) -> Side:

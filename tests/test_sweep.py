@@ -8,13 +8,12 @@ import pyarrow as pa
 import pytest
 
 import validation as val
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import BodilyRefusal, InputError, StudyStopped
 from ampm.parameters import RunParameters
 from tests.sweep_table import make_table, write_sweep
 from validation.cli.app import call
-from validation.store.identity import parameter_values, run_key
+from validation.store.environment import parameter_values, run_key
 from validation.study import walk_options
-from validation.study.exceptions import StudyStopped
 from validation.study.row_file import ROWS, RowFile
 from validation.study.sweep import report, run
 from validation.study.sweep.design import load_sweep, parse_sweep

@@ -20,8 +20,7 @@ from ampm.planner.table import closed_step, repeats, table_motion
 from ampm.planners import TablePlanner
 from tests.solved import body_of, walk_of
 from validation.store.tables import plan_table, sample_times, write_columns
-from validation.trial.columns import read_columns
-from validation.trial.planners import load_planner
+from validation.trial.users import load_planner, read_columns
 
 STEPS = 3
 

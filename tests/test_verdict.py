@@ -13,9 +13,9 @@ from ampm.run_file import load_run
 from models.human import sole_geometry
 from tests.walk import APART, perfect_walk, with_state
 from validation.judge.compare import compare
+from validation.judge.metric import DEFAULT_BODY
 from validation.judge.metrics import evaluate
 from validation.judge.profiles import DEFAULT, STRICT, WIDE, own_profile, profile
-from validation.judge.sizes import DEFAULT_BODY
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, build_summary, judge
 from validation.trial.outcome import Outcome, OutcomeName

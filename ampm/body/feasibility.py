@@ -133,7 +133,7 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     less = "lower gait.com_height, shorten gait.step_length or raise body.height"
     yield Limit(what, "m", reach, AT_MOST, "leg_too_short", less), longest
 
-    depth = np.stack([-foot.sole_points[:, :, 2].min(axis=1) for foot in plan.feet.sample(times)])
+    depth = -plan.feet.heights(times).T
     foot, at = np.unravel_index(int(depth.argmax()), depth.shape)
     what = f"the {('left', 'right')[foot]} sole is planned under the floor at {times[at]:.3f} s: its depth"
     more = "raise foot.swing_height or foot.heel_strike_angle"

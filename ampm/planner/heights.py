@@ -98,20 +98,13 @@ def vertical_laws(
 
 @dataclass(frozen=True)
 class Ground:
-    """A level floor with raised parts: rectangles along and across one heading.
+    """A level floor with raised parts: rectangles along and across one heading."""
 
-    Attributes:
-        heading: of the rectangles [rad].
-        base: height of the floor elsewhere, the lowest of all [m].
-        low, high: corners in axes along and across the heading, shape (n, 2) each [m].
-        height: of the rectangles, shape (n,) [m].
-    """
-
-    heading: float
-    base: float
-    low: Array
-    high: Array
-    height: Array
+    heading: float  # of the rectangles [rad]
+    base: float  # height of the floor elsewhere, the lowest of all [m]
+    low: Array  # corners in axes along and across the heading, shape (n, 2) [m]
+    high: Array  # the opposite corners, shape (n, 2) [m]
+    height: Array  # of the rectangles, shape (n,) [m]
 
     @classmethod
     def under(cls, footsteps: Sequence[Footstep], sole: SoleGeometry) -> Ground:

@@ -82,6 +82,7 @@ class Kalman:
             variance=variance,
             growth=growth,
             levels=np.array(sorted({step.z for step in run.footsteps}) or [0.0]),
+            slope=run.gait.slope,
             weight=robot.mass * robot.gravity,
             gravity=robot.gravity,
             lag=start.velocity_lag,

@@ -26,7 +26,7 @@ from ampm.planner.closed_form import LIPM
 from ampm.planner.periodic import plan_gait
 from ampm.planners import PeriodicPlanner
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import least, orbit_margins, plan_margins
+from ampm.tune.gait_limits import orbit_margins, plan_margins, tightest
 from ampm.tune.refusal import NoFeasibleChoice, broken_limit, no_feasible_choice
 from ampm.tune.search import Candidate, ChoiceSearch, Effort, RoughOrbits
 from ampm.tune.ways_out import ways_out
@@ -48,21 +48,13 @@ _L_Z = "body.angular_momentum_z"
 
 @dataclass(frozen=True)
 class Tuned:
-    """A run whose free choices are made.
+    """A run whose free choices are made."""
 
-    Attributes:
-        run: complete; every value counts as set.
-        plan: complete, with the periodic step on the fine grid.
-        values: what was open, by namespaced key.
-        margins: limit to value on the search's grid, in the unit of :data:`LIMITS`.
-        tried: how many choices were tried.
-    """
-
-    run: RunParameters
-    plan: WalkPlan
-    values: Mapping[str, float | str]
-    margins: Mapping[str, float]
-    tried: int
+    run: RunParameters  # complete; every value counts as set
+    plan: WalkPlan  # complete, with the periodic step on the fine grid
+    values: Mapping[str, float | str]  # what was open, by namespaced key
+    margins: Mapping[str, float]  # limit to value on the search's grid, in the unit of `LIMITS`
+    tried: int  # how many choices were tried
 
     def margin(self, name: str) -> float:
         """Normalised margin of one limit [1]."""
@@ -162,7 +154,7 @@ def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
     except (RefusedGait, InputError, Unreachable):
         return None
     values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, robot)
-    return Tuned(run.as_is(), plan, space.values(run), least(values), 1)
+    return Tuned(run.as_is(), plan, space.values(run), tightest(values), 1)
 
 
 def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> Tuned:
@@ -208,9 +200,6 @@ def _searches(
     The first begins with the guess; with L_z held at zero where that would twist the feet: the arms then
     balance the legs about the vertical, which takes from the feet's twisting moment. Where it finds nothing,
     others begin with starts that are spread over the ranges.
-
-    Raises:
-        MathematicalRefusal: there is no guess.
     """
     search = _begun(space, robot, report, effort)
     first, tried = search.candidates[-1], 0
@@ -239,11 +228,7 @@ def _searches(
 
 
 def _begun(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> ChoiceSearch:
-    """A search with the guess as its first choice, the COM lowered until there is a periodic step.
-
-    Raises:
-        MathematicalRefusal: there is no guess.
-    """
+    """A search with the guess as its first choice, the COM lowered until there is a periodic step."""
     search = ChoiceSearch(space, RoughOrbits(robot, space.run), report, effort)
     for drop in _DROPS if "height" in space.names else _DROPS[:1]:
         if search.evaluate(space.lowered(search.guess, drop)).orbit is not None:

@@ -1,7 +1,4 @@
-"""``ampm plan`` and ``ampm keys``: commands that simulate nothing.
-
-Commands import what they run: NumPy, Pinocchio and matplotlib take long to load.
-"""
+"""``ampm plan`` and ``ampm keys``: commands that simulate nothing."""
 
 from __future__ import annotations
 
@@ -84,8 +81,8 @@ def plan(
     from ampm.planner.periodic import plan_gait
     from ampm.run_file import dump_run
     from validation.store.tables import plan_table, sample_times, write_columns
-    from validation.trial.columns import check_suffix
     from validation.trial.plan import check_formula, plan_walk
+    from validation.trial.users import check_suffix
 
     sections = with_footsteps(footsteps, steps)
     request = walk.request(gait, steps, as_is=walk.as_is or no_body, sections=sections)

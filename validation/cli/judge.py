@@ -1,7 +1,4 @@
-"""``ampm judge``: a log of measured signals against a plan.
-
-Commands import what they run: simulator, Pinocchio and NumPy take long to load.
-"""
+"""``ampm judge``: a log of measured signals against a plan."""
 
 from collections.abc import Mapping
 from datetime import datetime

@@ -1,7 +1,4 @@
-"""``ampm validate``, and the commands on a run's folder: ``replay`` and ``report``.
-
-Commands import what they run: simulator, Pinocchio and NumPy take long to load.
-"""
+"""``ampm validate``, and the commands on a run's folder: ``replay`` and ``report``."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -12,7 +12,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import (
     AddContactMaterial,
@@ -38,12 +37,12 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import DiagramBuilder
 
+from ampm.geometry import Array
 from ampm.physics_parameters import DrakeParameters
 
 # Of contact between rigid and soft bodies, of which there is none here.
 logging.getLogger("drake").addFilter(lambda record: "half spaces" not in record.getMessage())
 
-Array = NDArray[np.float64]
 
 _RIGID = 1e25
 """Stiffness of the floor [N/m]: that of a contact is the sole point's. Infinity would give NaN."""

@@ -1,18 +1,13 @@
 """A walk without a plan, as its record alone shows it: what stands, and the velocity in its own heading."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from validation.trial.record import SimulationRecord
-
-    Array = NDArray[np.float64]
+from ampm.geometry import Array
+from validation.trial.record import SimulationRecord
 
 SHORTEST = 0.05
 """Time up to which a contact, or a gap in it, is a bounce and no support or swing [s]."""
@@ -30,7 +25,7 @@ class Supports(NamedTuple):
     steps: int
 
     @classmethod
-    def of(cls, record: SimulationRecord) -> Supports:
+    def of(cls, record: SimulationRecord) -> Self:
         """Find them in the forces on the soles."""
         loaded = record.point_force[:, :, 2] > 0.0
         down = np.stack([loaded[:, record.point_foot == foot].any(axis=1) for foot in (0, 1)])

@@ -15,7 +15,7 @@ from validation.judge.metrics import METRICS, added_metrics, cost_entry, display
 from validation.judge.uncertainty import Uncertainty, rounding
 from validation.show.cost_table import COSTS, LARGER_IS_BETTER, cost_unit
 from validation.show.text import format_value
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import SavedRun
 from validation.table import Table, Tabled, format_number, short_unit
@@ -32,17 +32,11 @@ JUDGED, COST, OWN = "judged metrics", "cost", "own metrics without a limit"
 
 @dataclass(frozen=True)
 class Side(Brief):
-    """One of the walks.
+    """One of the walks."""
 
-    Attributes:
-        label: name in tables.
-        run: the finished run.
-        study: convergence study of its gait; None if none is known.
-    """
-
-    label: str
-    run: SavedRun
-    study: Uncertainty | None = None
+    label: str  # name in tables
+    run: SavedRun  # the finished run
+    study: Uncertainty | None = None  # convergence study of its gait; None if none is known
 
     @property
     def outcome(self) -> str:
@@ -95,27 +89,18 @@ class Side(Brief):
         return max(change, float(rounding(value, unit)))
 
 
-class Row(NamedTuple):
-    """One metric of all sides, in SI units.
+class MetricRow(NamedTuple):
+    """One metric of all sides, in SI units."""
 
-    Attributes:
-        group: heading that it stands under.
-        name: of the metric.
-        label: in words.
-        unit: SI unit.
-        values: of the sides, NaN where one has none.
-        least: difference above which it counts: the change of the smallest value, or the sum of the two
-            largest uncertainties by studies.
-        limit: tolerance; None if it is not judged.
-    """
-
-    group: str
-    name: str
-    label: str
-    unit: str
-    values: tuple[float, ...]
+    group: str  # heading that it stands under
+    name: str  # of the metric
+    label: str  # in words
+    unit: str  # SI unit
+    values: tuple[float, ...]  # of the sides, NaN where one has none
+    # difference above which it counts: the change of the smallest value, or the sum of the two largest
+    # uncertainties by studies
     least: float
-    limit: float | None = None
+    limit: float | None = None  # tolerance; None if it is not judged
 
     @property
     def differs(self) -> bool:
@@ -136,15 +121,10 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class WalkComparison(Tabled):
-    """Walks and all their compared metrics.
+    """Walks and all their compared metrics."""
 
-    Attributes:
-        sides: the walks, two or more.
-        rows: metrics, group by group.
-    """
-
-    sides: tuple[Side, ...]
-    rows: tuple[Row, ...]
+    sides: tuple[Side, ...]  # the walks, two or more
+    rows: tuple[MetricRow, ...]  # metrics, group by group
 
     @property
     def title(self) -> str:
@@ -178,7 +158,7 @@ class WalkComparison(Tabled):
             found = [f"{side.label} is better in {wins[k]}" for k, side in enumerate(self.sides) if wins[k]]
         return f"{', '.join(found)} of {len(judged)} judged metrics by more than {basis}; {most}."
 
-    def cells(self, row: Row) -> tuple[str, ...]:
+    def cells(self, row: MetricRow) -> tuple[str, ...]:
         """Label, all values, unit, least difference that counts, and the better side, for tables."""
         shown = [
             cost_unit(METRICS[row.name], side.weight)
@@ -255,7 +235,7 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
     Checks of the measurement itself are left out. Of several limits the first side's counts.
     """
     built_in = METRICS.keys() - {metric.name for metric in added_metrics()}
-    rows: dict[str, list[Row]] = {JUDGED: [], COST: [], OWN: []}
+    rows: dict[str, list[MetricRow]] = {JUDGED: [], COST: [], OWN: []}
     entries: dict[str, Mapping[str, Any]] = {}
     for side in reversed(sides):  # this process may not know users' metrics, but the summaries say all
         entries |= side.run.summary["metrics"]
@@ -271,5 +251,5 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
         changes = sorted(side.change(name, entry["unit"]) for side in sides)
         studied = all(side.study is not None and name in side.study.values for side in sides)
         least = sum(changes[-2:]) if studied else changes[0]
-        rows[group].append(Row(group, name, entry["label"], entry["unit"], values, least, limit))
+        rows[group].append(MetricRow(group, name, entry["label"], entry["unit"], values, least, limit))
     return WalkComparison(tuple(sides), tuple(row for group in rows.values() for row in group))

@@ -16,9 +16,8 @@ from validation.study.compare.comparison import Side, WalkComparison, comparison
 from validation.study.many import Execution, Task, open_study, walk_many
 from validation.study.row_file import Row
 from validation.study.walk_options import users_classes, walk_request
-from validation.trial.columns import SUFFIXES
 from validation.trial.plan import Request, load_request, plan_walk
-from validation.trial.users import CONTROLLER, PLANNER, UsersError
+from validation.trial.users import CONTROLLER, PLANNER, SUFFIXES, UsersError
 
 CHOICES = {
     "planner": "gait.planner",
