@@ -286,7 +286,6 @@ class RunParameters(Described, Section):
                 f"{self.command.settling:g} s; raise it.",
                 key="command.duration",
                 value=self.command.duration,
-                way_out="raise it",
             )
         self.disturbance.ticks_late(self.controller.frequency)
         self.sensors.steps_late(self.simulation.time_step)

@@ -223,15 +223,11 @@ class TablePlanner:
         return make_plan(run, robot, **table_motion(self.table))
 
 
-LOWERED = 0.03
-"""How much lower the COM of a standing body is than with straight legs, over the height of the hips [1]."""
-
-
 class StandingPlanner:
     """A body that stands, upright on both feet, for a walk without a plan (``gait.planner = none``).
 
     Args:
-        com_height: of the COM [m]; 0: lower than with straight legs by :data:`LOWERED`.
+        com_height: of the COM [m]; 0: lower than with straight legs by 3 % of the height of the hips.
     """
 
     plans_footsteps = False
@@ -256,7 +252,7 @@ class StandingPlanner:
         q[7:] = InverseKinematics(robot, run).rest
         q[robot.knee_joints + 1] = robot.straight_knees
         straight = robot.jacobian(q)
-        height = straight.com[2] - straight.sole[:, 2].min() - LOWERED * robot.description.hip_height
+        height = straight.com[2] - straight.sole[:, 2].min() - 0.03 * robot.description.hip_height
         half = 0.5 * float(straight.sole[0, 1] - straight.sole[1, 1])
         left, right = Footstep("left", (0.0, half, 0.0)), Footstep("right", (0.0, -half, 0.0))
         still = SampledLaw(np.array([0.0, duration]), *np.zeros((5, 2)))

@@ -5,6 +5,7 @@ Afterwards the trial from the command line, in this folder:
     ampm validate policy.toml --controller 07_policy:Stepping --out runs/policy
 """
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -59,14 +60,12 @@ class Policy:
 class Stepping(Policy):
     """Steps in a rhythm once it is asked to move; ankles and steps answer to the tilt of the pelvis."""
 
-    numbers = None  # those of the file, unless a subclass has its own
-
-    def __init__(self, robot, run):
-        """Once a walk."""
+    def __init__(self, robot, run, numbers=None):
+        """Once a walk, with the numbers of the file if none are given."""
         super().__init__(robot, run)
         joints = [f"{foot}_{name}_joint" for foot in ("left", "right") for name in JOINTS]
         self.legs = np.reshape([self.names.index(name) for name in joints], (2, -1))
-        self.numbers = np.loadtxt(FILE) if self.numbers is None else self.numbers
+        self.numbers = np.loadtxt(FILE) if numbers is None else numbers
         self.phase = self.size = 0.0
 
     def act(self, observation):
@@ -96,9 +95,9 @@ def train(run, generations=4, tries=14, best=4):
     found = dict[float, np.ndarray]()
     for generation in range(generations):
         for numbers in mean + spread * random.normal(size=(tries, len(mean))):
-            record = simulate(planned, controller=type("Tried", (Stepping,), {"numbers": numbers}))
+            record = simulate(planned, controller=partial(Stepping, numbers=numbers))
             off = np.linalg.norm(record.com[-1, :2] - record.com[0, :2] - wanted)
-            found[record.outcome.time - 2.0 * off] = numbers
+            found[record.outcome.time - 2.0 * float(off)] = numbers
         chosen = [found[score] for score in sorted(found)[-best:]]
         mean, spread = np.mean(chosen, axis=0), np.std(chosen, axis=0) + 0.02 * np.abs(mean)
         print(f"generation {generation + 1}: score {max(found):.2f} of {run.command.duration:g}", flush=True)

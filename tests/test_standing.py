@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ampm.parameters import RunParameters
+from ampm.run_file import load_run
 from validation.measure.measure import measure
 from validation.trial.bridge import to_pinocchio
 from validation.trial.plan import Request, plan_walk
 from validation.trial.simulate import simulate
 
-RUN = RunParameters(gait={"planner": "none"}, command={"duration": 2.0})
+RUN = load_run(gait={"planner": "none"}, command={"duration": 2.0})
 
 
 def test_a_still_body_presses_with_its_weight_under_its_com():

@@ -1,6 +1,7 @@
 """A walk without a plan: the body begins standing, is asked for a velocity, and is judged by its record."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ def test_with_the_projects_controller_a_body_stands(ampm, tmp_path, body):
 class Limp:
     """Asks what it is asked for, and lets the body fall."""
 
-    asked = ()
+    asked: tuple[Any, ...] = ()
 
     def __init__(self, robot, run):
         self.torque, self.command = np.zeros(robot.nu), run.command
@@ -70,11 +71,13 @@ def test_steps_and_velocity_are_found_in_the_record():
     com = np.column_stack([np.sin(heading), 1.0 - np.cos(heading), np.ones(1001)]) / 0.5  # a circle at 1 m/s
     force = np.zeros((1000, 2, 3))
     force[:, :, 2] = 300.0 * down
-    record = SimpleNamespace(point_force=force, point_foot=np.array([0, 1]), time_step=0.002, q=q, com=com)
+    record: Any = SimpleNamespace(
+        point_force=force, point_foot=np.array([0, 1]), time_step=0.002, q=q, com=com
+    )
     found = Supports.of(record)
     assert found.steps == 2
     assert [int(found.stance[k]) for k in (50, 200, 350, 500, 705)] == [2, 1, 2, 0, 2]
-    np.testing.assert_allclose(heading_velocity(record).mean(axis=0), [1.0, 0.0, 0.5], atol=1e-3)
+    assert heading_velocity(record).mean(axis=0) == pytest.approx([1.0, 0.0, 0.5], abs=1e-3)
 
 
 def standing(**sections):

@@ -97,8 +97,7 @@ Command = Annotated[
     str | None,
     option(
         "--command",
-        "With --planner none: velocity forward and to the left [m/s], and rate of the heading [rad/s]; short "
-        "for command.vx, command.vy and command.wz.",
+        "With --planner none: velocity forward and to the left [m/s], and rate of the heading [rad/s].",
         "VX,VY,WZ",
     ),
 ]

@@ -103,13 +103,6 @@ def _footsteps(walk: Comparison, first: PlanSample, which: int) -> float:
     return largest
 
 
-def _newton_residual(walk: Comparison) -> float | None:
-    """Largest contradiction in a plan that was followed, as a distance of its ZMP [m]; None without one."""
-    if walk.plan.command is not None:
-        return None
-    return max(plan.newton_residual for plan in walk.followed.plans)
-
-
 # -------------------------------------------------------------------------------------------- the instrument
 
 
@@ -155,7 +148,7 @@ COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
     "velocity_y_error": lambda walk: _velocity_error(walk, 1),
     "yaw_rate_error": lambda walk: _velocity_error(walk, 2),
     "drift_per_step": _drift,
-    "plan_newton_residual": _newton_residual,
+    "plan_newton_residual": lambda walk: max(plan.newton_residual for plan in walk.followed.plans),
     "plan_moved_zmp_maximum": _moved(lambda walk, first: float(_zmp_moved(walk, first).max(initial=0.0))),
     "plan_moved_zmp_rms": _moved(lambda walk, first: rms(_zmp_moved(walk, first))),
     "plan_moved_footsteps": _moved(lambda walk, first: _footsteps(walk, first, 1)),

@@ -137,7 +137,7 @@ FREE = Profile(
     "For walks without a plan: mean velocity, slip, clearance, speed of the joints and the checks of the "
     "measurement, with the limits of `default`; a walk may fly.",
     base=DEFAULT,
-    leaves_out=("unsupported_instants",),
+    leaves_out=("plan_newton_residual", "unsupported_instants"),
 )
 PROFILES: Mapping[str, Profile] = MappingProxyType(
     {item.name: item for item in (DEFAULT, STRICT, WIDE, JUMPS, FOOTSTEPS, ODOMETRY, PUSHED, FREE)}

@@ -40,8 +40,6 @@ from validation.trial.shapes import REACH, Shapes
 _FEET = {"left": LEFT, "right": RIGHT}
 _KINDS = (("plan", PLAN, 2.4), ("command", COMMAND, 1.1), ("measured", MEASURED, 1.1))
 """Kind, colour and width of a curve; the plan is a broad line below the others."""
-_SLOW = 0.1
-"""Least reach of the axis of a velocity [m/s, rad/s]."""
 _UPWARD = (-np.inf, np.inf, np.inf, -np.inf)
 """Heights of the corners of an area from edge to edge."""
 _SECTIONS = {
@@ -138,7 +136,7 @@ class RunFigures:
                 values = self.signals[f"{kind}_{column}"]
                 chart.line(*decimate(self.signals.time, values), color, 1.3, label=kind)
             low, high = (float(ends[1]) for ends in chart.limits())
-            chart.ylim = min(low, -_SLOW), max(high, _SLOW)
+            chart.ylim = min(low, -0.1), max(high, 0.1)  # rounding is no velocity
             _finish(chart, title, f"[{unit}]")
         return picture(charts, "Commanded and measured velocity", wide=True)
 

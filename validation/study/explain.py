@@ -200,8 +200,7 @@ def walk_case(case: Case) -> Row:
     shares = [share for share in shares if not math.isnan(share)]
     excess = sum((max(share - 1.0, 0.0) for share in shares), 0.0)
     if not end.completed:
-        steps, time = planned.plan.contacts.steps, end.time / planned.plan.duration
-        excess = _FALL * (2.0 - (end.steps_completed / steps if steps else time))
+        excess = _FALL * (2.0 - end.time / planned.plan.duration)
     return {
         "outcome": str(end.name),
         "cause": end.cause,

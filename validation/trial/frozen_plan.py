@@ -77,12 +77,9 @@ class PlanRows:
 
     def without_plan(self, stance: NDArray[np.int8]) -> PlanRows:
         """NaN for all that is planned, and what stands, shape (N,), in place of the planned stance."""
-        unknown = {
-            name: np.full(values.shape, np.nan)
-            for name, values in self.columns.items()
-            if values.dtype == np.float64 and name != "time"
-        }
-        return PlanRows({**self.columns, **unknown, "stance": stance, "phase": (stance == 2).astype(np.int8)})
+        known = {"time": self.time, "contact": self.contact, "stance": stance}
+        known["phase"] = (stance == 2).astype(np.int8)
+        return PlanRows({name: np.full(v.shape, np.nan) for name, v in self.columns.items()} | known)
 
     def at(self, times: Array) -> PlanRows:
         """Rows at times (M,) [s], between two instants on a straight line, outside at the first or last."""
