@@ -152,10 +152,6 @@ class RunLog:
     def close(self, done: int, outcome: Outcome) -> SimulationRecord:
         """Add the instant at which the last step ends, and return the record.
 
-        Args:
-            done: whole steps.
-            outcome: how the walk ended.
-
         Returns:
             The record, without a copy of the arrays: ``done + 1`` rows of instants, ``done`` of steps, and
             the ticks that began in them. An incomplete step has no tick either.

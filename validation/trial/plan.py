@@ -365,8 +365,8 @@ def _check_slope(plan: WalkPlan, run: RunParameters) -> None:
     """Refuse a plan for a floor with another slope."""
     if plan.contacts.slope != run.gait.slope:
         raise ValueError(
-            f"it plans for a slope of {plan.contacts.slope:g}, and gait.slope is {run.gait.slope:g}; make the "
-            "plan with ampm.make_plan, which takes it from the run"
+            f"it plans for a slope of {plan.contacts.slope:g}, and gait.slope is {run.gait.slope:g}; make "
+            "the plan with ampm.make_plan, which takes it from the run"
         )
 
 
