@@ -21,6 +21,8 @@ from validation.store.json import json_ready
 from validation.study.convergence import levels
 from validation.study.convergence import study as convergence
 from validation.study.convergence.levels import OWN, runs_of, studies
+from validation.study.convergence.picture import draw
+from validation.study.many import write_study
 from validation.study.row_file import ROWS
 from validation.trial.plan import load_request
 
@@ -164,7 +166,8 @@ def test_a_margin_below_the_spread_over_contact_laws_is_undecided(margin, undeci
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, result):
     out = tmp_path_factory.mktemp("study")
-    convergence.write(result, out)
+    draw(result, out / convergence.PICTURE)
+    write_study(result, out / FILE)
     return out
 
 

@@ -12,7 +12,7 @@ from ampm.exceptions import InputError
 from docs.robustness import KEYS, keys_table
 from tests.solved import body_of, walk_of
 from validation.cli.app import Status
-from validation.study.many import Task
+from validation.study.many import Task, write_study
 from validation.study.robustness import study as robustness
 from validation.study.robustness.cells import (
     Cell,
@@ -75,7 +75,7 @@ def test_the_table_and_the_files(tmp_path):
     cause = "fell: the trunk leaned over by 60 degrees"
     assert table.rows[0] == ("com early forward", "m/s", "0.4", "", cause)
     assert table.rows[-1] == ("up", "degrees", "1 (all tried)", "1", "")
-    robustness.write(found, tmp_path)
+    write_study(found, tmp_path / robustness.RESULT)
     assert "| com early forward |" in (tmp_path / "robustness.md").read_text()
     written = json.loads((tmp_path / robustness.RESULT).read_text())
     assert written == found.as_dict()

@@ -278,11 +278,9 @@ def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | 
 
     if plan is not None:
         steps, slope = plan.contacts.footsteps, plan.contacts.slope
-        soles = [footprint(plan.feet.sole, step) for step in steps]
-        heights = [
-            step.position[2] + slope * sole[:, 0] - 0.001 for step, sole in zip(steps, soles, strict=True)
-        ]
-        prints = [_on_floor(sole, height) for sole, height in zip(soles, heights, strict=True)]
+        prints = [_on_floor(footprint(plan.feet.sole, step), step.position[2] - 0.001) for step in steps]
+        for outline in prints:
+            outline[:, 2] += slope * outline[:, 0]
         outlines = rr.LineStrips3D(prints, colors=[FAINT] * len(steps), radii=0.002)
         log.static("world/plan/footprints", outlines)
         if "first_plan_zmp_x" not in signals:  # the polygon is that of the first plan
