@@ -24,17 +24,7 @@ from ampm.qp import QPSettings, QPSolution, QPStatus
 from ampm.reference import reference_type
 from ampm.stepping.tracker import SteppedTick, StepTracker
 from ampm.vectors import Array
-from ampm.walk import (
-    LIMITED,
-    SOLVED,
-    UNSOLVED,
-    ControlOutput,
-    Reference,
-    State,
-    Timing,
-    Touch,
-    WalkPlan,
-)
+from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, Reference, State, Timing, Touch, WalkPlan
 
 _END_SOFTNESS = 1e-2  # of the task of a toe that is at the end of its range
 
