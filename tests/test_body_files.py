@@ -115,6 +115,7 @@ def test_a_file_that_is_no_description_is_refused(tmp_path: Path) -> None:
         (replaced('"waist_yaw"', '"root"'), "joints with names of ours: root"),
         (replaced('name="waist_yaw" type="revolute"', 'name="waist_yaw" type="prismatic"'), "is no hinge"),
         (replaced('effort="180"', 'effort="0"'), "without a torque limit: l_knee, r_knee"),
+        (replaced('lower="0" upper="2.4"', 'lower="2.4" upper="0"'), "must be at most upper = '0'"),
         (with_toes, "joints below a foot: l_toe, r_toe; weld them with lock"),
         (lambda text: text[:500], "cannot be compiled"),
         (lambda _: "", "cannot be compiled"),
