@@ -10,13 +10,7 @@ import numpy as np
 import pytest
 
 from ampm.description import BodyDescription
-from ampm.parameters import (
-    GRAVITY,
-    BodyParameters,
-    ContactParameters,
-    RunParameters,
-    SimulationParameters,
-)
+from ampm.parameters import GRAVITY, BodyParameters, ContactParameters, RunParameters, SimulationParameters
 from models import anthropometry as table
 from models.__main__ import TARGET, default_xml
 from models.human import build

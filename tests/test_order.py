@@ -6,13 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from validation.study.convergence.order import (
-    CONFIRMED,
-    UNCONFIRMED,
-    Kind,
-    estimate,
-    observed_orders,
-)
+from validation.study.convergence.order import CONFIRMED, UNCONFIRMED, Kind, estimate, observed_orders
 
 STEPS = 2e-3 / 2.0 ** np.arange(4)
 

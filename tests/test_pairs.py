@@ -25,10 +25,10 @@ from validation.study.compare.comparison import (
     SHARE_OF_EXTREMES,
     MetricRow,
     Side,
+    _fitting,
     comparison_of,
 )
 from validation.study.compare.report import NUMBERS, REPORT, render
-from validation.study.compare.walks import _fitting
 
 FAST = ["--set", "simulation.time_step=0.002", "--steps", "3", "--workers", "0"]
 
@@ -76,7 +76,9 @@ def test_a_table_beside_our_planner_is_walked_once(tmp_path, ampm, monkeypatch):
     assert first.json["metrics"]["zmp_x_maximum"]["better"] == 0
     assert 'href="walk-2/report.html"' in (out / REPORT).read_text(encoding="utf-8")
     assert (out / "walk-2" / REPORT).is_file()
-    monkeypatch.setattr("validation.study.compare.walks.walk_request", lambda *_, **__: pytest.fail("walked"))
+    monkeypatch.setattr(
+        "validation.study.compare.comparison.walk_request", lambda *_, **__: pytest.fail("walked")
+    )
     assert ampm(*command, "--resume").json == first.json
 
 
@@ -202,7 +204,7 @@ def test_refused_and_fallen_walks_are_told_by_the_status(sides, ampm, monkeypatc
     assert refused.status == 2
     assert refused.err.count("\n") <= 3
     found = comparison_of([sides[0], changed(sides[1], outcome="fell")])
-    monkeypatch.setattr("validation.study.compare.walks.compare_gaits", lambda *_, **__: found)
+    monkeypatch.setattr("validation.study.compare.comparison.compare_gaits", lambda *_, **__: found)
     assert ampm("compare").status == 3
 
 

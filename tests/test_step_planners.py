@@ -9,12 +9,7 @@ from scipy.linalg import solve_discrete_are
 import ampm
 import validation as val
 from ampm.parameters import GRAVITY
-from ampm.planner.step_planners import (
-    JERK_WEIGHT,
-    SAMPLE_TIME,
-    STEP_PLANNERS,
-    reference_zmp,
-)
+from ampm.planner.step_planners import JERK_WEIGHT, SAMPLE_TIME, STEP_PLANNERS, reference_zmp
 from ampm.planner.step_planners import step_axes as axes_of
 from tests.solved import body_of
 

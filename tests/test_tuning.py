@@ -18,9 +18,8 @@ from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import plan_margins, step_torques
-from ampm.tune.refusal import NoFeasibleChoice
 from ampm.tune.search import RoughOrbits
-from ampm.tune.tuning import tune
+from ampm.tune.tuning import NoFeasibleChoice, tune
 from ampm.tune.ways_out import ways_out
 from validation.cli.app import Status
 from validation.run.walk import walk_planned

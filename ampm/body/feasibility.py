@@ -46,10 +46,6 @@ def check_body(plan: StepPlan, description: BodyDescription) -> None:
 
     The gait is periodic and symmetric, so checking its first step is enough.
 
-    Args:
-        plan: centroidal motion and feet.
-        description: the body.
-
     Raises:
         BodilyRefusal: soles overlap, leg too short, planned sole points under the floor, ZMP off the sole, or
             heel rising before the ZMP has reached the ball. The way out names the changes for all failed

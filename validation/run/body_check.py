@@ -14,7 +14,7 @@ from ampm.body.robot import Robot
 from ampm.exceptions import RefusedGait
 from ampm.parameters import GRAVITY, BodyParameters, RunParameters
 from ampm.tune.gait_limits import step_torques
-from ampm.tune.refusal import NoFeasibleChoice
+from ampm.tune.tuning import NoFeasibleChoice
 from models.scene import Findings
 from validation.progress import Progress
 from validation.run.standing import stand
