@@ -4,7 +4,6 @@ import json
 import math
 from importlib.util import find_spec
 
-import numpy as np
 import pytest
 
 from ampm.exceptions import InputError
@@ -27,28 +26,6 @@ from validation.trial.plan import load_request
 DRAKE = find_spec("pydrake") is not None
 COARSE = ["simulation.time_step=0.002"]
 """The finest of four levels is then not too slow."""
-
-
-def values_of(*settings, count=4):
-    return {study.name: study.values for study in studies(load_run("normal", settings), count)}
-
-
-def test_what_is_studied():
-    found = values_of(*COARSE)
-    assert list(found) == [*levels.NUMERICAL, *list(levels.LAWS)[:4], *["engine"] * DRAKE]
-    assert found["time_step"] == (0.002, 0.001, 0.0005, 0.00025)
-    assert found["qp_tolerance"] == (5e-5, 5e-6, 5e-7, 5e-8)
-    assert (0.015 / np.array(found["contact_stiffness"])) ** 2 == pytest.approx([1.0, 0.5, 2.0])
-    assert values_of("simulation.time_step=0.001", count=5)["time_step"][-1] == 0.0000625
-    # MuJoCo would not walk 3.5 ms, below twice the step, as requested.
-    assert min(values_of(*COARSE, "contact.time_constant=0.005")["contact_stiffness"]) == 0.005
-
-
-@pytest.mark.skipif(not DRAKE, reason="needs the extra drake")
-def test_a_walk_in_drake_varies_its_own_contact():
-    found = values_of(*COARSE, "simulation.engine=drake")
-    assert list(found)[3:] == ["drake_stiffness", "drake_dissipation", "engine"]
-    assert found["drake_stiffness"] == (1.5e5, 7.5e4, 3e5)
 
 
 def test_one_thing_changes_at_a_time_and_all_share_the_own_walk():
@@ -205,21 +182,6 @@ def test_a_file_that_is_no_study_is_refused(tmp_path, metrics, why):
         with pytest.raises(InputError, match=FILE):
             load_uncertainty(tmp_path)
     assert load_uncertainty(make_study(tmp_path, {"a": "inf"})).values == {"a": math.inf}
-
-
-def test_bad_requests_are_refused_before_anything_walks(folder, tmp_path, ampm):
-    for arguments, why in (
-        (["convergence", "normal", "--out", folder], "not empty"),
-        (["convergence", "normal", "--out", folder, "--resume"], "holds no study"),
-        (
-            ["validate", "momentum", "--uncertainty", folder, "--out", tmp_path / "run"],
-            "no study is of momentum",
-        ),
-        (["validate", "normal", "--uncertainty", tmp_path / "no.json"], "cannot be read"),
-    ):
-        answer = ampm(*arguments)
-        assert answer.status == Status.REFUSED
-        assert why in answer.err
 
 
 @pytest.mark.parametrize(

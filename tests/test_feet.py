@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
 from ampm.parameters import FootParameters
-from ampm.planner.contacts import Contacts, Footstep
 from ampm.planner.stride import plan_feet, quintic
 from ampm.planner.support import plan_steps
 from ampm.presets import preset_names
@@ -48,23 +47,6 @@ def test_soles_stay_over_the_floor(name):
     plan = plan_steps(run.gait, 60.0, run.foot, sole_geometry(run.body.height))
     for foot in plan.feet.sample(np.linspace(0.0, plan.duration, 20001)):
         assert foot.sole_points[..., 2].min() > -1e-12
-
-
-@pytest.mark.parametrize("schedule", SCHEDULES.values(), ids=SCHEDULES)
-def test_feet_stand_on_their_placements_and_unequal_ones_need_no_other_code(schedule):
-    plan = planned(schedule)
-    moves = np.array([0.0, 0.02, -0.05, 0.07, 0.01, -0.03, 0.04])
-    steps = tuple(
-        Footstep(f.foot, (f.position[0] + m, f.position[1] + 0.2 * m, 0.0))
-        for f, m in zip(plan.contacts.footsteps, moves, strict=True)
-    )
-    moved = {None: None, **dict(zip(plan.contacts.footsteps, steps, strict=True))}
-    phases = [p._replace(left=moved[p.left], right=moved[p.right]) for p in plan.contacts.phases]
-    feet = plan_feet(Contacts(steps, tuple(phases)), schedule, SOLE)
-    for k, step in enumerate(steps[1:-1]):
-        foot = feet.sample((k + 0.3) * plan.constants.step_duration)[0 if step.foot == "left" else 1]
-        np.testing.assert_allclose(foot.position[0], step.position, rtol=0.0, atol=1e-12)
-        assert foot.pitch[0] == foot.toe[0] == 0.0
 
 
 @given(

@@ -103,24 +103,6 @@ def test_any_steps_are_walked_or_refused_by_name(steps, gait, timed):
         np.testing.assert_allclose(reached, landings[2:], rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("error", "change", "words"),
-    [
-        (InputError, lambda steps: steps[:3], "at least 4 footsteps, not 3"),
-        (InputError, lambda steps: [*steps[:3], *steps[4:]], "footsteps 3 and 4 are both of the right foot"),
-        (InputError, lambda steps: moved(steps, -1, heading=math.nan), "no finite number"),
-        (
-            BodilyRefusal,
-            lambda steps: moved(steps, 4, position=(1.2, 0.15, 0.0)),
-            r"footstep 5: the right foot is -0\.06 m aside .* two soles take, 0\.09 m",
-        ),
-    ],
-)
-def test_a_list_that_is_no_walk(error, change, words):
-    with pytest.raises(error, match=words):
-        plan(change(WALKS["straight"]))
-
-
 def moved(steps, number, **change):
     """The footsteps, one of them changed."""
     return [step._replace(**change) if step is steps[number] else step for step in steps]
