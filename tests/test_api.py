@@ -160,6 +160,17 @@ def test_every_public_name_is_listed_and_there(package):
     assert all(getattr(package, name) is not None for name in package.__all__)
 
 
+def test_whatever_is_held_has_a_short_repr_and_a_table_for_notebooks(trial):
+    run, plan = ampm.load_run("momentum", ["controller.name='a:<b>'"]), ampm.plan("momentum")
+    held = [trial.record, trial.planned, trial.planned.body, trial.plan, trial.plan.feet, trial.plan.posture]
+    held += [trial.measured, trial.comparison, trial.verdict, plan]
+    for value in (trial, run, *held):  # one line, however long the arrays
+        assert len(repr(value)) < 400
+        assert "\n" not in repr(value)
+    assert "a:&lt;b&gt;" in run._repr_html_()
+    assert trial.table().__html__() in trial._repr_html_()
+
+
 def test_python_m_ampm_lists_the_keys(capsys):
     assert call(["keys", "--gait", "momentum", "--set", "gait.c_y=0.7", "--json"]) == Status.PASS
     keys = {item["key"]: item for item in json.loads(capsys.readouterr().out)}

@@ -213,6 +213,7 @@ def test_speed_limits_refuse_a_gait(tmp_path: Path) -> None:
         tune_walk(load_request(None, settings))
 
 
+@pytest.mark.slow
 def test_icub_without_rotors_diverges_as_it_stands(tmp_path: Path) -> None:
     run_of("icub")
     text = body_path("icub").read_text(encoding="utf-8")

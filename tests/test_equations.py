@@ -86,7 +86,7 @@ def test_a_walk_obeys_them(settings):
 
 
 def test_dry_friction_is_not_recorded(tmp_path):
-    folder = make_run(tmp_path / "run", steps=1)
+    folder = make_run(tmp_path / "run", steps=2)
     model = folder / "model.xml"
     text = model.read_text(encoding="utf-8")
     assert 'name="left_knee_pitch"' in text

@@ -63,7 +63,7 @@ def test_the_middle_of_a_long_walk_is_the_closed_form_of_the_paper(gait, steps):
         np.testing.assert_allclose(getattr(there, name), getattr(here, name), rtol=0.0, atol=1e-11)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.lists(
         st.tuples(st.floats(-0.2, 0.6), st.floats(0.14, 0.3), st.floats(-0.3, 0.3), st.floats(0.6, 1.0)),

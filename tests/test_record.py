@@ -100,7 +100,7 @@ def test_wrong_shapes_are_refused_by_name(record):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return make_run(tmp_path_factory.mktemp("record") / "run", steps=1)
+    return make_run(tmp_path_factory.mktemp("record") / "run", steps=2)
 
 
 def without(*names):

@@ -109,15 +109,12 @@ def test_preview_control_is_what_the_papers_servo_comes_to():
         np.testing.assert_allclose(motion, expected, rtol=0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("planner", ["preview", "dcm", "ipm"])
+@pytest.mark.parametrize("planner", ["preview", "dcm"])
 def test_it_is_walked_by_the_same_controller(planner):
-    """All but the plain pendulum follow their ZMP."""
+    """The plain pendulum, which does not follow its ZMP, is in golden.csv."""
     trial = val.walk(ampm.load_run("normal", gait={"steps": STEPS}), planner=planner)
     assert trial.record.outcome.steps_completed == STEPS
     assert trial.summary["planner"] == planner
-    if planner == "ipm":
-        assert trial.metrics["zmp_x_rmse"].value > 5e-3
-        return
     assert trial.metrics["zmp_x_rmse"].value < 1e-3
     assert trial.metrics["zmp_y_rmse"].value < 0.5e-3
     other = STEP_PLANNERS[planner](
