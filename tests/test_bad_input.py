@@ -10,7 +10,7 @@ import pytest
 
 import ampm
 import validation as val
-from ampm.exceptions import AmpmError, RefusedGait
+from ampm.exceptions import AmpmError, InputError, RefusedGait
 from ampm.planner import routes
 from ampm.run_file import load_run
 from tests import test_make_plan
@@ -128,6 +128,7 @@ def test_bad_input_is_refused_with_key_and_value(row, tmp_path):
         assert error.way_out in str(error)
         assert not math.isnan(error.limit)
     elif row["key"]:
+        assert isinstance(error, InputError)
         assert error.details["key"] == row["key"]
         assert row["key"] in str(error)
 
