@@ -12,12 +12,7 @@ from pydantic import Field, model_validator
 from ampm.brief import Described
 from ampm.controller_parameters import ControllerParameters
 from ampm.exceptions import InputError
-from ampm.physics_parameters import (
-    ContactParameters,
-    DrakeParameters,
-    SimulationParameters,
-    SolverParameters,
-)
+from ampm.physics_parameters import ContactParameters, DrakeParameters, SimulationParameters, SolverParameters
 from ampm.section import (
     OPEN,
     OPTIONS,

@@ -22,14 +22,7 @@ from ampm.parameters import CommandParameters, RunParameters
 from ampm.planner.centroidal import PlanSample
 from ampm.planner.feet import FeetPlan, FootSample, foot_turning
 from ampm.planner.support import StepPlan
-from ampm.reference import (
-    FIELDS,
-    SHARP,
-    PostureState,
-    Reference,
-    ReferenceTable,
-    Timing,
-)
+from ampm.reference import FIELDS, SHARP, PostureState, Reference, ReferenceTable, Timing
 
 Flags = NDArray[np.bool_]
 

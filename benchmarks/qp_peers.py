@@ -33,11 +33,6 @@ _ROUNDS = 3  # equal passes over all problems, of which the least times count
 def compare_solvers(planned: PlannedWalk, problems: Sequence[QPProblem], progress: Progress) -> list[Peer]:
     """Our solver, timed with the update of its workspace, and solvers by qpsolvers, without their set-up.
 
-    Args:
-        planned: the walk of the problems.
-        problems: see :func:`record_problems`.
-        progress: where to report stages.
-
     Returns:
         Times of a QP; errors are the largest of a point's normal force, beside :data:`EXACT`.
     """

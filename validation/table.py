@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from html import escape
-from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table as TerminalTable
@@ -136,10 +135,6 @@ class Tabled(Brief):
 
     def tables(self) -> Sequence[Table]:
         """All tables of the result."""
-        raise NotImplementedError
-
-    def as_dict(self) -> dict[str, Any]:
-        """Everything, as plain data."""
         raise NotImplementedError
 
     def _repr_html_(self) -> str:

@@ -7,13 +7,9 @@ down faster and faster.
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ampm.compiled import compiled
 from ampm.control.workspace import BALL, HEEL, TIP, Workspace
-
-Array = NDArray[np.float64]
+from ampm.geometry import Array
 
 LEVEL = 0.008
 """Height over the plan's floor that is not followed [m]: soles sink into a floor by some millimetres."""

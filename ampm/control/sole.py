@@ -7,7 +7,8 @@ import numpy as np
 
 from ampm.compiled import compiled
 from ampm.control.workspace import PlacedBody, SteppingState, Wrench
-from ampm.vectors import Array, clip, put, times, vector
+from ampm.geometry import Array
+from ampm.vectors import clip, put, times, vector
 
 OPEN = 0.2
 """Share of its force limit from which a point counts as support [1]."""

@@ -19,14 +19,7 @@ from ampm.geometry import Array, hull_distance, rotations
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.blend import BlendLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, Law
-from ampm.planner.contacts import (
-    Contacts,
-    Footstep,
-    check_landing,
-    contacts_in_turn,
-    footprint,
-    mean_heading,
-)
+from ampm.planner.contacts import Contacts, Footstep, check_landing, contacts_in_turn, footprint, mean_heading
 from ampm.planner.heights import uneven, vertical_laws
 from ampm.planner.pendulum import AffineLaw, double_support_root, solution
 from ampm.planner.periodic import plan_gait

@@ -13,17 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.description import SoleGeometry
 from ampm.exceptions import BodilyRefusal
-from ampm.geometry import rotations
+from ampm.geometry import Array, rotations
 from ampm.parameters import GRAVITY
 from ampm.planner.blend import BlendLaw, HeightLaw, shape
 from ampm.planner.contacts import Footstep, footprint
 from ampm.planner.rest_to_rest import SETTLING, Supports
-
-Array = NDArray[np.float64]
 
 EDGE = 0.015
 """Distance of an edge of the floor from the soles above it, and the least from those below it [m]."""

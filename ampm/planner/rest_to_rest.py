@@ -235,11 +235,7 @@ def solve(problem: Problem) -> Solution:
 
 
 class _Banded:
-    """A symmetric indefinite system ``[[D, B'], [B, -I]]`` whose unknowns are in the order of the walk.
-
-    Args:
-        size: number of unknowns.
-    """
+    """A symmetric indefinite system ``[[D, B'], [B, -I]]`` whose unknowns are in the order of the walk."""
 
     WIDTH = 19
     """Largest distance of an entry from the diagonal."""

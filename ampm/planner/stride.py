@@ -24,18 +24,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import FootParameters
 from ampm.planner.contacts import Contacts
-from ampm.planner.feet import (
-    HEADING,
-    PITCH,
-    PIVOT_BALL,
-    PIVOT_HEEL,
-    TOE,
-    FeetPlan,
-    FootPath,
-    X,
-    Y,
-    Z,
-)
+from ampm.planner.feet import HEADING, PITCH, PIVOT_BALL, PIVOT_HEEL, TOE, FeetPlan, FootPath, X, Y, Z
 
 _QUINTIC = 6  # coefficients of a quintic
 _ORDER = 9  # coefficients of a curve

@@ -12,18 +12,8 @@ import numpy as np
 
 from ampm.body.rigid_body import moved, place_links, place_of
 from ampm.compiled import compiled
-from ampm.vectors import (
-    Array,
-    Vector,
-    cross,
-    from_quaternion,
-    minus,
-    plus,
-    put,
-    times,
-    turned,
-    vector,
-)
+from ampm.geometry import Array
+from ampm.vectors import Vector, cross, from_quaternion, minus, plus, put, times, turned, vector
 
 VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
 LOAD = 0.06  # force from which a point rests, as share of the weight; half of it to go on resting

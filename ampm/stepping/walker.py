@@ -7,15 +7,7 @@ import numpy as np
 
 from ampm.compiled import compiled
 from ampm.control.workspace import Array, SteppingState
-from ampm.stepping.floor import (
-    feel,
-    floor_under,
-    hold_height,
-    is_early,
-    is_late,
-    stands_flat,
-    step_up,
-)
+from ampm.stepping.floor import feel, floor_under, hold_height, is_early, is_late, stands_flat, step_up
 from ampm.stepping.step_choice import (
     dcm_ahead,
     expected_dcm,

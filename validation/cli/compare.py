@@ -125,7 +125,7 @@ def compare(
             )
         status = Status.OUT_OF_TOLERANCE if found.regressions else Status.PASS
     else:
-        from validation.study.compare.walks import compare_gaits, compare_runs
+        from validation.study.compare.comparison import compare_gaits, compare_runs
 
         if done:
             found = compare_runs(done, uncertainty=studies)

@@ -21,7 +21,6 @@ from validation.table import print_tables
 
 if TYPE_CHECKING:
     from validation.judge.profiles import Profile
-    from validation.table import Tabled
     from validation.trial.disturbances import Disturbance
     from validation.trial.plan import Request
 
@@ -307,8 +306,8 @@ def check_picture(path: Path) -> None:
     check_output_file(path, force=True)
 
 
-def answer(result: Tabled, *, as_json: bool, out: Path | None = None) -> None:
-    """Print a result, as JSON or for a reader, and name the folder that holds it."""
+def answer(result: Any, *, as_json: bool, out: Path | None = None) -> None:
+    """Print a result with ``as_dict``, ``sentence`` and ``tables``, and name the folder that holds it."""
     if as_json:
         print_json(result.as_dict())
     else:

@@ -181,12 +181,7 @@ def report(
 
 
 def print_result(summary: Mapping[str, Any], folder: Path) -> None:
-    """Print a trial's ``summary.json`` for a reader.
-
-    Args:
-        summary: contents of the file.
-        folder: that holds it.
-    """
+    """Print a trial's ``summary.json`` for a reader."""
     from validation.show.cost_table import cost_table
     from validation.store.metric_table import metric_table, summary_title
 

@@ -320,12 +320,6 @@ def judge_summary(
 ) -> dict[str, Any]:
     """A run's summary, its metrics judged again as they are by a profile.
 
-    Args:
-        summary: contents of ``summary.json``.
-        profile: tolerances.
-        ended: as for :func:`judge`.
-        may_lack: likewise.
-
     Raises:
         InputError: it has a metric that is not registered here.
     """

@@ -15,7 +15,7 @@ from ampm.exceptions import RefusedGait
 from ampm.parameters import GRAVITY, NO_PLAN, BodyParameters, RunParameters
 from ampm.planners import StandingPlanner
 from ampm.tune.gait_limits import step_torques
-from ampm.tune.refusal import NoFeasibleChoice
+from ampm.tune.tuning import NoFeasibleChoice
 from models.scene import Findings
 from validation.progress import Progress
 from validation.trial.bridge import to_mujoco

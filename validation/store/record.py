@@ -166,9 +166,6 @@ class StoredRecord(SimulationRecord):
 
     What the folder lacks is no attribute.
 
-    Args:
-        directory: folder of a recorded run.
-
     Raises:
         InputError: there is no record, or one of another format.
     """

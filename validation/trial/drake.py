@@ -23,11 +23,7 @@ from pydrake.geometry import (
     Sphere,
 )
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import (
-    AddMultibodyPlant,
-    CoulombFriction,
-    MultibodyPlantConfig,
-)
+from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlantConfig
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
     QuaternionFloatingJoint,
@@ -235,11 +231,6 @@ class DrakeEngine:
 
     Drake's solver stops at a relative residual of 1e-6, and its velocities do not quite follow from its
     forces. So its forces act on the same plant without contact, which gives the next state.
-
-    Args:
-        model: see :class:`_Plant`.
-        data: its state.
-        contact: of the sole points.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, contact: DrakeParameters) -> None:

@@ -105,7 +105,7 @@ class RunLog:
     def _allocate(self, steps: int) -> None:
         """Make the arrays for K steps."""
         physics = self.physics
-        model, points = physics.model, len(physics.points.names)
+        model, points = physics.model, len(physics.point_sites)
         sizes = {
             "K": steps,
             "K+1": steps + 1,
@@ -152,10 +152,6 @@ class RunLog:
     def close(self, done: int, outcome: Outcome) -> SimulationRecord:
         """Add the instant at which the last step ends, and return the record.
 
-        Args:
-            done: whole steps.
-            outcome: how the walk ended.
-
         Returns:
             The record, without a copy of the arrays: ``done + 1`` rows of instants, ``done`` of steps, and
             the ticks that began in them. An incomplete step has no tick either.
@@ -192,6 +188,6 @@ class RunLog:
             torque_limit=robot.torque_limit,
             joint_range=np.stack([robot.lower, robot.upper], axis=1),
             joint_names=robot.joint_names,
-            point_sites=physics.points.names,
+            point_sites=physics.point_sites,
             **kept,
         )

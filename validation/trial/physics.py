@@ -63,22 +63,6 @@ class BodyState(NamedTuple):
     time_step: float  # [s]
 
 
-class SolePoints:
-    """Sole points and soles in a compiled model.
-
-    Args:
-        model: that is stepped.
-        names: of the sites of the P sole points; each has a geom of its name.
-        sole_names: of the sites of both soles.
-    """
-
-    def __init__(self, model: mujoco.MjModel, names: tuple[str, ...], sole_names: tuple[str, ...]) -> None:
-        self.names = names
-        self.sites = np.array([model.site(name).id for name in (*names, *sole_names)], dtype=np.intp)
-        self.of_geom = np.full(model.ngeom, -1, dtype=np.intp)  # sole point of every geom, -1 for none
-        self.of_geom[[model.geom(name).id for name in names]] = np.arange(len(names))
-
-
 class Physics:
     """One simulation: model, data, and the quantities read at every step.
 
@@ -98,13 +82,13 @@ class Physics:
         self.time_step = float(model.opt.timestep)
         self.substeps = steps_per_tick(run.controller.frequency, self.time_step)
         description = robot.description
-        self.points = points = SolePoints(
-            model,
-            tuple(site for _, _, site in description.sole_points()),
-            tuple(leg.sole_frame for leg in description.legs),
-        )
-        contact, sites = data.contact, points.sites[-2:]
-        self.soles = data.site_xpos[sites[0] : sites[1] + 1 : sites[1] - sites[0]]
+        self.point_sites = names = tuple(site for _, _, site in description.sole_points())
+        soles = [leg.sole_frame for leg in description.legs]
+        sites = np.array([model.site(name).id for name in (*names, *soles)], dtype=np.intp)
+        point_of_geom = np.full(model.ngeom, -1, dtype=np.intp)
+        point_of_geom[[model.geom(name).id for name in names]] = np.arange(len(names))
+        contact, (left, right) = data.contact, sites[-2:]
+        self.soles = data.site_xpos[left : right + 1 : right - left]
         self.body = BodyState(
             qpos=data.qpos,
             qvel=data.qvel,
@@ -115,13 +99,13 @@ class Physics:
             trunk=self._axes(description.trunk_segment)[:, 2],
             site_place=data.site_xpos,
             site_rotation=data.site_xmat,
-            sites=points.sites,
+            sites=sites,
             contact_geom=self._all_rows(contact.geom),
             contact_address=self._all_rows(contact.efc_address),
             contact_frame=self._all_rows(contact.frame),
             contact_place=self._all_rows(contact.pos),
             contact_distance=self._all_rows(contact.dist),
-            point_of_geom=points.of_geom,
+            point_of_geom=point_of_geom,
             warnings=data.warning.number[_BAD_STATE],
             q=np.zeros(robot.nq),
             v=np.zeros(robot.nv),

@@ -407,7 +407,7 @@ def tune_walk(request: Request, progress: Progress | None = None, *, advise: boo
 
     Raises:
         InputError: nothing is open.
-        MathematicalRefusal, BodilyRefusal: nothing walks; :class:`ampm.tune.refusal.NoFeasibleChoice`,
+        MathematicalRefusal, BodilyRefusal: nothing walks; :class:`ampm.tune.tuning.NoFeasibleChoice`,
             a BodilyRefusal, says which limit stayed broken.
     """
     from ampm.tune.tuning import tune  # imported here: Pinocchio is slow to load

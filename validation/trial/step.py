@@ -74,14 +74,7 @@ def act(log: StepLog, k: int, status: int, residual: float, iterations: int, sec
 
 @compiled
 def keep_step(log: StepLog, k: int, contacts: int, efc_force: Array) -> None:
-    """Copy places, contacts and torques of step k, and the state after it.
-
-    Args:
-        log: of the run.
-        k: step.
-        contacts: how many there are.
-        efc_force: forces of all constraints.
-    """
+    """Copy places, contacts and torques of step k, and the state after it."""
     keep_instant(log, k)
     record, body, normal_force = log.record, log.body, log.normal_force
     of_geom, frame = body.point_of_geom, body.contact_frame
@@ -112,12 +105,6 @@ def keep_step(log: StepLog, k: int, contacts: int, efc_force: Array) -> None:
 @compiled
 def end_step(log: StepLog, k: int, contacts: int, efc_force: Array) -> bool:
     """Keep a step, and set the torques of the next one if no tick does.
-
-    Args:
-        log: of the run.
-        k: step.
-        contacts: how many there are.
-        efc_force: forces of all constraints.
 
     Returns:
         Whether the walk may go on: the body stands, and MuJoCo has warned of nothing.

@@ -44,10 +44,6 @@ class UsersError(InputError):
 class UsersCode:
     """Context that turns an error of a user's class into one sentence.
 
-    Args:
-        what: its role, for example ``controller``.
-        thing: the class, factory or object.
-
     Raises:
         UsersError: anything was raised but an :class:`AmpmError`, which passes.
     """
