@@ -149,7 +149,8 @@ class Planner(Protocol):
             comes as it is.
         checked: True if no plan that it makes needs to be checked.
         plans_footsteps: False if a run with footsteps is to be refused.
-        gait_keys: keys that it uses of the section ``gait``, if these are not all.
+        gait_keys: keys that it uses of the section ``gait``, if not all; without ``gait.steps`` among them it
+            may plan any number of steps.
     """
 
     def plan(self, run: RunParameters, robot: Any) -> WalkPlan:

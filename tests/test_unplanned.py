@@ -109,7 +109,7 @@ def test_a_command_has_three_numbers(ampm):
 
 def test_sweep_and_compare_take_it(ampm, tmp_path):
     (tmp_path / "sweep.toml").write_text(
-        '[sweep]\ngait = "normal"\n[set]\ngait.planner = "none"\n'
+        '[sweep]\ngait = "normal"\nprofile = "free"\n[set]\ngait.planner = "none"\n'
         "simulation.time_step = 0.002\ncommand.duration = 2.0\n"
         '[[vary]]\nmethod = "grid"\ncommand.vx = [0.0, 0.5]\n'
     )

@@ -347,7 +347,7 @@ def plan_walk(
             _check_posture(plan, body.robot)
             check_contacts(plan)
             _check_slope(plan, run)
-            if "gait_keys" not in says:
+            if "gait.steps" in says.get("gait_keys", ("gait.steps",)):
                 _check_steps(plan, run)
     if run.footsteps and not checked:
         _check_footsteps(plan, run, name)
