@@ -52,6 +52,7 @@ _LISTED = (
     "footsteps",
     "odometry",
     "pushed",
+    "free",
 )  # profiles with limits of their own
 
 
