@@ -1,4 +1,4 @@
-"""Floors that slope along the walk, known to the plan."""
+"""Floors that slope, known to the plan or not, and other floors that are not the plan's."""
 
 import numpy as np
 import pytest
@@ -119,6 +119,22 @@ def test_a_plan_for_another_slope_is_refused():
 def test_an_unknown_slope_is_refused_beside_a_planned_one():
     with pytest.raises(InputError, match=r"leave them out, or gait\.slope"):
         val.walk(sloping(STEEP, disturbance={"slope_along": 0.01}))
+
+
+@pytest.mark.parametrize(
+    "disturbance",
+    [
+        {"slope_along": 0.035},
+        {"slope_along": -0.035},
+        {"slope_across": 0.035},
+        {"step_height": -0.01},
+        {"softness_factor": 4.0},
+    ],
+    ids=str,
+)
+def test_an_unknown_floor_is_walked(disturbance):
+    record = val.walk(sloping(0.0, steps=8, disturbance=disturbance)).record
+    assert record.outcome.completed, record.outcome.cause
 
 
 def test_the_zmp_is_measured_on_an_unknown_slope():

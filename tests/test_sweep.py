@@ -267,33 +267,6 @@ def test_the_status_is_that_of_the_worst_walk(command, capsys, ends, status):
     assert status != 5 or "--resume" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ((), "exists and is not empty"),
-        (("--resume", "--workers", "-1"), "must be at least 0"),
-        (("--resume", "--workers", "2", "--scheduler", "tcp://localhost:1"), "exclude each other"),
-        (("--resume", "--out", "{foreign}"), "holds no study"),
-        (("--out", "{file}"), "is a file"),
-        (("--resume", "--scheduler", "none.json"), "exclude each other"),
-    ],
-)
-def test_options_that_do_not_fit_are_refused(command, out, tmp_path, capsys, options, words):
-    for folder, name in ((out, ROWS), (tmp_path / "foreign", "thesis.tex")):
-        folder.mkdir()
-        (folder / name).touch()
-    place = {"foreign": tmp_path / "foreign", "file": tmp_path / "sweep.toml"}
-    assert command(*(item.format(**place) for item in options)) == 2
-    assert words in capsys.readouterr().err
-    assert WALKED == []
-
-
-@pytest.mark.parametrize("address", ["nohost", "foo://host:1", "none.json"])
-def test_a_scheduler_that_cannot_be_is_refused_at_once(tmp_path, address):
-    with pytest.raises(InputError, match=f"no dask scheduler answers at --scheduler {address}"):
-        val.sweep(parse_sweep(SWEEP), tmp_path / "out", scheduler=address)
-
-
 def test_folders_and_files_that_are_no_sweep_are_named(tmp_path):
     (tmp_path / "x.parquet").write_bytes(b"PAR1 no PAR1")
     folder = write_sweep(tmp_path / "s", make_table(3, failures=False))

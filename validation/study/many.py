@@ -31,7 +31,7 @@ from validation.store.machine import cores
 from validation.study.pool import open_pool, users_file
 from validation.study.row_file import ROWS, Row, RowFile
 from validation.study.walk_options import users_files
-from validation.table import Tabled, markdown_page
+from validation.table import markdown_page
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def study_folder(out: str | Path | None, *, resume: bool) -> Path | None:
     return Path(out)
 
 
-def write_study(result: Tabled, path: Path) -> None:
+def write_study(result: Any, path: Path) -> None:
     """Write the tables of a study as Markdown and, last, its numbers as JSON, which mark it as complete."""
     path.unlink(missing_ok=True)
     with output_file(path.with_suffix(".md")) as work:
