@@ -61,8 +61,7 @@ Settings = Annotated[
     option("--set", "Change one parameter, e.g. gait.c_s=1.2; see 'ampm keys'.", "KEY=VALUE"),
 ]
 AsIs = Annotated[
-    bool,
-    option("--as-is", "Keep the values that the gait leaves open: those of the preset, or defaults."),
+    bool, option("--as-is", "Keep the values that the gait leaves open: those of the preset, or defaults.")
 ]
 Body = Annotated[
     str | None,
@@ -111,8 +110,7 @@ OwnMetrics = Annotated[
     option("--metric", "A metric of your own, a val.Metric in a module. Repeatable.", "MODULE:NAME"),
 ]
 OwnProfile = Annotated[
-    str | None,
-    option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P"),
+    str | None, option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P")
 ]
 Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")]
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]

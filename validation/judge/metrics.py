@@ -123,9 +123,7 @@ def evaluate(walk: Comparison, metrics: Iterable[Metric] | None = None) -> dict[
             continue
         start = _compute(metric, first) if metric.by_window else None
         found[metric.name] = MetricValue(
-            value=value,
-            unit=metric.unit,
-            first_step=None if start is None or math.isnan(start) else start,
+            value=value, unit=metric.unit, first_step=None if start is None or math.isnan(start) else start
         )
     return found
 
