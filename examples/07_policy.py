@@ -2,11 +2,11 @@
 
 Afterwards the trial from the command line, in this folder:
 
-    ampm validate policy.toml --controller 07_policy:Stepping --out runs/policy
+    ampm validate --planner none --command 0.15,0,0 --body g1 --controller 07_policy:Stepping \
+        --set simulation.time_step=2e-3 --out runs/policy
 """
 
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -17,7 +17,7 @@ import validation as val
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.simulate import simulate
 
-FILE, RUN = "policy.txt", "policy.toml"
+FILE = "policy.txt"
 JOINTS = ("hip_pitch", "hip_roll", "knee", "ankle_pitch", "ankle_roll")
 GUESS = [1.5, 0.05, 0.6, 0.25, 0.4, 0.02, 0.2, 0.1, 2.2, 0.2, 1.1, 0.1]  # see Stepping.act
 
@@ -108,7 +108,6 @@ if __name__ == "__main__":
     free, command, quick = {"planner": "none"}, {"vx": 0.15}, {"time_step": 0.002}
     run = ampm.load_run(gait=free, command=command, body={"source": "g1"}, simulation=quick)
     np.savetxt(FILE, train(run))
-    Path(RUN).write_text(ampm.dump_run(run))
     trial = val.walk(run, controller=Stepping)
     print(f"{trial}\nforward: {trial.comparison.costs['velocity']['measured'][0]:.2f} m/s")
     axes = (figure := Figure(figsize=(8.0, 4.0), layout="constrained")).subplots()
