@@ -4,6 +4,7 @@
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ampm.brief import Brief
 from ampm.description import SoleGeometry
 from ampm.geometry import Array
-from ampm.planner.contacts import times_within
+from ampm.planner.contacts import Footstep, times_within
 
 HEEL, BALL, TIP = 0, 1, 2
 """Columns of :attr:`FootSample.contact`."""
@@ -62,6 +63,14 @@ class FootPath:
     def __post_init__(self) -> None:
         for value in vars(self).values():
             value.setflags(write=False)
+
+    @classmethod
+    def still(cls, sole: SoleGeometry, footstep: Footstep) -> Self:
+        """A foot that stays flat on a footstep along x."""
+        x, y, z = footstep.position
+        curve = np.array([x + sole.heel_x, y, z, 0.0, 0.0, 0.0]).reshape(1, 6, 1)
+        contact = np.array([[True, True, sole.has_toes]])
+        return cls(np.zeros(1), np.array([PIVOT_HEEL]), contact, curve)
 
     def segments(self, times: Array) -> NDArray[np.intp]:
         """Segment at every time, shape (N,)."""

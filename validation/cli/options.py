@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from validation.trial.plan import Request
 
 PICTURES = (".png", ".svg", ".pdf")
-PROFILES = "default, strict, wide, jumps, footsteps or odometry"
+PROFILES = "default, strict, wide, jumps, footsteps, odometry or free"
 
 
 class Status(IntEnum):
@@ -86,8 +86,17 @@ PlannerName = Annotated[
     str | None,
     option(
         "--planner",
-        "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, or your own, which may replan.",
+        "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, your own, which may replan, or "
+        "none: the body begins standing, and its controller walks by itself.",
         "NAME|FILE.csv|.parquet|MODULE:CLASS",
+    ),
+]
+Command = Annotated[
+    str | None,
+    option(
+        "--command",
+        "With --planner none: velocity forward and to the left [m/s], and rate of the heading [rad/s].",
+        "VX,VY,WZ",
     ),
 ]
 Footsteps = Annotated[
@@ -136,6 +145,16 @@ def with_short(settings: Sequence[str] | None, **options: str | int | None) -> l
     return found
 
 
+def _command(text: str | None) -> list[str]:
+    """Settings of a commanded velocity."""
+    if text is None:
+        return []
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise InputError(f"--command {text} must be three numbers VX,VY,WZ, for example 0.5,0,0.")
+    return [f"command.{key}={part}" for key, part in zip(("vx", "vy", "wz"), parts, strict=True)]
+
+
 # ------------------------------------------------------------------------------------- groups of options
 
 
@@ -149,11 +168,12 @@ class WalkOptions:
     planner: PlannerName = None
     controller: Controller = None
     engine: Engine = None
+    command: Command = None
 
     def changes(self, steps: int | None = None) -> list[str]:
         """All but ``as_is`` as ``key=value`` texts."""
         short = {name: getattr(self, name) for name in ("body", "planner", "controller", "engine")}
-        return with_short(self.settings, steps=steps, **short)
+        return [*with_short(self.settings, steps=steps, **short), *_command(self.command)]
 
     def request(self, gait: str | None, steps: int | None = None, **more: Any) -> Request:
         """A gait with these changes; further arguments as in :func:`validation.trial.plan.load_request`."""

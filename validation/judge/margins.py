@@ -117,6 +117,8 @@ def margins(
 
 def _plan_polygon(followed: Followed, record: SimulationRecord, time: Array) -> Extreme:
     """Least margin of the planned ZMP; of a whole walk on one plan exactly, else at the instants compared."""
+    if followed.plans[0].plan.command is not None:
+        return Extreme(math.nan)
     least = followed.plans[0].least_zmp_margin
     if least is not None and not followed.moved and record.outcome.completed:
         return Extreme(*least)

@@ -52,6 +52,7 @@ _LISTED = (
     "footsteps",
     "odometry",
     "pushed",
+    "free",
 )  # profiles with limits of their own
 
 
@@ -205,12 +206,16 @@ def _with_limits(metrics: Mapping[str, Metric]) -> Iterator[Metric]:
     yield from (metric for name, metric in metrics.items() if name not in judged)
 
 
-def _statistic(walk: Comparison, name: str, statistic: str) -> float:
+def _statistic(walk: Comparison, name: str, statistic: str) -> float | None:
+    if walk.plan.command is not None:
+        return None
     return float(getattr(walk.signals[name][walk.window], statistic))
 
 
 def _recovery_time(walk: Comparison) -> float | None:
     """See :func:`recovery_time`, with the limits that the walk has if nothing pushes it."""
+    if walk.plan.command is not None:
+        return None
     profile = "footsteps" if walk.plan.judged_from == 0.0 else "default"
     profile = "jumps" if walk.plan.jump_times.size else profile
     limits = {}

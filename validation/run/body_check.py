@@ -12,15 +12,15 @@ import pinocchio as pin
 from ampm.body.feasibility import joint_groups
 from ampm.body.robot import Robot
 from ampm.exceptions import RefusedGait
-from ampm.parameters import GRAVITY, BodyParameters, RunParameters
+from ampm.parameters import GRAVITY, NO_PLAN, BodyParameters, RunParameters
+from ampm.planners import StandingPlanner
 from ampm.tune.gait_limits import step_torques
 from ampm.tune.tuning import NoFeasibleChoice
 from models.scene import Findings
 from validation.progress import Progress
-from validation.run.standing import stand
 from validation.trial.bridge import to_mujoco
-from validation.trial.physics import explained
-from validation.trial.plan import PlannedWalk, load_request, make_body, tune_walk
+from validation.trial.plan import PlannedWalk, Request, load_request, make_body, tune_walk
+from validation.trial.simulate import simulate
 
 _BENT = 0.6  # flexion of the knees at which the legs are judged [rad]
 _GROWTH, _MOST_GROWTH = 1.2, 3.0  # of step or speed from try to try, and at most [1]
@@ -111,7 +111,10 @@ def _torque_shares(walk: PlannedWalk) -> dict[str, float]:
 
 def _standing_refusal(walk: PlannedWalk) -> str:
     """Why the body does not stand under the controller at the height of the walk; empty if it does."""
-    outcome = explained(stand(walk.run, walk.body, _STANDING).outcome, walk.body.model.compile())
+    height, still = walk.run.gait.com_height, {"command.settling": 0.0, "command.duration": _STANDING}
+    run = walk.run.undisturbed.replace({"gait.planner": NO_PLAN, **still})
+    plan = StandingPlanner(height).plan(run, walk.body.robot)
+    outcome = simulate(PlannedWalk(Request(walk.name, run), plan, walk.body)).outcome
     return "" if outcome.completed else f"it does not stand for {_STANDING:g} s. {outcome.ending}"
 
 

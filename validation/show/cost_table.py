@@ -34,7 +34,7 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
         summary: contents of ``summary.json``.
     """
     rows = [_row(summary, METRICS[name]) for name in COSTS]
-    if "log" in summary:
+    if "log" in summary or "velocity" in summary:
         rows = [row for row in rows if row[1] != ABSENT]
     columns = ("cost", ">value", ">limit", "unit", USED, "where")
     notes = [_sentence(summary)]
@@ -58,7 +58,7 @@ def reported_table(summary: Mapping[str, Any]) -> Table:
     for metric in rest:
         label, value, _, unit, _, where = _row(summary, metric)
         rows.append((label, value, unit, where))
-    if "log" in summary:
+    if "log" in summary or "velocity" in summary:
         rows = [row for row in rows if row[1] != ABSENT]
     return Table("", ("", ">value", "unit", "where"), rows)
 

@@ -123,6 +123,7 @@ class Summary(_Entry):
     statistics: Mapping[str, Mapping[str, Mapping[str, Number | str]]]
     zmp_error_split: _Split
     ahead: _Ahead = _Ahead(judged=0.0, lead=[], rmse={})
+    velocity: Mapping[str, _Triple] = Field(default_factory=dict)
     effort: _Effort
     margins: _Margins
     energy: Annotated[

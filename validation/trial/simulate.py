@@ -17,7 +17,7 @@ from ampm.compiled import bound
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.geometry import Array
-from ampm.parameters import DisturbanceParameters, RunParameters
+from ampm.parameters import NO_PLAN, DisturbanceParameters, RunParameters
 from ampm.reference import Reference
 from ampm.sensors.readings import Estimator, EstimatorFactory
 from ampm.stepping.tracker import SteppedTick
@@ -44,6 +44,7 @@ from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References
 from validation.trial.scene import surfaces
 from validation.trial.step import act, end_step, sense
+from validation.trial.unplanned import Supports
 from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
 from validation.trial.watch import End, Watch
 
@@ -113,6 +114,8 @@ def simulate(
     since = tuple(first * tick for first in course.since)
     followed = Followed(tuple(course.plans), since, tuple(loop.stepped), tick)
     outcome, named = record.outcome, ""
+    if plan.command is not None:
+        outcome = replace(outcome, steps_completed=Supports.of(record).steps)
     if factory is not TrackingController:
         named = CONTROLLER.name_of(factory)
     elif run.controller.stabilizer == "fixed" and (forces or run.disturbance != DisturbanceParameters()):
@@ -240,7 +243,8 @@ class ClosedLoop:
         self.command, self._row = self.log.command, self.log.row
         names = ("torque", "rate", "force", "zmp", "angular_momentum")
         self._parts = [(name, (part := getattr(self.command, name)), part.shape) for name in names]
-        self.watch = Watch(self.log.stance, run.controller.unsolved_limit, robot.description.scale)
+        planned = run.gait.planner != NO_PLAN
+        self.watch = Watch(self.log.stance, run.controller.unsolved_limit, robot.description.scale, planned)
         self.sensors = None
         if not run.sensors.perfect:
             self.sensors = Sensors(run, self.log, robot.gravity, estimator)
