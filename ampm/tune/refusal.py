@@ -3,9 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from ampm.body.limits import LIMITS
+from ampm.body.robot import Robot
+from ampm.body.step_kinematics import StepTrajectory
 from ampm.exceptions import BodilyRefusal
 from ampm.tune.search import ChoiceSearch
+
+_LOST = 0.4  # least share of a torque limit that dampers, springs and dry friction take to be told of [1]
 
 
 class NoFeasibleChoice(BodilyRefusal):
@@ -21,18 +27,19 @@ class NoFeasibleChoice(BodilyRefusal):
         self.tried, self.values = tried, values
 
 
-def broken_limit(name: str, values: Mapping[str, float], tried: int) -> NoFeasibleChoice:
+def broken_limit(name: str, values: Mapping[str, float], tried: int, keys: str = "") -> NoFeasibleChoice:
     """The refusal by one limit.
 
     Args:
         name: in :data:`LIMITS`.
         values: of all known limits for the best choice.
         tried: number of choices; 1 where the best choice of all is known.
+        keys: clause on keys of the body's description that may mend it.
     """
     limit, value = LIMITS[name], values[name]
     reached, rule = limit.told(value)
     return NoFeasibleChoice(
-        f"{_none(tried)}: {limit.what} is {reached} at best and must be {rule}",
+        f"{_none(tried)}: {limit.what} is {reached} at best and must be {rule}{keys}",
         tried=tried,
         values=values,
         reason=limit.reason,
@@ -47,7 +54,9 @@ def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
     best = search.best()
     if best.orbit is not None:
         margins = best.margins()
-        return broken_limit(min(margins, key=lambda name: margins[name]), best.values, tried)
+        name = min(margins, key=lambda name: margins[name])
+        keys = _keys_that_help(LIMITS[name].reason, search.orbits.robot, best.orbit.trajectory)
+        return broken_limit(name, best.values, tried, keys)
     why = next((candidate.why for candidate in search.candidates if candidate.why is not None), None)
     return NoFeasibleChoice(
         f"{_none(tried)}: {why or 'the formula has no solution'}",
@@ -58,6 +67,25 @@ def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
         limit=0.0 if why is None else why.limit,
         unit="1" if why is None else why.unit,
     )
+
+
+def _keys_that_help(reason: str, robot: Robot, step: StepTrajectory) -> str:
+    """A clause on keys of the description that may mend a refusal, by its reason; empty if none may."""
+    d = robot.description
+    if reason == "self_collision" and d.has_arms and not (d.spread or d.rest):
+        return "; arms that rest farther from the body may help: give [body.rest]"
+    if reason == "torque_limits":
+        damping, stiffness, spring, friction = robot.passive.T
+        q, v = step.q[:, 7:], step.v[:, 6:]
+        lost = np.abs(damping * v + stiffness * (q - spring) + friction * np.sign(v)) / robot.torque_limit
+        joint = int(lost.max(axis=0).argmax())
+        if (most := float(lost[:, joint].max())) > _LOST:
+            return (
+                f"; dampers, springs and dry friction alone take {most:.2f} of the torque limit of "
+                f"{robot.joint_names[joint]}: correct them with [body.damping] and [body.friction], or "
+                "[body.effort]"
+            )
+    return ""
 
 
 def _none(tried: int) -> str:

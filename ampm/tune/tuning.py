@@ -205,9 +205,9 @@ def _searches(
 ) -> Iterator[tuple[ChoiceSearch, Candidate]]:
     """Searches in turn, and the choices that they go on from.
 
-    The first begins with the guess; with L_z held at zero where that would twist the feet: the arms then
-    balance the legs about the vertical, which takes from the feet's twisting moment. Where it finds nothing,
-    others begin with starts that are spread over the ranges.
+    The first begins with the guess. Where that would twist the feet and the body has arms, L_z is held at
+    zero: the arms then balance the legs about the vertical, which takes from the feet's twisting moment.
+    Where it finds nothing, others begin with starts that are spread over the ranges.
 
     Raises:
         MathematicalRefusal: there is no guess.
@@ -215,7 +215,7 @@ def _searches(
     search = _begun(space, robot, report, effort)
     first, tried = search.candidates[-1], 0
     twist = first.margins().get("twist", math.inf)
-    if _L_Z not in space.fixed and twist < Effort().enough:
+    if robot.description.has_arms and _L_Z not in space.fixed and twist < Effort().enough:
         still = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description)
         balanced = _begun(still, robot, report, effort)
         if balanced.candidates[-1].orbit is not None:
