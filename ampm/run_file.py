@@ -10,16 +10,7 @@ from typing import Any, Literal, get_args, get_origin
 import tomli_w
 
 from ampm.exceptions import InputError
-from ampm.parameters import (
-    OPEN_KEYS,
-    OPTION_TABLES,
-    OPTIONS,
-    SECTIONS,
-    RunParameters,
-    keys,
-    put,
-    split_key,
-)
+from ampm.parameters import OPEN_KEYS, OPTION_TABLES, OPTIONS, SECTIONS, RunParameters, keys, put, split_key
 from ampm.presets import PRESETS
 from ampm.section import Option, nearest, parse_toml, read_toml, unit_of, unknown
 

@@ -2,7 +2,6 @@
 
 import json
 import math
-import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,31 +10,28 @@ import pytest
 
 from ampm.run_file import load_run
 from tests.saved_run import make_study
-from validation.cli.view import choose
 from validation.judge.metrics import added_metrics, unregister
 from validation.judge.uncertainty import Uncertainty
-from validation.show.cost_table import COSTS
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import load_saved_run
 from validation.study.compare.comparison import (
-    COST,
     JUDGED,
     SHARE,
     SHARE_OF_EXTREMES,
-    Row,
+    MetricRow,
     Side,
+    _fitting,
     comparison_of,
 )
 from validation.study.compare.report import NUMBERS, REPORT, render
-from validation.study.compare.walks import _fitting
 
 FAST = ["--set", "simulation.time_step=0.002", "--steps", "3", "--workers", "0"]
 
 
 @pytest.fixture(scope="module")
 def folders(run_of):
-    return run_of("normal", steps=4), run_of("normal", {"gait.planner": "ipm"}, steps=4)
+    return run_of(), run_of("normal", {"gait.planner": "ipm"})
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +72,9 @@ def test_a_table_beside_our_planner_is_walked_once(tmp_path, ampm, monkeypatch):
     assert first.json["metrics"]["zmp_x_maximum"]["better"] == 0
     assert 'href="walk-2/report.html"' in (out / REPORT).read_text(encoding="utf-8")
     assert (out / "walk-2" / REPORT).is_file()
-    monkeypatch.setattr("validation.study.compare.walks.walk_request", lambda *_, **__: pytest.fail("walked"))
+    monkeypatch.setattr(
+        "validation.study.compare.comparison.walk_request", lambda *_, **__: pytest.fail("walked")
+    )
     assert ampm(*command, "--resume").json == first.json
 
 
@@ -103,14 +101,6 @@ def test_options_are_for_those_that_take_them(tmp_path, ampm, monkeypatch):
     assert "it takes" in answer.err
 
 
-def test_kept_walks_are_viewed(folders, tmp_path):
-    kept = tmp_path / "walk-1"
-    shutil.copytree(folders[0], kept)
-    (kept / "recording.rrd").unlink(missing_ok=True)
-    (source,) = choose([kept], None)
-    assert source.path.stat().st_size > 0
-
-
 def test_bodies_of_two_sizes_are_told_and_scaled_each_by_its_own_weight(sides):
     scales = sides[0].run.summary["scales"]
     heavy = changed(sides[0], scales={**scales, "body_weight": 2.0 * scales["body_weight"]})
@@ -120,13 +110,6 @@ def test_bodies_of_two_sizes_are_told_and_scaled_each_by_its_own_weight(sides):
     light, half = (float(cell) for cell in found.cells(row)[1:3])
     assert light == pytest.approx(2.0 * half, rel=0.02)
     assert not any("differ in size" in note for note in comparison_of(sides).tables()[0].notes)
-
-
-def test_costs_are_those_of_validate_and_more_margin_is_better(sides):
-    costs = [row for row in comparison_of(sides).rows if row.group == COST]
-    assert [row.name for row in costs] == list(COSTS)
-    margin = Row(COST, "margin_knee", "knee", "rad", (0.2, 0.5), 0.02)
-    assert margin.better == 1
 
 
 def test_two_equal_plans_agree(ampm):
@@ -148,7 +131,7 @@ def test_two_equal_plans_agree(ampm):
     ],
 )
 def test_which_side_is_better(values, least, better):
-    assert Row(JUDGED, "zmp_x_rmse", "ZMP", "m", values, least).better == better
+    assert MetricRow(JUDGED, "zmp_x_rmse", "ZMP", "m", values, least).better == better
 
 
 def changed(side: Side, metrics: dict[str, float] | None = None, **summary) -> Side:
@@ -202,7 +185,7 @@ def test_refused_and_fallen_walks_are_told_by_the_status(sides, ampm, monkeypatc
     assert refused.status == 2
     assert refused.err.count("\n") <= 3
     found = comparison_of([sides[0], changed(sides[1], outcome="fell")])
-    monkeypatch.setattr("validation.study.compare.walks.compare_gaits", lambda *_, **__: found)
+    monkeypatch.setattr("validation.study.compare.comparison.compare_gaits", lambda *_, **__: found)
     assert ampm("compare").status == 3
 
 
@@ -253,34 +236,3 @@ def test_own_metrics_and_disturbances_of_saved_runs_are_compared(own, folders, t
     assert values["verdict"][0] == "fail"
     assert told.out.splitlines()[0].startswith(f"mine, {folders[0].name} and {folders[1].name} differ in ")
     assert "nothing is kept; --out DIR keeps" in told.err
-
-
-@pytest.mark.parametrize(
-    ("option", "why"),
-    [
-        ("--metric=own_parts:Rope", "is a type; name a val.Metric"),
-        ("--metric=own_parts:NONE", "cannot be imported"),
-        ("--disturbance=own_parts:dict", "cannot be imported"),
-        ("--disturbance=builtins:dict", "has no method apply"),
-    ],
-)
-def test_parts_that_are_none_are_refused(own, option, why, ampm):
-    answer = ampm("validate", "normal", option)
-    assert answer.status == 2
-    assert why in answer.err
-
-
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        ("sweep absent.toml --metric own_parts:NONE", "cannot be imported"),
-        ("explain normal --push nope", "must be SEGMENT,FX,FY,FZ,AT,DURATION"),
-        ("explain normal --disturbance builtins:dict", "has no method apply"),
-        ("robustness normal --planner nope", "gait.planner 'nope'"),
-        ("convergence normal --controller nope", "controller.name 'nope'"),
-    ],
-)
-def test_studies_take_the_options_of_a_walk(own, words, why, ampm):
-    answer = ampm(*words.split())
-    assert answer.status == 2
-    assert why in answer.err

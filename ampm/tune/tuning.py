@@ -16,18 +16,21 @@ the values that there are, if they keep the limits at all; least squares from ot
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
 
 from ampm.body.inverse_kinematics import Unreachable
 from ampm.body.limits import LIMITS
 from ampm.body.robot import Robot
+from ampm.body.step_kinematics import StepTrajectory
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import RunParameters
 from ampm.planner.closed_form import LIPM
 from ampm.planner.periodic import plan_gait
 from ampm.planners import PeriodicPlanner
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import least, orbit_margins, plan_margins
-from ampm.tune.refusal import NoFeasibleChoice, broken_limit, no_feasible_choice
+from ampm.tune.gait_limits import orbit_margins, plan_margins, tightest
 from ampm.tune.search import Candidate, ChoiceSearch, Effort, RoughOrbits
 from ampm.tune.ways_out import ways_out
 from ampm.walk import WalkPlan
@@ -43,26 +46,19 @@ _FROM_STARTS, _USEFUL = 40, 20  # choices of all searches from starts, and the f
 _FOR_WAYS_OUT = 40  # choices of all searches for a way out, at least
 _OF_A_WAY_OUT = 0.1  # margin that is enough for a way out
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
+_LOST = 0.4  # least share of a torque limit that dampers, springs and dry friction take to be told of [1]
 _L_Z = "body.angular_momentum_z"
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """A run whose free choices are made.
+    """A run whose free choices are made."""
 
-    Attributes:
-        run: complete; every value counts as set.
-        plan: complete, with the periodic step on the fine grid.
-        values: what was open, by namespaced key.
-        margins: limit to value on the search's grid, in the unit of :data:`LIMITS`.
-        tried: how many choices were tried.
-    """
-
-    run: RunParameters
-    plan: WalkPlan
-    values: Mapping[str, float | str]
-    margins: Mapping[str, float]
-    tried: int
+    run: RunParameters  # complete; every value counts as set
+    plan: WalkPlan  # complete, with the periodic step on the fine grid
+    values: Mapping[str, float | str]  # what was open, by namespaced key
+    margins: Mapping[str, float]  # limit to value on the search's grid, in the unit of `LIMITS`
+    tried: int  # how many choices were tried
 
     def margin(self, name: str) -> float:
         """Normalised margin of one limit [1]."""
@@ -162,7 +158,7 @@ def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
     except (RefusedGait, InputError, Unreachable):
         return None
     values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, robot)
-    return Tuned(run.as_is(), plan, space.values(run), least(values), 1)
+    return Tuned(run.as_is(), plan, space.values(run), tightest(values), 1)
 
 
 def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> Tuned:
@@ -208,9 +204,6 @@ def _searches(
     The first begins with the guess. Where that would twist the feet and the body has arms, L_z is held at
     zero: the arms then balance the legs about the vertical, which takes from the feet's twisting moment.
     Where it finds nothing, others begin with starts that are spread over the ranges.
-
-    Raises:
-        MathematicalRefusal: there is no guess.
     """
     search = _begun(space, robot, report, effort)
     first, tried = search.candidates[-1], 0
@@ -239,11 +232,7 @@ def _searches(
 
 
 def _begun(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> ChoiceSearch:
-    """A search with the guess as its first choice, the COM lowered until there is a periodic step.
-
-    Raises:
-        MathematicalRefusal: there is no guess.
-    """
+    """A search with the guess as its first choice, the COM lowered until there is a periodic step."""
     search = ChoiceSearch(space, RoughOrbits(robot, space.run), report, effort)
     for drop in _DROPS if "height" in space.names else _DROPS[:1]:
         if search.evaluate(space.lowered(search.guess, drop)).orbit is not None:
@@ -260,3 +249,83 @@ def _improved(search: ChoiceSearch, best: Candidate) -> Candidate:
                 search.minimise(best, wanted=0.15, pull=0.02, enough=0.1)
             best = search.best()
     return best
+
+
+class NoFeasibleChoice(BodilyRefusal):
+    """No choice was found; value and limit are those of the best that was tried.
+
+    Attributes:
+        tried: how many choices had been tried.
+        values: of all limits for the best choice, by name in :data:`LIMITS`.
+    """
+
+    def __init__(self, why: str, *, tried: int, values: Mapping[str, float], **refusal: Any) -> None:
+        super().__init__(why, **refusal)
+        self.tried, self.values = tried, values
+
+
+def broken_limit(name: str, values: Mapping[str, float], tried: int, keys: str = "") -> NoFeasibleChoice:
+    """The refusal by one limit.
+
+    Args:
+        name: in :data:`LIMITS`.
+        values: of all known limits for the best choice.
+        tried: number of choices; 1 where the best choice of all is known.
+        keys: clause on keys of the body's description that may mend it.
+    """
+    limit, value = LIMITS[name], values[name]
+    reached, rule = limit.told(value)
+    return NoFeasibleChoice(
+        f"{_none(tried)}: {limit.what} is {reached} at best and must be {rule}{keys}",
+        tried=tried,
+        values=values,
+        reason=limit.reason,
+        value=value,
+        limit=limit.bound,
+        unit=limit.unit,
+    )
+
+
+def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
+    """The limit that stayed broken in the best of all choices, or why none has a periodic step."""
+    best = search.best()
+    if best.orbit is not None:
+        margins = best.margins()
+        name = min(margins, key=lambda name: margins[name])
+        keys = _keys_that_help(LIMITS[name].reason, search.orbits.robot, best.orbit.trajectory)
+        return broken_limit(name, best.values, tried, keys)
+    why = next((candidate.why for candidate in search.candidates if candidate.why is not None), None)
+    return NoFeasibleChoice(
+        f"{_none(tried)}: {why or 'the formula has no solution'}",
+        tried=tried,
+        values=best.values,
+        reason="no_periodic_motion",
+        value=0.0 if why is None else why.value,
+        limit=0.0 if why is None else why.limit,
+        unit="1" if why is None else why.unit,
+    )
+
+
+def _keys_that_help(reason: str, robot: Robot, step: StepTrajectory) -> str:
+    """A clause on keys of the description that may mend a refusal, by its reason; empty if none may."""
+    d = robot.description
+    if reason == "self_collision" and d.has_arms and not (d.spread or d.rest):
+        return "; arms that rest farther from the body may help: give [body.rest]"
+    if reason == "torque_limits":
+        damping, stiffness, spring, friction = robot.passive.T
+        q, v = step.q[:, 7:], step.v[:, 6:]
+        lost = np.abs(damping * v + stiffness * (q - spring) + friction * np.sign(v)) / robot.torque_limit
+        joint = int(lost.max(axis=0).argmax())
+        if (most := float(lost[:, joint].max())) > _LOST:
+            return (
+                f"; dampers, springs and dry friction alone take {most:.2f} of the torque limit of "
+                f"{robot.joint_names[joint]}: correct them with [body.damping] and [body.friction], or "
+                "[body.effort]"
+            )
+    return ""
+
+
+def _none(tried: int) -> str:
+    """What was found of so many choices that were tried, in words."""
+    none = "no choice" if tried == 1 else f"none of {tried} choices"
+    return f"{none} of timing, heights and angles lets this body walk the gait"

@@ -28,65 +28,41 @@ _BUCKETS = 420
 
 
 class Picture(NamedTuple):
-    """One figure of a page.
+    """One figure of a page."""
 
-    Attributes:
-        image: markup, without references to anything outside the page.
-        caption: explanation.
-        wide: whether it spans the page.
-    """
-
-    image: Markup
-    caption: str
-    wide: bool
+    image: Markup  # markup, without references to anything outside the page
+    caption: str  # explanation
+    wide: bool  # whether it spans the page
 
 
 class Mark(NamedTuple):
-    """A curve or an area.
+    """A curve or an area."""
 
-    Attributes:
-        points: shape (N, 2), in the units of the axes; NaN interrupts a curve, infinity is the chart's edge.
-        style: attributes of SVG.
-        label: in the legend; empty for none.
-        color: in the legend.
-        opacity: of curve or area, and in the legend [1].
-    """
-
+    # shape (N, 2), in the units of the axes; NaN interrupts a curve, infinity is the chart's edge
     points: Array
-    style: str
-    label: str
-    color: str
-    opacity: float = 1.0
+    style: str  # attributes of SVG
+    label: str  # in the legend; empty for none
+    color: str  # in the legend
+    opacity: float = 1.0  # of curve or area, and in the legend [1]
 
 
 @dataclass
 class Chart:
-    """Curves and areas about two axes.
+    """Curves and areas about two axes."""
 
-    Attributes:
-        left, top, width, height: of the plotted field in the picture [pt].
-        title: above.
-        xlabel, ylabel: of the axes.
-        xlim, ylim: of the field; None fits what is drawn. Either end of ``ylim`` may be None.
-        equal: whether both axes have one scale; the field then shows more of one.
-        yticks: texts at heights, instead of numbers.
-        frame: whether axes, grid and numbers are drawn.
-        marks: what is drawn, the lowest first.
-    """
-
-    left: float
-    top: float
-    width: float
-    height: float
-    title: str = ""
-    xlabel: str = ""
-    ylabel: str = ""
-    xlim: tuple[float, float] | None = None
-    ylim: tuple[float | None, float | None] = (None, None)
-    equal: bool = False
-    yticks: dict[str, float] = field(default_factory=dict)
-    frame: bool = True
-    marks: list[Mark] = field(default_factory=list)
+    left: float  # of the plotted field in the picture [pt]
+    top: float  # likewise [pt]
+    width: float  # likewise [pt]
+    height: float  # likewise [pt]
+    title: str = ""  # above
+    xlabel: str = ""  # of the axis
+    ylabel: str = ""  # of the axis
+    xlim: tuple[float, float] | None = None  # of the field; None fits what is drawn
+    ylim: tuple[float | None, float | None] = (None, None)  # likewise, either end
+    equal: bool = False  # whether both axes have one scale; the field then shows more of one
+    yticks: dict[str, float] = field(default_factory=dict)  # texts at heights, instead of numbers
+    frame: bool = True  # whether axes, grid and numbers are drawn
+    marks: list[Mark] = field(default_factory=list)  # what is drawn, the lowest first
 
     def line(
         self, x: ArrayLike, y: ArrayLike, color: str, width: float = 1.0, *, dash: str = "", label: str = ""

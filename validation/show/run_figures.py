@@ -18,19 +18,7 @@ from validation.judge.margins import clearance_over_time
 from validation.judge.metrics import display_unit
 from validation.show.chart import DASHED, WIDTH, Chart, Picture, decimate, new_charts, picture
 from validation.show.curves import CURVES, DIFFERENCES, Curve, Difference
-from validation.show.style import (
-    BAD,
-    COMMAND,
-    FAINT,
-    GOOD,
-    INK,
-    LEFT,
-    MEASURED,
-    PARTS,
-    PLAN,
-    RIGHT,
-    SHADE,
-)
+from validation.show.style import BAD, COMMAND, FAINT, GOOD, INK, LEFT, MEASURED, PARTS, PLAN, RIGHT, SHADE
 from validation.show.walker import draw_walker
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals

@@ -4,22 +4,34 @@ A difference counts if it is larger than the values change for numerical reasons
 without one, by the share that the presets show at most.
 """
 
+import json
 import math
+import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple, Unpack
 
 from ampm.brief import Brief
+from ampm.exceptions import InputError
 from validation.judge.metrics import METRICS, added_metrics, cost_entry, display_unit
-from validation.judge.uncertainty import Uncertainty, rounding
+from validation.judge.profiles import own_profile
+from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching, rounding
 from validation.show.cost_table import COSTS, LARGER_IS_BETTER, cost_unit
 from validation.show.text import format_value
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.store.json import json_ready
-from validation.store.saved import SavedRun
+from validation.store.saved import SavedRun, load_saved_run
+from validation.study.many import Execution, Task, open_study, walk_many
+from validation.study.row_file import Row
+from validation.study.walk_options import users_classes, walk_request
 from validation.table import Table, Tabled, format_number, short_unit
 from validation.trial.outcome import OutcomeName
+from validation.trial.plan import Request, load_request, plan_walk
+from validation.trial.users import CONTROLLER, PLANNER, SUFFIXES, UsersError
 
 SHARE, SHARE_OF_EXTREMES = 0.1, 0.4
 """Assumed numerical change of a value, and of a largest value, without a convergence study [1].
@@ -32,17 +44,11 @@ JUDGED, COST, OWN = "judged metrics", "cost", "own metrics without a limit"
 
 @dataclass(frozen=True)
 class Side(Brief):
-    """One of the walks.
+    """One of the walks."""
 
-    Attributes:
-        label: name in tables.
-        run: the finished run.
-        study: convergence study of its gait; None if none is known.
-    """
-
-    label: str
-    run: SavedRun
-    study: Uncertainty | None = None
+    label: str  # name in tables
+    run: SavedRun  # the finished run
+    study: Uncertainty | None = None  # convergence study of its gait; None if none is known
 
     @property
     def outcome(self) -> str:
@@ -95,27 +101,18 @@ class Side(Brief):
         return max(change, float(rounding(value, unit)))
 
 
-class Row(NamedTuple):
-    """One metric of all sides, in SI units.
+class MetricRow(NamedTuple):
+    """One metric of all sides, in SI units."""
 
-    Attributes:
-        group: heading that it stands under.
-        name: of the metric.
-        label: in words.
-        unit: SI unit.
-        values: of the sides, NaN where one has none.
-        least: difference above which it counts: the change of the smallest value, or the sum of the two
-            largest uncertainties by studies.
-        limit: tolerance; None if it is not judged.
-    """
-
-    group: str
-    name: str
-    label: str
-    unit: str
-    values: tuple[float, ...]
+    group: str  # heading that it stands under
+    name: str  # of the metric
+    label: str  # in words
+    unit: str  # SI unit
+    values: tuple[float, ...]  # of the sides, NaN where one has none
+    # difference above which it counts: the change of the smallest value, or the sum of the two largest
+    # uncertainties by studies
     least: float
-    limit: float | None = None
+    limit: float | None = None  # tolerance; None if it is not judged
 
     @property
     def differs(self) -> bool:
@@ -136,15 +133,10 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class WalkComparison(Tabled):
-    """Walks and all their compared metrics.
+    """Walks and all their compared metrics."""
 
-    Attributes:
-        sides: the walks, two or more.
-        rows: metrics, group by group.
-    """
-
-    sides: tuple[Side, ...]
-    rows: tuple[Row, ...]
+    sides: tuple[Side, ...]  # the walks, two or more
+    rows: tuple[MetricRow, ...]  # metrics, group by group
 
     @property
     def title(self) -> str:
@@ -178,7 +170,7 @@ class WalkComparison(Tabled):
             found = [f"{side.label} is better in {wins[k]}" for k, side in enumerate(self.sides) if wins[k]]
         return f"{', '.join(found)} of {len(judged)} judged metrics by more than {basis}; {most}."
 
-    def cells(self, row: Row) -> tuple[str, ...]:
+    def cells(self, row: MetricRow) -> tuple[str, ...]:
         """Label, all values, unit, least difference that counts, and the better side, for tables."""
         shown = [
             cost_unit(METRICS[row.name], side.weight)
@@ -255,7 +247,7 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
     Checks of the measurement itself are left out. Of several limits the first side's counts.
     """
     built_in = METRICS.keys() - {metric.name for metric in added_metrics()}
-    rows: dict[str, list[Row]] = {JUDGED: [], COST: [], OWN: []}
+    rows: dict[str, list[MetricRow]] = {JUDGED: [], COST: [], OWN: []}
     entries: dict[str, Mapping[str, Any]] = {}
     for side in reversed(sides):  # this process may not know users' metrics, but the summaries say all
         entries |= side.run.summary["metrics"]
@@ -271,5 +263,152 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
         changes = sorted(side.change(name, entry["unit"]) for side in sides)
         studied = all(side.study is not None and name in side.study.values for side in sides)
         least = sum(changes[-2:]) if studied else changes[0]
-        rows[group].append(Row(group, name, entry["label"], entry["unit"], values, least, limit))
+        rows[group].append(MetricRow(group, name, entry["label"], entry["unit"], values, least, limit))
     return WalkComparison(tuple(sides), tuple(row for group in rows.values() for row in group))
+
+
+CHOICES = {
+    "planner": "gait.planner",
+    "body": "body.source",
+    "controller": "controller.name",
+    "engine": "simulation.engine",
+}
+"""Options of which one may be given for each walk, and their keys."""
+
+
+def compare_runs(
+    folders: Sequence[str | Path], labels: Sequence[str] = (), uncertainty: Sequence[Path] = ()
+) -> WalkComparison:
+    """Compare two or more finished runs.
+
+    Args:
+        folders: of the runs.
+        labels: names in tables; those of the folders by default.
+        uncertainty: ``convergence.json`` of all gaits; a bound takes the place of an assumed change.
+
+    Raises:
+        InputError: a folder cannot be used, or no study is of one of the gaits.
+    """
+    known = [load_uncertainty(file) for file in uncertainty]
+    labels = _distinct(labels or [Path(folder).resolve().name for folder in folders])
+    sides = []
+    for label, folder in zip(labels, folders, strict=True):
+        run = load_saved_run(folder)
+        study = matching(known, Request(label, run.parameters)) if known else None
+        sides.append(Side(label, run, study))
+    return comparison_of(sides)
+
+
+def compare_gaits(
+    gaits: Sequence[str] = (),
+    settings: Sequence[str] = (),
+    *,
+    choices: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    as_is: bool = False,
+    uncertainty: Sequence[Path] = (),
+    **execution: Unpack[Execution],
+) -> WalkComparison:
+    """Walk two or more gaits and compare them.
+
+    Args:
+        gaits: presets or TOML files. A single one is compared with `ipm`, or walked with every value of the
+            option that has several; if none, it is `normal` or the own gait of another body.
+        settings: ``key=value`` texts for all gaits; options of planner and controller for those that take
+            them.
+        choices: option of :data:`CHOICES` to its value for all walks, or to one value for each.
+        as_is: find nothing that the gaits leave open.
+        uncertainty: as in :func:`compare_runs`.
+        execution: workers and folder, see :class:`validation.study.many.Execution`.
+
+    Raises:
+        InputError, MathematicalRefusal, BodilyRefusal: a gait cannot be walked.
+        StudyStopped: a full disk, or workers that cannot work; finished runs are kept.
+        KeyboardInterrupt: Ctrl-C; finished runs are kept.
+        UsersError: a user's class failed.
+        RuntimeError: a walk crashed.
+    """
+    folder, pool = open_study(execution)
+    texts: list[str | None] = list(gaits) or [None]
+    varied = _varied(choices, len(texts))
+    if len(texts) == 1:
+        texts = texts * len(choices[varied]) if varied else [*texts, "ipm"]
+    chosen_ones = [
+        {name: given[min(place, len(given) - 1)] for name, given in choices.items() if given}
+        for place in range(len(texts))
+    ]
+    fitting = _fitting(settings, chosen_ones)
+    requests, labels = [], []
+    for text, chosen, changes in zip(texts, chosen_ones, fitting, strict=True):
+        own = [f"{CHOICES[name]}={json.dumps(_absolute(value))}" for name, value in chosen.items()]
+        request = load_request(text, [*changes, *own], as_is=as_is)
+        # With the values that are found; a refused gait is named before the first walk.
+        requests.append(plan_walk(request, pool.get("progress")).request)
+        labels.append(f"{request.name}, {varied} {Path(chosen[varied]).name}" if varied else request.name)
+    known = [load_uncertainty(file) for file in uncertainty]
+    for request in requests if known else ():
+        matching(known, request)
+    with nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="ampm-compare-") as home:
+        place = Path(home).resolve()
+        folders = [str(place / f"walk-{number}") for number in range(1, len(requests) + 1)]
+        titles = {path: request.title for path, request in zip(folders, requests, strict=True)}
+        tasks = [
+            Task(path, walk_gait, {"request": request, "folder": path, **users_classes(request.run)})
+            for path, request in zip(folders, requests, strict=True)
+        ]
+        for row in walk_many(tasks, place, **pool):
+            if "reason" in row:
+                kinds = {"refused": InputError, UsersError.__name__: UsersError}
+                kind = kinds.get(row["outcome"], kinds.get(row["reason"], RuntimeError))
+                raise kind(f"{titles[row['key']]}: {row['cause']}")
+        return compare_runs(folders, labels, uncertainty)
+
+
+def _distinct(labels: Sequence[str]) -> Sequence[str]:
+    """Labels with their numbers, unless all differ."""
+    if len(set(labels)) == len(labels):
+        return labels
+    return [f"{label} ({number})" for number, label in enumerate(labels, start=1)]
+
+
+def _varied(choices: Mapping[str, Sequence[str]], walks: int) -> str:
+    """The option that has a value for each walk; empty if there is none.
+
+    Raises:
+        InputError: there are two, or it has not one value for each of several walks.
+    """
+    several = {option: len(values) for option, values in choices.items() if len(values) > 1}
+    if len(several) > 1 or (walks > 1 and any(count != walks for count in several.values())):
+        times = ", ".join(f"--{option} is given {count} times" for option, count in several.items())
+        of = f" of the {walks} walks" if walks > 1 else " walk"
+        raise InputError(f"{times}; give one option once for each{of}, and any other once, for all.")
+    return next(iter(several), "")
+
+
+def _fitting(settings: Sequence[str], walks: Sequence[Mapping[str, str]]) -> list[list[str]]:
+    """Settings of every walk: an option of a planner or controller only where the chosen one takes it.
+
+    An option that none takes stays, so that it is refused.
+    """
+
+    def takes(setting: str, chosen: Mapping[str, str]) -> bool:
+        for role in (PLANNER, CONTROLLER):
+            key = setting.partition("=")[0].strip()
+            if key.startswith(f"{role.options}.") and role.name in chosen:
+                text = chosen[role.name]
+                return Path(text).suffix not in SUFFIXES and role.takes(text, key.rpartition(".")[2])
+        return True
+
+    common = {text for text in settings if not any(takes(text, chosen) for chosen in walks)}
+    return [[text for text in settings if text in common or takes(text, chosen)] for chosen in walks]
+
+
+def _absolute(value: str) -> str:
+    """The value of an option; a file's path is absolute."""
+    return str(Path(value).resolve()) if Path(value).is_file() else value
+
+
+def walk_gait(request: Request, folder: str, **users: Any) -> Row:
+    """Walk one gait, on a worker, and keep the run in a folder."""
+    trial = walk_request(request, own_profile(request.name, request.run), **users)
+    trial.save(folder, force=True, recording=False)
+    return {"outcome": str(trial.record.outcome.name)}

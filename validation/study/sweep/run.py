@@ -15,8 +15,8 @@ from ampm.exceptions import InputError, RefusedGait
 from ampm.planner.step_planners import STEP_PLANNERS
 from validation.progress import Progress
 from validation.show.text import format_duration
+from validation.store.environment import parameter_values
 from validation.store.folders import output_file
-from validation.store.identity import parameter_values
 from validation.store.json import write_json
 from validation.store.machine import cores
 from validation.study.many import Pool, Task, study_folder, walk_many
@@ -121,11 +121,7 @@ def task_of(definition: SweepDefinition, run: int) -> Task:
 
 
 def _options(definition: SweepDefinition, run: int) -> dict[str, Any]:
-    """Arguments of :func:`validation.study.walk_options.walk_request`.
-
-    Raises:
-        InputError: a parameter is beyond its bounds.
-    """
+    """Arguments of :func:`validation.study.walk_options.walk_request`."""
     request = Request(definition.name_of(run), definition.parameters(run), definition.varied(run))
     return {"request": request, "profile": definition.profile, **users_classes(request.run)}
 
@@ -175,17 +171,12 @@ def _keep_worst(definition: SweepDefinition, found: SweepTable, folder: Path, po
 
 @dataclass(frozen=True)
 class Forecast(Tabled):
-    """What a sweep would walk.
+    """What a sweep would walk."""
 
-    Attributes:
-        refused: runs that bounds or formula refuse.
-        seconds: wall-clock time of one run, from a walk; None if the tried runs cannot be walked [s].
-        workers: processes.
-    """
-
-    refused: SweepTable
+    refused: SweepTable  # runs that bounds or formula refuse
+    # wall-clock time of one run, from a walk; None if the tried runs cannot be walked [s]
     seconds: float | None
-    workers: int
+    workers: int  # processes
 
     @property
     def walking(self) -> int:
