@@ -28,6 +28,7 @@ _OP3 = {
         "l_knee": [0.0, 2.3],
     },
 }
+_ICUB = {"gyration": {"._wrist_1": 0.05}, "armature": {"._wrist_prosup": 0.0005}}
 MODELS = {
     "alex": (f"{_DATA}alex_description/urdf/alex_nub_hands.urdf", {}),
     "alexander": (f"{_DATA}alexander_description/urdf/alexander_v1.lowerBodyOnly.urdf", {}),
@@ -39,7 +40,7 @@ MODELS = {
     "g1-proposed": (f"{_DATA}g1_description/urdf/g1_29dof_rev_1_0.urdf", {}),
     "h1": (f"{_PLAYGROUND}h1/xmls/h1_mjx_feetonly.xml", {}),
     "human-urdf": (f"{_DATA}human_description/robots/human.urdf", {}),
-    "icub-proposed": (f"{_DATA}icub_description/robots/icub_reduced.urdf", {"gyration": {"._wrist_1": 0.05}}),
+    "icub-proposed": (f"{_DATA}icub_description/robots/icub_reduced.urdf", _ICUB),
     "op3": (f"{_PLAYGROUND}op3/xmls/op3_mjx_feetonly.xml", _OP3),
     "romeo-small": (f"{_DATA}romeo_description/urdf/romeo_small.urdf", {}),
     "talos-full": (f"{_DATA}talos_data/robots/talos_full_v2.urdf", {}),

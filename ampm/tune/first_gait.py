@@ -12,6 +12,7 @@ EASY_KEYS = ("gait.step_length", "gait.switching_velocity", "gait.c_s", "gait.c_
 """What a gait is about."""
 _STEP = 0.3  # length of a step over the height of the hips [1]
 _PACE = 0.15  # speed at the switch over the square root of g times the height of the hips [1]
+_SHORT = 0.6  # height of hips below which steps take no less time, as feet land no faster [m]
 _SWING = 0.18  # most speed at the switch, over hip height times the speed limit of most joints of a leg [1]
 _C_Y = 0.8  # of other bodies than the human: the trunk then rolls a little towards the standing foot
 _C_S_WITHOUT_ARMS = 0.8  # the trunk alone balances the swing of the legs, and pitches less for a smaller c_s
@@ -23,7 +24,7 @@ _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foo
 def usual_steps(description: BodyDescription) -> tuple[float, float]:
     """Step length [m] and speed at the switch [m/s] of an easy gait of a body."""
     hips, limits = description.hip_height, dict(description.speed_limits)
-    speed = _PACE * math.sqrt(GRAVITY * hips)
+    speed = _PACE * math.sqrt(GRAVITY * hips) * min(1.0, math.sqrt(hips / _SHORT))
     if speeds := [limits[joint] for joint in description.left_leg.joints if joint in limits]:
         speed = min(speed, _SWING * statistics.median_low(speeds) * hips)
     return _STEP * hips, speed

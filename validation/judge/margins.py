@@ -126,9 +126,7 @@ def margins(
         "penetration": _extreme(measured.penetration, time, feet, largest=True),
     }
     if description is not None and shapes:
-        rows = _sparse_rows(record)
-        instants = record.state_rows[rows] * record.time_step
-        found["tilt"] = largest_tilt(record.q[rows], instants, description, shapes)
+        found["tilt"] = largest_tilt(*_postures(record), description, shapes)
     fastest = {} if description is None else dict(description.speed_limits)
     if fastest:
         columns, limits = [joints.index(name) for name in fastest], np.array(list(fastest.values()))
@@ -179,13 +177,15 @@ def _motors(record: SimulationRecord, steps: NDArray[np.intp], part: np.ufunc) -
 
 def clearance_over_time(record: SimulationRecord, shapes: Shapes) -> tuple[Array, Gaps]:
     """Instants [s], :data:`CLEARANCE_ROWS` states on disk apart, and the closest parts of the body then."""
-    rows = _sparse_rows(record)
-    return record.state_rows[rows] * record.time_step, shapes.recorded_gaps(record.q[rows])
+    q, time = _postures(record)
+    return time, shapes.recorded_gaps(q)
 
 
-def _sparse_rows(record: SimulationRecord) -> Rows:
-    """States on disk of which the posture is looked at, :data:`CLEARANCE_ROWS` apart."""
-    return np.asarray(record.state_rows % (CLEARANCE_ROWS * state_steps(record.time_step)) == 0)
+def _postures(record: SimulationRecord) -> tuple[Array, Array]:
+    """Configurations of states :data:`CLEARANCE_ROWS` apart, and their instants [s]."""
+    instants = record.state_rows
+    rows = instants % (CLEARANCE_ROWS * state_steps(record.time_step)) == 0
+    return record.q[rows], np.asarray(instants[rows] * record.time_step, dtype=np.float64)
 
 
 def _clearance(record: SimulationRecord, shapes: Shapes | None) -> Extreme:
