@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from validation.judge.margins import tilt_warnings
 from validation.judge.metrics import METRICS, Metric, cost_entry, display_unit
 from validation.table import ABSENT, USED, Table, format_number, format_share, short_unit
 
@@ -19,6 +20,7 @@ COSTS = (
     "margin_joint",
     "margin_clearance",
     "energy_cost_of_transport",
+    "margin_tilt",
 )
 """Costs beside the agreement; the others are in :func:`reported_table`."""
 LARGER_IS_BETTER = COSTS[5:10]
@@ -44,6 +46,8 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
             f"{METRICS['margin_plan_polygon'].label}: of the worst instant. When a rolling foot lifts its "
             "heel, the ZMP passes the ball, which is then the edge."
         )
+    if summary["outcome"] == "completed" and (tilt := summary["margins"].get("tilt")):
+        notes += tilt_warnings(tilt["value"], tilt["where"])
     return Table("effort and margins", columns, rows, notes)
 
 
