@@ -68,7 +68,7 @@ def judge_log(
     if not isinstance(profile, Profile):
         own = own_profile(request.name, request.run)
         profile = own if profile is None else find_profile(profile)
-    columns, name = _columns(table)
+    columns, name = log_columns(table)
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress)
     with timed(seconds, "measurement"), progress.stage(f"{planned.name}: log"):
@@ -108,7 +108,7 @@ def judge_run(directory: str | Path, profile: Profile | str | None = None) -> Sa
     return replace(saved, summary=judge_summary(saved.summary, profile, ended=ended, may_lack=may_lack))
 
 
-def _columns(table: str | Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
+def log_columns(table: str | Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
     """Columns of a log by name, and its name."""
     if not isinstance(table, str | Path):
         return dict(table), "the log"
