@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import Legendre
 from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import least_squares
 from scipy.stats import sem
@@ -32,6 +33,7 @@ MODELS = ("pendulum", "rolling", "ampm")
 LEAST_STRIDES = 3
 CONFIDENCE = 0.95
 _POINTS = 50  # of a phase
+_DEGREE = 9  # of the polynomial between integrated and measured COM: in 1.5 strides
 _ALIKE = 0.1, 0.15  # strides' durations and lengths from their medians, over these [1]
 _SHORTEST = 0.05  # stride [m]: below it nothing walks
 _STILL = 1e-3  # of a signal that rests: over H, weight or m H sqrt(g H) [1]
@@ -196,31 +198,32 @@ def _integrated(
 ) -> tuple[Array, Array, Array, float]:
     """COM and velocity (K, 3), what the acceleration lacks (3,), and the RMS distance to a measured COM [m].
 
-    It is the double integral of the force and a parabola: the nearest to the measured COM, or that with which
-    velocity, place over the ZMP and angular momentum are the same at both ends of the stride.
+    It is the double integral of the force and a polynomial: the nearest to the measured COM, or a parabola
+    with which velocity, place over the ZMP and angular momentum are the same at both ends of the stride.
     """
     time, mass, duration = log.time - taken[0], log.weight / GRAVITY, taken[2] - taken[0]
     speed = cumulative_trapezoid(log.signals["force"] / mass - [0.0, 0.0, GRAVITY], time, axis=0, initial=0.0)
     place = cumulative_trapezoid(speed, time, axis=0, initial=0.0)
-    powers = np.column_stack([np.ones_like(time), time, 0.5 * time**2])
+    ends = np.array([0.0, duration])
     if height is None:
         known = np.isfinite(log.signals["com"]).all(axis=1)
-        gap = (log.signals["com"] - place)[known]
-        parabola = np.linalg.lstsq(powers[known], gap, rcond=None)[0]
-        error = math.sqrt(np.mean((gap - powers[known] @ parabola)[:, :2] ** 2))
-        return place + powers @ parabola, speed + powers[:, :2] @ parabola[1:], parabola[2], error
-    ends, around = np.array([0.0, duration]), duration * np.linspace(-0.25, 0.25, _POINTS)
+        domain, gap = [time[0], time[-1]], log.signals["com"] - place
+        fits = [Legendre.fit(time[known], values, _DEGREE, domain) for values in gap[known].T]
+        added, drift = (np.column_stack([fit.deriv(n)(time) for fit in fits]) for n in (0, 1))
+        lacking = np.diff(_at(ends, time, drift), axis=0)[0] / duration
+        return place + added, speed + drift, lacking, math.sqrt(np.nanmean((gap - added)[:, :2] ** 2))
+    around = duration * np.linspace(-0.25, 0.25, _POINTS)
     way = np.append((_at(around + duration, time, zmp) - _at(around, time, zmp)).mean(axis=0), 0.0)
     lacking = -np.diff(_at(ends, time, speed), axis=0)[0] / duration
     rate = (way - np.diff(_at(ends, time, place), axis=0)[0]) / duration - 0.5 * duration * lacking
-    com = place + powers[:, 1:] @ np.stack([rate, lacking])
+    com = place + np.outer(time, rate) + np.outer(0.5 * time**2, lacking)
     inside = (time >= 0.0) & (time <= duration)
     force = (log.signals["force"] + mass * lacking)[inside]
     com[:, 2] += height - (com[inside, 2] - floor[inside]).mean()
     up = (com[:, 2] - floor)[inside, None]
     moment = force[:, 2:] * (zmp - com[:, :2])[inside] + up * force[:, :2]
     com[:, :2] += moment.sum(axis=0) / force[:, 2].sum()
-    return com, speed + powers[:, :2] @ np.stack([rate, lacking]), lacking, math.nan
+    return com, speed + rate + np.outer(time, lacking), lacking, math.nan
 
 
 def _double_support(time: Array, com: Array, zmp: Array) -> tuple[float, float, float, float]:
@@ -242,7 +245,7 @@ def _double_support(time: Array, com: Array, zmp: Array) -> tuple[float, float, 
         return (math.nan,) * 4
     begin, end = np.interp(found.x[2:], passed, time)
     way, half = abs(found.x[1] - found.x[0]), 0.5 * (end - begin)
-    around = (time >= begin - half) & (time <= end + half)
+    around = np.abs(time - begin - half) <= 2.0 * half + time[1] - time[0]
     return begin, end, way, math.sqrt(np.mean(found.fun[around] ** 2)) * 2.0 * half / way
 
 
