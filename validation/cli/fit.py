@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import Force, Json, Status, option
+from validation.cli.options import Columns, Force, Json, Status, option
 from validation.show.text import print_line
 from validation.table import print_tables
 
@@ -25,6 +25,7 @@ def fit(
         Path, typer.Argument(help="Table of a measured walk, or the folder of a run.", metavar="LOG")
     ],
     *,
+    columns: Columns = None,
     mass: Annotated[
         float | None, option("--mass", "Of the body; that of the mean vertical force if not given.", "KG")
     ] = None,
@@ -53,6 +54,7 @@ def fit(
 
     ampm fit plates.csv --com-height 0.92 --mass 71
     """
+    from validation.measure.columns import read_mapping
     from validation.run.fit import FIT_FILES, fit_log
     from validation.run.validate import RUNS
     from validation.store.folders import check_target
@@ -60,7 +62,7 @@ def fit(
     target = out or RUNS / f"fit-{log.stem}-{datetime.now():%Y%m%d-%H%M%S-%f}"
     check_target(target, FIT_FILES, force=force, what="fit", marks=("fit.json",))
     with Narrator().stage("fit and report"):
-        found = fit_log(log, mass=mass, com_height=com_height)
+        found = fit_log(log, columns=read_mapping(columns or ()), mass=mass, com_height=com_height)
         found.save(target, force=force)
     if as_json:
         print_json({**found.summary, "directory": str(target)})

@@ -157,12 +157,17 @@ class Fit(Tabled):
 
 
 def fit_log(
-    table: str | Path | Mapping[str, Any], *, mass: float | None = None, com_height: float | None = None
+    table: str | Path | Mapping[str, Any],
+    *,
+    columns: Mapping[str, str] | None = None,
+    mass: float | None = None,
+    com_height: float | None = None,
 ) -> Fit:
     """Find the constants of the AMPM in a measured walk along x, and what they explain.
 
     Args:
         table: CSV or Parquet file, columns by name (:mod:`validation.measure.log`), or the folder of a run.
+        columns: sources of columns that have other names or units, as for :func:`validation.judge_log`.
         mass: of the body [kg]; that of the mean vertical force if None.
         com_height: mean height of the COM over the floor [m], of a log without COM.
 
@@ -172,10 +177,12 @@ def fit_log(
     for what, value in (("mass", mass), ("com_height", com_height)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{what} = {value:g} must be a finite number greater than 0.")
-    folder = isinstance(table, str | Path) and Path(table).is_dir()
-    columns, name = (_of_run(Path(table)), Path(table).name) if folder else log_columns(table)  # type: ignore[arg-type]
-    weight = rough_weight(columns, name) if mass is None else mass * GRAVITY
-    strides, others = cut_strides(read_log(columns, weight, name), com_height, mass)
+    if isinstance(table, str | Path) and Path(table).is_dir():
+        signals, name = _of_run(Path(table)), Path(table).name
+    else:
+        signals, name = log_columns(table, columns)
+    weight = rough_weight(signals, name) if mass is None else mass * GRAVITY
+    strides, others = cut_strides(read_log(signals, weight, name), com_height, mass)
     low, high = (f"{share:.1%}" for share in np.quantile(strides.upward / strides.weight, (0.0, 1.0)))
     notes = [
         f"{name}: {len(strides)} strides alike, {others} others left out.",
@@ -193,7 +200,7 @@ def fit_log(
     return Fit(name, strides, found, told, scores(strides, told), gait, [*notes, *why])
 
 
-def _of_run(folder: Path) -> dict[str, Any]:
+def _of_run(folder: Path) -> Mapping[str, Any]:
     """What was measured of a run, as a log."""
     signals = load_saved_run(folder).signals.columns
     own = ("time", *(f"{foot}_force" for foot in FEET))
