@@ -116,23 +116,23 @@ def test_without_angular_momentum_a_rolling_zmp_explains_as_much():
     """Negative control: with c = 1 the AMPM adds nothing; with a ZMP that rests a resting ZMP is enough."""
     scores = val.fit_log(table_of(GaitParameters(**GAITS[8]), noise=1.0), mass=MASS).scores
     for signal in ("zmp_x", "zmp_y", "force_x", "force_y"):
-        rolling, ampm = (scores[signal][model][2, 0] for model in MODELS[1:])
+        rolling, ampm = (scores[signal][model]["stride"]["share"] for model in MODELS[1:])
         assert rolling > 0.99, signal
         assert ampm == pytest.approx(rolling, abs=2e-3), signal
-    assert scores["force_x"]["pendulum"][0, 0] > 0.99
-    assert math.isnan(scores["momentum_y"]["ampm"][2, 0])
+    assert scores["force_x"]["pendulum"]["single"]["share"] > 0.99
+    assert math.isnan(scores["momentum_y"]["ampm"]["stride"]["share"])
 
 
 def test_each_model_explains_what_it_has():
     """The ZMP of the second gait rolls; with c other than 1 only the AMPM tells its angular momentum."""
     scores = val.fit_log(table_of(GaitParameters(c_s=1.2, c_y=0.4), noise=1.0)).scores
-    resting, rolling, ampm = (scores["zmp_x"][model][0, 0] for model in MODELS)
+    resting, rolling, ampm = (scores["zmp_x"][model]["single"]["share"] for model in MODELS)
     assert resting == pytest.approx(0.0, abs=0.01)
     assert 0.9 < rolling < 0.96
     assert ampm > 0.995
     for signal in ("momentum_x", "momentum_y"):
-        assert scores[signal]["rolling"][2, 0] == pytest.approx(0.0, abs=1e-6)
-        assert scores[signal]["ampm"][2, 0] > 0.98
+        assert scores[signal]["rolling"]["stride"]["share"] == pytest.approx(0.0, abs=1e-6)
+        assert scores[signal]["ampm"]["stride"]["share"] > 0.98
 
 
 def test_a_simulated_walk_returns_its_plan_and_a_gait_to_walk(run_of, tmp_path, ampm):

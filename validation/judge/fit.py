@@ -37,6 +37,9 @@ _DEGREE = 9  # of the polynomial between integrated and measured COM: in 1.5 str
 _ALIKE = 0.1, 0.15  # strides' durations and lengths from their medians, over these [1]
 _SHORTEST = 0.05  # stride [m]: below it nothing walks
 _STILL = 1e-3  # of a signal that rests: over H, weight or m H sqrt(g H) [1]
+Scores = dict[str, dict[str, dict[str, dict[str, float]]]]
+"""By signal, model, and ``single``, ``double`` or ``stride``: ``share`` of the variance that is accounted for
+[1], and ``rmse`` [unit of the signal]."""
 _TURN = np.array([[1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [1.0, 1.0]])[:, None]  # y to the next stance foot
 
 
@@ -387,14 +390,11 @@ def explained(strides: Strides) -> dict[str, dict[str, Array]]:
     return found
 
 
-def scores(strides: Strides, told: Mapping[str, Mapping[str, Array]]) -> dict[str, dict[str, Array]]:
+def scores(strides: Strides, told: Mapping[str, Mapping[str, Array]]) -> Scores:
     """How well models tell every signal, ``zmp_x`` and others.
 
-    Returns:
-        By signal and model: share of the variance that is accounted for [1] and RMSE [unit of the signal], of
-        single supports, double supports and strides, shape (3, 2). The variance of a ZMP is about its mean
-        in the phase, of the horizontal forces and momenta about 0, of the vertical force about the weight;
-        the share is NaN where a signal rests.
+    The variance of a ZMP is about its mean in the phase, that of horizontal forces and momenta about 0, of
+    the vertical force about the weight. The share is NaN where a signal rests.
     """
     measured = {"zmp": strides.zmp, "force": strides.force, "momentum": strides.momentum}
     middle = strides.zmp.mean(axis=2, keepdims=True)
@@ -402,20 +402,20 @@ def scores(strides: Strides, told: Mapping[str, Mapping[str, Array]]) -> dict[st
     height = float(strides.com[..., 2].mean())
     pace = strides.weight * math.sqrt(height**3 / GRAVITY)  # m H sqrt(g H)
     sizes = {"zmp": height, "force": strides.weight, "momentum": pace}
-    parts = [*SUPPORTS.values(), [0, 1, 2, 3]]
-    found: dict[str, dict[str, Array]] = {}
-
-    def root(values: Array) -> Array:
-        """RMS over time (3, n) of the supports and strides."""
-        squares = strides.durations[..., None] * (values**2).mean(axis=2)
-        sums = [squares[:, rows].sum(axis=(0, 1)) / strides.durations[:, rows].sum() for rows in parts]
-        return np.sqrt(sums)
-
+    found: Scores = {}
     for group, values in measured.items():
-        size = root(values - about[group])
-        for model in told:
-            error = root(values - told[model][group])
-            share = 1.0 - (error / np.where(size > _STILL * sizes[group], size, np.nan)) ** 2
-            for k, axis in enumerate("xyz"[: values.shape[-1]]):
-                found.setdefault(f"{group}_{axis}", {})[model] = np.column_stack([share[:, k], error[:, k]])
+        for support, rows in {**SUPPORTS, "stride": [0, 1, 2, 3]}.items():
+            weights = strides.durations[:, rows, None, None] / strides.durations[:, rows].sum()
+
+            def root(gap: Array) -> Array:
+                return np.sqrt((weights * gap[:, rows] ** 2).mean(axis=2).sum(axis=(0, 1)))  # noqa: B023
+
+            size = root(values - about[group])
+            known = np.where(size > _STILL * sizes[group], size, np.nan)
+            for model in told:
+                error = root(values - told[model][group])
+                share = 1.0 - (error / known) ** 2
+                for k, axis in enumerate("xyz"[: len(error)]):
+                    of = found.setdefault(f"{group}_{axis}", {}).setdefault(model, {})
+                    of[support] = {"share": float(share[k]), "rmse": float(error[k])}
     return found

@@ -17,16 +17,18 @@ from validation.judge.fit import (
     CONFIDENCE,
     MODELS,
     Constant,
+    Scores,
     Strides,
     constants,
     cut_strides,
     explained,
     scores,
 )
+from validation.measure.columns import map_columns
 from validation.measure.log import read_log, rough_weight
 from validation.run.judge_log import log_columns
 from validation.show.fit import fit_page
-from validation.store.folders import check_target, output_file
+from validation.store.folders import check_target
 from validation.store.json import write_json
 from validation.store.saved import load_saved_run
 from validation.table import Table, Tabled, format_number
@@ -56,7 +58,7 @@ class Fit(Tabled):
     strides: Strides = field(repr=False)
     constants: Mapping[str, Constant]
     told: Mapping[str, Mapping[str, Array]] = field(repr=False)
-    scores: Mapping[str, Mapping[str, Array]] = field(repr=False)
+    scores: Scores = field(repr=False)
     gait: RunParameters | None = field(repr=False)
     notes: Sequence[str]
 
@@ -65,7 +67,7 @@ class Fit(Tabled):
         """What the models explain over whole strides."""
 
         def share(model: str, signal: str) -> str:
-            found = float(self.scores[signal][model][2, 0])
+            found = self.scores[signal][model]["stride"]["share"]
             return "none" if math.isnan(found) or found < 0.005 else f"{found:.0%}"
 
         parts = []
@@ -95,9 +97,12 @@ class Fit(Tabled):
         for signal, models in self.scores.items():
             group, axis = signal.split("_")
             factor, unit = units[group]
-            for k, support in enumerate(("single support", "double support", "stride")):
-                values = np.array([models[model][k] for model in MODELS]).round(9) * [100.0, factor]
-                cells = ["< 0" if value < -0.5 else format_number(value, 3) for value in values.ravel()]
+            for support in models["ampm"]:
+                cells = []
+                for model in MODELS:
+                    share, rmse = models[model][support].values()
+                    cells.append("< 0" if share < -0.005 else format_number(100.0 * round(share, 6), 3))
+                    cells.append(format_number(factor * rmse, 3))
                 told.append([f"{_LABELS[group]} {axis}", support, *cells, unit])
         heads = [head for name in ("pendulum", "rolling ZMP", "AMPM") for head in (f">{name}: %", ">RMSE")]
         note = (
@@ -114,22 +119,13 @@ class Fit(Tabled):
     @property
     def summary(self) -> dict[str, Any]:
         """Contents of ``fit.json``, in SI units."""
-        parts = ("single", "double", "stride")
         return {
             "log": self.name,
             "sentence": self.sentence,
             "strides": len(self.strides),
             "weight": self.strides.weight,
             "constants": {name: item._asdict() for name, item in self.constants.items()},
-            "explained": {
-                signal: {
-                    model: {
-                        part: {"share": of[0], "rmse": of[1]} for part, of in zip(parts, rows, strict=True)
-                    }
-                    for model, rows in models.items()
-                }
-                for signal, models in self.scores.items()
-            },
+            "explained": self.scores,
             "gait": None if self.gait is None else self.gait.model_dump(include={"gait", "body"}),
             "notes": list(self.notes),
         }
@@ -143,16 +139,12 @@ class Fit(Tabled):
         target = Path(directory)
         check_target(target, FIT_FILES, force=force, what="fit", marks=("fit.json",))
         target.mkdir(parents=True, exist_ok=True)
-        for name in FIT_FILES:
-            (target / name).unlink(missing_ok=True)
-        with output_file(target / "fit.json") as work:
-            write_json(work, self.summary)
+        (target / "gait.toml").unlink(missing_ok=True)  # of an earlier fit
+        write_json(target / "fit.json", self.summary)
         if self.gait is not None:
-            with output_file(target / "gait.toml") as work:
-                work.write_text(dump_run(self.gait), encoding="utf-8")
-        with output_file(target / "report.html") as work:
-            page = fit_page(self.name, self.sentence, self.strides, self.told, self.tables())
-            work.write_text(page, encoding="utf-8")
+            (target / "gait.toml").write_text(dump_run(self.gait), encoding="utf-8")
+        page = fit_page(self.name, self.sentence, self.strides, self.told, self.tables())
+        (target / "report.html").write_text(page, encoding="utf-8")
         return target
 
 
@@ -178,7 +170,7 @@ def fit_log(
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{what} = {value:g} must be a finite number greater than 0.")
     if isinstance(table, str | Path) and Path(table).is_dir():
-        signals, name = _of_run(Path(table)), Path(table).name
+        signals, name = map_columns(_of_run(Path(table)), columns or {}), Path(table).name
     else:
         signals, name = log_columns(table, columns)
     weight = rough_weight(signals, name) if mass is None else mass * GRAVITY

@@ -74,7 +74,7 @@ def _curves(
         return scale * (values[..., k].reshape(len(strides), -1) - motion)
 
     chart: Chart = new_charts(2.6)[0]
-    chart.title, chart.xlabel, chart.ylabel = label, "time from the begin of left single support [s]", unit
+    chart.title, chart.xlabel, chart.ylabel = label, "time from the start of left single support [s]", unit
     curve = drawn(measured[group])
     low, high = np.quantile(curve, (0.025, 0.975), axis=0)
     chart.band(time, low, high, MEASURED, opacity=0.25)
