@@ -176,10 +176,12 @@ def test_what_a_fit_misses_is_named(change, options, message):
 
 
 def test_strides_that_differ_are_left_out_and_counted():
-    """A gap of half a second, and a pause of two seconds in double support."""
+    """A gap of half a second, one of the COM alone, and a pause of two seconds in double support."""
     table = table_of(GaitParameters())
     fit = val.fit_log({name: np.delete(values, slice(3000, 3250)) for name, values in table.items()})
     assert len(fit.strides) == 12
+    unseen = {**table, "com_y": np.where(np.abs(table["time"] - 8.0) < 0.2, np.nan, table["com_y"])}
+    assert len(val.fit_log(unseen).strides) == 11
     at = int(np.argmin(np.abs(table["zmp_y"][2000:3000]))) + 2000
     held = {name: np.insert(values, at, np.full(500, values[at])) for name, values in table.items()}
     held["time"] = np.arange(len(held["time"])) / 500.0

@@ -36,6 +36,7 @@ _POINTS = 50  # of a phase
 _DEGREE = 9  # of the polynomial between integrated and measured COM: in 1.5 strides
 _ALIKE = 0.1, 0.15  # strides' durations and lengths from their medians, over these [1]
 _SHORTEST = 0.05  # stride [m]: below it nothing walks
+_UNSEEN = 0.1  # longest gap in a measured COM, over the stride [1]
 _STILL = 1e-3  # of a signal that rests: over H, weight or m H sqrt(g H) [1]
 Scores = dict[str, dict[str, dict[str, dict[str, float]]]]
 """By signal, model, and ``single``, ``double`` or ``stride``: ``share`` of the variance that is accounted for
@@ -153,6 +154,10 @@ def _stride(log: Log, taken: Array, height: float | None) -> list[dict[str, Arra
         height: of the COM over the floor [m], if it was not measured.
     """
     time, mass = log.time, log.weight / GRAVITY
+    if height is None:
+        seen = time[np.isfinite(log.signals["com"]).all(axis=1)]
+        if np.diff([time[0], *seen, time[-1]]).max() > _UNSEEN * (taken[2] - taken[0]):
+            return []
     floor = np.broadcast_to(log.signals.get("floor", 0.0), time.shape)
     known = np.isfinite(log.signals["zmp"]).all(axis=1)
     zmp = _at(time, time[known], log.signals["zmp"][known])
