@@ -92,6 +92,11 @@ class Strides(Brief):
         """Of the phases, (N, 4) [s]."""
         return np.diff(self.switches, axis=1)
 
+    @property
+    def measured(self) -> dict[str, Array]:
+        """The signals that are explained, by name."""
+        return {"zmp": self.zmp, "force": self.force, "momentum": self.momentum}
+
 
 def cut_strides(log: Log, com_height: float | None = None, mass: float | None = None) -> tuple[Strides, int]:
     """Strides of a log that are alike in length and duration, and how many others it has.
@@ -126,23 +131,18 @@ def cut_strides(log: Log, com_height: float | None = None, mass: float | None = 
         if whole and len(middle) == 1:
             part = log.rows((log.time >= first) & (log.time <= last))
             found += _stride(part, np.array([begin, middle[0], end]), com_height)
-    strides = None
-    if found:
-        arrays = {name: np.array([stride[name] for stride in found]) for name in found[0]}
-        strides = Strides(**arrays, weight=log.weight)
-    alike = np.zeros(0, dtype=bool)
-    if strides is not None:
-        sizes = np.column_stack([strides.durations.sum(axis=1), strides.way[:, 4] - strides.way[:, 0]])
-        alike = (np.abs(sizes / np.median(sizes, axis=0) - 1.0) <= _ALIKE).all(axis=1)
-        alike &= sizes[:, 1] >= _SHORTEST
-    if strides is None or alike.sum() < LEAST_STRIDES:
+    sizes = np.array([[np.ptp(stride["switches"]), np.ptp(stride["way"])] for stride in found]).reshape(-1, 2)
+    middles = np.median(sizes, axis=0) if found else np.ones(2)
+    alike = (np.abs(sizes / middles - 1.0) <= _ALIKE).all(axis=1) & (sizes[:, 1] >= _SHORTEST)
+    chosen = [stride for stride, kept in zip(found, alike, strict=True) if kept]
+    if len(chosen) < LEAST_STRIDES:
         raise InputError(
-            f"{log.name} has {alike.sum()} whole strides alike in length and duration, and a fit needs "
+            f"{log.name} has {len(chosen)} whole strides alike in length and duration, and a fit needs "
             f"{LEAST_STRIDES}; the left foot takes half of the weight at {len(left)} instants in "
             f"{np.ptp(log.time):.3g} s. Give a longer log of steady walking along x, without gaps."
         )
-    chosen = {name: values[alike] for name, values in arrays.items()}
-    return Strides(**chosen, weight=log.weight), len(alike) - int(alike.sum())
+    arrays = {name: np.array([stride[name] for stride in chosen]) for name in chosen[0]}
+    return Strides(**arrays, weight=log.weight), len(found) - len(chosen)
 
 
 def _stride(log: Log, taken: Array, height: float | None) -> list[dict[str, Array | float]]:
@@ -401,14 +401,13 @@ def scores(strides: Strides, told: Mapping[str, Mapping[str, Array]]) -> Scores:
     The variance of a ZMP is about its mean in the phase, that of horizontal forces and momenta about 0, of
     the vertical force about the weight. The share is NaN where a signal rests.
     """
-    measured = {"zmp": strides.zmp, "force": strides.force, "momentum": strides.momentum}
     middle = strides.zmp.mean(axis=2, keepdims=True)
     about = {"zmp": middle, "force": [0.0, 0.0, strides.weight], "momentum": 0.0}
     height = float(strides.com[..., 2].mean())
     pace = strides.weight * math.sqrt(height**3 / GRAVITY)  # m H sqrt(g H)
     sizes = {"zmp": height, "force": strides.weight, "momentum": pace}
     found: Scores = {}
-    for group, values in measured.items():
+    for group, values in strides.measured.items():
         for support, rows in {**SUPPORTS, "stride": [0, 1, 2, 3]}.items():
             weights = strides.durations[:, rows, None, None] / strides.durations[:, rows].sum()
 
