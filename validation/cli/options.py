@@ -37,6 +37,7 @@ class Status(IntEnum):
     NOT_COMPLETED = 3
     CRASH = 4
     STOPPED = 5
+    PARTIAL = 6
     INTERRUPTED = 130
     BROKEN_PIPE = 141
 
@@ -113,6 +114,15 @@ Controller = Annotated[
 ]
 Engine = Annotated[
     str | None, option("--engine", "Short for simulation.engine: mujoco, or drake.", "mujoco|drake")
+]
+Columns = Annotated[
+    list[str] | None,
+    option(
+        "--columns",
+        "Column of the log under another name, maybe with unit and sign: com_x=COMx[mm], force_z=-Fz; or a "
+        "TOML file of such lines. Repeatable.",
+        "NAME=COLUMN[UNIT]|FILE.toml",
+    ),
 ]
 OwnMetrics = Annotated[
     list[str] | None,
