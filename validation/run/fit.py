@@ -169,6 +169,7 @@ def fit_log(
     for what, value in (("mass", mass), ("com_height", com_height)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{what} = {value:g} must be a finite number greater than 0.")
+    signals: Mapping[str, Any]
     if isinstance(table, str | Path) and Path(table).is_dir():
         signals, name = map_columns(_of_run(Path(table)), columns or {}), Path(table).name
     else:
