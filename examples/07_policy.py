@@ -2,8 +2,7 @@
 
 Afterwards the trial from the command line, in this folder:
 
-    ampm validate --planner none --command 0.15,0,0 --body g1 --controller 07_policy:Stepping \
-        --set simulation.time_step=2e-3 --out runs/policy
+    ampm validate --planner none --command 0.15,0,0 --body g1 --controller 07_policy:Stepping
 """
 
 from functools import partial
