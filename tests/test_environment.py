@@ -12,7 +12,6 @@ from dm_env import test_utils
 import ampm
 import validation as val
 from ampm.control.controller import TrackingController
-from ampm.exceptions import InputError
 from ampm.walk import ControlOutput
 from tests.records import same_bits
 from validation import environment
@@ -57,17 +56,6 @@ def episode(env, act):
         step = env.step(act())
         found.append(step.reward)
     return np.array(found), step.discount
-
-
-def test_what_an_environment_has_not_is_refused():
-    with pytest.raises(InputError, match="a push at 9 s comes after the walk"):
-        load(disturbances=[Push("chest", (10.0, 0.0, 0.0), 9.0, 0.1)])
-    env = load()
-    env.reset()
-    with pytest.raises(InputError, match="is not finite; give finite torques"):
-        env.step(np.full(env.action_spec().shape, np.nan))
-    with pytest.raises(InputError, match="profile 'nope' is unknown"):
-        load(profile="nope")
 
 
 @pytest.mark.parametrize("time_step", [0.002, 0.001])

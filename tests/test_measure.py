@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from models.human import build
 from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, pinocchio_model, simulate, swinging, to_pinocchio
@@ -171,9 +171,3 @@ def test_a_still_body_presses_with_its_weight_under_its_com():
     scaled = measure(replace(record, point_force=1.001 * record.point_force), model, bridge.to_pinocchio)
     residual = scaled.self_checks.impulse_residual - measured.self_checks.impulse_residual
     assert residual == pytest.approx(0.001, rel=1e-3)
-
-
-def test_a_com_that_is_too_high_is_refused():
-    run = RUN.replace({"gait.com_height": 1.2})
-    with pytest.raises(BodilyRefusal, match=r"1\.2 m; lower gait\.com_height"):
-        stand(run, Body.of(build(run.body, run.contact, run.simulation)), 1.0)
