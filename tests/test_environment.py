@@ -12,6 +12,7 @@ from dm_env import test_utils
 import ampm
 import validation as val
 from ampm.control.controller import TrackingController
+from ampm.exceptions import InputError
 from ampm.walk import ControlOutput
 from tests.records import same_bits
 from validation import environment
@@ -93,6 +94,13 @@ def test_a_limp_body_falls_and_scores_little():
     found, discount = episode(env, lambda: np.zeros(env.action_spec().shape))
     assert discount == 0.0
     assert found[-20:].mean() < 0.2
+
+
+def test_an_action_that_is_no_number_is_refused():
+    env = load()
+    env.reset()
+    with pytest.raises(InputError, match="is not finite; give finite torques"):
+        env.step(np.full(env.action_spec().shape, np.nan))
 
 
 def test_a_diverged_simulation_ends_the_episode_without_reward():
