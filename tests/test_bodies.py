@@ -199,12 +199,6 @@ def test_folder_has_the_body(ampm, tmp_path: Path) -> None:
     assert ampm("replay", tmp_path / "run").status == 0
 
 
-def test_mass_of_another_body_is_its_models() -> None:
-    with pytest.raises(InputError, match="leave it out"):
-        load_request(None, ["body.source=suite-humanoid", "body.mass=50"])
-    assert load_request(None, ["body.source=suite-humanoid"]).run.body.mass == pytest.approx(40.844, abs=1e-3)
-
-
 @pytest.mark.slow
 def test_check_of_a_body_that_walks_and_of_one_that_cannot(ampm, tmp_path: Path) -> None:
     answer = ampm("body", "check", BIPED, "--set", "foot.schedule=flat", "--json")

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from ampm.run_file import dump_run, leaves_open, load_run
+from ampm.run_file import leaves_open, load_run
 from validation.study.sweep.design import dump_sweep, load_sweep, parse_sweep
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -158,21 +157,3 @@ def test_a_gait_from_a_file_is_carried_along(tmp_path):
     again = parse_sweep(text)
     assert again == sweep
     assert again.shared == sweep.shared
-
-
-# --- what goes wrong ---
-
-
-def test_files_that_are_no_sweep(tmp_path):
-    with pytest.raises(InputError, match="does not exist"):
-        load_sweep(tmp_path / "none.toml")
-    with pytest.raises(InputError, match="cannot be read"):
-        load_sweep(tmp_path)
-    broken = tmp_path / "broken.toml"
-    broken.write_text("[sweep\n")
-    with pytest.raises(InputError, match="line 1"):
-        load_sweep(broken)
-    run = tmp_path / "run.toml"
-    run.write_text(dump_run(load_run("normal")))
-    with pytest.raises(InputError, match=r"\[gait\].*\[set\]"):
-        load_sweep(run)
