@@ -176,3 +176,19 @@ def test_files_that_are_no_sweep(tmp_path):
     run.write_text(dump_run(load_run("normal")))
     with pytest.raises(InputError, match=r"\[gait\].*\[set\]"):
         load_sweep(run)
+
+
+def test_options_behind_a_name_are_of_one_planner_alone(tmp_path, monkeypatch):
+    own = "from ampm.planners import PeriodicPlanner\n\nclass Own(PeriodicPlanner):\n"
+    own += "    def __init__(self, roll=1.0):\n        super().__init__()\n"
+    (tmp_path / "rolling.py").write_text(own, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    planners = '["ampm", { name = "rolling:Own", roll = 0.09 }, "rolling:Own,roll=2"]'
+    sweep = parse_sweep(f"{GRID}gait.planner = {planners}")
+    runs = [sweep.parameters(run) for run in range(3)]
+    assert [run.gait.planner for run in runs] == ["ampm", "rolling:Own", "rolling:Own"]
+    assert [run.planner.options for run in runs] == [{}, {"roll": 0.09}, {"roll": 2}]
+    assert sweep.varied(1) == {"gait.planner": "rolling:Own,roll=0.09"}
+    assert parse_sweep(dump_sweep(sweep)) == sweep
+    with pytest.raises(InputError, match="it takes roll; an option of one planner alone"):
+        parse_sweep(f'{GRID}gait.planner = ["rolling:Own,gain=2"]')
