@@ -22,14 +22,10 @@ def draw_walks(sides: Sequence[Side]) -> tuple[list[tuple[str, str]], list[Pictu
     """Errors of the ZMP, COM and angular momentum of all walks.
 
     Returns:
-        Name of every walk with its planner, and the colour of its curves; the pictures, without those of
+        Label of every walk, and the colour of its curves; the pictures, without those of
         signals that no walk has.
     """
-    names = [
-        side.label if ", planner " in side.label else f"{side.label}, planner {side.planner}"
-        for side in sides
-    ]
-    keys = list(zip(names, cycle(_COLORS), strict=False))
+    keys = list(zip([side.label for side in sides], cycle(_COLORS), strict=False))
     pictures = [
         _draw(sides, name)
         for name in (*_ERRORS, *_CURVES)

@@ -4,6 +4,7 @@ import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
+from itertools import zip_longest
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Unpack
@@ -14,11 +15,11 @@ from validation.judge.uncertainty import load_uncertainty, matching
 from validation.store.saved import load_saved_run
 from validation.study.compare.comparison import Side, WalkComparison, comparison_of
 from validation.study.many import Execution, Task, open_study, walk_many
+from validation.study.robustness.result import load_robustness
 from validation.study.row_file import Row
 from validation.study.walk_options import users_classes, walk_request
-from validation.trial.columns import SUFFIXES
 from validation.trial.plan import Request, load_request, plan_walk
-from validation.trial.users import CONTROLLER, PLANNER, UsersError
+from validation.trial.users import UsersError
 
 CHOICES = {
     "planner": "gait.planner",
@@ -30,7 +31,10 @@ CHOICES = {
 
 
 def compare_runs(
-    folders: Sequence[str | Path], labels: Sequence[str] = (), uncertainty: Sequence[Path] = ()
+    folders: Sequence[str | Path],
+    labels: Sequence[str] = (),
+    uncertainty: Sequence[Path] = (),
+    robustness: Sequence[Path] = (),
 ) -> WalkComparison:
     """Compare two or more finished runs.
 
@@ -38,17 +42,20 @@ def compare_runs(
         folders: of the runs.
         labels: names in tables; those of the folders by default.
         uncertainty: ``convergence.json`` of all gaits; a bound takes the place of an assumed change.
+        robustness: ``robustness.json`` of each walk, in their order, or none.
 
     Raises:
         InputError: a folder cannot be used, or no study is of one of the gaits.
     """
     known = [load_uncertainty(file) for file in uncertainty]
     labels = _distinct(labels or [Path(folder).resolve().name for folder in folders])
+    if len(robustness) not in (0, len(labels)):
+        raise InputError(f"--robustness is given {len(robustness)} times; give it once for each walk.")
     sides = []
-    for label, folder in zip(labels, folders, strict=True):
+    for label, folder, file in zip_longest(labels, folders, robustness):
         run = load_saved_run(folder)
         study = matching(known, Request(label, run.parameters)) if known else None
-        sides.append(Side(label, run, study))
+        sides.append(Side(label, run, study, load_robustness(file) if file else None))
     return comparison_of(sides)
 
 
@@ -59,6 +66,7 @@ def compare_gaits(
     choices: Mapping[str, Sequence[str]] = MappingProxyType({}),
     as_is: bool = False,
     uncertainty: Sequence[Path] = (),
+    robustness: Sequence[Path] = (),
     **execution: Unpack[Execution],
 ) -> WalkComparison:
     """Walk two or more gaits and compare them.
@@ -66,11 +74,12 @@ def compare_gaits(
     Args:
         gaits: presets or TOML files. A single one is compared with `ipm`, or walked with every value of the
             option that has several; if none, it is `normal` or the own gait of another body.
-        settings: ``key=value`` texts for all gaits; options of planner and controller for those that take
-            them.
-        choices: option of :data:`CHOICES` to its value for all walks, or to one value for each.
+        settings: ``key=value`` texts for all gaits.
+        choices: option of :data:`CHOICES` to its value for all walks, or to one value for each; behind a
+            comma a planner or controller has its own options, ``mine:Planner,gain=2``.
         as_is: find nothing that the gaits leave open.
         uncertainty: as in :func:`compare_runs`.
+        robustness: likewise.
         execution: workers and folder, see :class:`validation.study.many.Execution`.
 
     Raises:
@@ -89,14 +98,14 @@ def compare_gaits(
         {name: given[min(place, len(given) - 1)] for name, given in choices.items() if given}
         for place in range(len(texts))
     ]
-    fitting = _fitting(settings, chosen_ones)
     requests, labels = [], []
-    for text, chosen, changes in zip(texts, chosen_ones, fitting, strict=True):
+    for text, chosen in zip(texts, chosen_ones, strict=True):
         own = [f"{CHOICES[name]}={json.dumps(_absolute(value))}" for name, value in chosen.items()]
-        request = load_request(text, [*changes, *own], as_is=as_is)
+        request = load_request(text, [*own, *settings], as_is=as_is)
         # With the values that are found; a refused gait is named before the first walk.
         requests.append(plan_walk(request, pool.get("progress")).request)
-        labels.append(f"{request.name}, {varied} {Path(chosen[varied]).name}" if varied else request.name)
+        alike = varied and len(set(texts)) == 1
+        labels.append(Path(chosen[varied]).name if alike else request.name)
     known = [load_uncertainty(file) for file in uncertainty]
     for request in requests if known else ():
         matching(known, request)
@@ -113,7 +122,7 @@ def compare_gaits(
                 kinds = {"refused": InputError, UsersError.__name__: UsersError}
                 kind = kinds.get(row["outcome"], kinds.get(row["reason"], RuntimeError))
                 raise kind(f"{titles[row['key']]}: {row['cause']}")
-        return compare_runs(folders, labels, uncertainty)
+        return compare_runs(folders, labels, uncertainty, robustness)
 
 
 def _distinct(labels: Sequence[str]) -> Sequence[str]:
@@ -137,24 +146,6 @@ def _varied(choices: Mapping[str, Sequence[str]], walks: int) -> str:
     return next(iter(several), "")
 
 
-def _fitting(settings: Sequence[str], walks: Sequence[Mapping[str, str]]) -> list[list[str]]:
-    """Settings of every walk: an option of a planner or controller only where the chosen one takes it.
-
-    An option that none takes stays, so that it is refused.
-    """
-
-    def takes(setting: str, chosen: Mapping[str, str]) -> bool:
-        for role in (PLANNER, CONTROLLER):
-            key = setting.partition("=")[0].strip()
-            if key.startswith(f"{role.options}.") and role.name in chosen:
-                text = chosen[role.name]
-                return Path(text).suffix not in SUFFIXES and role.takes(text, key.rpartition(".")[2])
-        return True
-
-    common = {text for text in settings if not any(takes(text, chosen) for chosen in walks)}
-    return [[text for text in settings if text in common or takes(text, chosen)] for chosen in walks]
-
-
 def _absolute(value: str) -> str:
     """The value of an option; a file's path is absolute."""
     return str(Path(value).resolve()) if Path(value).is_file() else value
@@ -163,5 +154,5 @@ def _absolute(value: str) -> str:
 def walk_gait(request: Request, folder: str, **users: Any) -> Row:
     """Walk one gait, on a worker, and keep the run in a folder."""
     trial = walk_request(request, own_profile(request.name, request.run), **users)
-    trial.save(folder, force=True, recording=False)
+    trial.save(folder, force=True)
     return {"outcome": str(trial.record.outcome.name)}

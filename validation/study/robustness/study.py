@@ -29,7 +29,7 @@ from validation.study.robustness.cells import (
     push_cells,
 )
 from validation.study.robustness.push import DURATION, push_instant
-from validation.study.robustness.result import CellResult, Robustness
+from validation.study.robustness.result import RESULT, CellResult, Robustness
 from validation.study.row_file import Row, crash_notes
 from validation.study.walk_options import users_classes
 from validation.table import markdown_page
@@ -38,7 +38,7 @@ from validation.trial.record import SimulationRecord
 from validation.trial.shapes import Shapes
 from validation.trial.simulate import simulate
 
-RESULT, MARKDOWN = "robustness.json", "robustness.md"
+MARKDOWN = "robustness.md"
 CROSSED = "the legs met"
 _EVERY = 0.01  # time between two looks at the distance of the legs [s]
 

@@ -43,20 +43,25 @@ _CONFIG: Spec = {
 def quantities(sweep: SweepTable) -> dict[str, Array]:
     """Varied parameters and judged metrics as numbers, by label, shape (N,) each; NaN where absent.
 
-    A parameter with texts is the number of its value, which the label explains.
+    A parameter with texts is the number of its value among :func:`texts`.
     """
     found: dict[str, Array] = {}
     for key in sweep.varied:
         values, unit = sweep.values(key), sweep.unit(key).replace("1", "")
         if values.dtype.kind == "U":
-            names, values = np.unique(values, return_inverse=True)
-            unit = ", ".join(f"{number} {name}" for number, name in enumerate(names))
+            values = np.unique(values, return_inverse=True)[1]
         found[f"{key} [{unit}]" if unit else key] = values.astype(float)
     found["largest share of a tolerance [%]"] = np.minimum(100.0 * sweep.worst_used, 1000.0)
     for metric in sweep.judged:
         values, unit = sweep.shown(metric)
         found[f"{sweep.label(metric)} [{unit}]"] = values
     return {label: values for label, values in found.items() if np.isfinite(values).any()}
+
+
+def texts(sweep: SweepTable) -> dict[str, list[str]]:
+    """Distinct values of the varied parameters with texts, in the order of their numbers."""
+    values = {key: sweep.values(key) for key in sweep.varied}
+    return {key: np.unique(found).tolist() for key, found in values.items() if found.dtype.kind == "U"}
 
 
 def run_data(sweep: SweepTable, links: Mapping[int, str]) -> list[dict[str, Any]]:
@@ -91,9 +96,16 @@ def scatter(sweep: SweepTable) -> Spec:
         choice = {"input": "select", "options": labels, "name": f"{words} "}
         params.append({"name": name, "value": label, "bind": choice})
         scale = {"zero": False, "padding": 12}
-        encoding[name] = {"field": f"at_{name}", "type": "quantitative", "title": None, "scale": scale}
+        named = f"isArray(texts[{name}]) ? texts[{name}][datum.value] || '' : datum.label"
+        encoding[name] = {
+            "field": f"at_{name}",
+            "type": "quantitative",
+            "title": None,
+            "scale": scale,
+            "axis": {"labelExpr": named, "labelLimit": 200},
+        }
     return {
-        "params": params,
+        "params": [*params, {"name": "texts", "value": texts(sweep)}],
         "transform": [
             {"calculate": "datum[x]", "as": "at_x"},
             {"calculate": "datum[y]", "as": "at_y"},
@@ -117,6 +129,7 @@ def parallel(sweep: SweepTable) -> Spec:
     drawn = quantities(sweep)
     labels = list(drawn)[: len(sweep.varied) + 1][-MOST_AXES:]
     ranges = {label: f"{np.nanmin(drawn[label]):.4g} to {np.nanmax(drawn[label]):.4g}" for label in labels}
+    ranges |= {key: " to ".join(names) for key, names in texts(sweep).items() if key in ranges}
     axis = {
         "labelAngle": -20,
         "labelLimit": 300,

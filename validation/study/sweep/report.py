@@ -4,17 +4,19 @@ All text is escaped. Pictures and scripts are in the page, see :mod:`validation.
 """
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from validation.show.page import render_page
 from validation.show.text import format_value
 from validation.store.folders import output_file
 from validation.study.sweep import figures
+from validation.study.sweep.figures import texts
 from validation.study.sweep.table import BROKEN, REPORT, STATES, State, SweepTable, read_sweep
 from validation.table import Table, format_number, short_unit
 
@@ -118,17 +120,32 @@ def _why(sweep: SweepTable, row: int) -> str:
 
 
 def metric_table(sweep: SweepTable) -> Table:
-    """How many runs are over a metric's tolerance, and the distribution of its values."""
-    rows = []
+    """How many runs are over a metric's tolerance, and the distribution of its values.
+
+    Runs that differ in a parameter with texts, such as the planner, are told apart under headings.
+    """
+    columns = ("metric", ">over", ">median", ">95 % below", ">largest", ">tolerance")
+    rows: list[tuple[str, ...]] = []
+    named = list(texts(sweep))
+    cells = list(zip(*map(sweep.words, named), strict=True)) or [()] * len(sweep)
+    for group in sorted(set(cells)):
+        inside = np.array([cell == group for cell in cells])
+        found = list(_metric_rows(sweep, inside))
+        if named and found:
+            heading = ", ".join(f"{key} {value}" for key, value in zip(named, group, strict=True))
+            rows.append((heading, *[""] * (len(columns) - 1)))
+        rows += found
+    return Table("Metrics of the completed runs", columns, rows)
+
+
+def _metric_rows(sweep: SweepTable, inside: NDArray[np.bool_]) -> Iterator[tuple[str, ...]]:
     for metric in sweep.judged:
         values, unit = sweep.shown(metric)
-        known = values[np.isfinite(values)]
+        known = values[np.isfinite(values) & inside]
         if known.size:
-            over = f"{int((sweep.used(metric) > 1.0).sum()):,} of {known.size:,}"
+            over = f"{int((sweep.used(metric) > 1.0)[inside].sum()):,} of {known.size:,}"
             quantiles = [_amount(np.quantile(known, part), unit) for part in (0.5, 0.95, 1.0)]
-            rows.append((sweep.label(metric), over, *quantiles, _limits(sweep, metric)))
-    columns = ("metric", ">over", ">median", ">95 % below", ">largest", ">tolerance")
-    return Table("Metrics of the completed runs", columns, rows)
+            yield sweep.label(metric), over, *quantiles, _limits(sweep, metric, np.flatnonzero(inside))
 
 
 def _amount(value: float, unit: str) -> str:
@@ -136,7 +153,7 @@ def _amount(value: float, unit: str) -> str:
     return f"{format_number(float(value), 3)} {short_unit(unit)}".rstrip()
 
 
-def _limits(sweep: SweepTable, metric: str, rows: Sequence[int] | slice = slice(None)) -> str:
+def _limits(sweep: SweepTable, metric: str, rows: Sequence[int] | NDArray[np.intp]) -> str:
     """Limit of some runs: one number, or a range where their bodies differ."""
     values, unit = sweep.shown_limits(metric)
     known = values[rows][np.isfinite(values[rows])]
