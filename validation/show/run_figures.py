@@ -16,7 +16,7 @@ from validation.judge.compare import PARTS as CAUSES
 from validation.judge.compare import SIGNALS
 from validation.judge.margins import clearance_over_time
 from validation.judge.metrics import display_unit
-from validation.show.chart import DASHED, WIDTH, Chart, Picture, decimate, new_charts, picture
+from validation.show.chart import DASHED, WIDTH, Chart, Picture, decimate, new_charts, numbered
 from validation.show.curves import CURVES, DIFFERENCES, Curve, Difference
 from validation.show.style import (
     BAD,
@@ -38,8 +38,10 @@ from validation.table import short_unit
 from validation.trial.shapes import REACH, Shapes
 
 _FEET = {"left": LEFT, "right": RIGHT}
-_KINDS = (("plan", PLAN, 2.4), ("command", COMMAND, 1.1), ("measured", MEASURED, 1.1))
-"""Kind, colour and width of a curve; the plan is a broad line below the others."""
+_KINDS = (("plan", PLAN, 2.4, ""), ("command", COMMAND, 1.1, DASHED), ("measured", MEASURED, 1.1, ""))
+"""Kind, colour, width and dashes of a curve, told apart in grey, too; the plan is below the others."""
+_DASHES = ("", DASHED, "1 2")
+"""Dashes of the components of a vector."""
 _UPWARD = (-np.inf, np.inf, np.inf, -np.inf)
 """Heights of the corners of an area from edge to edge."""
 _SECTIONS = {
@@ -93,25 +95,29 @@ class RunFigures:
         self.weight = saved.record.mass * saved.record.gravity
 
     def sections(self) -> dict[str, list[Picture]]:
-        """All pictures, by section of the page."""
-        found: dict[str, list[Picture]] = {"above": [self.top_view()]}
+        """All pictures with their numbers, by section, in the order of the page."""
+        found: dict[str, list[Picture]] = {"walker": []}
         for section, columns in _SECTIONS.items():
             curves = [CURVES[name] for name in columns]
             found[section] = [
                 self.tracking(curve) for curve in curves if self._has(f"measured_{curve.column}")
             ]
-        if self.saved.summary.get("ahead", {}).get("judged"):
-            found["zmp"].append(self.ahead())
+            if section == "zmp":
+                if self.saved.summary.get("ahead", {}).get("judged"):
+                    found["zmp"].append(self.ahead())
+                found["above"] = [self.top_view()]
+                found["split"] = [] if self.saved.is_log else [self.causes(axis) for axis in "xy"]
+            elif section == "force":
+                found["contact"] = [] if self.saved.is_log else [self.contact_timeline()]
         for section, entity in _DIFFERENCES.items():
             gap = DIFFERENCES[entity]
             found[section] = [self.difference(gap)] if self._has(f"{gap.minuend}_x") else []
         if not self.saved.is_log:
             poses = draw_walker(self.saved, self.plan, self.window)
             found["walker"] = [self.walker(poses)] if poses else []
-            found["split"] = [self.causes(axis) for axis in "xy"]
-            found["contact"] = [self.contact_timeline()]
             found["cost"] = [self.torque_use(), self.clearance(), *found["cost"]]
-        return found
+        every = iter(numbered(item for pictures in found.values() for item in pictures))
+        return {section: [next(every) for _ in pictures] for section, pictures in found.items()}
 
     def _has(self, column: str) -> bool:
         """Whether a column has any value: a log may lack some, a user's controller may report no command."""
@@ -120,10 +126,10 @@ class RunFigures:
     def walker(self, poses: list[Chart]) -> Picture:
         """The body at a few instants."""
         caption = (
-            "Arrows: planned (blue) and measured (orange) ground force, from the ZMP. Black dot: COM. Pink: "
+            "Arrows: planned (blue) and measured (orange) ground force, from the ZMP. Black dot: COM. Purple: "
             "left side; yellow: right side."
         )
-        return picture(poses, "The walking body from the side", caption, wide=True)
+        return Picture(poses, "The walking body from the side", caption, wide=True)
 
     def tracking(self, curve: Curve) -> Picture:
         """Error over one stride, large; below it plan and measurement, and the error over the whole run."""
@@ -142,11 +148,11 @@ class RunFigures:
                 values = curve.scale * signals[f"{foot}_{name}"][rows]
                 lower.line(*decimate(time, values), color, 0.9, label=f"{foot} foot")
         plan, *others = _KINDS
-        first_plan = ("first_plan", FAINT, 1.1)  # of a plan that moved
-        for kind, color, width in ((curve.reference, *plan[1:]), first_plan, *others):
+        first_plan = ("first_plan", FAINT, 1.1, "1 2")  # of a plan that moved
+        for kind, color, width, dash in ((curve.reference, *plan[1:]), first_plan, *others):
             if f"{kind}_{name}" in signals and self._has(f"{kind}_{name}"):
-                values = curve.values(signals, kind)[rows]
-                lower.line(*decimate(time, values), color, width, label=kind.replace("_", " "))
+                values, label = curve.values(signals, kind)[rows], kind.replace("_", " ")
+                lower.line(*decimate(time, values), color, width, dash=dash, label=label)
         for chart in (large, lower):
             shade_double_support(chart, signals, rows)
         title = f"Error of {SIGNALS[name].label}"
@@ -156,7 +162,7 @@ class RunFigures:
         caption = (
             "Of the whole-body motion, as the AMPM does not plan it." if curve.reference == "motion" else ""
         )
-        return picture(charts, f"{curve.title}: error, plan and measurement", caption)
+        return Picture(charts, f"{curve.title}: error, plan and measurement", caption)
 
     def ahead(self) -> Picture:
         """RMS errors of the ZMP by how long before each instant the plan stood."""
@@ -170,17 +176,17 @@ class RunFigures:
         chart.ylim = (0.0, None)
         _finish(chart, "ZMP, RMS error from the plan as it stood before", "[mm]", "age of the plan [s]")
         caption = "Dashed: the age by which this walk is judged."
-        return picture(charts, "RMS error of the ZMP by the age of the plan", caption)
+        return Picture(charts, "RMS error of the ZMP by the age of the plan", caption)
 
     def difference(self, gap: Difference) -> Picture:
         """Difference of two vectors, over the whole run."""
         (chart,) = charts = new_charts(2.3)
         chart.level(0.0, FAINT)
         values = gap.values(self.signals, self.weight)
-        for name, part, color in zip(gap.axes, values.T, PARTS, strict=False):
-            chart.line(*decimate(self.signals.time, part), color, 0.9, label=name)
+        for name, part, color, dash in zip(gap.axes, values.T, PARTS, _DASHES, strict=False):
+            chart.line(*decimate(self.signals.time, part), color, 0.9, dash=dash, label=name)
         self._finish_run(chart, gap.title, f"[{short_unit(gap.unit)}]")
-        return picture(charts, gap.title)
+        return Picture(charts, gap.title)
 
     def causes(self, axis: str) -> Picture:
         """Causes of the ZMP error over one stride, stacked, with the error itself as a line."""
@@ -191,13 +197,13 @@ class RunFigures:
         parts, time = np.nan_to_num(parts), self.signals.time[rows]
         for half, labels in ((np.maximum(parts, 0.0), [*CAUSES.values()]), (np.minimum(parts, 0.0), None)):
             tops = np.cumsum(half, axis=0)
-            for k, color in enumerate((*PARTS, FAINT)):
+            for k, color in enumerate((*PARTS, SHADE)):
                 label = labels[k] if labels else ""
-                chart.band(time, tops[k] - half[k], tops[k], color, opacity=0.75, label=label)
+                chart.band(time, tops[k] - half[k], tops[k], color, opacity=1.0, label=label)
         chart.line(time, parts.sum(axis=0), INK, 1.1, label="error")
         shade_double_support(chart, self.signals, self.window)
         _finish(chart, "", f"error along {axis} [mm]")
-        return picture(charts, f"Causes of the ZMP error along {axis}, stacked")
+        return Picture(charts, f"Causes of the ZMP error along {axis}, stacked")
 
     def top_view(self, steps: int = 4) -> Picture:
         """ZMP and COM over the footprints, seen from above: some steps from the middle, or all from rest."""
@@ -215,16 +221,16 @@ class RunFigures:
                     x, y = footprint(self.plan.feet.sole, step).T
                     chart.area(x, y, SHADE)
                     chart.line(x, y, _FEET[step.foot], 0.9)
-        for kind, color, width in _KINDS:
+        for kind, color, width, dash in _KINDS:
             x, y = self.signals.vector(f"{kind}_zmp", "xy")[rows].T
-            chart.line(x, y, color, width, label=f"ZMP, {kind}")
+            chart.line(x, y, color, width, dash=dash, label=f"ZMP, {kind}")
         for kind, color in (("plan", PLAN), ("measured", MEASURED)):
             x, y = self.signals.vector(f"{kind}_com", "xy")[rows].T
-            chart.line(x, y, color, dash=DASHED, label=f"COM, {kind}")
+            chart.line(x, y, color, dash="1 2", label=f"COM, {kind}")
         chart.equal = True
         _finish(chart, "", "y, left [m]", "x, forward [m]")
         caption = "The whole walk." if is_whole else "Four steps from the middle of the run."
-        return picture(charts, "ZMP and COM over the footprints, seen from above", caption, wide=True)
+        return Picture(charts, "ZMP and COM over the footprints, seen from above", caption, wide=True)
 
     def contact_timeline(self) -> Picture:
         """Contact of the parts of both soles over one stride, every 10 ms: planned (line), measured (bar)."""
@@ -247,8 +253,9 @@ class RunFigures:
                     _draw_bars(chart, time, planned[foot].contact[:, group], at, 0.07, INK)
         shade_double_support(chart, self.signals, self.window)
         chart.ylim = (min(chart.yticks.values(), default=0.0) - 0.5, 0.5)
-        _finish(chart, "Measured contact (bars) and planned contact (thin lines)", "")
-        return picture(charts, "Contact of heel, ball and tip of both feet")
+        _finish(chart, "", "")
+        caption = "Bars: measured; thin lines: planned."
+        return Picture(charts, "Contact of heel, ball and tip of both feet", caption)
 
     def torque_use(self, most: int = 16) -> Picture:
         """Largest and RMS torque of the busiest motors, as shares of their limits."""
@@ -265,7 +272,7 @@ class RunFigures:
         chart.xlim = (0.0, max(100.0, 1.05 * float(peak.max())))
         chart.instant(100.0, BAD, 0.9, dash=DASHED)
         _finish(chart, "The busiest motors", "", "torque [% of the motor's limit]")
-        return picture(charts, "Torque of the busiest motors")
+        return Picture(charts, "Torque of the busiest motors")
 
     def clearance(self) -> Picture:
         """Least distance of two parts of the body over the whole run, with its limit."""
@@ -280,7 +287,7 @@ class RunFigures:
         closest = gaps.parts[int(gaps.distance.argmin())]
         caption = f"Arms, legs and trunk; {1e3 * REACH:g} mm where nothing is nearer."
         label = "Least distance of two parts of the body over the run, and its limit"
-        return picture(charts, label, f"{caption} Closest: {closest}." if closest else caption)
+        return Picture(charts, label, f"{caption} Closest: {closest}." if closest else caption)
 
     def _tolerance(self, metric: str) -> float | None:
         """Tolerance of a metric in the unit of reports."""

@@ -23,7 +23,7 @@ from validation.store.identity import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import SavedRun
 from validation.study.robustness.result import Robustness
-from validation.table import USED, Table, Tabled, format_number, format_share, short_unit
+from validation.table import USED, Table, Tabled, format_share, short_unit, with_uncertainty
 from validation.trial.outcome import OutcomeName
 
 SHARE = 0.1
@@ -125,9 +125,12 @@ class Side(Brief):
         metric = METRICS.get(name)
         is_error = metric is not None and metric.nature == "extreme" and not metric.section
         doubt = SHARES.get(name, SHARE_OF_ERRORS if is_error else SHARE) * abs(value)
-        if self.study is not None and name in self.study.values:
-            doubt = self.study.values[name]
-        return max(doubt, float(rounding(value, unit)))
+        known = self.studied(name)
+        return max(doubt if math.isnan(known) else known, float(rounding(value, unit)))
+
+    def studied(self, name: str) -> float:
+        """Numerical uncertainty of a metric by the study, in SI units; NaN if it is not known."""
+        return math.nan if self.study is None else self.study.values.get(name, math.nan)
 
 
 class Row(NamedTuple):
@@ -142,6 +145,7 @@ class Row(NamedTuple):
         doubt: difference from which it counts: the largest uncertainty by studies, or the change that is
             assumed of the smallest value.
         limits: of the sides, NaN where there is none.
+        known: their uncertainties by studies, likewise.
     """
 
     group: str
@@ -151,6 +155,7 @@ class Row(NamedTuple):
     values: tuple[float, ...]
     doubt: float
     limits: tuple[float, ...] = ()
+    known: tuple[float, ...] = ()
 
     @property
     def differs(self) -> bool:
@@ -261,7 +266,8 @@ class WalkComparison(Tabled):
     def cells(self, row: Row) -> tuple[str, ...]:
         """Label, all values, each with its share of a limit, unit, doubt and the better side, for tables."""
         better = "" if row.better is None else self.sides[row.better].label
-        values: list[tuple[str, ...]] = [(_shown(value),) for value in row.values]
+        pairs = zip(row.values, row.known, strict=True)
+        values: list[tuple[str, ...]] = [(_shown(value, known),) for value, known in pairs]
         if row.group != OWN:
             shares = [format_share(share, 1.0) if share < math.inf else "" for share in row.used]
             values = [(*value, share) for value, share in zip(values, shares, strict=True)]
@@ -374,9 +380,9 @@ def listed(words: Sequence[str]) -> str:
     return f"{', '.join(others)} and {last}" if others else last
 
 
-def _shown(value: float) -> str:
-    """A value for a table: rounding errors are 0."""
-    return "0" if abs(value) < 1e-9 else format_number(value, 3)
+def _shown(value: float, known: float = math.nan) -> str:
+    """A value for a table, with its uncertainty where it is known: rounding errors are 0."""
+    return "0" if abs(value) < 1e-9 else with_uncertainty(value, known)
 
 
 def comparison_of(sides: Sequence[Side]) -> WalkComparison:
@@ -402,9 +408,10 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
         group = JUDGED if judged else COST if name in COSTS else OWN
         if entry["kind"] == "instrument" or (group == OWN and name in built_in):
             continue
-        pairs = zip(sides, shown, strict=True)
-        doubts = [scale * side.doubt(name, entry["unit"]) for side, (scale, _) in pairs]
-        studied = all(side.study is not None and name in side.study.values for side in sides)
+        pairs = [(side, scale) for side, (scale, _) in zip(sides, shown, strict=True)]
+        doubts = [scale * side.doubt(name, entry["unit"]) for side, scale in pairs]
+        known = tuple(scale * side.studied(name) for side, scale in pairs)
+        studied = not any(map(math.isnan, known))
         doubt = max(doubts) if studied else min(doubts)
-        rows[group].append(Row(group, name, entry["label"], shown[0][1], values, doubt, limits))
+        rows[group].append(Row(group, name, entry["label"], shown[0][1], values, doubt, limits, known))
     return replace(result, rows=tuple(row for group in rows.values() for row in group))

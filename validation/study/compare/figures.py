@@ -7,7 +7,7 @@ import numpy as np
 
 from validation.judge.compare import SIGNALS
 from validation.judge.metrics import display_unit
-from validation.show.chart import DASHED, Picture, decimate, new_charts, picture
+from validation.show.chart import DASHED, Picture, decimate, new_charts, numbered
 from validation.show.run_figures import middle, shade_double_support
 from validation.show.style import INK, PARTS
 from validation.study.compare.comparison import Side
@@ -31,7 +31,7 @@ def draw_walks(sides: Sequence[Side]) -> tuple[list[tuple[str, str]], list[Pictu
         for name in (*_ERRORS, *_CURVES)
         if any(np.isfinite(side.run.signals[f"measured_{name}"]).any() for side in sides)
     ]
-    return keys, pictures
+    return keys, numbered(pictures)
 
 
 def _draw(sides: Sequence[Side], name: str) -> Picture:
@@ -45,10 +45,12 @@ def _draw(sides: Sequence[Side], name: str) -> Picture:
         rows = middle(signals)
         time = signals.time[rows] - signals.time[rows.start]
         measured, plan = scale * signals[f"measured_{name}"][rows], scale * signals[f"plan_{name}"][rows]
-        chart.line(*decimate(time, measured - plan if is_error else measured), color)
+        chart.line(*decimate(time, measured - plan if is_error else measured), color, label=side.label)
         if not is_error:
             chart.line(*decimate(time, plan), color, dash=DASHED)
     shade_double_support(chart, first, middle(first), from_zero=True)
     title = f"{'Error of ' if is_error else ''}{SIGNALS[name].label}"
     chart.title, chart.xlabel, chart.ylabel = f"{title}, two steps", "time [s]", f"[{unit}]"
-    return picture(charts, f"{title} of all walks", "Measured minus planned." if is_error else "")
+    chart.top = max(chart.top, chart.heading_height() + 4.0)
+    caption = "Measured minus planned." if is_error else "Measured; dashed: the plan of each."
+    return Picture(charts, f"{title} of all walks", caption)

@@ -9,6 +9,7 @@ from validation.judge.uncertainty import Uncertainty
 from validation.run.trial import draw_run
 from validation.show.chart import Picture
 from validation.show.page import render_page
+from validation.show.paper import Citation, cite_run
 from validation.store.folders import output_file
 from validation.store.json import write_json
 from validation.store.saved import RECORDING_FILE, REPORT_FILE, load_saved_run
@@ -74,8 +75,10 @@ def render(result: WalkComparison | SweepComparison, folder: Path) -> str:
     keys: list[tuple[str, str]] = []
     pictures: list[Picture] = []
     links: list[str] = []
+    citations: list[Citation] = []
     if isinstance(result, WalkComparison):
         keys, pictures = draw_walks(result.sides)
+        citations = [cite_run(side.run) for side in result.sides]
         links = [os.path.relpath(side.run.directory, folder) for side in result.sides]
     return render_page(
         "comparison.html.j2",
@@ -86,4 +89,5 @@ def render(result: WalkComparison | SweepComparison, folder: Path) -> str:
         keys=keys,
         links=links,
         pictures=pictures,
+        citations=citations,
     )

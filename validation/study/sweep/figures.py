@@ -4,6 +4,7 @@ The page carries data, specification and the library itself (vl-convert has the 
 offline.
 """
 
+import copy
 import json
 import re
 from collections.abc import Mapping
@@ -14,6 +15,7 @@ from markupsafe import Markup
 
 from ampm.geometry import Array
 from validation.show.text import format_value
+from validation.show.vector import FONT
 from validation.study.sweep.table import STATES, State, SweepTable
 
 Spec = dict[str, Any]
@@ -22,6 +24,11 @@ MOST_POINTS = 2000
 """Runs in a picture at most: all, or a random sample."""
 MOST_AXES = 9
 """Axes of the parallel coordinates at most."""
+LABELS = (
+    "Runs over two quantities",
+    "Runs across all that varies, and the largest share of a tolerance used",
+)
+"""What the two pictures show."""
 _COLORS: Mapping[State, str] = {
     State.PASS: "#0072b2",
     State.OUT_OF_TOLERANCE: "#e69f00",
@@ -178,6 +185,24 @@ def as_json(spec: Any) -> Markup:
     """A specification, or data, for a script element, which no text in it can end."""
     text = json.dumps(spec, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return Markup(text.replace("<", "\\u003c"))
+
+
+def static_svg(spec: Spec, width: float) -> str:
+    """A picture with its first choices as SVG of a width [pt], with titles of its axes and one font."""
+    import vl_convert  # loads a JavaScript engine
+
+    spec = copy.deepcopy(spec)
+    for param in spec["params"]:
+        if param.pop("bind", None):
+            spec["encoding"][param["name"]]["title"] = param["value"]
+    size = {
+        "width": width / 0.75,
+        "height": width,
+        "autosize": {"type": "fit", "contains": "padding"},
+    }  # [px]
+    return str(
+        vl_convert.vegalite_to_svg({**spec, **size, "config": {**_CONFIG, "font": FONT, "padding": 2}})
+    )
 
 
 def vega_script() -> Markup:

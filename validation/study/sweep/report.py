@@ -3,6 +3,7 @@
 All text is escaped. Pictures and scripts are in the page, see :mod:`validation.study.sweep.figures`.
 """
 
+import hashlib
 import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,11 +14,12 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from validation.show.page import render_page
+from validation.show.paper import Citation, cite
 from validation.show.text import format_value
 from validation.store.folders import output_file
 from validation.study.sweep import figures
 from validation.study.sweep.figures import texts
-from validation.study.sweep.table import BROKEN, REPORT, STATES, State, SweepTable, read_sweep
+from validation.study.sweep.table import BROKEN, REPORT, RESULTS, STATES, State, SweepTable, read_sweep
 from validation.table import Table, format_number, short_unit
 
 WORST = 20
@@ -52,7 +54,7 @@ def render(sweep: SweepTable) -> str:
     charts: dict[str, Markup] = {}
     if sweep.varied:
         charts = {
-            "runs": figures.as_json(figures.run_data(sweep, links_of(sweep))),
+            "runs": figures.as_json(run_data_of(sweep)),
             "scatter": figures.as_json(figures.scatter(sweep)),
             "parallel": figures.as_json(figures.parallel(sweep)),
             "vega": figures.vega_script(),
@@ -68,6 +70,8 @@ def render(sweep: SweepTable) -> str:
         most_points=figures.MOST_POINTS,
         metrics=metric_table(sweep),
         worst=worst_runs(sweep),
+        citation=cite_sweep(sweep),
+        labels=figures.LABELS,
     )
 
 
@@ -80,6 +84,19 @@ def links_of(sweep: SweepTable) -> dict[int, str]:
         return {}
     addresses = {row: f"{name}/{REPORT}" for row, name in enumerate(sweep.words("recording")) if name}
     return {row: address for row, address in addresses.items() if (sweep.directory / address).is_file()}
+
+
+def run_data_of(sweep: SweepTable) -> list[dict[str, Any]]:
+    """What the pictures draw, see :func:`validation.study.sweep.figures.run_data`."""
+    return figures.run_data(sweep, links_of(sweep))
+
+
+def cite_sweep(sweep: SweepTable) -> Citation:
+    """How to cite a sweep; the digest is of its table, of an unfinished one of its definition."""
+    file = None if sweep.directory is None else sweep.directory / RESULTS
+    data = sweep.metadata["definition"].encode() if file is None or not file.is_file() else file.read_bytes()
+    what = f"Sweep {sweep.name} of {sweep.planned} runs"
+    return cite(what, sweep.metadata["environment"], hashlib.sha256(data).hexdigest())
 
 
 def worst_runs(sweep: SweepTable) -> list[dict[str, Any]]:
