@@ -13,12 +13,7 @@ from typing import Any
 
 
 def public_names(package: str, file: str) -> tuple[list[str], Callable[[str], Any]]:
-    """Names that a package's stub imports, and its ``__getattr__``.
-
-    Args:
-        package: its ``__name__``.
-        file: its ``__file__``.
-    """
+    """Names that a package's stub imports, and its ``__getattr__``."""
     stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
     lines = re.findall(r"^from (\S+) import (\w+) as (\w+)$", stub, re.MULTILINE)
     homes = {name: (module, original) for module, original, name in lines}

@@ -1,11 +1,7 @@
 """Small sums and systems of equations, compiled: symmetric ones with their right-hand sides beside them."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ampm.compiled import compiled
-
-Array = NDArray[np.float64]
+from ampm.geometry import Array
 
 
 @compiled

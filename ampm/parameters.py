@@ -13,12 +13,7 @@ from pydantic import Field, model_validator
 from ampm.brief import Described
 from ampm.controller_parameters import ControllerParameters
 from ampm.exceptions import InputError
-from ampm.physics_parameters import (
-    ContactParameters,
-    DrakeParameters,
-    SimulationParameters,
-    SolverParameters,
-)
+from ampm.physics_parameters import ContactParameters, DrakeParameters, SimulationParameters, SolverParameters
 from ampm.section import (
     OPEN,
     OPTIONS,
@@ -74,6 +69,9 @@ class GaitParameters(Section, section="gait"):
         1.0, "slope of the force line in the frontal plane; 1 passes through the COM", le=100
     )
     step_width: Open = parameter(0.18, "lateral distance of the feet (2 (s + beta))", "m", gt=0, le=100)
+    slope: Real = parameter(
+        0.0, "rise of the floor over the way along x; the soles are planned on it", "1", ge=-0.15, le=0.15
+    )
     steps: Whole = parameter(30, "number of steps", ge=1, le=10_000)
 
 

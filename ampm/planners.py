@@ -131,6 +131,7 @@ def make_plan(
     """
     if not isinstance(contacts, Contacts):
         raise InputError(f"contacts are a {type(contacts).__name__}; give ampm.Contacts.in_turn(...).")
+    contacts = replace(contacts, slope=run.gait.slope)
     bare = CentroidalPlan(run.body.mass, GRAVITY, run.gait.com_height, 1.0, contacts, (), NO_CONSTANTS)
     plan = sampled_plan(
         replace(after, contacts=contacts) if after else bare,

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from ampm.compiled import bound, compiled, refer
 from ampm.exceptions import SolverError
-
-Array = NDArray[np.float64]
+from ampm.geometry import Array
 
 
 class QPStatus(enum.IntEnum):
@@ -41,39 +40,23 @@ _INFINITY = 1e30  # of OSQP
 
 
 class QPProblem(NamedTuple):
-    """``min 1/2 x'Px + q'x  s.t.  lower <= A x <= upper``, in arrays that are filled anew for every solve.
+    """``min 1/2 x'Px + q'x  s.t.  lower <= A x <= upper``, in arrays that are filled anew for every solve."""
 
-    Attributes:
-        P: symmetric positive semidefinite cost matrix, dense, shape (n, n).
-        q: linear cost, shape (n,).
-        A: rows of the constraints, dense, shape (m, n); zero outside the pattern.
-        lower: shape (m,), may be ``-inf``.
-        upper: shape (m,), may be ``inf``.
-    """
-
-    P: Array
-    q: Array
-    A: Array
-    lower: Array
-    upper: Array
+    P: Array  # symmetric positive semidefinite cost matrix, dense, shape (n, n)
+    q: Array  # linear cost, shape (n,)
+    A: Array  # rows of the constraints, dense, shape (m, n); zero outside the pattern
+    lower: Array  # shape (m,), may be `-inf`
+    upper: Array  # shape (m,), may be `inf`
 
 
 class QPSolution(NamedTuple):
-    """Answer of one solve.
+    """Answer of one solve."""
 
-    Attributes:
-        x: minimiser, or the last iterate if unsolved; meaningless if infeasible, shape (n,).
-        status: solved, unsolved (iterations used up, or not finite) or infeasible.
-        residual: bound of the violation of ``l <= A x <= u``, in the rows' own units.
-        iterations: of the solver.
-        seconds: wall-clock time of update and solve [s]; for statistics only.
-    """
-
-    x: Array
-    status: QPStatus
-    residual: float
-    iterations: int
-    seconds: float
+    x: Array  # minimiser, or the last iterate if unsolved; meaningless if infeasible, shape (n,)
+    status: QPStatus  # solved, unsolved (iterations used up, or not finite) or infeasible
+    residual: float  # bound of the violation of `l <= A x <= u`, in the rows' own units
+    iterations: int  # of the solver
+    seconds: float  # wall-clock time of update and solve [s]; for statistics only
 
     @property
     def solved(self) -> bool:
@@ -83,24 +66,15 @@ class QPSolution(NamedTuple):
 
 @dataclass(frozen=True)
 class QPSettings:
-    """Settings of OSQP; all tolerances are in the units of the scaled problem.
+    """Settings of OSQP; all tolerances are in the units of the scaled problem."""
 
-    Attributes:
-        tolerance: absolute and relative tolerance.
-        max_iterations: iterations after which a QP counts as unsolved.
-        rho: ADMM penalty.
-        adaptive_rho: whether the penalty adapts (by iterations, never by time).
-        alpha: over-relaxation.
-        check_every: iterations between two termination checks.
-        scaling: sweeps of equilibration when the workspace is made; 0 for problems that come well scaled.
-    """
-
-    tolerance: float = 3e-4
-    max_iterations: int = 400
-    rho: float = 1.0
-    adaptive_rho: bool = True
-    alpha: float = 1.1
-    check_every: int = 5
+    tolerance: float = 3e-4  # absolute and relative tolerance
+    max_iterations: int = 400  # iterations after which a QP counts as unsolved
+    rho: float = 1.0  # ADMM penalty
+    adaptive_rho: bool = True  # whether the penalty adapts (by iterations, never by time)
+    alpha: float = 1.1  # over-relaxation
+    check_every: int = 5  # iterations between two termination checks
+    # sweeps of equilibration when the workspace is made; 0 for problems that come well scaled
     scaling: int = 0
 
 
@@ -111,23 +85,14 @@ def _places(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 
 class SparseValues(NamedTuple):
-    """A problem as OSQP takes it.
+    """A problem as OSQP takes it."""
 
-    Attributes:
-        P_places: places of the values of P in the dense matrix, in CSC order.
-        A_places: the same of A.
-        P: values of the upper triangle.
-        A: values.
-        lower: finite, shape (m,).
-        upper: finite, shape (m,).
-    """
-
-    P_places: NDArray[np.intp]
-    A_places: NDArray[np.intp]
-    P: Array
-    A: Array
-    lower: Array
-    upper: Array
+    P_places: NDArray[np.intp]  # places of the values of P in the dense matrix, in CSC order
+    A_places: NDArray[np.intp]  # the same of A
+    P: Array  # values of the upper triangle
+    A: Array  # values
+    lower: Array  # finite, shape (m,)
+    upper: Array  # finite, shape (m,)
 
 
 @compiled

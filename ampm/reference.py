@@ -11,11 +11,11 @@ from functools import cache
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ampm.geometry import Array
 from ampm.planner.feet import foot_rotation
 
-Array = NDArray[np.float64]
 Scalar = Any  # a float at one instant, an array (T,) at T of them
 
 

@@ -17,20 +17,13 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.centroidal import PlanSample
 from ampm.planner.feet import FeetPlan, FootSample, foot_turning
 from ampm.planner.support import StepPlan
-from ampm.reference import (
-    FIELDS,
-    SHARP,
-    PostureState,
-    Reference,
-    ReferenceTable,
-    Timing,
-)
+from ampm.reference import FIELDS, SHARP, PostureState, Reference, ReferenceTable, Timing
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
@@ -51,17 +44,11 @@ class Posture(Protocol):
 
 @dataclass(frozen=True)
 class RetimedPosture:
-    """A posture whose phases have other durations; both clocks run alike before and after the given times.
+    """A posture whose phases have other durations; both clocks run alike before and after the given times."""
 
-    Attributes:
-        posture: on its own clock.
-        times: ascending, shape (K,) [s].
-        own: the same instants on its own clock, shape (K,) [s].
-    """
-
-    posture: Posture
-    times: Array
-    own: Array
+    posture: Posture  # on its own clock
+    times: Array  # ascending, shape (K,) [s]
+    own: Array  # the same instants on its own clock, shape (K,) [s]
 
     def sample(self, times: ArrayLike) -> PostureState:
         """States at ``times``, shape (T,) [s]."""
@@ -129,25 +116,15 @@ class SampledWalk(NamedTuple):
 
 
 class Instants(NamedTuple):
-    """What the fields of a reference are taken from, at T ticks.
+    """What the fields of a reference are taken from, at T ticks."""
 
-    Attributes:
-        times: shape (T,) [s].
-        timing: look-ahead of the references.
-        feet: of the plan.
-        contact: groups in contact, shape (T, 2, 3).
-        jumps: whether accelerations jump, shape (T,).
-        now: the walk at these times.
-        held: the walk at the middle of the time for which the tick's command acts.
-    """
-
-    times: Array
-    timing: Timing
-    feet: FeetPlan
-    contact: Flags
-    jumps: Flags
-    now: SampledWalk
-    held: SampledWalk
+    times: Array  # shape (T,) [s]
+    timing: Timing  # look-ahead of the references
+    feet: FeetPlan  # of the plan
+    contact: Flags  # groups in contact, shape (T, 2, 3)
+    jumps: Flags  # whether accelerations jump, shape (T,)
+    now: SampledWalk  # the walk at these times
+    held: SampledWalk  # the walk at the middle of the time for which the tick's command acts
 
     @property
     def yaw_moment(self) -> Array:

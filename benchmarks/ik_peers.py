@@ -5,12 +5,12 @@ from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.body.robot import Robot
 from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import StepReference, step_grid, step_reference
+from ampm.geometry import Array
 from ampm.planner.support import plan_steps
 from benchmarks.peer import Peer
 from benchmarks.timing import least, repeat
@@ -18,7 +18,6 @@ from validation.progress import Progress
 from validation.trial.bridge import to_mujoco, to_pinocchio
 from validation.trial.plan import PlannedWalk
 
-Array = NDArray[np.float64]
 TASK, TRUNK, POSTURE = 1.0, 0.1, 1e-3
 """Costs of feet and COM, and of the first orientation of the trunk and the first posture."""
 DAMPING = 1e-9

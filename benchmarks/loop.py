@@ -9,8 +9,8 @@ from unittest import mock
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from ampm.physics_parameters import steps_per_tick
 from ampm.walk import ControlOutput
 from benchmarks.timing import least
@@ -24,30 +24,18 @@ from validation.trial.record import SimulationRecord
 from validation.trial.simulate import ClosedLoop, simulate
 from validation.trial.watch import End
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class LoopTimes:
-    """Times of one walk; medians over its control periods, unless said otherwise.
+    """Times of one walk; medians over its control periods, unless said otherwise."""
 
-    Attributes:
-        time_step: of the physics [s].
-        period: one control period of the closed loop, recording included [s].
-        tick: of that the control tick, from sensors to torques [s].
-        tick_p99: 99th percentile of the same [s].
-        solve: of that the QP, update and solve [s]; NaN for a controller that does not report it.
-        physics: the physics of one control period alone [s].
-        ending: how the walk ended; empty if it was completed.
-    """
-
-    time_step: float
-    period: float
-    tick: float
-    tick_p99: float
-    solve: float
-    physics: float
-    ending: str
+    time_step: float  # of the physics [s]
+    period: float  # one control period of the closed loop, recording included [s]
+    tick: float  # of that the control tick, from sensors to torques [s]
+    tick_p99: float  # 99th percentile of the same [s]
+    solve: float  # of that the QP, update and solve [s]; NaN for a controller that does not report it
+    physics: float  # the physics of one control period alone [s]
+    ending: str  # how the walk ended; empty if it was completed
 
     @property
     def ratio(self) -> float:

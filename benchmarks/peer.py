@@ -6,29 +6,20 @@ from importlib import metadata
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from validation.show.text import format_duration
 from validation.table import Table
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Peer:
-    """One library at one task.
+    """One library at one task."""
 
-    Attributes:
-        name: of the library, with its version.
-        median: of the times of its calls [s]; NaN where it cannot be measured.
-        p99: 99th percentile of the same [s].
-        error: what its answers are wrong by, or why there are none.
-    """
-
-    name: str
-    median: float
-    p99: float
-    error: str
+    name: str  # of the library, with its version
+    median: float  # of the times of its calls [s]; NaN where it cannot be measured
+    p99: float  # 99th percentile of the same [s]
+    error: str  # what its answers are wrong by, or why there are none
 
     @classmethod
     def of(cls, name: str, seconds: Array, error: str, distribution: str = "") -> Self:

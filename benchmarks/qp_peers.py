@@ -4,11 +4,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.qp import QPProblem, QPSolution, QPSolver
 from benchmarks.peer import Peer
@@ -17,7 +17,6 @@ from validation.progress import Progress
 from validation.trial.plan import PlannedWalk
 from validation.trial.simulate import simulate
 
-Array = NDArray[np.float64]
 SOLVERS = {
     "daqp": "daqp",
     "proxqp": "proxsuite",
@@ -33,11 +32,6 @@ _ROUNDS = 3  # equal passes over all problems, of which the least times count
 
 def compare_solvers(planned: PlannedWalk, problems: Sequence[QPProblem], progress: Progress) -> list[Peer]:
     """Our solver, timed with the update of its workspace, and solvers by qpsolvers, without their set-up.
-
-    Args:
-        planned: the walk of the problems.
-        problems: see :func:`record_problems`.
-        progress: where to report stages.
 
     Returns:
         Times of a QP; errors are the largest of a point's normal force, beside :data:`EXACT`.

@@ -15,17 +15,11 @@ from validation.trial.plan import Request
 
 @dataclass(frozen=True)
 class Cost:
-    """One cost of a run.
+    """One cost of a run."""
 
-    Attributes:
-        name: what costs.
-        value: in ``unit``; NaN if unknown.
-        unit: s, MB, or MB/s for megabytes per simulated second.
-    """
-
-    name: str
-    value: float
-    unit: str = "s"
+    name: str  # what costs
+    value: float  # in `unit`; NaN if unknown
+    unit: str = "s"  # s, MB, or MB/s for megabytes per simulated second
 
     @property
     def text(self) -> str:

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from trials import write_rows
 
 from ampm.run_file import load_run
-from validation.study.robustness.cells import PUSH_STEP, Cell, other_cells, push_cells
-from validation.study.robustness.push import DIRECTIONS
+from validation.study.robustness.cells import DIRECTIONS, PUSH_STEP, Cell, other_cells, push_cells
 from validation.study.robustness.study import replica_task
 from validation.study.row_file import Row
 from validation.trial.plan import Request, plan_walk
@@ -31,7 +30,7 @@ PUSHES: Mapping[str, Sequence[float]] = {
     "late": (1.0, 0.6, 0.25, 0.25),
     "double": (1.0, 0.7, 0.35, 0.15),
 }
-"""Velocity change by phase, in the order of :data:`validation.study.robustness.push.DIRECTIONS` [m/s]."""
+"""Velocity change by phase, in the order of :data:`validation.study.robustness.cells.DIRECTIONS` [m/s]."""
 OTHERS: Mapping[str, tuple[str, float]] = {
     "floor lower": ("10 mm lower", -0.01),
     "slope uphill": ("3 degrees uphill", np.radians(3.0)),

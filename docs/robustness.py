@@ -14,8 +14,7 @@ from pathlib import Path
 from ampm.run_file import describe_keys
 from validation.cli.console import Narrator
 from validation.show.text import replace_between
-from validation.study.robustness.cells import PUSHES, REPLICAS, other_cells
-from validation.study.robustness.push import DIRECTIONS, PUSH_PHASES
+from validation.study.robustness.cells import DIRECTIONS, PUSH_PHASES, PUSHES, REPLICAS, other_cells
 from validation.study.robustness.result import Robustness
 from validation.study.robustness.study import robustness
 from validation.table import Table

@@ -51,17 +51,11 @@ class Segment:
 
 
 class Mirror(NamedTuple):
-    """Mirror images of n hinges.
+    """Mirror images of n hinges."""
 
-    Attributes:
-        images: number of the image of each hinge, its own in the middle, shape (n,).
-        signs: the image turns by the angle times this, shape (n,).
-        findings: how far both sides were from it.
-    """
-
-    images: list[int]
-    signs: Array
-    findings: Findings
+    images: list[int]  # number of the image of each hinge, its own in the middle, shape (n,)
+    signs: Array  # the image turns by the angle times this, shape (n,)
+    findings: Findings  # how far both sides were from it
 
 
 def symmetrise(segments: Sequence[Segment]) -> Mirror:

@@ -216,7 +216,7 @@ def _check_urdf(tree: ET.Element) -> None:
     """Refuse what MuJoCo reads in another way, or not at all.
 
     Raises:
-        ValueError: a number is none or below 0, or not all links hang on one.
+        ValueError: a value is not a number, negative or out of order, or not all links hang on one.
     """
     for owner in [*tree.findall("link"), *tree.findall("joint")]:
         what = f"{owner.tag} {owner.get('name')!r}"
@@ -230,6 +230,10 @@ def _check_urdf(tree: ET.Element) -> None:
                     raise ValueError(f"{name} = {text!r} of {what} must be finite")
                 if endless and min(numbers, default=0.0) < 0.0:
                     raise ValueError(f"{name} = {text!r} of {what} must be 0 or more")
+        for limit in owner.findall("limit"):
+            lower, upper = limit.get("lower", "0"), limit.get("upper", "0")
+            if not float(lower) <= float(upper):
+                raise ValueError(f"lower = {lower!r} of {what} must be at most upper = {upper!r}")
     children = {child.get("link") for child in tree.iterfind("joint/child")}
     roots = [link.get("name", "") for link in tree.findall("link") if link.get("name") not in children]
     if len(roots) > 1:

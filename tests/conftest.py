@@ -1,6 +1,7 @@
 """Shared by all tests: no display, and real runs that are simulated once and read by whoever needs them."""
 
 import fcntl
+import hashlib
 import json
 import os
 import shutil
@@ -39,25 +40,37 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def run_of(shared_folder: Path) -> RunOf:
+    """See :func:`run_in`, in the folder of the test session."""
+    return run_in(shared_folder)
+
+
+def run_in(shared_folder: Path) -> RunOf:
     """Folder of a real run, simulated by the first test that asks for it.
 
-    ``run_of("normal", {"gait.c_y": 0.4}, steps=8)``: gait, settings by namespaced key, number of steps. All
+    ``run_of("normal", {"gait.c_y": 0.4})``: gait, settings by namespaced key, number of steps, footsteps. All
     other values are the preset's own: nothing is tuned.
     """
 
-    def get(gait: str = "normal", settings: dict[str, object] | None = None, *, steps: int = 8) -> Path:
+    def get(
+        gait: str = "normal",
+        settings: dict[str, object] | None = None,
+        *,
+        steps: int = 8,
+        footsteps: list[Any] | None = None,
+    ) -> Path:
+        from ampm.planner import routes
         from validation.run.validate import validate
         from validation.trial.plan import load_request
 
-        changed = {**(settings or {}), "gait.steps": steps}
-        parts = [gait, *(f"{key}={value}" for key, value in changed.items())]
-        name = "-".join("".join(c if c.isalnum() or c in "=." else "_" for c in part) for part in parts)
+        changed = [f"{key}={value}" for key, value in {**(settings or {}), "gait.steps": steps}.items()]
+        sections = {"footsteps": routes.as_rows(footsteps)} if footsteps else {}
+        words = json.dumps([gait, changed, sections])
+        name = f"{gait}-{steps}-{hashlib.sha256(words.encode()).hexdigest()[:8]}"
         target = shared_folder / name
         with _locked(shared_folder / f"{name}.lock"):
             if not (target / "summary.json").is_file():
                 shutil.rmtree(target, ignore_errors=True)
-                asked = load_request(gait, [f"{key}={value}" for key, value in changed.items()], as_is=True)
-                validate(asked, target, recording=False)
+                validate(load_request(gait, changed, as_is=True, sections=sections), target, recording=False)
         return target
 
     return get

@@ -2,9 +2,7 @@
 
 import json
 import re
-import sys
 from dataclasses import replace
-from html import escape
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,9 +15,7 @@ from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
 from ampm.planners import PeriodicPlanner
 from ampm.walk import ControlOutput
-from tests.sweep_table import make_table, sweep_of
 from validation.cli.app import Status, call
-from validation.study.compare.sweeps import compare_sweeps
 
 RUN: dict[str, dict[str, Any]] = {"gait": {"steps": 2}, "solver": {"ik_time_step": 0.01}}
 HERE = "tests.test_api"
@@ -49,6 +45,10 @@ class Planner:
 
     def plan(self, run, robot):
         return PeriodicPlanner().plan(run, robot)
+
+
+def walk(**options):
+    return val.walk(ampm.load_run("normal", **RUN), **options)
 
 
 @pytest.fixture(scope="module")
@@ -149,38 +149,6 @@ class Short(Broken):
         return ControlOutput(np.zeros(1))
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"controller": Broken}, "controller Broken failed .TypeError: it returned .*, not a ControlOutput"),
-        ({"controller": Short}, r"controller Short failed .*\(1,\)"),
-        ({"controller": lambda: None}, "too many positional arguments; it takes none"),
-        ({"controller": lambda robot, run: sys.exit(3)}, "failed .SystemExit: 3"),
-        ({"planner": Broken()}, "planner Broken failed .*int"),
-        ({"disturbances": [Broken()]}, "disturbance Broken failed .KeyError: 'gusts'"),
-        ({"disturbances": PUSH}, "Push.* cannot be the disturbances; give a list"),
-        ({"controller": "x"}, "unknown controller.name 'x'; known: ampm, joint-pd; .* MODULE:CLASS"),
-        ({"controller": 3}, "3 cannot be the controller; give a class"),
-        ({"planner": object}, "cannot be the planner; give an object"),
-        ({"planner": Slack(lambda state: None)}, "planner Slack failed .AttributeError"),
-        (
-            {"planner": Slack(lambda state: state._replace(q=state.q[:, :5]))},
-            "'q' of its posture at 0 s must be",
-        ),
-        ({"planner": Slack(lambda state: state._replace(v=np.nan * state.v))}, "'v' of its posture at 0 s"),
-        (
-            {"planner": Slack(lambda state: state._replace(trunk=state.q[:, :9]))},
-            "trunk of a reference has shape",
-        ),
-        ({"planner": Slack(lambda state: state._replace(v=state.v[:-1]))}, "v of a reference has shape"),
-    ],
-)
-def test_errors_of_a_users_own_classes_are_one_sentence(options, words):
-    with pytest.raises(InputError, match=words) as caught:
-        val.walk(ampm.load_run("normal", **RUN), **options)
-    assert str(caught.value).count("\n") == 0
-
-
 def test_a_name_or_one_setting_is_enough():
     assert ampm.plan("flat").contacts == ampm.plan(ampm.load_run("flat")).contacts
     assert ampm.load_run("momentum", "gait.c_y=0.6").gait.c_y == 0.6
@@ -192,26 +160,15 @@ def test_every_public_name_is_listed_and_there(package):
     assert all(getattr(package, name) is not None for name in package.__all__)
 
 
-def test_whatever_is_held_has_a_short_repr_and_a_table_for_notebooks(trial, tmp_path):
-    saved = val.load(trial.save(tmp_path / "run", recording=False))
+def test_whatever_is_held_has_a_short_repr_and_a_table_for_notebooks(trial):
     run, plan = ampm.load_run("momentum", ["controller.name='a:<b>'"]), ampm.plan("momentum")
-    held = [trial.record, saved.record, trial.planned, trial.planned.body, trial.plan, trial.plan.feet]
-    held += [trial.plan.posture, trial.measured, trial.comparison, trial.verdict, saved.signals, plan]
-    for value in (trial, saved, run, *held):  # one line, however long the arrays
+    held = [trial.record, trial.planned, trial.planned.body, trial.plan, trial.plan.feet, trial.plan.posture]
+    held += [trial.measured, trial.comparison, trial.verdict, plan]
+    for value in (trial, run, *held):  # one line, however long the arrays
         assert len(repr(value)) < 400
         assert "\n" not in repr(value)
     assert "a:&lt;b&gt;" in run._repr_html_()
-    assert "a:<b>" not in run._repr_html_()
-    for value in (run, plan, trial):
-        assert len(str(value).splitlines()) > 2
-    zmp = next(item for item in trial.verdict.judged if item.name == "zmp_x_rmse")
-    assert str(zmp) in str(trial)
-    for result in (trial, saved):
-        assert result.table().__html__() in result._repr_html_()
-        assert escape(trial.verdict.reason) in result._repr_html_()
-    sweep = sweep_of(make_table(20))
-    assert sweep.result().__html__() in sweep._repr_html_()
-    assert "No regression in 20" in compare_sweeps(sweep, sweep)._repr_html_()
+    assert trial.table().__html__() in trial._repr_html_()
 
 
 def test_python_m_ampm_lists_the_keys(capsys):

@@ -2,17 +2,20 @@
 
 import csv
 import json
+import math
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import ampm
 import validation as val
-from ampm.exceptions import InputError
+from ampm.exceptions import AmpmError, InputError, RefusedGait
 from ampm.planner import routes
 from ampm.run_file import load_run
+from tests import test_make_plan
 from tests.solved import simulated
-from tests.test_body_files import TOML, load, write
+from tests.test_body_files import TOML, URDF, load, write
 from tests.test_table import planned, read, table_of
 from validation.cli.app import Status
 from validation.study.sweep.design import parse_sweep
@@ -57,6 +60,20 @@ def table(change, _):
     read(found | {name: column})
 
 
+def urdf(change, folder):
+    """The example's model with the first of a text (``old -> new``) replaced."""
+    old, new = change.split(" -> ")
+    assert old in URDF
+    load(write(folder, urdf=URDF.replace(old, new, 1)))
+
+
+def columns(statement, _):
+    """A plan's table changed by a statement on its columns."""
+    found = dict(table_of(planned(steps=1)))
+    exec(statement, {}, found)
+    read(found)
+
+
 def run(settings, folder):
     """Planning is not reached: its gait could not be planned."""
     path = folder / "run.toml"
@@ -77,11 +94,22 @@ USES = {
     "sweep": lambda text, _: parse_sweep(text),
     "footsteps": of_file(routes.read_footsteps, "walk.csv"),
     "body": body,
+    "urdf": urdf,
     "table": table,
+    "columns": columns,
+    "samples": lambda text, _: test_make_plan.changed(text),
     "push": push,
     "walk": lambda text, _: simulated(*text.split()),
     "run": run,
 }
+
+
+def evaluate(module):
+    """Evaluate an expression with the names of a module."""
+    return lambda text, _: eval(text, dict(vars(import_module(module))))
+
+
+USES |= {row["how"]: evaluate(row["how"]) for row in ROWS if "." in row["how"]}
 
 
 def assert_said(message, words):
@@ -91,22 +119,31 @@ def assert_said(message, words):
 
 @pytest.mark.parametrize("row", rows_of(*USES))
 def test_bad_input_is_refused_with_key_and_value(row, tmp_path):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(AmpmError) as caught:
         USES[row["how"]](row["input"].replace("\\n", "\n"), tmp_path)
-    assert_said(str(caught.value), row["words"])
-    if row["key"]:
-        assert caught.value.details["key"] == row["key"]
-        assert row["key"] in str(caught.value)
+    error = caught.value
+    assert_said(str(error), row["words"])
+    if isinstance(error, RefusedGait):
+        assert error.reason == row["key"] or not row["key"]
+        assert error.way_out in str(error)
+        assert not math.isnan(error.limit)
+    elif row["key"]:
+        assert isinstance(error, InputError)
+        assert error.details["key"] == row["key"]
+        assert row["key"] in str(error)
 
 
 @pytest.mark.parametrize("row", rows_of("command"))
 def test_a_bad_command_is_one_sentence_before_anything_is_done(row, ampm, run_of, tmp_path, monkeypatch):
     line = row["input"]
     if "RUN" in line:
-        line = line.replace("RUN", str(run_of("normal", steps=4)))
+        line = line.replace("RUN", str(run_of()))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").touch()
     (tmp_path / "EMPTY").mkdir()
+    (tmp_path / "bad.rrd").write_bytes(b"RRF2 and nothing else")
+    (tmp_path / "sweep.toml").write_text('[[vary]]\nmethod = "list"\ngait.c_y = [0.8]')
+    (tmp_path / "own_parts.py").write_text("class Rope:\n    pass\n")
     (tmp_path / "bad.toml").write_text("[gait]\nc_y = -1.0\n")
     (tmp_path / "walk.csv").write_text("foot,x,y,heading\n" + "right,0,-0.1,0\nleft,0,0.1,0\n" * 2)
     given = {*tmp_path.iterdir()}

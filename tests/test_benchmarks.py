@@ -10,7 +10,6 @@ from benchmarks import cli, ik_peers, loop, page, qp_peers
 from benchmarks.peer import peer_table
 from validation.cli.options import Status
 from validation.progress import Progress
-from validation.show.text import format_duration
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.simulate import simulate
 
@@ -56,22 +55,6 @@ def test_physics_alone_is_that_of_the_walk(planned, monkeypatch):
     assert len(spans) == len(stepped) == record.steps
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--gait", "limp"], "limp"),
-        (["--steps", "0"], "--steps"),
-        (["--set", "gait.stride=1"], "stride"),
-    ],
-)
-def test_bad_requests_are_refused_in_one_sentence(capsys, options, said):
-    assert cli.main(options) == Status.REFUSED
-    answer = capsys.readouterr()
-    assert answer.out == ""
-    assert said in answer.err
-    assert answer.err.count("\n") == 1
-
-
 def test_solvers_agree_on_the_control_qps(planned):
     problems = qp_peers.record_problems(planned, Progress())[::20]
     ours, *others = qp_peers.compare_solvers(planned, problems, Progress())
@@ -107,20 +90,3 @@ def test_a_peer_that_is_not_installed_is_listed_with_the_reason(planned, monkeyp
     assert heading[0] == "work"
     assert own[0] == "ours"
     assert other == ("pink", "–", "–", "not measured: No module named 'pink'")
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [
-        (float("nan"), "–"),
-        (5.43e-6, "5.43 µs"),
-        (0.0123, "12.3 ms"),
-        (89, "89 s"),
-        (90, "2 min"),
-        (5400, "1 h 30 min"),
-        (7200, "2 h"),
-        (1e6, "11.6 days"),
-    ],
-)
-def test_durations_have_a_unit_that_suits_them(seconds, text):
-    assert format_duration(seconds) == text

@@ -5,13 +5,7 @@ import pytest
 
 from ampm.compiled import records
 from ampm.control.contact_qp import L_Z, MOMENTUM_SLACK, TWIST_SHARE, ContactQP, fill_qp
-from ampm.control.forces import (
-    LARGEST_NORMAL,
-    LEAST_NORMAL,
-    TWIST_ARM,
-    share_forces,
-    wrench_map,
-)
+from ampm.control.forces import LARGEST_NORMAL, LEAST_NORMAL, TWIST_ARM, share_forces, wrench_map
 from ampm.control.workspace import ANGULAR, LINE, POINT, Contact
 from ampm.qp import QPSettings
 

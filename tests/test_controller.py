@@ -12,8 +12,8 @@ from ampm.control.limited_qp import acceleration_bounds, limit_broken
 from ampm.control.workspace import Joints
 from ampm.planners import periodic_walk
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, State, Timing, Touch
-from tests import twins
 from tests.solved import COARSE, motion_of, walk_of
+from tests.test_tick import inverse_dynamics
 
 INSTANTS = (0.2, 0.62, 0.66, 0.9)
 """Single support, both feet in the double support, the other single support [s]."""
@@ -60,7 +60,7 @@ def tick(time, *overrides, shift=0.0, weaker=1.0, tolerance=1e-9):
 
 def dynamics(it, q, v, output):
     """Torques of root and hinges that its accelerations need under its forces, shape (nv,) [N, N m]."""
-    return twins.inverse_dynamics(it.robot, q, v, it.acceleration, output.point_force)
+    return inverse_dynamics(it.robot, q, v, it.acceleration, output.point_force)
 
 
 @pytest.mark.parametrize("time", INSTANTS)
@@ -144,7 +144,7 @@ def test_torque_map_is_affine_and_exact():
         alpha = rng.normal(size=40)
         c.motion.acceleration[:], c.contact.solution[:] = it.robot.gravity * alpha, rng.normal(size=18)
         it._torques()
-        total = twins.inverse_dynamics(it.robot, q, v, c.motion.acceleration, c.contact.point_force)
+        total = inverse_dynamics(it.robot, q, v, c.motion.acceleration, c.contact.point_force)
         expected = total[6:] + c.motion.passive_torque
         mapped = torque_map @ [*alpha, *c.contact.solution] + bias
         np.testing.assert_allclose(mapped, expected, rtol=0.0, atol=1e-9)

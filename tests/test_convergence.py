@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from importlib.util import find_spec
 
 import numpy as np
@@ -11,44 +12,25 @@ from ampm.exceptions import InputError
 from ampm.run_file import load_run
 from tests.saved_run import make_study
 from validation.cli.app import Status, call
+from validation.judge.metric import DEFAULT_BODY
 from validation.judge.metrics import METRICS
 from validation.judge.profiles import DEFAULT
-from validation.judge.sizes import DEFAULT_BODY
 from validation.judge.uncertainty import FILE, load_uncertainty, matching
 from validation.judge.verdict import VerdictName
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.study.convergence import levels
 from validation.study.convergence import study as convergence
 from validation.study.convergence.levels import OWN, runs_of, studies
+from validation.study.convergence.order import CONFIRMED, UNCONFIRMED, Kind, estimate, observed_orders
+from validation.study.convergence.picture import draw
+from validation.study.many import write_study
 from validation.study.row_file import ROWS
 from validation.trial.plan import load_request
 
 DRAKE = find_spec("pydrake") is not None
 COARSE = ["simulation.time_step=0.002"]
 """The finest of four levels is then not too slow."""
-
-
-def values_of(*settings, count=4):
-    return {study.name: study.values for study in studies(load_run("normal", settings), count)}
-
-
-def test_what_is_studied():
-    found = values_of(*COARSE)
-    assert list(found) == [*levels.NUMERICAL, *list(levels.LAWS)[:4], *["engine"] * DRAKE]
-    assert found["time_step"] == (0.002, 0.001, 0.0005, 0.00025)
-    assert found["qp_tolerance"] == (5e-5, 5e-6, 5e-7, 5e-8)
-    assert (0.015 / np.array(found["contact_stiffness"])) ** 2 == pytest.approx([1.0, 0.5, 2.0])
-    assert values_of("simulation.time_step=0.001", count=5)["time_step"][-1] == 0.0000625
-    # MuJoCo would not walk 3.5 ms, below twice the step, as requested.
-    assert min(values_of(*COARSE, "contact.time_constant=0.005")["contact_stiffness"]) == 0.005
-
-
-@pytest.mark.skipif(not DRAKE, reason="needs the extra drake")
-def test_a_walk_in_drake_varies_its_own_contact():
-    found = values_of(*COARSE, "simulation.engine=drake")
-    assert list(found)[3:] == ["drake_stiffness", "drake_dissipation", "engine"]
-    assert found["drake_stiffness"] == (1.5e5, 7.5e4, 3e5)
 
 
 def test_one_thing_changes_at_a_time_and_all_share_the_own_walk():
@@ -164,14 +146,15 @@ def test_a_margin_below_the_spread_over_contact_laws_is_undecided(margin, undeci
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, result):
     out = tmp_path_factory.mktemp("study")
-    convergence.write(result, out)
+    draw(result, out / convergence.PICTURE)
+    write_study(result, out / FILE)
     return out
 
 
 def test_the_files_are_whole_and_read_back(folder, result):
-    assert {path.name for path in folder.iterdir()} == {FILE, convergence.MARKDOWN, convergence.PICTURE}
+    assert {path.name for path in folder.iterdir()} == {FILE, "convergence.md", convergence.PICTURE}
     assert "<svg" in (folder / convergence.PICTURE).read_text()
-    assert "| unsolved QPs |" in (folder / convergence.MARKDOWN).read_text()
+    assert "| unsolved QPs |" in (folder / "convergence.md").read_text()
     known = load_uncertainty(folder / FILE)
     assert load_uncertainty(folder) == known
     assert (known.values, known.spreads) == (result.uncertainty.values, result.uncertainty.spreads)
@@ -207,21 +190,6 @@ def test_a_file_that_is_no_study_is_refused(tmp_path, metrics, why):
     assert load_uncertainty(make_study(tmp_path, {"a": "inf"})).values == {"a": math.inf}
 
 
-def test_bad_requests_are_refused_before_anything_walks(folder, tmp_path, ampm):
-    for arguments, why in (
-        (["convergence", "normal", "--out", folder], "not empty"),
-        (["convergence", "normal", "--out", folder, "--resume"], "holds no study"),
-        (
-            ["validate", "momentum", "--uncertainty", folder, "--out", tmp_path / "run"],
-            "no study is of momentum",
-        ),
-        (["validate", "normal", "--uncertainty", tmp_path / "no.json"], "cannot be read"),
-    ):
-        answer = ampm(*arguments)
-        assert answer.status == Status.REFUSED
-        assert why in answer.err
-
-
 @pytest.mark.parametrize(
     ("options", "status", "word"),
     [
@@ -239,7 +207,7 @@ def test_the_exit_status_follows_the_verdict(options, status, word, monkeypatch,
 def test_a_real_study_and_its_resumption(tmp_path, monkeypatch):
     """Two steps of the easy gait at three time steps."""
     monkeypatch.setattr(levels, "NUMERICAL", {"time_step": levels.NUMERICAL["time_step"]})
-    monkeypatch.setattr(levels, "LAWS", {})
+    monkeypatch.setattr(levels, "CONTACT_MODELS", {})
     monkeypatch.setattr(levels, "ENGINES", ())
     settings = [*COARSE, "solver.ik_time_step=0.004"]
     options = {"steps": 2, "levels": 3, "workers": 0, "out": tmp_path}
@@ -257,3 +225,105 @@ def test_a_real_study_and_its_resumption(tmp_path, monkeypatch):
     again = convergence.convergence("flat", settings, **options, resume=True)
     assert again.as_dict()["metrics"] == found.as_dict()["metrics"]
     assert (tmp_path / ROWS).read_text() == rows
+
+
+STEPS = 2e-3 / 2.0 ** np.arange(4)
+
+
+@pytest.mark.parametrize(("order", "ratio"), [(0.7, 2.0), (1.0, 2.0), (1.5, 2.0), (2.0, 2.0), (1.0, 10.0)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_exact_power_has_its_order_and_its_limit(order, ratio, sign):
+    found = estimate(3.0 + sign * 40.0 * (2e-3 / ratio ** np.arange(4)) ** order, ratio)
+    assert found.kind is Kind.ASYMPTOTIC
+    assert found.orders == pytest.approx((order, order))
+    assert found.order == pytest.approx(order)
+    assert found.extrapolated == pytest.approx(3.0)
+    error = 40.0 * STEPS[0] ** order
+    assert error * CONFIRMED * 0.999 <= found.uncertainty <= error * CONFIRMED * 1.1
+
+
+def test_a_higher_order_term_that_dies_away_leaves_the_leading_one():
+    found = estimate(2.0 + 10.0 * STEPS + 300.0 * STEPS**2, 2.0)
+    assert found.kind is Kind.ASYMPTOTIC
+    assert found.order == pytest.approx(1.0, abs=0.05)
+    assert found.extrapolated == pytest.approx(2.0, abs=1e-3)
+    assert abs((found.extrapolated or 0.0) - 2.0) < found.finest
+
+
+def test_the_grid_convergence_index_of_first_order_is_the_textbook_s():
+    found = estimate([1.8, 1.4, 1.2, 1.1], 2.0)  # 1 + 0.8 h
+    assert found.finest == pytest.approx(1.25 * 0.1)  # Fs |f2 - f1| / (r^p - 1)
+    assert found.uncertainty == pytest.approx(1.25 * 0.8)
+    second = estimate(1.0 + STEPS**2, 2.0)  # claims no less than first order would, not a third of it
+    assert second.finest == pytest.approx(CONFIRMED * (STEPS[2] ** 2 - STEPS[3] ** 2))
+
+
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        ([1.0, 2.0, 1.4, 1.7], "from one side"),  # oscillating, converging
+        ([1.0, 1.2, 0.8, 1.6], "from one side"),  # oscillating, diverging
+        ([1.0, 1.1, 1.3, 1.7], "grow"),  # diverging
+        ([1.0, 2.0, 2.1, 2.19], "do not agree|not those"),  # two triplets, two orders
+        ([1.0, 2.0, 2.01, 2.0101], "not those"),  # an order of 6.6
+        ([1.0, 2.0, 2.5, 2.5], "from one side"),  # nothing left at the end: no triplet
+    ],
+)
+def test_what_has_no_asymptotic_range_is_called_so_and_bounded_by_its_spread(values, why):
+    found = estimate(values, 2.0)
+    assert found.kind is Kind.NO_RANGE
+    assert found.order is None
+    assert found.extrapolated is None
+    assert re.search(why, found.reason), found.reason
+    spread = max(values) - min(values)
+    last, before = abs(values[-1] - values[-2]), abs(values[-2] - values[-3])
+    assert found.uncertainty == pytest.approx(spread + UNCONFIRMED * max(last, before / 2.0))
+    assert spread <= found.uncertainty <= 4.0 * spread
+
+
+def test_noise_is_hardly_ever_taken_for_an_order():
+    draws = np.random.default_rng(1).normal(size=(2000, 4))
+    kinds = [estimate(draw, 2.0).kind for draw in draws]
+    assert kinds.count(Kind.ASYMPTOTIC) < 0.03 * len(kinds)
+
+
+def test_an_extreme_is_never_extrapolated_however_well_it_converges():
+    values = 1.0 + 40.0 * STEPS
+    found = estimate(values, 2.0, forbidden="an extreme")
+    assert found.kind is Kind.NO_RANGE
+    assert found.extrapolated is None
+    assert found.orders == pytest.approx((1.0, 1.0))  # reported all the same
+    assert found.uncertainty > np.ptp(values)
+
+
+@pytest.mark.parametrize(
+    ("values", "kind", "uncertainty"),
+    [
+        ([0.0] * 4, Kind.CONSTANT, 0.0),
+        ([7.0, 7.0 + 1e-14, 7.0, 7.0], Kind.CONSTANT, 1e-14),
+        ([1.0, 2.0, math.nan, 2.0], Kind.UNKNOWN, math.inf),
+        ([1.0, math.nan, 1.0, 1.0], Kind.UNKNOWN, math.inf),
+        ([math.nan] * 4, Kind.UNKNOWN, math.nan),
+        (1.0 + STEPS[:3], Kind.NO_RANGE, 0.003),  # three levels cannot confirm an order
+    ],
+)
+def test_constant_unknown_and_too_short_sequences(values, kind, uncertainty):
+    found = estimate(values, 2.0)
+    assert found.kind is kind
+    assert found.uncertainty == pytest.approx(uncertainty, abs=1e-14, nan_ok=True)
+
+
+def test_orders_of_triplets():
+    assert observed_orders([1 + 1, 1 + 0.5, 1 + 0.25], 2.0) == pytest.approx((1.0,))
+    assert np.isnan(observed_orders([1.0, 2.0, 1.0], 2.0)).all()
+    assert observed_orders([0.0, 1.0, 3.0], 2.0) == pytest.approx((-1.0,))  # growing
+
+
+def test_the_uncertainty_covers_the_limit_of_disturbed_sequences():
+    """First order with noise of a tenth of the first change: asymptotic or not, the limit is within."""
+    rng = np.random.default_rng(3)
+    covered = []
+    for _ in range(500):
+        values = 10.0 + 100.0 * STEPS + rng.normal(scale=0.01, size=4)
+        covered.append(abs(values[0] - 10.0) <= estimate(values, 2.0).uncertainty)
+    assert np.mean(covered) > 0.95

@@ -160,7 +160,6 @@ def test_a_moved_floor_has_its_contacts_at_the_new_height(height):
 def test_one_step_of_another_height_is_felt_by_that_foot_alone(height):
     record = disturbed(steps=3, step_height=height, step_number=4)
     assert record.outcome.completed
-    foot = int(np.argmax([record.foot_position[-1, 0, 0], record.foot_position[-1, 1, 0]]))
     loaded = record.point_force[..., 2] > 20.0
     footsteps = walk_of(COARSE).plan.contacts.footsteps
     x = footsteps[3].position[0]
@@ -170,10 +169,6 @@ def test_one_step_of_another_height_is_felt_by_that_foot_alone(height):
     assert np.median(record.point_position[there][:, 2]) == pytest.approx(height, abs=2e-3)
     assert abs(np.median(record.point_position[loaded & ~there][:, 2])) < 2e-3
     assert (record.point_force[..., 2] >= 0.0).all()  # up, although a box comes last in its contacts
-    assert foot in (0, 1)
-    calm = walk(steps=3)
-    mean = record.point_force[..., 2].sum(axis=1).mean()
-    assert mean == pytest.approx(calm.point_force[..., 2].sum(axis=1).mean(), rel=0.02)
 
 
 @pytest.mark.parametrize(("key", "axis"), [("slope_along", 0), ("slope_across", 1)])

@@ -4,6 +4,8 @@ A block of TOML or Python whose first line is a comment with a file's name is wr
 of a page share one folder and one namespace, in their order.
 """
 
+import importlib
+import math
 import os
 import re
 import runpy
@@ -14,12 +16,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
+import yaml
 
 import ampm
 import validation
+from tests.browser import browser
 from validation.cli.app import app
+from validation.study.sweep.design import load_sweep
+from validation.study.sweep.run import task_of
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [
@@ -66,7 +73,7 @@ WITH_PYTHON = [page for page in PAGES if any(language == "python" for language, 
 WITH_COMMANDS = [page for page in PAGES if commands(page, "ampm")]
 
 
-LONG = ("footsteps", "sweeps", "measurement", "architecture", "run", "own-robot", "report", "recording")
+LONG = "log own-controller footsteps sweeps measurement architecture run own-robot report recording".split()
 """Pages whose Python takes more than five seconds; that of README and tutorial runs always."""
 
 
@@ -86,17 +93,8 @@ def test_python_runs(page, tmp_path):
     assert answer.returncode == 0, answer.stderr
     tests = sorted(tmp_path.glob("test_*.py"))
     if tests:
-        answer = run(
-            tmp_path,
-            sys.executable,
-            "-m",
-            "pytest",
-            "-q",
-            "--ampm-update",
-            "-p",
-            "no:cacheprovider",
-            *map(str, tests),
-        )
+        options = "-m pytest -q --ampm-update -p no:cacheprovider".split()
+        answer = run(tmp_path, sys.executable, *options, *map(str, tests))
         assert answer.returncode == 0, answer.stdout
 
 
@@ -129,11 +127,11 @@ def test_commands_run(page, tmp_path):
     [
         pytest.param(
             path,
-            marks=[pytest.mark.slow] if "sweep" in path.stem or path.stem == "capture" else [],
+            marks=[pytest.mark.slow] if "sweep" in path.stem or path.stem in ("capture", "mpc") else [],
             id=path.stem,
         )
         for path in EXAMPLES
-        if path.stem != "tour"  # draws none; test_tour.py walks it
+        if path.stem != "tour"  # draws none; it is walked below
     ],
 )
 def test_examples_print_and_save_a_picture(example, tmp_path, monkeypatch, capsys):
@@ -165,3 +163,92 @@ def test_the_reference_has_every_name_that_the_pages_use():
     taught = [page for page in PAGES if page.parent.name == "howto" or page.stem in ("README", "tutorial")]
     used = {name for page in taught for _, text in blocks(page) for name in NAME.findall(text)}
     assert used & public <= listed
+
+
+@pytest.fixture
+def tour(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    return importlib.import_module("tour")
+
+
+def test_targets_are_those_of_the_protocol(tour):
+    assert tour.targets(3, 18) == tour.targets(3, 18) != tour.targets(4, 18)
+    assert tour.targets(3, 18)[:2] == tour.targets(3, 2)
+    every = np.array([[(0.0, 0.0, 0.0), *tour.targets(seed, 18)] for seed in range(200)])
+    away = np.hypot(*np.diff(every[..., :2], axis=1).T)
+    assert away.max() < 1.0
+    assert np.mean(away < math.sqrt(0.5)) == pytest.approx(0.5, abs=0.03)  # uniform over the disc's area
+    assert np.abs(every[..., 2]).max() < math.pi
+
+
+def test_punches_are_those_of_the_protocol(tour):
+    segments = ["pelvis", "left_hand", "right_foot"]
+    assert tour.punches(3, 0.0, segments, 90.0) == []
+    every = [tour.punches(seed, 1.0, segments, 90.0) for seed in range(100)]
+    at = np.array([[push.at for push in own] for own in every])
+    assert (np.floor(at / 5.0) == np.arange(18)).all()  # one in each window
+    force = np.array([[np.linalg.norm(push.force) for push in own] for own in every])
+    share = force / (500.0 * np.minimum((1.0 + 2.0 * at / 60.0) / 3.0, 1.0))
+    assert 0.5 < share.min() < share.max() < 1.0
+    assert {(push.segment, push.duration) for own in every for push in own} == {(s, 0.08) for s in segments}
+    weaker = np.array([push.force for push in tour.punches(3, 0.5, segments, 90.0)])
+    assert weaker == pytest.approx(0.5 * np.array([push.force for push in every[3]]))
+
+
+def test_a_short_tour_is_walked_to_its_target_and_kept(tour, tmp_path, monkeypatch):
+    options = "normal", ["simulation.time_step=0.002"], 1, 1, 0.0, 0, tmp_path
+    [found] = tour.walk_tours(*options)
+    assert (found["outcome"], found["reached"], found["cause"]) == ("completed", 1, "")
+    assert found["time"] == pytest.approx(found["planned"], abs=0.01)
+    assert found["error"] < 2e-3
+    monkeypatch.delattr(tour, "simulate")  # nothing is walked again
+    assert tour.walk_tours(*options, resume=True) == [found]
+
+
+# ------------------ The example that gates pull requests is a workflow, and its commands and files exist
+
+
+DOCS = ROOT / "docs"
+WORKFLOW = DOCS / "examples" / "gate.yml"
+
+
+@pytest.mark.parametrize(
+    ("value", "ends_with"),
+    [("", pytest.skip.Exception), ("false", pytest.skip.Exception), ("true", pytest.fail.Exception)],
+)
+def test_a_missing_browser_is_a_skip_and_under_ci_a_failure(monkeypatch, value, ends_with):
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setenv("CI", value)
+    with pytest.raises(ends_with, match="apt-get install chromium"):
+        browser()
+
+
+def test_workflow_is_one():
+    found: dict[Any, Any] = yaml.safe_load(WORKFLOW.read_text(encoding="utf-8"))
+    assert found[True] == {"pull_request": None}  # YAML 1.1 takes `on` for a truth value; no filter
+    assert found["permissions"] == {"contents": "read"}
+    steps = found["jobs"]["gate"]["steps"]
+    assert all(("uses" in step) != ("run" in step) for step in steps)
+    makefile = (DOCS.parent / "Makefile").read_text(encoding="utf-8")
+    for target in re.findall(r"make -C \w+ (\w+)", WORKFLOW.read_text(encoding="utf-8")):
+        assert f"\n{target}:" in makefile
+
+
+@pytest.mark.parametrize("source", [WORKFLOW, DOCS / "sweeps.md", DOCS / "examples" / "gate.toml"])
+def test_commands_exist(source):
+    group = typer.main.get_group(app)
+    text = re.sub(r"\\\n\s*", " ", source.read_text(encoding="utf-8"))
+    found = re.findall(r"(?:^|[\s/`])ampm ([a-z][^|`#\n]*)", text, re.MULTILINE)
+    assert found
+    for name, *words in (line.split() for line in found):
+        command = group.get_command(typer.Context(group), name)
+        assert command is not None, name
+        options = {option for parameter in command.params for option in parameter.opts}
+        assert {word for word in words if word.startswith("--")} <= options, (name, words)
+
+
+def test_the_sweep_is_small_and_accepted():
+    definition = load_sweep(DOCS / "examples" / "gate.toml")
+    assert len(definition) == 8
+    assert definition.steps <= 12
+    assert all(task_of(definition, run).known is None for run in range(8))

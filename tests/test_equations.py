@@ -85,21 +85,8 @@ def test_a_walk_obeys_them(settings):
         assert of(unpushed, passive).largest > 1e-3
 
 
-def test_replay_checks_every_step(tmp_path, ampm):
-    folder = make_run(tmp_path / "run", steps=2)
-    found = replay(folder, equations=True)
-    assert found.identical
-    assert found.equations is not None
-    assert found.equations.steps == found.steps
-    assert found.equations.median < 1e-9 * found.equations.change
-    assert replay(folder).equations is None
-    answer = ampm("replay", folder, "--equations")
-    assert answer.status == 0
-    assert f"{found.steps} steps against the equations of motion: median defect" in answer.out
-
-
 def test_dry_friction_is_not_recorded(tmp_path):
-    folder = make_run(tmp_path / "run", steps=1)
+    folder = make_run(tmp_path / "run", steps=2)
     model = folder / "model.xml"
     text = model.read_text(encoding="utf-8")
     assert 'name="left_knee_pitch"' in text

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
+from ampm.geometry import convex_hull, hull_distance, polygon_margin
 from ampm.parameters import FootParameters
-from ampm.planner.contacts import Contacts, Footstep
 from ampm.planner.stride import plan_feet, quintic
 from ampm.planner.support import plan_steps
 from ampm.presets import preset_names
@@ -48,23 +48,6 @@ def test_soles_stay_over_the_floor(name):
     plan = plan_steps(run.gait, 60.0, run.foot, sole_geometry(run.body.height))
     for foot in plan.feet.sample(np.linspace(0.0, plan.duration, 20001)):
         assert foot.sole_points[..., 2].min() > -1e-12
-
-
-@pytest.mark.parametrize("schedule", SCHEDULES.values(), ids=SCHEDULES)
-def test_feet_stand_on_their_placements_and_unequal_ones_need_no_other_code(schedule):
-    plan = planned(schedule)
-    moves = np.array([0.0, 0.02, -0.05, 0.07, 0.01, -0.03, 0.04])
-    steps = tuple(
-        Footstep(f.foot, (f.position[0] + m, f.position[1] + 0.2 * m, 0.0))
-        for f, m in zip(plan.contacts.footsteps, moves, strict=True)
-    )
-    moved = {None: None, **dict(zip(plan.contacts.footsteps, steps, strict=True))}
-    phases = [p._replace(left=moved[p.left], right=moved[p.right]) for p in plan.contacts.phases]
-    feet = plan_feet(Contacts(steps, tuple(phases)), schedule, SOLE)
-    for k, step in enumerate(steps[1:-1]):
-        foot = feet.sample((k + 0.3) * plan.constants.step_duration)[0 if step.foot == "left" else 1]
-        np.testing.assert_allclose(foot.position[0], step.position, rtol=0.0, atol=1e-12)
-        assert foot.pitch[0] == foot.toe[0] == 0.0
 
 
 @given(
@@ -131,3 +114,42 @@ def test_no_instant_undercuts_the_least_margin(plan):
     assert np.isfinite(plan.least_zmp_margin(0.0)[0])
     with pytest.raises(InputError, match="outside"):
         plan.least_zmp_margin(plan.duration + 1.0)
+
+
+@given(
+    points=st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=3, max_size=12, unique=True),
+    query=st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5)),
+)
+@settings(max_examples=100, deadline=None)
+def test_hull_distance_against_the_hull(points, query):
+    array = np.round(np.array(points), 3)
+    hull = convex_hull(array)
+    q = np.round(np.array(query), 3)
+    assume(len(hull) >= 3)
+    edges = np.roll(hull, -1, axis=0) - hull
+    length = np.hypot(*edges.T)
+    signed = (edges[:, 0] * (q - hull)[:, 1] - edges[:, 1] * (q - hull)[:, 0]) / length
+    along = np.clip(np.sum((q - hull) * edges, axis=1) / length**2, 0.0, 1.0)
+    nearest = np.hypot(*(q - hull - along[:, None] * edges).T).min()
+    expected = signed.min() if signed.min() >= 0.0 else -nearest
+    assert hull_distance(array[None], q[None])[0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_convex_hull_drops_what_lies_inside_or_on_an_edge():
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], [0.5, 0.0], [1, 1]], dtype=float)
+    np.testing.assert_array_equal(convex_hull(square), [[0, 0], [1, 0], [1, 1], [0, 1]])
+    assert len(convex_hull(np.array([[0.0, 1.0], [0.0, 2.0], [0.0, 1.0]]))) == 2
+
+
+def test_polygon_margin_of_known_shapes():
+    square = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0], [1.0, 1.0]])
+    queries = np.array([[1.0, 0.5], [1.0, 1.0], [2.0, 1.0], [3.0, 3.0], [1.0, -0.5], [np.nan, 1.0]])
+    points = np.broadcast_to(square, (len(queries), 5, 2))
+    active = np.ones((len(queries), 5), dtype=bool)
+    expected = [0.5, 1.0, 0.0, -np.sqrt(2.0), -0.5, np.nan]
+    np.testing.assert_allclose(polygon_margin(points, active, queries), expected, rtol=0.0, atol=1e-12)
+    segment, point, nothing = active.copy(), active.copy(), active.copy()
+    segment[:, 2:], point[:, 1:], nothing[:] = False, False, False
+    np.testing.assert_allclose(polygon_margin(points, segment, queries)[:2], [-0.5, -1.0])
+    np.testing.assert_allclose(polygon_margin(points, point, queries)[:1], [-np.hypot(1.0, 0.5)])
+    assert np.isnan(polygon_margin(points, nothing, queries)).all()

@@ -63,7 +63,7 @@ def test_the_middle_of_a_long_walk_is_the_closed_form_of_the_paper(gait, steps):
         np.testing.assert_allclose(getattr(there, name), getattr(here, name), rtol=0.0, atol=1e-11)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.lists(
         st.tuples(st.floats(-0.2, 0.6), st.floats(0.14, 0.3), st.floats(-0.3, 0.3), st.floats(0.6, 1.0)),
@@ -101,24 +101,6 @@ def test_any_steps_are_walked_or_refused_by_name(steps, gait, timed):
     if timed:
         reached = walk.contacts.starts[2::2]
         np.testing.assert_allclose(reached, landings[2:], rtol=0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("error", "change", "words"),
-    [
-        (InputError, lambda steps: steps[:3], "at least 4 footsteps, not 3"),
-        (InputError, lambda steps: [*steps[:3], *steps[4:]], "footsteps 3 and 4 are both of the right foot"),
-        (InputError, lambda steps: moved(steps, -1, heading=math.nan), "no finite number"),
-        (
-            BodilyRefusal,
-            lambda steps: moved(steps, 4, position=(1.2, 0.15, 0.0)),
-            r"footstep 5: the right foot is -0\.06 m aside .* two soles take, 0\.09 m",
-        ),
-    ],
-)
-def test_a_list_that_is_no_walk(error, change, words):
-    with pytest.raises(error, match=words):
-        plan(change(WALKS["straight"]))
 
 
 def moved(steps, number, **change):

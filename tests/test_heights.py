@@ -5,7 +5,7 @@ import pytest
 
 import ampm
 import validation as val
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import InputError
 from ampm.planner import routes
 from ampm.planner.contacts import footprint
 from ampm.planner.footstep_walk import plan_footstep_walk
@@ -49,9 +49,16 @@ def plan(footsteps, gait="normal"):
     return plan_footsteps(footsteps, RUNS[gait].gait, BODY)
 
 
+def over(footsteps, gait="normal"):
+    return RUNS[gait].replace({}, footsteps=routes.as_rows(footsteps))
+
+
+def live(footsteps):
+    return LiveWalk.of(over(footsteps), BODY)
+
+
 def steps_of(footsteps, gait="normal"):
-    run = RUNS[gait].replace({}, footsteps=routes.as_rows(footsteps))
-    return plan_footstep_walk(run, BODY)
+    return plan_footstep_walk(over(footsteps, gait), BODY)
 
 
 @pytest.mark.parametrize(("gait", "name"), CASES)
@@ -95,30 +102,6 @@ def test_the_floor_has_its_edges_between_the_feet():
     for part in (Ground.under(alternate, sole), Ground.under(WALKS["all high"], sole)):
         for step in alternate if part.base == 0.0 else WALKS["all high"]:
             np.testing.assert_array_equal(part.at(footprint(sole, step), 0.01), step.position[2])
-
-
-@pytest.mark.parametrize(
-    ("footsteps", "words"),
-    [
-        (routes.platform(8, 0.28, WIDTH, 0.05), r"footstep 4 is 0\.022 m from one that is 0\.05 m higher"),
-        (routes.platform(8, 0.3, WIDTH, -0.05), "the right foot would have to swing .* to pass the edge"),
-    ],
-)
-def test_heights_that_cannot_be_walked(footsteps, words):
-    with pytest.raises(BodilyRefusal, match=words):
-        steps_of(footsteps)
-
-
-def test_what_needs_a_level_floor_is_refused_beside_heights():
-    run = ampm.load_run("normal", footsteps=routes.as_rows(WALKS["up"]))
-    with pytest.raises(InputError, match="or has heights, takes no requests"):
-        LiveWalk.of(run, BODY)
-    live = LiveWalk.of(run.replace({}, footsteps=routes.as_rows(routes.straight(8, 0.4, WIDTH))), BODY)
-    ahead = WALKS["up"][4:]
-    with pytest.raises(InputError, match="takes no footsteps with heights"):
-        live.changed(2.0, ahead)
-    with pytest.raises(InputError, match=r"disturbance\.step_height need a level floor"):
-        val.walk(run.replace({"disturbance.slope_along": 0.02}))
 
 
 FILE = """foot,x,y,heading,z,time

@@ -10,13 +10,7 @@ import numpy as np
 import pytest
 
 from ampm.description import BodyDescription
-from ampm.parameters import (
-    GRAVITY,
-    BodyParameters,
-    ContactParameters,
-    RunParameters,
-    SimulationParameters,
-)
+from ampm.parameters import BodyParameters, ContactParameters, RunParameters, SimulationParameters
 from models import anthropometry as table
 from models.__main__ import TARGET, default_xml
 from models.human import build
@@ -105,71 +99,6 @@ def test_soles_lie_on_the_floor(body: Standing) -> None:
         np.testing.assert_allclose(frame.xmat, np.eye(3).ravel(), rtol=0.0, atol=1e-12)
 
 
-def test_toe_axis_passes_through_the_ball_points(body: Standing) -> None:
-    """Bending the toe must not move the ball points, nor the toe axis relative to the foot."""
-    data = mujoco.MjData(body.model)
-    leg = body.description.left_leg
-    data.qpos[body.model.joint(leg.toe).qposadr[0]] = -0.5
-    mujoco.mj_kinematics(body.model, data)
-    axis = data.site("left_toe_axis").xpos
-    for name in leg.sole_points[2:4]:
-        np.testing.assert_allclose(data.site(name).xpos[[0, 2]], axis[[0, 2]], rtol=0.0, atol=1e-10)
-    assert data.site(leg.sole_points[4]).xpos[2] > 0.02, "negative toe angles lift the tip"
-
-
-def test_description_geometry(body: Standing) -> None:
-    d, data = body.description, body.data
-    for leg, sign in zip(d.legs, (1.0, -1.0), strict=True):
-        hip, ankle = (data.xanchor[body.model.joint(name).id] for name in (leg.hip[0], leg.ankle[0]))
-        np.testing.assert_allclose(hip, [0, sign * d.hip_half_width, d.hip_height], rtol=0.0, atol=1e-10)
-        assert hip[2] - ankle[2] == pytest.approx(d.leg_length)
-        sole = data.site(leg.sole_frame).xpos
-        np.testing.assert_allclose(
-            ankle - sole, [d.sole.ankle_x, 0.0, d.sole.ankle_height], rtol=0.0, atol=1e-10
-        )
-    assert (d.height, d.mass) == (body.height, body.mass)
-
-
-def test_positive_directions(default: Standing) -> None:
-    """Knee flexion is positive, hip flexion and elbow flexion are negative about +y."""
-    d, model = default.description, default.model
-
-    def moved(joint: str, angle: float, point: str) -> np.ndarray:
-        data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
-        before = data.body(point).xpos.copy()
-        data.qpos[model.joint(joint).qposadr[0]] = angle
-        mujoco.mj_kinematics(model, data)
-        return data.body(point).xpos - before
-
-    leg = d.left_leg
-    assert moved(leg.knee, 0.5, leg.foot_segment)[0] < -0.1
-    assert moved(leg.hip[0], -0.5, leg.foot_segment)[0] > 0.1
-    assert moved(d.left_arm[3], -0.5, "left_hand")[0] > 0.1
-    assert moved(d.waist[2], 0.3, d.trunk_segment)[0] > 0.03
-    assert model.joint(leg.knee).range[0] == 0.0
-
-
-def test_actuators_are_torque_motors_in_joint_order(body: Standing) -> None:
-    model = body.model
-    names, limits = zip(*body.description.torque_limits, strict=True)
-    assert tuple(model.joint(i).name for i in range(1, model.njnt)) == names
-    np.testing.assert_array_equal(model.actuator_trnid[:, 0], np.arange(1, model.njnt))
-    np.testing.assert_array_equal(model.actuator_gear[:, 0], 1.0)
-    for ends in (model.actuator_ctrlrange, model.actuator_forcerange):
-        np.testing.assert_allclose(ends, np.outer(limits, [-1.0, 1.0]), rtol=1e-11)
-    knee = dict(body.description.torque_limits)[body.description.left_leg.knee]
-    assert knee == pytest.approx(table.JOINTS["knee_pitch"][2] * body.mass * GRAVITY * body.height)
-
-
-def test_nothing_passive_disturbs_the_controllers_model(body: Standing) -> None:
-    for name in ("dof_damping", "dof_armature", "dof_frictionloss", "jnt_stiffness"):
-        assert not np.any(getattr(body.model, name)), name
-    assert np.all(body.model.jnt_limited[1:])
-    assert np.all(body.model.jnt_range[1:, 0] <= 0.0), "the neutral posture must be allowed"
-    assert np.all(body.model.jnt_range[1:, 1] > 0.0)
-
-
 def test_only_sole_points_touch_only_the_floor(body: Standing) -> None:
     points = {name for _, _, name in body.description.sole_points()}
     model = body.model
@@ -195,24 +124,3 @@ def test_contact_and_solver_parameters_arrive_in_the_model() -> None:
         np.testing.assert_array_equal(geom.solref, [0.02, contact.damping_ratio])
         expected = [contact.impedance_min, contact.impedance_max, 0.002, 0.5, 2]
         np.testing.assert_allclose(geom.solimp, expected)
-
-
-def test_mirror_map(body: Standing) -> None:
-    pairs = {joint: (image, sign) for joint, image, sign in body.description.mirror}
-    assert len(pairs) == 34
-    limits = dict(body.description.torque_limits)
-    for joint, (image, sign) in pairs.items():
-        assert pairs[image] == (joint, sign)
-        assert limits[image] == limits[joint]
-        low, high = body.model.joint(joint).range
-        np.testing.assert_allclose(np.sort([sign * low, sign * high]), body.model.joint(image).range)
-    left, right = body.description.legs
-    assert [pairs[name][0] for name in left.joints] == list(right.joints)
-
-
-def test_size_scales(default: Standing) -> None:
-    """Lengths go with stature, masses with mass, inertias with mass times stature squared."""
-    other = Standing(1.70 * 1.1, 60.0 * 1.3)
-    np.testing.assert_allclose(other.model.body_pos, 1.1 * default.model.body_pos, rtol=0.0, atol=1e-11)
-    np.testing.assert_allclose(other.model.body_mass, 1.3 * default.model.body_mass, rtol=0.0, atol=1e-10)
-    np.testing.assert_allclose(other.model.body_inertia, 1.3 * 1.21 * default.model.body_inertia, rtol=1e-9)

@@ -223,7 +223,6 @@ def test_only_the_simulation_side_owns_simulator_data():
     assert owners <= {
         "models/tree.py",
         "validation/run/body_check.py",
-        "validation/trial/divergence.py",
         "validation/trial/physics.py",
         "validation/trial/shapes.py",
         "validation/show/rerun/body.py",

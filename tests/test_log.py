@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +10,19 @@ import pytest
 
 import validation as val
 from ampm.exceptions import InputError
-from ampm.parameters import GRAVITY
+from ampm.planners import PeriodicPlanner
+from tests.saved_run import make_run
+from tests.test_bad_input import assert_said, rows_of
 from validation.judge.log import take_overs
+from validation.judge.profiles import DEFAULT, own_profile
+from validation.judge.uncertainty import Uncertainty
+from validation.judge.verdict import judge_summary
+from validation.run.validate import validate
 from validation.store.saved import load_saved_run
 from validation.store.signals import SIGNALS_FILE
 from validation.store.tables import write_columns
-from validation.trial.columns import read_columns
+from validation.trial.plan import load_request
+from validation.trial.users import read_columns
 
 PERSON = Path(__file__).parents[1] / "validation/measure/person_0p8ms.csv"
 OF_PLAN = ("zmp", "force", "angular_momentum", "com")
@@ -22,7 +30,7 @@ OF_PLAN = ("zmp", "force", "angular_momentum", "com")
 
 @pytest.fixture(scope="module")
 def folder(run_of):
-    return run_of("normal", steps=8)
+    return run_of()
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +50,15 @@ def signals_of(folder):
     names |= {f"{name}_{axis}": f"measured_{name}_{axis}" for name in OF_PLAN[1:] for axis in "xyz"}
     names |= {f"zmp_{axis}": f"measured_zmp_{axis}" for axis in "xy"}
     return {name: np.array(signals[column][::5]) for name, column in names.items()}
+
+
+@pytest.mark.parametrize("row", rows_of("log"))
+def test_bad_logs_are_refused(row, folder, table):
+    exec(row["input"], {"np": np}, table)
+    options = {name: table.pop(name) for name in ("start", "strides") if name in table}
+    with pytest.raises(InputError) as caught:
+        val.judge_log(table, folder, **options)
+    assert_said(str(caught.value), row["words"])
 
 
 def value(trial, name):
@@ -240,55 +257,6 @@ def test_a_table_of_a_plan_judges_too(folder, tmp_path, table, ampm):
     assert trial.verdict.passed, trial.verdict.reason
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"time": None}, "no column 'time'; it needs time, and force_x.*; it has force_x"),
-        ({"force_y": None}, "no column 'force_y'; force needs force_x, force_y, force_z"),
-        (
-            {"force_x": None, "force_y": None, "force_z": None},
-            "no force; it needs time.*it has time, angular",
-        ),
-        ({"force_z": lambda v: -v}, "z upwards"),
-        ({"force_z": lambda v: 1e-3 * v}, "weighs 588"),
-        ({"time": lambda v: v[::-1]}, "row 2 of the log: time"),
-        ({"time": lambda v: 1e3 * v}, "give time in seconds"),
-        ({"time": lambda v: np.where(np.arange(len(v)) == 7, np.nan, v)}, "row 8 of the log: time = nan"),
-        ({"zmp_x": lambda v: 1e3 * v}, "give lengths in metres"),
-        ({"com_x": lambda v: np.array(["far"] * len(v), dtype=object)}, "com_x must be numbers"),
-        ({"force_x": lambda v: np.where(np.arange(len(v)) == 4, np.inf, v)}, "row 5 of the log: force_x"),
-    ],
-)
-def test_bad_logs_are_refused(change, message, folder, table):
-    for name, what in change.items():
-        if what is None:
-            del table[name]
-        else:
-            table[name] = what(table[name])
-    with pytest.raises(InputError, match=message):
-        val.judge_log(table, folder)
-
-
-def test_logs_that_do_not_fit_are_refused(folder, table):
-    noise = np.random.default_rng(0)
-    other = table | {f"force_{axis}": noise.normal(0.0, 30.0, len(table["time"])) for axis in "xy"}
-    other |= {
-        "force_z": np.full(len(table["time"]), 60.0 * GRAVITY),
-        "zmp_y": noise.normal(0.0, 0.1, len(table["time"])),
-    }
-    with pytest.raises(InputError, match="like the plan nowhere"):
-        val.judge_log(other, folder)
-    with pytest.raises(InputError, match="has 0 rows between"):
-        val.judge_log(table, folder, start=100.0)
-    short = {name: values[:300] for name, values in table.items()}
-    with pytest.raises(InputError, match="no whole stride"):
-        val.judge_log(short, folder, strides=True)
-    one_sided = {name: table[name] for name in ("time",)}
-    one_sided |= {f"left_force_{axis}": table[f"force_{axis}"] for axis in "xyz"}
-    with pytest.raises(InputError, match="no right_force; it needs"):
-        val.judge_log(one_sided, folder)
-
-
 def test_take_overs_ignore_what_does_not_carry_the_weight_over():
     time = np.arange(0.0, 4.0, 0.01)
     share = 0.5 - 0.5 * np.cos(2 * np.pi * time)
@@ -304,3 +272,78 @@ def test_a_log_and_a_run_are_compared(folder, table, tmp_path, ampm):
     answer = ampm("compare", tmp_path / "log", folder)
     assert answer.status == 0, answer.err
     assert "agree: no judged metric differs" in answer.out
+
+
+class Online:
+    """Plans again every 50 ms, the same plan."""
+
+    replan_period = 0.05
+
+    def plan(self, run, robot):
+        return PeriodicPlanner().plan(run, robot)
+
+    def replan(self, time, state, touch, plan):
+        return replace(plan)
+
+
+def kept(folder, **changed):
+    """The summary on disk, and that of the folder judged again, which equals it."""
+    before = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    again = val.judge_run(folder, **changed)
+    assert json.loads((folder / "summary.json").read_text(encoding="utf-8")) == before
+    return before, json.loads(json.dumps(again.summary))
+
+
+@pytest.mark.parametrize(
+    ("gait", "settings", "profile", "measured"),
+    [
+        ("normal", (f"gait.planner={__name__}:Online",), "default", "plan_changes"),
+        ("normal", ("sensors.estimator=kalman",), "odometry", "zmp_foot_x_rmse"),
+        ("ipm", ("disturbance.push_y=20", "disturbance.push_at=0.5"), "pushed", "zmp_x_rmse"),
+    ],
+    ids=["replanned", "estimated", "pushed"],
+)
+def test_a_run_is_judged_as_it_was(tmp_path, ampm, gait, settings, profile, measured):
+    request = load_request(gait, ["gait.steps=2", "simulation.time_step=0.002", *settings], as_is=True)
+    folder = tmp_path / "run"
+    validate(request, folder, own_profile(gait, request.run), recording=False)
+    before, again = kept(folder)
+    assert before["profile"] == profile
+    assert before["metrics"][measured]["value"] is not None
+    assert again == before
+    assert val.replay(folder).identical
+    answer = ampm("judge", folder, "--plan", folder, "--json")
+    assert answer.status == (before["verdict"] != "pass")
+    assert answer.json == {**before, "directory": str(folder)}
+    assert val.judge_run(folder, "wide").summary["profile"] == "wide"
+
+
+def test_so_is_one_whose_uncertainty_is_known(tmp_path):
+    values = {"zmp_x_rmse": 2e-3, "zmp_y_rmse": 1e-5, "zmp_x_maximum": 1e-3}
+    known = Uncertainty("normal", 6, values, spreads={"zmp_x_maximum": math.inf})
+    folder = make_run(tmp_path / "run", steps=2, uncertainty=known)
+    before, again = kept(folder)
+    assert before["verdict"] == "undecided"
+    assert again == before
+
+
+def test_so_is_the_log_of_a_treadmill(run_of, tmp_path, ampm):
+    plan = run_of()
+    table = signals_of(plan)
+    belt = 0.9
+    table |= {name: table[name] - belt * table["time"] for name in ("zmp_x", "com_x")}
+    trial = val.judge_log(table | {"belt_speed": belt + 0.0 * table["time"]}, plan)
+    assert trial.verdict.passed
+    before, again = kept(trial.save(tmp_path / "log", recording=False))
+    assert again == before
+    for words in (("--start", 0.0), ("--plan", "normal"), ("--strides",)):
+        refused = ampm("judge", tmp_path / "log", *words)
+        assert refused.status == 2
+        assert f"{words[0]} is for a table" in refused.err
+
+
+def test_a_metric_of_another_process_is_asked_for(tmp_path):
+    folder = make_run(tmp_path / "run", steps=2)
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    with pytest.raises(InputError, match="metric 'strange' is not known here; register it"):
+        judge_summary({**summary, "metrics": {"strange": {}}}, DEFAULT)

@@ -1,6 +1,5 @@
 """The engine of many walks: every task once, whatever ends a worker or the program."""
 
-import json
 import os
 import sys
 import time
@@ -15,7 +14,7 @@ import pytest
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.store.machine import hidden_main
-from validation.study.many import Search, Task, study_folder, walk_many
+from validation.study.many import Search, Task, walk_many
 from validation.study.row_file import ROWS, RowFile, read_rows
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
@@ -51,12 +50,6 @@ def squares(folder: Path | None, items: Iterable[Task | Search]) -> dict[str, in
     return {row["key"]: row["square"] for row in walk_many(items, folder, workers=0)}
 
 
-def test_finished_runs_are_not_walked_again(tmp_path, monkeypatch):
-    assert squares(tmp_path, tasks(3)) == {"0": 0, "1": 1, "2": 4}
-    monkeypatch.setattr("validation.study.pool._columns", lambda work, options: pytest.fail("walked again"))
-    assert squares(tmp_path, tasks(3)) == {"0": 0, "1": 1, "2": 4}
-
-
 def test_other_options_are_another_run(tmp_path):
     squares(tmp_path, [Task("a", square, {"number": 2})])
     assert squares(tmp_path, [Task("a", square, {"number": 3})]) == {"a": 9}
@@ -77,35 +70,11 @@ def test_known_rows_need_no_walk(tmp_path):
     assert squares(tmp_path, [refused, *tasks(1)]) == {"no": -1, "0": 0}
 
 
-def test_cut_line_is_removed(tmp_path):
-    squares(tmp_path, tasks(2))
-    with (tmp_path / ROWS).open("a") as file:
-        file.write('{"key": "2", "dig')
-    assert squares(tmp_path, tasks(3))["2"] == 4
-    assert [json.loads(line)["key"] for line in (tmp_path / ROWS).read_text().splitlines()] == ["0", "1", "2"]
-
-
 def test_damaged_line_is_named(tmp_path):
     squares(tmp_path, tasks(1))
     (tmp_path / ROWS).write_text("no row\n")
     with pytest.raises(InputError, match="line 1 of"):
         squares(tmp_path, tasks(1))
-
-
-def test_two_programs_exclude_each_other(tmp_path):
-    first = RowFile(tmp_path)
-    with pytest.raises(InputError, match="another program"):
-        RowFile(tmp_path)
-    first.close()
-    RowFile(tmp_path).close()
-
-
-def test_folder_of_others_is_refused(tmp_path):
-    (tmp_path / "thesis.tex").touch()
-    with pytest.raises(InputError, match="holds no study"):
-        study_folder(tmp_path, resume=True)
-    with pytest.raises(InputError, match="not empty"):
-        study_folder(tmp_path, resume=False)
 
 
 def test_bad_runs_are_rows_and_the_others_go_on(tmp_path):

@@ -1,5 +1,6 @@
 """Plans that are wrong on purpose fail; docs/negative_controls.py walks more of them, for thirty steps."""
 
+import csv
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -10,16 +11,24 @@ import ampm
 import validation as val
 from ampm.exceptions import InputError
 from validation.judge.metrics import METRICS
+from validation.study.sweep.design import load_sweep
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+def script(name):
+    """A script of docs."""
+    sys.path.insert(0, str(DOCS))
+    try:
+        return import_module(name)
+    finally:
+        sys.path.remove(str(DOCS))
 
 
 @pytest.fixture(scope="module")
 def controls():
     """The script that makes them."""
-    sys.path.insert(0, str(DOCS))
-    yield import_module("negative_controls")
-    sys.path.remove(str(DOCS))
+    return script("negative_controls")
 
 
 def walked(make, size, gait="normal", steps=3):
@@ -54,3 +63,37 @@ def test_too_little_friction_is_failed_for_slip_alone():
     run = ampm.load_run("flat", gait={"steps": 6}, disturbance={"friction_factor": 0.22 / 0.8})
     failed = [METRICS[item.name] for item in val.walk(run).verdict.failed]
     assert [metric.name for metric in failed if metric.kind == "walk"] == ["slip_maximum"]
+
+
+@pytest.fixture(scope="module")
+def unseen():
+    """The script that makes page and data."""
+    return script("unseen")
+
+
+@pytest.fixture(scope="module")
+def rows(unseen):
+    with unseen.FILE.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_page_shows_the_data(unseen, rows):
+    page = unseen.PAGE.read_text(encoding="utf-8")
+    for table in (unseen.outcomes(rows), unseen.refusals(rows)):
+        assert table.markdown() in page
+
+
+def test_the_data_are_of_the_draw(unseen, rows):
+    draw = load_sweep(DOCS / "examples" / "unseen.toml")
+    sensed = unseen.changed(draw, unseen.SENSED)
+    counts = {unseen.HUMAN: 100, unseen.HUMAN_ESTIMATED: 100}
+    counts |= dict.fromkeys((unseen.DRAKE, unseen.HUMAN_SENSED), unseen.IN_BOTH)
+    for name, count in counts.items():
+        found = unseen.of_draw(rows, name)
+        assert len(found) == count
+        for row in found:
+            values = draw.varied(int(row["gait"]))
+            assert values == sensed.varied(int(row["gait"]))
+            for key, title in unseen.DRAWN.items():
+                assert float(row[title]) == pytest.approx(values[key], abs=6e-4)
+    assert all(sensed.parameters(0).value(key) == value for key, value in unseen.SENSED.items())

@@ -9,15 +9,15 @@ import validation as val
 from ampm.control.joint_pd import JointPD
 from ampm.exceptions import InputError
 from ampm.planners import PeriodicPlanner
-from ampm.run_file import dump_run, find_keys, load_run
-from validation.store.identity import parameter_values
+from ampm.run_file import dump_run, load_run
+from validation.store.environment import parameter_values
 from validation.study.many import Task
 from validation.study.sweep.design import dump_sweep, parse_sweep
 from validation.study.sweep.run import task_of
 from validation.study.sweep.table import build_table
 from validation.study.walk_options import users_classes
 from validation.trial.plan import load_request, plan_walk
-from validation.trial.planners import load_planner
+from validation.trial.users import load_planner
 
 QUICK: dict[str, Any] = {
     "gait": {"steps": 1},
@@ -105,13 +105,6 @@ def test_a_planner_is_made_once(monkeypatch):
     assert made == []
     plan_walk(request)
     assert made == [0.9]
-
-
-def test_keys_tell_of_options():
-    names = [info.key for info in find_keys("options")]
-    assert names == ["planner.options", "controller.options", "sensors.options"]
-    assert "gait.planner" in [info.key for info in find_keys("planner")]
-    assert "the class" in find_keys("controller", "options")[0].meaning
 
 
 SWEEP = f"""

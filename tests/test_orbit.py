@@ -1,7 +1,10 @@
 """The periodic step: does it return, its constant of L_y, how unstable it is, what when there is none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
+import pyarrow.parquet as pq
 import pytest
 
 from ampm.body import orbit, return_map
@@ -9,6 +12,7 @@ from ampm.body.orbit import solve_motion
 from ampm.body.step_reference import step_reference
 from ampm.exceptions import BodilyRefusal, InputError
 from tests.solved import COARSE, motion_of, walk_of
+from validation.trial.plan import load_request, plan_walk
 
 GAITS = {
     "plain": (COARSE,),
@@ -87,18 +91,6 @@ def test_body_moves_as_planned_with_the_constant_of_l_y(settings):
             np.testing.assert_allclose(sole.rotation, turned, atol=1e-6)
             toe = body.q[k, robot.toe_joints[foot] + 1]
             assert toe == pytest.approx(feet[foot].toe[k], abs=1e-7)
-
-
-def test_report_is_about_this_motion(settings):
-    robot, motion = walk_of(*settings).robot, motion_of(*settings)
-    report = motion.report
-    angles = motion.q[:, 7:]
-    knees = dict(zip(("left", "right"), angles[:, robot.knee_joints - 6].T, strict=True))
-    margins = np.minimum(angles - robot.lower, robot.upper - angles)
-    joints = dict(zip(robot.joint_names, margins.T, strict=True))
-    for least, named in ((report.knee_minimum, knees), (report.joint_limit_margin, joints)):
-        assert least.value == min(values.min() for values in named.values()) > 0.0
-        assert named[least.where][motion.time == least.time] == least.value
 
 
 # ---------------------------------------------------------------------- the grid
@@ -182,3 +174,69 @@ def test_joints_beyond_their_limits_are_refused():
     assert caught.value.reason == "joint_limits"
     assert caught.value.value < 0.0
     assert "raise gait.com_height" in caught.value.way_out
+
+
+# ------------------------ The tiled motion: one step and its mirror images, kept to the last bit on disk
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return walk_of(COARSE).robot
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return motion_of(COARSE)
+
+
+def test_every_next_step_is_the_mirror_image_moved_on(motion, robot):
+    times = np.linspace(0.0, motion.step_duration, 50, endpoint=False)
+    first = motion.sample(times, robot)
+    for step in (1, 2, 7):
+        later = motion.sample(times + step * motion.step_duration, robot)
+        q, v, acceleration, turn = first.q, first.v, first.acceleration, 1.0
+        if step % 2:
+            q, v, turn = robot.mirror_q(first.q), robot.mirror_v(first.v), -1.0
+            acceleration = robot.mirror_v(first.acceleration)
+        q = q + np.eye(robot.nq)[0] * step * motion.step_length
+        np.testing.assert_allclose(later.q, q, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(later.v, v, atol=1e-7)
+        np.testing.assert_allclose(later.acceleration, acceleration, atol=1e-5)
+        np.testing.assert_allclose(later.angular_momentum_z, turn * first.angular_momentum_z, atol=1e-7)
+
+
+def test_velocity_is_the_rate_of_the_configuration(motion, robot):
+    times, h = np.linspace(0.01, 2.5, 300), 1e-6
+    low, here, high = (motion.sample(times + s, robot) for s in (-h, 0.0, h))
+    np.testing.assert_allclose(np.linalg.norm(here.q[:, 3:7], axis=1), 1.0, rtol=0.0, atol=1e-14)
+    for k in range(len(times)):
+        rate = pin.difference(robot.model, low.q[k], high.q[k]) / (2 * h)
+        np.testing.assert_allclose(rate, here.v[k], atol=2e-3 * np.abs(here.v[k]).max())
+
+
+def test_times_before_the_start_are_refused(motion, robot):
+    with pytest.raises(InputError, match=r"-0\.01"):
+        motion.sample([-0.01], robot)
+
+
+def test_nothing_can_be_changed(motion, robot):
+    with pytest.raises(AttributeError):
+        motion.q = motion.v
+    held = [value for value in vars(motion).values() if isinstance(value, np.ndarray)]
+    for array in (*held, *motion.sample([0.1], robot)):
+        assert not array.flags.writeable
+    whole = np.array(motion.q)
+    frozen = replace(motion, q=whole[:])  # no view leads around the freeze
+    whole[0, 0] += 1.0
+    assert frozen.q.tobytes() == motion.q.tobytes()
+
+
+def test_plan_writes_one_step_of_every_joint(ampm, tmp_path):
+    path = tmp_path / "step.parquet"
+    answer = ampm("plan", "flat", "--motion", path)
+    assert answer.status == 0, answer.err
+    motion = plan_walk(load_request("flat")).motion
+    written = pq.read_table(path)
+    assert written.column_names == [*motion.table()]
+    for name, values in motion.table().items():
+        np.testing.assert_array_equal(written[name].to_numpy(), values)

@@ -139,9 +139,9 @@ def test_a_narrow_picture_keeps_its_letters_and_wraps_its_words():
     chart.line([0.0, 1.0], [1.0, 0.0], "#000000", label="another long label of a curve")
     below = Chart(45.0, 190.0, 320.0, 50.0, "b")
     drawn = ElementTree.fromstring(Picture([chart, below], "x").svg(180.0))
-    words = [(item.text, float(item.get("y", "nan"))) for item in drawn.iter("{*}text")]
+    words = [(item.text, float(item.get("y", "nan"))) for item in drawn.iterfind("{*}text")]
     assert drawn.get("width") == "180pt"
-    assert {item.get("font-size") for item in drawn.iter("{*}text")} == {"8", "9"}
+    assert {item.get("font-size") for item in drawn.iterfind("{*}text")} == {"8", "9"}
     assert len({y for text, y in words if text and "label" in text}) == 2
     assert min(y for _, y in words) >= 0.0
 

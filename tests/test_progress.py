@@ -8,9 +8,6 @@ from contextlib import nullcontext
 import pytest
 from rich.console import Console
 
-from ampm.planner.support import StepPlan, plan_steps
-from ampm.run_file import load_run
-from models.human import sole_geometry
 from tests.test_many import doubling, tasks
 from validation.cli import console
 from validation.cli.console import Narrator
@@ -51,17 +48,6 @@ def test_a_failed_stage_has_no_end(narrator):
     assert lines(narrator) == []
 
 
-def test_a_terminal_gets_a_bar(narrator):
-    narrator.console = Console(file=io.StringIO(), force_terminal=True, width=100)
-    with narrator.stage("walks", "runs") as stage:
-        stage.advance(3, 12)
-        stage.note("3 fell")
-        time.sleep(0.3)
-    text = " ".join(lines(narrator))
-    assert "walks (3 fell)" in text
-    assert "3/12" in text
-
-
 class Counted(Progress, Stage):
     """Keeps what is reported."""
 
@@ -82,17 +68,3 @@ def test_a_study_counts_its_tasks_and_searches():
     assert progress.seen[0] == (0, 3)
     assert progress.seen[-1] == (3, 3)
     assert progress.seen == sorted(progress.seen)
-
-
-@pytest.fixture
-def plan_of_many_steps() -> StepPlan:
-    run = load_run("normal", gait={"steps": 200})
-    return plan_steps(run.gait, run.body.mass, run.foot, sole_geometry(run.body.height))
-
-
-def test_the_margin_of_a_long_plan_reports_its_instants(plan_of_many_steps):
-    progress = Counted()
-    plan_of_many_steps.least_zmp_margin(progress=progress.advance)
-    done, total = zip(*progress.seen, strict=True)
-    assert len(done) > 2
-    assert set(total) == {done[-1]}

@@ -13,10 +13,13 @@ from ampm.exceptions import InputError
 from tests.records import first_difference, same_bits, stored
 from tests.saved_run import make_run
 from tests.solved import body_of, simulated
+from validation.measure.measure import measure
 from validation.run.replay import replay
 from validation.store.record import CONSTANTS, RECORD_FILES, StoredRecord, save_record
 from validation.store.saved import load_saved_run
-from validation.trial.outcome import Outcome, OutcomeName
+from validation.trial import spill
+from validation.trial.bridge import pinocchio_model, to_pinocchio
+from validation.trial.outcome import Outcome
 from validation.trial.record import state_steps
 
 FINE = "simulation.time_step=0.0005"
@@ -71,22 +74,6 @@ def test_awkward_floats_are_kept(record, tmp_path):
     assert same_bits(kept.joint_range, limits)
 
 
-def test_interrupted_before_the_first_step_is_still_a_record(record, tmp_path):
-    empty = {}
-    for item in fields(record):
-        value = getattr(record, item.name)
-        if not isinstance(value, np.ndarray):
-            continue
-        if item.name.startswith(("tick", "qp", "torque_rate")) or len(value) == record.steps:
-            empty[item.name] = value[:0]
-        elif len(value) == record.steps + 1:
-            empty[item.name] = value[:1]
-    stub = replace(record, **empty, outcome=Outcome(OutcomeName.INTERRUPTED, 0.0, "stopped by the user", 0))
-    again = stored(stub, "", tmp_path)
-    assert again.steps == 0
-    assert first_difference(stub, again) is None
-
-
 def test_arrays_are_read_only_copies_but_of_what_nobody_can_write_to(record):
     source = record.q.copy()
     view = source[: len(source)]
@@ -113,7 +100,7 @@ def test_wrong_shapes_are_refused_by_name(record):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return make_run(tmp_path_factory.mktemp("record") / "run", steps=1)
+    return make_run(tmp_path_factory.mktemp("record") / "run", steps=2)
 
 
 def without(*names):
@@ -154,6 +141,9 @@ CHANGES = {
     "a changed number": ("ticks.parquet", lambda path: rewritten(path, lambda t: t.slice(1)), "has changed"),
     "a file that was none of the run's": ("external.parquet", lambda path: path.touch(), "has no digest"),
     "a missing file": ("contacts.parquet", lambda path: path.unlink(), "is missing"),
+    "a table that is cut": ("signals.parquet", lambda path: os.truncate(path, 99), "has changed"),
+    "another gait": ("run.toml", lambda path: path.write_text(path.read_text() + "\n"), "has changed"),
+    "a list for a summary": ("summary.json", lambda path: path.write_text("[]"), "is damaged|no JSON"),
     "a pipe": ("ticks.parquet", pipe, "no regular file"),
 }
 
@@ -188,3 +178,32 @@ def test_files_that_cannot_be_a_record_are_refused(record, tmp_path, name, chang
     (tmp_path / f"{name}.parquet").write_bytes(b"no parquet")
     with pytest.raises(InputError, match="cannot be read"):
         first_difference(record, StoredRecord(tmp_path))
+
+
+def test_walk_and_measurement_have_the_same_bits_in_files(monkeypatch):
+    model = pinocchio_model(body_of().compile())
+
+    def results():
+        record = simulated(steps=1)
+        return record, measure(record, model, to_pinocchio)
+
+    record, measured = results()
+    monkeypatch.setattr(spill, "LEAST", 1)
+    monkeypatch.setattr(spill, "ROWS", 100)
+    monkeypatch.setattr(spill.blocks, "__defaults__", (100,))
+    again, measured_again = results()
+    assert isinstance(again.q.base.base, spill.mmap.mmap), "not copied either"
+    assert first_difference(record, again) is None
+    for item in fields(measured):
+        one, two = getattr(measured, item.name), getattr(measured_again, item.name)
+        assert same_bits(one, two) if isinstance(one, np.ndarray) else one == two, item.name
+
+
+def test_few_rows_and_a_full_disk_stay_in_memory(monkeypatch):
+    assert spill.zeros((spill.LEAST - 1, 2)).base is None
+
+    def full(*_):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(spill.os, "posix_fallocate", full)
+    assert spill.zeros((spill.LEAST, 2)).base is None

@@ -15,15 +15,13 @@ from tests.browser import look
 from tests.saved_run import make_run
 from validation.show.chart import Chart, Picture, decimate
 from validation.show.cost_table import cost_table, reported_table
-from validation.show.curves import CURVES
 from validation.show.report import REPORT_FILE, render, write_report
 from validation.show.rerun.record import verdict_markdown, write_recording
-from validation.show.run_figures import RunFigures, middle, strides
+from validation.show.run_figures import middle
 from validation.show.style import MEASURED
 from validation.show.vector import Word, svg
 from validation.show.walker import INSTANTS, draw_walker, outline
 from validation.store.saved import load_saved_run, run_events
-from validation.store.signals import column_of
 from validation.trial.outcome import Outcome, OutcomeName
 
 COARSE = ("simulation.time_step=0.002",)
@@ -135,23 +133,6 @@ def test_a_folder_that_is_no_run_is_refused(write, tmp_path):
         write(tmp_path)
 
 
-def test_missing_column_is_named(run_dir):
-    signals = load_saved_run(run_dir).signals
-    assert all(column_of(name).meaning for name in signals.columns)
-    with pytest.raises(InputError, match="plan_nothing"):
-        signals["plan_nothing"]
-
-
-def test_strides_are_two_steps_each_and_leave_out_the_first(run_dir):
-    saved = load_saved_run(run_dir)
-    plan = saved.plan()
-    assert plan is not None
-    time, step = saved.signals.time, plan.constants.step_duration
-    (stride,) = strides(saved.signals)
-    ends = time[[saved.signals.first_step(), stride.start, stride.stop]]
-    np.testing.assert_allclose(ends, [step, 2 * step, 4 * step], atol=0.005)
-
-
 @settings(max_examples=50, deadline=None)
 @given(
     values=st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=1, max_size=3000),
@@ -220,21 +201,6 @@ def test_outlines_are_those_of_the_shapes():
     for geom, extent in enumerate([(0.1, 0.1), (0.3, 0.1), (0.4, 0.1), (0.3, 0.1), (0.2, 0.2)]):
         corners = outline(model, data, geom, plane)
         np.testing.assert_allclose(np.ptp(corners, axis=0) / 2.0, extent, atol=2e-3)
-
-
-def test_errors_have_the_large_panels(run_dir, monkeypatch):
-    drawn = []
-    saved = load_saved_run(run_dir)
-    monkeypatch.setattr("validation.show.run_figures.Picture", lambda charts, *_: drawn.extend(charts))
-    RunFigures(saved, None).tracking(CURVES["zmp_x"])
-    large, lower, whole = drawn
-    assert large.height > 1.8 * max(lower.height, whole.height)
-    assert large.title.startswith("Error of ZMP along x")
-    assert [mark.label for mark in lower.marks if mark.label] == ["plan", "command", "measured"]
-    signals, stride = saved.signals, middle(saved.signals)
-    error = 1e3 * (signals["measured_zmp_x"] - signals["plan_zmp_x"])[stride]
-    assert any(np.array_equal(mark.shape.points[:, 1], error) for mark in large.marks)
-    assert all("[" in chart.ylabel and "[s]" in chart.xlabel for chart in drawn)
 
 
 @pytest.mark.parametrize(

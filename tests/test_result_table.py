@@ -14,7 +14,7 @@ from validation.judge.metrics import METRICS
 from validation.show.cost_table import cost_table, reported_table
 from validation.show.rerun.record import verdict_markdown
 from validation.store.metric_table import metric_table
-from validation.table import Table, format_number, format_share, print_tables
+from validation.table import Table, format_number, format_share
 
 SNAPSHOT = Path(__file__).with_name("run_tables.md")
 TABLE = Table(
@@ -23,21 +23,6 @@ TABLE = Table(
     [["signals", "", ""], ["zmp [mm]", "0.59", "pass"], ["a|<b>", "2", "FAIL"]],
     ["A note."],
 )
-
-
-def test_markdown_has_alignment_headings_escapes_and_notes():
-    lines = TABLE.markdown().splitlines()
-    assert lines[:3] == ["| metric | value |  |", "| --- | ---: | --- |", "| **signals** |  |  |"]
-    assert lines[4] == "| a\\|<b> | 2 | FAIL |"
-    assert lines[-1] == "A note."
-
-
-def test_terminal_prints_cells_as_they_are(capsys):
-    print_tables([TABLE])
-    out = capsys.readouterr().out
-    assert "zmp [mm]" in out
-    assert out.splitlines()[0] == "walk"
-    assert out.splitlines()[-1] == "A note."
 
 
 def test_page_has_headings_colours_and_escapes():

@@ -1,105 +1,24 @@
-"""Kinematics, momentum and torques of random trees against Pinocchio."""
+"""Rotations, mirror images and linear systems; kinematics and torques are held to Pinocchio in test_tick."""
+
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.body.rigid_body import RigidBody, frames_of, joint_torques, moved
+from ampm.body.rigid_body import RigidBody, moved
+from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.linear import substitute, triangular
 from ampm.vectors import rotation_vector
-
-ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-FEET, POINTS, HINGES = 3, 5, 14
-TREES = range(6)
-
-
-class Tree:
-    """A random body with hinges about any axis, massless links and rotated placements, and its state."""
-
-    def __init__(self, seed, toes):
-        self.rng = rng = np.random.default_rng(seed)
-        pin.seed(seed)
-        model = pin.Model()
-        model.gravity = pin.Motion(np.array([0.0, 0.0, -9.81]), np.zeros(3))
-        root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
-        model.appendBodyToJoint(root, pin.Inertia.Random(), pin.SE3.Random())
-        for i in range(HINGES):
-            axis = rng.normal(size=3)
-            unaligned = pin.JointModelRevoluteUnaligned(axis / np.linalg.norm(axis))
-            kind = (pin.JointModelRX(), pin.JointModelRY(), pin.JointModelRZ(), unaligned)[i % 4]
-            parent = int(rng.integers(1, model.njoints))
-            joint = model.addJoint(parent, kind, pin.SE3.Random(), f"hinge {i}")
-            if rng.random() < 0.7:
-                model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Random())
-        model.armature = np.concatenate([np.zeros(6), rng.uniform(size=HINGES)])
-        frames = [
-            model.addFrame(
-                pin.Frame(f"{i}", int(rng.integers(1, model.njoints)), 0, pin.SE3.Random(), pin.OP_FRAME)
-            )
-            for i in range(FEET + 1 + POINTS)
-        ]
-        self.model, self.data, self.mass = model, model.createData(), pin.computeTotalMass(model)
-        self.soles, self.trunk, self.points = frames[:FEET], frames[FEET], frames[FEET + 1 :]
-        self.toes = np.arange(6, 6 + toes)
-        self.body = RigidBody(model, self.soles, self.trunk, self.toes)
-        self.q = pin.integrate(model, pin.neutral(model), rng.normal(size=model.nv))
-        self.v, self.now, self.acceleration = rng.normal(size=(3, model.nv))
-        self.body.place(self.q)
-        pin.ccrba(model, self.data, self.q, self.v)
-        pin.updateFramePlacements(model, self.data)
-
-    def frame_jacobian(self, frame):
-        return pin.getFrameJacobian(self.model, self.data, frame, ALIGNED)
-
-
-@pytest.fixture(params=[(seed, seed % 3) for seed in TREES], ids=lambda of: f"tree {of[0]}, {of[1]} toes")
-def tree(request):
-    return Tree(*request.param)
-
-
-def close(actual, expected):
-    np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-12 * max(1.0, np.abs(expected).max()))
-
-
-def test_places_are_pinocchios(tree):
-    close(tree.q[:3] + tree.body.com, pin.centerOfMass(tree.model, tree.data, tree.q))
-    for frames, numbers in ((tree.body.soles, tree.soles), (tree.body.trunk, [tree.trunk])):
-        for place, turn, number in zip(*tree.body.places(frames), numbers, strict=True):
-            close(tree.q[:3] + place, tree.data.oMf[number].translation)
-            close(turn, tree.data.oMf[number].rotation)
-
-
-def test_task_jacobian_is_pinocchios(tree):
-    rows = [tree.data.Ag / tree.mass, *[tree.frame_jacobian(sole) for sole in tree.soles]]
-    close(tree.body.columns.T, np.vstack([*rows, np.eye(tree.model.nv)[tree.toes]]))
-
-
-def test_drift_is_pinocchios(tree):
-    """That of the momentum at one velocity, that of the feet at another."""
-    model, data, still = tree.model, tree.data, np.zeros(tree.model.nv)
-    pin.computeCentroidalMomentumTimeVariation(model, data, tree.q, tree.v, still)
-    rows = [data.dhg.vector / tree.mass]
-    pin.forwardKinematics(model, data, tree.q, tree.now, still)
-    rows += [pin.getFrameClassicalAcceleration(model, data, sole, ALIGNED).vector for sole in tree.soles]
-    close(tree.body.drift(tree.v, tree.now), np.concatenate([*rows, np.zeros(len(tree.toes))]))
-
-
-def test_torques_are_pinocchios(tree):
-    model, forces = tree.model, tree.rng.normal(size=(POINTS, 3))
-    total = pin.rnea(model, tree.data, tree.q, tree.v, tree.acceleration)
-    for point, force in zip(tree.points, forces, strict=True):
-        total = total - tree.frame_jacobian(point)[:3].T @ force
-    body, torque, points = tree.body, np.empty(HINGES), frames_of(model, tree.points)
-    state = tree.v, tree.acceleration, 9.81
-    joint_torques(body.tree, body.armature, body.link, *state, points, forces, torque)
-    close(torque, total[6:])
+from tests.solved import walk_of
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-9, 1e-4, 1.1e-4, 0.1, 3.0])
-def test_a_configuration_moves_as_pinocchios(tree, size):
-    change = size * tree.rng.normal(size=tree.model.nv)
-    close(moved(tree.q, change), pin.integrate(tree.model, tree.q, change))
+def test_a_configuration_moves_as_pinocchios(robot, size):
+    q, change = state(robot, 0)
+    expected = pin.integrate(robot.model, q, size * change)
+    np.testing.assert_allclose(moved(q, size * change), expected, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-8, 1e-3, 1.0, 2.9])
@@ -132,3 +51,52 @@ def test_other_joints_are_refused(first):
         model.addJoint(model.njoints - 1, kind, pin.SE3.Identity(), f"joint {model.njoints}")
     with pytest.raises(InputError, match=f"joint {1 if first else 2}.*free root"):
         RigidBody(model, [], 0, np.arange(0))
+
+
+# -------------------------------------- Groups of joints; the mirror map against what a mirror must keep
+
+
+SEEDS = range(4)
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return walk_of().robot
+
+
+def state(robot, seed):
+    """A random posture and velocity of the whole body, its root turned any way."""
+    rng = np.random.default_rng(seed)
+    tangent = rng.normal(size=robot.nv) * 0.5
+    q = pin.integrate(robot.model, pin.neutral(robot.model), tangent)
+    return q, rng.normal(size=robot.nv)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_mirrored_momentum_is_the_momentum_mirrored(robot, seed):
+    """Linear momentum is a vector, angular momentum an axial one; the feet change places."""
+    q, v = state(robot, seed)
+    here, image = robot.jacobian(q), robot.jacobian(robot.mirror_q(q, 0.6))
+    plain, seen = here.jacobian @ v, image.jacobian @ robot.mirror_v(v)
+    vector, axial = np.array([1.0, -1.0, 1.0]), np.array([-1.0, 1.0, -1.0])
+    wanted = np.concatenate(
+        [
+            plain[0:3] * vector,
+            plain[3:6] * axial,
+            plain[12:15] * vector,
+            plain[15:18] * axial,
+            plain[6:9] * vector,
+            plain[9:12] * axial,
+            plain[[19, 18]],
+        ]
+    )
+    np.testing.assert_allclose(seen, wanted, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(image.com, here.com * vector + [0.6, 0, 0], rtol=0.0, atol=1e-12)
+
+
+def test_names_that_the_model_lacks_are_refused(robot):
+    legs = robot.description.left_leg
+    for change in ({"knee": "no_such_knee"}, {"sole_frame": "no_such_sole"}):
+        wrong = replace(robot.description, left_leg=replace(legs, **change))
+        with pytest.raises(InputError, match=next(iter(change.values()))):
+            Robot(robot.model, wrong, robot.shapes)

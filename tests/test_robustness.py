@@ -12,10 +12,17 @@ from ampm.exceptions import InputError
 from docs.robustness import KEYS, keys_table
 from tests.solved import body_of, walk_of
 from validation.cli.app import Status
-from validation.study.many import Task
+from validation.study.many import Task, write_study
 from validation.study.robustness import study as robustness
-from validation.study.robustness.cells import Cell, chosen, needed, other_cells, push_cells
-from validation.study.robustness.push import PushPhase, push_instant
+from validation.study.robustness.cells import (
+    Cell,
+    PushPhase,
+    chosen,
+    needed,
+    other_cells,
+    push_cells,
+    push_instant,
+)
 from validation.study.robustness.result import CellResult, Robustness
 from validation.study.robustness.study import climb
 from validation.study.row_file import read_rows
@@ -68,8 +75,8 @@ def test_the_table_and_the_files(tmp_path):
     cause = "fell: the trunk leaned over by 60 degrees"
     assert table.rows[0] == ("com early forward", "m/s", "0.4", "", cause)
     assert table.rows[-1] == ("up", "degrees", "1 (all tried)", "1", "")
-    robustness.write(found, tmp_path)
-    assert "| com early forward |" in (tmp_path / robustness.MARKDOWN).read_text()
+    write_study(found, tmp_path / robustness.RESULT)
+    assert "| com early forward |" in (tmp_path / "robustness.md").read_text()
     written = json.loads((tmp_path / robustness.RESULT).read_text())
     assert written == found.as_dict()
     assert written["cells"][0]["survived"] == 0.4

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from ampm.control import contact_qp, limited_qp
-from ampm.exceptions import InputError, SolverError
+from ampm.exceptions import SolverError
 from ampm.qp import QPSolution, QPSolver, QPStatus
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from models.scene import BodyModel
 from tests.records import first_difference, stored
-from tests.solved import COARSE, body_of, motion_of, replays, walk_of
+from tests.solved import COARSE, body_of, replays, walk_of
 from tests.solved import simulated as walk
 from validation.measure.measure import measure
 from validation.trial.bridge import to_pinocchio
@@ -101,51 +101,6 @@ def infeasible(solution):
 # ------------------------------------------------------------------------------------------ what is recorded
 
 
-def test_a_completed_walk_has_all_its_rows():
-    record = plain()
-    duration = STEPS * walk_of(COARSE).plan.constants.step_duration
-    steps = int(duration / 0.002 + 1e-9)
-    assert record.outcome.name == OutcomeName.COMPLETED
-    assert (record.outcome.steps_completed, record.outcome.cause) == (STEPS, "")
-    assert record.outcome.time == record.time[-1] == pytest.approx(duration, abs=0.002)
-    assert record.steps == steps == record.tick_time.size
-    assert record.q.shape == (steps + 1, 41)
-    assert record.qd.shape == (steps + 1, 40)
-    assert record.point_force.shape == (steps, 12, 3)
-    assert set(record.qp_status) == {SOLVED}
-    assert (np.abs(record.torque) <= record.torque_limit).all()
-    assert np.isfinite(record.qp_residual).all()
-
-
-def test_the_walk_starts_on_the_orbit_and_is_recorded_without_a_copy():
-    record, asked = plain(), walk_of(COARSE)
-    start = motion_of(COARSE).sample(np.zeros(1), asked.robot)
-    q, v = to_pinocchio(record.q[0], record.qd[0])
-    np.testing.assert_allclose(
-        q - start.q[0], np.eye(41)[2] * -asked.run.simulation.start_depth, rtol=0.0, atol=1e-12
-    )
-    np.testing.assert_allclose(v, start.v[0], rtol=0.0, atol=1e-12)
-    for array in (record.q, record.point_place, record.com):
-        assert array.base is not None
-        assert not array.base.flags.writeable
-
-
-def test_commands_and_contacts_are_of_their_own_step():
-    record = plain()
-    asked = walk_of(COARSE)
-    np.testing.assert_array_equal(record.command_com, asked.plan.sample(record.time[:-1]).com)
-    touching = record.point_force[:, :, 2] > 0.0
-    assert touching.any(axis=1).all()
-    assert (record.point_penetration[touching] > 0.0).all()
-    assert (record.point_force[record.point_penetration <= 0.0] == 0.0).all()
-    assert 0.0 < record.point_penetration.max() < 5e-3
-    # What the controller asks for is about what the floor gives, but while a foot lands.
-    error = record.command_force[:, 2] - record.point_force[..., 2].sum(axis=1)
-    assert np.median(np.abs(error[record.time[:-1] > 0.3])) < 2.0
-    speed = np.linalg.norm(np.diff(record.point_place, axis=0)[touching], axis=1) / record.time_step
-    assert np.median(speed) < 0.05  # a stance sole creeps, it does not slide
-
-
 def test_an_exact_solver_walks_alike(monkeypatch):
     for module in (contact_qp, limited_qp):
         monkeypatch.setattr(module, "QPSolver", Exact)
@@ -175,18 +130,6 @@ def test_walks_replay_whatever_integrator_and_clock(settings):
     held = round(period / record.time_step)
     assert record.torque.shape[0] == record.steps
     assert (np.diff(record.torque[:held], axis=0) == 0.0).all()
-
-
-@pytest.mark.parametrize(
-    ("settings", "steps", "words"),
-    [
-        (("controller.frequency=300",), STEPS, r"controller\.frequency.*whole number"),
-        *(((), steps, "plan has 4") for steps in (0, 5)),
-    ],
-)
-def test_what_cannot_be_walked_is_refused(settings, steps, words):
-    with pytest.raises(InputError, match=words):
-        walk(*settings, steps=steps)
 
 
 # ----------------------------------------------------------------------------------------------- failing QPs

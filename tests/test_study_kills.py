@@ -17,7 +17,7 @@ import psutil
 import pytest
 
 import validation as val
-from validation.study.exceptions import StudyStopped
+from ampm.exceptions import StudyStopped
 from validation.study.many import Task, walk_many
 from validation.study.row_file import ROWS, read_rows
 from validation.study.sweep.table import SweepTable, read_sweep

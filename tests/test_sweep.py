@@ -8,13 +8,12 @@ import pyarrow as pa
 import pytest
 
 import validation as val
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import BodilyRefusal, InputError, StudyStopped
 from ampm.parameters import RunParameters
 from tests.sweep_table import make_table, write_sweep
 from validation.cli.app import call
-from validation.store.identity import parameter_values, run_key
+from validation.store.environment import parameter_values, run_key
 from validation.study import walk_options
-from validation.study.exceptions import StudyStopped
 from validation.study.row_file import ROWS, RowFile
 from validation.study.sweep import report, run
 from validation.study.sweep.design import load_sweep, parse_sweep
@@ -266,33 +265,6 @@ def test_the_status_is_that_of_the_worst_walk(command, capsys, ends, status):
     ENDS.update(zip((1, 4, 7), ends, strict=True))
     assert command() == status
     assert status != 5 or "--resume" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ((), "exists and is not empty"),
-        (("--resume", "--workers", "-1"), "must be at least 0"),
-        (("--resume", "--workers", "2", "--scheduler", "tcp://localhost:1"), "exclude each other"),
-        (("--resume", "--out", "{foreign}"), "holds no study"),
-        (("--out", "{file}"), "is a file"),
-        (("--resume", "--scheduler", "none.json"), "exclude each other"),
-    ],
-)
-def test_options_that_do_not_fit_are_refused(command, out, tmp_path, capsys, options, words):
-    for folder, name in ((out, ROWS), (tmp_path / "foreign", "thesis.tex")):
-        folder.mkdir()
-        (folder / name).touch()
-    place = {"foreign": tmp_path / "foreign", "file": tmp_path / "sweep.toml"}
-    assert command(*(item.format(**place) for item in options)) == 2
-    assert words in capsys.readouterr().err
-    assert WALKED == []
-
-
-@pytest.mark.parametrize("address", ["nohost", "foo://host:1", "none.json"])
-def test_a_scheduler_that_cannot_be_is_refused_at_once(tmp_path, address):
-    with pytest.raises(InputError, match=f"no dask scheduler answers at --scheduler {address}"):
-        val.sweep(parse_sweep(SWEEP), tmp_path / "out", scheduler=address)
 
 
 def test_folders_and_files_that_are_no_sweep_are_named(tmp_path):

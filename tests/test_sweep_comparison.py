@@ -1,6 +1,5 @@
 """Two canned sweeps compared: regressions are found, noise is none, and runs find their partners."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,50 +10,33 @@ import pytest
 
 from ampm.exceptions import InputError
 from tests.saved_run import make_study
+from tests.sweep_table import make_table, replaced
 from validation.judge.uncertainty import ABSOLUTE_FLOOR, Uncertainty
 from validation.study.compare.report import REPORT
 from validation.study.compare.sweeps import compare_sweeps
-from validation.study.sweep.table import METRIC, TABLE_METADATA, SweepTable
+from validation.study.sweep.table import METRIC, SweepTable, wrap_table
 
 LIMITS = {"zmp_x_rmse": 2.5e-3, "zmp_y_rmse": 1.5e-3, "failed_qp": 0.0}
-METADATA = {
-    "name": "canned",
-    "profile": "default",
-    "runs": 0,
-    "varied": ["gait.c_y"],
-    "tolerances": {name: {"limit": limit, "unit": "", "reason": ""} for name, limit in LIMITS.items()},
-    "columns": {METRIC + name: {"unit": "1" if name == "failed_qp" else "m"} for name in LIMITS},
-    "environment": {"processor": "one", "platform": "Linux", "versions": {"mujoco": "3.17.0"}},
+GRID = {"gait.c_y": [round(0.5 + 0.05 * run, 2) for run in range(10)]}
+METRICS = {
+    "zmp_x_rmse": 1e-3 + 1e-5 * np.arange(10),
+    "zmp_y_rmse": np.full(10, 5e-4),
+    "failed_qp": np.zeros(10),
 }
 
 
 def table(**changes) -> pa.Table:
     """Ten completed runs; ``zmp_x_rmse=[...]`` replaces the first values of a column."""
-    numbers = np.arange(10)
-    columns: dict[str, Any] = {
-        "run": numbers,
-        "name": [f"{n:04d}" for n in numbers],
-        "key": [f"k{n}" for n in numbers],
-        "gait.c_y": 0.5 + 0.05 * numbers,
-        "body.mass": np.full(10, 60.0),
-        "outcome": ["completed"] * 10,
-        "verdict": ["pass"] * 10,
-        METRIC + "zmp_x_rmse": 1e-3 + 1e-5 * numbers,
-        METRIC + "zmp_y_rmse": np.full(10, 5e-4),
-        METRIC + "failed_qp": np.zeros(10),
-    }
-    for name, values in changes.items():
-        key = name if name in columns else METRIC + name
-        columns[key] = [*values, *list(columns[key])[len(values) :]]
-    metadata = {TABLE_METADATA: json.dumps(METADATA).encode()}
-    return pa.table({name: pa.array(values) for name, values in columns.items()}).replace_schema_metadata(
-        metadata
-    )
+    found = make_table(grid=GRID, failures=False, recordings=False)
+    found = replaced(found, "verdict", ["pass"] * 10)
+    for name, values in {**METRICS, **changes}.items():
+        key = name if name in found.column_names else METRIC + name
+        found = replaced(found, key, [*values, *(METRICS.get(name, found[key].to_pylist()))[len(values) :]])
+    return found
 
 
 def sweep(name: str = "A", rows: slice = slice(None), **changes) -> SweepTable:
-    found = table(**changes).take(np.arange(10)[rows])
-    return SweepTable(found, METADATA, None, name)
+    return wrap_table(table(**changes).take(np.arange(10)[rows]), None, name)
 
 
 def kinds(*sides, **options) -> list[str]:

@@ -1,7 +1,6 @@
 """A plan from a table of COM, ZMP and footsteps: what its author planned, refusals, and walked."""
 
 import math
-import os
 
 import numpy as np
 import pytest
@@ -20,8 +19,7 @@ from ampm.planner.table import closed_step, repeats, table_motion
 from ampm.planners import TablePlanner
 from tests.solved import body_of, walk_of
 from validation.store.tables import plan_table, sample_times, write_columns
-from validation.trial.columns import read_columns
-from validation.trial.planners import load_planner
+from validation.trial.users import read_columns
 
 STEPS = 3
 
@@ -86,35 +84,6 @@ def test_without_accelerations_the_force_passes_through_the_com():
     com, zmp = (np.column_stack([table[f"{name}_{axis}"] for axis in "xy"]) for name in ("com", "zmp"))
     expected = GRAVITY / 0.865 * (com - zmp)
     np.testing.assert_allclose(sample.com_acceleration[:, :2], expected[: rows - 1], rtol=0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda table: table.pop("zmp_y"), "no column 'zmp_y'; add it"),
-        (
-            lambda table: table.update(
-                {"zmp_x": table["zmp_x"] + 0.1, "com_acceleration_x": 0 * table["time"]}
-            ),
-            "the plan's acceleration contradicts its COM at .* s: by .* mm of ZMP, more than 0.2 mm",
-        ),
-        (
-            lambda table: [table.update({name: column[:2]}) for name, column in list(table.items())],
-            "2 rows; give three",
-        ),
-    ],
-)
-def test_tables_that_make_no_plan(change, words):
-    table = table_of(planned(steps=1))
-    change(table)
-    with pytest.raises(InputError, match=words):
-        read(table)
-
-
-def test_a_pipe_is_no_table(tmp_path):
-    os.mkfifo(tmp_path / "plan.csv")
-    with pytest.raises(InputError, match="no regular file"):
-        load_planner(str(tmp_path / "plan.csv"))
 
 
 def test_a_table_of_few_rows_is_told_how_many_it_needs():

@@ -18,9 +18,8 @@ from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import plan_margins, step_torques
-from ampm.tune.refusal import NoFeasibleChoice
 from ampm.tune.search import RoughOrbits
-from ampm.tune.tuning import tune
+from ampm.tune.tuning import NoFeasibleChoice, tune
 from ampm.tune.ways_out import ways_out
 from validation.cli.app import Status
 from validation.run.walk import walk_planned
@@ -80,21 +79,6 @@ def test_the_guess_has_a_plan_whose_heel_rises_with_the_zmp_at_the_ball(step, c_
         assert all(LIMITS[name].margin(value) > 0.0 for value in values[name])
     for key in run.given:
         assert guessed.value(key) == run.value(key)
-
-
-def test_the_feedback_of_a_short_swing_is_fast_unless_it_is_given():
-    keys, step = ("controller.swing_stiffness", "controller.swing_damping"), "gait.step_length=0.6"
-    rates = []
-    for settings in ((step,), ("gait.step_length=0.3",), ("gait.step_length=0.3", f"{keys[0]}=500")):
-        run, robot = body_of(*settings)
-        space = FreeChoices(run, run.given, robot.description)
-        guessed = space.parameters(space.guess())
-        swing = plan_of(guessed, robot).constants.single_support_duration
-        rates.append((*(guessed.value(key) for key in keys), swing))
-    assert rates[0][:2] == (400.0, 40.0)
-    assert math.sqrt(rates[1][0]) * rates[1][2] == pytest.approx(8.0)
-    assert rates[1][1] == pytest.approx(2.0 * math.sqrt(rates[1][0]))  # critical
-    assert rates[2][0] == 500.0
 
 
 # ------------------------------------------------------------------ limits
@@ -313,17 +297,17 @@ def assert_each_way_out_is_accepted(settings, error):
 @pytest.mark.parametrize(
     ("settings", "limit", "way_out"),
     [
-        (("gait.switching_velocity=0.3",), 0.002, "raise gait.switching_velocity to "),
-        pytest.param(
-            ("gait.step_length=0.7", "gait.switching_velocity=0.5"),
-            0.002,
-            "raise gait.switching_velocity to ",
-            marks=pytest.mark.slow,
-        ),
-        (("gait.step_length=0.71", "gait.c_s=1.45", "gait.c_y=0.3"), 0.002, "lower gait.step_length to "),
-        (("gait.step_length=0.24", "gait.switching_velocity=1.6"), 0.175, "lower gait.switching_velocity to"),
         (("gait.step_length=0.65", "gait.com_height=0.95"), 0.0, "leave gait.com_height open"),
         (("gait.c_y=-1",), 0.0, "raise gait.c_y to 1"),
+        *(
+            pytest.param(settings.split(), limit, way_out, marks=pytest.mark.slow)
+            for settings, limit, way_out in (
+                ("gait.switching_velocity=0.3", 0.002, "raise gait.switching_velocity to "),
+                ("gait.step_length=0.7 gait.switching_velocity=0.5", 0.002, "raise gait.switching_velocity"),
+                ("gait.step_length=0.71 gait.c_s=1.45 gait.c_y=0.3", 0.002, "lower gait.step_length to "),
+                ("gait.step_length=0.24 gait.switching_velocity=1.6", 0.175, "lower gait.switching_velocity"),
+            )
+        ),
     ],
 )
 def test_a_refusal_tells_ways_out_that_are_accepted(settings, limit, way_out):
@@ -336,6 +320,7 @@ def test_a_refusal_tells_ways_out_that_are_accepted(settings, limit, way_out):
     assert_each_way_out_is_accepted(settings, error)
 
 
+@pytest.mark.slow
 def test_a_refusal_without_a_way_out_says_what_was_tried():
     with pytest.raises(NoFeasibleChoice) as refusal:
         tuned("gait.step_length=0.5", "controller.friction=0.02")

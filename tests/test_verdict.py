@@ -13,9 +13,9 @@ from ampm.run_file import load_run
 from models.human import sole_geometry
 from tests.walk import APART, perfect_walk, with_state
 from validation.judge.compare import compare
+from validation.judge.metric import DEFAULT_BODY
 from validation.judge.metrics import evaluate
 from validation.judge.profiles import DEFAULT, STRICT, WIDE, own_profile, profile
-from validation.judge.sizes import DEFAULT_BODY
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, build_summary, judge
 from validation.trial.outcome import Outcome, OutcomeName
@@ -126,7 +126,7 @@ def test_a_value_closer_to_its_limit_than_its_uncertainty_is_undecided(walk, shi
     if name is VerdictName.UNDECIDED:
         assert (item.passed, item.margin, item.undecided) == (None, None, True)
         assert (item.uncertainty, item.displayed(item.uncertainty)) == (0.0003, pytest.approx(0.3))
-        assert f"{1e3 * shift:.1f} ± 0.3 mm" in verdict.reason
+        assert f"{1e3 * shift:.2f} ± 0.30 mm" in verdict.reason
         assert [one.name for one in verdict.undecided] == ["zmp_x_rmse"]
 
 
@@ -140,33 +140,6 @@ def test_without_a_study_nothing_changes(walk):
 
 
 # ---------------------------------------------------------------------------------------- the summary
-
-
-def test_summary_is_plain_json_with_the_entries_of_the_contract(walk):
-    comparison = compared(walk, com_shift=(0.003, 0.0, 0.0))
-    known = {"zmp_x_rmse": 0.0003, "zmp_y_rmse": 1e-5, "zmp_x_maximum": math.inf}
-    verdict = verdict_of(comparison, DEFAULT, known)
-    summary = build_summary(comparison, verdict, timing={"simulation": 1.5}, gait="x")
-    again = json.loads(json.dumps(summary, allow_nan=False))
-    assert again == summary
-    assert (summary["outcome"], summary["verdict"], summary["steps_completed"]) == ("completed", "fail", 4)
-    metric = summary["metrics"]["zmp_x_rmse"]
-    assert metric["value"] == pytest.approx(0.003)
-    assert (metric["unit"], metric["tolerance"], metric["pass"]) == ("m", 0.0025, False)
-    assert metric["first_step"] == pytest.approx(0.003)
-    display = {"value": pytest.approx(3.0), "unit": "mm", "tolerance": 2.5}
-    assert metric["display"] == {**display, "uncertainty": 0.3, "spread": None}
-    assert (metric["uncertainty"], metric["undecided"]) == (0.0003, False)
-    assert summary["metrics"]["zmp_y_rmse"]["pass"] is True
-    assert summary["metrics"]["zmp_x_maximum"]["uncertainty"] == "inf"
-    assert "uncertainty" not in summary["metrics"]["force_x_rmse"]
-    assert summary["metrics"]["com_x_rmse"]["tolerance"] is None
-    assert not {"margin_torque", "energy_distance"} & summary["metrics"].keys()  # in sections of their own
-    assert summary["statistics"]["force_z"]["run"]["r2"] is None
-    assert summary["margins"]["knee"]["value"] is None  # no body was described
-    assert summary["zmp_error_split"]["share"]["com_position"][0] == pytest.approx(1.0)
-    assert summary["timing"] == {"simulation": 1.5}
-    assert summary["gait"] == "x"
 
 
 # ---------------------------------------------------------------------------- metrics and profiles

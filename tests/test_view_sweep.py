@@ -13,7 +13,7 @@ from tests.saved_run import make_run
 from tests.sweep_table import make_table, replaced, write_sweep
 from tests.test_rerun_log import assert_rrd
 from validation.cli.app import Status, call
-from validation.cli.view import choose, parse_runs
+from validation.cli.view import choose
 from validation.show.rerun.record import SINGLE_SUPPORT, write_recording
 from validation.show.rerun.views import PHASE
 from validation.store.saved import load_saved_run
@@ -126,21 +126,6 @@ def test_one_target_is_saved_as_it_is_and_an_existing_file_is_kept(walks, tmp_pa
     assert save(walks["one"], "--save", tmp_path / "copy.mp4") == Status.REFUSED
 
 
-def test_what_is_no_recording_is_refused(walks, tmp_path, capsys):
-    bad = tmp_path / "bad.rrd"
-    bad.write_bytes(b"RRF2 and nothing else")
-    for arguments, words in (
-        ([walks["one"], bad], "cannot be read as a recording"),
-        ([bad], "cannot be read as a recording"),
-        ([tmp_path, bad], "is no recording"),
-        ([walks["one"]] * 7, "too many"),
-        ([walks["one"], "--runs", "1"], "sweep"),
-    ):
-        assert save(*arguments, "--save", tmp_path / "x.rrd") == Status.REFUSED
-        assert words in capsys.readouterr().err
-        assert not (tmp_path / "x.rrd").exists()
-
-
 # ---------------------------------------------------------------------------------------------- sweeps
 
 
@@ -172,12 +157,6 @@ def test_worst_and_median_are_shown_by_default(sweep):
     ranked = [run for run in read_sweep(folder).worst[:60] if run in kept]  # rows are runs
     prefixes = [source.prefix for source in choose([folder], None)]
     assert prefixes == [f"run_{ranked[0]}", f"run_{ranked[len(ranked) // 2]}"]
-
-
-@pytest.mark.parametrize("text", ["", "a", "-1", "1;2"])
-def test_bad_lists_of_runs_are_refused(text):
-    with pytest.raises(InputError, match="--runs"):
-        parse_runs(text)
 
 
 def test_runs_that_cannot_be_shown_are_named(sweep, walks):

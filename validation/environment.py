@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 from dm_env import specs
-from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.walk import ControlOutput
 from validation.judge.metrics import METRICS
@@ -44,7 +44,6 @@ with set_variables({"MUJOCO_GL": "disable"}):
     from dm_control.rl import control
     from dm_control.utils import rewards
 
-Array = NDArray[np.float64]
 
 REWARDED = ("zmp_x", "zmp_y", "angular_momentum_x", "angular_momentum_y")
 """Signals whose errors make the reward."""

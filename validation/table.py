@@ -61,18 +61,12 @@ class Table:
     """Rows of texts under a title.
 
     A row of which only the first cell has a text is a heading.
-
-    Attributes:
-        title: line above; empty for none.
-        columns: header of each column; a ``>`` before it aligns the column to the right.
-        rows: cells, as many in each row as there are columns.
-        notes: sentences below.
     """
 
-    title: str
-    columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    notes: Sequence[str] = field(default=())
+    title: str  # line above; empty for none
+    columns: Sequence[str]  # header of each column; a `>` before it aligns the column to the right
+    rows: Sequence[Sequence[str]]  # cells, as many in each row as there are columns
+    notes: Sequence[str] = field(default=())  # sentences below
 
     def __post_init__(self) -> None:
         for row in self.rows:

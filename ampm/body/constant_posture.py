@@ -7,19 +7,18 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.return_map import standing
 from ampm.body.robot import Robot
 from ampm.body.step_reference import step_reference
 from ampm.exceptions import BodilyRefusal
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import Contacts
 from ampm.planner.support import StepPlan
 from ampm.walk import PostureState
-
-Array = NDArray[np.float64]
 
 CLOSING = 1.0
 """Time in which the window of the trunk's tilt closes at a stop [s]."""

@@ -46,10 +46,6 @@ def check_body(plan: StepPlan, description: BodyDescription) -> None:
 
     The gait is periodic and symmetric, so checking its first step is enough.
 
-    Args:
-        plan: centroidal motion and feet.
-        description: the body.
-
     Raises:
         BodilyRefusal: soles overlap, leg too short, planned sole points under the floor, ZMP off the sole, or
             heel rising before the ZMP has reached the ball. The way out names the changes for all failed
@@ -104,18 +100,21 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     wider = f"raise gait.step_width to {width:.4g} m or more"
     yield Limit(what, "m", width, AT_LEAST, "soles_overlap", wider), contacts.step_width
 
-    # The ZMP runs from -l_s/a_s to +l_s/a_s under the flat stance foot.
+    # The AMPM's ZMP runs from -l_s/a_s to +l_s/a_s under the flat stance foot.
+    sample, margin = plan.sample(times), plan.zmp_margin(times)
+    place = np.where((sample.stance == 1)[:, None], sample.right_placement, sample.left_placement)
+    travel = np.abs(sample.zmp - place)[sample.phase == 0, 0].max()
     end, side = min((-sole.heel_x, "heel"), (sole.tip_x, "toes"))
     what = f"the ZMP leaves the sole at the {side}: its travel either way of the reference point"
     less = f"raise gait.a_s to {l_s / end:.4g} or more, or shorten gait.step_length"
-    yield Limit(what, "m", end, AT_MOST, "zmp_leaves_sole", less), l_s * plan.constants.inverse_a_s
+    yield Limit(what, "m", end, AT_MOST, "zmp_leaves_sole", less), float(travel)
 
     left = plan.feet.left  # the left foot stands first
     risen = left.contact.any(axis=1) & ~left.contact[:, HEEL]
     if risen.any():
-        sample = plan.sample(float(left.start[risen.argmax()]))
+        rise = plan.sample(float(left.start[risen.argmax()]))
         # Rounding: a resting ZMP is at 0 m, and -0 becomes 0.
-        reached = round(float(sample.zmp[0, 0] - sample.left_placement[0, 0]), 6) + 0.0
+        reached = round(float(rise.zmp[0, 0] - rise.left_placement[0, 0]), 6) + 0.0
         reason = "heel_rises_before_zmp_reaches_ball"
         what = "the heel rises before the ZMP has reached the ball: its distance from the reference point"
         roll = (
@@ -133,13 +132,12 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     less = "lower gait.com_height, shorten gait.step_length or raise body.height"
     yield Limit(what, "m", reach, AT_MOST, "leg_too_short", less), longest
 
-    depth = np.stack([-foot.sole_points[:, :, 2].min(axis=1) for foot in plan.feet.sample(times)])
+    depth = -plan.feet.heights(times).T
     foot, at = np.unravel_index(int(depth.argmax()), depth.shape)
     what = f"the {('left', 'right')[foot]} sole is planned under the floor at {times[at]:.3f} s: its depth"
     more = "raise foot.swing_height or foot.heel_strike_angle"
     yield Limit(what, "m", FLOOR_TOLERANCE, AT_MOST, "sole_under_floor", more), float(depth.max())
 
-    sample, margin = plan.sample(times), plan.zmp_margin(times)
     # In double support the ZMP crosses the edge behind a rising heel in milliseconds; single support has no
     # tolerance.
     allowed = np.where(sample.phase == 1, ROLL_TOLERANCE, 0.0) + FLOOR_TOLERANCE

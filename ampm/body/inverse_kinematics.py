@@ -16,14 +16,12 @@ constraints (position and velocity), in the metric of the same weights, which pr
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
 from ampm.body.step_kinematics import EXACT, Kinematics, StepTrajectory, correct, follow, upright
 from ampm.body.step_reference import StepReference
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
-
-Array = NDArray[np.float64]
 
 POSTURE_WEIGHTS = {
     "root_linear": 1e-3,

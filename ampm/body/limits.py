@@ -30,25 +30,15 @@ AT_MOST, AT_LEAST = -math.inf, math.inf
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit of body, floor or formula.
+    """One limit of body, floor or formula."""
 
-    Attributes:
-        what: the measured quantity; in a check, a clause that also names the fault.
-        unit: of value, bound and target.
-        bound: hard limit.
-        target: target of a search; beyond ``bound`` on the allowed side.
-        reason: short name for tables.
-        way_out: what the user can change.
-        tolerance: by how much a check lets a value exceed the bound.
-    """
-
-    what: str
-    unit: str
-    bound: float
-    target: float
-    reason: str
-    way_out: str = ""
-    tolerance: float = 0.0
+    what: str  # the measured quantity; in a check, a clause that also names the fault
+    unit: str  # of value, bound and target
+    bound: float  # hard limit
+    target: float  # target of a search; beyond `bound` on the allowed side
+    reason: str  # short name for tables
+    way_out: str = ""  # what the user can change
+    tolerance: float = 0.0  # by how much a check lets a value exceed the bound
 
     def margin(self, value: float) -> float:
         """Normalised margin: 0 at the bound, 1 at the target, negative beyond the bound [1]."""

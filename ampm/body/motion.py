@@ -12,81 +12,54 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.walk import PostureState
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from ampm.body.robot import Robot
-    from ampm.geometry import Array
 
 
 @dataclass(frozen=True)
 class Extreme:
-    """A smallest or largest value, and where and when it occurred.
+    """A smallest or largest value, and where and when it occurred."""
 
-    Attributes:
-        value: in the unit of the quantity; NaN if nothing was measured.
-        time: when, in the step or the walk [s]; None if nothing was measured.
-        where: side, joint, foot, or both parts of the body; empty if there is none to name.
-    """
-
-    value: float
-    time: float | None = None
-    where: str = ""
+    value: float  # in the unit of the quantity; NaN if nothing was measured
+    time: float | None = None  # when, in the step or the walk [s]; None if nothing was measured
+    where: str = ""  # side, joint, foot, or both parts of the body; empty if there is none to name
 
 
 @dataclass(frozen=True)
 class MotionReport:
-    """Quantities of a periodic step.
+    """Quantities of a periodic step."""
 
-    Attributes:
-        angular_momentum_y_offset: constant of L_y that makes the step periodic [N m s].
-        residual: largest difference of the mirrored return, q and qd [rad, m, rad/s, m/s].
-        mean_trunk_pitch: over the step [rad].
-        multipliers: largest eigenvalues of the one-step return map, by magnitude, as (real, imaginary).
-        knee_minimum: smallest knee flexion, and its side; the left foot stands [rad].
-        joint_limit_margin: smallest distance of any joint from its limits, negative beyond them [rad].
-        clearance: smallest distance of two parts of the body, negative where they overlap [m].
-    """
-
-    angular_momentum_y_offset: float
-    residual: float
-    mean_trunk_pitch: float
+    angular_momentum_y_offset: float  # constant of L_y that makes the step periodic [N m s]
+    residual: float  # largest difference of the mirrored return, q and qd [rad, m, rad/s, m/s]
+    mean_trunk_pitch: float  # over the step [rad]
+    # largest eigenvalues of the one-step return map, by magnitude, as (real, imaginary)
     multipliers: tuple[tuple[float, float], ...]
-    knee_minimum: Extreme
-    joint_limit_margin: Extreme
-    clearance: Extreme
+    knee_minimum: Extreme  # smallest knee flexion, and its side; the left foot stands [rad]
+    joint_limit_margin: Extreme  # smallest distance of any joint from its limits, negative beyond them [rad]
+    clearance: Extreme  # smallest distance of two parts of the body, negative where they overlap [m]
 
 
 @dataclass(frozen=True)
 class WholeBodyMotion(Brief):
-    """One periodic step of a body: left stance, from the start of single support to the next one.
+    """One periodic step of a body: left stance, from the start of single support to the next one."""
 
-    Attributes:
-        joint_names: hinges in the order of ``v[6:]``.
-        time: grid, shape (n+1,) [s].
-        q: Pinocchio configurations (root quaternion x, y, z, w), shape (n+1, nq).
-        v: Pinocchio velocities, shape (n+1, nv).
-        acceleration: Pinocchio accelerations, shape (n+1, nv).
-        trunk_pitch: shape (n+1,) [rad].
-        angular_momentum_z: about the COM, shape (n+1,) [N m s]; not part of a plan.
-        step_length: [m].
-        report: constant of L_y, residuals, multipliers, margins.
-    """
-
-    joint_names: tuple[str, ...]
-    time: Array
-    q: Array
-    v: Array
-    acceleration: Array
-    trunk_pitch: Array
-    angular_momentum_z: Array
-    step_length: float
-    report: MotionReport
+    joint_names: tuple[str, ...]  # hinges in the order of `v[6:]`
+    time: Array  # grid, shape (n+1,) [s]
+    q: Array  # Pinocchio configurations (root quaternion x, y, z, w), shape (n+1, nq)
+    v: Array  # Pinocchio velocities, shape (n+1, nv)
+    acceleration: Array  # Pinocchio accelerations, shape (n+1, nv)
+    trunk_pitch: Array  # shape (n+1,) [rad]
+    angular_momentum_z: Array  # about the COM, shape (n+1,) [N m s]; not part of a plan
+    step_length: float  # way of a step along x [m]
+    step_rise: float  # the same along z [m]
+    report: MotionReport  # constant of L_y, residuals, multipliers, margins
 
     def __post_init__(self) -> None:
         for name, value in vars(self).copy().items():
@@ -132,6 +105,7 @@ class WholeBodyMotion(Brief):
         q[odd] = robot.mirror_q(q[odd])
         v[odd], acceleration[odd] = robot.mirror_v(v[odd]), robot.mirror_v(acceleration[odd])
         q[:, 0] += step * self.step_length
+        q[:, 2] += step * self.step_rise
         trunk, window = robot.trunk_rotations(q), np.zeros(len(t))
         state = PostureState(q, v, acceleration, trunk, np.where(odd, -yaw, yaw), window)
         for array in state:
@@ -157,15 +131,10 @@ class WholeBodyMotion(Brief):
 
 @dataclass(frozen=True)
 class PeriodicPosture(Brief):
-    """A periodic whole-body step as the posture of a walk.
+    """A periodic whole-body step as the posture of a walk."""
 
-    Attributes:
-        motion: one step.
-        robot: the body.
-    """
-
-    motion: WholeBodyMotion
-    robot: Robot
+    motion: WholeBodyMotion  # one step
+    robot: Robot  # the body
 
     def report(self) -> dict[str, Any]:
         """Values of the periodic motion, see :class:`MotionReport`."""

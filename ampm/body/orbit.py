@@ -10,7 +10,6 @@ where that fails from the periodic steps of easier plans: with a lower COM, or w
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.body.feasibility import LESS, check_motion
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
@@ -19,10 +18,9 @@ from ampm.body.return_map import Orbit, StepMap, leading_multipliers, newton, st
 from ampm.body.robot import Robot
 from ampm.body.step_reference import step_grid, step_reference
 from ampm.exceptions import BodilyRefusal, InputError
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-9
 """Largest component of the mirrored return's residual [rad, m, rad/s, m/s]."""
@@ -58,7 +56,7 @@ def solve_motion(plan: StepPlan, run: RunParameters, robot: Robot) -> WholeBodyM
 
     def map_on(grid_step: float) -> StepMap:
         reference = step_reference(plan, step_grid(plan, grid_step))
-        return StepMap(ik, reference, plan.contacts.step_length, run.body.lean)
+        return StepMap(ik, reference, plan.contacts, run.body.lean)
 
     coarse, fine = map_on(max(fine_step, min(COARSE_STEP, longest))), map_on(fine_step)
     try:
@@ -117,6 +115,7 @@ def _motion(
         step.trunk_pitch,
         step.angular_momentum_z,
         plan.contacts.step_length,
+        plan.contacts.step_rise,
         report,
     )
 

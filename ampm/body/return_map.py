@@ -9,13 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import StepReference
-
-Array = NDArray[np.float64]
+from ampm.geometry import Array
+from ampm.planner.contacts import Contacts
 
 MULTIPLIERS = 4
 """How many multipliers of the return map are reported."""
@@ -41,15 +40,15 @@ class StepMap:
     Args:
         ik: integrates the step.
         reference: the step.
-        step_length: [m].
+        contacts: their step is its way.
         lean: mean pitch of the trunk over the step [rad].
     """
 
     def __init__(
-        self, ik: InverseKinematics, reference: StepReference, step_length: float, lean: float
+        self, ik: InverseKinematics, reference: StepReference, contacts: Contacts, lean: float
     ) -> None:
         self.ik, self.reference, self.origin = ik, reference, standing(ik, reference)
-        self.step_length, self.lean = step_length, lean
+        self.contacts, self.lean = contacts, lean
         nv = self.ik.robot.nv
         self.n = 2 * nv + 1
         self.scale = np.concatenate([np.ones(nv), np.full(nv, _VELOCITY_SCALE), [_OFFSET_SCALE]])
@@ -57,7 +56,7 @@ class StepMap:
     def easier(self, drop: float, share: float) -> "StepMap":
         """The map of the same step with the COM lower by ``drop`` [m] and a share of the angular momentum."""
         reference = self.reference.lowered(drop).with_momentum_share(share)
-        return StepMap(self.ik, reference, self.step_length, self.lean)
+        return StepMap(self.ik, reference, self.contacts, self.lean)
 
     def encode(self, q: Array, v: Array, offset: float) -> Array:
         """Unknowns of a start state and a constant of L_y [N m s]."""
@@ -85,7 +84,8 @@ class StepMap:
     def returned(self, trajectory: StepTrajectory, offset: float) -> Array:
         """Unknowns of the step's mirrored end."""
         robot = self.ik.robot
-        q = robot.mirror_q(trajectory.q[-1], -self.step_length)
+        way = self.contacts
+        q = robot.mirror_q(trajectory.q[-1], -way.step_length, -way.step_rise)
         return self.encode(q, robot.mirror_v(trajectory.v[-1]), offset)
 
     def mean_pitch(self, trajectory: StepTrajectory) -> float:
@@ -165,21 +165,13 @@ class BroydenInverse:
 
 @dataclass
 class Orbit:
-    """A periodic step: a fixed point of one map.
+    """A periodic step: a fixed point of one map."""
 
-    Attributes:
-        reference: tasks of the body, on the grid.
-        z: unknowns of the map, see :class:`StepMap`.
-        trajectory: the step.
-        offset: constant of L_y [N m s].
-        inverse: approximate inverse Jacobian, for the next search nearby.
-    """
-
-    reference: StepReference
-    z: Array
-    trajectory: StepTrajectory
-    offset: float
-    inverse: BroydenInverse | None
+    reference: StepReference  # tasks of the body, on the grid
+    z: Array  # unknowns of the map, see `StepMap`
+    trajectory: StepTrajectory  # the step
+    offset: float  # constant of L_y [N m s]
+    inverse: BroydenInverse | None  # approximate inverse Jacobian, for the next search nearby
 
 
 def newton(

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ampm.compiled import compiled, records
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.vectors import (
     ZERO,
     Vector,
@@ -42,7 +43,6 @@ from ampm.vectors import (
     vector,
 )
 
-Array = NDArray[np.float64]
 Records = Any
 """Structured array, whose entries numba and a record array give as attributes."""
 

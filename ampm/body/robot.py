@@ -5,73 +5,52 @@ The ``pin.Model`` is an argument, so this module is independent of the simulator
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from ampm.body.rigid_body import RigidBody
-
-    Array = NDArray[np.float64]
 
 TASK_ROWS = 6 + 2 * 6
 """com 3, angular momentum 3, left foot 6 (linear, angular), right foot 6; toes are further rows."""
 
 
 class TaskTerms(NamedTuple):
-    """Task Jacobian and poses of one state.
+    """Task Jacobian and poses of one state."""
 
-    Attributes:
-        jacobian: rows com velocity [m/s], angular momentum about the COM / mass [m^2/s], left foot, right
-            foot (linear then angular, world axes), toe joints; shape (R, nv).
-        com: COM in world, shape (3,) [m].
-        sole: places of both soles in world, shape (2, 3) [m].
-        sole_turn: their rotations to world, shape (2, 3, 3).
-    """
-
+    # rows com velocity [m/s], angular momentum about the COM / mass [m^2/s], left foot, right foot (linear
+    # then angular, world axes), toe joints; shape (R, nv)
     jacobian: Array
-    com: Array
-    sole: Array
-    sole_turn: Array
+    com: Array  # COM in world, shape (3,) [m]
+    sole: Array  # places of both soles in world, shape (2, 3) [m]
+    sole_turn: Array  # their rotations to world, shape (2, 3, 3)
 
 
 class Unsupported(NamedTuple):
-    """What a motion needs; a ground force takes from the torques by its part of ``jacobian``.
+    """What a motion needs; a ground force takes from the torques by its part of ``jacobian``."""
 
-    Attributes:
-        jacobian: columns of the hinges, see :class:`TaskTerms`, shape (T, R, nu).
-        torque: of the hinges without any contact, dampers, springs and dry friction included, (T, nu) [N m].
-        force: of the floor on the body, in world, shape (T, 3) [N].
-        moment: of the same about the world's origin, shape (T, 3) [N m].
-    """
-
-    jacobian: Array
+    jacobian: Array  # columns of the hinges, see `TaskTerms`, shape (T, R, nu)
+    # of the hinges without any contact, dampers, springs and dry friction included, (T, nu) [N m]
     torque: Array
-    force: Array
-    moment: Array
+    force: Array  # of the floor on the body, in world, shape (T, 3) [N]
+    moment: Array  # of the same about the world's origin, shape (T, 3) [N m]
 
 
 class Gaps(NamedTuple):
-    """Parts of a body that come closest to each other, at T configurations.
+    """Parts of a body that come closest to each other, at T configurations."""
 
-    Attributes:
-        distance: negative where they overlap, shape (T,) [m].
-        parts: names of both, T texts; empty where nothing is near.
-        points: nearest points of both, in world, shape (T, 2, 3) [m]; NaN where nothing is near.
-    """
-
-    distance: Array
-    parts: tuple[str, ...]
-    points: Array
+    distance: Array  # negative where they overlap, shape (T,) [m]
+    parts: tuple[str, ...]  # names of both, T texts; empty where nothing is near
+    points: Array  # nearest points of both, in world, shape (T, 2, 3) [m]; NaN where nothing is near
 
 
 class BodyShapes(Protocol):
@@ -194,11 +173,12 @@ class Robot:
         """Reflect joint values (..., nu) in the sagittal plane."""
         return values[..., self._mirror_index] * self._mirror_sign
 
-    def mirror_q(self, q: Array, advance: float = 0.0) -> Array:
-        """Reflect configurations (..., nq) in the plane y = 0 and move them by ``advance`` along x [m]."""
+    def mirror_q(self, q: Array, advance: float = 0.0, rise: float = 0.0) -> Array:
+        """Reflect configurations (..., nq) in the plane y = 0; move them along x and z [m]."""
         out = q.copy()
         out[..., [1, 3, 5]] *= -1.0  # y, and of the quaternion x, y, z, w roll and yaw
         out[..., 0] += advance
+        out[..., 2] += rise
         out[..., 7:] = self.mirror_joints(q[..., 7:])
         return out
 

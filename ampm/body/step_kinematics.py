@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ampm.body.rigid_body import moved, place_body, place_of, task_drift
 from ampm.body.step_reference import StepReference
 from ampm.compiled import compiled
+from ampm.geometry import Array
 from ampm.vectors import column, minus, multiply, plus, put, rotation_vector, times, turned, vector
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 EXACT = 1e-12
@@ -28,57 +28,32 @@ _L_Z = 5  # row of the angular momentum about z
 
 
 class Kinematics(NamedTuple):
-    """A body, the rows of its tasks that are met, and the posture that it is pulled to.
+    """A body, the rows of its tasks that are met, and the posture that it is pulled to."""
 
-    Attributes:
-        tree: of the body.
-        link: of the state that was placed last.
-        soles: frames of the feet.
-        trunk: frame of the trunk.
-        columns: transposed task Jacobian of that state, shape (nv, R).
-        rows: of the tasks, shape (m,).
-        position_rows: of the tasks that a configuration has, shape (P,).
-        toes: indices of the toe joints in q, shape (T,).
-        miss: errors of the positions of the state that was placed last, shape (P,).
-        weight: W of the coordinates, shape (nv,).
-        rest: angles of the hinges at rest, shape (nu,) [rad].
-        free: hinges with a posture, those that are not of the legs, shape (nu,).
-        stiffness: k [1/s^2].
-        damping: d [1/s].
-    """
-
-    tree: Any
-    link: Any
-    soles: Any
-    trunk: Any
-    columns: Array
-    rows: Rows
-    position_rows: Rows
-    toes: Rows
-    miss: Array
-    weight: Array
-    rest: Array
-    free: NDArray[np.bool_]
-    stiffness: float
-    damping: float
+    tree: Any  # of the body
+    link: Any  # of the state that was placed last
+    soles: Any  # frames of the feet
+    trunk: Any  # frame of the trunk
+    columns: Array  # transposed task Jacobian of that state, shape (nv, R)
+    rows: Rows  # of the tasks, shape (m,)
+    position_rows: Rows  # of the tasks that a configuration has, shape (P,)
+    toes: Rows  # indices of the toe joints in q, shape (T,)
+    miss: Array  # errors of the positions of the state that was placed last, shape (P,)
+    weight: Array  # W of the coordinates, shape (nv,)
+    rest: Array  # angles of the hinges at rest, shape (nu,) [rad]
+    free: NDArray[np.bool_]  # hinges with a posture, those that are not of the legs, shape (nu,)
+    stiffness: float  # k [1/s^2]
+    damping: float  # d [1/s]
 
 
 class StepTrajectory(NamedTuple):
-    """One integrated step: states and accelerations at the n + 1 times of the grid.
+    """One integrated step: states and accelerations at the n + 1 times of the grid."""
 
-    Attributes:
-        q: Pinocchio configurations, shape (n+1, nq).
-        v: Pinocchio velocities, shape (n+1, nv).
-        acceleration: Pinocchio accelerations, shape (n+1, nv).
-        trunk_pitch: pitch of the trunk segment, shape (n+1,) [rad].
-        angular_momentum_z: about the COM, shape (n+1,) [N m s].
-    """
-
-    q: Array
-    v: Array
-    acceleration: Array
-    trunk_pitch: Array
-    angular_momentum_z: Array
+    q: Array  # Pinocchio configurations, shape (n+1, nq)
+    v: Array  # Pinocchio velocities, shape (n+1, nv)
+    acceleration: Array  # Pinocchio accelerations, shape (n+1, nv)
+    trunk_pitch: Array  # pitch of the trunk segment, shape (n+1,) [rad]
+    angular_momentum_z: Array  # about the COM, shape (n+1,) [N m s]
 
 
 @compiled

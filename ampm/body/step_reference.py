@@ -3,36 +3,26 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ampm.body.robot import TASK_ROWS
+from ampm.geometry import Array
 from ampm.planner.feet import foot_rotation, foot_turning
 from ampm.planner.support import StepPlan
-
-Array = NDArray[np.float64]
 
 _MOMENTUM = slice(3, 5)  # rows of the angular momentum about x and y
 _L_Y = 4
 
 
 class StepReference(NamedTuple):
-    """Tasks at the n + 1 times of a step's grid; F = 2 soles, T toe joints, R = 18 + T rows.
+    """Tasks at the n + 1 times of a step's grid; F = 2 soles, T toe joints, R = 18 + T rows."""
 
-    Attributes:
-        time: shape (n+1,) [s], the first step of the plan.
-        position: com, left sole, right sole, shape (n+1, 1 + F, 3) [m].
-        rotation: of the soles to world, shape (n+1, F, 3, 3).
-        toe: angles of the toe joints, shape (n+1, 2) [rad].
-        velocity: of the tasks in the order of their rows, shape (n+1, R).
-        acceleration: of the same rows, shape (n+1, R).
-    """
-
-    time: Array
-    position: Array
-    rotation: Array
-    toe: Array
-    velocity: Array
-    acceleration: Array
+    time: Array  # shape (n+1,) [s], the first step of the plan
+    position: Array  # com, left sole, right sole, shape (n+1, 1 + F, 3) [m]
+    rotation: Array  # of the soles to world, shape (n+1, F, 3, 3)
+    toe: Array  # angles of the toe joints, shape (n+1, 2) [rad]
+    velocity: Array  # of the tasks in the order of their rows, shape (n+1, R)
+    acceleration: Array  # of the same rows, shape (n+1, R)
 
     def lowered(self, drop: float) -> "StepReference":
         """The same step with the COM lower by ``drop`` [m], which is easier for the legs."""

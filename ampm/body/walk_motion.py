@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from ampm.body.constant_posture import ConstantPosture, turned
 from ampm.body.feasibility import joint_groups
@@ -19,10 +18,9 @@ from ampm.body.limits import AT_LEAST, AT_MOST, CLEARANCE, Limit, check
 from ampm.body.robot import Robot
 from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import StepReference, step_reference
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
-
-Array = NDArray[np.float64]
 
 _PIECE, _INTERVALS = 0.04, 5
 """Longest time for which heading and feedback are held [s], and intervals of the grid in it."""
@@ -47,25 +45,17 @@ _WAYS_OUT = {
 
 
 class _Followed(NamedTuple):
-    """A followed walk; NaN where it is not known.
+    """A followed walk; NaN where it is not known."""
 
-    Attributes:
-        time: shape (T,) [s].
-        share: torques of the hinges over their limits, in double support of trunk and arms only, (T, nu) [1].
-        rate: of the hinges, shape (T, nu) [rad/s].
-        beyond: sideward angle of the ankles beyond their range, of others 0, shape (T, nu) [rad].
-        gap: of the body's parts at the start, then at every other instant until a leg does not reach, (K,)
-            [m].
-        parts: names of those that are next to each other, K texts.
-        lost: pieces in which a leg does not reach: begin and end [s], and why.
-    """
-
-    time: Array
+    time: Array  # shape (T,) [s]
+    # torques of the hinges over their limits, in double support of trunk and arms only, (T, nu) [1]
     share: Array
-    rate: Array
-    beyond: Array
+    rate: Array  # of the hinges, shape (T, nu) [rad/s]
+    beyond: Array  # sideward angle of the ankles beyond their range, of others 0, shape (T, nu) [rad]
+    # of the body's parts at the start, then at every other instant until a leg does not reach, (K,) [m]
     gap: Array
-    parts: tuple[str, ...]
+    parts: tuple[str, ...]  # names of those that are next to each other, K texts
+    # pieces in which a leg does not reach: begin and end [s], and why
     lost: list[tuple[float, float, Unreachable]]
 
 

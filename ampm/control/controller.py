@@ -19,22 +19,12 @@ from ampm.control.forces import share_forces, without_closed
 from ampm.control.limited_qp import LimitedQP, acceleration_bounds
 from ampm.control.tick import after, before, keep, torques
 from ampm.control.workspace import make_workspace
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.qp import QPSettings, QPSolution, QPStatus
 from ampm.reference import reference_type
 from ampm.stepping.tracker import SteppedTick, StepTracker
-from ampm.vectors import Array
-from ampm.walk import (
-    LIMITED,
-    SOLVED,
-    UNSOLVED,
-    ControlOutput,
-    Reference,
-    State,
-    Timing,
-    Touch,
-    WalkPlan,
-)
+from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, Reference, State, Timing, Touch, WalkPlan
 
 _END_SOFTNESS = 1e-2  # of the task of a toe that is at the end of its range
 

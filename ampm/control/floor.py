@@ -9,11 +9,14 @@ from typing import Any
 
 from ampm.compiled import compiled
 from ampm.control.workspace import BALL, HEEL, TIP, Workspace
+from ampm.geometry import Array
 
 LEVEL = 0.008
 """Height over the plan's floor that is not followed [m]: soles sink into a floor by some millimetres."""
-FLAT = 0.03
-"""Slope that is not followed [1]."""
+FLAT = 0.012
+"""Mean slope that is not followed [1]."""
+AVERAGE = 5.0
+"""Rate of the mean of the slope [1/s]: on a soft floor a sole tilts to and fro with its load."""
 UPRIGHT = 0.995
 """Cosine of a sole's tilt below which it stands on an edge."""
 RATE = 40.0
@@ -32,10 +35,12 @@ def follow_floor(work: Workspace) -> None:
     for i in range(len(feet)):
         foot, other, lines = feet[i], feet[1 - i], work.contact.lines
         if _stands(lines[i]):
-            _feel(foot, lines[i], work.body.com[2] - wanted.foot_position[i, 2])
+            _feel(
+                foot, lines[i], wanted.foot_rotation[i], work.body.com[2] - wanted.foot_position[i, 2], tick
+            )
         elif _stands(lines[1 - i]):
             x, y, _ = wanted.foot_position[i] - wanted.foot_position[1 - i]
-            foot.floor = other.floor + other.slope[0] * x + other.slope[1] * y
+            foot.floor = other.floor + _beyond(other.slope[0], FLAT) * x + _beyond(other.slope[1], FLAT) * y
         planned = lines[i, HEEL].planned or lines[i, BALL].planned
         foot.late = foot.late + tick if planned and not _stands(lines[i]) else 0.0
         foot.hurry = min(HURRY * max(foot.late - PATIENCE, 0.0), FASTEST)
@@ -56,21 +61,25 @@ def _stands(lines: Any) -> bool:
 
 
 @compiled
-def _feel(foot: Any, lines: Any, height: float) -> None:
-    """Height and slope of the floor under a foot that stands flat, as planned.
+def _feel(foot: Any, lines: Any, planned: Array, height: float, tick: float) -> None:
+    """Height and slope of the floor over the plan's, under a foot that stands flat, as planned.
 
     Args:
         foot: it keeps both.
         lines: of the foot.
+        planned: rotation of its sole to world, shape (3, 3).
         height: of the COM over the planned sole [m].
+        tick: period of the control [s].
     """
     heel, ball = lines[HEEL], lines[BALL]
-    planned = heel.planned and ball.planned
-    loaded = planned and heel.opening == 1.0 and heel.limit == 1.0 and ball.opening == 1.0
+    loaded = (
+        heel.planned and ball.planned and heel.opening == 1.0 and heel.limit == 1.0 and ball.opening == 1.0
+    )
     if loaded and heel.touching and ball.touching and foot.pose[2, 2] > UPRIGHT:
         foot.floor = _beyond(height + foot.place[2], LEVEL)
-        foot.slope[0] = _beyond(-foot.pose[0, 2] / foot.pose[2, 2], FLAT)
-        foot.slope[1] = _beyond(-foot.pose[1, 2] / foot.pose[2, 2], FLAT)
+        for axis in range(2):
+            slope = planned[axis, 2] / planned[2, 2] - foot.pose[axis, 2] / foot.pose[2, 2]
+            foot.slope[axis] += AVERAGE * tick * (slope - foot.slope[axis])
 
 
 @compiled

@@ -10,7 +10,8 @@ from typing import Any
 
 from ampm.compiled import compiled
 from ampm.control.workspace import ANGULAR, TIP
-from ampm.vectors import Array, cross, put, times, vector
+from ampm.geometry import Array
+from ampm.vectors import cross, put, times, vector
 
 TWIST_ARM = 0.1
 """Lever that turns a twisting moment into a force of the size of the others [m]."""

@@ -7,7 +7,8 @@ import numpy as np
 
 from ampm.compiled import compiled
 from ampm.control.workspace import PlacedBody, SteppingState, Wrench
-from ampm.vectors import Array, clip, put, times, vector
+from ampm.geometry import Array
+from ampm.vectors import clip, put, times, vector
 
 OPEN = 0.2
 """Share of its force limit from which a point counts as support [1]."""
@@ -120,15 +121,15 @@ def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, command: Wre
     sole = places[: open_points(body.points, com, cos, sin, places)]
     if len(sole) == 0:
         return
-    height = com[2] - state.floor
-    down = body.gravity + wanted.com_acceleration[2]
+    height = com[2] - state.planned_slope * com[0] - state.floor
+    down = body.gravity + wanted.com_acceleration[2] - state.planned_slope * wanted.com_acceleration[0]
     planned_r, planned_arm, r_shift, arm_shift = np.empty(2), np.empty(2), np.empty(2), np.empty(2)
     planned_arm[0] = -wanted.moment[1] / (body.mass * down)
     planned_arm[1] = wanted.moment[0] / (body.mass * down)
     arm_shift[0] = -moment[1] / force[2] - planned_arm[0]
     arm_shift[1] = moment[0] / force[2] - planned_arm[1]
     for axis in range(2):
-        lean = (wanted.com[2] - state.floor) / down
+        lean = (wanted.com[2] - state.planned_slope * wanted.com[0] - state.floor) / down
         planned_r[axis] = wanted.com[axis] - lean * wanted.com_acceleration[axis]
         r_shift[axis] = com[axis] - height * force[axis] / force[2] - planned_r[axis]
     # In the axes of the foot.

@@ -4,7 +4,8 @@ from typing import Any
 
 from ampm.compiled import compiled
 from ampm.control.workspace import PlacedBody, Wrench
-from ampm.vectors import Array, Vector, column, cross, minus, plus, put, times, vector
+from ampm.geometry import Array
+from ampm.vectors import Vector, column, cross, minus, plus, put, times, vector
 
 
 @compiled

@@ -9,7 +9,8 @@ from typing import Any
 from ampm.compiled import compiled
 from ampm.control.stabilizer import rotation_error
 from ampm.control.workspace import BALL, HEEL, TIP, Workspace
-from ampm.vectors import ZERO, Array, Vector, cross, minus, plus, put, times, vector
+from ampm.geometry import Array
+from ampm.vectors import ZERO, Vector, cross, minus, plus, put, times, vector
 
 STANCE, SWING = 1e-8, 1e-4
 """Softness of a foot's acceleration task when it stands and when it swings, in the metric of the posture."""

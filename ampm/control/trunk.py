@@ -9,7 +9,8 @@ from typing import Any
 
 from ampm.compiled import compiled
 from ampm.control.workspace import Tilt
-from ampm.vectors import Array, Vector
+from ampm.geometry import Array
+from ampm.vectors import Vector
 
 
 @compiled

@@ -16,9 +16,9 @@ from ampm.body.rigid_body import frames_of
 from ampm.body.robot import Robot
 from ampm.compiled import fields_of, records
 from ampm.controller_parameters import ControllerParameters
+from ampm.geometry import Array
 from ampm.reference import FIELDS
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 HEEL, BALL, TIP = 0, 1, 2
@@ -44,7 +44,7 @@ FOOT = [
     ("late", np.float64),  # time for which its planned contact has been missing [s]
     ("hurry", np.float64),  # its speed downwards beyond the touch-down velocity [m/s]
     ("floor", np.float64),  # height of the floor under it over the plan's [m]
-    ("slope", np.float64, (2,)),  # of the floor: dz/dx, dz/dy [1]
+    ("slope", np.float64, (2,)),  # of the floor over the plan's: dz/dx, dz/dy [1]
     ("raised", np.float64),  # height by which its reference is raised [m]
     ("raised_rate", np.float64),  # [m/s]
 ]
@@ -93,7 +93,8 @@ class SteppingState:
     active: bool  # whether it has, or is disturbed: COM and trunk share what the sole can give
     com_first: bool  # whether the COM comes before the trunk in what the sole can give
     heading: Annotated[Array, (2,)]  # cosine and sine of the standing foot's
-    floor: float  # height under the body [m]
+    floor: float  # height under the body, over the plan's floor [m]
+    planned_slope: float  # of the plan's floor: dz/dx [1]
     force_factor: float  # of the commanded force, which holds the COM's height [1]
     single: bool  # whether this is a single support
     stance: int  # foot that stands; in double support the one that leaves
@@ -112,7 +113,7 @@ class SteppingState:
     excess: float  # by which the wanted displacement is beyond its limits [m]
     shift: Annotated[Array, (2, 3)]  # of every foot from where it was planned [m]
     swing: Annotated[Array, (3, 3)]  # the same of the swing foot: value and two derivatives
-    slope: Annotated[Array, (2,)]  # of the floor: dz/dx, dz/dy [1]
+    slope: Annotated[Array, (2,)]  # of the floor over the plan's: dz/dx, dz/dy [1]
     height: Annotated[Array, (2,)]  # of the COM over its plan, and its rate [m, m/s]
     sag: float  # by which the COM goes down for a long step [m]
     away: float  # largest component of the COM's distance from the plan's [m]

@@ -13,27 +13,18 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from ampm.planner.pendulum import LawState
-
-Array = NDArray[np.float64]
 
 
 class Shape(NamedTuple):
-    """The function sigma at some times, with its derivative and its integrals since the begin.
+    """The function sigma at some times, with its derivative and its integrals since the begin."""
 
-    Attributes:
-        value: [1].
-        rate: [1/s].
-        integral: [s].
-        double_integral: [s^2].
-    """
-
-    value: Any
-    rate: Any
-    integral: Any
-    double_integral: Any
+    value: Any  # [1]
+    rate: Any  # [1/s]
+    integral: Any  # [s]
+    double_integral: Any  # [s^2]
 
 
 def shape(rate: Any, duration: Any, time: Any) -> Shape:
@@ -64,24 +55,15 @@ def shape(rate: Any, duration: Any, time: Any) -> Shape:
 
 @dataclass(frozen=True)
 class BlendLaw:
-    """A law that blends force point, ZMP and moment arm from one support to the next.
+    """A law that blends force point, ZMP and moment arm from one support to the next."""
 
-    Attributes:
-        omega: sqrt(g / H) [1/s].
-        rate: k of the blend [1/s].
-        duration: [s].
-        position, velocity: of the COM at the begin [m, m/s].
-        force_point: r at begin and end [m].
-        moment_arm: q at begin and end [m].
-    """
-
-    omega: float
-    rate: float
-    duration: float
-    position: float
-    velocity: float
-    force_point: tuple[float, float]
-    moment_arm: tuple[float, float]
+    omega: float  # sqrt(g / H) [1/s]
+    rate: float  # k of the blend [1/s]
+    duration: float  # [s]
+    position: float  # of the COM at the begin [m]
+    velocity: float  # likewise [m/s]
+    force_point: tuple[float, float]  # r at begin and end [m]
+    moment_arm: tuple[float, float]  # q at begin and end [m]
 
     def evaluate(self, time: Any) -> LawState:
         """State at times since the start of the phase [s]."""
@@ -106,30 +88,19 @@ class BlendLaw:
 
 
 class HeightState(NamedTuple):
-    """State of a height at some times; every field has the shape of the times.
+    """State of a height at some times; every field has the shape of the times."""
 
-    Attributes:
-        position: height of the COM [m].
-        velocity: [m/s].
-        acceleration: [m/s^2].
-        support: height of the support [m].
-    """
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-    support: Array
+    position: Array  # height of the COM [m]
+    velocity: Array  # [m/s]
+    acceleration: Array  # [m/s^2]
+    support: Array  # height of the support [m]
 
 
 @dataclass(frozen=True)
 class HeightLaw:
-    """The height of the COM over a support whose height blends as a ZMP does.
+    """The height of the COM over a support whose height blends as a ZMP does."""
 
-    Attributes:
-        blend: of these heights; its force point is the height that the COM follows.
-    """
-
-    blend: BlendLaw
+    blend: BlendLaw  # of these heights; its force point is the height that the COM follows
 
     def evaluate(self, time: Any) -> HeightState:
         """State at times since the start of the phase [s]."""

@@ -3,8 +3,12 @@
 A :class:`CentroidalPlan` gives COM, ZMP, force and angular momentum about the COM for arrays of times, and
 its own residuals.
 
-Conventions: world x forward, y left, z up, floor z = 0 except under footsteps of another height; forces and
-moments act on the body.
+Conventions: world x forward, y left, z up, floor z = 0 except on a slope and under footsteps of another
+height; forces and moments act on the body.
+
+On a slope the COM moves parallel to the floor. Its motion along x and y, the ZMP along x, the moments and the
+angular momentum are those of the walk on level ground: ``z = H + k x`` gives ``F_z = m (g + k x'')``, and the
+pendulum along x keeps its law (Kajita et al., "The 3D Linear Inverted Pendulum Mode", IROS 2001).
 """
 
 from __future__ import annotations
@@ -19,12 +23,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.brief import Brief, Described
 from ampm.exceptions import InputError
-from ampm.geometry import rotations
+from ampm.geometry import Array, rotations
 from ampm.planner.blend import HeightLaw
 from ampm.planner.contacts import PHASE_NAMES, STANCE_NAMES, Contacts, times_within
 from ampm.planner.pendulum import LawState
-
-Array = NDArray[np.float64]
 
 _SWITCH_TOLERANCE = 1e-12  # times this close before a switch belong to the phase that begins [s]
 
@@ -37,27 +39,17 @@ class Law(Protocol):
 
 
 class CentroidalPhase(NamedTuple):
-    """One phase of the centroidal motion: the law of each axis about an explicit origin and heading.
+    """One phase of the centroidal motion: the law of each axis about an explicit origin and heading."""
 
-    Attributes:
-        start: [s].
-        duration: [s].
-        origin: world (x, y) from which both laws count [m].
-        x: law along the heading.
-        y: law across it, to the left.
-        angular_momentum: (L_x, L_y) about the COM at the start, L_y without the plan's constant [N m s].
-        heading: of the laws' axes [rad].
-        z: law of the COM's height; None at the plan's own height over the floor z = 0.
-    """
-
-    start: float
-    duration: float
-    origin: tuple[float, float]
-    x: Law
-    y: Law
+    start: float  # [s]
+    duration: float  # [s]
+    origin: tuple[float, float]  # world (x, y) from which both laws count [m]
+    x: Law  # law along the heading
+    y: Law  # law across it, to the left
+    # (L_x, L_y) about the COM at the start, L_y without the plan's constant [N m s]
     angular_momentum: tuple[float, float]
-    heading: float = 0.0
-    z: HeightLaw | None = None
+    heading: float = 0.0  # of the laws' axes [rad]
+    z: HeightLaw | None = None  # law of the COM's height; None at the plan's own height over the floor z = 0
 
 
 def _constant(unit: str, meaning: str) -> Any:
@@ -93,23 +85,14 @@ class PlanConstants:
 
 @dataclass(frozen=True)
 class PlanResiduals:
-    """Largest jump over all switches, relative to H, v0, g, H, m g H and m H v0.
+    """Largest jump over all switches, relative to H, v0, g, H, m g H and m H v0."""
 
-    Attributes:
-        position: of the COM, over H [1].
-        velocity: of the COM, over v0 [1].
-        acceleration: of the COM, over g [1].
-        zmp: of the ZMP, over H [1].
-        moment: about the COM, over m g H [1].
-        angular_momentum: about the COM, over m H v0 [1].
-    """
-
-    position: float
-    velocity: float
-    acceleration: float
-    zmp: float
-    moment: float
-    angular_momentum: float
+    position: float  # of the COM, over H [1]
+    velocity: float  # of the COM, over v0 [1]
+    acceleration: float  # of the COM, over g [1]
+    zmp: float  # of the ZMP, over H [1]
+    moment: float  # about the COM, over m g H [1]
+    angular_momentum: float  # about the COM, over m H v0 [1]
 
     @property
     def largest(self) -> float:
@@ -119,42 +102,25 @@ class PlanResiduals:
 
 @dataclass(frozen=True)
 class PlanSample(Brief):
-    """The plan at N times; all vectors in world, all arrays read-only.
+    """The plan at N times; all vectors in world, all arrays read-only."""
 
-    Attributes:
-        time: shape (N,) [s].
-        phase: 0 single support, 1 double support, shape (N,), int8.
-        stance: 0 left, 1 right, 2 both, shape (N,), int8.
-        com: shape (N, 3) [m].
-        com_velocity: shape (N, 3) [m/s].
-        com_acceleration: shape (N, 3) [m/s^2].
-        dcm: divergent component of motion, com + com_velocity sqrt(H/g), shape (N, 2) [m].
-        zmp: on the level plane of height ``floor``, shape (N, 2) [m].
-        floor: height of the support: of the standing foot, in double support of a point on the line between
-            the feet, shape (N,) [m].
-        force: ground reaction on the body, shape (N, 3) [N].
-        moment: moment (x, y) of that force about the COM, shape (N, 2) [N m].
-        angular_momentum: (L_x, L_y) about the COM, shape (N, 2) [N m s].
-        left_placement: left foot's placement in force, the next one while it swings, shape (N, 2) [m].
-        right_placement: the same of the right foot, shape (N, 2) [m].
-        heading: mean of these placements' headings, shape (N,) [rad].
-    """
-
-    time: Array
-    phase: NDArray[np.int8]
-    stance: NDArray[np.int8]
-    com: Array
-    com_velocity: Array
-    com_acceleration: Array
-    dcm: Array
-    zmp: Array
+    time: Array  # shape (N,) [s]
+    phase: NDArray[np.int8]  # 0 single support, 1 double support, shape (N,), int8
+    stance: NDArray[np.int8]  # 0 left, 1 right, 2 both, shape (N,), int8
+    com: Array  # shape (N, 3) [m]
+    com_velocity: Array  # shape (N, 3) [m/s]
+    com_acceleration: Array  # shape (N, 3) [m/s^2]
+    dcm: Array  # divergent component of motion, com + com_velocity sqrt(H/g), shape (N, 2) [m]
+    zmp: Array  # on the level plane of height `floor`, shape (N, 2) [m]
+    # height of the support: of the standing foot, in double support of a point on the line between the feet;
+    # on a slope of the floor under the ZMP, shape (N,) [m]
     floor: Array
-    force: Array
-    moment: Array
-    angular_momentum: Array
-    left_placement: Array
-    right_placement: Array
-    heading: Array
+    force: Array  # ground reaction on the body, shape (N, 3) [N]
+    moment: Array  # moment (x, y) of that force about the COM, shape (N, 2) [N m]
+    angular_momentum: Array  # (L_x, L_y) about the COM, shape (N, 2) [N m s]
+    left_placement: Array  # left foot's placement in force, the next one while it swings, shape (N, 2) [m]
+    right_placement: Array  # the same of the right foot, shape (N, 2) [m]
+    heading: Array  # mean of these placements' headings, shape (N,) [rad]
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
@@ -295,7 +261,7 @@ class CentroidalPlan(Described, Brief):
         moved = np.zeros((3, len(index), 3))
         moved[0, :, :2], moved[1, :, :2], moved[2, :, :2] = origin + state.position, *state[1:3]
         moved[0, :, 2], zmp, floor = self.com_height, origin + state.zmp, np.zeros(len(index))
-        if self._climbs:
+        if self.climbs:
             for number in np.unique(index):
                 rows, law = index == number, self.phases[number].z
                 if law is not None:
@@ -304,10 +270,18 @@ class CentroidalPlan(Described, Brief):
             force = self.mass * (moved[2] + np.array([0.0, 0.0, self.gravity]))
             arm = (moved[0, :, 2] - floor)[:, None] * force[:, :2] + moment[:, ::-1] * np.array([1.0, -1.0])
             zmp = moved[0, :, :2] - arm / force[:, 2:]
+        if slope := self.contacts.slope:
+            # With heights that grow by the slope, the force along x, the moment and the ZMP along x remain.
+            ahead, across = (moved[0, :, :2] - zmp).T
+            moved[:, :, 2] += slope * moved[:, :, 0]
+            lateral = across * self.gravity + slope * ahead * moved[2, :, 1]
+            zmp[:, 1] = moved[0, :, 1] - lateral / (self.gravity + moved[2, :, 2])
+            floor = slope * zmp[:, 0]
         return _Motion(moved[0], moved[1], moved[2], zmp, moment, momentum, floor)
 
     @cached_property
-    def _climbs(self) -> bool:
+    def climbs(self) -> bool:
+        """Whether footsteps have different heights over the plane of the floor."""
         return any(phase.z is not None for phase in self.phases)
 
     def sample(self, times: ArrayLike) -> PlanSample:

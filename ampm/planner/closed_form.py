@@ -19,21 +19,13 @@ _PLAIN_SLOPES = {"a_s": math.inf, "c_s": 1.0, "c_y": 1.0}  # ZMP at rest, force 
 
 
 class StepLaws(NamedTuple):
-    """The first step of a gait, on the left foot.
+    """The first step of a gait, on the left foot."""
 
-    Attributes:
-        constants: of the gait.
-        single_x: law of single support along the walk, from the stance foot's reference point.
-        double_x: that of double support, from the midpoint of both feet's reference points.
-        single_y: law of single support across the walk, from the stance foot.
-        double_y: that of the double support after it, from the midline.
-    """
-
-    constants: PlanConstants
-    single_x: AffineLaw
-    double_x: AffineLaw
-    single_y: AffineLaw
-    double_y: AffineLaw
+    constants: PlanConstants  # of the gait
+    single_x: AffineLaw  # law of single support along the walk, from the stance foot's reference point
+    double_x: AffineLaw  # that of double support, from the midpoint of both feet's reference points
+    single_y: AffineLaw  # law of single support across the walk, from the stance foot
+    double_y: AffineLaw  # that of the double support after it, from the midline
 
 
 @np.errstate(all="ignore")  # what overflows is refused for the plan's jumps

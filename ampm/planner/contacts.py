@@ -78,10 +78,12 @@ class Contacts(Brief):
         footsteps: in the order in which they are stood on; the first of each foot is where it starts from,
             which no phase needs to hold.
         phases: consecutive, from time 0.
+        slope: of the floor along x, dz/dx; heights of footsteps count from it [1].
     """
 
     footsteps: tuple[Footstep, ...]
     phases: tuple[Phase, ...]
+    slope: float = 0.0
 
     @classmethod
     def in_turn(cls, footsteps: Sequence[Footstep], switches: ArrayLike) -> "Contacts":
@@ -132,6 +134,11 @@ class Contacts(Brief):
     def step_length(self) -> float:
         """Distance along x of the first two footsteps that are stood on [m]."""
         return self.footsteps[2].position[0] - self.footsteps[1].position[0]
+
+    @property
+    def step_rise(self) -> float:
+        """Height by which the floor rises over :attr:`step_length` [m]."""
+        return self.slope * self.step_length
 
     @property
     def step_width(self) -> float:
@@ -220,13 +227,15 @@ def ascending(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return times
 
 
-def contacts_in_turn(footsteps: Sequence[Footstep], switches: Sequence[float]) -> Contacts:
+def contacts_in_turn(
+    footsteps: Sequence[Footstep], switches: Sequence[float], slope: float = 0.0
+) -> Contacts:
     """As :meth:`Contacts.in_turn`, without checks: supports of extreme gaits may have no duration."""
     phases = []
     for number, (start, end) in enumerate(pairwise(switches), start=2 * len(footsteps) - 2 - len(switches)):
         feet = {step.foot: step for step in footsteps[(number + 1) // 2 : number // 2 + 2]}
         phases.append(Phase(start, end - start, feet.get("left"), feet.get("right")))
-    return Contacts(tuple(footsteps), tuple(phases))
+    return Contacts(tuple(footsteps), tuple(phases), slope)
 
 
 def times_within(times: ArrayLike, duration: float) -> NDArray[np.float64]:

@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.brief import Brief
 from ampm.description import SoleGeometry
+from ampm.geometry import Array
 from ampm.planner.contacts import times_within
-
-Array = NDArray[np.float64]
 
 HEEL, BALL, TIP = 0, 1, 2
 """Columns of :attr:`FootSample.contact`."""
@@ -23,39 +22,22 @@ PIVOT_HEEL, PIVOT_BALL = np.int8(0), np.int8(1)
 
 @dataclass(frozen=True)
 class FootSample:
-    """One foot's planned motion at N times, in world.
+    """One foot's planned motion at N times, in world."""
 
-    Attributes:
-        position: sole reference point, shape (N, 3) [m].
-        velocity: its velocity, shape (N, 3) [m/s].
-        acceleration: its acceleration, shape (N, 3) [m/s^2].
-        pitch: rotation of the foot segment about +y, toes down positive, shape (N,) [rad].
-        pitch_velocity: shape (N,) [rad/s].
-        pitch_acceleration: shape (N,) [rad/s^2].
-        heading: yaw of the foot segment, before its pitch, shape (N,) [rad].
-        heading_velocity: shape (N,) [rad/s].
-        heading_acceleration: shape (N,) [rad/s^2].
-        toe: angle of the toe joint about +y, relative to the foot segment, shape (N,) [rad].
-        toe_velocity: shape (N,) [rad/s].
-        toe_acceleration: shape (N,) [rad/s^2].
-        contact: heel, ball and tip planned in contact, shape (N, 3), bool.
-        sole_points: heel left/right, ball left/right, tip left/right, shape (N, 6, 3) [m].
-    """
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-    pitch: Array
-    pitch_velocity: Array
-    pitch_acceleration: Array
-    heading: Array
-    heading_velocity: Array
-    heading_acceleration: Array
-    toe: Array
-    toe_velocity: Array
-    toe_acceleration: Array
-    contact: NDArray[np.bool_]
-    sole_points: Array
+    position: Array  # sole reference point, shape (N, 3) [m]
+    velocity: Array  # its velocity, shape (N, 3) [m/s]
+    acceleration: Array  # its acceleration, shape (N, 3) [m/s^2]
+    pitch: Array  # rotation of the foot segment about +y, toes down positive, shape (N,) [rad]
+    pitch_velocity: Array  # shape (N,) [rad/s]
+    pitch_acceleration: Array  # shape (N,) [rad/s^2]
+    heading: Array  # yaw of the foot segment, before its pitch, shape (N,) [rad]
+    heading_velocity: Array  # shape (N,) [rad/s]
+    heading_acceleration: Array  # shape (N,) [rad/s^2]
+    toe: Array  # angle of the toe joint about +y, relative to the foot segment, shape (N,) [rad]
+    toe_velocity: Array  # shape (N,) [rad/s]
+    toe_acceleration: Array  # shape (N,) [rad/s^2]
+    contact: NDArray[np.bool_]  # heel, ball and tip planned in contact, shape (N, 3), bool
+    sole_points: Array  # heel left/right, ball left/right, tip left/right, shape (N, 6, 3) [m]
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
@@ -68,19 +50,13 @@ X, Y, Z, PITCH, TOE, HEADING = range(6)
 
 @dataclass(frozen=True)
 class FootPath:
-    """One foot's path as a sequence of polynomial segments, each in the time since its own start.
+    """One foot's path as a sequence of polynomial segments, each in the time since its own start."""
 
-    Attributes:
-        start: start of every segment, ascending, shape (K,) [s].
-        pivot: which point the path is written for, heel or ball, shape (K,).
-        contact: heel, ball, tip in contact, shape (K, 3), bool.
-        curve: coefficients of the pivot's x, y, z, of pitch, toe angle and heading, lowest order first, shape
-            (K, 6, order) [m/s^k, rad/s^k].
-    """
-
-    start: Array
-    pivot: NDArray[np.int8]
-    contact: NDArray[np.bool_]
+    start: Array  # start of every segment, ascending, shape (K,) [s]
+    pivot: NDArray[np.int8]  # which point the path is written for, heel or ball, shape (K,)
+    contact: NDArray[np.bool_]  # heel, ball, tip in contact, shape (K, 3), bool
+    # coefficients of the pivot's x, y, z, of pitch, toe angle and heading, lowest order first, shape (K, 6,
+    # order) [m/s^k, rad/s^k]
     curve: Array
 
     def __post_init__(self) -> None:
@@ -100,12 +76,13 @@ class FootPath:
 
 @dataclass(frozen=True)
 class FeetPlan(Brief):
-    """Both feet's paths over a whole plan."""
+    """Both feet's paths over a whole plan, on a floor with a slope along x, dz/dx [1]."""
 
     sole: SoleGeometry
     left: FootPath
     right: FootPath
     duration: float
+    slope: float = 0.0
 
     def sample(self, times: ArrayLike) -> tuple[FootSample, FootSample]:
         """Evaluate left and right foot at ``times``, shape (N,) [s].
@@ -115,6 +92,11 @@ class FeetPlan(Brief):
         """
         t = times_within(times, self.duration)
         return _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
+
+    def heights(self, times: ArrayLike) -> Array:
+        """Height of the lowest sole point of both feet over the floor's plane, shape (N, 2) [m]."""
+        points = np.stack([foot.sole_points for foot in self.sample(times)], axis=1)
+        return np.asarray((points[..., 2] - self.slope * points[..., 0]).min(axis=2))
 
     def contact(self, times: Array) -> NDArray[np.bool_]:
         """Groups of both feet in contact at times (T,) [s], shape (T, 2, 3)."""

@@ -51,11 +51,7 @@ def plan_footstep_walk(run: RunParameters, body: BodyDescription) -> StepPlan:
 
 
 def with_feet(plan: CentroidalPlan, run: RunParameters, body: BodyDescription) -> StepPlan:
-    """The plan of a walk with the feet of a run.
-
-    Raises:
-        InputError, BodilyRefusal: as :func:`ampm.planner.swings.plan_swings`.
-    """
+    """The plan of a walk with the feet of a run."""
     return StepPlan.of(plan, feet=plan_swings(plan, run.foot, body.sole, run.gait.step_length))
 
 
@@ -128,7 +124,8 @@ def in_turn(walks: Sequence[tuple[float, CentroidalPlan]]) -> CentroidalPlan:
         supports += [_later(phase, begin) for phase in walk.contacts.phases[1:]]
         footsteps += walk.contacts.footsteps[2:]
     supports[-1] = supports[-1]._replace(duration=ends[-1] - supports[-1].start)
-    return replace(plan, contacts=Contacts(tuple(footsteps), tuple(supports)), phases=tuple(motions))
+    contacts = replace(plan.contacts, footsteps=tuple(footsteps), phases=tuple(supports))
+    return replace(plan, contacts=contacts, phases=tuple(motions))
 
 
 def _rest(plan: CentroidalPlan, at: float, start: float, duration: float) -> CentroidalPhase:
@@ -138,7 +135,7 @@ def _rest(plan: CentroidalPlan, at: float, start: float, duration: float) -> Cen
     rate = math.sqrt(plan.gravity / plan.com_height)
     still = BlendLaw(rate, 0.0, duration, 0.0, 0.0, (0.0, 0.0), (0.0, 0.0))
     high = None
-    if floor:
+    if plan.climbs:
         high = HeightLaw(BlendLaw(rate, 0.0, duration, z, 0.0, (z, z), (floor - z, floor - z)))
     return CentroidalPhase(start, duration, (x, y), still, still, (0.0, 0.0), z=high)
 

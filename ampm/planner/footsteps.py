@@ -12,22 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from ampm.description import BodyDescription, SoleGeometry
 from ampm.exceptions import BodilyRefusal, InputError
-from ampm.geometry import hull_distance, rotations
+from ampm.geometry import Array, hull_distance, rotations
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.blend import BlendLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, Law
-from ampm.planner.contacts import (
-    Contacts,
-    Footstep,
-    check_landing,
-    contacts_in_turn,
-    footprint,
-    mean_heading,
-)
+from ampm.planner.contacts import Contacts, Footstep, check_landing, contacts_in_turn, footprint, mean_heading
 from ampm.planner.heights import uneven, vertical_laws
 from ampm.planner.pendulum import AffineLaw, double_support_root, solution
 from ampm.planner.periodic import plan_gait
@@ -42,8 +34,6 @@ from ampm.planner.rest_to_rest import (
     stand_nodes,
     times,
 )
-
-Array = NDArray[np.float64]
 
 MARGIN = 0.015
 """Least distance of the ZMP from the edge of the flat soles that stand [m]."""
@@ -102,17 +92,11 @@ def plan_footsteps(
 
 
 class Walk(NamedTuple):
-    """A solved walk.
+    """A solved walk."""
 
-    Attributes:
-        nominal: one step of the periodic gait.
-        contacts: of the walk.
-        solved: COM, ZMP and angular momentum.
-    """
-
-    nominal: CentroidalPlan
-    contacts: Contacts
-    solved: Solution
+    nominal: CentroidalPlan  # one step of the periodic gait
+    contacts: Contacts  # of the walk
+    solved: Solution  # COM, ZMP and angular momentum
 
 
 def solve_walk(
@@ -196,7 +180,7 @@ def contacts_over(
         check_landing(number, landing, lifted, double)
         switches += [lifted, landing]
         lifted = landing + double
-    return contacts_in_turn(footsteps, [*switches, switches[-1] + SETTLING])
+    return contacts_in_turn(footsteps, [*switches, switches[-1] + SETTLING], nominal.contacts.slope)
 
 
 def supports_of(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitParameters) -> Supports:

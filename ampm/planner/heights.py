@@ -13,17 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.description import SoleGeometry
 from ampm.exceptions import BodilyRefusal
-from ampm.geometry import rotations
+from ampm.geometry import Array, rotations
 from ampm.parameters import GRAVITY
 from ampm.planner.blend import BlendLaw, HeightLaw, shape
 from ampm.planner.contacts import Footstep, footprint
 from ampm.planner.rest_to_rest import SETTLING, Supports
-
-Array = NDArray[np.float64]
 
 EDGE = 0.015
 """Distance of an edge of the floor from the soles above it, and the least from those below it [m]."""
@@ -98,20 +95,13 @@ def vertical_laws(
 
 @dataclass(frozen=True)
 class Ground:
-    """A level floor with raised parts: rectangles along and across one heading.
+    """A level floor with raised parts: rectangles along and across one heading."""
 
-    Attributes:
-        heading: of the rectangles [rad].
-        base: height of the floor elsewhere, the lowest of all [m].
-        low, high: corners in axes along and across the heading, shape (n, 2) each [m].
-        height: of the rectangles, shape (n,) [m].
-    """
-
-    heading: float
-    base: float
-    low: Array
-    high: Array
-    height: Array
+    heading: float  # of the rectangles [rad]
+    base: float  # height of the floor elsewhere, the lowest of all [m]
+    low: Array  # corners in axes along and across the heading, shape (n, 2) [m]
+    high: Array  # the opposite corners, shape (n, 2) [m]
+    height: Array  # of the rectangles, shape (n,) [m]
 
     @classmethod
     def under(cls, footsteps: Sequence[Footstep], sole: SoleGeometry) -> Ground:

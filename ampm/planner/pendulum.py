@@ -23,9 +23,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ampm.geometry import Array
 
 EPSILON = float(np.finfo(np.float64).eps)
 """Relative distance of 1 to the next double [1]."""
@@ -57,25 +56,17 @@ class AffineLaw:
     """One axis of one phase.
 
     Equation: ``u'' = (g/H) (force_slope - zmp_slope) u`` and ``zmp = zmp_slope u + zmp_offset``.
-
-    Attributes:
-        rate: ``(g/H) (force_slope - zmp_slope)`` [1/s^2]; positive: hyperbolic,
-            negative: trigonometric, zero: constant velocity.
-        zmp_slope: ``1/a``; ``1/a_s`` or ``1/a_d`` in the sagittal plane [1].
-        force_slope: ``c``; ``c_s`` or ``c_d`` in the sagittal plane [1]; 1 passes through the COM.
-        duration: of the phase [s].
-        even: amplitude of the part that is even about the middle of the phase [m].
-        odd: amplitude of the part that is odd about it [m]; with a rate of zero, the velocity [m/s].
-        zmp_offset: ``b`` of the general law [m].
     """
 
+    # `(g/H) (force_slope - zmp_slope)` [1/s^2]; positive: hyperbolic, negative: trigonometric, zero: constant
+    # velocity
     rate: float
-    zmp_slope: float
-    force_slope: float
-    duration: float
-    even: float
-    odd: float
-    zmp_offset: float = 0.0
+    zmp_slope: float  # `1/a`; `1/a_s` or `1/a_d` in the sagittal plane [1]
+    force_slope: float  # `c`; `c_s` or `c_d` in the sagittal plane [1]; 1 passes through the COM
+    duration: float  # of the phase [s]
+    even: float  # amplitude of the part that is even about the middle of the phase [m]
+    odd: float  # amplitude of the part that is odd about it [m]; with a rate of zero, the velocity [m/s]
+    zmp_offset: float = 0.0  # `b` of the general law [m]
 
     def evaluate(self, time: Any) -> LawState:
         """State at times since the start of the phase [s]."""

@@ -11,10 +11,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.description import BodyDescription
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner import footsteps as walks
 from ampm.planner.contacts import Contacts, Footstep
@@ -26,31 +26,20 @@ from ampm.planner.routes import as_rows, footsteps_of
 from ampm.planner.stride import quintic, shift
 from ampm.planner.support import StepPlan
 
-Array = NDArray[np.float64]
-
 LEAST_LEFT = 0.25
 """Least share of a swing that must be left to move its landing; after it the next step is moved [1]."""
 _TRIAL = 0.01  # displacement of the landing in the second and third solve [m]
 
 
 class LiveWalk(NamedTuple):
-    """A walk over footsteps, and what is needed to change it.
+    """A walk over footsteps, and what is needed to change it."""
 
-    Attributes:
-        run: gait and feet.
-        body: its mass, soles and lengths.
-        steps: COM, ZMP, momentum and feet.
-        walk: the solution behind the rest of the walk, and all contacts.
-        first: number of the first single support of that rest, from 0.
-        begin: when the rest begins, in that support or with it [s].
-    """
-
-    run: RunParameters
-    body: BodyDescription
-    steps: StepPlan
-    walk: walks.Walk
-    first: int
-    begin: float
+    run: RunParameters  # gait and feet
+    body: BodyDescription  # its mass, soles and lengths
+    steps: StepPlan  # COM, ZMP, momentum and feet
+    walk: walks.Walk  # the solution behind the rest of the walk, and all contacts
+    first: int  # number of the first single support of that rest, from 0
+    begin: float  # when the rest begins, in that support or with it [s]
 
     @classmethod
     def of(cls, run: RunParameters, body: BodyDescription) -> "LiveWalk":
@@ -201,7 +190,7 @@ def joined(old: FeetPlan, new: FeetPlan, begin: float, landed: float) -> FeetPla
         landed: when the foot lands that swings, or the next one if none does [s].
     """
     left = _joined(old.left, new.left, begin, landed)
-    return FeetPlan(new.sole, left, _joined(old.right, new.right, begin, landed), new.duration)
+    return replace(new, left=left, right=_joined(old.right, new.right, begin, landed))
 
 
 def _joined(old: FootPath, new: FootPath, begin: float, landed: float) -> FootPath:

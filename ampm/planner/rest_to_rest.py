@@ -19,9 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from ampm.planner.blend import shape
-
-Array = NDArray[np.float64]
 
 SETTLING = 0.8
 """Duration of the first and of the last double support [s]."""
@@ -29,65 +28,40 @@ _OFFSET, _NODE, _THETA = 0.02, 0.05, 0.5  # units of the least squares [m, m, N 
 
 
 class Supports(NamedTuple):
-    """The N single supports, and the double supports between them.
+    """The N single supports, and the double supports between them."""
 
-    Attributes:
-        place: of the standing foot, shape (N, 2) [m].
-        axes: of that foot in world, by columns, shape (N, 2, 2).
-        single: durations, shape (N,) [s].
-        double: durations in between, shape (N - 1,) [s].
-        between: axes of the mean heading of both feet, shape (N - 1, 2, 2).
-        blend: rates k of the blends along these axes, shape (N - 1, 2) [1/s].
-    """
-
-    place: Array
-    axes: Array
-    single: Array
-    double: Array
-    between: Array
-    blend: Array
+    place: Array  # of the standing foot, shape (N, 2) [m]
+    axes: Array  # of that foot in world, by columns, shape (N, 2, 2)
+    single: Array  # durations, shape (N,) [s]
+    double: Array  # durations in between, shape (N - 1,) [s]
+    between: Array  # axes of the mean heading of both feet, shape (N - 1, 2, 2)
+    blend: Array  # rates k of the blends along these axes, shape (N - 1, 2) [1/s]
 
 
 class Problem(NamedTuple):
-    """What is solved.
+    """What is solved."""
 
-    Attributes:
-        supports: places and durations.
-        frequency: w = sqrt(g / H) [1/s].
-        inverse_a: ``1/a_s`` of every single support, shape (N,) [1].
-        slopes: (c_s, c_y) of every single support, shape (N, 2).
-        ends: COM at rest before and after the walk, shape (2, 2) [m].
-        weight: of the body [N].
-        begin: (c, v, J, Theta, d) at the begin of the first single support, shape (5, 2): the walk goes on
-            from there instead of from rest. The velocity that the begin lacks is ``nodes[0, 0]`` of the
-            solution; a landing place that is free makes it zero.
-    """
-
-    supports: Supports
-    frequency: float
-    inverse_a: Array
-    slopes: Array
-    ends: Array
-    weight: float
+    supports: Supports  # places and durations
+    frequency: float  # w = sqrt(g / H) [1/s]
+    inverse_a: Array  # `1/a_s` of every single support, shape (N,) [1]
+    slopes: Array  # (c_s, c_y) of every single support, shape (N, 2)
+    ends: Array  # COM at rest before and after the walk, shape (2, 2) [m]
+    weight: float  # of the body [N]
+    # (c, v, J, Theta, d) at the begin of the first single support, shape (5, 2): the walk goes on from there
+    # instead of from rest. The velocity that the begin lacks is `nodes[0, 0]` of the solution; a landing
+    # place that is free makes it zero
     begin: Array | None = None
 
 
 class Solution(NamedTuple):
-    """A solved walk, in world.
+    """A solved walk, in world."""
 
-    Attributes:
-        problem: what was solved.
-        state: (c, v, J, Theta, d) at the begin of every single support, shape (N, 5, 2).
-        end: (c, v, J, Theta) at its end, shape (N, 4, 2).
-        signal: (r, q) at its begin and end, shape (N, 2, 2, 2) [m].
-        nodes: of the first and the last double support: r at the middle; q at a quarter from the rest and at
-            the middle; shape (2, 3, 2) [m].
-    """
-
-    problem: Problem
-    state: Array
-    end: Array
-    signal: Array
+    problem: Problem  # what was solved
+    state: Array  # (c, v, J, Theta, d) at the begin of every single support, shape (N, 5, 2)
+    end: Array  # (c, v, J, Theta) at its end, shape (N, 4, 2)
+    signal: Array  # (r, q) at its begin and end, shape (N, 2, 2, 2) [m]
+    # of the first and the last double support: r at the middle; q at a quarter from the rest and at the
+    # middle; shape (2, 3, 2) [m]
     nodes: Array
 
 
@@ -261,11 +235,7 @@ def solve(problem: Problem) -> Solution:
 
 
 class _Banded:
-    """A symmetric indefinite system ``[[D, B'], [B, -I]]`` whose unknowns are in the order of the walk.
-
-    Args:
-        size: number of unknowns.
-    """
+    """A symmetric indefinite system ``[[D, B'], [B, -I]]`` whose unknowns are in the order of the walk."""
 
     WIDTH = 19
     """Largest distance of an entry from the diagonal."""

@@ -4,15 +4,14 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
 from ampm.planner.contacts import ascending, finite
 from ampm.planner.newton import ALLOWED, newton_residual
 from ampm.planner.pendulum import LawState
-
-Array = NDArray[np.float64]
 
 NO_CONSTANTS = PlanConstants(**dict.fromkeys((item.name for item in fields(PlanConstants)), 0.0))
 """Of a plan whose constants are still to be read from its motion, see :func:`plan_constants`."""
@@ -23,22 +22,14 @@ class SampledLaw:
     """One axis of a centroidal motion as samples: position and velocity cubic in between, the rest linear.
 
     The arrays are copied, and read-only.
-
-    Attributes:
-        time: ascending, shape (N,) [s].
-        position: of the COM, shape (N,) [m].
-        velocity: shape (N,) [m/s].
-        acceleration: shape (N,) [m/s^2].
-        zmp: shape (N,) [m].
-        moment_arm: distance by which the force line misses the COM, shape (N,) [m].
     """
 
-    time: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
-    zmp: Array
-    moment_arm: Array
+    time: Array  # ascending, shape (N,) [s]
+    position: Array  # of the COM, shape (N,) [m]
+    velocity: Array  # shape (N,) [m/s]
+    acceleration: Array  # shape (N,) [m/s^2]
+    zmp: Array  # shape (N,) [m]
+    moment_arm: Array  # distance by which the force line misses the COM, shape (N,) [m]
 
     def __post_init__(self) -> None:
         for name, values in vars(self).copy().items():

@@ -27,16 +27,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import polynomial
-from numpy.typing import NDArray
 
 from ampm.description import SoleGeometry
+from ampm.geometry import Array
 from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPhase
 from ampm.planner.closed_form import LIPM
 from ampm.planner.sampled import SampledLaw, plan_constants
 from ampm.planner.support import StepPlan, plan_steps
-
-Array = NDArray[np.float64]
 
 SAMPLE_TIME = 0.005
 """Sampling time of preview control [s], of Kajita et al.; adapted to a whole number of samples in a step."""
@@ -47,18 +45,12 @@ JERK_WEIGHT = 1e-6
 
 
 class _Axis(NamedTuple):
-    """ZMP of one axis in one step, and how the step returns: times ``sign``, plus ``shift``.
+    """ZMP of one axis in one step, and how the step returns: times ``sign``, plus ``shift``."""
 
-    Attributes:
-        begin, end: ZMP at the ends of single support [m].
-        sign: 1 or, where the step returns mirrored, -1.
-        shift: [m].
-    """
-
-    begin: float
-    end: float
-    sign: float
-    shift: float
+    begin: float  # ZMP at the begin of single support [m]
+    end: float  # ZMP at its end [m]
+    sign: float  # 1 or, where the step returns mirrored, -1
+    shift: float  # [m]
 
     @property
     def next(self) -> float:
@@ -104,9 +96,6 @@ def ipm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: Sol
 
     With ``k = sqrt(g/H)``, half the travel in single support is ``l_s = v0 tanh(k T_SS/2) / k``, in double
     support ``v0 T_DS / 2``, and together they are half a step.
-
-    Raises:
-        InputError, MathematicalRefusal: as :func:`ampm.planner.support.plan_steps`.
     """
     steps = plan_steps(gait, mass, foot, sole)
     single, double = steps.constants.single_support_duration, steps.constants.double_support_duration
@@ -120,11 +109,7 @@ def ipm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: Sol
 
 
 def lipm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:
-    """The plain inverted pendulum in closed form, with the gait's speed at the switches.
-
-    Raises:
-        InputError, MathematicalRefusal: as :func:`ampm.planner.support.plan_steps`.
-    """
+    """The plain inverted pendulum in closed form, with the gait's speed at the switches."""
     return plan_steps(gait.model_copy(update={"planner": LIPM}), mass, foot, sole)
 
 
@@ -137,9 +122,6 @@ def dcm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: Sol
     In single support ``xi`` is closed form. For the recursion the ZMP changes feet at once in the middle of
     the double support (equal shares of it before and after). Then the double support becomes a cubic of
     ``xi`` that meets value and rate at both ends, so that the ZMP is continuous.
-
-    Raises:
-        InputError, MathematicalRefusal: as :func:`ampm.planner.support.plan_steps`.
     """
     steps = plan_steps(gait, mass, foot, sole)
     single, double = (
@@ -198,11 +180,7 @@ def _dcm_step(steps: StepPlan, axis: _Axis, in_single: Array, in_double: Array) 
 
 
 def preview_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:
-    """Preview control of the cart-table along a ZMP that is linear in time in either phase.
-
-    Raises:
-        InputError, MathematicalRefusal: as :func:`ampm.planner.support.plan_steps`.
-    """
+    """Preview control of the cart-table along a ZMP that is linear in time in either phase."""
     steps = plan_steps(gait, mass, foot, sole)
     count = round(steps.constants.step_duration / SAMPLE_TIME)
     times = np.linspace(0.0, steps.constants.step_duration, count, endpoint=False)

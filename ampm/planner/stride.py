@@ -12,6 +12,7 @@ the planned ZMP for any footsteps (:mod:`ampm.planner.swings`).
 Everything is closed form; nothing is sampled or integrated.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -23,18 +24,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import FootParameters
 from ampm.planner.contacts import Contacts
-from ampm.planner.feet import (
-    HEADING,
-    PITCH,
-    PIVOT_BALL,
-    PIVOT_HEEL,
-    TOE,
-    FeetPlan,
-    FootPath,
-    X,
-    Y,
-    Z,
-)
+from ampm.planner.feet import HEADING, PITCH, PIVOT_BALL, PIVOT_HEEL, TOE, FeetPlan, FootPath, X, Y, Z
 
 _QUINTIC = 6  # coefficients of a quintic
 _ORDER = 9  # coefficients of a curve
@@ -53,46 +43,28 @@ class Roll(NamedTuple):
 
     The foot of footstep k leaves for swing k. The last entry of n + 1 is of the foot that stands in the last
     single support.
-
-    Attributes:
-        lift: pitch of the foot at toe off, shape (n + 1,) [rad]; it leaves flat where it and its rate are 0.
-        lift_rate: its rate, shape (n + 1,) [rad/s].
-        delay: time by which the heel rises after the begin of the double support, shape (n + 1,) [s].
-        strike: pitch at landing, toes up, shape (n,) [rad]; it lands flat where this and its rate are 0.
-        strike_rate: speed at which the toes come down, shape (n,) [rad/s].
-        down: time in which the sole comes down, shape (n,) [s].
-        height: extra lift at mid swing, shape (n,) [m].
-        bump: pitch about mid swing, shape (n,) [rad].
     """
 
+    # pitch of the foot at toe off, shape (n + 1,) [rad]; it leaves flat where it and its rate are 0
     lift: Array
-    lift_rate: Array
-    delay: Array
-    strike: Array
-    strike_rate: Array
-    down: Array
-    height: Array
-    bump: Array
+    lift_rate: Array  # its rate, shape (n + 1,) [rad/s]
+    delay: Array  # time by which the heel rises after the begin of the double support, shape (n + 1,) [s]
+    strike: Array  # pitch at landing, toes up, shape (n,) [rad]; it lands flat where this and its rate are 0
+    strike_rate: Array  # speed at which the toes come down, shape (n,) [rad/s]
+    down: Array  # time in which the sole comes down, shape (n,) [s]
+    height: Array  # extra lift at mid swing, shape (n,) [m]
+    bump: Array  # pitch about mid swing, shape (n,) [rad]
 
 
 class _Segment(NamedTuple):
-    """One segment of the stride in each of n steps.
+    """One segment of the stride in each of n steps."""
 
-    Attributes:
-        feet: footsteps whose feet pass it, shape (n,).
-        start: shape (n,) [s].
-        pivot: the point that the curve is written for.
-        contact: heel, ball, tip.
-        curve: coefficients of the rows, shape (n, 6, 9).
-        used: where there is one, shape (n,), bool.
-    """
-
-    feet: NDArray[np.intp]
-    start: Array
-    pivot: np.int8
-    contact: tuple[bool, bool, bool]
-    curve: Array
-    used: NDArray[np.bool_]
+    feet: NDArray[np.intp]  # footsteps whose feet pass it, shape (n,)
+    start: Array  # shape (n,) [s]
+    pivot: np.int8  # the point that the curve is written for
+    contact: tuple[bool, bool, bool]  # heel, ball, tip
+    curve: Array  # coefficients of the rows, shape (n, 6, 9)
+    used: NDArray[np.bool_]  # where there is one, shape (n,), bool
 
 
 def quintic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:
@@ -176,7 +148,13 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
         InputError: the heel would rise before the foot stands alone, or after it has left.
     """
     place = np.array([step.position for step in contacts.footsteps])
-    yaw = _headings(contacts)
+    yaw, tilt = _headings(contacts), math.atan(contacts.slope)
+    if tilt and (yaw.any() or place[:, 2].any()):
+        raise InputError(
+            f"gait.slope = {contacts.slope:g} takes footsteps straight along x, all on the slope; give "
+            "footsteps of zero heading and z, or gait.slope = 0."
+        )
+    place[:, 2] += contacts.slope * place[:, 0]
     times = np.array([phase[:2] for phase in contacts.phases])
     first = int(contacts.kind_codes[0])  # 1: both feet stand before the first swing
     lifted, single = times[first::2].T
@@ -189,11 +167,12 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
                 f"alone, or after it has left; take one between {earliest:.4g} s and {latest:.4g} s."
             )
     n, steps = len(single), np.arange(len(single))
-    swings = _swings(foot, sole, place, yaw, single, roll)
+    swings = _swings(foot, sole, place, yaw, single, roll, tilt)
     none, flat = (False, False, False), (True, True, sole.has_toes)
     everywhere = np.ones(n, dtype=bool)
     still = np.zeros((n + 2, 6, _ORDER))
-    still[:, :3, 0], still[:, HEADING, 0] = _ball(sole, place, yaw), yaw
+    still[:, :3, 0], still[:, HEADING, 0] = _on_sole(sole.ball_x, place, yaw, tilt), yaw
+    still[:, PITCH, 0] = -tilt
     segments = [
         _Segment(np.arange(2), np.zeros(2), PIVOT_BALL, flat, still[:2], np.array([first == 1, True])),
         *(
@@ -206,9 +185,9 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
     begin, end = np.zeros((2, 3, n))
     begin[0], begin[1] = -roll.strike, roll.strike_rate
     on_heel = np.zeros((n, 6, _ORDER))
-    along = np.stack([np.cos(yaw[2:]), np.sin(yaw[2:])], axis=1)
-    on_heel[:, :Z, 0], on_heel[:, Z, 0] = place[2:, :2] + sole.heel_x * along, place[2:, 2]
+    on_heel[:, : Z + 1, 0] = _on_sole(sole.heel_x, place[2:], yaw[2:], tilt)
     on_heel[:, PITCH, :_QUINTIC], on_heel[:, HEADING, 0] = quintic(begin, end, roll.down), yaw[2:]
+    on_heel[:, PITCH, 0] -= tilt
     down = landed + np.where(strikes, roll.down, 0.0)
     segments += [
         _Segment(steps + 2, landed, PIVOT_HEEL, (True, False, False), on_heel, strikes),
@@ -222,12 +201,13 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
     rising[:, PITCH, :_QUINTIC] = quintic(np.zeros((3, n)), end, rise)
     if sole.has_toes:
         rising[:, TOE] = -rising[:, PITCH]
+    rising[:, PITCH, 0] -= tilt
     segments.append(
         _Segment(steps + 1, landed + double - rise, PIVOT_BALL, (False, True, sole.has_toes), rising, rises)
     )
     even, odd = _foot_path(segments, 0), _foot_path(segments, 1)
     left, right = (even, odd) if contacts.footsteps[0].foot == "left" else (odd, even)
-    return FeetPlan(sole, left, right, contacts.duration)
+    return FeetPlan(sole, left, right, contacts.duration, contacts.slope)
 
 
 def _headings(contacts: Contacts) -> Array:
@@ -239,11 +219,18 @@ def _headings(contacts: Contacts) -> Array:
 
 
 def _swings(
-    foot: FootParameters, sole: SoleGeometry, place: Array, yaw: Array, single: Array, roll: Roll
+    foot: FootParameters,
+    sole: SoleGeometry,
+    place: Array,
+    yaw: Array,
+    single: Array,
+    roll: Roll,
+    tilt: float,
 ) -> list[tuple[float, Array]]:
     """Pieces of n swings: share of the swing at which a piece begins, and its curves, shape (n, 6, 9).
 
-    Of footsteps with places (n + 2, 3) [m] and headings (n + 2,) [rad], and swings' durations (n,) [s].
+    Of footsteps with places (n + 2, 3) [m] and headings (n + 2,) [rad], swings' durations (n,) [s], and the
+    angle of the floor, front up [rad].
     """
     n = len(single)
     behind, ahead = place[:n], place[2:]
@@ -251,12 +238,13 @@ def _swings(
     # Value, rate and acceleration of the ball at both ends. It arrives turning about the heel that has just
     # landed.
     x, rate = sole.ball_x - sole.heel_x, roll.strike_rate
-    c, s = np.cos(-roll.strike), np.sin(-roll.strike)
+    c, s = np.cos(-roll.strike - tilt), np.sin(-roll.strike - tilt)
     begin, end = np.zeros((2, 3, 6, n))
-    begin[0, :3] = _ball(sole, behind, yaw[:n]).T
-    begin[0, PITCH], begin[1, PITCH] = roll.lift[:n], roll.lift_rate[:n]
-    end[0, :2] = (ahead[:, :2] + sole.heel_x * along + (x * c)[:, None] * along).T
-    end[0, Z], end[0, PITCH], end[0, HEADING] = ahead[:, 2] - x * s, -roll.strike, yaw[2:] - yaw[:n]
+    begin[0, :3] = _on_sole(sole.ball_x, behind, yaw[:n], tilt).T
+    begin[0, PITCH], begin[1, PITCH] = roll.lift[:n] - tilt, roll.lift_rate[:n]
+    heel = _on_sole(sole.heel_x, ahead, yaw[2:], tilt)
+    end[0, :2] = (heel[:, :2] + (x * c)[:, None] * along).T
+    end[0, Z], end[0, PITCH], end[0, HEADING] = heel[:, 2] - x * s, -roll.strike - tilt, yaw[2:] - yaw[:n]
     end[1, :2], end[1, Z], end[1, PITCH] = -x * s * rate * along.T, -x * c * rate, rate
     end[2, :2], end[2, Z] = -x * c * rate**2 * along.T, x * s * rate**2
     durations = np.tile(single, (6, 1))
@@ -268,6 +256,7 @@ def _swings(
     swing[:, HEADING, 0] = yaw[:n]
     powers = np.vander(single, _ORDER, increasing=True)
     travel = ahead - behind
+    travel[:, 2] -= math.tan(tilt) * travel[:, 0]
     if travel[:, 2].any():
         climb = np.where(travel[:, 2:] > 0.0, _EARLY, _LATE) - _EVEN
         swing[:, Z] += travel[:, 2:] * climb / powers
@@ -275,7 +264,7 @@ def _swings(
     lift = LIFT / powers
     swing[:, X] -= (foot.swing_lag * travel[:, 0])[:, None] * lift
     swing[:, Y] -= (foot.swing_lag * travel[:, 1])[:, None] * lift
-    swing[:, Z] += roll.height[:, None] * lift
+    swing[:, Z] += (roll.height - math.tan(tilt) * foot.swing_lag * travel[:, 0])[:, None] * lift
     if foot.schedule == "flat" or foot.toe_return == 1.0:
         return [(0.0, swing)]
     straight = shift(swing, foot.toe_return * single)  # from there on the toe joint is straight
@@ -283,10 +272,11 @@ def _swings(
     return [(0.0, swing), (foot.toe_return, straight)]
 
 
-def _ball(sole: SoleGeometry, place: Array, heading: Array) -> Array:
-    """The middle of the ball of flat feet, shape (n, 3) [m]."""
+def _on_sole(x: float, place: Array, heading: Array, tilt: float) -> Array:
+    """The middle of flat soles at a distance ahead of their reference points, shape (n, 3) [m]."""
     ahead = np.stack([np.cos(heading), np.sin(heading), np.zeros_like(heading)], axis=-1)
-    return np.asarray(place + sole.ball_x * ahead)
+    ahead[:, 0], ahead[:, 2] = math.cos(tilt) * ahead[:, 0], math.sin(tilt)
+    return np.asarray(place + x * ahead)
 
 
 def _foot_path(segments: list[_Segment], parity: int) -> FootPath:

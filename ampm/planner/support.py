@@ -23,13 +23,9 @@ _BLOCK = 4096  # instants whose polygons are held at a time
 
 @dataclass(frozen=True)
 class StepPlan(CentroidalPlan):
-    """Centroidal motion and feet over the same contacts: what is planned before a body has a posture.
+    """Centroidal motion and feet over the same contacts: what is planned before a body has a posture."""
 
-    Attributes:
-        feet: motion of both feet; it may go on after the plan's end.
-    """
-
-    feet: FeetPlan
+    feet: FeetPlan  # motion of both feet; it may go on after the plan's end
 
     def points_in_contact(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
         """World (x, y) of all twelve sole points, (N, 12, 2) [m], and which are in contact, (N, 12)."""

@@ -11,10 +11,10 @@ The key-frames are those of the gait (:mod:`ampm.planner.stride`):
 
 import numpy as np
 from numpy.polynomial import polynomial
-from numpy.typing import NDArray
 
 from ampm.description import SoleGeometry
 from ampm.exceptions import BodilyRefusal
+from ampm.geometry import Array
 from ampm.parameters import FootParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.contacts import Contacts
@@ -22,8 +22,6 @@ from ampm.planner.feet import FeetPlan
 from ampm.planner.heights import Ground, uneven
 from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.stride import LIFT, Roll, rolling_feet
-
-Array = NDArray[np.float64]
 
 _PITCH_BUMP = 0.55  # pitch about mid swing after a step with no roll at all [rad]
 _FLAT, _MOST = 0.25, 1.15  # share of the gait's step that is walked flat; largest share of its roll [1]

@@ -31,13 +31,12 @@ from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.contacts import STANCE_NAMES, Contacts, Footstep, Side
 from ampm.planner.sampled import SampledLaw
 from ampm.planner.stride import quintic
 from ampm.planner.support import StepPlan
-
-Array = NDArray[np.float64]
 
 REPEATED = 1e-3
 """Largest distance of the COM from that of the first step, mirrored, for steps that repeat [m]."""

@@ -12,18 +12,8 @@ import numpy as np
 
 from ampm.body.rigid_body import moved, place_links, place_of
 from ampm.compiled import compiled
-from ampm.vectors import (
-    Array,
-    Vector,
-    cross,
-    from_quaternion,
-    minus,
-    plus,
-    put,
-    times,
-    turned,
-    vector,
-)
+from ampm.geometry import Array
+from ampm.vectors import Vector, cross, from_quaternion, minus, plus, put, times, turned, vector
 
 VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
 LOAD = 0.06  # force from which a point rests, as share of the weight; half of it to go on resting
@@ -67,6 +57,7 @@ class Filter(NamedTuple):
     variance: Array  # of angles, rates, gyro and fixes as read, (4,)
     growth: Array  # of the variances of x in a tick, (15 + 3 P,)
     levels: Array  # heights of the floor's surfaces [m]
+    slope: float  # of the floor: dz/dx [1]
     weight: float  # of the body [N]
     gravity: float  # [m/s^2]
     lag: float  # how much older velocities are than configurations [s]
@@ -247,14 +238,20 @@ def coordinate(rows: Any, axis: int, arm: Vector) -> Any:
 @compiled
 def stand(f: Filter, arm: Vector) -> None:
     """Correct by the height of a point that has just touched the floor."""
-    z = coordinate(f.x, 2, arm) + arm[2]
+    z = over_slope(f, f.x, arm) + arm[2] - f.slope * arm[0]
     off = f.levels[0] - z
     for level in f.levels:
         if abs(level - z) < abs(off):
             off = level - z
     if abs(off) < STEP_ERROR:
-        column = coordinate(f.covariance, 2, arm)
-        take_in(f, off, column, coordinate(column, 2, arm) + FLOOR_ERROR**2)
+        column = over_slope(f, f.covariance, arm)
+        take_in(f, off, column, over_slope(f, column, arm) + FLOOR_ERROR**2)
+
+
+@compiled
+def over_slope(f: Filter, rows: Any, arm: Vector) -> Any:
+    """As :func:`coordinate`, in the height over the plane of the floor."""
+    return coordinate(rows, 2, arm) - f.slope * coordinate(rows, 0, arm)
 
 
 @compiled

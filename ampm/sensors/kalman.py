@@ -5,10 +5,11 @@ import numpy as np
 from ampm.body.rigid_body import LINK, frames_of, tree_of
 from ampm.body.robot import Robot
 from ampm.compiled import bound, records, refer
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.sensors.filters import Filter, turn_root, update
 from ampm.sensors.readings import Readings
-from ampm.vectors import ZERO, Array
+from ampm.vectors import ZERO
 from ampm.walk import State, Touch
 
 _LEAST = (1e-5, 1e-3, 1e-3, 1e-5)  # standard deviations of angles, rates, gyro and fixes, in SI units
@@ -82,6 +83,7 @@ class Kalman:
             variance=variance,
             growth=growth,
             levels=np.array(sorted({step.z for step in run.footsteps}) or [0.0]),
+            slope=run.gait.slope,
             weight=robot.mass * robot.gravity,
             gravity=robot.gravity,
             lag=start.velocity_lag,

@@ -5,12 +5,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from ampm.walk import State, Touch
 
 if TYPE_CHECKING:
     from ampm.parameters import RunParameters
-
-    Array = NDArray[np.float64]
 
 
 class Readings(NamedTuple):

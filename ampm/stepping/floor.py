@@ -44,11 +44,12 @@ def feel(stepper: Stepper) -> None:
 
 @compiled
 def floor_under(stepper: Stepper, foot: int) -> tuple[float, float, float]:
-    """Height of the floor at a sole's reference point, with its slopes dz/dx and dz/dy [m, 1, 1].
+    """Height of the floor at a sole's reference point, and its slopes over the plan's [m, 1, 1].
 
     It is the sole's own plane, :data:`SINK` higher; where a point is deeper in the floor, the plane through
     the heights at which the points touched, by least squares.
     """
+    planned = stepper.state[0].planned_slope
     com, at, pose = stepper.body.com, stepper.body.feet[foot].place, stepper.body.feet[foot].pose
     n = x = y = z = xx = xy = yy = xz = yz = deepest = 0.0
     for i in range(len(stepper.body.points)):
@@ -59,7 +60,7 @@ def floor_under(stepper: Stepper, foot: int) -> tuple[float, float, float]:
             n, x, y, z = n + 1.0, x + dx, y + dy, z + floor
             xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
             xz, yz = xz + dx * floor, yz + dy * floor
-    height, slope = com[2] + at[2] + SINK, (-pose[0, 2] / pose[2, 2], -pose[1, 2] / pose[2, 2])
+    height, slope = com[2] + at[2] + SINK, (-pose[0, 2] / pose[2, 2] - planned, -pose[1, 2] / pose[2, 2])
     if deepest < DEEP_IN:
         return height, slope[0], slope[1]
     x, y, z = x / n, y / n, z / n
@@ -68,7 +69,7 @@ def floor_under(stepper: Stepper, foot: int) -> tuple[float, float, float]:
     if size < 1e-8:  # of a line
         return height - SINK + deepest, slope[0], slope[1]
     dzdx, dzdy = (yy * xz - xy * yz) / size, (xx * yz - xy * xz) / size
-    return z - dzdx * x - dzdy * y, dzdx, dzdy
+    return z - dzdx * x - dzdy * y, dzdx - planned, dzdy
 
 
 @compiled

@@ -15,8 +15,9 @@ import numpy as np
 from ampm.compiled import compiled
 from ampm.control.sole import sole_of
 from ampm.control.workspace import SteppingState
+from ampm.geometry import Array
 from ampm.stepping.stepper import Stepper
-from ampm.vectors import Array, clip
+from ampm.vectors import clip
 
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
 """A step may be displaced this far [m]. All lengths and times here hold for a body of 1.70 m: lengths grow

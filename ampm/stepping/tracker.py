@@ -32,17 +32,11 @@ STILL = 0.05
 
 
 class SteppedTick(NamedTuple):
-    """State of a walk off its plan, before the state of this tick is sensed.
+    """State of a walk off its plan, before the state of this tick is sensed."""
 
-    Attributes:
-        time: on the walk's clock [s].
-        phase: its number in the plan; after its end the numbers go on.
-        state: a :class:`~ampm.control.workspace.SteppingState`, as an entry of its table.
-    """
-
-    time: float
-    phase: int
-    state: Any
+    time: float  # on the walk's clock [s]
+    phase: int  # its number in the plan; after its end the numbers go on
+    state: Any  # a `SteppingState`, as an entry of its table
 
 
 class StepTracker:
@@ -126,14 +120,14 @@ class StepTracker:
     # ------------------------------------------------------------------ parts
 
     def _source(self, index: int) -> tuple[int, Array]:
-        """Phase of the plan that is walked, and how far it is repeated after its end, shape (2,) [m]."""
+        """Phase of the plan that is walked, and how far it is repeated after its end, shape (3,) [m]."""
         contacts = self.plan.contacts
         again = max(index - len(contacts.phases), -1) // CYCLE + 1
         if not (again and self._goes_on):
-            return min(index, len(contacts.phases) - 1), np.zeros(2)
-        return max(index - CYCLE * again, 0), again * (
-            contacts.placements[-1, 0, :2] - contacts.placements[-1 - CYCLE, 0, :2]
-        )
+            return min(index, len(contacts.phases) - 1), np.zeros(3)
+        way = again * (contacts.placements[-1, 0] - contacts.placements[-1 - CYCLE, 0])
+        way[2] += contacts.slope * way[0]
+        return max(index - CYCLE * again, 0), way
 
     def _phase(self, index: int) -> Phase:
         return self.plan.contacts.phases[self._source(index)[0]]
@@ -142,6 +136,7 @@ class StepTracker:
         """Begin on the plan; the floor is where it was."""
         floor = self._state.floor
         self._workspace.stepping[:] = 0
+        self._state.planned_slope = self.plan.contacts.slope
         self._state.floor, self._state.rate, self._state.factor, self._state.choice = floor, 1.0, 1.0, -1
 
     def _enter(self, index: int) -> None:
@@ -180,10 +175,14 @@ class StepTracker:
         return np.asarray(np.minimum(grid, self.plan.duration))
 
     def _curves(self, com: Array, velocity: Array, acceleration: Array, moment: Array) -> Curves:
-        """Horizontal curves of a plan's centroidal motion."""
-        mass, gravity = self._workspace.body.mass, self._workspace.body.gravity
-        down = gravity + acceleration[:, 2:]
-        r = com[:, :2] - com[:, 2:] / down * acceleration[:, :2]
+        """Horizontal curves of a plan's centroidal motion; heights count from the plan's floor."""
+        mass, gravity, slope = (
+            self._workspace.body.mass,
+            self._workspace.body.gravity,
+            self.plan.contacts.slope,
+        )
+        down = gravity + acceleration[:, 2:] - slope * acceleration[:, :1]
+        r = com[:, :2] - (com[:, 2:] - slope * com[:, :1]) / down * acceleration[:, :2]
         arm = np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (mass * down)
         curves = r, com[:, :2] + velocity[:, :2] / self._stepper.omega, r + arm
         return Curves(*(np.ascontiguousarray(curve) for curve in curves))
@@ -202,8 +201,8 @@ class StepTracker:
         """Tables of the present phase."""
         source, offset = self._source(self._index)
         table = rows_of(self._tables[source].copy())
-        table.com[:, :2] += offset
-        table.foot_position[:, :, :2] += offset
+        table.com[:] += offset
+        table.foot_position[:] += offset
         self._take(self._curves(table.com, table.com_velocity, table.com_acceleration, table.moment), table)
         self._loaded = self._index
 

@@ -30,26 +30,16 @@ _LANDING_TURN = 1.7  # heel strike rate over its mean: the foot comes down turni
 
 @dataclass(frozen=True)
 class Choice:
-    """One unknown.
+    """One unknown."""
 
-    Attributes:
-        name: of the unknown.
-        key: parameter that it sets.
-        lower, upper: range; in statures if ``scaled``.
-        slack: deviation from the guess that costs one residual.
-        guess: where a search begins.
-        scaled: whether the parameter is the unknown times the stature.
-        derived: whether the parameter follows from this unknown and others.
-    """
-
-    name: str
-    key: str
-    lower: float
-    upper: float
-    slack: float
-    guess: float
-    scaled: bool = False
-    derived: bool = False
+    name: str  # of the unknown
+    key: str  # parameter that it sets
+    lower: float  # end of the range; in statures if `scaled`
+    upper: float  # the other end
+    slack: float  # deviation from the guess that costs one residual
+    guess: float  # where a search begins
+    scaled: bool = False  # whether the parameter is the unknown times the stature
+    derived: bool = False  # whether the parameter follows from this unknown and others
 
 
 CHOICES = (

@@ -16,12 +16,11 @@ from ampm.body.return_map import Orbit
 from ampm.body.robot import Robot
 from ampm.body.step_kinematics import StepTrajectory
 from ampm.description import BodyDescription, SoleGeometry
+from ampm.geometry import Array
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.feet import HEEL, FootSample
 from ampm.planner.support import StepPlan
-
-Array = NDArray[np.float64]
 
 _BETWEEN = np.array([0.2, 0.4, 0.6, 0.8])  # places between two nodes
 _NARROW = 3  # nodes with the least distances, next to which it is also looked
@@ -58,7 +57,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
     feet = plan.feet.sample(times)
     level = ~double & feet[0].contact[:, HEEL]  # a rising heel leaves the ZMP on the edge
     share = times / plan.contacts.phases[0].duration
-    swing = feet[1].sole_points[:, :, 2].min(axis=1)
+    swing = plan.feet.heights(times)[:, 1]
     turn = max(run.foot.toe_off_rate, run.foot.heel_strike_rate)
     near = np.minimum(share, 1.0 - share) / _SWING_ENDS
     ends = [(near > 0.1) & (near < 1.0) & side for side in (share < 0.5, share > 0.5)]
@@ -77,7 +76,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
     return {name: np.atleast_1d(value) for name, value in values.items()}
 
 
-def least(values: Mapping[str, Array]) -> dict[str, float]:
+def tightest(values: Mapping[str, Array]) -> dict[str, float]:
     """Of every limit the value with the least margin."""
     return {name: float(min(every, key=LIMITS[name].margin)) for name, every in values.items()}
 

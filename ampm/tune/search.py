@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.limits import LIMITS
@@ -17,27 +16,20 @@ from ampm.body.return_map import Orbit, StepMap, newton, start_orbit
 from ampm.body.robot import Robot
 from ampm.body.step_reference import phase_grid, step_reference
 from ampm.exceptions import InputError, RefusedGait
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import least, orbit_margins, plan_margins
-
-Array = NDArray[np.float64]
+from ampm.tune.gait_limits import orbit_margins, plan_margins, tightest
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How far a search goes.
+    """How far a search goes."""
 
-    Attributes:
-        choices: after which it ends.
-        enough: least margin at which it ends [1].
-        starts: spread over the ranges, from which others begin where the first finds nothing.
-    """
-
-    choices: int = 120
-    enough: float = 0.9
-    starts: int = 0
+    choices: int = 120  # after which it ends
+    enough: float = 0.9  # least margin at which it ends [1]
+    starts: int = 0  # spread over the ranges, from which others begin where the first finds nothing
 
 
 _NODES = (32, 14)  # intervals of the grid in single and double support
@@ -79,7 +71,7 @@ class RoughOrbits:
         """
         self.ik.spread_arms(run)
         reference = step_reference(plan, phase_grid(plan, *self.nodes))
-        step_map = StepMap(self.ik, reference, plan.contacts.step_length, run.body.lean)
+        step_map = StepMap(self.ik, reference, plan.contacts, run.body.lean)
         if near is None:
             return start_orbit(step_map, _TOLERANCE)
         return newton(step_map, near.z + shift, _TOLERANCE, near.inverse, rebuilds=1)
@@ -87,25 +79,17 @@ class RoughOrbits:
 
 @dataclass
 class Candidate:
-    """One choice that was evaluated.
+    """One choice that was evaluated."""
 
-    Attributes:
-        x: free unknowns.
-        run: complete, if there is a plan.
-        plan: None where the formula has no solution.
-        values: limit to value; those of the orbit are missing where there is none.
-        detail: normalised margins of every joint and phase; empty where there is no periodic step.
-        orbit: the periodic step, if there is one.
-        why: why there is none.
-    """
-
-    x: Array
-    run: RunParameters
-    plan: StepPlan | None = None
+    x: Array  # free unknowns
+    run: RunParameters  # complete, if there is a plan
+    plan: StepPlan | None = None  # None where the formula has no solution
+    # limit to value; those of the orbit are missing where there is none
     values: dict[str, float] = field(default_factory=dict)
+    # normalised margins of every joint and phase; empty where there is no periodic step
     detail: Array = field(default_factory=lambda: np.empty(0))
-    orbit: Orbit | None = None
-    why: Unreachable | None = None
+    orbit: Orbit | None = None  # the periodic step, if there is one
+    why: Unreachable | None = None  # why there is none
 
     def margins(self) -> dict[str, float]:
         """Normalised margins of the limits that have a value."""
@@ -187,10 +171,10 @@ class ChoiceSearch:
                 shift = 0.0 if self._slopes is None else self._slopes[len(near.detail) :] @ step
                 orbit = orbits.solve(plan, run, near.orbit, shift)
         except Unreachable as error:
-            return Candidate(x, run, plan, least(values), why=error)
+            return Candidate(x, run, plan, tightest(values), why=error)
         values |= orbit_margins(orbit, plan, orbits.robot)
         detail = [LIMITS[name].margin(value) for name, every in values.items() for value in every.tolist()]
-        return Candidate(x, run, plan, least(values), np.array(detail), orbit)
+        return Candidate(x, run, plan, tightest(values), np.array(detail), orbit)
 
     def minimise(
         self, start: Candidate, *, wanted: float = 1.0, pull: float = _PULL, enough: float = math.inf

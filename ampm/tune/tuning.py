@@ -16,6 +16,7 @@ the values that there are, if they keep the limits at all; least squares from ot
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from ampm.body.inverse_kinematics import Unreachable
 from ampm.body.limits import LIMITS
@@ -26,8 +27,7 @@ from ampm.planner.closed_form import LIPM
 from ampm.planner.periodic import plan_gait
 from ampm.planners import PeriodicPlanner
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import least, orbit_margins, plan_margins
-from ampm.tune.refusal import NoFeasibleChoice, broken_limit, no_feasible_choice
+from ampm.tune.gait_limits import orbit_margins, plan_margins, tightest
 from ampm.tune.search import Candidate, ChoiceSearch, Effort, RoughOrbits
 from ampm.tune.ways_out import ways_out
 from ampm.walk import WalkPlan
@@ -48,21 +48,13 @@ _L_Z = "body.angular_momentum_z"
 
 @dataclass(frozen=True)
 class Tuned:
-    """A run whose free choices are made.
+    """A run whose free choices are made."""
 
-    Attributes:
-        run: complete; every value counts as set.
-        plan: complete, with the periodic step on the fine grid.
-        values: what was open, by namespaced key.
-        margins: limit to value on the search's grid, in the unit of :data:`LIMITS`.
-        tried: how many choices were tried.
-    """
-
-    run: RunParameters
-    plan: WalkPlan
-    values: Mapping[str, float | str]
-    margins: Mapping[str, float]
-    tried: int
+    run: RunParameters  # complete; every value counts as set
+    plan: WalkPlan  # complete, with the periodic step on the fine grid
+    values: Mapping[str, float | str]  # what was open, by namespaced key
+    margins: Mapping[str, float]  # limit to value on the search's grid, in the unit of `LIMITS`
+    tried: int  # how many choices were tried
 
     def margin(self, name: str) -> float:
         """Normalised margin of one limit [1]."""
@@ -162,7 +154,7 @@ def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
     except (RefusedGait, InputError, Unreachable):
         return None
     values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, robot)
-    return Tuned(run.as_is(), plan, space.values(run), least(values), 1)
+    return Tuned(run.as_is(), plan, space.values(run), tightest(values), 1)
 
 
 def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> Tuned:
@@ -208,9 +200,6 @@ def _searches(
     The first begins with the guess; with L_z held at zero where that would twist the feet: the arms then
     balance the legs about the vertical, which takes from the feet's twisting moment. Where it finds nothing,
     others begin with starts that are spread over the ranges.
-
-    Raises:
-        MathematicalRefusal: there is no guess.
     """
     search = _begun(space, robot, report, effort)
     first, tried = search.candidates[-1], 0
@@ -239,11 +228,7 @@ def _searches(
 
 
 def _begun(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> ChoiceSearch:
-    """A search with the guess as its first choice, the COM lowered until there is a periodic step.
-
-    Raises:
-        MathematicalRefusal: there is no guess.
-    """
+    """A search with the guess as its first choice, the COM lowered until there is a periodic step."""
     search = ChoiceSearch(space, RoughOrbits(robot, space.run), report, effort)
     for drop in _DROPS if "height" in space.names else _DROPS[:1]:
         if search.evaluate(space.lowered(search.guess, drop)).orbit is not None:
@@ -260,3 +245,61 @@ def _improved(search: ChoiceSearch, best: Candidate) -> Candidate:
                 search.minimise(best, wanted=0.15, pull=0.02, enough=0.1)
             best = search.best()
     return best
+
+
+class NoFeasibleChoice(BodilyRefusal):
+    """No choice was found; value and limit are those of the best that was tried.
+
+    Attributes:
+        tried: how many choices had been tried.
+        values: of all limits for the best choice, by name in :data:`LIMITS`.
+    """
+
+    def __init__(self, why: str, *, tried: int, values: Mapping[str, float], **refusal: Any) -> None:
+        super().__init__(why, **refusal)
+        self.tried, self.values = tried, values
+
+
+def broken_limit(name: str, values: Mapping[str, float], tried: int) -> NoFeasibleChoice:
+    """The refusal by one limit.
+
+    Args:
+        name: in :data:`LIMITS`.
+        values: of all known limits for the best choice.
+        tried: number of choices; 1 where the best choice of all is known.
+    """
+    limit, value = LIMITS[name], values[name]
+    reached, rule = limit.told(value)
+    return NoFeasibleChoice(
+        f"{_none(tried)}: {limit.what} is {reached} at best and must be {rule}",
+        tried=tried,
+        values=values,
+        reason=limit.reason,
+        value=value,
+        limit=limit.bound,
+        unit=limit.unit,
+    )
+
+
+def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
+    """The limit that stayed broken in the best of all choices, or why none has a periodic step."""
+    best = search.best()
+    if best.orbit is not None:
+        margins = best.margins()
+        return broken_limit(min(margins, key=lambda name: margins[name]), best.values, tried)
+    why = next((candidate.why for candidate in search.candidates if candidate.why is not None), None)
+    return NoFeasibleChoice(
+        f"{_none(tried)}: {why or 'the formula has no solution'}",
+        tried=tried,
+        values=best.values,
+        reason="no_periodic_motion",
+        value=0.0 if why is None else why.value,
+        limit=0.0 if why is None else why.limit,
+        unit="1" if why is None else why.unit,
+    )
+
+
+def _none(tried: int) -> str:
+    """What was found of so many choices that were tried, in words."""
+    none = "no choice" if tried == 1 else f"none of {tried} choices"
+    return f"{none} of timing, heights and angles lets this body walk the gait"

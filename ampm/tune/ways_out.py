@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 
 from ampm.description import BodyDescription
+from ampm.exceptions import InputError
 from ampm.parameters import OPEN_KEYS, RunParameters
 from ampm.run_file import key_info
 from ampm.tune.first_gait import usual_steps
@@ -40,7 +41,11 @@ def ways_out(
 
     def accepted(change: Change) -> bool:
         nonlocal choices
-        answer, tried = accepts(_changed(run, change), min(_MOST_OF_ONE, choices // 2))
+        try:
+            changed = _changed(run, change)
+        except InputError:  # beyond the range of a key
+            return False
+        answer, tried = accepts(changed, min(_MOST_OF_ONE, choices // 2))
         choices -= tried
         return answer
 

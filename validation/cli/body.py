@@ -1,7 +1,4 @@
-"""``ampm body list`` and ``ampm body check``.
-
-Commands import what they run: simulator and Pinocchio take long to load.
-"""
+"""``ampm body list`` and ``ampm body check``."""
 
 from __future__ import annotations
 
@@ -10,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from validation.cli.console import Narrator
-from validation.cli.options import Json, Settings, Status, answer, option
+from validation.cli.console import Narrator, print_json
+from validation.cli.options import Json, Settings, Status, option
 from validation.show.text import format_value, print_line
 from validation.table import Table, format_number, print_tables
 
@@ -48,12 +45,14 @@ def check(
 
     The torques are those of the best periodic step found. The body then stands in simulation for a second.
     """
-    from validation.run.body_check import BodyCheck
     from validation.run.body_check import check as check_body
 
     source = str(Path(body).resolve()) if Path(body).is_file() else body
     found = check_body(source, tuple(settings or ()), Narrator(), reach=reach)
-    answer(found, BodyCheck.as_dict, print_check, as_json=as_json)
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        print_check(found)
     return Status.REFUSED if found.refusal else Status.PASS
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ampm.exceptions import InputError
-from validation.cli.console import Narrator, print_json
+from validation.cli.console import Narrator
 from validation.cli.options import (
     AsIs,
     Execution,
@@ -20,12 +20,11 @@ from validation.cli.options import (
     Status,
     Steps,
     Uncertainty,
+    answer,
     grouped,
     option,
     with_short,
 )
-from validation.show.text import print_line
-from validation.table import print_tables
 
 if TYPE_CHECKING:
     from validation.study.compare.comparison import WalkComparison
@@ -131,7 +130,7 @@ def compare(
             )
         status = Status.OUT_OF_TOLERANCE if found.regressions else Status.PASS
     else:
-        from validation.study.compare.walks import compare_gaits, compare_runs
+        from validation.study.compare.comparison import compare_gaits, compare_runs
 
         if done:
             found = compare_runs(done, uncertainty=studies, robustness=survived)
@@ -156,12 +155,7 @@ def compare(
         status = Status.PASS if completed else Status.NOT_COMPLETED
     if folder is not None:
         write_comparison(found, folder)
-    if as_json:
-        print_json(found.as_dict())
-    else:
-        print_line(found.sentence, "bold")
-        print_tables(found.tables())
-    Narrator().wrote(folder)
+    answer(found, as_json=as_json, out=folder)
     if folder is None:
         Narrator().say("nothing is kept; --out DIR keeps a page with curves, the numbers and the runs")
     return status

@@ -5,10 +5,9 @@ from typing import Any
 
 import typer
 
-from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError, words_of
+from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError, StudyStopped, words_of
 from validation.cli.options import Status
 from validation.store.folders import disk_is_full
-from validation.study.exceptions import StudyStopped
 
 _STATUSES: tuple[tuple[type[BaseException], Status], ...] = (
     (KeyboardInterrupt, Status.INTERRUPTED),

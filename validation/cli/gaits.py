@@ -1,11 +1,8 @@
-"""``ampm plan`` and ``ampm keys``: commands that simulate nothing.
-
-Commands import what they run: NumPy, Pinocchio and matplotlib take long to load.
-"""
+"""``ampm plan`` and ``ampm keys``: commands that simulate nothing."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -43,6 +40,60 @@ app = typer.Typer()
 _PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.items())
 
 
+@dataclass(frozen=True)
+class Files:
+    """What a plan is written into."""
+
+    save: Annotated[
+        Path | None, option("--save", "Write the complete gait, with the values found.", "FILE.toml")
+    ] = None
+    force: Annotated[bool, option("--force", "Replace an earlier gait at --save.")] = False
+    samples: Annotated[
+        Path | None, option("--samples", "Write the plan's signals at k / rate.", "FILE.csv|.parquet")
+    ] = None
+    rate: Annotated[float | None, option("--rate", "Samples per second; 200 if not given.", "HZ")] = None
+    motion: Annotated[
+        Path | None,
+        option("--motion", "Write every joint over one step of the whole-body motion.", "FILE.csv|.parquet"),
+    ] = None
+    plot: Annotated[Path | None, option("--plot", "Draw the plan.", "FILE.png")] = None
+
+    @property
+    def hertz(self) -> float:
+        """Samples per second."""
+        return 200.0 if self.rate is None else self.rate
+
+    def check(self, request: Request) -> None:
+        """Refuse files that cannot be written before anything is computed.
+
+        Raises:
+            InputError, MathematicalRefusal: one of them, or there are too many samples.
+        """
+        from validation.store.tables import sample_times
+        from validation.trial.plan import check_formula
+        from validation.trial.users import check_suffix
+
+        gait = request.run.gait
+        if self.rate is not None and self.samples is None:
+            raise InputError("--rate is that of the samples; give --samples FILE, too, or leave it out.")
+        for table in (self.samples, self.motion):
+            if table is not None:
+                check_folder_of(table)
+                check_suffix(table)
+                check_output_file(table, force=True)
+        if self.samples is not None:
+            check_formula(request)
+            count = len(request.run.footsteps) or gait.steps
+            sample_times(count * gait.step_length / gait.switching_velocity, self.hertz)
+        if self.plot is not None:
+            check_picture(self.plot)
+        if self.save is not None:
+            if self.save.suffix != ".toml":
+                raise InputError(f"{self.save} must end in .toml; a gait is read from such a file.")
+            check_folder_of(self.save)
+            check_output_file(self.save, force=self.force)
+
+
 @app.command(epilog=f"Presets.\n\n{_PRESET_LINES}")
 @grouped
 def plan(
@@ -55,19 +106,7 @@ def plan(
     steps: Steps = None,
     footsteps: Footsteps = None,
     as_json: Json = False,
-    save: Annotated[
-        Path | None, option("--save", "Write the complete gait, with the values found.", "FILE.toml")
-    ] = None,
-    force: Annotated[bool, option("--force", "Replace an earlier gait at --save.")] = False,
-    samples: Annotated[
-        Path | None, option("--samples", "Write the plan's signals at k / rate.", "FILE.csv|.parquet")
-    ] = None,
-    rate: Annotated[float | None, option("--rate", "Samples per second; 200 if not given.", "HZ")] = None,
-    motion: Annotated[
-        Path | None,
-        option("--motion", "Write every joint over one step of the whole-body motion.", "FILE.csv|.parquet"),
-    ] = None,
-    plot: Annotated[Path | None, option("--plot", "Draw the plan.", "FILE.png")] = None,
+    files: Files,
 ) -> int:
     """Plan a gait without walking it: constants, motion, picture.
 
@@ -84,35 +123,15 @@ def plan(
     from ampm.planner.periodic import plan_gait
     from ampm.run_file import dump_run
     from validation.store.tables import plan_table, sample_times, write_columns
-    from validation.trial.columns import check_suffix
-    from validation.trial.plan import check_formula, plan_walk
+    from validation.trial.plan import plan_walk
 
     sections = with_footsteps(footsteps, steps)
     request = walk.request(gait, steps, as_is=walk.as_is or no_body, sections=sections)
     run = request.run
-    if rate is not None and samples is None:
-        raise InputError("--rate is that of the samples; give --samples FILE, too, or leave it out.")
-    rate = 200.0 if rate is None else rate
-    # Files that cannot be written are refused before anything is computed.
-    for table in (samples, motion):
-        if table is not None:
-            check_folder_of(table)
-            check_suffix(table)
-            check_output_file(table, force=True)
-    if samples is not None:
-        check_formula(request)
-        count = len(run.footsteps) or run.gait.steps
-        sample_times(count * run.gait.step_length / run.gait.switching_velocity, rate)
-    if plot is not None:
-        check_picture(plot)
-    if save is not None:
-        if save.suffix != ".toml":
-            raise InputError(f"{save} must end in .toml; a gait is read from such a file.")
-        check_folder_of(save)
-        check_output_file(save, force=force)
+    files.check(request)
     if no_body and (run.gait.planner not in ("ampm", LIPM) or run.footsteps):
         raise InputError("another planner, or footsteps, need a body; leave out --no-body.")
-    if motion is not None and (no_body or run.footsteps):
+    if files.motion is not None and (no_body or run.footsteps):
         raise InputError("--motion is of a periodic gait of a body; leave out --no-body and footsteps.")
     narrator = Narrator()
     walked = None if no_body else plan_walk(request, narrator)
@@ -122,27 +141,27 @@ def plan(
         with narrator.stage(f"{request.name}: ZMP margin", "instants") as stage:
             margin, _ = walked.plan.least_zmp_margin(progress=stage.advance)
     request = request if walked is None else walked.request
-    if save is not None:
+    if files.save is not None:
         notes = [request.title, *(() if walked is None or walked.tuned is None else _margins(walked.tuned))]
-        with output_file(save, force=force) as work:
+        with output_file(files.save, force=files.force) as work:
             lines = "".join(f"# {note}\n" for note in notes)
             work.write_text(lines + dump_run(request.run), encoding="utf-8")
-    if samples is not None:
-        with narrator.stage("samples"), output_file(samples) as work:
-            write_columns(plan_table(planned, sample_times(planned.duration, rate)), work)
-    if motion is not None and walked is not None:
-        with output_file(motion) as work:
+    if files.samples is not None:
+        with narrator.stage("samples"), output_file(files.samples) as work:
+            write_columns(plan_table(planned, sample_times(planned.duration, files.hertz)), work)
+    if files.motion is not None and walked is not None:
+        with output_file(files.motion) as work:
             write_columns(walked.motion.table(), work)
-    if plot is not None:
+    if files.plot is not None:
         from validation.show.plan import plot_plan
 
         title = f"plan of {request.title}" + ("" if footsteps is None else f" over {footsteps.name}")
-        plot_plan(planned, plot, title=title)
+        plot_plan(planned, files.plot, title=title)
     if as_json:
         print_json(describe_plan(request, planned, walked, margin))
     else:
         print_tables(plan_tables(request, planned, walked, margin))
-    narrator.wrote(save, samples, motion, plot)
+    narrator.wrote(files.save, files.samples, files.motion, files.plot)
     return Status.PASS
 
 

@@ -1,7 +1,4 @@
-"""``ampm judge``: a log of measured signals against a plan.
-
-Commands import what they run: simulator, Pinocchio and NumPy take long to load.
-"""
+"""``ampm judge``: a log of measured signals against a plan."""
 
 from collections.abc import Mapping
 from datetime import datetime
@@ -11,17 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import (
-    Body,
-    Force,
-    Json,
-    Judging,
-    Settings,
-    Steps,
-    grouped,
-    option,
-    with_short,
-)
+from validation.cli.options import Body, Force, Json, Judging, Settings, Steps, grouped, option, with_short
 from validation.cli.validate import print_result, status_of
 
 app = typer.Typer()

@@ -8,14 +8,16 @@ from dataclasses import dataclass, fields, is_dataclass
 from enum import IntEnum
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
 from ampm.exceptions import InputError
 from ampm.presets import preset_names
-from validation.cli.console import print_json
+from validation.cli.console import Narrator, print_json
+from validation.show.text import print_line
 from validation.store.folders import check_folder_of, check_output_file
+from validation.table import print_tables
 
 if TYPE_CHECKING:
     from validation.judge.profiles import Profile
@@ -37,9 +39,6 @@ class Status(IntEnum):
     STOPPED = 5
     INTERRUPTED = 130
     BROKEN_PIPE = 141
-
-
-Result = TypeVar("Result")
 
 
 def option(name: str, help: str, metavar: str | None = None, *, least: int | None = None) -> Any:
@@ -287,11 +286,12 @@ def check_picture(path: Path) -> None:
     check_output_file(path, force=True)
 
 
-def answer(
-    result: Result, describe: Callable[[Result], Any], show: Callable[[Result], None], *, as_json: bool
-) -> None:
-    """Print a result, as JSON or for a reader."""
+def answer(result: Any, *, as_json: bool, out: Path | None = None) -> None:
+    """Print a result with ``as_dict``, ``sentence`` and ``tables``, and name the folder that holds it."""
     if as_json:
-        print_json(describe(result))
+        print_json(result.as_dict())
     else:
-        show(result)
+        if result.sentence:
+            print_line(result.sentence, "bold")
+        print_tables(result.tables())
+    Narrator().wrote(out)

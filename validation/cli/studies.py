@@ -1,7 +1,4 @@
-"""``ampm sweep``, ``convergence``: several walks.
-
-Commands import what they run: simulator, Pinocchio and NumPy take long to load.
-"""
+"""``ampm sweep``, ``convergence``, ``robustness`` and ``explain``: many walks."""
 
 from __future__ import annotations
 
@@ -15,11 +12,14 @@ from ampm.exceptions import InputError
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import (
     PROFILES,
+    Disturbing,
     Execution,
     Gait,
     Json,
     OwnMetrics,
+    OwnProfile,
     Status,
+    Steps,
     WalkOptions,
     answer,
     grouped,
@@ -44,6 +44,10 @@ CONVERGENCE_EPILOG = (
     "Exit status: 0 every metric is within its limit by more than its numerical uncertainty, 1 one is over "
     "it, undecided or not measured, 2 bad input or refused, 3 a walk of a numerical study did not complete, "
     "4 crash of ampm itself, 5 stopped from outside, 130 interrupted: --resume goes on."
+)
+ROBUSTNESS_EPILOG = (
+    "Exit status: 0 the study is done, 2 bad input or refused, 4 an error ended a walk, "
+    "5 stopped from outside: --resume goes on, 130 interrupted: --resume goes on."
 )
 
 
@@ -73,10 +77,7 @@ def sweep(
         from validation.study.sweep.design import load_sweep
 
         expected = forecast(load_sweep(file), execution.workers, progress=Narrator())
-        if as_json:
-            print_json(expected.as_dict())
-        else:
-            print_tables(expected.tables())
+        answer(expected, as_json=as_json)
         return Status.PASS if expected.walking else Status.REFUSED
     if execution.out is None:
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
@@ -130,7 +131,6 @@ def convergence(
     uncertainty, or "no asymptotic range"; 'ampm validate --uncertainty' quotes the uncertainty in its
     verdict.
     """
-    from validation.study.convergence.result import Convergence
     from validation.study.convergence.study import convergence as study
 
     found = study(
@@ -141,8 +141,84 @@ def convergence(
         **vars(execution),
         progress=Narrator(),
     )
-    answer(found, Convergence.as_dict, lambda found: print_tables(found.tables()), as_json=as_json)
-    Narrator().wrote(execution.out)
+    answer(found, as_json=as_json, out=execution.out)
     if not found.completed:
         return Status.NOT_COMPLETED
     return Status.PASS if found.verdict.passed else Status.OUT_OF_TOLERANCE
+
+
+@app.command(epilog=ROBUSTNESS_EPILOG)
+@grouped
+def robustness(
+    gait: Gait = None,
+    *,
+    walk: WalkOptions,
+    quick: Annotated[
+        bool, option("--quick", "Fewer pushes, and every grid coarser: a quarter of an hour on two cores.")
+    ] = False,
+    only: Annotated[
+        list[str] | None,
+        option("--only", "Kind: pushes, or a key of disturbance or sensors. Repeatable.", "KIND"),
+    ] = None,
+    replicas: Annotated[
+        int, option("--replicas", "Walks of every value, of which four fifths have to survive.", "N")
+    ] = 5,
+    profile: OwnProfile = None,
+    execution: Execution,
+    as_json: Json = False,
+) -> int:
+    """Find the pushes and disturbances that a gait survives.
+
+    Body and controller are those of the run. Pushes of 0.1 s by direction, phase and height, and rising
+    values of the keys of disturbance and sensors. A value counts if it and
+    all smaller ones are survived.
+    """
+    from validation.study.robustness.study import robustness as study
+
+    found = study(
+        walk.request(gait),
+        quick=quick,
+        only=only or (),
+        replicas=replicas,
+        profile=profile,
+        **vars(execution),
+        progress=Narrator(),
+    )
+    answer(found, as_json=as_json, out=execution.out)
+    return Status.CRASH if found.crashes else Status.PASS
+
+
+@app.command(
+    epilog="Exit status: 0 explained, 2 bad input or refused, 5 stopped from outside, 130 interrupted."
+)
+@grouped
+def explain(
+    run: Annotated[
+        str | None, typer.Argument(help="Gait, or the folder of a run.", metavar="GAIT|RUN")
+    ] = None,
+    *,
+    walk: WalkOptions,
+    steps: Steps = None,
+    disturbing: Disturbing,
+    execution: Execution,
+    as_json: Json = False,
+) -> int:
+    """Say which part of a trial makes it fail.
+
+    The trial is walked again with one layer made ideal at a time: sensing, motors, body, friction, floor,
+    contact law, numerics, controller, planner, pushes. What is ideal already is not walked. If no single
+    layer restores the pass, pairs of the best three are. The folder of a run gets explain.json, which 'ampm
+    report' shows.
+    """
+    from validation.study.explain import explain as study
+
+    is_folder = run is not None and Path(run).is_dir()
+    found = study(
+        run if is_folder else walk.request(run, steps),
+        walk.changes(steps) if is_folder else (),
+        disturbances=disturbing.load(),
+        **vars(execution),
+        progress=Narrator(),
+    )
+    answer(found, as_json=as_json, out=execution.out)
+    return Status.PASS

@@ -1,7 +1,4 @@
-"""``ampm validate``, and the commands on a run's folder: ``replay`` and ``report``.
-
-Commands import what they run: simulator, Pinocchio and NumPy take long to load.
-"""
+"""``ampm validate``, and the commands on a run's folder: ``replay`` and ``report``."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -222,12 +219,7 @@ def report(
 
 
 def print_result(summary: Mapping[str, Any], folder: Path) -> None:
-    """Print a trial's ``summary.json`` for a reader.
-
-    Args:
-        summary: contents of the file.
-        folder: that holds it.
-    """
+    """Print a trial's ``summary.json`` for a reader."""
     from validation.show.cost_table import cost_table
     from validation.store.metric_table import metric_table, summary_title
 

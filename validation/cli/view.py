@@ -1,7 +1,4 @@
-"""``ampm view``: recordings of runs, of files, of chosen runs of sweeps, in Rerun's viewer on this machine.
-
-Commands import what they run: simulator, Pinocchio and NumPy take long to load.
-"""
+"""``ampm view``: recordings of runs, of files and of chosen runs of sweeps, in Rerun's viewer."""
 
 from __future__ import annotations
 

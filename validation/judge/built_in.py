@@ -5,12 +5,13 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from ampm.body.limits import CLEARANCE
 from ampm.geometry import Array
 from ampm.planner.centroidal import PlanSample
 from ampm.walk import UNSOLVED
-from validation.judge.compare import Comparison
+from validation.judge.compare import Comparison, signal_pairs
 from validation.trial.record import SimulationRecord
 
 
@@ -67,12 +68,14 @@ def _drift(walk: Comparison) -> float | None:
 # ------------------------------------------------------------------------------------ how far the plan moved
 
 
-def zmp_moved(walk: Comparison) -> Array | None:
-    """Distance of the ZMP of the plan then valid from that of the first plan in the window, (n,) [m].
+def _moved(value: Callable[[Comparison, PlanSample], float]) -> Callable[[Comparison], float | None]:
+    """A metric by a walk and its first plan; None if the plan did not move."""
+    return lambda walk: None if walk.first is None else value(walk, walk.first)
 
-    None, as of all of these metrics, if the plan did not move.
-    """
-    return None if walk.first is None else _distances(walk.valid.zmp, walk.first.zmp, walk)
+
+def _zmp_moved(walk: Comparison, first: PlanSample) -> Array:
+    """Distance of the ZMP of the plan then valid from that of the first plan in the window, (n,) [m]."""
+    return _distances(walk.valid.zmp, first.zmp, walk)
 
 
 def stances(sample: PlanSample) -> list[tuple[Array, Array]]:
@@ -85,39 +88,13 @@ def stances(sample: PlanSample) -> list[tuple[Array, Array]]:
     return found
 
 
-def _footsteps(walk: Comparison, which: int) -> float | None:
+def _footsteps(walk: Comparison, first: PlanSample, which: int) -> float:
     """Largest difference of the stances' begins (0) [s], or places (1) [m], of first plan and plan."""
-    if walk.first is None:
-        return None
     largest = 0.0
-    for first, then in zip(stances(walk.first), stances(walk.valid), strict=True):
-        for one, other in zip(first[which], then[which], strict=False):
+    for before, then in zip(stances(first), stances(walk.valid), strict=True):
+        for one, other in zip(before[which], then[which], strict=False):
             largest = max(largest, float(np.linalg.norm(other - one)))
     return largest
-
-
-def _zmp_moved_most(walk: Comparison) -> float | None:
-    distance = zmp_moved(walk)
-    return None if distance is None else float(distance.max(initial=0.0))
-
-
-def _zmp_moved_rms(walk: Comparison) -> float | None:
-    distance = zmp_moved(walk)
-    return None if distance is None else rms(distance)
-
-
-def _changes(walk: Comparison) -> float | None:
-    return None if walk.first is None else float(walk.followed.changes)
-
-
-def _change_rate(walk: Comparison) -> float | None:
-    changes = _changes(walk)
-    return None if changes is None else changes / float(walk.time[-1] + walk.record.time_step)
-
-
-def _newton_residual(walk: Comparison) -> float:
-    """Largest contradiction in a plan that was followed, as a distance of its ZMP [m]."""
-    return max(frozen.newton_residual for frozen in walk.followed.plans)
 
 
 # -------------------------------------------------------------------------------------------- the instrument
@@ -135,11 +112,6 @@ def _zmp_gap_relative(walk: Comparison) -> float:
     return rms(_zmp_gaps(walk)) / (rms(ways) or math.nan)
 
 
-def _force_gap(walk: Comparison) -> float:
-    """Distance of contact force and m (a + g) [N]."""
-    return rms(_distances(walk.measured.force, walk.measured.momentum_force, walk))
-
-
 def _equations(walk: Comparison, which: str) -> float | None:
     """Defect of the equations of motion, relative to the median change of velocity; None if not checked."""
     found = walk.measured.self_checks.equations
@@ -149,12 +121,6 @@ def _equations(walk: Comparison, which: str) -> float | None:
 def has_qp(record: SimulationRecord) -> bool:
     """Whether the controller reported anything of a QP; otherwise nothing of a QP applies to it."""
     return bool(record.qp_status.any() or np.isfinite([record.qp_residual, record.qp_time]).any())
-
-
-def _failed_qp(walk: Comparison) -> float | None:
-    """Control ticks whose QP stayed unsolved; None for a controller that reports no QP."""
-    record = walk.record
-    return float(np.count_nonzero(record.qp_status == UNSOLVED)) if has_qp(record) else None
 
 
 def _unsupported(walk: Comparison) -> float:
@@ -168,23 +134,70 @@ COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
     "clearance_shortfall": _shortfall,
     "speed_excess": _excess,
     "drift_per_step": _drift,
-    "plan_newton_residual": _newton_residual,
-    "plan_moved_zmp_maximum": _zmp_moved_most,
-    "plan_moved_zmp_rms": _zmp_moved_rms,
-    "plan_moved_footsteps": lambda walk: _footsteps(walk, 1),
-    "plan_moved_time": lambda walk: _footsteps(walk, 0),
-    "plan_changes": _changes,
-    "plan_change_rate": _change_rate,
+    "plan_newton_residual": lambda walk: max(plan.newton_residual for plan in walk.followed.plans),
+    "plan_moved_zmp_maximum": _moved(lambda walk, first: float(_zmp_moved(walk, first).max(initial=0.0))),
+    "plan_moved_zmp_rms": _moved(lambda walk, first: rms(_zmp_moved(walk, first))),
+    "plan_moved_footsteps": _moved(lambda walk, first: _footsteps(walk, first, 1)),
+    "plan_moved_time": _moved(lambda walk, first: _footsteps(walk, first, 0)),
+    "plan_changes": _moved(lambda walk, first: float(walk.followed.changes)),
+    "plan_change_rate": _moved(
+        lambda walk, first: walk.followed.changes / float(walk.time[-1] + walk.record.time_step)
+    ),
     "zmp_agreement_relative": _zmp_gap_relative,
     "zmp_agreement_rmse": lambda walk: rms(_zmp_gaps(walk)),
     "zmp_agreement_maximum": lambda walk: _largest(_zmp_gaps(walk)),
-    "force_agreement_rmse": _force_gap,
+    "force_agreement_rmse": lambda walk: rms(
+        _distances(walk.measured.force, walk.measured.momentum_force, walk)
+    ),
     "impulse_residual": lambda walk: abs(walk.measured.self_checks.impulse_residual),
     "com_agreement_maximum": lambda walk: walk.measured.self_checks.com_agreement,
     "angular_momentum_agreement_maximum": lambda walk: walk.measured.self_checks.angular_momentum_agreement,
     "equations_defect_median": lambda walk: _equations(walk, "median"),
     "equations_defect_maximum": lambda walk: _equations(walk, "largest"),
-    "failed_qp": _failed_qp,
+    "failed_qp": lambda walk: (
+        float(np.count_nonzero(walk.record.qp_status == UNSOLVED)) if has_qp(walk.record) else None
+    ),
     "unsupported_instants": _unsupported,
 }
 """Metric to its value; None if the walk has no such metric."""
+
+
+def recovery_time(walk: Comparison, limits: Mapping[str, float]) -> float | None:
+    """Time from the end of the last push until every error stays within its limits for one step [s].
+
+    Args:
+        walk: beside its plan.
+        limits: of the RMS and largest error over a step, by the names of the metrics in SI units.
+
+    Returns:
+        Infinite if the errors do not; None if nothing pushed the body.
+    """
+    record = walk.record
+    pushed = np.flatnonzero(record.external_force.any(axis=(1, 2)) | record.external_moment.any(axis=(1, 2)))
+    if not pushed.size:
+        return None
+    step = max(round(walk.plan.constants.step_duration / record.time_step), 1)
+    within = np.ones(max(record.steps - step + 1, 0), dtype=bool)  # of the steps that begin at each instant
+    if not within.size:
+        return math.inf
+    for name, (value, reference) in signal_pairs(walk.planned, walk.measured, record).items():
+        error = np.nan_to_num(np.abs(value - reference), nan=np.inf)
+        for statistic in ("rmse", "maximum"):
+            limit = limits.get(f"{name}_{statistic}", math.inf)
+            if limit < math.inf:
+                within &= (
+                    _rms_ahead(error, step) if statistic == "rmse" else _largest_ahead(error, step)
+                ) <= limit
+    begins = np.flatnonzero(within[pushed[-1] + 1 :])
+    return float(begins[0] * record.time_step) if begins.size else math.inf
+
+
+def _rms_ahead(error: Array, step: int) -> Array:
+    """RMS over the ``step`` instants from each one on."""
+    sums = np.cumsum(np.append(0.0, np.minimum(error, 1e6) ** 2))
+    return np.sqrt(np.maximum(sums[step:] - sums[:-step], 0.0) / step)
+
+
+def _largest_ahead(error: Array, step: int) -> Array:
+    """Largest value over the ``step`` instants from each one on."""
+    return np.asarray(maximum_filter1d(error, step, origin=-(step // 2)))[: error.size - step + 1]

@@ -3,31 +3,25 @@
 Units and meanings are listed in :mod:`validation.judge.metrics`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.body.motion import Extreme
-from validation.trial.record import state_steps
+from ampm.body.robot import Gaps
+from ampm.description import BodyDescription
+from ampm.geometry import Array
+from ampm.planner.centroidal import PlanSample
+from validation.measure.measure import MeasuredGait
+from validation.trial.followed import Followed
+from validation.trial.record import SimulationRecord, state_steps
+from validation.trial.shapes import Shapes
 from validation.trial.spill import blocks, zeros
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.body.robot import Gaps
-    from ampm.description import BodyDescription
-    from ampm.geometry import Array
-    from ampm.planner.centroidal import PlanSample
-    from validation.measure.measure import MeasuredGait
-    from validation.trial.followed import Followed
-    from validation.trial.record import SimulationRecord
-    from validation.trial.shapes import Shapes
-
-    Rows = NDArray[np.bool_]
+Rows = NDArray[np.bool_]
 
 LOADED = 0.05
 """Share of body weight from which a foot's friction counts [1]."""

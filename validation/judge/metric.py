@@ -1,13 +1,20 @@
-"""One metric: name, readable name, unit, computation and tolerances of a judged number."""
+"""One metric: name, readable name, unit, computation and tolerances of a judged number.
+
+Limits may grow with sizes of the body: its weight, the length of its foot, and a momentum of both.
+"""
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from numbers import Real
-from typing import Literal, overload
+from types import MappingProxyType
+from typing import Any, Literal, overload
+
+import numpy as np
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
+from ampm.parameters import GRAVITY
 from validation.judge.compare import Comparison
 
 _KINDS, _NATURES = ("walk", "instrument", "cost"), ("mean", "extreme", "count")
@@ -30,7 +37,7 @@ class Metric:
         tolerances: name of a profile to the largest value that passes; see
             :class:`validation.judge.profiles.Profile` for profiles that are not named.
         tolerance_unit: of ``tolerances``: ``unit`` by default, or one that grows with the body, such as
-            :data:`~validation.judge.sizes.BODY_WEIGHT`.
+            :data:`~validation.judge.metric.BODY_WEIGHT`.
         reason: why the tolerance is what it is, one or two sentences.
         nature: ``mean``; ``extreme``, which is never extrapolated to a vanishing time step; ``count``, which
             is exact.
@@ -77,17 +84,11 @@ class Metric:
 
 @dataclass(frozen=True)
 class MetricValue:
-    """Value of a metric over the run without the first step.
+    """Value of a metric over the run without the first step."""
 
-    Attributes:
-        value: NaN if it could not be measured.
-        unit: SI unit.
-        first_step: the same metric for the first step, None if it has none.
-    """
-
-    value: float
-    unit: str
-    first_step: float | None = None
+    value: float  # NaN if it could not be measured
+    unit: str  # SI unit
+    first_step: float | None = None  # the same metric for the first step, None if it has none
 
 
 def spaced(name: str) -> str:
@@ -111,3 +112,35 @@ def display_unit(unit: str, weight: Array | float) -> tuple[Array | float, str]:
     if unit == "N":
         return 100.0 / weight, "% of body weight"
     return 1.0, "" if unit == "1" else unit
+
+
+BODY_WEIGHT, FOOT_LENGTH, FOOT_MOMENTUM = "body weight", "foot length", "foot momentum"
+"""Units of limits that grow with the body: its weight [N], the length L of its foot [m], and the angular
+momentum m (g L^3)^1/2 [N m s]."""
+DEFAULT_BODY: Mapping[str, float] = MappingProxyType({"body_weight": 60.0 * GRAVITY, "foot_length": 0.258})
+"""Weight [N] and length of a foot [m] of the default body, for which limits in m and N m s are listed."""
+
+
+def size_in_si(unit: str, scales: Mapping[str, Any]) -> Any:
+    """Size of a body or of several in SI units, of one of the units above; 1 of any other unit."""
+    weight, foot = scales["body_weight"], scales["foot_length"]
+    momentum = weight * np.sqrt(foot**3 / GRAVITY)
+    return {BODY_WEIGHT: weight, FOOT_LENGTH: foot, FOOT_MOMENTUM: momentum}.get(unit, 1.0)
+
+
+def limit_in_si(limit: float, unit: str, scales: Mapping[str, Any]) -> Any:
+    """A limit in SI units, for one body or several.
+
+    Args:
+        limit: in ``unit``.
+        unit: one of :data:`BODY_WEIGHT`, :data:`FOOT_LENGTH`, :data:`FOOT_MOMENTUM`, else an SI unit.
+        scales: ``body_weight`` [N] and ``foot_length`` [m], as :attr:`Comparison.scales` has them.
+    """
+    if unit in (FOOT_LENGTH, FOOT_MOMENTUM):
+        return np.round(limit * size_in_si(unit, scales), 12)  # undo the normalisation's rounding
+    return limit * size_in_si(unit, scales)
+
+
+def share_of_default(limit: float, unit: str) -> float:
+    """A limit of the default body in SI units, as a share of its size in ``unit``; a weight's is a share."""
+    return limit if unit == BODY_WEIGHT else float(limit / size_in_si(unit, DEFAULT_BODY))

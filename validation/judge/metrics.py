@@ -31,16 +31,14 @@ from types import MappingProxyType
 from typing import Any
 
 from ampm.exceptions import InputError, words_of
-from validation.judge.built_in import COMPUTED
+from validation.judge.built_in import COMPUTED, recovery_time
 from validation.judge.built_in import has_qp as has_qp
 from validation.judge.built_in import rms as rms
 from validation.judge.compare import FIRST_STEP, SIGNALS, Comparison
 from validation.judge.metric import Metric as Metric
 from validation.judge.metric import MetricValue as MetricValue
 from validation.judge.metric import display_unit as display_unit
-from validation.judge.metric import spaced
-from validation.judge.recovery import recovery_time
-from validation.judge.sizes import limit_in_si, share_of_default
+from validation.judge.metric import limit_in_si, share_of_default, spaced
 from validation.trial.users import load_object
 
 _METRICS: dict[str, Metric] = {}

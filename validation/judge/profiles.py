@@ -14,27 +14,19 @@ from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.section import unknown
 from validation.judge.compare import SIGNALS
+from validation.judge.metric import limit_in_si
 from validation.judge.metrics import METRICS, Metric
-from validation.judge.sizes import limit_in_si
 from validation.trial.disturbances import Disturbance, Push, pushes_of
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """One limit and its reason.
+    """One limit and its reason."""
 
-    Attributes:
-        metric: name in :data:`validation.judge.metrics.METRICS`.
-        limit: largest value that passes, in ``unit``.
-        unit: the metric's, or one that grows with the body: ``body weight``, ``foot length``, ``foot
-            momentum``.
-        reason: why this number, one or two sentences.
-    """
-
-    metric: str
-    limit: float
-    unit: str
-    reason: str
+    metric: str  # name in `METRICS`
+    limit: float  # largest value that passes, in `unit`
+    unit: str  # the metric's, or one that grows with the body: `body weight`, `foot length`, `foot momentum`
+    reason: str  # why this number, one or two sentences
 
     def limit_for(self, scales: Mapping[str, Any]) -> Any:
         """The limit in the metric's own unit, for one body or several.
@@ -50,21 +42,13 @@ _NAMES: set[str] = set()  # of all profiles that were made
 
 @dataclass(frozen=True)
 class Profile:
-    """A named set of tolerances, read from the registry of metrics.
+    """A named set of tolerances, read from the registry of metrics."""
 
-    Attributes:
-        name: as given to ``--profile``.
-        description: what it is for, one sentence.
-        base: profile whose limit holds for a metric that names none for this one.
-        factor: on the limits of ``base`` that judge the walk, not its instrument.
-        leaves_out: metrics that it does not judge.
-    """
-
-    name: str
-    description: str
-    base: Self | None = None
-    factor: float = 1.0
-    leaves_out: tuple[str, ...] = ()
+    name: str  # as given to `--profile`
+    description: str  # what it is for, one sentence
+    base: Self | None = None  # profile whose limit holds for a metric that names none for this one
+    factor: float = 1.0  # on the limits of `base` that judge the walk, not its instrument
+    leaves_out: tuple[str, ...] = ()  # metrics that it does not judge
 
     def __post_init__(self) -> None:
         """Remember the name, for :meth:`tolerance`."""

@@ -1,11 +1,9 @@
 """Numerical uncertainty of a gait's metrics, as ``ampm convergence`` stores it; what rounding changes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, NonNegativeFloat, ValidationError
@@ -13,11 +11,9 @@ from pydantic import BaseModel, NonNegativeFloat, ValidationError
 from ampm.exceptions import InputError
 from ampm.files import read_file
 from ampm.geometry import Array
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.store.json import json_ready
-
-if TYPE_CHECKING:
-    from validation.trial.plan import Request
+from validation.trial.plan import Request
 
 FILE = "convergence.json"
 _FREE = "gait.steps"

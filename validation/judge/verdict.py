@@ -32,31 +32,19 @@ class VerdictName(StrEnum):
 
 @dataclass(frozen=True)
 class MetricResult:
-    """One metric, judged or only reported.
+    """One metric, judged or only reported."""
 
-    Attributes:
-        name: metric.
-        of: its value, in SI units, NaN if there is none.
-        tolerance: largest value that passes, in SI units; None if the profile has none.
-        reason: of the tolerance, empty if there is none.
-        factor: from SI to ``display_unit``.
-        display_unit: what tables show: mm, % of body weight, N m s.
-        uncertainty: numerical uncertainty of the value in SI units, infinite if it has no bound; None if none
-            is known.
-        spread: largest change of the value by another contact law or engine, in SI units; None if none was
-            studied.
-        judged: whether it has a tolerance and a value, of a walk that completed.
-    """
-
-    name: str
-    of: MetricValue
-    tolerance: float | None
-    reason: str
-    factor: float
-    display_unit: str
+    name: str  # metric
+    of: MetricValue  # its value, in SI units, NaN if there is none
+    tolerance: float | None  # largest value that passes, in SI units; None if the profile has none
+    reason: str  # of the tolerance, empty if there is none
+    factor: float  # from SI to `display_unit`
+    display_unit: str  # what tables show: mm, % of body weight, N m s
+    # numerical uncertainty of the value in SI units, infinite if it has no bound; None if none is known
     uncertainty: float | None
+    # largest change of the value by another contact law or engine, in SI units; None if none was studied
     spread: float | None
-    judged: bool
+    judged: bool  # whether it has a tolerance and a value, of a walk that completed
 
     @property
     def label(self) -> str:
@@ -325,12 +313,6 @@ def judge_summary(
     summary: Mapping[str, Any], profile: Profile, *, ended: str = "", may_lack: Collection[str] = ()
 ) -> dict[str, Any]:
     """A run's summary, its metrics judged again as they are by a profile.
-
-    Args:
-        summary: contents of ``summary.json``.
-        profile: tolerances.
-        ended: as for :func:`judge`.
-        may_lack: likewise.
 
     Raises:
         InputError: it has a metric that is not registered here.

@@ -28,25 +28,15 @@ _BLOCK = 1024  # steps that are checked at a time
 
 
 class Steps(NamedTuple):
-    """Recorded steps, Pinocchio's coordinates, n rows.
+    """Recorded steps, Pinocchio's coordinates, n rows."""
 
-    Attributes:
-        q: configuration at the start of each step, shape (n, nq).
-        v: velocity at the start, shape (n, nv).
-        change: of MuJoCo's velocity over the step, shape (n, nv) [m/s, rad/s].
-        torque: of the motors, shape (n, nu) [N m].
-        force: forces on the body in world, shape (n, S, 3) [N].
-        moment: moments beside them in world, shape (n, S, 3) [N m].
-        position: where the forces act in world, shape (n, S, 3) [m].
-    """
-
-    q: Array
-    v: Array
-    change: Array
-    torque: Array
-    force: Array
-    moment: Array
-    position: Array
+    q: Array  # configuration at the start of each step, shape (n, nq)
+    v: Array  # velocity at the start, shape (n, nv)
+    change: Array  # of MuJoCo's velocity over the step, shape (n, nv) [m/s, rad/s]
+    torque: Array  # of the motors, shape (n, nu) [N m]
+    force: Array  # forces on the body in world, shape (n, S, 3) [N]
+    moment: Array  # moments beside them in world, shape (n, S, 3) [N m]
+    position: Array  # where the forces act in world, shape (n, S, 3) [m]
 
 
 @dataclass(frozen=True)
@@ -55,22 +45,14 @@ class Equations(Brief):
 
     The defect of a step is the largest difference, over all coordinates, between the recorded change of
     velocity and that of the equations [m/s or rad/s].
-
-    Attributes:
-        steps: that were checked.
-        median: median defect.
-        largest: largest defect.
-        coordinate: that has the largest one.
-        time: of the step with the largest one [s].
-        change: median over the steps of the largest change of velocity, for comparison.
     """
 
-    steps: int
-    median: float
-    largest: float
-    coordinate: str
-    time: float
-    change: float
+    steps: int  # that were checked
+    median: float  # median defect
+    largest: float  # largest defect
+    coordinate: str  # that has the largest one
+    time: float  # of the step with the largest one [s]
+    change: float  # median over the steps of the largest change of velocity, for comparison
 
     def __str__(self) -> str:
         return (

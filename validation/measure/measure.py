@@ -27,20 +27,15 @@ LEAST_SUPPORT = 0.01
 
 @dataclass(frozen=True)
 class SelfChecks:
-    """Checks of the instrument over the whole run that rows of a measurement do not tell.
+    """Checks of the instrument over the whole run that rows of a measurement do not tell."""
 
-    Attributes:
-        com_agreement: largest distance between the simulator's COM and Pinocchio's [m].
-        angular_momentum_agreement: largest distance between the two momenta about the COM [N m s].
-        impulse_residual: vertical impulse over the run, less weight and gain of momentum, over the weight's
-            impulse [1]. A standing body presses with exactly its weight; a walking one with its weight and
-            the rate of its momentum.
-        equations: the equations of motion of the recorded steps; None if they were not checked.
-    """
-
-    com_agreement: float
-    angular_momentum_agreement: float
+    com_agreement: float  # largest distance between the simulator's COM and Pinocchio's [m]
+    angular_momentum_agreement: float  # largest distance between the two momenta about the COM [N m s]
+    # vertical impulse over the run, less weight and gain of momentum, over the weight's impulse [1]. A
+    # standing body presses with exactly its weight; a walking one with its weight and the rate of its
+    # momentum
     impulse_residual: float
+    # the equations of motion of the recorded steps; None if they were not checked
     equations: Equations | None = None
 
 
@@ -50,64 +45,41 @@ class MeasuredGait(Brief):
 
     Forces and torques act on the body. Where fewer than :data:`LEAST_SUPPORT` of the weight are carried, both
     ZMPs are NaN.
-
-    Attributes:
-        time: t_k, shape (K,) [s].
-        foot_force: sum over each foot's sole points, left first, shape (K, 2, 3) [N].
-        foot_torque: their moment about the world origin, shape (K, 2, 3) [N m].
-        force: net ground force, shape (K, 3) [N].
-        torque: net moment about the world origin, shape (K, 3) [N m].
-        zmp: from contact forces, on the level plane of height ``floor``, shape (K, 2) [m].
-        zmp_momentum: from momentum rates and external forces, on the same plane, shape (K, 2) [m].
-        floor: height of the floor under the sole points, averaged by their vertical forces, shape (K,) [m].
-        com: the simulator's COM at t_k, shape (K, 3) [m].
-        com_pin: Pinocchio's COM at t_k, shape (K, 3) [m].
-        com_velocity: Pinocchio's COM velocity at t_k, shape (K, 3) [m/s].
-        com_acceleration: forward difference of ``com_velocity`` over the step, shape (K, 3) [m/s^2].
-        momentum_force: ground force by the rate of momentum, ``m (com_acceleration + g e_z)`` less what else
-            pushed the body, shape (K, 3) [N].
-        angular_momentum: the simulator's, about the COM at t_k, shape (K, 3) [N m s].
-        angular_momentum_rate: forward difference of Pinocchio's over the step, less the moment of what else
-            pushed the body, shape (K, 3) [N m].
-        foot_contact: any sole point of the foot carries force, shape (K, 2), bool.
-        point_contact: the sole point carries force, shape (K, P), bool.
-        foot_position: reference points of the soles at t_k, shape (K, 2, 3) [m].
-        slip: integral of the force-weighted mean horizontal speed of the loaded points since the foot last
-            touched down, shape (K, 2) [m].
-        penetration: deepest loaded point of each foot, shape (K, 2) [m].
-        polygon_margin: distance of ``zmp`` to the edge of the loaded points' convex hull, inside positive,
-            shape (K,) [m].
-        mass: total mass [kg].
-        gravity: g [m/s^2].
-        time_step: dt [s].
-        self_checks: agreement of the independent measurements.
     """
 
-    time: Array
-    foot_force: Array
-    foot_torque: Array
-    force: Array
-    torque: Array
-    zmp: Array
-    zmp_momentum: Array
+    time: Array  # t_k, shape (K,) [s]
+    foot_force: Array  # sum over each foot's sole points, left first, shape (K, 2, 3) [N]
+    foot_torque: Array  # their moment about the world origin, shape (K, 2, 3) [N m]
+    force: Array  # net ground force, shape (K, 3) [N]
+    torque: Array  # net moment about the world origin, shape (K, 3) [N m]
+    zmp: Array  # from contact forces, on the level plane of height `floor`, shape (K, 2) [m]
+    zmp_momentum: Array  # from momentum rates and external forces, on the same plane, shape (K, 2) [m]
+    # height of the floor under the sole points, averaged by their vertical forces, shape (K,) [m]
     floor: Array
-    com: Array
-    com_pin: Array
-    com_velocity: Array
-    com_acceleration: Array
+    com: Array  # the simulator's COM at t_k, shape (K, 3) [m]
+    com_pin: Array  # Pinocchio's COM at t_k, shape (K, 3) [m]
+    com_velocity: Array  # Pinocchio's COM velocity at t_k, shape (K, 3) [m/s]
+    com_acceleration: Array  # forward difference of `com_velocity` over the step, shape (K, 3) [m/s^2]
+    # ground force by the rate of momentum, `m (com_acceleration + g e_z)` less what else pushed the body,
+    # shape (K, 3) [N]
     momentum_force: Array
-    angular_momentum: Array
+    angular_momentum: Array  # the simulator's, about the COM at t_k, shape (K, 3) [N m s]
+    # forward difference of Pinocchio's over the step, less the moment of what else pushed the body, shape (K,
+    # 3) [N m]
     angular_momentum_rate: Array
-    foot_contact: NDArray[np.bool_]
-    point_contact: NDArray[np.bool_]
-    foot_position: Array
+    foot_contact: NDArray[np.bool_]  # any sole point of the foot carries force, shape (K, 2), bool
+    point_contact: NDArray[np.bool_]  # the sole point carries force, shape (K, P), bool
+    foot_position: Array  # reference points of the soles at t_k, shape (K, 2, 3) [m]
+    # integral of the force-weighted mean horizontal speed of the loaded points since the foot last touched
+    # down, shape (K, 2) [m]
     slip: Array
-    penetration: Array
+    penetration: Array  # deepest loaded point of each foot, shape (K, 2) [m]
+    # distance of `zmp` to the edge of the loaded points' convex hull, inside positive, shape (K,) [m]
     polygon_margin: Array
-    mass: float
-    gravity: float
-    time_step: float
-    self_checks: SelfChecks
+    mass: float  # total mass [kg]
+    gravity: float  # g [m/s^2]
+    time_step: float  # dt [s]
+    self_checks: SelfChecks  # agreement of the independent measurements
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -283,7 +255,8 @@ def _soles(record: SimulationRecord) -> _Soles:
     for part in blocks(steps):
         position, point_force = record.point_position[part], record.point_force[part]
         point_torque = np.cross(position, point_force)
-        floor[part] = support_height(record.floor, position[:, :, 2], point_force[:, :, 2])
+        surface = position[:, :, 2] + record.point_penetration[part]
+        floor[part] = support_height(record.floor, surface, point_force[:, :, 2])
         contact = point_contact[part] = point_force[:, :, 2] > 0.0
         depth = np.where(contact, record.point_penetration[part], 0.0)
         load = np.where(contact, point_force[:, :, 2], 0.0)

@@ -14,12 +14,12 @@ from ampm.body.robot import Robot
 from ampm.exceptions import RefusedGait
 from ampm.parameters import GRAVITY, BodyParameters, RunParameters
 from ampm.tune.gait_limits import step_torques
-from ampm.tune.refusal import NoFeasibleChoice
+from ampm.tune.tuning import NoFeasibleChoice
 from models.scene import Findings
 from validation.progress import Progress
 from validation.run.standing import stand
 from validation.trial.bridge import to_mujoco
-from validation.trial.divergence import explained
+from validation.trial.physics import explained
 from validation.trial.plan import PlannedWalk, load_request, make_body, tune_walk
 
 _BENT = 0.6  # flexion of the knees at which the legs are judged [rad]

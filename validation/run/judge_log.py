@@ -22,8 +22,8 @@ from validation.progress import Progress
 from validation.run.trial import Trial
 from validation.run.walk import timed
 from validation.store.saved import RUN_FILE, SavedRun, load_saved_run
-from validation.trial.columns import SUFFIXES, read_columns
 from validation.trial.plan import Request, load_request, plan_walk
+from validation.trial.users import SUFFIXES, read_columns
 
 _CHECKS = frozenset(item.name for item in METRICS.values() if item.kind == "instrument")
 """Metrics that a log may lack: they check one measurement by another."""

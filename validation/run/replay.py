@@ -46,26 +46,16 @@ _ROUNDING = 1e-12  # of the sum of the parts of the ZMP error [m], or in shares 
 
 @dataclass(frozen=True)
 class Replay:
-    """Result of a replay.
+    """Result of a replay."""
 
-    Attributes:
-        steps: simulation steps that were recorded.
-        file: file in which something differs; None if nothing does.
-        signal: its first column that differs.
-        time: time of the first difference [s].
-        recorded: the recorded value.
-        replayed: the value of the replay.
-        note: a likely reason for a difference, empty if none is known.
-        equations: the equations of motion of all repeated steps; None if they were not asked for.
-    """
-
-    steps: int
-    file: str | None = None
-    signal: str | None = None
-    time: float = float("nan")
-    recorded: float = float("nan")
-    replayed: float = float("nan")
-    note: str = ""
+    steps: int  # simulation steps that were recorded
+    file: str | None = None  # file in which something differs; None if nothing does
+    signal: str | None = None  # its first column that differs
+    time: float = float("nan")  # time of the first difference [s]
+    recorded: float = float("nan")  # the recorded value
+    replayed: float = float("nan")  # the value of the replay
+    note: str = ""  # a likely reason for a difference, empty if none is known
+    # the equations of motion of all repeated steps; None if they were not asked for
     equations: Equations | None = None
 
     @property

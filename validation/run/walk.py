@@ -30,10 +30,9 @@ from validation.run.trial import Trial
 from validation.trial.bridge import passive_joints, to_pinocchio
 from validation.trial.disturbances import Disturbance, describe
 from validation.trial.plan import PlannedWalk, load_request, make_body, plan_walk
-from validation.trial.planners import check_planner
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
-from validation.trial.users import CONTROLLER
+from validation.trial.users import CONTROLLER, check_planner
 
 
 def walk(
@@ -57,7 +56,7 @@ def walk(
         run: parameters from :func:`ampm.load_run`, or a preset or TOML file.
         controller: makes the controller from robot, run and the run's ``controller.options``, a class for
             example; or its name. That of the run by default.
-        planner: makes the plan, or a name, see :func:`validation.trial.planners.load_planner`; that of the
+        planner: makes the plan, or a name, see :func:`validation.trial.users.load_planner`; that of the
             run by default.
         disturbances: external forces, such as :class:`validation.Push`, beside those of the run.
         footsteps: places to walk over from rest to rest, see :func:`ampm.plan_footsteps`.

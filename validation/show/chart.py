@@ -30,45 +30,29 @@ _BUCKETS = 420
 
 
 class Mark(NamedTuple):
-    """A curve or an area.
+    """A curve or an area."""
 
-    Attributes:
-        shape: how it is drawn; its points are in the units of the axes, infinity is the chart's edge.
-        label: in the legend; empty for none.
-    """
-
-    shape: Shape
-    label: str = ""
+    shape: Shape  # how it is drawn; points are in the units of the axes, infinity is the chart's edge
+    label: str = ""  # in the legend; empty for none
 
 
 @dataclass
 class Chart:
-    """Curves and areas about two axes.
+    """Curves and areas about two axes."""
 
-    Attributes:
-        left, top, width, height: of the plotted field in the picture [pt].
-        title: above.
-        xlabel, ylabel: of the axes.
-        xlim, ylim: of the field; None fits what is drawn. Either end of ``ylim`` may be None.
-        equal: whether both axes have one scale; the field then shows more of one.
-        yticks: texts at heights, instead of numbers.
-        frame: whether axes, grid and numbers are drawn.
-        marks: what is drawn, the lowest first.
-    """
-
-    left: float
-    top: float
-    width: float
-    height: float
-    title: str = ""
-    xlabel: str = ""
-    ylabel: str = ""
-    xlim: tuple[float, float] | None = None
-    ylim: tuple[float | None, float | None] = (None, None)
-    equal: bool = False
-    yticks: dict[str, float] = field(default_factory=dict)
-    frame: bool = True
-    marks: list[Mark] = field(default_factory=list)
+    left: float  # of the plotted field in the picture [pt]
+    top: float  # likewise [pt]
+    width: float  # likewise [pt]
+    height: float  # likewise [pt]
+    title: str = ""  # above
+    xlabel: str = ""  # of the axis
+    ylabel: str = ""  # of the axis
+    xlim: tuple[float, float] | None = None  # of the field; None fits what is drawn
+    ylim: tuple[float | None, float | None] = (None, None)  # likewise, either end
+    equal: bool = False  # whether both axes have one scale; the field then shows more of one
+    yticks: dict[str, float] = field(default_factory=dict)  # texts at heights, instead of numbers
+    frame: bool = True  # whether axes, grid and numbers are drawn
+    marks: list[Mark] = field(default_factory=list)  # what is drawn, the lowest first
 
     def line(
         self, x: ArrayLike, y: ArrayLike, color: str, width: float = 1.0, *, dash: str = "", label: str = ""
@@ -190,21 +174,13 @@ class Chart:
 
 @dataclass(frozen=True)
 class Picture:
-    """One figure of a page, or of a paper.
+    """One figure of a page, or of a paper."""
 
-    Attributes:
-        charts: in one picture.
-        label: what it shows, also for screen readers.
-        caption: explanation.
-        wide: whether it spans the page.
-        number: on the page, from 1.
-    """
-
-    charts: Sequence[Chart]
-    label: str
-    caption: str = ""
-    wide: bool = False
-    number: int = 0
+    charts: Sequence[Chart]  # in one picture
+    label: str  # what it shows, also for screen readers
+    caption: str = ""  # explanation
+    wide: bool = False  # whether it spans the page
+    number: int = 0  # on the page, from 1
 
     @property
     def text(self) -> str:
@@ -247,7 +223,7 @@ def _fitted(charts: Sequence[Chart], width: float) -> list[Chart]:
     Fields get narrower, those with one scale for both axes lower, too. Titles and legends may get more lines.
     A single chart loses its title, as the caption says it.
     """
-    share = width / (max(chart.left + chart.width for chart in charts) + _RIGHT)
+    share = (width - _RIGHT) / max(chart.left + chart.width for chart in charts)
     found, moved = [], 0.0
     for chart in charts:
         height = chart.height * (share if chart.equal else 1.0)

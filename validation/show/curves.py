@@ -8,21 +8,13 @@ from validation.store.signals import Signals
 
 
 class Curve(NamedTuple):
-    """A signal of which plan, command and measurement are drawn.
+    """A signal of which plan, command and measurement are drawn."""
 
-    Attributes:
-        column: its name, without the kind before it, such as ``zmp_x``.
-        title: what it is.
-        unit: in which it is drawn.
-        scale: drawn value per SI value.
-        about: column that is subtracted, because the travel would flatten the curve; empty for none.
-    """
-
-    column: str
-    title: str
-    unit: str
-    scale: float = 1.0
-    about: str = ""
+    column: str  # its name, without the kind before it, such as `zmp_x`
+    title: str  # what it is
+    unit: str  # in which it is drawn
+    scale: float = 1.0  # drawn value per SI value
+    about: str = ""  # column that is subtracted, because the travel would flatten the curve; empty for none
 
     @property
     def reference(self) -> str:
@@ -36,21 +28,13 @@ class Curve(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """The difference of two vectors.
+    """The difference of two vectors."""
 
-    Attributes:
-        title: what it is.
-        minuend: columns without their axis.
-        subtrahend: likewise.
-        axes: that are drawn.
-        unit: in which they are drawn.
-    """
-
-    title: str
-    minuend: str
-    subtrahend: str
-    axes: str
-    unit: str = "mm"
+    title: str  # what it is
+    minuend: str  # columns without their axis
+    subtrahend: str  # likewise
+    axes: str  # that are drawn
+    unit: str = "mm"  # in which they are drawn
 
     def values(self, signals: Signals, weight: float) -> Array:
         """Drawn values, shape (N, len(axes)), of a body with a weight [N]."""

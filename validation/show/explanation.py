@@ -10,11 +10,7 @@ from validation.table import Table
 
 
 def explanation_table(found: Mapping[str, Any]) -> Table:
-    """Every change, with the verdict and the failed metrics before and after.
-
-    Args:
-        found: contents of ``explain.json``.
-    """
+    """Every change, with the verdict and the failed metrics before and after."""
     before = found["trial"]
     rows = [("", "the trial", _verdict(before), _metrics(before, before))]
     for row in found["changes"]:

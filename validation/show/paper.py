@@ -28,15 +28,10 @@ UNSTUDIED = (
 
 
 class Citation(NamedTuple):
-    """How a result is cited.
+    """How a result is cited."""
 
-    Attributes:
-        text: one sentence.
-        bibtex: entry of a bibliography.
-    """
-
-    text: str
-    bibtex: str
+    text: str  # one line
+    bibtex: str  # entry of a bibliography
 
 
 def parse_width(text: str) -> float:

@@ -18,19 +18,7 @@ from validation.judge.margins import clearance_over_time
 from validation.judge.metrics import display_unit
 from validation.show.chart import DASHED, WIDTH, Chart, Picture, decimate, new_charts, numbered
 from validation.show.curves import CURVES, DIFFERENCES, Curve, Difference
-from validation.show.style import (
-    BAD,
-    COMMAND,
-    FAINT,
-    GOOD,
-    INK,
-    LEFT,
-    MEASURED,
-    PARTS,
-    PLAN,
-    RIGHT,
-    SHADE,
-)
+from validation.show.style import BAD, COMMAND, FAINT, GOOD, INK, LEFT, MEASURED, PARTS, PLAN, RIGHT, SHADE
 from validation.show.walker import draw_walker
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals
@@ -126,8 +114,8 @@ class RunFigures:
     def walker(self, poses: list[Chart]) -> Picture:
         """The body at a few instants."""
         caption = (
-            "Arrows: planned (blue) and measured (orange) ground force, from the ZMP. Black dot: COM. Purple: "
-            "left side; yellow: right side."
+            "Arrows: planned (blue) and measured (orange) ground force, from the ZMP. Black dot: COM. "
+            "Purple: left side; yellow: right side."
         )
         return Picture(poses, "The walking body from the side", caption, wide=True)
 

@@ -18,46 +18,27 @@ FONT = "DejaVu Sans"
 
 
 class Shape(NamedTuple):
-    """A curve or an area.
+    """A curve or an area."""
 
-    Attributes:
-        points: shape (N, 2), from the upper left corner of the picture [pt]; NaN interrupts a curve.
-        stroke: colour of the line; empty for none.
-        width: of the line [pt].
-        fill: colour of the area; empty for none.
-        dash: lengths of dashes and gaps [pt].
-        opacity: [1].
-        round: whether ends are round, as of a dot.
-        window: left, top, width and height [pt] beyond which nothing is drawn.
-    """
-
-    points: Array
-    stroke: str
-    width: float = 0.6
-    fill: str = ""
-    dash: tuple[float, ...] = ()
-    opacity: float = 1.0
-    round: bool = False
-    window: tuple[float, ...] = ()
+    points: Array  # shape (N, 2), from the upper left corner of the picture [pt]; NaN interrupts a curve
+    stroke: str  # colour of the line; empty for none
+    width: float = 0.6  # of the line [pt]
+    fill: str = ""  # colour of the area; empty for none
+    dash: tuple[float, ...] = ()  # lengths of dashes and gaps [pt]
+    opacity: float = 1.0  # [1]
+    round: bool = False  # whether ends are round, as of a dot
+    window: tuple[float, ...] = ()  # left, top, width, height [pt], beyond which nothing is drawn
 
 
 class Word(NamedTuple):
-    """A text, of one line or several.
+    """A text, of one line or several."""
 
-    Attributes:
-        x, y: of the first base line, from the upper left corner of the picture [pt].
-        text: to be written.
-        size: of the letters [pt].
-        anchor: which part of it is at ``x``: ``start``, ``middle`` or ``end``.
-        turned: whether it is read upwards.
-    """
-
-    x: float
-    y: float
-    text: str
-    size: float = 9.0
-    anchor: str = "start"
-    turned: bool = False
+    x: float  # of the first base line, from the upper left corner of the picture [pt]
+    y: float  # likewise
+    text: str  # to be written
+    size: float = 9.0  # of the letters [pt]
+    anchor: str = "start"  # which part of it is at x: start, middle or end
+    turned: bool = False  # whether it is read upwards
 
 
 def svg(items: Iterable[Shape | Word], width: float, height: float, *, embed: bool = False) -> str:
@@ -121,6 +102,7 @@ def font_folder() -> Path:
 
 def _font_face(text: str) -> str:
     """The font of files with the letters of a text alone, as a rule of CSS."""
+    # Imported here: slow to load, and pages do without.
     from fontTools.subset import Options, Subsetter
     from fontTools.ttLib import TTFont
 

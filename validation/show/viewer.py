@@ -17,9 +17,6 @@ def show_recording(recording: Path, *, web: bool = False) -> int:
 
     Returns:
         The viewer's exit status.
-
-    Raises:
-        InputError: see :func:`viewer_command`.
     """
     return subprocess.call(viewer_command(recording, web=web))
 

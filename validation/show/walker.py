@@ -22,6 +22,7 @@ LAST = 1.0
 _ARROW = 1.25  # length of the weight's arrow, over the height of the COM: it passes the COM
 _HEAD = 0.04  # length of an arrow's head [m]
 _SMALLEST = 0.005  # radius from which a shape of the body is drawn [m]
+_BESIDE = 0.45  # half the width of a pose's picture [m]
 _WHOLE = 1e3  # radius from which a part of the floor is not drawn: it is the plane [m]
 _OUTLINE = rotations(np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False))[..., 0]
 _GEOM = mujoco.mjtGeom
@@ -59,7 +60,7 @@ def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> list[C
         points, forces = record.point_position[[state], :, 2], record.point_force[[state], :, 2]
         floor = float(support_height(record.floor, points, forces)[0])
         chart = Chart(wide * len(charts), 28.0, wide, 215.0, f"{time:.2f} s\n{_phase(signals, int(row))}")
-        chart.xlim, chart.equal, chart.frame = (-0.45, 0.45), True, False
+        chart.xlim, chart.equal, chart.frame = (-_BESIDE, _BESIDE), True, False
         _draw_pose(chart, model, record.q[state], signals.take(np.array([row])), rotations(heading), floor)
         charts.append(chart)
     lowest, highest = (limit(chart.limits()[k][1] for chart in charts) for k, limit in enumerate((min, max)))
@@ -108,7 +109,9 @@ def _draw_pose(
     for geom in geoms[np.argsort(-data.geom_xpos[geoms, :2] @ axes[:, 1])].tolist():  # the farthest first
         corners = outline(model, data, geom, plane) - middle
         chart.area(corners[:, 0], corners[:, 1], colors[geom], opacity=0.35, edge=FAINT)
-    chart.level(floor, FAINT, 0.8)
+    normal, ends = data.geom("floor").xmat[2::3], np.array([-_BESIDE, _BESIDE])
+    under = float(np.nan_to_num((plane @ [*signals.vector("measured_zmp", "xy")[0], floor] - middle)[0]))
+    chart.line(ends, floor - (ends - under) * (normal[:2] @ axes[:, 0]) / normal[2], FAINT, 0.8)
     weight = float(signals["plan_force_z"][0])
     scale = _ARROW * com[2] / weight if weight > 0.0 else 0.0
     for kind, color, width in (("plan", PLAN, 4.0), ("measured", MEASURED, 1.5)):

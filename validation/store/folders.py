@@ -150,11 +150,7 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Lock a folder; the lock ends with this process in any case.
-
-    Raises:
-        OSError: another process holds it.
-    """
+    """Lock a folder; the lock ends with this process in any case."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

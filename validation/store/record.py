@@ -25,6 +25,7 @@ from ampm.geometry import Array
 from validation.store.json import json_ready
 from validation.trial.outcome import Outcome
 from validation.trial.record import (
+    CONSTANTS,
     CONTACTS_FILE,
     EXTERNAL_FILE,
     INTEGERS,
@@ -40,26 +41,6 @@ from validation.trial.spill import blocks
 RECORD_FILES = (JOINTS_FILE, CONTACTS_FILE, TICKS_FILE)
 MODEL_FILE = "model.xml"
 """The model that was simulated."""
-
-CONSTANTS = (
-    "outcome",
-    "mass",
-    "gravity",
-    "time_step",
-    "friction",
-    "torque_limit",
-    "joint_range",
-    "joint_names",
-    "point_foot",
-    "point_group",
-    "point_sites",
-    "external_segments",
-    "floor",
-    "changes",
-    "controller",
-    "disturbances",
-)
-"""Fields of a :class:`SimulationRecord` that are in the header, a JSON text."""
 
 _FORMAT = 6
 _GROUP = 65_536  # rows written at a time
@@ -184,9 +165,6 @@ class StoredRecord(SimulationRecord):
     - ``tick_torque`` one for each control tick, shape (T, nu), from which ``torque`` is made.
 
     What the folder lacks is no attribute.
-
-    Args:
-        directory: folder of a recorded run.
 
     Raises:
         InputError: there is no record, or one of another format.

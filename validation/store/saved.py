@@ -44,25 +44,15 @@ _NEEDED = (RUN_FILE, MODEL_FILE, BODY_FILE, SIGNALS_FILE, SUMMARY_FILE)
 
 @dataclass(frozen=True)
 class SavedRun(Tabled):
-    """Contents of a run folder.
+    """Contents of a run folder."""
 
-    Attributes:
-        directory: the folder.
-        parameters: the resolved parameters.
-        model_xml: the compiled model's source (MJCF).
-        body: which joint, sole and segment of it is what.
-        record: states, contact forces and torques, read when used.
-        signals: plan, command and measurement on the common clock.
-        summary: ``summary.json``.
-    """
-
-    directory: Path
-    parameters: RunParameters
-    model_xml: str
-    body: BodyDescription
-    record: StoredRecord
-    signals: Signals
-    summary: Mapping[str, Any]
+    directory: Path  # the folder
+    parameters: RunParameters  # the resolved parameters
+    model_xml: str  # the compiled model's source (MJCF)
+    body: BodyDescription  # which joint, sole and segment of it is what
+    record: StoredRecord  # states, contact forces and torques, read when used
+    signals: Signals  # plan, command and measurement on the common clock
+    summary: Mapping[str, Any]  # `summary.json`
 
     def __repr__(self) -> str:
         """Folder, gait, steps, outcome and verdict."""
@@ -210,11 +200,7 @@ def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _load_summary(path: Path) -> dict[str, Any]:
-    """Read ``summary.json``.
-
-    Raises:
-        InputError: there is none, or it is damaged.
-    """
+    """Read ``summary.json``."""
     return read_json(path, Summary, "walk the gait again")
 
 

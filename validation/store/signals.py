@@ -25,19 +25,12 @@ SIGNALS_FILE = "signals.parquet"
 
 
 class SignalColumn(NamedTuple):
-    """Columns of one kind.
+    """Columns of one kind."""
 
-    Attributes:
-        pattern: regular expression of their names.
-        unit: SI unit, empty for labels and flags.
-        frame: in which vectors are written, empty for anything else.
-        meaning: one phrase.
-    """
-
-    pattern: str
-    unit: str
-    frame: str
-    meaning: str
+    pattern: str  # regular expression of their names
+    unit: str  # SI unit, empty for labels and flags
+    frame: str  # in which vectors are written, empty for anything else
+    meaning: str  # one phrase
 
 
 with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as _file:
@@ -59,13 +52,9 @@ def column_of(name: str) -> SignalColumn:
 
 @dataclass(frozen=True)
 class Signals(Brief):
-    """Columns of ``signals.parquet``; a null is NaN.
+    """Columns of ``signals.parquet``; a null is NaN."""
 
-    Attributes:
-        columns: name to array (N,): float64, bool, or object for the labels.
-    """
-
-    columns: Mapping[str, NDArray[Any]]
+    columns: Mapping[str, NDArray[Any]]  # name to array (N,): float64, bool, or object for the labels
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in self.columns:

@@ -13,7 +13,7 @@ from ampm.description import SOLE_POINT_GROUPS
 from ampm.exceptions import InputError
 from ampm.planner.centroidal import CentroidalPlan, phase_of
 from ampm.planner.support import StepPlan
-from validation.trial.columns import check_suffix
+from validation.trial.users import check_suffix
 
 MOST_SAMPLES = 5_000_000
 """Samples of one table at most: about 2 GB of memory."""

@@ -93,21 +93,13 @@ _ANOTHER: Mapping[str, Callable[[RunParameters], Values]] = {
 
 @dataclass(frozen=True)
 class Change:
-    """One layer made ideal, or another one in its place: a row of ``layers.csv``.
+    """One layer made ideal, or another one in its place: a row of ``layers.csv``."""
 
-    Attributes:
-        layer: its name.
-        text: what is changed; "it passes" may follow.
-        keys: that change, and sections, separated by spaces.
-        value: ``default``, a factor such as ``x0.5``, ``another``, or the value itself.
-        drops: which of a user's ``controller``, ``planner``, ``estimator`` and ``pushes`` is left out.
-    """
-
-    layer: str
-    text: str
-    keys: str
-    value: str
-    drops: str
+    layer: str  # its name
+    text: str  # what is changed; "it passes" may follow
+    keys: str  # that change, and sections, separated by spaces
+    value: str  # `default`, a factor such as `x0.5`, `another`, or the value itself
+    drops: str  # which of a user's `controller`, `planner`, `estimator` and `pushes` is left out
 
     def values(self, run: RunParameters) -> Values:
         """New values by key, of a run."""
@@ -135,23 +127,14 @@ CHANGES = tuple(
 
 @dataclass(frozen=True)
 class Case:
-    """A trial as it is walked.
+    """A trial as it is walked."""
 
-    Attributes:
-        request: complete.
-        profile: name of the tolerances.
-        users: classes of a user, see :func:`validation.study.walk_options.users_classes`.
-        pushes: forces on the body beside those of the run.
-        strained: motor that reaches its limit; empty if none does.
-        lifted: whether there are no limits.
-    """
-
-    request: Request
-    profile: str
-    users: Values
-    pushes: tuple[Disturbance, ...] = ()
-    strained: str = ""
-    lifted: bool = False
+    request: Request  # complete
+    profile: str  # name of the tolerances
+    users: Values  # classes of a user, see `users_classes`
+    pushes: tuple[Disturbance, ...] = ()  # forces on the body beside those of the run
+    strained: str = ""  # motor that reaches its limit; empty if none does
+    lifted: bool = False  # whether there are no limits
 
     def changed(self, change: Change) -> "Case":
         """With a change; equal if the layer is ideal already.
@@ -265,23 +248,14 @@ def residuals_of(planned: PlannedWalk) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Explanation(Tabled):
-    """Why a trial fails, or what costs most of its margin.
+    """Why a trial fails, or what costs most of its margin."""
 
-    Attributes:
-        title: gait, and what was changed in it.
-        named: layers that are to blame; none if the trial passes, or if no layer helps.
-        said: the sentence.
-        trial: the trial itself, see :func:`walk_case`.
-        changes: the same of every change and pair, with its ``layers`` and its ``text``.
-        residuals: see :func:`residuals_of`.
-    """
-
-    title: str
-    named: tuple[str, ...]
-    said: str
-    trial: Row
-    changes: tuple[Row, ...]
-    residuals: Mapping[str, float]
+    title: str  # gait, and what was changed in it
+    named: tuple[str, ...]  # layers that are to blame; none if the trial passes, or if no layer helps
+    said: str  # the sentence
+    trial: Row  # the trial itself, see `walk_case`
+    changes: tuple[Row, ...]  # the same of every change and pair, with its `layers` and its `text`
+    residuals: Mapping[str, float]  # see `residuals_of`
 
     @property
     def sentence(self) -> str:

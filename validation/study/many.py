@@ -20,17 +20,18 @@ from typing import Any, TypedDict, Unpack, cast
 import numpy as np
 from pydantic import BaseModel
 
-from ampm.exceptions import InputError
+from ampm.exceptions import InputError, StudyStopped
 from ampm.parameters import RunParameters
 from validation.judge.metrics import added_metrics
 from validation.progress import Progress, Stage, interruption
-from validation.store.folders import check_target, disk_is_full
-from validation.store.identity import code_hash
+from validation.store.environment import code_hash
+from validation.store.folders import check_target, disk_is_full, output_file
+from validation.store.json import write_json
 from validation.store.machine import cores
-from validation.study.exceptions import StudyStopped
 from validation.study.pool import open_pool, users_file
 from validation.study.row_file import ROWS, Row, RowFile
 from validation.study.walk_options import users_files
+from validation.table import markdown_page
 
 
 @dataclass(frozen=True)
@@ -133,11 +134,7 @@ class Execution(Pool, total=False):
 
 
 def open_study(execution: Execution) -> tuple[Path | None, Pool]:
-    """Folder of a study, see :func:`study_folder`, and where it walks.
-
-    Raises:
-        InputError: as :func:`study_folder`.
-    """
+    """Folder of a study, see :func:`study_folder`, and where it walks."""
     rest: dict[str, Any] = {**execution}
     folder = study_folder(rest.pop("out", None), resume=rest.pop("resume", False))
     return folder, cast(Pool, rest)
@@ -161,6 +158,15 @@ def study_folder(out: str | Path | None, *, resume: bool) -> Path | None:
         Path(out), None, force=resume, what="study", marks=(ROWS,), way_out="--resume to go on with its study"
     )
     return Path(out)
+
+
+def write_study(result: Any, path: Path) -> None:
+    """Write the tables of a study as Markdown and, last, its numbers as JSON, which mark it as complete."""
+    path.unlink(missing_ok=True)
+    with output_file(path.with_suffix(".md")) as work:
+        work.write_text(markdown_page(result.tables()), encoding="utf-8")
+    with output_file(path) as work:
+        write_json(work, result.as_dict())
 
 
 def walk_many(

@@ -11,8 +11,13 @@ from validation.show.paper import STUDIED, UNSTUDIED, Citation, cite_run
 from validation.show.report import split_table, write_report
 from validation.show.run_figures import RunFigures
 from validation.store.saved import load_saved_run
-from validation.study.compare.figures import draw_walks
-from validation.study.compare.report import REPORT, is_comparison, load_comparison, write_comparison
+from validation.study.compare.report import (
+    REPORT,
+    draw_walks,
+    is_comparison,
+    load_comparison,
+    write_comparison,
+)
 from validation.study.sweep.figures import LABELS, parallel, scatter, static_svg
 from validation.study.sweep.report import cite_sweep, metric_table, run_data_of, write_sweep_report
 from validation.study.sweep.table import SweepTable, is_sweep, read_sweep

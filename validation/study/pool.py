@@ -27,13 +27,12 @@ from uuid import uuid4
 
 import cloudpickle
 
-from ampm.exceptions import InputError, RefusedGait
+from ampm.exceptions import InputError, RefusedGait, StudyStopped
 from ampm.files import read_text
 from validation.judge.metrics import add_metrics, added_metrics
+from validation.store.environment import code_hash
 from validation.store.folders import disk_is_full
-from validation.store.identity import code_hash
 from validation.store.machine import HIDDEN_FILE, cores, hidden_main
-from validation.study.exceptions import StudyStopped
 from validation.study.row_file import Row
 from validation.trial.users import UsersError
 

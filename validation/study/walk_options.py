@@ -14,8 +14,7 @@ from validation.run.trial import Trial
 from validation.run.walk import timed, walk_planned
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, plan_walk
-from validation.trial.planners import load_planner
-from validation.trial.users import CONTROLLER, ESTIMATOR, PLANNER
+from validation.trial.users import CONTROLLER, ESTIMATOR, PLANNER, load_planner
 
 
 def users_classes(run: RunParameters) -> dict[str, Any]:

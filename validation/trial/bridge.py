@@ -16,20 +16,15 @@ root linear acceleration  d/dt of the above           spatial: ``R^T a - omega x
 ========================  ==========================  ===================================
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
+from ampm.geometry import Array
 from validation.trial.passive import PassiveJoints
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Array = NDArray[np.float64]
 
 _ALIGNED = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
 """Hinges about an axis of their frame."""

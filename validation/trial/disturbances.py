@@ -1,29 +1,25 @@
-"""Forces on a walking body besides its own motors and the floor.
+"""Forces on a walking body besides its own motors and the floor, faults of motors, and a start off the plan.
 
 What else disturbs a walk is in :mod:`validation.trial.scene` (world and body) and
-:mod:`validation.trial.faults` (sensors and motors).
+:mod:`validation.trial.readings` (sensors).
 """
 
-from __future__ import annotations
-
 import math
+from collections import deque
 from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ampm.description import BodyDescription
 from ampm.exceptions import InputError
+from ampm.geometry import Array
+from ampm.parameters import DisturbanceParameters, RunParameters
+from ampm.walk import ControlOutput
 from validation.trial.users import UsersCode, load_object, real_numbers
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from ampm.description import BodyDescription
-    from ampm.parameters import DisturbanceParameters
-
-    Array = NDArray[np.float64]
 
 _CLOCK = 1e-9  # tolerance of the start of a push, for rounding [s]
 
@@ -151,19 +147,12 @@ class Push:
 
 @dataclass(frozen=True)
 class Recorded:
-    """The forces of an earlier walk again, at the same times.
+    """The forces of an earlier walk again, at the same times."""
 
-    Attributes:
-        segments: that were pushed, S names.
-        force: in every step, in world, shape (N, S, 3) [N].
-        moment: likewise, shape (N, S, 3) [N m].
-        time_step: of that walk [s].
-    """
-
-    segments: tuple[str, ...]
-    force: Array
-    moment: Array
-    time_step: float
+    segments: tuple[str, ...]  # that were pushed, S names
+    force: Array  # in every step, in world, shape (N, S, 3) [N]
+    moment: Array  # likewise, shape (N, S, 3) [N m]
+    time_step: float  # of that walk [s]
 
     def apply(self, time: float, plant: Plant) -> None:
         """Push as at this time then."""
@@ -215,3 +204,37 @@ def pushes_of(disturbance: DisturbanceParameters) -> list[Push]:
     if not any(force):
         return []
     return [Push(disturbance.push_segment, force, disturbance.push_at, disturbance.push_duration)]
+
+
+class MotorFaults:
+    """Motors that act late and with a bias; controllers get no information on it.
+
+    Args:
+        run: its section ``disturbance``, and the control frequency.
+        torque_limit: of the motors, shape (nu,) [N m].
+    """
+
+    def __init__(self, run: RunParameters, torque_limit: Array) -> None:
+        fault, self._limit = run.disturbance, torque_limit
+        signs = np.random.default_rng([fault.seed, 1])
+        self._bias = fault.torque_bias * signs.choice([-1.0, 1.0], len(torque_limit))
+        late = fault.ticks_late(run.controller.frequency)
+        self._commanded: deque[tuple[Array, Array | None]] = deque(maxlen=1 + late)
+
+    def act(self, output: ControlOutput) -> ControlOutput:
+        """The output of a tick, with the torques that act in it."""
+        rate = None if output.rate is None else np.array(output.rate)
+        self._commanded.append((np.array(output.torque), rate))
+        torque, rate = self._commanded[0]
+        if self._bias.any():
+            torque = np.clip(torque + self._bias, -self._limit, self._limit)
+        return output._replace(torque=torque, rate=rate)
+
+
+def started(velocity: Array, fault: DisturbanceParameters) -> Array:
+    """Velocities at the start of a walk, shape (nv,): the plan's, with an error of the root's [m/s]."""
+    if not fault.start_velocity:
+        return velocity
+    error = np.zeros(len(velocity))
+    error[:3] = fault.start_velocity * np.random.default_rng([fault.seed, 2]).standard_normal(3)
+    return velocity + error

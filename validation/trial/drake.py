@@ -12,7 +12,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import (
     AddContactMaterial,
@@ -24,11 +23,7 @@ from pydrake.geometry import (
     Sphere,
 )
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import (
-    AddMultibodyPlant,
-    CoulombFriction,
-    MultibodyPlantConfig,
-)
+from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlantConfig
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
     QuaternionFloatingJoint,
@@ -38,12 +33,12 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import DiagramBuilder
 
+from ampm.geometry import Array
 from ampm.physics_parameters import DrakeParameters
 
 # Of contact between rigid and soft bodies, of which there is none here.
 logging.getLogger("drake").addFilter(lambda record: "half spaces" not in record.getMessage())
 
-Array = NDArray[np.float64]
 
 _RIGID = 1e25
 """Stiffness of the floor [N/m]: that of a contact is the sole point's. Infinity would give NaN."""
@@ -236,11 +231,6 @@ class DrakeEngine:
 
     Drake's solver stops at a relative residual of 1e-6, and its velocities do not quite follow from its
     forces. So its forces act on the same plant without contact, which gives the next state.
-
-    Args:
-        model: see :class:`_Plant`.
-        data: its state.
-        contact: of the sole points.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, contact: DrakeParameters) -> None:

@@ -71,11 +71,7 @@ def check_drake(model: mujoco.MjModel | None = None) -> None:
 
 
 def make_engine(model: mujoco.MjModel, data: mujoco.MjData, drake: DrakeParameters | None = None) -> Engine:
-    """The engine that steps these data: Drake with this contact, or MuJoCo.
-
-    Raises:
-        InputError: as :func:`check_drake`.
-    """
+    """The engine that steps these data: Drake with this contact, or MuJoCo."""
     if drake is None:
         return MujocoEngine(model, data)
     check_drake(model)

@@ -6,22 +6,18 @@ compared with the plan as it stood at t - lead.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ampm.geometry import Array
+from ampm.stepping.tracker import CYCLE, STILL, SteppedTick
 from validation.trial.frozen_plan import FrozenPlan, PlanRows
-from validation.trial.stepped import Stepped
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.stepping.tracker import SteppedTick
-
-    Array = NDArray[np.float64]
 
 LEADS = (0.0, 0.05, 0.1, 0.2, 0.4)
 """How long before an instant the plan stood that it is compared with [s]."""
@@ -37,19 +33,13 @@ class Followed:
     """The plans that a walk followed, one after another.
 
     A plan holds from the tick after it was made. Off its plan, the stabiliser that steps has planned each
-    tick before it sensed the state of this tick, see :mod:`validation.trial.stepped`.
-
-    Attributes:
-        plans: of the planner, the first one first.
-        since: first tick of each of them [s].
-        stepped: states of the stabiliser, a tick each, in turn.
-        tick: control period [s].
+    tick before it sensed the state of this tick, see :class:`Stepped`.
     """
 
-    plans: tuple[FrozenPlan, ...]
-    since: tuple[float, ...] = (0.0,)
-    stepped: tuple[SteppedTick, ...] = ()
-    tick: float = 0.0
+    plans: tuple[FrozenPlan, ...]  # of the planner, the first one first
+    since: tuple[float, ...] = (0.0,)  # first tick of each of them [s]
+    stepped: tuple[SteppedTick, ...] = ()  # states of the stabiliser, a tick each, in turn
+    tick: float = 0.0  # control period [s]
 
     @property
     def moved(self) -> bool:
@@ -103,3 +93,112 @@ class Followed:
     @cached_property
     def _steps(self) -> Stepped:
         return Stepped.of(self.stepped)
+
+
+@dataclass(frozen=True)
+class Stepped:
+    """States of the stabiliser off its plan, N ticks, and what it has planned at each before it sensed.
+
+    It is the plan of the phase, at the phase's own clock and moved with the feet that stand, and the swing
+    foot on its way to the step that was chosen last; after that the next phases, moved with the feet that
+    then stand. Nothing in it follows the COM: the reference that the controller tracks
+    (:func:`ampm.stepping.walker.advance`) lets the COM's error fade and gives another acceleration.
+    """
+
+    time: Array  # of the ticks [s], shape (N,)
+    index: NDArray[np.intp]  # phase of the plan; after its end the numbers go on, shape (N,)
+    walker: Any  # see entries of `SteppingState`, shape (N,)
+
+    @classmethod
+    def of(cls, ticks: Sequence[SteppedTick]) -> Stepped:
+        """Ticks as arrays."""
+        time, index, walker = zip(*ticks, strict=True)
+        return cls(np.array(time), np.array(index), np.array(walker))
+
+    def tick_of(self, times: Array) -> NDArray[np.intp]:
+        """Last tick up to every time, -1 before the first one, shape (M,)."""
+        return np.searchsorted(self.time, times + 1e-9, side="right") - 1
+
+    def at(self, times: Array, made: Array, frozen: FrozenPlan) -> PlanRows:
+        """What was planned of some times by the last tick up to ``made``, both of shape (M,) [s].
+
+        A plan that walks on repeats its last two steps after its end. No support is planned: ``points`` are
+        NaN.
+        """
+        tick, contacts = self.tick_of(made), frozen.plan.contacts
+        walker, every = self.walker[tick], np.arange(len(times))
+        index, left = self.index[tick], times - self.time[tick]
+        single, stance, clock, rate, duration, step, shift = (
+            walker[name].copy() for name in ("single", "stance", "clock", "rate", "duration", "step", "shift")
+        )
+        swing, begun = walker["swing"][:, 0].copy(), clock.copy()  # where the swing foot is, and when
+        phases, spans = len(contacts.phases), np.diff(contacts.starts, append=contacts.duration)
+        goes_on = np.abs(frozen.rows.com_velocity[-1]).max() > STILL
+        while True:
+            again = np.maximum(index - phases, -1) // CYCLE + 1
+            source = np.minimum(np.maximum(index - CYCLE * again, 0), phases - 1)
+            rest = (duration - clock) / rate
+            over = every[(left > rest) & ((index + 1 < phases) | goes_on)]
+            if not over.size:
+                break
+            landed = over[single[over]]
+            shift[landed, 1 - stance[landed]] = _target(shift, stance, step)[landed]
+            left[over] -= rest[over]
+            index[over] += 1
+            again = np.maximum(index - phases, -1) // CYCLE + 1
+            source = np.minimum(np.maximum(index - CYCLE * again, 0), phases - 1)
+            single[over] = contacts.kind_codes[source[over]] == 0
+            stance[over] = np.where(single[over], contacts.stance_codes[source[over]], stance[over])
+            rate[over], clock[over], begun[over], step[over] = 1.0, 0.0, 0.0, 0.0
+            duration[over] = spans[source[over]]
+            swing[over] = shift[over, 1 - stance[over]]
+        clock = np.minimum(clock + rate * left, duration)
+        columns = dict(frozen.rows.at(contacts.starts[source] + np.minimum(clock, spans[source])).columns)
+        repeated = np.zeros((len(times), 3))
+        if again.any():
+            way = contacts.placements[-1, 0, :2] - contacts.placements[-1 - CYCLE, 0, :2]
+            repeated[:, :2] = again[:, None] * way
+            repeated[:, 2] = contacts.slope * repeated[:, 0]
+        old, new = shift[every, stance], shift[every, 1 - stance]
+        done = np.where(single, 0.0, clock / duration)[:, None]
+        base = repeated + old + done * (new - old)
+        speed = np.where(single, 0.0, rate / duration)[:, None] * (new - old)
+        target = _target(shift, stance, step)
+        target[:, 2] += contacts.slope * step[:, 0]
+        swung = ((clock - begun) / np.maximum(duration - begun, 1e-9))[:, None]
+        feet, ahead = shift.copy(), shift[:, :, :2].copy()  # of the feet, and of their next footsteps
+        feet[every, 1 - stance] = np.where(single[:, None], swing + swung * (target - swing), new)
+        ahead[every, 1 - stance] = np.where(single[:, None], target, new)[:, :2]
+        plan, on_floor = frozen.plan, columns["feet"].reshape(-1, 2, 3) + feet + repeated[:, None]
+        heading = columns["headings"][every, stance]
+        com = columns["com"] + base + np.pad(walker["height"][:, :1], ((0, 0), (2, 0)))
+        velocity = rate[:, None] * columns["com_velocity"] + speed
+        com[:, 2] += repeated[:, 2] - base[:, 2]
+        velocity[:, 2] += walker["height"][:, 1] - speed[:, 2]
+        omega = np.sqrt(plan.gravity / plan.com_height)
+        moved = {
+            "time": times.copy(),
+            "phase": (~single).astype(np.int8),
+            "stance": np.where(single, stance, 2).astype(np.int8),
+            "com": com,
+            "com_velocity": velocity,
+            "dcm": (com + velocity / omega)[:, :2],
+            "zmp": columns["zmp"] + base[:, :2],
+            "floor": np.where(single, on_floor[every, stance, 2], on_floor[:, :, 2].mean(axis=1)),
+            "force": plan.mass * (columns["com_acceleration"] + [0.0, 0.0, plan.gravity]),
+            "moment": rate[:, None] * columns["moment"],
+            "left_placement": columns["left_placement"] + repeated[:, :2] + ahead[:, 0],
+            "right_placement": columns["right_placement"] + repeated[:, :2] + ahead[:, 1],
+            "heading": heading,
+            "feet": on_floor.reshape(-1, 6),
+            "headings": np.column_stack([heading, heading]),
+            "points": np.full((len(times), 12, 2), np.nan),
+        }
+        return PlanRows(columns | moved)
+
+
+def _target(shift: Array, stance: NDArray[np.intp], step: Array) -> Array:
+    """Shift with which the swing foot is to land: the standing foot's, and the step's, shape (M, 3) [m]."""
+    target = shift[np.arange(len(shift)), stance]
+    target[:, :2] += step
+    return target

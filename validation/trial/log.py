@@ -3,77 +3,53 @@
 from __future__ import annotations
 
 from collections import namedtuple
+from collections.abc import Mapping
 from copy import copy
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled, refer
+from ampm.geometry import Array
 from ampm.reference import reference_type
 from ampm.vectors import put, vector
 from validation.trial import spill
+from validation.trial.outcome import Outcome
+from validation.trial.physics import BodyState, Physics
 from validation.trial.record import INTEGERS, LOGGED, SHAPES, SimulationRecord, shape_of
 from validation.trial.watch import Stance
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from validation.trial.outcome import Outcome
-    from validation.trial.physics import BodyState, Physics
-
-    Array = NDArray[np.float64]
 
 # Code for a class of a function would be compiled by every process.
 Recorded: Any = namedtuple("Recorded", LOGGED)  # type: ignore[misc]
 
 
 class Command(NamedTuple):
-    """What a controller commands at a tick; NaN where it says nothing.
+    """What a controller commands at a tick; NaN where it says nothing."""
 
-    Attributes:
-        torque: shape (nu,) [N m].
-        rate: at which the torques go on, NaN holds them, shape (nu,) [N m/s].
-        force: of the ground, shape (3,) [N].
-        zmp: shape (2,) [m].
-        angular_momentum: about the COM, shape (3,) [N m s].
-        com: of the reference that it follows, shape (3,) [m].
-    """
-
-    torque: Array
-    rate: Array
-    force: Array
-    zmp: Array
-    angular_momentum: Array
-    com: Array
+    torque: Array  # shape (nu,) [N m]
+    rate: Array  # at which the torques go on, NaN holds them, shape (nu,) [N m/s]
+    force: Array  # of the ground, shape (3,) [N]
+    zmp: Array  # shape (2,) [m]
+    angular_momentum: Array  # about the COM, shape (3,) [N m s]
+    com: Array  # of the reference that it follows, shape (3,) [m]
 
 
-class Log(NamedTuple):
-    """What the compiled functions of a step read and write.
+class StepLog(NamedTuple):
+    """What the compiled functions of a step read and write."""
 
-    Attributes:
-        record: arrays of :data:`validation.trial.record.LOGGED`.
-        body: of this step.
-        command: of the last tick.
-        stance: of body and command.
-        normal_force: of every sole point in the last step, shape (P,) [N].
-        touching: sole points that touch, shape (P,).
-        substeps: steps of a control tick.
-    """
-
-    record: Any
-    body: BodyState
-    command: Command
-    stance: Stance
-    normal_force: Array
-    touching: NDArray[np.bool_]
-    substeps: int
+    record: Any  # arrays of `LOGGED`
+    body: BodyState  # of this step
+    command: Command  # of the last tick
+    stance: Stance  # of body and command
+    normal_force: Array  # of every sole point in the last step, shape (P,) [N]
+    touching: NDArray[np.bool_]  # sole points that touch, shape (P,)
+    substeps: int  # steps of a control tick
 
 
 @compiled
-def keep_instant(log: Log, k: int) -> None:
+def keep_instant(log: StepLog, k: int) -> None:
     """Copy the places of sole points and soles, COM and angular momentum at t_k."""
     record, body = log.record, log.body
     sites, place = body.sites, body.site_place
@@ -101,7 +77,7 @@ class RunLog:
         row: what the controller follows at a tick, see :func:`ampm.reference.reference_type`, shape (1,).
         command: of the last tick.
         stance: of body and command.
-        handle: reference to the :class:`Log`, for compiled functions.
+        handle: reference to the :class:`StepLog`, for compiled functions.
     """
 
     def __init__(self, steps: int, physics: Physics) -> None:
@@ -129,7 +105,7 @@ class RunLog:
     def _allocate(self, steps: int) -> None:
         """Make the arrays for K steps."""
         physics = self.physics
-        model, points = physics.model, len(physics.points.names)
+        model, points = physics.model, len(physics.point_sites)
         sizes = {
             "K": steps,
             "K+1": steps + 1,
@@ -145,7 +121,7 @@ class RunLog:
         )
         self.external: dict[str, Array] = {}  # pushes of every segment that was pushed, shape (K, 9)
         self.touching, self.normal_force = np.zeros(points, dtype=bool), np.zeros(points)
-        self.parts = Log(
+        self.parts = StepLog(
             record=self.record,
             body=physics.body,
             command=self.command,
@@ -175,10 +151,6 @@ class RunLog:
 
     def close(self, done: int, outcome: Outcome) -> SimulationRecord:
         """Add the instant at which the last step ends, and return the record.
-
-        Args:
-            done: whole steps.
-            outcome: how the walk ended.
 
         Returns:
             The record, without a copy of the arrays: ``done + 1`` rows of instants, ``done`` of steps, and
@@ -216,6 +188,6 @@ class RunLog:
             torque_limit=robot.torque_limit,
             joint_range=np.stack([robot.lower, robot.upper], axis=1),
             joint_names=robot.joint_names,
-            point_sites=physics.points.names,
+            point_sites=physics.point_sites,
             **kept,
         )

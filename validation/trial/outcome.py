@@ -31,19 +31,12 @@ class OutcomeName(StrEnum):
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended, when, and why.
+    """How a run ended, when, and why."""
 
-    Attributes:
-        name: the kind of end.
-        time: simulated time at the end [s].
-        cause: the first cause, one sentence; empty if the run completed.
-        steps_completed: whole steps walked, 0 or more.
-    """
-
-    name: OutcomeName
-    time: float
-    cause: str
-    steps_completed: int
+    name: OutcomeName  # the kind of end
+    time: float  # simulated time at the end [s]
+    cause: str  # the first cause, one sentence; empty if the run completed
+    steps_completed: int  # whole steps walked, 0 or more
 
     def __post_init__(self) -> None:
         try:

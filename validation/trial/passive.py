@@ -6,18 +6,10 @@ from ampm.geometry import Array
 
 
 class PassiveJoints(NamedTuple):
-    """Springs, dampers and dry friction of a body's coordinates, each shape (nv,).
+    """Springs, dampers and dry friction of a body's coordinates, each shape (nv,)."""
 
-    Attributes:
-        damping: [N m s/rad].
-        stiffness: [N m/rad].
-        rest: angle of the spring at rest [rad].
-        friction: dry friction [N m].
-        implicit: whether the integrator takes the damping at the velocity after the step.
-    """
-
-    damping: Array
-    stiffness: Array
-    rest: Array
-    friction: Array
-    implicit: bool
+    damping: Array  # [N m s/rad]
+    stiffness: Array  # [N m/rad]
+    rest: Array  # angle of the spring at rest [rad]
+    friction: Array  # dry friction [N m]
+    implicit: bool  # whether the integrator takes the damping at the velocity after the step

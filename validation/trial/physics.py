@@ -1,26 +1,21 @@
 """The simulated body: the only module of a walk that owns ``MjData``."""
 
-from __future__ import annotations
-
 import contextlib
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
+from ampm.geometry import Array
+from ampm.parameters import RunParameters
 from ampm.physics_parameters import steps_per_tick
 from validation.trial.bridge import to_mujoco
 from validation.trial.engine import drake_of, make_engine
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from ampm.parameters import RunParameters
-    from validation.trial.plan import Body
-
-    Array = NDArray[np.float64]
+from validation.trial.outcome import Outcome, OutcomeName
+from validation.trial.plan import Body
 
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
 
@@ -39,70 +34,33 @@ class BodyState(NamedTuple):
     """The body that is simulated, as views of MuJoCo's data.
 
     Contacts have as many rows as MuJoCo's memory can hold.
-
-    Attributes:
-        qpos: shape (nq,).
-        qvel: shape (nv,).
-        ctrl: torques, shape (nu,) [N m].
-        com: of a sensor, shape (3,) [m].
-        angular_momentum: about it, of a sensor, shape (3,) [N m s].
-        root_rotation: axes of the root to world, shape (3, 3).
-        trunk: its long axis in world, shape (3,).
-        site_place: shape (sites, 3) [m].
-        site_rotation: shape (sites, 9).
-        sites: numbers of the sole points and, last, of the two soles.
-        contact_geom: both geoms. MuJoCo sorts them by type: a floor that is a plane comes first, a box last.
-        contact_address: of the first force, along the normal, -1 for none: two along the tangents follow.
-        contact_frame: normal and tangents.
-        contact_place: [m].
-        contact_distance: negative where they overlap [m].
-        point_of_geom: sole point of every geom, -1 for none: a sphere, with one contact at most.
-        warnings: counts of states that MuJoCo could not step.
-        q: Pinocchio configuration, written by :func:`validation.trial.step.sense`, shape (nq,).
-        v: its velocity, shape (nv,).
-        torque_limit: shape (nu,) [N m].
-        scale: size of the body, of which 1.70 m is one [1].
-        time_step: [s].
     """
 
-    qpos: Array
-    qvel: Array
-    ctrl: Array
-    com: Array
-    angular_momentum: Array
-    root_rotation: Array
-    trunk: Array
-    site_place: Array
-    site_rotation: Array
-    sites: NDArray[np.intp]
+    qpos: Array  # shape (nq,)
+    qvel: Array  # shape (nv,)
+    ctrl: Array  # torques, shape (nu,) [N m]
+    com: Array  # of a sensor, shape (3,) [m]
+    angular_momentum: Array  # about it, of a sensor, shape (3,) [N m s]
+    root_rotation: Array  # axes of the root to world, shape (3, 3)
+    trunk: Array  # its long axis in world, shape (3,)
+    site_place: Array  # shape (sites, 3) [m]
+    site_rotation: Array  # shape (sites, 9)
+    sites: NDArray[np.intp]  # numbers of the sole points and, last, of the two soles
+    # both geoms. MuJoCo sorts them by type: a floor that is a plane comes first, a box last
     contact_geom: NDArray[np.int32]
+    # of the first force, along the normal, -1 for none: two along the tangents follow
     contact_address: NDArray[np.int32]
-    contact_frame: Array
-    contact_place: Array
-    contact_distance: Array
+    contact_frame: Array  # normal and tangents
+    contact_place: Array  # [m]
+    contact_distance: Array  # negative where they overlap [m]
+    # sole point of every geom, -1 for none: a sphere, with one contact at most
     point_of_geom: NDArray[np.intp]
-    warnings: NDArray[np.int32]
-    q: Array
-    v: Array
-    torque_limit: Array
-    scale: float
-    time_step: float
-
-
-class SolePoints:
-    """Sole points and soles in a compiled model.
-
-    Args:
-        model: that is stepped.
-        names: of the sites of the P sole points; each has a geom of its name.
-        sole_names: of the sites of both soles.
-    """
-
-    def __init__(self, model: mujoco.MjModel, names: tuple[str, ...], sole_names: tuple[str, ...]) -> None:
-        self.names = names
-        self.sites = np.array([model.site(name).id for name in (*names, *sole_names)], dtype=np.intp)
-        self.of_geom = np.full(model.ngeom, -1, dtype=np.intp)  # sole point of every geom, -1 for none
-        self.of_geom[[model.geom(name).id for name in names]] = np.arange(len(names))
+    warnings: NDArray[np.int32]  # counts of states that MuJoCo could not step
+    q: Array  # Pinocchio configuration, written by `sense`, shape (nq,)
+    v: Array  # its velocity, shape (nv,)
+    torque_limit: Array  # shape (nu,) [N m]
+    scale: float  # size of the body, of which 1.70 m is one [1]
+    time_step: float  # [s]
 
 
 class Physics:
@@ -124,13 +82,13 @@ class Physics:
         self.time_step = float(model.opt.timestep)
         self.substeps = steps_per_tick(run.controller.frequency, self.time_step)
         description = robot.description
-        self.points = points = SolePoints(
-            model,
-            tuple(site for _, _, site in description.sole_points()),
-            tuple(leg.sole_frame for leg in description.legs),
-        )
-        contact, sites = data.contact, points.sites[-2:]
-        self.soles = data.site_xpos[sites[0] : sites[1] + 1 : sites[1] - sites[0]]
+        self.point_sites = names = tuple(site for _, _, site in description.sole_points())
+        soles = [leg.sole_frame for leg in description.legs]
+        sites = np.array([model.site(name).id for name in (*names, *soles)], dtype=np.intp)
+        point_of_geom = np.full(model.ngeom, -1, dtype=np.intp)
+        point_of_geom[[model.geom(name).id for name in names]] = np.arange(len(names))
+        contact, (left, right) = data.contact, sites[-2:]
+        self.soles = data.site_xpos[left : right + 1 : right - left]
         self.body = BodyState(
             qpos=data.qpos,
             qvel=data.qvel,
@@ -141,13 +99,13 @@ class Physics:
             trunk=self._axes(description.trunk_segment)[:, 2],
             site_place=data.site_xpos,
             site_rotation=data.site_xmat,
-            sites=points.sites,
+            sites=sites,
             contact_geom=self._all_rows(contact.geom),
             contact_address=self._all_rows(contact.efc_address),
             contact_frame=self._all_rows(contact.frame),
             contact_place=self._all_rows(contact.pos),
             contact_distance=self._all_rows(contact.dist),
-            point_of_geom=points.of_geom,
+            point_of_geom=point_of_geom,
             warnings=data.warning.number[_BAD_STATE],
             q=np.zeros(robot.nq),
             v=np.zeros(robot.nv),
@@ -173,3 +131,27 @@ class Physics:
         """Set the state from Pinocchio's coordinates."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = to_mujoco(q, v)
+
+
+def explained(outcome: Outcome, model: mujoco.MjModel) -> Outcome:
+    """An outcome, with joints whose dampers let the simulation of a model diverge, and the line that helps.
+
+    A step from ``v`` to ``v - h M^-1 D v`` is unstable if an eigenvalue of ``h M^-1 D`` is over 2.
+    """
+    if outcome.name is not OutcomeName.DIVERGED:
+        return outcome
+    data, mass = mujoco.MjData(model), np.empty((model.nv, model.nv))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    inverse, damping = np.linalg.inv(mass), np.array(model.opt.timestep * model.dof_damping)
+    values, modes = np.linalg.eig(inverse * damping)
+    firm = sorted({int(np.abs(mode).argmax()) for mode in modes.T[values.real > 2.0]})
+    if not firm:
+        return outcome
+    names = [model.joint(int(model.dof_jntid[k])).name for k in firm]
+    return replace(
+        outcome,
+        cause=f"{outcome.cause}; the dampers of {', '.join(names)} are too strong for their inertia of "
+        f"{1.0 / inverse[firm, firm].max():.2g} kg m^2 and the time step: add armature.'{'|'.join(names)}' = "
+        f"{damping[firm].max():.1g} to the body's description, or lower damping or simulation.time_step",
+    )

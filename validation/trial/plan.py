@@ -23,8 +23,14 @@ from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
 from validation.progress import Progress
-from validation.trial.planners import check_planner, load_planner, no_walk
-from validation.trial.users import CONTROLLER, ESTIMATOR, UsersCode
+from validation.trial.users import (
+    CONTROLLER,
+    ESTIMATOR,
+    UsersCode,
+    check_planner,
+    load_planner,
+    planner_problem,
+)
 
 if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
@@ -37,16 +43,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Request:
-    """One gait that a user asks for.
+    """One gait that a user asks for."""
 
-    Attributes:
-        name: preset, or stem of the file.
-        run: everything that describes the run.
-        changed: key to value of what settings changed in the preset or file, except the number of steps.
-    """
-
-    name: str
-    run: RunParameters
+    name: str  # preset, or stem of the file
+    run: RunParameters  # everything that describes the run
+    # key to value of what settings changed in the preset or file, except the number of steps
     changed: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -70,17 +71,11 @@ def gait_title(name: str, changed: Mapping[str, Any], planner: str = "") -> str:
 
 @dataclass(frozen=True)
 class Body(Brief):
-    """A body for simulator and controller.
+    """A body for simulator and controller."""
 
-    Attributes:
-        model: the simulator's.
-        robot: of planner and controller.
-        shapes: that must keep apart.
-    """
-
-    model: BodyModel
-    robot: Robot
-    shapes: Shapes
+    model: BodyModel  # the simulator's
+    robot: Robot  # of planner and controller
+    shapes: Shapes  # that must keep apart
 
     @classmethod
     def of(cls, model: BodyModel) -> Body:
@@ -101,23 +96,15 @@ class Body(Brief):
 
 @dataclass(frozen=True)
 class PlannedWalk(Brief):
-    """What a walk is simulated from.
+    """What a walk is simulated from."""
 
-    Attributes:
-        request: name and parameters, with the values that were found.
-        plan: COM, momentum, feet and posture.
-        body: that walks.
-        planner: name of the planner that made the plan, empty for the default one.
-        tuned: the values that were found, with their margins; None if nothing was searched for.
-        replanner: the planner, if it goes on planning while its plan is walked.
-    """
-
-    request: Request
-    plan: WalkPlan
-    body: Body
-    planner: str = ""
+    request: Request  # name and parameters, with the values that were found
+    plan: WalkPlan  # COM, momentum, feet and posture
+    body: Body  # that walks
+    planner: str = ""  # name of the planner that made the plan, empty for the default one
+    # the values that were found, with their margins; None if nothing was searched for
     tuned: Tuned | None = None
-    replanner: Replanner | None = None
+    replanner: Replanner | None = None  # the planner, if it goes on planning while its plan is walked
 
     @property
     def name(self) -> str:
@@ -312,7 +299,7 @@ def plan_walk(
     # Imported here: Pinocchio is slow to load.
     from ampm.planners import FootstepPlanner
     from ampm.walk import WalkPlan
-    from validation.trial.contact_check import check_contacts
+    from validation.trial.frozen_plan import check_contacts
     from validation.trial.references import replan_period
 
     if planner is None and run.footsteps and run.gait.planner == "ampm":
@@ -349,10 +336,11 @@ def plan_walk(
     ):
         plan = planner.plan(run.undisturbed, body.robot)
         if not isinstance(plan, WalkPlan):
-            raise TypeError(f"it made {no_walk(plan)}")
+            raise TypeError(f"it made {planner_problem(plan)}")
         if not checked:
             _check_posture(plan, body.robot)
             check_contacts(plan)
+            _check_slope(plan, run)
             if not says.get("gives_steps", False):
                 _check_steps(plan, run)
     if run.footsteps and not checked:
@@ -371,6 +359,15 @@ def _check_footsteps(plan: WalkPlan, run: RunParameters, planner: str) -> None:
                 f"planner {planner} does not step on footstep {number} at ({wanted.x:g}, {wanted.y:g}) m; "
                 f"its nearest step is {away:.3g} m off. Plan run.footsteps in it, or leave them out."
             )
+
+
+def _check_slope(plan: WalkPlan, run: RunParameters) -> None:
+    """Refuse a plan for a floor with another slope."""
+    if plan.contacts.slope != run.gait.slope:
+        raise ValueError(
+            f"it plans for a slope of {plan.contacts.slope:g}, and gait.slope is {run.gait.slope:g}; make "
+            "the plan with ampm.make_plan, which takes it from the run"
+        )
 
 
 def _check_steps(plan: WalkPlan, run: RunParameters) -> None:
@@ -404,7 +401,7 @@ def tune_walk(request: Request, progress: Progress | None = None, *, advise: boo
 
     Raises:
         InputError: nothing is open.
-        MathematicalRefusal, BodilyRefusal: nothing walks; :class:`ampm.tune.refusal.NoFeasibleChoice`,
+        MathematicalRefusal, BodilyRefusal: nothing walks; :class:`ampm.tune.tuning.NoFeasibleChoice`,
             a BodilyRefusal, says which limit stayed broken.
     """
     from ampm.tune.tuning import tune  # imported here: Pinocchio is slow to load
@@ -424,11 +421,7 @@ def tune_walk(request: Request, progress: Progress | None = None, *, advise: boo
 
 
 def complete(request: Request, progress: Progress | None = None) -> Request:
-    """The request with all values, including those that planning would find.
-
-    Raises:
-        InputError, MathematicalRefusal, BodilyRefusal: as :func:`tune_walk`.
-    """
+    """The request with all values, including those that planning would find."""
     return tune_walk(request, progress).request if leaves_open(request.run) else request
 
 

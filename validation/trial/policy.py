@@ -1,17 +1,9 @@
 """What a policy observes of one tick, in :mod:`validation.environment` and as the controller of a trial."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.walk import Reference, State, Touch
-
-    Array = NDArray[np.float64]
+from ampm.geometry import Array
+from ampm.walk import Reference, State, Touch
 
 
 def observe(state: State, touch: Touch, reference: Reference) -> dict[str, Array]:

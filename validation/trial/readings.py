@@ -1,39 +1,28 @@
 """Sensors of the simulated body: true values of the log, with delay, noise and bias."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ampm.body.robot import Robot
 from ampm.compiled import bound, compiled
-from ampm.sensors.readings import Readings
+from ampm.geometry import Array
+from ampm.parameters import RunParameters
+from ampm.sensors.readings import Estimator, EstimatorFactory, Readings
 from ampm.vectors import from_quaternion, minus, plus, times, turned, vector
 from ampm.walk import State, Touch
 from validation.trial.bridge import to_pinocchio
-from validation.trial.log import Log
+from validation.trial.log import RunLog, StepLog
 from validation.trial.users import ESTIMATOR, UsersCode
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from ampm.body.robot import Robot
-    from ampm.parameters import RunParameters
-    from ampm.sensors.readings import Estimator, EstimatorFactory
-    from validation.trial.log import RunLog
-
-    Array = NDArray[np.float64]
 
 _HINGES = 6  # velocities of the free root come first
 _DRAWN = 64  # ticks whose noise is drawn at once
 
 
 @compiled
-def read_true(log: Log, gravity: float, time_step: float, i: int, values: Array) -> None:
+def read_true(log: StepLog, gravity: float, time_step: float, i: int, values: Array) -> None:
     """Add the true readings of step i to values: angles, rates, gyro, accelerometer, normal forces.
 
     The acceleration is the mean of a tick before the step, and forces are those of the step before.

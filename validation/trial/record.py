@@ -11,16 +11,15 @@ from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from validation.trial.followed import Followed
     from validation.trial.outcome import Outcome
 
-    Array = NDArray[np.float64]
 
 FEET = ("left", "right")
 
@@ -75,98 +74,65 @@ class SimulationRecord:
     arrays are read-only; floats are float64. Arrays are copied, unless they and their bases are read-only
     already; then a long walk does not need its memory twice.
 
-    Attributes:
-        time: t_k, shape (K + 1,) [s].
-        q: MuJoCo ``qpos``, root position [m], root quaternion wxyz, hinges [rad], shape (K + 1, nq).
-        qd: MuJoCo ``qvel``, root velocity in world [m/s], root angular velocity in the root [rad/s], hinges
-            [rad/s], shape (K + 1, nv).
-        torque: applied joint torque, actuator order, shape (K, nu) [N m].
-        torque_rate: rate at which the torques of a tick go on until the next one, NaN where they are held,
-            shape (T, nu) [N m/s].
-        point_force: force of the floor on the body at each sole point, shape (K, P, 3) [N].
-        point_position: where it acts, shape (K, P, 3) [m].
-        point_penetration: depth under the floor, >= 0, shape (K, P) [m].
-        point_place: the sole points themselves, shape (K + 1, P, 3) [m].
-        point_foot: foot of each point, 0 left, 1 right, shape (P,).
-        point_group: 0 heel, 1 ball, 2 tip, shape (P,).
-        com: COM as the simulator reports it, shape (K + 1, 3) [m].
-        angular_momentum: about the COM, as the simulator reports it, shape (K + 1, 3) [N m s].
-        foot_position: reference points of both soles, left first, shape (K + 1, 2, 3) [m].
-        foot_forward: direction of their x axes, shape (K + 1, 2, 3).
-        command_com: the controller's COM reference, held over the tick, shape (K, 3) [m].
-        command_zmp: ZMP commanded, shape (K, 2) [m].
-        command_force: net ground force commanded, shape (K, 3) [N].
-        command_angular_momentum: angular momentum about the COM commanded, shape (K, 3) [N m s].
-        tick_time: time of each control tick, shape (T,) [s].
-        qp_status: 0 solved, 1 solved in the form with limits, 2 unsolved, shape (T,).
-        qp_residual: largest constraint or stationarity residual of the tick's QP, shape (T,).
-        qp_iterations: iterations, shape (T,).
-        qp_time: wall-clock time of the solve, shape (T,) [s]; the one column that equal runs differ in.
-        tick_plan: number of the plan followed, 0 the first one, shape (T,);
-            :data:`validation.trial.followed.STEPPING` where the stabiliser stepped off the plan.
-        outcome: how the run ended.
-        mass: total mass [kg].
-        gravity: g, positive [m/s^2].
-        time_step: dt [s].
-        friction: friction coefficient between sole and floor [1], NaN if unknown.
-        torque_limit: largest torque per actuator, shape (nu,) [N m].
-        joint_range: lower and upper limit per hinge, shape (nu, 2) [rad].
-        joint_names: the hinges in actuator order, nu names.
-        external_segments: the segments that anything but the floor pushed, S names.
-        external_force: force on each of them, shape (K, S, 3) [N].
-        external_moment: moment on each of them, shape (K, S, 3) [N m].
-        external_position: where the force acts, the segment's COM, shape (K, S, 3) [m].
-        point_sites: sites of the sole points in the model, P names.
-        floor: heights of its surfaces, ascending, shape (L,) [m].
-        changes: number of plans followed after the first one.
-        controller: name of a user's, empty for the project's own.
-        disturbances: pushes and other forces, in words.
-        followed: what the plans that were followed said, not on disk; None of a log.
+    The first argument of an array is its shape: T control ticks, nq and nv of MuJoCo's state, nu hinges, F
+    feet, left first, S segments that anything but the floor pushed, L surfaces of the floor.
     """
 
-    time: Array = _array("K+1")
+    time: Array = _array("K+1")  # t_k [s]
+    # MuJoCo `qpos`, root position [m], root quaternion wxyz, hinges [rad]
     q: Array = _array("K+1 nq", logged=True, file=JOINTS_FILE)
+    # MuJoCo `qvel`, root velocity in world [m/s], root angular velocity in the root [rad/s], hinges [rad/s]
     qd: Array = _array("K+1 nv", logged=True, file=JOINTS_FILE)
-    torque: Array = _array("K nu", logged=True, file=TICKS_FILE)
+    torque: Array = _array("K nu", logged=True, file=TICKS_FILE)  # applied joint torque, actuator order [N m]
+    # rate at which the torques of a tick go on until the next one, NaN where they are held [N m/s]
     torque_rate: Array = _array("T nu", logged=True, file=TICKS_FILE)
+    # force of the floor on the body at each sole point [N]
     point_force: Array = _array("K P 3", logged=True, file=CONTACTS_FILE)
-    point_position: Array = _array("K P 3", logged=True, file=CONTACTS_FILE)
-    point_penetration: Array = _array("K P", logged=True)
-    point_place: Array = _array("K+1 P 3", logged=True)
-    point_foot: NDArray[np.int8] = _array("P", np.int8)
-    point_group: NDArray[np.int8] = _array("P", np.int8)
-    com: Array = _array("K+1 3", logged=True)
+    point_position: Array = _array("K P 3", logged=True, file=CONTACTS_FILE)  # where it acts [m]
+    point_penetration: Array = _array("K P", logged=True)  # depth under the floor, >= 0 [m]
+    point_place: Array = _array("K+1 P 3", logged=True)  # the sole points themselves [m]
+    point_foot: NDArray[np.int8] = _array("P", np.int8)  # foot of each point, 0 left, 1 right
+    point_group: NDArray[np.int8] = _array("P", np.int8)  # 0 heel, 1 ball, 2 tip
+    com: Array = _array("K+1 3", logged=True)  # COM as the simulator reports it [m]
+    # about the COM, as the simulator reports it [N m s]
     angular_momentum: Array = _array("K+1 3", logged=True)
-    foot_position: Array = _array("K+1 F 3", logged=True)
-    foot_forward: Array = _array("K+1 F 3", logged=True)
-    command_com: Array = _array("K 3", logged=True)
-    command_zmp: Array = _array("K 2", logged=True)
-    command_force: Array = _array("K 3", logged=True)
+    foot_position: Array = _array("K+1 F 3", logged=True)  # reference points of both soles, left first [m]
+    foot_forward: Array = _array("K+1 F 3", logged=True)  # direction of their x axes
+    command_com: Array = _array("K 3", logged=True)  # the controller's COM reference, held over the tick [m]
+    command_zmp: Array = _array("K 2", logged=True)  # ZMP commanded [m]
+    command_force: Array = _array("K 3", logged=True)  # net ground force commanded [N]
+    # angular momentum about the COM commanded [N m s]
     command_angular_momentum: Array = _array("K 3", logged=True)
-    tick_time: Array = _array("T")
+    tick_time: Array = _array("T")  # time of each control tick [s]
+    # 0 solved, 1 solved in the form with limits, 2 unsolved
     qp_status: NDArray[np.int8] = _array("T", np.int8, logged=True, file=TICKS_FILE)
+    # largest constraint or stationarity residual of the tick's QP
     qp_residual: Array = _array("T", logged=True, file=TICKS_FILE)
-    qp_iterations: NDArray[np.int32] = _array("T", np.int32, logged=True, file=TICKS_FILE)
+    qp_iterations: NDArray[np.int32] = _array("T", np.int32, logged=True, file=TICKS_FILE)  # iterations
+    # wall-clock time of the solve [s]; the one column that equal runs differ in
     qp_time: Array = _array("T", logged=True, file=TICKS_FILE)
+    # number of the plan followed, 0 the first one; `STEPPING` where the stabiliser stepped off the plan
     tick_plan: NDArray[np.int32] = _array("T", np.int32, file=TICKS_FILE, optional=True)
-    outcome: Outcome
-    mass: float
-    gravity: float
-    time_step: float
-    friction: float = math.nan
-    floor: Array = _array("L", optional=True)
-    torque_limit: Array = _array("nu")
-    joint_range: Array = _array("nu 2")
-    joint_names: tuple[str, ...]
-    external_segments: tuple[str, ...] = ()
-    external_force: Array = _array("K S 3", file=EXTERNAL_FILE, optional=True)
+    outcome: Outcome  # how the run ended
+    mass: float  # total mass [kg]
+    gravity: float  # g, positive [m/s^2]
+    time_step: float  # dt [s]
+    friction: float = math.nan  # friction coefficient between sole and floor [1], NaN if unknown
+    floor: Array = _array("L", optional=True)  # heights of its surfaces, ascending; empty if it slopes [m]
+    torque_limit: Array = _array("nu")  # largest torque per actuator [N m]
+    joint_range: Array = _array("nu 2")  # lower and upper limit per hinge [rad]
+    joint_names: tuple[str, ...]  # the hinges in actuator order, nu names
+    external_segments: tuple[str, ...] = ()  # the segments that anything but the floor pushed, S names
+    external_force: Array = _array("K S 3", file=EXTERNAL_FILE, optional=True)  # force on each of them [N]
+    # moment on each of them [N m]
     external_moment: Array = _array("K S 3", file=EXTERNAL_FILE, optional=True)
+    # where the force acts, the segment's COM [m]
     external_position: Array = _array("K S 3", file=EXTERNAL_FILE, optional=True)
-    point_sites: tuple[str, ...] = ()
-    changes: int = 0
-    controller: str = ""
-    disturbances: str = ""
-    followed: Followed | None = None
+    point_sites: tuple[str, ...] = ()  # sites of the sole points in the model, P names
+    changes: int = 0  # number of plans followed after the first one
+    controller: str = ""  # name of a user's, empty for the project's own
+    disturbances: str = ""  # pushes and other forces, in words
+    followed: Followed | None = None  # what the plans that were followed said, not on disk; None of a log
 
     def __post_init__(self) -> None:
         sizes = {
@@ -239,26 +205,32 @@ STORED = {name: of["file"] for name, of in _ARRAYS.items() if of["file"]}
 """File of every array on disk."""
 OPTIONAL = frozenset(name for name, of in _ARRAYS.items() if of["optional"])
 """Arrays that are zero if they are left out."""
+CONSTANTS = tuple(
+    item.name
+    for item in fields(SimulationRecord)
+    if item.name != "followed" and SHAPES.get(item.name, "").partition(" ")[0] not in ("K", "K+1", "T")
+)
+"""Fields of a :class:`SimulationRecord` without a rate of their own."""
 
 
 def support_height(floor: Array, height: Array, load: Array) -> Array:
     """Height of the floor under points, each on the surface nearest to it, averaged by their loads.
 
     Args:
-        floor: heights of its surfaces, ascending, shape (L,) [m].
+        floor: heights of its surfaces, ascending, shape (L,); empty if it slopes, then points are on it [m].
         height: of the points, shape (..., P) [m].
         load: vertical force on each, shape (..., P) [N].
 
     Returns:
-        Shape (...) [m]; the lowest level where there is no load.
+        Shape (...) [m]; of the lowest surface, or point, where there is no load.
     """
     if len(floor) == 1:
         return np.full(height.shape[:-1], floor[0])
-    under = floor[np.abs(height[..., None] - floor).argmin(axis=-1)]
+    under = floor[np.abs(height[..., None] - floor).argmin(axis=-1)] if len(floor) else height
     load = np.maximum(load, 0.0)
     total = load.sum(axis=-1)
     mean = (under * load).sum(axis=-1) / np.where(total > 0.0, total, 1.0)
-    return np.asarray(np.where(total > 0.0, mean, floor[0]))
+    return np.asarray(np.where(total > 0.0, mean, floor[0] if len(floor) else height.min(axis=-1)))
 
 
 def _frozen(value: Any, dtype: Any) -> NDArray[Any]:

@@ -1,29 +1,19 @@
 """The plans that a walk follows, one after another, and their references at its control ticks."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ampm.reference import ReferenceTable
-from ampm.walk import WalkPlan
+from ampm.reference import Reference, ReferenceTable, Timing
+from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
 from validation.trial import spill
-from validation.trial.contact_check import NEXT, PUSHED_OUTSIDE, check_contacts
 from validation.trial.followed import LEADS
-from validation.trial.frozen_plan import FrozenPlan
-from validation.trial.planners import no_walk
-from validation.trial.users import UsersCode
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from ampm.reference import Reference, Timing
-    from ampm.walk import Controller, Replanner, State, Touch
+from validation.trial.frozen_plan import NEXT, PUSHED_OUTSIDE, FrozenPlan, check_contacts
+from validation.trial.users import UsersCode, planner_problem
 
 _BLOCK = 16_384  # ticks of a table that are made at once; the last digits depend on it
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]
@@ -31,17 +21,11 @@ _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^
 
 @dataclass
 class Course:
-    """What a walk follows, and when it ends.
+    """What a walk follows, and when it ends."""
 
-    Attributes:
-        total: steps of the physics until it ends.
-        step_ends: when each walking step ends, shape (steps,) [s].
-        references: one for each control tick.
-    """
-
-    total: int
-    step_ends: NDArray[np.float64]
-    references: Iterator[Reference]
+    total: int  # steps of the physics until it ends
+    step_ends: NDArray[np.float64]  # when each walking step ends, shape (steps,) [s]
+    references: Iterator[Reference]  # one for each control tick
 
     def replan(self, time: float, state: State, touch: Touch) -> None:
         """After a tick: change what is followed from the next one on."""
@@ -121,7 +105,7 @@ class References(Course):
             if plan is None or plan is valid:
                 return
             if not isinstance(plan, WalkPlan):
-                raise TypeError(f"replan at {time:g} s made {no_walk(plan)}; None keeps the plan")
+                raise TypeError(f"replan at {time:g} s made {planner_problem(plan)}; None keeps the plan")
             if not plan.duration >= time:
                 raise ValueError(
                     f"the plan made at {time:g} s ends at {plan.duration:g} s, before now; "

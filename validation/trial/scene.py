@@ -5,29 +5,20 @@ once, and so is the tree that sorts contacts out. So every change is written int
 compiled, and only there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
-from ampm.parameters import DisturbanceParameters
-from ampm.planner.contacts import footprint
+from ampm.geometry import Array
+from ampm.parameters import DisturbanceParameters, RunParameters
+from ampm.planner.contacts import Contacts, Footstep, footprint
 from ampm.planner.heights import Ground, uneven
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.parameters import RunParameters
-    from ampm.planner.contacts import Contacts, Footstep
-    from models.scene import BodyModel
-
-    Array = NDArray[np.float64]
+from models.scene import BodyModel
 
 _FAR = 1e3  # half the size of the floor of a scene with edges [m]
 _THICK = 1.0  # of that floor [m]
@@ -55,7 +46,7 @@ def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> 
         InputError: there is no such segment or footstep, or a disturbance needs a level floor.
     """
     wanted = run.disturbance
-    if wanted == DisturbanceParameters() and not uneven(contacts.footsteps):
+    if wanted == DisturbanceParameters() and not uneven(contacts.footsteps) and not contacts.slope:
         return body
     root = ElementTree.fromstring(body.xml)
     for contact in root.iterfind(".//default[@class='contact']/geom"):
@@ -67,6 +58,14 @@ def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> 
             joint.set(key, repr(float(joint.get(key, 0.0)) + more))
     _change_floor(root, body, wanted, contacts)
     return replace(body, xml=ElementTree.tostring(root, encoding="unicode"))
+
+
+def surfaces(wanted: DisturbanceParameters, contacts: Contacts) -> Array:
+    """Heights of the level surfaces of the floor, ascending, shape (L,); empty if it slopes [m]."""
+    if wanted.slope_along or wanted.slope_across or contacts.slope:
+        return np.empty(0)
+    levels = {step.position[2] for step in contacts.footsteps} | {wanted.step_height}
+    return wanted.floor_height + np.array(sorted(levels))
 
 
 def _scale(element: ElementTree.Element, key: str, factor: float, *, all_of_it: bool = False) -> None:
@@ -107,11 +106,16 @@ def _change_floor(
     world = next(root.iter("worldbody"))
     plane = next(world.iterfind("geom[@name='floor']"))
     sloped = bool(wanted.slope_along or wanted.slope_across)
+    if (uneven(contacts.footsteps) or contacts.slope) and (sloped or wanted.step_height):
+        raise InputError(
+            "slopes and disturbance.step_height need a level floor; leave them out, or gait.slope and the "
+            "footsteps' z."
+        )
+    if contacts.slope:
+        plane.set("pos", f"0 0 {wanted.floor_height!r}")
+        plane.set("zaxis", _text([-contacts.slope, 0.0, 1.0]))
+        return
     if uneven(contacts.footsteps):
-        if sloped or wanted.step_height:
-            raise InputError(
-                "slopes and disturbance.step_height need a level floor; leave them out, or the footsteps' z."
-            )
         _raise_floor(world, plane, Ground.under(contacts.footsteps, body.description.sole), wanted)
         return
     if not (sloped or wanted.step_height):

@@ -4,22 +4,14 @@ Only the soles of the body collide, so parts of the body can penetrate each othe
 between the drawn shapes.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ampm.body.robot import Gaps, Robot
+from ampm.description import BodyDescription
+from ampm.geometry import Array
 from validation.trial.bridge import pinocchio_model, to_mujoco
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from ampm.description import BodyDescription
-
-    Array = NDArray[np.float64]
 
 REACH = 0.1
 """Largest distance that is computed [m]."""

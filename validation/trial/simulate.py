@@ -5,48 +5,47 @@ so that the controller senses the contacts of the state on which it acts. The ru
 motion.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
 from ampm.compiled import bound
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
-from ampm.parameters import DisturbanceParameters
-from ampm.planner.heights import uneven
+from ampm.geometry import Array
+from ampm.parameters import DisturbanceParameters, RunParameters
+from ampm.reference import Reference
+from ampm.sensors.readings import Estimator, EstimatorFactory
 from ampm.stepping.tracker import SteppedTick
-from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, State, Timing, Touch
+from ampm.walk import (
+    LIMITED,
+    SOLVED,
+    UNSOLVED,
+    Controller,
+    ControllerFactory,
+    ControlOutput,
+    State,
+    Timing,
+    Touch,
+)
 from validation.trial import spill
-from validation.trial.disturbances import Disturbance, Plant, Push, describe, pushes_of
-from validation.trial.divergence import explained
-from validation.trial.faults import MotorFaults, started
+from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, describe, pushes_of, started
 from validation.trial.followed import Followed
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.physics import Physics, quiet_mujoco
+from validation.trial.physics import Physics, explained, quiet_mujoco
+from validation.trial.plan import PlannedWalk
 from validation.trial.readings import Sensing, make_estimator
 from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References
+from validation.trial.scene import surfaces
 from validation.trial.step import act, end_step, sense
 from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
 from validation.trial.watch import End, Watch
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.parameters import RunParameters
-    from ampm.reference import Reference
-    from ampm.sensors.readings import Estimator, EstimatorFactory
-    from ampm.walk import Controller, ControllerFactory
-    from validation.trial.plan import PlannedWalk
-
-    Array = NDArray[np.float64]
 
 _PROGRESS_STEPS = 50
 _FLOAT = np.dtype(np.float64)
@@ -127,8 +126,8 @@ def simulate(
         changes=followed.changes,
         tick_plan=followed.numbers(record.tick_time),
     )
-    levels = sorted({step.position[2] for step in plan.contacts.footsteps})
-    return _on_floor(record, np.array(levels)) if uneven(plan.contacts.footsteps) else record
+    floor = surfaces(run.disturbance, plan.contacts)
+    return record if np.array_equal(floor, [0.0]) else _on_floor(record, floor)
 
 
 def timing_of(run: RunParameters, physics: Physics) -> Timing:
@@ -178,10 +177,14 @@ def place(physics: Physics, run: RunParameters, start: Reference) -> State:
 
 
 def _on_floor(record: SimulationRecord, floor: Array) -> SimulationRecord:
-    """The commanded ZMP, which is on z = 0, on the plane of the contacts of the step before each tick."""
+    """A record with the heights of its floor; the commanded ZMP, which is on z = 0, moves onto the floor.
+
+    It is on the level plane of the contacts of the step before each tick.
+    """
     ticks = np.arange(0, record.steps, record.substeps)
     before = np.maximum(ticks - 1, 0)
-    at, load = record.point_position[before, :, 2], record.point_force[before, :, 2]
+    at = record.point_position[before, :, 2] + record.point_penetration[before]
+    load = record.point_force[before, :, 2]
     height = np.repeat(support_height(floor, at, load), record.substeps)[: record.steps]
     along = record.command_force[:, :2] / record.command_force[:, 2:]
     return replace(record, floor=floor, command_zmp=record.command_zmp + height[:, None] * along)

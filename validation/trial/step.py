@@ -1,23 +1,15 @@
 """Compiled parts of a step of the simulation: what lies between MuJoCo's calls and the controller."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
+from ampm.geometry import Array
 from ampm.vectors import put, turned, vector
-from validation.trial.log import keep_instant
+from validation.trial.log import StepLog, keep_instant
 from validation.trial.watch import stands
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from validation.trial.log import Log
-
-    Array = NDArray[np.float64]
 
 
 @compiled
@@ -27,7 +19,7 @@ def point_of(geoms: NDArray[np.int32], of_geom: NDArray[np.intp]) -> int:
 
 
 @compiled
-def sense(log: Log, contacts: int) -> None:
+def sense(log: StepLog, contacts: int) -> None:
     """Read which sole points touch, and the state in Pinocchio's coordinates, after ``mj_step1``."""
     body, touching = log.body, log.touching
     touching[:] = False
@@ -43,7 +35,7 @@ def sense(log: Log, contacts: int) -> None:
 
 
 @compiled
-def act(log: Log, k: int, status: int, residual: float, iterations: int, seconds: float) -> bool:
+def act(log: StepLog, k: int, status: int, residual: float, iterations: int, seconds: float) -> bool:
     """Let the torque of a tick act, within the motors' limits, and keep its command.
 
     Args:
@@ -81,15 +73,8 @@ def act(log: Log, k: int, status: int, residual: float, iterations: int, seconds
 
 
 @compiled
-def keep_step(log: Log, k: int, contacts: int, efc_force: Array) -> None:
-    """Copy places, contacts and torques of step k, and the state after it.
-
-    Args:
-        log: of the run.
-        k: step.
-        contacts: how many there are.
-        efc_force: forces of all constraints.
-    """
+def keep_step(log: StepLog, k: int, contacts: int, efc_force: Array) -> None:
+    """Copy places, contacts and torques of step k, and the state after it."""
     keep_instant(log, k)
     record, body, normal_force = log.record, log.body, log.normal_force
     of_geom, frame = body.point_of_geom, body.contact_frame
@@ -118,14 +103,8 @@ def keep_step(log: Log, k: int, contacts: int, efc_force: Array) -> None:
 
 
 @compiled
-def end_step(log: Log, k: int, contacts: int, efc_force: Array) -> bool:
+def end_step(log: StepLog, k: int, contacts: int, efc_force: Array) -> bool:
     """Keep a step, and set the torques of the next one if no tick does.
-
-    Args:
-        log: of the run.
-        k: step.
-        contacts: how many there are.
-        efc_force: forces of all constraints.
 
     Returns:
         Whether the walk may go on: the body stands, and MuJoCo has warned of nothing.

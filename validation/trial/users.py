@@ -1,6 +1,7 @@
-"""Users' classes: find and import them, and report their errors with their name."""
+"""Users' classes and tables of plans: find and import them, and report their errors with their name."""
 
 import inspect
+import io
 import sys
 import traceback
 from collections.abc import Callable, Mapping
@@ -16,11 +17,17 @@ from numpy.typing import NDArray
 
 import ampm
 from ampm.exceptions import AmpmError, InputError, words_of
+from ampm.files import LARGEST_TABLE, check_columns, read_file, read_text
+from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.step_planners import STEP_PLANNERS
+from ampm.planner.support import StepPlan
 from ampm.section import Option
 from ampm.sensor_parameters import EXACT
+from ampm.walk import Planner
 
 _OURS = Path(ampm.__file__).parent, Path(__file__).parents[1], Path(traceback.__file__).parent
+SUFFIXES = (".csv", ".parquet")
+"""Of tables."""
 _WAY_OUT = "; correct it, --debug shows the traceback."
 
 
@@ -35,10 +42,6 @@ class UsersError(InputError):
 
 class UsersCode:
     """Context that turns an error of a user's class into one sentence.
-
-    Args:
-        what: its role, for example ``controller``.
-        thing: the class, factory or object.
 
     Raises:
         UsersError: anything was raised but an :class:`AmpmError`, which passes.
@@ -104,24 +107,16 @@ def load_object(option: str, text: str) -> Any:
 
 @dataclass(frozen=True)
 class Role:
-    """A part of a walk that may be played by a user's own class.
+    """A part of a walk that may be played by a user's own class."""
 
-    Attributes:
-        name: of the part; installed packages add classes by entry points of the group ``ampm.NAMEs``.
-        key: of the run's parameters, that names the class.
-        options: table of the parameters with the class's options.
-        known: the project's own names and what they stand for, ``module:Class``, or empty for what is no
-            class of its own.
-        arguments: number of arguments that a class gets before its options.
-        otherwise: what may stand in the place of a name, for messages.
-    """
-
-    name: str
-    key: str
-    options: str
+    name: str  # of the part; installed packages add classes by entry points of the group `ampm.NAMEs`
+    key: str  # of the run's parameters, that names the class
+    options: str  # table of the parameters with the class's options
+    # the project's own names and what they stand for, `module:Class`, or empty for what is no class of its
+    # own
     known: Mapping[str, str]
-    arguments: int
-    otherwise: str = "MODULE:CLASS"
+    arguments: int  # number of arguments that a class gets before its options
+    otherwise: str = "MODULE:CLASS"  # what may stand in the place of a name, for messages
 
     def find(self, text: str, options: Mapping[str, Option] = MappingProxyType({})) -> Any:
         """Import the class or function of a name: ours, an installed package's, or ``module:Class``.
@@ -225,3 +220,91 @@ PLANNER = Role(
     arguments=0,
     otherwise="a table FILE.csv or FILE.parquet, or MODULE:CLASS",
 )
+
+
+def load_planner(text: str, options: Mapping[str, Option] = MappingProxyType({})) -> "Planner":
+    """The planner that a text names.
+
+    Args:
+        text: a name of :data:`ampm.planner.step_planners.STEP_PLANNERS`, a table (``.csv`` or ``.parquet``,
+            see :mod:`ampm.planner.table`), a name of an installed package, or ``module:Class``.
+        options: keyword arguments of the class.
+
+    Raises:
+        InputError: there is no such planner, the table cannot be read, or an option is unknown or missing.
+    """
+    from ampm.planners import PeriodicPlanner, TablePlanner  # imported here: Pinocchio is slow to load
+
+    path = Path(text)
+    if path.suffix in SUFFIXES:
+        PLANNER.check_options(text, None, options)
+        return TablePlanner(read_columns(path), path.name)
+    factory = PLANNER.find(text, options)
+    if factory is None:
+        return PeriodicPlanner(text)
+    with UsersCode("planner", factory):
+        planner: Planner = factory(**options)
+    return planner
+
+
+def check_planner(text: str, options: Mapping[str, Option]) -> None:
+    """Refuse a name that is no planner, and options that it does not take, before anything is planned.
+
+    A user's planner is not made for it.
+    """
+    if Path(text).suffix in SUFFIXES:
+        load_planner(text, options)
+    else:
+        PLANNER.check(text, options)
+
+
+def planner_problem(made: Any) -> str:
+    """What a planner made instead of a WalkPlan, and what completes it."""
+    text = f"a {type(made).__name__}, not a WalkPlan"
+    if isinstance(made, StepPlan):
+        return f"{text}; ampm.WalkPlan.of(plan, posture=...) adds the posture"
+    if isinstance(made, CentroidalPlan):
+        return (
+            f"{text}; it lacks feet and posture. Return ampm.PeriodicPlanner().plan(run, robot), or make a "
+            "plan of your own by ampm.make_plan"
+        )
+    return text
+
+
+def read_columns(path: Path) -> dict[str, NDArray[Any]]:
+    """Read a table.
+
+    Returns:
+        Column name to array (N,); an empty cell is NaN, or None among texts.
+
+    Raises:
+        InputError: another suffix, or a file that is missing or no such table.
+    """
+    # Imported here: pyarrow is slow to load.
+    import pyarrow.csv
+    import pyarrow.parquet as pq
+
+    check_suffix(path)
+    try:
+        if path.suffix == ".parquet":
+            with pq.ParquetFile(io.BytesIO(read_file(path, LARGEST_TABLE))) as file:
+                cells = file.metadata.num_rows * file.metadata.num_columns
+                if cells > LARGEST_TABLE // 8:  # a few bytes may stand for many
+                    raise InputError(f"{path} has {cells:,} cells; give at most {LARGEST_TABLE // 8:,}.")
+                table = file.read()
+        else:
+            table = pyarrow.csv.read_csv(io.BytesIO(read_text(path, LARGEST_TABLE).encode()))
+        check_columns(table.column_names, path)
+        return {name: table[name].to_numpy() for name in table.column_names}
+    except FileNotFoundError:
+        raise InputError(f"there is no file {str(path)!r}; correct the name.") from None
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:  # pyarrow's errors are ValueErrors
+        raise InputError(f"{path} cannot be read as a table ({error}); give a whole file.") from error
+
+
+def check_suffix(path: Path) -> None:
+    """Raise :class:`InputError` unless the path ends in one of :data:`SUFFIXES`."""
+    if path.suffix not in SUFFIXES:
+        raise InputError(f"{path} must end in {' or '.join(SUFFIXES)}; the suffix chooses the format.")

@@ -4,22 +4,16 @@ failing QP makes the body fall. The order decides: a QP that stays unsolved whil
 ``infeasible``; a body that had left the plan before is given time to fall.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ampm.compiled import bound, compiled, refer
+from ampm.geometry import Array
 from ampm.vectors import dot, minus, vector
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.trial.outcome import OutcomeName
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 FALL_SHARE = 0.25
 """The body has fallen when the height of its COM over the lower sole differs from the planned one by more
@@ -54,23 +48,14 @@ FALL_TIME = 1.0
 
 
 class Stance(NamedTuple):
-    """Quantities that decide whether a body stands: measured and planned.
+    """Quantities that decide whether a body stands: measured and planned."""
 
-    Attributes:
-        com: shape (3,) [m].
-        trunk: its long axis in world, unit vector, shape (3,).
-        soles: reference points of both, shape (2, 3) [m].
-        planned_com: shape (3,) [m].
-        planned_trunk: of the planned motion, shape (3,).
-        planned_soles: shape (2, 3) [m].
-    """
-
-    com: Array
-    trunk: Array
-    soles: Array
-    planned_com: Array
-    planned_trunk: Array
-    planned_soles: Array
+    com: Array  # shape (3,) [m]
+    trunk: Array  # its long axis in world, unit vector, shape (3,)
+    soles: Array  # reference points of both, shape (2, 3) [m]
+    planned_com: Array  # shape (3,) [m]
+    planned_trunk: Array  # of the planned motion, shape (3,)
+    planned_soles: Array  # shape (2, 3) [m]
 
     def fallen(self, scale: float = 1.0) -> str:
         """How the body has fallen, in words; empty if it stands. ``scale`` is its size over 1.70 m."""

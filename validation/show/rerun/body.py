@@ -75,13 +75,7 @@ def _shape(model: mujoco.MjModel, geom: int) -> Any:
 
 
 def mesh_of(model: mujoco.MjModel, mesh: int, color: tuple[int, int, int, int]) -> rr.Mesh3D:
-    """A mesh in its geom's axes [m], flat shaded.
-
-    Args:
-        model: compiled model.
-        mesh: its number.
-        color: red, green, blue, opacity.
-    """
+    """A mesh in its geom's axes [m], flat shaded."""
     first, faces = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
     points = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])]
     corners = model.mesh_face[faces : faces + int(model.mesh_facenum[mesh])]

@@ -178,19 +178,12 @@ def _gait_phase(signals: Signals, end: float) -> tuple[Array, Array]:
 
 
 class _Pictures(NamedTuple):
-    """Instants that are drawn, N of them.
+    """Instants that are drawn, N of them."""
 
-    Attributes:
-        states: rows of the states and of the contacts.
-        signals: rows of the signals.
-        q: configurations, shape (N, nq).
-        time: [s].
-    """
-
-    states: NDArray[np.intp]
-    signals: NDArray[np.intp]
-    q: Array
-    time: Array
+    states: NDArray[np.intp]  # rows of the states and of the contacts
+    signals: NDArray[np.intp]  # rows of the signals
+    q: Array  # configurations, shape (N, nq)
+    time: Array  # [s]
 
 
 def _pictures(saved: SavedRun) -> _Pictures:
@@ -284,8 +277,10 @@ def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | 
         log.static(f"world/floor/zmp/{kind}/trail", _line(zmp[kind] + rise, color, size))
 
     if plan is not None:
-        steps = plan.contacts.footsteps
+        steps, slope = plan.contacts.footsteps, plan.contacts.slope
         prints = [_on_floor(footprint(plan.feet.sole, step), step.position[2] - 0.001) for step in steps]
+        for outline in prints:
+            outline[:, 2] += slope * outline[:, 0]
         outlines = rr.LineStrips3D(prints, colors=[FAINT] * len(steps), radii=0.002)
         log.static("world/plan/footprints", outlines)
         if "first_plan_zmp_x" not in signals:  # the polygon is that of the first plan

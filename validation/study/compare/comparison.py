@@ -4,27 +4,39 @@ A difference counts if it is larger than the doubt: the numerical uncertainty by
 without one, the share by which the presets' values change at half the time step.
 """
 
+import json
 import math
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from itertools import chain
-from typing import Any, NamedTuple
+from itertools import chain, zip_longest
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
 from ampm.brief import Brief
+from ampm.exceptions import InputError
 from validation.judge.compare import PARTS
+from validation.judge.metric import BODY_WEIGHT, FOOT_LENGTH, FOOT_MOMENTUM, size_in_si
 from validation.judge.metrics import METRICS, added_metrics, cost_entry, display_unit
-from validation.judge.sizes import BODY_WEIGHT, FOOT_LENGTH, FOOT_MOMENTUM, size_in_si
-from validation.judge.uncertainty import Uncertainty, rounding
+from validation.judge.profiles import own_profile
+from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching, rounding
 from validation.show.cost_table import COSTS, LARGER_IS_BETTER, cost_limit, cost_unit
 from validation.show.text import format_value
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.store.json import json_ready
-from validation.store.saved import SavedRun
-from validation.study.robustness.result import Robustness
+from validation.store.saved import SavedRun, load_saved_run
+from validation.study.many import Execution, Task, open_study, walk_many
+from validation.study.robustness.result import Robustness, load_robustness
+from validation.study.row_file import Row
+from validation.study.walk_options import users_classes, walk_request
 from validation.table import USED, Table, Tabled, format_share, short_unit, with_uncertainty
 from validation.trial.outcome import OutcomeName
+from validation.trial.plan import Request, load_request, plan_walk
+from validation.trial.users import UsersError
 
 SHARE = 0.1
 """Assumed numerical change of a value without a convergence study [1].
@@ -60,19 +72,12 @@ _FAR = 0.5
 
 @dataclass(frozen=True)
 class Side(Brief):
-    """One of the walks.
+    """One of the walks."""
 
-    Attributes:
-        label: name in tables.
-        run: the finished run.
-        study: convergence study of its gait; None if none is known.
-        robustness: of the same gait, body and controller; None if none is known.
-    """
-
-    label: str
-    run: SavedRun
-    study: Uncertainty | None = None
-    robustness: Robustness | None = None
+    label: str  # name in tables
+    run: SavedRun  # the finished run
+    study: Uncertainty | None = None  # convergence study of its gait; None if none is known
+    robustness: Robustness | None = None  # of the same gait, body and controller; None if none is known
 
     @property
     def outcome(self) -> str:
@@ -133,29 +138,19 @@ class Side(Brief):
         return math.nan if self.study is None else self.study.values.get(name, math.nan)
 
 
-class Row(NamedTuple):
-    """One metric of all sides.
+class MetricRow(NamedTuple):
+    """One metric of all sides."""
 
-    Attributes:
-        group: heading that it stands under.
-        name: of the metric.
-        label: in words.
-        unit: of all numbers, as tables show it.
-        values: of the sides, NaN where one has none.
-        doubt: difference from which it counts: the largest uncertainty by studies, or the change that is
-            assumed of the smallest value.
-        limits: of the sides, NaN where there is none.
-        known: their uncertainties by studies, likewise.
-    """
-
-    group: str
-    name: str
-    label: str
-    unit: str
-    values: tuple[float, ...]
+    group: str  # heading that it stands under
+    name: str  # of the metric
+    label: str  # in words
+    unit: str  # of all numbers, as tables show it
+    values: tuple[float, ...]  # of the sides, NaN where one has none
+    # difference from which it counts: the largest uncertainty by studies, or the change that is assumed of
+    # the smallest value
     doubt: float
-    limits: tuple[float, ...] = ()
-    known: tuple[float, ...] = ()
+    limits: tuple[float, ...] = ()  # of the sides, NaN where there is none
+    known: tuple[float, ...] = ()  # their uncertainties by studies, likewise
 
     @property
     def differs(self) -> bool:
@@ -177,15 +172,10 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class WalkComparison(Tabled):
-    """Walks and all their compared metrics.
+    """Walks and all their compared metrics."""
 
-    Attributes:
-        sides: the walks, two or more.
-        rows: metrics, group by group.
-    """
-
-    sides: tuple[Side, ...]
-    rows: tuple[Row, ...]
+    sides: tuple[Side, ...]  # the walks, two or more
+    rows: tuple[MetricRow, ...]  # metrics, group by group
 
     @property
     def title(self) -> str:
@@ -263,7 +253,7 @@ class WalkComparison(Tabled):
                 said.append(f"{side.label} stays {far}below every limit ({most})")
         return ", ".join(said)
 
-    def cells(self, row: Row) -> tuple[str, ...]:
+    def cells(self, row: MetricRow) -> tuple[str, ...]:
         """Label, all values, each with its share of a limit, unit, doubt and the better side, for tables."""
         better = "" if row.better is None else self.sides[row.better].label
         pairs = zip(row.values, row.known, strict=True)
@@ -392,7 +382,7 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
     """
     built_in = METRICS.keys() - {metric.name for metric in added_metrics()}
     result = WalkComparison(tuple(sides), ())
-    rows: dict[str, list[Row]] = {JUDGED: [], COST: [], OWN: []}
+    rows: dict[str, list[MetricRow]] = {JUDGED: [], COST: [], OWN: []}
     entries: dict[str, Mapping[str, Any]] = {}
     for side in reversed(sides):  # this process may not know users' metrics, but the summaries say all
         entries |= side.run.summary["metrics"]
@@ -413,5 +403,142 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
         known = tuple(scale * side.studied(name) for side, scale in pairs)
         studied = not any(map(math.isnan, known))
         doubt = max(doubts) if studied else min(doubts)
-        rows[group].append(Row(group, name, entry["label"], shown[0][1], values, doubt, limits, known))
+        rows[group].append(MetricRow(group, name, entry["label"], shown[0][1], values, doubt, limits, known))
     return replace(result, rows=tuple(row for group in rows.values() for row in group))
+
+
+CHOICES = {
+    "planner": "gait.planner",
+    "body": "body.source",
+    "controller": "controller.name",
+    "engine": "simulation.engine",
+}
+"""Options of which one may be given for each walk, and their keys."""
+
+
+def compare_runs(
+    folders: Sequence[str | Path],
+    labels: Sequence[str] = (),
+    uncertainty: Sequence[Path] = (),
+    robustness: Sequence[Path] = (),
+) -> WalkComparison:
+    """Compare two or more finished runs.
+
+    Args:
+        folders: of the runs.
+        labels: names in tables; those of the folders by default.
+        uncertainty: ``convergence.json`` of all gaits; a bound takes the place of an assumed change.
+        robustness: ``robustness.json`` of each walk, in their order, or none.
+
+    Raises:
+        InputError: a folder cannot be used, or no study is of one of the gaits.
+    """
+    known = [load_uncertainty(file) for file in uncertainty]
+    labels = _distinct(labels or [Path(folder).resolve().name for folder in folders])
+    if len(robustness) not in (0, len(labels)):
+        raise InputError(f"--robustness is given {len(robustness)} times; give it once for each walk.")
+    sides = []
+    for label, folder, file in zip_longest(labels, folders, robustness):
+        run = load_saved_run(folder)
+        study = matching(known, Request(label, run.parameters)) if known else None
+        sides.append(Side(label, run, study, load_robustness(file) if file else None))
+    return comparison_of(sides)
+
+
+def compare_gaits(
+    gaits: Sequence[str] = (),
+    settings: Sequence[str] = (),
+    *,
+    choices: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    as_is: bool = False,
+    uncertainty: Sequence[Path] = (),
+    robustness: Sequence[Path] = (),
+    **execution: Unpack[Execution],
+) -> WalkComparison:
+    """Walk two or more gaits and compare them.
+
+    Args:
+        gaits: presets or TOML files. A single one is compared with `ipm`, or walked with every value of the
+            option that has several; if none, it is `normal` or the own gait of another body.
+        settings: ``key=value`` texts for all gaits.
+        choices: option of :data:`CHOICES` to its value for all walks, or to one value for each; behind a
+            comma a planner or controller has its own options, ``mine:Planner,gain=2``.
+        as_is: find nothing that the gaits leave open.
+        uncertainty: as in :func:`compare_runs`.
+        robustness: likewise.
+        execution: workers and folder, see :class:`validation.study.many.Execution`.
+
+    Raises:
+        InputError, MathematicalRefusal, BodilyRefusal: a gait cannot be walked.
+        StudyStopped: a full disk, or workers that cannot work; finished runs are kept.
+        KeyboardInterrupt: Ctrl-C; finished runs are kept.
+        UsersError: a user's class failed.
+        RuntimeError: a walk crashed.
+    """
+    folder, pool = open_study(execution)
+    texts: list[str | None] = list(gaits) or [None]
+    varied = _varied(choices, len(texts))
+    if len(texts) == 1:
+        texts = texts * len(choices[varied]) if varied else [*texts, "ipm"]
+    chosen_ones = [
+        {name: given[min(place, len(given) - 1)] for name, given in choices.items() if given}
+        for place in range(len(texts))
+    ]
+    requests, labels = [], []
+    for text, chosen in zip(texts, chosen_ones, strict=True):
+        own = [f"{CHOICES[name]}={json.dumps(_absolute(value))}" for name, value in chosen.items()]
+        request = load_request(text, [*own, *settings], as_is=as_is)
+        # With the values that are found; a refused gait is named before the first walk.
+        requests.append(plan_walk(request, pool.get("progress")).request)
+        alike = varied and len(set(texts)) == 1
+        labels.append(Path(chosen[varied]).name if alike else request.name)
+    known = [load_uncertainty(file) for file in uncertainty]
+    for request in requests if known else ():
+        matching(known, request)
+    with nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="ampm-compare-") as home:
+        place = Path(home).resolve()
+        folders = [str(place / f"walk-{number}") for number in range(1, len(requests) + 1)]
+        titles = {path: request.title for path, request in zip(folders, requests, strict=True)}
+        tasks = [
+            Task(path, walk_gait, {"request": request, "folder": path, **users_classes(request.run)})
+            for path, request in zip(folders, requests, strict=True)
+        ]
+        for row in walk_many(tasks, place, **pool):
+            if "reason" in row:
+                kinds = {"refused": InputError, UsersError.__name__: UsersError}
+                kind = kinds.get(row["outcome"], kinds.get(row["reason"], RuntimeError))
+                raise kind(f"{titles[row['key']]}: {row['cause']}")
+        return compare_runs(folders, labels, uncertainty, robustness)
+
+
+def _distinct(labels: Sequence[str]) -> Sequence[str]:
+    """Labels with their numbers, unless all differ."""
+    if len(set(labels)) == len(labels):
+        return labels
+    return [f"{label} ({number})" for number, label in enumerate(labels, start=1)]
+
+
+def _varied(choices: Mapping[str, Sequence[str]], walks: int) -> str:
+    """The option that has a value for each walk; empty if there is none.
+
+    Raises:
+        InputError: there are two, or it has not one value for each of several walks.
+    """
+    several = {option: len(values) for option, values in choices.items() if len(values) > 1}
+    if len(several) > 1 or (walks > 1 and any(count != walks for count in several.values())):
+        times = ", ".join(f"--{option} is given {count} times" for option, count in several.items())
+        of = f" of the {walks} walks" if walks > 1 else " walk"
+        raise InputError(f"{times}; give one option once for each{of}, and any other once, for all.")
+    return next(iter(several), "")
+
+
+def _absolute(value: str) -> str:
+    """The value of an option; a file's path is absolute."""
+    return str(Path(value).resolve()) if Path(value).is_file() else value
+
+
+def walk_gait(request: Request, folder: str, **users: Any) -> Row:
+    """Walk one gait, on a worker, and keep the run in a folder."""
+    trial = walk_request(request, own_profile(request.name, request.run), **users)
+    trial.save(folder, force=True)
+    return {"outcome": str(trial.record.outcome.name)}

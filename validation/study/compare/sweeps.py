@@ -32,46 +32,30 @@ _SHOWN = 100
 """Rows of the table of runs."""
 
 
-class Change(NamedTuple):
-    """A run that changed.
+class RunChange(NamedTuple):
+    """A run that changed."""
 
-    Attributes:
-        kind: one of :data:`KINDS`.
-        run: name in the first sweep.
-        before, after: state in the first and in the second sweep.
-        metrics: labels of those that are worse or on another side of their limit; of a better run of those
-            that are better.
-        parameters: values of what varies.
-    """
-
-    kind: str
-    run: str
-    before: str
-    after: str
+    kind: str  # one of `KINDS`
+    run: str  # name in the first sweep
+    before: str  # state in the first sweep
+    after: str  # state in the second sweep
+    # labels of those that are worse or on another side of their limit; of a better run of those that are
+    # better
     metrics: tuple[str, ...]
-    parameters: Mapping[str, Any]
+    parameters: Mapping[str, Any]  # values of what varies
 
 
 @dataclass(frozen=True)
 class SweepComparison(Tabled):
-    """Two sweeps compared.
+    """Two sweeps compared."""
 
-    Attributes:
-        a, b: what a user calls them; the first is the reference.
-        matched: number of runs that both have.
-        missing: names of runs that only the first has.
-        changes: runs that changed, in the order of :data:`KINDS`.
-        notes: conditions of the comparison.
-        require_all: whether missing runs are regressions.
-    """
-
-    a: str
-    b: str
-    matched: int
-    missing: tuple[str, ...]
-    changes: tuple[Change, ...]
-    notes: tuple[str, ...]
-    require_all: bool = False
+    a: str  # what a user calls the first, the reference
+    b: str  # what a user calls the second
+    matched: int  # number of runs that both have
+    missing: tuple[str, ...]  # names of runs that only the first has
+    changes: tuple[RunChange, ...]  # runs that changed, in the order of `KINDS`
+    notes: tuple[str, ...]  # conditions of the comparison
+    require_all: bool = False  # whether missing runs are regressions
 
     @property
     def title(self) -> str:
@@ -184,7 +168,7 @@ def compare_sweeps(
     names, labels = a.words("name"), [b.label(name) for name in metrics]
     varied = [key for key in dict.fromkeys((*a.varied, *b.varied)) if key in a]
     changes = [
-        Change(
+        RunChange(
             kind=str(kinds[run]),
             run=names[rows_a[run]],
             before=a.state(rows_a[run]).label,

@@ -8,7 +8,7 @@ from typing import Any
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.judge.metrics import evaluate
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.study.row_file import Row
 from validation.study.walk_options import walk_request
 from validation.trial.engine import check_drake
@@ -23,7 +23,7 @@ NUMERICAL: Mapping[str, tuple[str, float]] = {
     "qp_tolerance": ("solver.tolerance", 10.0),
 }
 """Key of a step or tolerance whose limit is zero, and ratio of neighbouring levels, by study."""
-LAWS: Mapping[str, tuple[str, tuple[float, ...]]] = {
+CONTACT_MODELS: Mapping[str, tuple[str, tuple[float, ...]]] = {
     # The stiffness of MuJoCo's contact is proportional to the inverse square of the time constant.
     "contact_stiffness": ("contact.time_constant", (2.0**0.5, 0.5**0.5)),
     "contact_depth": ("contact.impedance_width", (2.0, 0.5)),
@@ -42,19 +42,13 @@ ENGINES = ("mujoco", "drake")
 
 @dataclass(frozen=True)
 class Study:
-    """Levels of one parameter.
+    """Levels of one parameter."""
 
-    Attributes:
-        name: of the study.
-        key: of the parameter.
-        values: of the key in its unit, the gait's own one first; those of a numerical study fall.
-        ratio: of neighbouring levels of a numerical study, 0 of a contact law or the engine.
-    """
-
-    name: str
-    key: str
+    name: str  # of the study
+    key: str  # of the parameter
+    # of the key in its unit, the gait's own one first; those of a numerical study fall
     values: tuple[Any, ...]
-    ratio: float = 0.0
+    ratio: float = 0.0  # of neighbouring levels of a numerical study, 0 of a contact law or the engine
 
     @property
     def numerical(self) -> bool:
@@ -88,7 +82,7 @@ def studies(run: RunParameters, levels: int = LEVELS) -> list[Study]:
         # Rounded, so that a tenth of 5e-5 is written as 5e-6.
         values = tuple(float(f"{own[key] / ratio**level:.15g}") for level in range(levels))
         found.append(Study(name, key, values, ratio))
-    for name, (key, factors) in LAWS.items():
+    for name, (key, factors) in CONTACT_MODELS.items():
         if key.startswith("drake.") == (run.simulation.engine == "drake"):
             found.append(Study(name, key, _possible(run, key, [factor * own[key] for factor in factors])))
     found.append(Study("engine", "simulation.engine", _possible(run, "simulation.engine", ENGINES)))

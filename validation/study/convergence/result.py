@@ -11,8 +11,7 @@ from validation.judge.metrics import METRICS, MetricValue
 from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import MetricResult, Verdict, judge
-from validation.store.environment import describe_environment
-from validation.store.identity import parameter_values
+from validation.store.environment import describe_environment, parameter_values
 from validation.study.convergence.levels import OWN, Study
 from validation.study.convergence.order import Estimate, estimate
 from validation.study.row_file import Row
@@ -32,39 +31,25 @@ _NOTES = (
 
 @dataclass(frozen=True)
 class StudiedMetric:
-    """One metric in all studies.
+    """One metric in all studies."""
 
-    Attributes:
-        levels: study to the value at every level, the own one first [SI unit]; NaN where the walk did not
-            complete.
-        estimates: numerical study to its estimate, that of the time step first.
-        spread: largest change by another contact law or engine, infinite if a walk with one did not complete.
-    """
-
+    # study to the value at every level, the own one first [SI unit]; NaN where the walk did not complete
     levels: Mapping[str, tuple[float, ...]]
-    estimates: Mapping[str, Estimate]
+    estimates: Mapping[str, Estimate]  # numerical study to its estimate, that of the time step first
+    # largest change by another contact law or engine, infinite if a walk with one did not complete
     spread: float
 
 
 @dataclass(frozen=True)
 class Convergence(Tabled):
-    """All studies of one gait.
+    """All studies of one gait."""
 
-    Attributes:
-        request: the gait, with the steps that were walked.
-        studies: in order.
-        walks: task of a level to its row, see :func:`validation.study.convergence.levels.walk_level`.
-        uncertainty: numerical uncertainty by the studies.
-        studied: metric to its levels and estimates.
-        verdict: pass only where every metric is further from its limit than its uncertainty.
-    """
-
-    request: Request
-    studies: tuple[Study, ...]
-    walks: Mapping[str, Row]
-    uncertainty: Uncertainty
-    studied: Mapping[str, StudiedMetric]
-    verdict: Verdict
+    request: Request  # the gait, with the steps that were walked
+    studies: tuple[Study, ...]  # in order
+    walks: Mapping[str, Row]  # task of a level to its row, see `walk_level`
+    uncertainty: Uncertainty  # numerical uncertainty by the studies
+    studied: Mapping[str, StudiedMetric]  # metric to its levels and estimates
+    verdict: Verdict  # pass only where every metric is further from its limit than its uncertainty
 
     @property
     def metrics(self) -> dict[str, MetricResult]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Unpack
 
 from ampm.exceptions import InputError
@@ -10,18 +9,15 @@ from ampm.parameters import RunParameters
 from ampm.physics_parameters import steps_per_tick
 from validation.judge import profiles
 from validation.judge.uncertainty import FILE
-from validation.store.folders import output_file
-from validation.store.json import write_json
 from validation.study.convergence.levels import LEVELS, runs_of, studies, walk_level
 from validation.study.convergence.result import Convergence, combine
-from validation.study.many import Execution, Task, open_study, walk_many
+from validation.study.many import Execution, Task, open_study, walk_many, write_study
 from validation.study.walk_options import users_classes
-from validation.table import markdown_page
 from validation.trial.plan import Request, load_request, plan_walk
 
 STEPS = 6
 """Walked at every level, by default: the gait is periodic, and a record grows as the time step shrinks."""
-MARKDOWN, PICTURE = "convergence.md", "convergence.svg"
+PICTURE = "convergence.svg"
 
 
 def convergence(
@@ -70,17 +66,8 @@ def convergence(
     walks = {row["key"]: row for row in rows}
     result = combine(request, limits, found, {task: walks[task] for task in runs})
     if folder is not None:
-        write(result, folder)
+        from validation.study.convergence.picture import draw  # loads matplotlib
+
+        draw(result, folder / PICTURE)
+        write_study(result, folder / FILE)
     return result
-
-
-def write(result: Convergence, folder: Path) -> None:
-    """Write table, picture and, last, ``convergence.json``, which marks a complete study."""
-    from validation.study.convergence.picture import draw  # loads matplotlib
-
-    (folder / FILE).unlink(missing_ok=True)
-    with output_file(folder / MARKDOWN) as path:
-        path.write_text(markdown_page(result.tables()), encoding="utf-8")
-    draw(result, folder / PICTURE)
-    with output_file(folder / FILE) as path:
-        write_json(path, result.as_dict())

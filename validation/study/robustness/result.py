@@ -10,8 +10,7 @@ from pydantic import TypeAdapter
 from ampm.exceptions import InputError
 from ampm.files import read_file
 from validation.store.json import json_ready
-from validation.study.robustness.cells import Cell, needed
-from validation.study.robustness.push import DURATION
+from validation.study.robustness.cells import DURATION, Cell, needed
 from validation.table import Table, Tabled
 
 RESULT = "robustness.json"
@@ -19,20 +18,14 @@ RESULT = "robustness.json"
 
 @dataclass(frozen=True)
 class CellResult:
-    """What a cell showed; values in its unit.
+    """What a cell showed; values in its unit."""
 
-    Attributes:
-        cell: the disturbance.
-        survived: largest value survived with all smaller ones; None if there is none.
-        within: largest value that kept the tolerances with all smaller ones; None if there is none, and of
-            pushes, which are not judged.
-        cause: how a walk of the first value that was not survived ended; empty if there is none.
-    """
-
-    cell: Cell
-    survived: float | None = None
+    cell: Cell  # the disturbance
+    survived: float | None = None  # largest value survived with all smaller ones; None if there is none
+    # largest value that kept the tolerances with all smaller ones; None if there is none, and of pushes,
+    # which are not judged
     within: float | None = None
-    cause: str = ""
+    cause: str = ""  # how a walk of the first value that was not survived ended; empty if there is none
 
     def cells(self) -> tuple[str, ...]:
         """Row of the table; angles in degrees."""
@@ -53,22 +46,14 @@ class CellResult:
 
 @dataclass(frozen=True)
 class Robustness(Tabled):
-    """A robustness study.
+    """A robustness study."""
 
-    Attributes:
-        gait: its name.
-        body: its name.
-        controller: its name.
-        replicas: of each value.
-        cells: results.
-        crashes: runs that an error of program or machine ended, with its cause; they count as not survived.
-    """
-
-    gait: str
-    body: str
-    controller: str
-    replicas: int
-    cells: tuple[CellResult, ...]
+    gait: str  # its name
+    body: str  # its name
+    controller: str  # its name
+    replicas: int  # of each value
+    cells: tuple[CellResult, ...]  # results
+    # runs that an error of program or machine ended, with its cause; they count as not survived
     crashes: tuple[str, ...] = ()
 
     @property

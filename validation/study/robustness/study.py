@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from pathlib import Path
 from typing import Any, Unpack
 
 from ampm.parameters import RunParameters
@@ -12,11 +11,10 @@ from ampm.walk import Planner
 from models.scene import BodyModel
 from validation.judge import profiles
 from validation.run.walk import walk_planned
-from validation.store.folders import output_file
-from validation.store.json import write_json
-from validation.study.many import Execution, Search, Task, open_study, walk_many
+from validation.study.many import Execution, Search, Task, open_study, walk_many, write_study
 from validation.study.robustness.cells import (
     AFTER,
+    DURATION,
     PUSH_STEP,
     REPLICAS,
     SHIFTS,
@@ -27,18 +25,16 @@ from validation.study.robustness.cells import (
     needed,
     other_cells,
     push_cells,
+    push_instant,
 )
-from validation.study.robustness.push import DURATION, push_instant
 from validation.study.robustness.result import RESULT, CellResult, Robustness
 from validation.study.row_file import Row, crash_notes
 from validation.study.walk_options import users_classes
-from validation.table import markdown_page
 from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.shapes import Shapes
 from validation.trial.simulate import simulate
 
-MARKDOWN = "robustness.md"
 CROSSED = "the legs met"
 _EVERY = 0.01  # time between two looks at the distance of the legs [s]
 
@@ -178,7 +174,7 @@ def robustness(
         crashes=crashes,
     )
     if folder is not None:
-        write(found, folder)
+        write_study(found, folder / RESULT)
     return found
 
 
@@ -222,12 +218,3 @@ def replica_task(
     request = Request(planned.name, planned.run.as_is().replace(settings))
     options = {"request": request, "profile": None if cell.is_push else profile, **users}
     return Task(f"{cell.name} {value:g}, replica {replica}", walk_replica, options)
-
-
-def write(found: Robustness, folder: Path) -> None:
-    """Write the table and, last, ``robustness.json``, which marks a complete study."""
-    (folder / RESULT).unlink(missing_ok=True)
-    with output_file(folder / MARKDOWN) as path:
-        path.write_text(markdown_page(found.tables()), encoding="utf-8")
-    with output_file(folder / RESULT) as path:
-        write_json(path, found.as_dict())

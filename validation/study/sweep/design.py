@@ -24,10 +24,9 @@ from ampm.presets import PRESETS
 from ampm.run_file import key_info, load_run
 from ampm.section import Option, Real, Section, parse_toml, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
-from validation.store.identity import parameter_values
+from validation.store.environment import parameter_values
 from validation.trial.plan import own_gait
-from validation.trial.planners import check_planner
-from validation.trial.users import CONTROLLER, ESTIMATOR
+from validation.trial.users import CONTROLLER, ESTIMATOR, check_planner
 
 MOST_CASES = 100_000
 """Runs of one sweep at most, and points of a sampled block: of 10 s each they take 12 days of a core."""

@@ -16,8 +16,8 @@ from ampm.planner.step_planners import STEP_PLANNERS
 from validation.progress import Progress
 from validation.run.walk import timed
 from validation.show.text import format_duration
+from validation.store.environment import parameter_values
 from validation.store.folders import output_file
-from validation.store.identity import parameter_values
 from validation.store.json import write_json
 from validation.store.machine import cores
 from validation.study.many import Pool, Task, study_folder, walk_many
@@ -122,11 +122,7 @@ def task_of(definition: SweepDefinition, run: int) -> Task:
 
 
 def _options(definition: SweepDefinition, run: int) -> dict[str, Any]:
-    """Arguments of :func:`validation.study.walk_options.walk_request`.
-
-    Raises:
-        InputError: a parameter is beyond its bounds.
-    """
+    """Arguments of :func:`validation.study.walk_options.walk_request`."""
     request = Request(definition.name_of(run), definition.parameters(run), definition.varied(run))
     return {"request": request, "profile": definition.profile, **users_classes(request.run)}
 
@@ -176,21 +172,14 @@ def _keep_worst(definition: SweepDefinition, found: SweepTable, folder: Path, po
 
 @dataclass(frozen=True)
 class Forecast(Tabled):
-    """What a sweep would walk.
+    """What a sweep would walk."""
 
-    Attributes:
-        refused: runs that bounds or formula refuse.
-        seconds: wall-clock time of one run, from a walk; None if the tried runs cannot be walked [s].
-        drawing: of its report and recording [s].
-        kept: runs that are walked once more at the end, at most, for their report and recording.
-        workers: processes.
-    """
-
-    refused: SweepTable
+    refused: SweepTable  # runs that bounds or formula refuse
+    # wall-clock time of one run, from a walk; None if the tried runs cannot be walked [s]
     seconds: float | None
-    drawing: float
-    kept: int
-    workers: int
+    drawing: float  # of its report and recording [s]
+    kept: int  # runs that are walked once more at the end, at most, for their report and recording
+    workers: int  # processes
 
     @property
     def walking(self) -> int:

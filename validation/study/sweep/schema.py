@@ -6,13 +6,11 @@ interruptions. Metrics come from the registry (:mod:`validation.judge.metrics`),
 :class:`ampm.parameters.RunParameters`: a new one is a new column.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import pyarrow as pa
 
@@ -20,9 +18,7 @@ from ampm.planner.centroidal import PlanConstants
 from ampm.run_file import describe_keys, key_info
 from ampm.section import Option
 from validation.judge.metrics import METRICS
-
-if TYPE_CHECKING:
-    from validation.run.trial import Trial
+from validation.run.trial import Trial
 
 Kind = Literal["real", "whole", "text"]
 Options = Mapping[str, Sequence[Option]]
@@ -32,19 +28,12 @@ _KINDS: Mapping[str, Kind] = {"float": "real", "int": "whole", "text": "text"}
 
 
 class Column(NamedTuple):
-    """One column of the table.
+    """One column of the table."""
 
-    Attributes:
-        name: as in the file.
-        kind: real (float64), whole (int64), text (UTF-8).
-        unit: SI unit, ``1`` for a plain number, empty for words.
-        words: meaning.
-    """
-
-    name: str
-    kind: Kind
-    unit: str
-    words: str
+    name: str  # as in the file
+    kind: Kind  # real (float64), whole (int64), text (UTF-8)
+    unit: str  # SI unit, `1` for a plain number, empty for words
+    words: str  # meaning
 
 
 _RUN = (

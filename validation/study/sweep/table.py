@@ -26,8 +26,7 @@ from ampm.parameters import GRAVITY, RunParameters
 from validation.judge.metrics import METRICS, display_unit, metric_label
 from validation.judge.profiles import Tolerance
 from validation.judge.profiles import profile as find_profile
-from validation.store.environment import describe_environment
-from validation.store.identity import code_hash, parameter_values, run_key
+from validation.store.environment import code_hash, describe_environment, parameter_values, run_key
 from validation.study.row_file import ROWS, Row, read_rows
 from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep, toml_text
 from validation.study.sweep.schema import columns, schema
@@ -88,19 +87,12 @@ BROKEN = (State.CRASHED, State.TIMED_OUT)
 
 @dataclass(frozen=True)
 class SweepTable(Tabled):
-    """One sweep, finished or not.
+    """One sweep, finished or not."""
 
-    Attributes:
-        table: one row per run, sorted by ``run``; :mod:`validation.study.sweep.schema` has the columns.
-        metadata: of the table, see :func:`table_metadata`.
-        directory: the sweep's folder, None if only a file was given.
-        source: the user's name for it, for messages.
-    """
-
-    table: pa.Table
-    metadata: Mapping[str, Any]
-    directory: Path | None
-    source: str
+    table: pa.Table  # one row per run, sorted by `run`; `schema` has the columns
+    metadata: Mapping[str, Any]  # of the table, see `table_metadata`
+    directory: Path | None  # the sweep's folder, None if only a file was given
+    source: str  # the user's name for it, for messages
 
     def __len__(self) -> int:
         return self.table.num_rows
