@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.run_file import leaves_open, load_run
 from validation.study.sweep.design import dump_sweep, load_sweep, parse_sweep
@@ -157,3 +158,19 @@ def test_a_gait_from_a_file_is_carried_along(tmp_path):
     again = parse_sweep(text)
     assert again == sweep
     assert again.shared == sweep.shared
+
+
+def test_options_behind_a_name_are_of_one_planner_alone(tmp_path, monkeypatch):
+    own = "from ampm.planners import PeriodicPlanner\n\nclass Own(PeriodicPlanner):\n"
+    own += "    def __init__(self, roll=1.0):\n        super().__init__()\n"
+    (tmp_path / "rolling.py").write_text(own, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    planners = '["ampm", { name = "rolling:Own", roll = 0.09 }, "rolling:Own,roll=2"]'
+    sweep = parse_sweep(f"{GRID}gait.planner = {planners}")
+    runs = [sweep.parameters(run) for run in range(3)]
+    assert [run.gait.planner for run in runs] == ["ampm", "rolling:Own", "rolling:Own"]
+    assert [run.planner.options for run in runs] == [{}, {"roll": 0.09}, {"roll": 2}]
+    assert sweep.varied(1) == {"gait.planner": "rolling:Own,roll=0.09"}
+    assert parse_sweep(dump_sweep(sweep)) == sweep
+    with pytest.raises(InputError, match="it takes roll; an option of one planner alone"):
+        parse_sweep(f'{GRID}gait.planner = ["rolling:Own,gain=2"]')

@@ -17,6 +17,7 @@ from validation.judge.metrics import METRICS, MetricValue, display_unit
 from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.store.json import json_ready
+from validation.table import format_number, with_uncertainty
 from validation.trial.record import SimulationRecord
 
 
@@ -85,17 +86,10 @@ class MetricResult:
         """Value, tolerance or uncertainty in ``display_unit``."""
         return None if number is None else number * self.factor
 
-    def rounded(self, number: float, digits: int) -> str:
-        """A number in ``display_unit``, as text."""
-        return "∞" if math.isinf(number) else f"{number * self.factor:.{digits}g}"
-
     @property
     def quoted(self) -> str:
         """The value, and its uncertainty if it is known, in ``display_unit``."""
-        if math.isnan(self.value):
-            return "–"
-        known = "" if self.uncertainty is None else f" ± {self.rounded(self.uncertainty, 2)}"
-        return f"{self.rounded(self.value, 3)}{known}"
+        return with_uncertainty(self.displayed(self.value), self.displayed(self.uncertainty))
 
     def __str__(self) -> str:
         """The quoted value and its unit, if it has one."""
@@ -261,7 +255,7 @@ def _conclude(
             f"{len(undecided)} of {limits} tolerances undecided, {why}; the least certain is {against(least)}"
         )
         if _by_contact(least):
-            spread = least.rounded(least.spread or 0.0, 2)
+            spread = format_number(least.displayed(least.spread), 2).replace("inf", "∞")
             reason += f", which changes by up to {spread} {least.display_unit}".rstrip()
         return VerdictName.UNDECIDED, f"{reason}."
     met = (item for item in results if item.tolerance and item.passed)

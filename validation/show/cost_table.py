@@ -74,8 +74,7 @@ def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
         where = f"{value['where'].replace('_', ' ')}{at}".removeprefix(", ")
         value = value["value"]
     scale, unit = cost_unit(metric, summary["scales"]["body_weight"])
-    limits = {"margin_torque": 1.0, "margin_friction": summary["margins"]["friction_available"]}
-    limit = limits.get(metric.name)
+    limit = cost_limit(summary, metric.name)
     if value is None:
         return metric.label, format_number(None), "", "", "", where
     return (
@@ -86,6 +85,11 @@ def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
         format_share(value, limit),
         where,
     )
+
+
+def cost_limit(summary: Mapping[str, Any], name: str) -> float | None:
+    """Limit of a cost in SI units; None if it has none."""
+    return {"margin_torque": 1.0, "margin_friction": summary["margins"]["friction_available"]}.get(name)
 
 
 def cost_unit(metric: Metric, weight: float) -> tuple[float, str]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ampm.geometry import Array
 from validation.judge.fit import Strides
-from validation.show.chart import DASHED, Picture, new_charts, picture
+from validation.show.chart import DASHED, Picture, new_charts, numbered
 from validation.show.page import render_page
 from validation.show.style import COMMAND, FAINT, MEASURED, PLAN, SHADE
 from validation.table import Table
@@ -46,7 +46,7 @@ def fit_page(
         styles=["report.css"],
         sentence=sentence,
         keys=[("measured", MEASURED), *_MODELS.values()],
-        pictures=[_picture(strides, told, *curve) for curve in _CURVES],
+        pictures=numbered(_picture(strides, told, *curve) for curve in _CURVES),
         tables=tables,
     )
 
@@ -80,4 +80,4 @@ def _picture(
         chart.line(time, drawn(told[model][group]).mean(axis=0), color, 1.2, dash=dash)
     for double in (ends[1:3], ends[3:5]):
         chart.area(np.repeat(double, 2), (-np.inf, np.inf, np.inf, -np.inf), SHADE, below=True)
-    return picture([chart], title)
+    return Picture([chart], title)
