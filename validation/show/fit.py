@@ -72,7 +72,8 @@ def _picture(
     chart = new_charts(2.6)[0]
     chart.title, chart.xlabel, chart.ylabel = title, "time from the start of left single support [s]", unit
     curves = drawn(strides.measured[group])
-    chart.band(time, *np.quantile(curves, (0.025, 0.975), axis=0), MEASURED, opacity=0.25)
+    low, high = np.quantile(curves, (0.025, 0.975), axis=0)
+    chart.band(time, low, high, MEASURED, opacity=0.25)
     chart.line(time, curves.mean(axis=0), MEASURED, 2.2)
     for model, (_, color) in _MODELS.items():
         dash = "" if model == "ampm" else DASHED
