@@ -3,6 +3,7 @@
 Keys are namespaced (``gait.step_length``); :mod:`ampm.run_file` reads and writes them.
 """
 
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from typing import Annotated, Any, Literal
@@ -24,6 +25,7 @@ from ampm.section import (
     Whole,
     options_of,
     parameter,
+    parse_setting,
     unit_of,
     unknown,
     whole,
@@ -230,6 +232,14 @@ class FootstepParameters(Section, section="footsteps"):
     )
 
 
+NAMES: Mapping[str, tuple[str, str]] = {
+    "planner": ("gait", "planner"),
+    "controller": ("controller", "name"),
+    "sensors": ("sensors", "estimator"),
+}
+"""Section with the options of a class to section and key of its name, after which they may stand, too."""
+
+
 class RunParameters(Described, Section):
     """Everything that describes one run."""
 
@@ -255,6 +265,23 @@ class RunParameters(Described, Section):
         strict=False,  # a list is fine
         exclude_if=lambda rows: not rows,
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _split_names(cls, table: dict[str, Any]) -> dict[str, Any]:
+        """Take the options of a class from its name, as in ``quintic:Quintic,roll=0.09``."""
+        table = dict(table)
+        for where, (section, key) in NAMES.items():
+            named: Any = table.get(section)
+            text = named.get(key) if isinstance(named, dict) else None
+            if isinstance(text, str) and "," in text and not os.path.isfile(text):
+                name, *given = text.split(",")
+                table[section] = {**named, key: name}
+                others: Any = table.get(where, {})
+                old = others.get(OPTIONS, {}) if isinstance(others, dict) else None
+                if isinstance(old, dict):  # else it is refused
+                    table[where] = {**others, OPTIONS: {**old, **dict(map(parse_setting, given))}}
+        return table
 
     @model_validator(mode="after")
     def _check(self) -> "RunParameters":
@@ -355,7 +382,10 @@ class RunParameters(Described, Section):
         Raises:
             InputError: unknown key or bad value.
         """
-        table = self.model_dump() | more
+        table, changes = self.model_dump() | more, dict[str, Any]()
+        for key, value in values.items():
+            put(changes, key, value)
+        drop_options(table, changes)
         for key, value in values.items():
             put(table, key, value)
         return RunParameters(**table).giving(self.given | values.keys())
@@ -416,6 +446,19 @@ OPTION_TABLES = tuple(
     f"{name}.{OPTIONS}" for name, section in SECTIONS.items() if OPTIONS in section.model_fields
 )
 """Tables of the options of users' classes: ``controller.options`` and others."""
+
+
+def drop_options(table: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Leave out options in a table of sections whose class gives way to another one in changes.
+
+    Options beside a default name are meant for a class that is still to be named.
+    """
+    for where, (section, key) in NAMES.items():
+        sides = [side.get(section) for side in (table, changes)]
+        old, new = (side.get(key) if isinstance(side, Mapping) else None for side in sides)
+        names = {str(text).partition(",")[0] for text in (old, new)}
+        if None not in (old, new) and len(names) > 1 and old != SECTIONS[section].model_fields[key].default:
+            table.get(where, {}).pop(OPTIONS, None)
 
 
 OPEN_KEYS = tuple(

@@ -10,9 +10,19 @@ from typing import Any, Literal, get_args, get_origin
 import tomli_w
 
 from ampm.exceptions import InputError
-from ampm.parameters import OPEN_KEYS, OPTION_TABLES, OPTIONS, SECTIONS, RunParameters, keys, put, split_key
+from ampm.parameters import (
+    OPEN_KEYS,
+    OPTION_TABLES,
+    OPTIONS,
+    SECTIONS,
+    RunParameters,
+    drop_options,
+    keys,
+    put,
+    split_key,
+)
 from ampm.presets import PRESETS
-from ampm.section import Option, nearest, parse_toml, read_toml, unit_of, unknown
+from ampm.section import Option, nearest, parse_setting, read_toml, unit_of, unknown
 
 
 def load_run(
@@ -41,8 +51,9 @@ def load_run(
     table = {} if source is None else _read_source(source)
     asked: dict[str, Any] = {}
     for setting in [settings] if isinstance(settings, str) else settings:
-        put(asked, *_parsed(setting))
+        put(asked, *parse_setting(setting))
     asked = _merged(asked, sections)
+    drop_options(table, asked)
     run = RunParameters(**_merged(table, asked))
     if source not in PRESETS:
         return run
@@ -206,22 +217,3 @@ def find_keys(*words: str) -> tuple[KeyInfo, ...]:
         raise InputError(f"no key fits {what}; {way_out}", value=what, way_out=way_out, nearest=similar)
     order = list(SECTIONS)
     return tuple(sorted(found, key=lambda info: order.index(info.key.partition(".")[0])))
-
-
-def _parsed(setting: str) -> tuple[str, Any]:
-    """Key and value of a ``key=value`` text: TOML where it is TOML, else a number, else the text itself."""
-    key, equals, text = (part.strip() for part in setting.partition("="))
-    if not (key and equals):
-        way_out = "write for example gait.c_s=1.2"
-        why = "no key=value pair" if not equals else "without a key before ="
-        raise InputError(f"the setting {setting!r} is {why}; {way_out}.", value=setting, way_out=way_out)
-    try:
-        table = parse_toml(f"value = {text}", "the value")
-        if table.keys() == {"value"}:
-            return key, table["value"]
-    except InputError:
-        pass
-    try:
-        return key, float(text)
-    except ValueError:
-        return key, text

@@ -198,3 +198,22 @@ def parse_toml(text: str, what: str) -> dict[str, Any]:
         raise InputError(
             f"{what} is no valid TOML: it has an integer of thousands of digits; shorten it."
         ) from None
+
+
+def parse_setting(setting: str) -> tuple[str, Any]:
+    """Key and value of a ``key=value`` text: TOML where it is TOML, else a number, else the text itself."""
+    key, equals, text = (part.strip() for part in setting.partition("="))
+    if not (key and equals):
+        way_out = "write for example gait.c_s=1.2"
+        why = "no key=value pair" if not equals else "without a key before ="
+        raise InputError(f"the setting {setting!r} is {why}; {way_out}.", value=setting, way_out=way_out)
+    try:
+        table = parse_toml(f"value = {text}", "the value")
+        if table.keys() == {"value"}:
+            return key, table["value"]
+    except InputError:
+        pass
+    try:
+        return key, float(text)
+    except ValueError:
+        return key, text

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from markupsafe import Markup
 
 from ampm.run_file import load_run
 from tests.saved_run import make_study
@@ -15,16 +16,10 @@ from validation.judge.uncertainty import Uncertainty
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import load_saved_run
-from validation.study.compare.comparison import (
-    JUDGED,
-    SHARE,
-    SHARE_OF_EXTREMES,
-    MetricRow,
-    Side,
-    _fitting,
-    comparison_of,
-)
-from validation.study.compare.report import NUMBERS, REPORT, render
+from validation.study.compare.comparison import JUDGED, SHARE, SHARE_OF_ERRORS, MetricRow, Side, comparison_of
+from validation.study.compare.report import NUMBERS, REPORT, load_comparison, render
+from validation.study.robustness.cells import Cell
+from validation.study.robustness.result import CellResult, Robustness
 
 FAST = ["--set", "simulation.time_step=0.002", "--steps", "3", "--workers", "0"]
 
@@ -46,15 +41,24 @@ def test_finished_runs_of_two_planners(folders, tmp_path, ampm):
     answer = ampm("compare", *folders, "--out", out, "--json")
     found = answer.json
     assert answer.status == 0
-    assert json.loads((out / NUMBERS).read_text(encoding="utf-8")) == found
+    kept = json.loads((out / NUMBERS).read_text(encoding="utf-8"))
+    assert {key: kept[key] for key in found if key != "walks"} == {
+        k: v for k, v in found.items() if k != "walks"
+    }
+    found["walks"] = kept["walks"]  # with the places of the runs
     zmp = found["metrics"]["zmp_x_rmse"]
-    assert zmp["values"][0] < 1e-3 < zmp["values"][1]
+    assert zmp["values"][0] < 1.0 < zmp["values"][1]
     assert (zmp["group"], zmp["better"]) == (JUDGED, 0)
     assert found["parameters"] == {"gait.planner": ["ampm", "ipm"]}
-    assert f"{100 * SHARE:g} %" in found["walks"][0]["differences_count_from"]
+    assert f"{100 * SHARE:g} %" in found["differences_count_from"]
     page = (out / REPORT).read_text(encoding="utf-8")
-    assert found["sentence"] in page
-    assert f"{folders[1].name}, planner ipm" in page
+    assert str(Markup.escape(found["sentence"])) in page
+    for walk, folder in zip(found["walks"], folders, strict=True):
+        assert (out / walk["run"]).samefile(folder)
+        assert f'<a href="{walk["run"]}/recording.rrd">' in page
+        assert (folder / "recording.rrd").is_file()
+        assert walk["planned"]["single support [s]"] == pytest.approx(0.558, abs=2e-3)
+    assert load_comparison(out).sentence == found["sentence"]
     assert page.count('<li><i style="background:#') == 2
     assert page.count("<img alt=") == 6
     assert ampm("compare", *folders, "--out", out).status == 2
@@ -67,8 +71,8 @@ def test_a_table_beside_our_planner_is_walked_once(tmp_path, ampm, monkeypatch):
     command = ["compare", "flat", "--planner", "ampm", "--planner", table, *FAST, "--out", out, "--json"]
     first = ampm(*command)
     assert first.status == 0
-    assert [walk["label"] for walk in first.json["walks"]] == ["flat, planner ampm", "flat, planner ipm.csv"]
-    assert first.json["sentence"].startswith("flat, planner ampm is better in ")
+    assert [walk["label"] for walk in first.json["walks"]] == ["ampm", "ipm.csv"]
+    assert first.json["sentence"].startswith("The ZMP is tracked best by ampm along x")
     assert first.json["metrics"]["zmp_x_maximum"]["better"] == 0
     assert 'href="walk-2/report.html"' in (out / REPORT).read_text(encoding="utf-8")
     assert (out / "walk-2" / REPORT).is_file()
@@ -79,47 +83,56 @@ def test_a_table_beside_our_planner_is_walked_once(tmp_path, ampm, monkeypatch):
 
 
 GAIN = """
-from ampm.control.joint_pd import JointPD
+from ampm.control.controller import TrackingController
+from ampm.planners import PeriodicPlanner
 
-class Own(JointPD):
+class Own(TrackingController):
     def __init__(self, robot, run, gain=1.0):
         super().__init__(robot, run)
+
+class Plans(PeriodicPlanner):
+    def __init__(self, name="ampm"):
+        super().__init__(name)
 """
 
 
-def test_options_are_for_those_that_take_them(tmp_path, ampm, monkeypatch):
+def test_options_belong_to_one_planner_or_controller(tmp_path, ampm, monkeypatch):
     (tmp_path / "own_gain.py").write_text(GAIN, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    table = tmp_path / "table.csv"
-    table.write_text("time\n", encoding="utf-8")
-    chosen = [{"controller": "ampm", "planner": str(table)}, {"controller": "own_gain:Own"}]
-    gain, none = "controller.options.gain=2", "controller.options.none=2"
-    assert _fitting([gain, "gait.steps=3"], chosen) == [["gait.steps=3"], [gain, "gait.steps=3"]]
-    assert _fitting([none], chosen) == [[none], [none]]  # refused
-    answer = ampm("compare", "--controller", "ampm", "--controller", "own_gain:Own", "--set", none)
-    assert answer.status == 2
-    assert "it takes" in answer.err
+    planners = ["--planner", "ampm", "--planner", "own_gain:Plans,name=dcm"]
+    answer = ampm(
+        "compare", "normal", *planners, "--controller", "own_gain:Own,gain=2", *FAST, "--out", "both"
+    )
+    assert answer.status == 0
+    assert answer.out.startswith("ampm and own_gain:Plans,name=dcm track the ZMP equally well")
+    runs = [load_run(tmp_path / "both" / f"walk-{number}" / "run.toml") for number in (1, 2)]
+    assert [run.planner.options for run in runs] == [{}, {"name": "dcm"}]
+    assert all(run.controller.options == {"gain": 2} for run in runs)
+    # options of a class that gives way are left out
+    assert runs[1].replace({"gait.planner": "lipm"}).planner.options == {}
+    assert load_run(tmp_path / "both/walk-2/run.toml", ["gait.planner=lipm"]).planner.options == {}
+    for option, why in (("dcm,roll=1", "it takes none"), ("dcm,roll", "no key=value pair")):
+        refused = ampm("compare", "normal", "--planner", "ampm", "--planner", option)
+        assert refused.status == 2
+        assert why in refused.err
 
 
-def test_bodies_of_two_sizes_are_told_and_scaled_each_by_its_own_weight(sides):
+def test_bodies_of_two_sizes_are_told_and_compared_in_shares_of_their_size(sides):
     scales = sides[0].run.summary["scales"]
-    heavy = changed(sides[0], scales={**scales, "body_weight": 2.0 * scales["body_weight"]})
-    found = comparison_of([sides[0], replace(heavy, label="heavy")])
-    assert any(note.startswith("The bodies differ in size") for note in found.tables()[0].notes)
-    row = next(row for row in found.rows if row.name == "force_z_rmse")
-    light, half = (float(cell) for cell in found.cells(row)[1:3])
-    assert light == pytest.approx(2.0 * half, rel=0.02)
     assert not any("differ in size" in note for note in comparison_of(sides).tables()[0].notes)
-
-
-def test_two_equal_plans_agree(ampm):
-    answer = ampm("compare", "normal", "--planner", "ampm", "--planner", "dcm", *FAST)
-    assert answer.out.splitlines()[0].startswith("normal, planner ampm and normal, planner dcm agree: ")
-    assert f"{100 * SHARE:g} %" in answer.out
+    twice = {**scales, "foot_length": 2.0 * scales["foot_length"]}
+    large = changed(sides[0], {"zmp_x_rmse": 2.0 * sides[0].number("zmp_x_rmse")}, scales=twice)
+    found = comparison_of([sides[0], replace(large, label="large")])
+    assert any(note.startswith("The bodies differ in size") for note in found.tables()[0].notes)
+    rows = {row.name: row for row in found.rows}
+    assert rows["zmp_x_rmse"].unit == "% of foot"
+    assert rows["zmp_x_rmse"].values == pytest.approx([rows["zmp_x_rmse"].values[0]] * 2)
+    assert rows["zmp_y_rmse"].better == 1
+    assert (rows["zmp_x_rmse"].better, rows["force_x_rmse"].better) == (None, None)
 
 
 @pytest.mark.parametrize(
-    ("values", "least", "better"),
+    ("values", "doubt", "better"),
     [
         ((1.0, 2.0), 0.5, 0),
         ((2.0, 1.0), 0.5, 1),
@@ -130,8 +143,8 @@ def test_two_equal_plans_agree(ampm):
         ((3.0, 1.0, math.nan), 0.5, None),
     ],
 )
-def test_which_side_is_better(values, least, better):
-    assert MetricRow(JUDGED, "zmp_x_rmse", "ZMP", "m", values, least).better == better
+def test_which_side_is_better(values, doubt, better):
+    assert MetricRow(JUDGED, "zmp_x_rmse", "ZMP", "m", values, doubt).better == better
 
 
 def changed(side: Side, metrics: dict[str, float] | None = None, **summary) -> Side:
@@ -141,13 +154,24 @@ def changed(side: Side, metrics: dict[str, float] | None = None, **summary) -> S
     return replace(side, run=replace(side.run, summary={**side.run.summary, "metrics": entries, **summary}))
 
 
-def test_one_sentence_says_who_is_better_and_where_most(sides):
+def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limits(sides):
     a, b = sides[0], replace(sides[0], label="other")
-    assert comparison_of([a, b]).sentence.startswith("smooth and other agree: ")
-    worse = comparison_of([a, changed(b, {"zmp_x_rmse": 2e-3, "force_x_rmse": 5.0, "zmp_y_rmse": 1e-5})])
-    words = "smooth is better in 2, other is better in 1 of 11 judged metrics by more than 10 %"
-    assert worse.sentence.startswith(words)
-    assert "they differ most in ground force, RMS error along x: 0.18" in worse.sentence
+    equal = comparison_of([a, b]).sentence
+    x = f"{1e3 * a.number('zmp_x_rmse'):.3g}"
+    assert equal.startswith(f"smooth and other track the ZMP equally well (x {x} and {x} mm, y 0.2")
+    assert "differences within the doubt). Torque, friction and mechanical work are equal within" in equal
+    assert "smooth stays below every limit (largest torque, of the motor's limit, 78 %), other stays" in equal
+    margins = json.loads(json.dumps(a.run.summary["margins"]))
+    margins["torque"]["value"] *= 1.12
+    margins["friction"]["value"] *= 2.5
+    spent = changed(b, {"zmp_x_rmse": 2e-3, "zmp_y_rmse": 1e-5, "force_x_rmse": 50.0}, margins=margins)
+    said = comparison_of([a, spent]).sentence
+    assert said.startswith(f"The ZMP is tracked best by smooth along x and other along y (x {x} and 2 mm")
+    assert "other takes 12 % more torque and uses 2.5 times the friction; smooth stays below" in said
+    assert "other exceeds 1 of 12 limits (ground force, RMS error along x, " in said
+    three = comparison_of([a, replace(spent, label="b"), replace(spent, label="c")])
+    assert "takes 12 % more torque of smooth" not in three.sentence
+    assert three.cells(three.rows[0])[-1] == "smooth"
     fell = changed(b, outcome="fell", end={"time": 2.3, "cause": ""})
     assert comparison_of([a, fell]).sentence == (
         "smooth walked to the end, other did not walk to the end (fell after 2.30 s)."
@@ -156,24 +180,48 @@ def test_one_sentence_says_who_is_better_and_where_most(sides):
 
 def test_a_study_takes_the_place_of_the_share_and_rounding_never_counts(sides):
     side = sides[0]
-    assert side.change("zmp_x_rmse", "m") == pytest.approx(SHARE * side.value("zmp_x_rmse"))
-    largest = side.value("zmp_x_maximum")
-    assert side.change("zmp_x_maximum", "m") == pytest.approx(SHARE_OF_EXTREMES * largest)
+    assert side.doubt("zmp_x_rmse", "m") == pytest.approx(SHARE * side.number("zmp_x_rmse"))
+    largest = side.number("zmp_x_maximum")
+    assert side.doubt("zmp_x_maximum", "m") == pytest.approx(SHARE_OF_ERRORS * largest)
+    assert side.doubt("margin_torque", "1") == pytest.approx(SHARE * side.number("margin_torque"))
     studied = replace(side, study=Uncertainty("a", 6, {"zmp_x_rmse": 1e-3, "zmp_y_rmse": 0.0}))
-    assert studied.change("zmp_x_rmse", "m") == 1e-3
-    assert studied.change("zmp_y_rmse", "m") == pytest.approx(1e-6 * side.value("zmp_y_rmse"))
-    more = {"zmp_x_rmse": 1.15 * side.value("zmp_x_rmse"), "zmp_x_maximum": 1.35 * largest}
+    assert studied.doubt("zmp_x_rmse", "m") == 1e-3
+    assert studied.doubt("zmp_y_rmse", "m") == pytest.approx(1e-6 * side.number("zmp_y_rmse"))
+    more = {"zmp_x_rmse": 1.15 * side.number("zmp_x_rmse"), "zmp_x_maximum": 1.35 * largest}
     rows = {row.name: row.better for row in comparison_of([side, changed(side, more)]).rows}
     assert (rows["zmp_x_rmse"], rows["zmp_x_maximum"]) == (0, None)
     equal = comparison_of([changed(side, {"failed_qp": 0.0, "zmp_x_rmse": v}) for v in (0.0, 1e-14)])
     assert all(row.better is None for row in equal.rows)
 
 
+def test_causes_and_robustness_stand_side_by_side(sides, folders, tmp_path, ampm):
+    cell = Cell("push forward", "pushes", (0.1, 0.2))
+    study = Robustness("normal", "human", "ampm", 5, (CellResult(cell, survived=0.1),))
+    tables = {
+        table.title: table
+        for table in comparison_of([replace(sides[0], robustness=study), sides[1]]).tables()
+    }
+    assert tables["robustness"].rows == [("push forward", "m/s", "0.1")]
+    causes = tables["causes of the ZMP error, RMS"]
+    assert causes.headers == ["cause", "smooth, x", "jumps, x", "smooth, y", "jumps, y", "unit"]
+    assert float(causes.rows[1][1]) < float(causes.rows[1][2])
+    (tmp_path / "robustness.json").write_text(json.dumps(study.as_dict()), encoding="utf-8")
+    both = ["--robustness", tmp_path, "--robustness", tmp_path / "robustness.json"]
+    assert "push forward" in ampm("compare", *folders, *both).out
+    for words, why in (
+        (both[:2], "once for each walk"),
+        (["--robustness", folders[0]] * 2, "is no robustness.json"),
+    ):
+        refused = ampm("compare", *folders, *words)
+        assert refused.status == 2
+        assert why in refused.err
+
+
 def test_a_study_must_be_of_both_gaits(folders, tmp_path, ampm):
     parameters = json_ready(parameter_values(load_run(folders[0] / "run.toml")))
     make_study(tmp_path, {"zmp_x_rmse": 1e-3}, parameters=parameters)
     same = ampm("compare", folders[0], folders[0], "--uncertainty", tmp_path, "--json")
-    assert same.json["metrics"]["zmp_x_rmse"]["least"] == pytest.approx(2e-3)
+    assert same.json["metrics"]["zmp_x_rmse"]["doubt"] == pytest.approx(1.0)
     assert [walk["label"][-4:] for walk in same.json["walks"]] == [" (1)", " (2)"]
     other = ampm("compare", *folders, "--uncertainty", tmp_path)
     assert other.status == 2
@@ -231,8 +279,10 @@ def test_own_metrics_and_disturbances_of_saved_runs_are_compared(own, folders, t
     values = {name: cells for name, *cells in rows}
     assert values["disturbances"] == ["own_parts:Rope", "none", "none"]
     assert values["planner"] == ["ampm", "ampm", "ipm"]
-    assert 0.0 < float(values["height of the COM, largest error"][0]) < 10.0
-    assert values["height of the COM, largest error"][1:4] == ["–", "–", "mm"]
+    height = ampm("compare", mine, *folders, "--json").json["metrics"]["height_error"]
+    assert height["values"][1:] == [None, None]
+    assert 0.0 < height["values"][0] < 10.0
+    assert (height["label"], height["group"]) == ("height of the COM, largest error", JUDGED)
     assert values["verdict"][0] == "fail"
-    assert told.out.splitlines()[0].startswith(f"mine, {folders[0].name} and {folders[1].name} differ in ")
+    assert told.out.startswith("The ZMP is tracked best by ")
     assert "nothing is kept; --out DIR keeps" in told.err

@@ -8,7 +8,7 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from ampm.run_file import dump_run, leaves_open, load_run
+from ampm.run_file import leaves_open, load_run
 from validation.study.sweep.design import dump_sweep, load_sweep, parse_sweep
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -160,19 +160,17 @@ def test_a_gait_from_a_file_is_carried_along(tmp_path):
     assert again.shared == sweep.shared
 
 
-# --- what goes wrong ---
-
-
-def test_files_that_are_no_sweep(tmp_path):
-    with pytest.raises(InputError, match="does not exist"):
-        load_sweep(tmp_path / "none.toml")
-    with pytest.raises(InputError, match="cannot be read"):
-        load_sweep(tmp_path)
-    broken = tmp_path / "broken.toml"
-    broken.write_text("[sweep\n")
-    with pytest.raises(InputError, match="line 1"):
-        load_sweep(broken)
-    run = tmp_path / "run.toml"
-    run.write_text(dump_run(load_run("normal")))
-    with pytest.raises(InputError, match=r"\[gait\].*\[set\]"):
-        load_sweep(run)
+def test_options_behind_a_name_are_of_one_planner_alone(tmp_path, monkeypatch):
+    own = "from ampm.planners import PeriodicPlanner\n\nclass Own(PeriodicPlanner):\n"
+    own += "    def __init__(self, roll=1.0):\n        super().__init__()\n"
+    (tmp_path / "rolling.py").write_text(own, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    planners = '["ampm", { name = "rolling:Own", roll = 0.09 }, "rolling:Own,roll=2"]'
+    sweep = parse_sweep(f"{GRID}gait.planner = {planners}")
+    runs = [sweep.parameters(run) for run in range(3)]
+    assert [run.gait.planner for run in runs] == ["ampm", "rolling:Own", "rolling:Own"]
+    assert [run.planner.options for run in runs] == [{}, {"roll": 0.09}, {"roll": 2}]
+    assert sweep.varied(1) == {"gait.planner": "rolling:Own,roll=0.09"}
+    assert parse_sweep(dump_sweep(sweep)) == sweep
+    with pytest.raises(InputError, match="it takes roll; an option of one planner alone"):
+        parse_sweep(f'{GRID}gait.planner = ["rolling:Own,gain=2"]')

@@ -17,8 +17,9 @@ from tests.test_report import Page
 from validation.cli.app import call
 from validation.store.saved import REPORT_FILE
 from validation.study.sweep import figures
-from validation.study.sweep.report import judge_sweep, links_of, render
+from validation.study.sweep.report import judge_sweep, links_of, metric_table, render
 from validation.study.sweep.table import State, read_sweep
+from validation.table import is_heading
 
 GRID: dict[str, Any] = {
     "gait.c_s": [0.6, 1.0],
@@ -95,8 +96,12 @@ def test_many_runs_are_a_sample(monkeypatch):
 
 
 def test_texts_and_infinities(undrawn):
-    runs = data_of(render(sweep_of(make_table(failures=False, grid=GRID))))
-    assert {run["gait.planner [0 ampm, 1 dcm, 2 lipm]"] for run in runs} == {0.0, 1.0, 2.0}
+    sweep = sweep_of(make_table(failures=False, grid=GRID))
+    runs = data_of(render(sweep))
+    assert {run["gait.planner"] for run in runs} == {0.0, 1.0, 2.0}
+    assert figures.texts(sweep) == {"gait.planner": ["ampm", "dcm", "lipm"]}
+    headings = [row[0] for row in metric_table(sweep).rows if is_heading(row)]
+    assert headings == ["gait.planner ampm", "gait.planner dcm", "gait.planner lipm"]
     assert {run["gait.a_s"] for run in runs} == {2.63, None}
     assert "gait.a_s inf" in runs[-1]["parameters"]
 

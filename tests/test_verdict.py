@@ -126,7 +126,7 @@ def test_a_value_closer_to_its_limit_than_its_uncertainty_is_undecided(walk, shi
     if name is VerdictName.UNDECIDED:
         assert (item.passed, item.margin, item.undecided) == (None, None, True)
         assert (item.uncertainty, item.displayed(item.uncertainty)) == (0.0003, pytest.approx(0.3))
-        assert f"{1e3 * shift:.1f} ± 0.3 mm" in verdict.reason
+        assert f"{1e3 * shift:.2f} ± 0.30 mm" in verdict.reason
         assert [one.name for one in verdict.undecided] == ["zmp_x_rmse"]
 
 

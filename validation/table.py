@@ -1,6 +1,9 @@
-"""The one table of results: printed on a terminal, shown on a page, written as Markdown."""
+"""The one table of results: printed on a terminal, shown on a page, written as Markdown, CSV or LaTeX."""
 
+import csv
+import io
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -24,6 +27,33 @@ _LONG = 34
 """Characters from which a cell may break its line, whatever it holds."""
 _FILE_WIDTH = 160
 """Columns of a table that is written to a file or a pipe."""
+
+
+_TEX = {
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "--": "-{}-",
+    "±": r"$\pm$",
+    "−": "$-$",
+    "–": "--",
+    "²": r"$^2$",
+    "³": r"$^3$",
+    "½": r"$\frac{1}{2}$",
+    "√": r"$\surd$",
+    "°": r"$^\circ$",
+    "µ": r"$\mu$",
+    "∞": r"$\infty$",
+    "→": r"$\to$",
+    "<": "$<$",
+    ">": "$>$",
+}
+
+
+def tex(text: str) -> str:
+    """A text as LaTeX writes it."""
+    return re.sub("|".join(map(re.escape, _TEX)), lambda found: _TEX[found[0]], text)
 
 
 @dataclass(frozen=True)
@@ -58,6 +88,34 @@ class Table:
         body = [[f"**{row[0]}**", *row[1:]] if is_heading(row) else row for row in self.rows]
         lines = [_markdown_row(cells) for cells in (self.headers, marks, *body)]
         return "\n".join(lines) + "".join(f"\n\n{note}" for note in self.notes)
+
+    def csv(self) -> str:
+        """Table and notes as CSV."""
+        buffer = io.StringIO()
+        csv.writer(buffer, lineterminator="\n").writerows([[self.title], self.headers, *self.rows])
+        return buffer.getvalue() + "".join(f"# {note}\n" for note in self.notes)
+
+    def tex(self) -> str:
+        """Table with its title and notes for LaTeX with the package booktabs."""
+        align = "".join("r" if self.is_right(column) else "l" for column in range(len(self.columns)))
+        body = [
+            rf"\multicolumn{{{len(align)}}}{{l}}{{\emph{{{tex(row[0])}}}}} \\"
+            if is_heading(row)
+            else " & ".join(map(tex, row)) + r" \\"
+            for row in self.rows
+        ]
+        notes = [rf"\par\raggedright {tex(note)}" for note in self.notes]
+        lines = [
+            r"\begin{table*}\centering\footnotesize",
+            rf"\caption{{{tex(self.title)}}}",
+            rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}\toprule",
+            " & ".join(map(tex, self.headers)) + r" \\ \midrule",
+            *body,
+            r"\bottomrule\end{tabular}",
+            *notes,
+            r"\end{table*}",
+        ]
+        return "\n".join([*lines, ""])
 
     def __str__(self) -> str:
         """As :meth:`markdown`."""
@@ -155,6 +213,18 @@ def format_number(value: float | str | None, digits: int = 4) -> str:
         return ABSENT
     text = f"{number:.{digits}g}"
     return f"{number:.0f}" if "e+0" in text else text
+
+
+def with_uncertainty(value: float | str | None, uncertainty: float | str | None, digits: int = 3) -> str:
+    """A number with its uncertainty of two digits, cut at its last one; alone where none is known."""
+    number, doubt = (math.nan if item is None else float(item) for item in (value, uncertainty))
+    if math.isnan(number) or math.isnan(doubt):
+        return format_number(value, digits)
+    if math.isinf(doubt) or doubt == 0.0:
+        return f"{format_number(value, digits)} ± {'∞' if doubt else '0'}"
+    decimals = 1 - math.floor(math.log10(float(f"{doubt:.1e}")))
+    shown = [round(item, decimals) for item in (number, doubt)]
+    return " ± ".join(f"{item:.{max(decimals, 0)}f}" for item in shown)
 
 
 def format_share(value: float | str | None, limit: float | None) -> str:

@@ -56,8 +56,8 @@ class FootPath:
     start: Array  # start of every segment, ascending, shape (K,) [s]
     pivot: NDArray[np.int8]  # which point the path is written for, heel or ball, shape (K,)
     contact: NDArray[np.bool_]  # heel, ball, tip in contact, shape (K, 3), bool
-    # coefficients of the pivot's x, y, z, of pitch, toe angle and heading, lowest order first, shape (K, 6,
-    # order) [m/s^k, rad/s^k]
+    # coefficients of the pivot's x, y, z, of pitch, toe angle and heading, lowest order first,
+    # shape (K, 6, order) [m/s^k, rad/s^k]
     curve: Array
 
     def __post_init__(self) -> None:

@@ -71,6 +71,10 @@ def compare(
     steps: Steps = None,
     chosen: Choices,
     uncertainty: Uncertainty = None,
+    robustness: Annotated[
+        list[Path] | None,
+        option("--robustness", "robustness.json of a walk, from 'ampm robustness'; once for each.", "FILE"),
+    ] = None,
     tolerance: Annotated[
         float | None,
         option(
@@ -88,8 +92,9 @@ def compare(
 ) -> int:
     """Compare gaits, finished runs, or two sweeps.
 
-    Gaits are walked, sweeps compared run by run. The first line says which is better, in how many metrics,
-    and where the difference is largest. Sweeps are matched by the parameters of their runs, the first is the
+    Gaits are walked, sweeps compared run by run. The first line is the conclusion: who tracks the ZMP best,
+    at which cost, and how near to the limits. Behind a comma a planner or controller has its own options:
+    --planner "mine:Planner,gain=2". Sweeps are matched by the parameters of their runs, the first is the
     reference, and a regression is told by the status.
     """
     from validation.study.compare.report import write_comparison
@@ -98,7 +103,7 @@ def compare(
 
     folder = study_folder(execution.out, resume=execution.resume)
     choices = {name: values for name, values in vars(chosen).items() if values}
-    walks, studies = walks or [], uncertainty or ()
+    walks, studies, survived = walks or [], uncertainty or (), robustness or ()
     sweeps = [text for text in walks if is_sweep(Path(text)) or Path(text).suffix == ".parquet"]
     done = [text for text in walks if text in sweeps or Path(text).is_dir()]
     if done and (len(done) < len(walks) or len(done) < 2 or settings or choices or steps or as_is):
@@ -128,7 +133,7 @@ def compare(
         from validation.study.compare.comparison import compare_gaits, compare_runs
 
         if done:
-            found = compare_runs(done, uncertainty=studies)
+            found = compare_runs(done, uncertainty=studies, robustness=survived)
         else:
             try:
                 found = compare_gaits(
@@ -137,6 +142,7 @@ def compare(
                     choices=choices,
                     as_is=as_is,
                     uncertainty=studies,
+                    robustness=survived,
                     **vars(execution),
                     progress=Narrator(),
                 )

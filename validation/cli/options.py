@@ -37,6 +37,7 @@ class Status(IntEnum):
     NOT_COMPLETED = 3
     CRASH = 4
     STOPPED = 5
+    PARTIAL = 6
     INTERRUPTED = 130
     BROKEN_PIPE = 141
 
@@ -61,8 +62,7 @@ Settings = Annotated[
     option("--set", "Change one parameter, e.g. gait.c_s=1.2; see 'ampm keys'.", "KEY=VALUE"),
 ]
 AsIs = Annotated[
-    bool,
-    option("--as-is", "Keep the values that the gait leaves open: those of the preset, or defaults."),
+    bool, option("--as-is", "Keep the values that the gait leaves open: those of the preset, or defaults.")
 ]
 Body = Annotated[
     str | None,
@@ -115,13 +115,21 @@ Controller = Annotated[
 Engine = Annotated[
     str | None, option("--engine", "Short for simulation.engine: mujoco, or drake.", "mujoco|drake")
 ]
+Columns = Annotated[
+    list[str] | None,
+    option(
+        "--columns",
+        "Column of the log under another name, maybe with unit and sign: com_x=COMx[mm], force_z=-Fz; or a "
+        "TOML file of such lines. Repeatable.",
+        "NAME=COLUMN[UNIT]|FILE.toml",
+    ),
+]
 OwnMetrics = Annotated[
     list[str] | None,
     option("--metric", "A metric of your own, a val.Metric in a module. Repeatable.", "MODULE:NAME"),
 ]
 OwnProfile = Annotated[
-    str | None,
-    option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P"),
+    str | None, option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P")
 ]
 Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")]
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]

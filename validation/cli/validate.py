@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ampm.exceptions import RefusedGait
+from ampm.exceptions import InputError, RefusedGait
 from validation.cli.console import Narrator, print_json
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import (
@@ -130,7 +130,8 @@ def status_of(summary: Mapping[str, Any]) -> Status:
         return Status.INTERRUPTED
     if summary["outcome"] != "completed":
         return Status.NOT_COMPLETED
-    return Status.PASS if summary["verdict"] == "pass" else Status.OUT_OF_TOLERANCE
+    statuses = {"pass": Status.PASS, "partial": Status.PARTIAL}
+    return statuses.get(summary["verdict"], Status.OUT_OF_TOLERANCE)
 
 
 @app.command()
@@ -159,21 +160,59 @@ def replay(
 
 @app.command()
 def report(
-    directory: Annotated[Path, typer.Argument(help="Folder of a run or of a sweep.", metavar="DIR")],
+    directory: Annotated[
+        Path, typer.Argument(help="Folder of a run, a comparison of walks, or a sweep.", metavar="DIR")
+    ],
+    figures: Annotated[
+        Path | None, option("--figures", "Write the page's figures for a paper here, instead.", "DIR")
+    ] = None,
+    form: Annotated[str, option("--format", "Of the figures.", "pdf|svg|pgf")] = "pdf",
+    width: Annotated[str, option("--width", "Of a column; wide figures span two.", "88mm")] = "88mm",
+    tables: Annotated[
+        str | None, option("--tables", "The page's tables, too; printed without --figures.", "tex|md|csv")
+    ] = None,
+    evidence: Annotated[
+        Path | None, option("--evidence", "Write the evidence of a run here, instead.", "FILE.zip")
+    ] = None,
+    study: Annotated[
+        list[Path] | None,
+        option("--study", "For it: robustness, a comparison of engines, a judged log. Repeatable.", "DIR"),
+    ] = None,
 ) -> int:
-    """Write a run's or a sweep's report again from its files."""
-    from validation.study.sweep.table import is_sweep
+    """Write the report of a run, a comparison or a sweep again from its files, or its figures for a paper.
 
-    with Narrator().stage("report"):
-        if is_sweep(directory):
-            from validation.study.sweep.report import write_sweep_report
+    --figures DIR holds every figure as a vector file in one style, captions.txt with their numbers and
+    captions, cite.txt and cite.bib. Values of tables have the uncertainty that a convergence study gave
+    ('ampm validate --uncertainty'). Tables for LaTeX need the package booktabs, figures in pgf the package
+    pgf.
 
-            path = write_sweep_report(directory)
-        else:
-            from validation.show.report import write_report
+    --evidence has one page and JSON-LD: what was verified and validated, after the factors of ASME V&V 40 and
+    NASA-STD-7009, and what was not; inputs, digests and environment. The run is replayed for it.
+    """
+    if evidence is not None:
+        from validation.study.evidence import write_evidence  # loads the simulator
 
-            path = write_report(directory)
-    print_line(str(path))
+        print_line(str(write_evidence(directory, evidence, study or (), Narrator())))
+        return Status.PASS
+    from validation.show.paper import FORMATS, TABLES, as_text, parse_width, write_paper
+    from validation.study.paper import load_paper, write_page
+
+    for name, value, known in (("--format", form, FORMATS), ("--tables", tables, (None, *TABLES))):
+        if value not in known:
+            raise InputError(f"{name} {value} is unknown; give {' or '.join(filter(None, known))}.")
+    column = parse_width(width)
+    if figures is None and tables is None:
+        with Narrator().stage("report"):
+            path = write_page(directory)
+        print_line(str(path))
+        return Status.PASS
+    paper = load_paper(directory)
+    if figures is None:
+        print_line(as_text(paper.tables, str(tables)))
+        return Status.PASS
+    with Narrator().stage("figures"):
+        write_paper(figures, *paper, form=form, width=column, table_form=tables)
+    print_line(str(figures))
     return Status.PASS
 
 

@@ -121,7 +121,8 @@ DEFAULT_BODY: Mapping[str, float] = MappingProxyType({"body_weight": 60.0 * GRAV
 """Weight [N] and length of a foot [m] of the default body, for which limits in m and N m s are listed."""
 
 
-def _size(unit: str, scales: Mapping[str, Any]) -> Any:
+def size_in_si(unit: str, scales: Mapping[str, Any]) -> Any:
+    """Size of a body or of several in SI units, of one of the units above; 1 of any other unit."""
     weight, foot = scales["body_weight"], scales["foot_length"]
     momentum = weight * np.sqrt(foot**3 / GRAVITY)
     return {BODY_WEIGHT: weight, FOOT_LENGTH: foot, FOOT_MOMENTUM: momentum}.get(unit, 1.0)
@@ -136,10 +137,10 @@ def limit_in_si(limit: float, unit: str, scales: Mapping[str, Any]) -> Any:
         scales: ``body_weight`` [N] and ``foot_length`` [m], as :attr:`Comparison.scales` has them.
     """
     if unit in (FOOT_LENGTH, FOOT_MOMENTUM):
-        return np.round(limit * _size(unit, scales), 12)  # undo the normalisation's rounding
-    return limit * _size(unit, scales)
+        return np.round(limit * size_in_si(unit, scales), 12)  # undo the normalisation's rounding
+    return limit * size_in_si(unit, scales)
 
 
 def share_of_default(limit: float, unit: str) -> float:
     """A limit of the default body in SI units, as a share of its size in ``unit``; a weight's is a share."""
-    return limit if unit == BODY_WEIGHT else float(limit / _size(unit, DEFAULT_BODY))
+    return limit if unit == BODY_WEIGHT else float(limit / size_in_si(unit, DEFAULT_BODY))

@@ -124,9 +124,7 @@ def evaluate(walk: Comparison, metrics: Iterable[Metric] | None = None) -> dict[
             continue
         start = _compute(metric, first) if metric.by_window else None
         found[metric.name] = MetricValue(
-            value=value,
-            unit=metric.unit,
-            first_step=None if start is None or math.isnan(start) else start,
+            value=value, unit=metric.unit, first_step=None if start is None or math.isnan(start) else start
         )
     return found
 
@@ -239,7 +237,7 @@ def cost_entry(costs: Mapping[str, Any], metric: Metric) -> Any:
     if metric.section == "effort":  # components of a vector
         vector, _, axis = name.rpartition("_")
         return section[vector]["xyz".index(axis)]
-    return section[name]
+    return section.get(name)  # a summary of an older version may lack it
 
 
 _METRICS.update((item.name, item) for item in _with_limits({item.name: item for item in _built_in()}))

@@ -87,9 +87,7 @@ DEFAULT = Profile(
     "limits are a quarter to a half above those of `strict`, those on single instants two and a half times.",
 )
 STRICT = Profile(
-    "strict",
-    "For walks without induced angular momentum (preset `normal`: c_s = c_y = 1).",
-    base=DEFAULT,
+    "strict", "For walks without induced angular momentum (preset `normal`: c_s = c_y = 1).", base=DEFAULT
 )
 WIDE = Profile(
     "wide",

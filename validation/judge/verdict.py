@@ -17,6 +17,7 @@ from validation.judge.metrics import METRICS, MetricValue, display_unit
 from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.store.json import json_ready
+from validation.table import format_number, with_uncertainty
 from validation.trial.record import SimulationRecord
 
 
@@ -26,6 +27,7 @@ class VerdictName(StrEnum):
     PASS = "pass"
     FAIL = "fail"
     UNDECIDED = "undecided"
+    PARTIAL = "partial"
     NOT_MEASURED = "not_measured"
 
 
@@ -84,17 +86,10 @@ class MetricResult:
         """Value, tolerance or uncertainty in ``display_unit``."""
         return None if number is None else number * self.factor
 
-    def rounded(self, number: float, digits: int) -> str:
-        """A number in ``display_unit``, as text."""
-        return "∞" if math.isinf(number) else f"{number * self.factor:.{digits}g}"
-
     @property
     def quoted(self) -> str:
         """The value, and its uncertainty if it is known, in ``display_unit``."""
-        if math.isnan(self.value):
-            return "–"
-        known = "" if self.uncertainty is None else f" ± {self.rounded(self.uncertainty, 2)}"
-        return f"{self.rounded(self.value, 3)}{known}"
+        return with_uncertainty(self.displayed(self.value), self.displayed(self.uncertainty))
 
     def __str__(self) -> str:
         """The quoted value and its unit, if it has one."""
@@ -137,7 +132,7 @@ class Verdict(Brief):
 
     Attributes:
         name: pass only if every tolerance was judged and met; undecided if all decided tolerances pass,
-            but some are undecided.
+            but some are undecided; partial if all pass that a log has, but it lacks some.
         profile: name of the profile.
         reason: one sentence.
         metrics: judged ones first, in the profile's order, then those only reported.
@@ -215,7 +210,7 @@ def judge(
         name, reason = VerdictName.NOT_MEASURED, ended
     else:
         lacking = [name for name in missing if name not in may_lack]
-        name, reason = _conclude(results, lacking, len(limits) - len(missing))
+        name, reason = _conclude(results, lacking, len(limits) - len(missing), is_log=bool(may_lack))
         if name is VerdictName.NOT_MEASURED and not may_lack:
             reason += " A run must last longer than its first step."
         if checks := len(missing) - len(lacking):
@@ -228,7 +223,9 @@ def _by_contact(item: MetricResult) -> bool:
     return (item.spread or 0.0) > (item.uncertainty or 0.0)
 
 
-def _conclude(results: Sequence[MetricResult], missing: list[str], limits: int) -> tuple[VerdictName, str]:
+def _conclude(
+    results: Sequence[MetricResult], missing: list[str], limits: int, *, is_log: bool
+) -> tuple[VerdictName, str]:
     """Verdict and its reason, of the names that were not measured and the number of limits that were."""
 
     def against(item: MetricResult) -> str:
@@ -248,6 +245,9 @@ def _conclude(results: Sequence[MetricResult], missing: list[str], limits: int) 
         return VerdictName.FAIL, reason + unknown
     if missing:
         passed = sum(item.passed is True for item in results)
+        if is_log and passed and not undecided:
+            what = f"{' and '.join(signals)} {'was' if len(signals) == 1 else 'were'} not measured"
+            return VerdictName.PARTIAL, f"Pass on {passed} of {limits + len(missing)}; {what}."
         return VerdictName.NOT_MEASURED, f"{passed} of {limits} measured tolerances met.{unknown}"
     if undecided:
         least = max(undecided, key=lambda item: item.bound / (item.tolerance or math.inf))
@@ -255,7 +255,7 @@ def _conclude(results: Sequence[MetricResult], missing: list[str], limits: int) 
             f"{len(undecided)} of {limits} tolerances undecided, {why}; the least certain is {against(least)}"
         )
         if _by_contact(least):
-            spread = least.rounded(least.spread or 0.0, 2)
+            spread = format_number(least.displayed(least.spread), 2).replace("inf", "∞")
             reason += f", which changes by up to {spread} {least.display_unit}".rstrip()
         return VerdictName.UNDECIDED, f"{reason}."
     met = (item for item in results if item.tolerance and item.passed)

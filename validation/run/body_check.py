@@ -17,6 +17,7 @@ from ampm.planners import StandingPlanner
 from ampm.tune.gait_limits import step_torques
 from ampm.tune.tuning import NoFeasibleChoice
 from models.scene import Findings
+from validation.judge.margins import largest_tilt, tilt_warnings
 from validation.progress import Progress
 from validation.trial.bridge import to_mujoco
 from validation.trial.plan import PlannedWalk, Request, load_request, make_body, tune_walk
@@ -41,6 +42,7 @@ class BodyCheck:
         notes: what is worth knowing, one sentence each.
         torque: group of joints to the largest share of a torque limit, in the best periodic step found [1].
         gait: key to value of the gait that it can walk; empty if it cannot.
+        found: what that gait left open, by namespaced key; empty if it cannot walk.
         refusal: why it cannot walk, with a way out; empty if it can.
         reach: ``step_length`` [m] and ``switching_velocity`` [m/s], the largest found; empty if not
             asked for.
@@ -51,6 +53,7 @@ class BodyCheck:
     notes: tuple[str, ...]
     torque: Mapping[str, float]
     gait: Mapping[str, float]
+    found: Mapping[str, float | str]
     refusal: str
     reach: Mapping[str, float]
 
@@ -81,13 +84,20 @@ def check(
     facts = _facts(robot, model, findings)
     notes = _notes(robot, findings, facts[_FEET][0])
     torque, gait = dict[str, float](), dict[str, float]()
+    found: Mapping[str, float | str] = {}
     refusal = ""
     try:
         request = load_request(None, [f"body.source='{source}'", *settings])
         walk = tune_walk(request, progress)
         torque = _torque_shares(walk)
-        keys = "step_length", "switching_velocity", "com_height", "step_width"
+        keys = "step_length", "switching_velocity", "c_s", "c_y", "com_height", "step_width"
         gait = {key: float(walk.run.value(f"gait.{key}")) for key in keys}
+        if walk.tuned is not None:
+            found = walk.tuned.values
+        motion, nothing = walk.motion, np.zeros((len(walk.motion.q), robot.model.nv))
+        tilt = largest_tilt(to_mujoco(motion.q, nothing)[0], motion.time, robot.description, body.shapes)
+        facts["largest tilt of pelvis or trunk, as planned"] = (tilt.value, "rad")
+        notes = (*notes, *tilt_warnings(tilt.value, tilt.where))
         with progress.stage("standing"):
             refusal = _standing_refusal(walk)
     except NoFeasibleChoice as error:
@@ -96,8 +106,10 @@ def check(
         torque = {name: values[f"{name}_torque"] for name in _GROUPS if f"{name}_torque" in values}
     except RefusedGait as error:
         refusal = str(error)
+    if refusal and notes and abs(facts[_FEET][0]) > _OFF * robot.description.sole.length:
+        refusal = f"{notes[0]} As it is, {refusal}"  # the cause, then what follows from it
     far = _reach(source, settings, gait, progress) if reach and gait else {}
-    return BodyCheck(source, facts, notes, torque, gait, refusal, far)
+    return BodyCheck(source, facts, notes, torque, gait, found, refusal, far)
 
 
 def _torque_shares(walk: PlannedWalk) -> dict[str, float]:
@@ -208,7 +220,8 @@ def _notes(robot: Robot, findings: Findings, off: float = 0.0) -> tuple[str, ...
     if abs(off) > _OFF * d.sole.length:
         notes.append(
             f"The feet end {abs(off):.3g} m {'over' if off > 0.0 else 'under'} their soles, or are not "
-            "level with all joints at 0: correct sole in the description, or the model."
+            "level with all joints at 0: correct sole in the description, which 'ampm body new' proposes, "
+            "with pitch where a sole is not level."
         )
     endless = [
         name

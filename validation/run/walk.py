@@ -86,14 +86,14 @@ def walk(
         if not len(footsteps):
             raise InputError("footsteps holds none; leave it out to walk the gait's own, or give at least 4.")
         request = replace(request, run=request.run.replace({}, footsteps=as_rows(footsteps)))
+    names = {"gait.planner": planner, "controller.name": controller}
+    named = {key: name for key, name in names.items() if isinstance(name, str)}
+    request = replace(request, run=request.run.replace(named))
     options = request.run.controller.options
-    if callable(controller):
-        factory = controller
-    else:
-        factory = CONTROLLER.find(controller or request.run.controller.name, options)
+    factory = controller if callable(controller) else CONTROLLER.find(request.run.controller.name, options)
     if isinstance(planner, str):
-        check_planner(planner, request.run.planner.options)
-        request, planner = replace(request, run=request.run.replace({"gait.planner": planner})), None
+        check_planner(request.run.gait.planner, request.run.planner.options)
+        planner = None
     name_of_class = CONTROLLER.name_of(factory)
     CONTROLLER.check_options(name_of_class, factory, options)
     if controller is not None:
@@ -149,11 +149,7 @@ def walk_planned(
             stage.advance(done, total)
 
         record = simulate(
-            planned,
-            controller=controller,
-            estimator=estimator,
-            disturbances=disturbances,
-            progress=advance,
+            planned, controller=controller, estimator=estimator, disturbances=disturbances, progress=advance
         )
         keep(record)
     with timed(taken, "measurement"), progress.stage(f"{planned.name}: measurement"):

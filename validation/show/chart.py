@@ -1,9 +1,10 @@
 """Pictures of pages: curves and areas as SVG, in a tenth of the time that matplotlib takes."""
 
 import math
+import textwrap
 from base64 import b64encode
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from html import escape
 from typing import NamedTuple
 
@@ -12,7 +13,8 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from ampm.geometry import Array
-from validation.show.style import FAINT, GRID, INK
+from validation.show.style import FAINT, GRID
+from validation.show.vector import Shape, Word, pgf, svg
 
 WIDTH = 5.2
 """Width of an ordinary picture [in]: 500 px, so that its 9 pt text stays readable on a telephone."""
@@ -27,23 +29,11 @@ _BUCKETS = 420
 """Buckets over a curve: each keeps its smallest and largest sample, so that spikes remain."""
 
 
-class Picture(NamedTuple):
-    """One figure of a page."""
-
-    image: Markup  # markup, without references to anything outside the page
-    caption: str  # explanation
-    wide: bool  # whether it spans the page
-
-
 class Mark(NamedTuple):
     """A curve or an area."""
 
-    # shape (N, 2), in the units of the axes; NaN interrupts a curve, infinity is the chart's edge
-    points: Array
-    style: str  # attributes of SVG
-    label: str  # in the legend; empty for none
-    color: str  # in the legend
-    opacity: float = 1.0  # of curve or area, and in the legend [1]
+    shape: Shape  # how it is drawn; points are in the units of the axes, infinity is the chart's edge
+    label: str = ""  # in the legend; empty for none
 
 
 @dataclass
@@ -68,10 +58,8 @@ class Chart:
         self, x: ArrayLike, y: ArrayLike, color: str, width: float = 1.0, *, dash: str = "", label: str = ""
     ) -> None:
         """Draw a curve through points, shape (N,), of a width [pt]; NaN interrupts it."""
-        lengths = " ".join(f"{float(part) * width:.3g}" for part in dash.split())
-        dashes = f' stroke-dasharray="{lengths}"' if dash else ""
-        style = f'fill="none" stroke="{color}" stroke-width="{width:g}"{dashes}'
-        self.marks.append(Mark(np.column_stack([x, y]).astype(float), style, label, color))
+        lengths = tuple(float(part) * width for part in dash.split())
+        self.marks.append(Mark(Shape(_points(x, y), color, width, dash=lengths), label))
 
     def area(
         self,
@@ -85,9 +73,7 @@ class Chart:
         below: bool = False,
     ) -> None:
         """Fill a polygon with corners, shape (N,), maybe with an edge, or below what is drawn so far."""
-        line = f' stroke="{edge}" stroke-width=".6"' if edge else ""
-        style = f'fill="{color}"{line}'
-        mark = Mark(np.column_stack([x, y]).astype(float), style, label, color, opacity)
+        mark = Mark(Shape(_points(x, y), edge, fill=color, opacity=opacity), label)
         self.marks.insert(0 if below else len(self.marks), mark)
 
     def band(self, x: Array, low: Array, high: Array, color: str, *, opacity: float, label: str = "") -> None:
@@ -104,13 +90,12 @@ class Chart:
 
     def dots(self, x: ArrayLike, y: ArrayLike, color: str, size: float) -> None:
         """Draw dots of a diameter [pt]."""
-        style = f'fill="none" stroke="{color}" stroke-width="{size:g}" stroke-linecap="round"'
-        for at in np.column_stack([x, y]).astype(float):
-            self.marks.append(Mark(np.array([at, at]), style, "", color))
+        for at in _points(x, y):
+            self.marks.append(Mark(Shape(np.array([at, at]), color, size, round=True)))
 
     def limits(self) -> tuple[Array, Array]:
         """Lower and upper ends of both axes."""
-        points = np.concatenate([np.zeros((0, 2)), *(mark.points for mark in self.marks)])
+        points = np.concatenate([np.zeros((0, 2)), *(mark.shape.points for mark in self.marks)])
         ends = []
         for axis, given in enumerate((self.xlim or (None, None), self.ylim)):
             values = points[np.isfinite(points[:, axis]), axis]
@@ -126,79 +111,137 @@ class Chart:
             low, high = middle - half, middle + half
         return low, high
 
-    def svg(self) -> Iterator[str]:
-        """Elements of the picture."""
+    def items(self) -> Iterator[Shape | Word]:
+        """What is drawn, in points of the picture."""
         low, high = self.limits()
-        grid = f'stroke="{GRID}" stroke-width=".6"'
         unit = np.array([self.width, -self.height]) / (high - low)
         x, y = self.left, self.top + self.height
         if self.frame:
             for at, text in _ticks(low[0], high[0], self.width / 55):
                 place = x + (at - low[0]) * unit[0]
-                yield f'<path d="M{place:.1f} {y:.1f}v{-self.height:.1f}" {grid}/>'
-                yield _text(place, y + 11, text, 'text-anchor="middle" font-size="8"')
+                yield Shape(np.array([(place, y), (place, self.top)]), GRID)
+                yield Word(place, y + 11, text, 8.0, "middle")
             named = [(at, text) for text, at in self.yticks.items()]
             for at, text in named or _ticks(low[1], high[1], self.height / 16):
                 place = y + (at - low[1]) * unit[1]
                 if not named:
-                    yield f'<path d="M{x:.1f} {place:.1f}h{self.width:.1f}" {grid}/>'
-                yield _text(x - 4, place + 3, text, 'text-anchor="end" font-size="8"')
-        window = f'x="{x:.1f}" y="{self.top:.1f}" width="{self.width:.1f}" height="{self.height:.1f}"'
-        yield f'<svg {window} stroke-linejoin="round">'
+                    yield Shape(np.array([(x, place), (x + self.width, place)]), GRID)
+                yield Word(x - 4, place + 3, text, 8.0, "end")
+        window = (x, self.top, self.width, self.height)
         for mark in self.marks:
-            points = np.where(np.isinf(mark.points), np.clip(mark.points, low, high), mark.points)
-            path = _path(points - low, unit, self.height)
-            yield f'<path d="{path}" {mark.style} opacity="{mark.opacity:g}"/>'
-        yield "</svg>"
+            points = mark.shape.points
+            points = np.where(np.isinf(points), np.clip(points, low, high), points)
+            yield mark.shape._replace(points=(points - low) * unit + (x, y), window=window)
         if self.frame:
-            sides = f"M{x:.1f} {self.top:.1f}v{self.height:.1f}h{self.width:.1f}"
-            yield f'<path d="{sides}" fill="none" stroke="{FAINT}" stroke-width=".7"/>'
-            middle = self.top + self.height / 2
-            turned = f'text-anchor="middle" transform="rotate(-90 9 {middle:.1f})"'
-            yield _text(x + self.width / 2, y + 23, self.xlabel, 'text-anchor="middle"')
-            yield _text(9, middle, self.ylabel, turned)
+            sides = np.array([(x, self.top), (x, y), (x + self.width, y)])
+            yield Shape(sides, FAINT, 0.7)
+            yield Word(x + self.width / 2, y + 23, self.xlabel, anchor="middle")
+            yield Word(9.0, self.top + self.height / 2, self.ylabel, anchor="middle", turned=True)
         yield from self._heading()
 
-    def _heading(self) -> Iterator[str]:
-        """Legend above the field, because curves fill it, and the title above the legend."""
-        entries = [mark for mark in self.marks if mark.label]
-        lines: list[list[tuple[float, Mark]]] = [[]] if entries else []
-        room = 0.0
-        for mark in entries:
+    def _legend(self) -> list[list[tuple[float, Mark]]]:
+        """Lines of the legend: marks with their places."""
+        lines: list[list[tuple[float, Mark]]] = []
+        room = math.inf
+        for mark in self.marks:
             needed = 22 + _LETTER * len(mark.label)
-            if lines[-1] and room + needed > self.width + 4:
-                lines.append([])
-            room = needed + (room if lines[-1] else 0.0)
-            lines[-1].append((room - needed, mark))
+            if mark.label:
+                if room + needed > self.width + 4:
+                    lines.append([])
+                    room = 0.0
+                lines[-1].append((room, mark))
+                room += needed
+        return lines
+
+    def heading_height(self) -> float:
+        """Height of legend and title [pt]."""
+        return 13.0 * len(self._legend()) + (13.0 + 11.0 * self.title.count("\n") if self.title else 0.0)
+
+    def _heading(self) -> Iterator[Shape | Word]:
+        """Legend above the field, because curves fill it, and the title above the legend."""
         y = self.top - 5.0
-        for entry in reversed(lines):
+        for entry in reversed(self._legend()):
             for at, mark in entry:
-                width = '1" stroke-dasharray="3 2' if "dash" in mark.style else "3"
-                start = f"M{self.left + at:.1f} {y - 3:.1f}"
-                style = f'stroke="{mark.color}" stroke-width="{width}" opacity="{mark.opacity:g}"'
-                yield f'<path d="{start}h10" {style}/>'
-                yield _text(self.left + at + 13, y, mark.label, 'font-size="8"')
+                x, shape = self.left + at, mark.shape
+                color, width = shape.fill or shape.stroke, 5.0 if shape.fill else min(3.0, 1.5 * shape.width)
+                points = np.array([(x, y - 3), (x + 10, y - 3)])
+                yield Shape(points, color, width, dash=shape.dash, opacity=shape.opacity)
+                yield Word(x + 13, y, mark.label, 8.0)
             y -= 13
         if self.title:
-            yield _text(self.left, y - 11 * self.title.count("\n"), self.title)
+            yield Word(self.left, y - 11 * self.title.count("\n"), self.title)
 
 
-def _text(x: float, y: float, text: str, style: str = "") -> str:
-    lines = text.split("\n")
-    more = "".join(f'<tspan x="{x:.1f}" dy="1.15em">{escape(line)}</tspan>' for line in lines[1:])
-    return f'<text x="{x:.1f}" y="{y:.1f}" {style}>{escape(lines[0])}{more}</text>' if text else ""
+@dataclass(frozen=True)
+class Picture:
+    """One figure of a page, or of a paper."""
+
+    charts: Sequence[Chart]  # in one picture
+    label: str  # what it shows, also for screen readers
+    caption: str = ""  # explanation
+    wide: bool = False  # whether it spans the page
+    number: int = 0  # on the page, from 1
+
+    @property
+    def text(self) -> str:
+        """Number and caption."""
+        return f"Figure {self.number}. {self.label}. {self.caption}".rstrip()
+
+    @property
+    def image(self) -> Markup:
+        """Markup, without references to anything outside the page."""
+        data = b64encode(self.svg().encode()).decode()
+        return Markup(f'<img alt="{escape(self.label)}" src="data:image/svg+xml;base64,{data}">')
+
+    def svg(self, width: float | None = None) -> str:
+        """As SVG; with a width [pt] for a file, which has its letters."""
+        return svg(
+            *_drawn(self.charts if width is None else _fitted(self.charts, width)), embed=width is not None
+        )
+
+    def pgf(self, width: float) -> str:
+        """As PGF of a width [pt]."""
+        return pgf(*_drawn(_fitted(self.charts, width)))
 
 
-def _path(points: Array, unit: Array, height: float) -> str:
-    """Path through points from the lower left corner, interrupted by NaN; in points of a field."""
-    words, pen = [], "M"
-    for x, y in (points * unit + (0.0, height)).round(1).tolist():
-        if math.isnan(x) or math.isnan(y):
-            pen = "M"
-        else:
-            words.append(f"{pen}{x:g} {y:g}")
-            pen = "L"
-    return "".join(words)
+def numbered(pictures: Iterable[Picture], first: int = 1) -> list[Picture]:
+    """Pictures with their numbers, in their order."""
+    return [replace(item, number=number) for number, item in enumerate(pictures, start=first)]
+
+
+def _drawn(charts: Sequence[Chart]) -> tuple[list[Shape | Word], float, float]:
+    """What is drawn, width and height [pt]."""
+    width = max(chart.left + chart.width for chart in charts) + _RIGHT
+    height = max(chart.top + chart.height + (_BOTTOM if chart.frame else 0) for chart in charts)
+    items = [item for chart in charts for item in chart.items() if isinstance(item, Shape) or item.text]
+    return items, round(width), round(height)
+
+
+def _fitted(charts: Sequence[Chart], width: float) -> list[Chart]:
+    """Charts of a picture that is so wide [pt], with letters of the same size.
+
+    Fields get narrower, those with one scale for both axes lower, too. Titles and legends may get more lines.
+    A single chart loses its title, as the caption says it.
+    """
+    share = (width - _RIGHT) / max(chart.left + chart.width for chart in charts)
+    found, moved = [], 0.0
+    for chart in charts:
+        height = chart.height * (share if chart.equal else 1.0)
+        left, wide = share * chart.left, share * chart.width
+        if chart.frame:
+            left, wide = chart.left, width - chart.left - _RIGHT
+        lines = [textwrap.fill(line, round(wide / 5.0)) for line in chart.title.split("\n")]
+        title = "" if chart.frame and len(charts) == 1 else "\n".join(lines)
+        new = replace(chart, left=left, width=wide, height=height, title=title)
+        above = new.heading_height() - chart.heading_height()
+        found.append(replace(new, top=chart.top + moved + above))
+        moved += (height - chart.height + above) * chart.frame
+    lowest = max(0.0, *(item.top - chart.top for item, chart in zip(found, charts, strict=True)))
+    return [item if item.frame else replace(item, top=charts[0].top + lowest) for item in found]
+
+
+def _points(x: ArrayLike, y: ArrayLike) -> Array:
+    return np.column_stack([x, y]).astype(float)
 
 
 def _ticks(low: float, high: float, most: float) -> list[tuple[float, str]]:
@@ -235,26 +278,6 @@ def new_charts(
         Chart(72 * left, float(top), 72 * (width - left) - _RIGHT, float(tall))
         for top, tall in zip(tops, heights, strict=True)
     ]
-
-
-def picture(charts: Sequence[Chart], label: str, caption: str = "", *, wide: bool = False) -> Picture:
-    """A picture of charts for a page.
-
-    Args:
-        charts: in one picture.
-        label: description of the picture for screen readers.
-        caption: explanation.
-        wide: whether it spans the page.
-    """
-    width = max(chart.left + chart.width for chart in charts) + _RIGHT
-    height = max(chart.top + chart.height + (_BOTTOM if chart.frame else 0) for chart in charts)
-    size = f'width="{width:.0f}pt" height="{height:.0f}pt" viewBox="0 0 {width:.0f} {height:.0f}"'
-    font = f'font-family="sans-serif" font-size="9" fill="{INK}"'
-    parts = "".join(part for chart in charts for part in chart.svg())
-    data = b64encode(f'<svg xmlns="http://www.w3.org/2000/svg" {size} {font}>{parts}</svg>'.encode()).decode()
-    return Picture(
-        Markup(f'<img alt="{escape(label)}" src="data:image/svg+xml;base64,{data}">'), caption, wide
-    )
 
 
 def decimate(time: Array, value: Array, buckets: int = _BUCKETS) -> tuple[Array, Array]:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from validation.judge.margins import tilt_warnings
 from validation.judge.metrics import METRICS, Metric, cost_entry, display_unit
 from validation.table import ABSENT, USED, Table, format_number, format_share, short_unit
 
@@ -19,6 +20,7 @@ COSTS = (
     "margin_joint",
     "margin_clearance",
     "energy_cost_of_transport",
+    "margin_tilt",
 )
 """Costs beside the agreement; the others are in :func:`reported_table`."""
 LARGER_IS_BETTER = COSTS[5:10]
@@ -44,6 +46,8 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
             f"{METRICS['margin_plan_polygon'].label}: of the worst instant. When a rolling foot lifts its "
             "heel, the ZMP passes the ball, which is then the edge."
         )
+    if summary["outcome"] == "completed" and (tilt := summary["margins"].get("tilt")):
+        notes += tilt_warnings(tilt["value"], tilt["where"])
     return Table("effort and margins", columns, rows, notes)
 
 
@@ -70,8 +74,7 @@ def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
         where = f"{value['where'].replace('_', ' ')}{at}".removeprefix(", ")
         value = value["value"]
     scale, unit = cost_unit(metric, summary["scales"]["body_weight"])
-    limits = {"margin_torque": 1.0, "margin_friction": summary["margins"]["friction_available"]}
-    limit = limits.get(metric.name)
+    limit = cost_limit(summary, metric.name)
     if value is None:
         return metric.label, format_number(None), "", "", "", where
     return (
@@ -82,6 +85,11 @@ def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
         format_share(value, limit),
         where,
     )
+
+
+def cost_limit(summary: Mapping[str, Any], name: str) -> float | None:
+    """Limit of a cost in SI units; None if it has none."""
+    return {"margin_torque": 1.0, "margin_friction": summary["margins"]["friction_available"]}.get(name)
 
 
 def cost_unit(metric: Metric, weight: float) -> tuple[float, str]:

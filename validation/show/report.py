@@ -16,6 +16,7 @@ from validation.judge.metrics import display_unit
 from validation.show.cost_table import cost_table, reported_table
 from validation.show.explanation import read_explanation
 from validation.show.page import render_page
+from validation.show.paper import cite_run
 from validation.show.run_figures import RunFigures
 from validation.store.folders import output_file
 from validation.store.json import dump_json
@@ -86,10 +87,11 @@ def render(saved: SavedRun) -> str:
         limits=_limits(summary),
         reported=reported_table(summary),
         windows=Table("", _WINDOW_COLUMNS, list(_window_rows(summary))),
-        split=_split(summary["zmp_error_split"]),
+        split=split_table(summary["zmp_error_split"]),
         parameters=dump_run(saved.parameters),
         others=dump_json({name: summary[name] for name in _OTHERS}),
         pictures=pictures,
+        citation=cite_run(saved),
         events=_events(saved),
     )
 
@@ -178,7 +180,7 @@ def _scaled(value: float | str | None, scale: float, digits: int = 3) -> str:
     return format_number(None if value is None else scale * float(value), digits)
 
 
-def _split(split: Summary) -> Table:
+def split_table(split: Summary) -> Table:
     """Causes of the ZMP error; shares are of the squared error."""
     rows = [
         (
@@ -188,7 +190,8 @@ def _split(split: Summary) -> Table:
         )
         for part, label in PARTS.items()
     ]
-    return Table("", ("cause", ">RMS x [mm]", ">RMS y [mm]", ">share x [%]", ">share y [%]"), rows)
+    columns = ("cause", ">RMS x [mm]", ">RMS y [mm]", ">share x [%]", ">share y [%]")
+    return Table("causes of the ZMP error", columns, rows)
 
 
 def _events(saved: SavedRun) -> Table:

@@ -16,7 +16,7 @@ from validation.judge.compare import PARTS as CAUSES
 from validation.judge.compare import SIGNALS
 from validation.judge.margins import clearance_over_time
 from validation.judge.metrics import display_unit
-from validation.show.chart import DASHED, WIDTH, Chart, Picture, decimate, new_charts, picture
+from validation.show.chart import DASHED, WIDTH, Chart, Picture, decimate, new_charts, numbered
 from validation.show.curves import CURVES, DIFFERENCES, VELOCITIES, Curve, Difference
 from validation.show.style import BAD, COMMAND, FAINT, GOOD, INK, LEFT, MEASURED, PARTS, PLAN, RIGHT, SHADE
 from validation.show.walker import draw_walker
@@ -26,8 +26,10 @@ from validation.table import short_unit
 from validation.trial.shapes import REACH, Shapes
 
 _FEET = {"left": LEFT, "right": RIGHT}
-_KINDS = (("plan", PLAN, 2.4), ("command", COMMAND, 1.1), ("measured", MEASURED, 1.1))
-"""Kind, colour and width of a curve; the plan is a broad line below the others."""
+_KINDS = (("plan", PLAN, 2.4, ""), ("command", COMMAND, 1.1, DASHED), ("measured", MEASURED, 1.1, ""))
+"""Kind, colour, width and dashes of a curve, told apart in grey, too; the plan is below the others."""
+_DASHES = ("", DASHED, "1 2")
+"""Dashes of the components of a vector."""
 _UPWARD = (-np.inf, np.inf, np.inf, -np.inf)
 """Heights of the corners of an area from edge to edge."""
 _SECTIONS = {
@@ -81,15 +83,21 @@ class RunFigures:
         self.weight = saved.record.mass * saved.record.gravity
 
     def sections(self) -> dict[str, list[Picture]]:
-        """All pictures, by section of the page."""
-        found: dict[str, list[Picture]] = {"above": [self.top_view()]}
+        """All pictures with their numbers, by section, in the order of the page."""
+        found: dict[str, list[Picture]] = {"walker": []}
         for section, columns in _SECTIONS.items():
             curves = [CURVES[name] for name in columns]
             found[section] = [
                 self.tracking(curve) for curve in curves if self._has(f"measured_{curve.column}")
             ]
-        if self.saved.summary.get("ahead", {}).get("judged"):
-            found["zmp"].append(self.ahead())
+            if section == "zmp":
+                if self.saved.summary.get("ahead", {}).get("judged"):
+                    found["zmp"].append(self.ahead())
+                found["above"] = [self.top_view()]
+                alone = self.saved.is_log or self.saved.is_free
+                found["split"] = [] if alone else [self.causes(axis) for axis in "xy"]
+            elif section == "force":
+                found["contact"] = [] if self.saved.is_log else [self.contact_timeline()]
         for section, entity in _DIFFERENCES.items():
             gap = DIFFERENCES[entity]
             there = self._has(f"{gap.minuend}_x") and self._has(f"{gap.subtrahend}_x")
@@ -99,10 +107,9 @@ class RunFigures:
         if not self.saved.is_log:
             poses = draw_walker(self.saved, self.plan, self.window)
             found["walker"] = [self.walker(poses)] if poses else []
-            found["split"] = [] if self.saved.is_free else [self.causes(axis) for axis in "xy"]
-            found["contact"] = [self.contact_timeline()]
             found["cost"] = [self.torque_use(), self.clearance(), *found["cost"]]
-        return found
+        every = iter(numbered(item for pictures in found.values() for item in pictures))
+        return {section: [next(every) for _ in pictures] for section, pictures in found.items()}
 
     def _has(self, column: str) -> bool:
         """Whether a column has any value: a log may lack some, a user's controller may report no command."""
@@ -111,10 +118,8 @@ class RunFigures:
     def walker(self, poses: list[Chart]) -> Picture:
         """The body at a few instants."""
         kinds = "measured" if self.saved.is_free else "planned (blue) and measured (orange)"
-        caption = (
-            f"Arrows: {kinds} ground force, from the ZMP. Black dot: COM. Pink: left side; yellow: right."
-        )
-        return picture(poses, "The walking body from the side", caption, wide=True)
+        caption = f"Arrows: {kinds} ground force, from the ZMP. Black dot: COM. Purple: left; yellow: right."
+        return Picture(poses, "The walking body from the side", caption, wide=True)
 
     def velocity(self) -> Picture:
         """Commanded and measured velocity over the whole run."""
@@ -126,7 +131,7 @@ class RunFigures:
             low, high = (float(ends[1]) for ends in chart.limits())
             chart.ylim = min(low, -0.1), max(high, 0.1)  # rounding is no velocity
             _finish(chart, title, f"[{unit}]")
-        return picture(charts, "Commanded and measured velocity", wide=True)
+        return Picture(charts, "Commanded and measured velocity", wide=True)
 
     def tracking(self, curve: Curve) -> Picture:
         """Error over one stride, large; below it plan and measurement, and the error over the whole run.
@@ -135,7 +140,7 @@ class RunFigures:
         """
         if self.saved.is_free:
             title = curve.title.partition(",")[0]
-            return picture([self._signal(chart, curve, title) for chart in new_charts(2.6)], title)
+            return Picture([self._signal(chart, curve, title) for chart in new_charts(2.6)], title)
         large, lower, whole = charts = new_charts(6.2, 3, ratios=[5, 2.5, 2])
         signals, rows, name = self.signals, self.window, curve.column
         time = signals.time[rows]
@@ -154,7 +159,7 @@ class RunFigures:
         caption = (
             "Of the whole-body motion, as the AMPM does not plan it." if curve.reference == "motion" else ""
         )
-        return picture(charts, f"{curve.title}: error, plan and measurement", caption)
+        return Picture(charts, f"{curve.title}: error, plan and measurement", caption)
 
     def _signal(self, chart: Chart, curve: Curve, title: str) -> Chart:
         """Draw plan, command and measurement over one stride."""
@@ -165,11 +170,11 @@ class RunFigures:
                 values = curve.scale * signals[f"{foot}_{name}"][rows]
                 chart.line(*decimate(time, values), color, 0.9, label=f"{foot} foot")
         plan, *others = _KINDS
-        first_plan = ("first_plan", FAINT, 1.1)  # of a plan that moved
-        for kind, color, width in ((curve.reference, *plan[1:]), first_plan, *others):
+        first_plan = ("first_plan", FAINT, 1.1, "1 2")  # of a plan that moved
+        for kind, color, width, dash in ((curve.reference, *plan[1:]), first_plan, *others):
             if self._has(f"{kind}_{name}"):
-                values = curve.values(signals, kind)[rows]
-                chart.line(*decimate(time, values), color, width, label=kind.replace("_", " "))
+                values, label = curve.values(signals, kind)[rows], kind.replace("_", " ")
+                chart.line(*decimate(time, values), color, width, dash=dash, label=label)
         shade_double_support(chart, signals, rows)
         _finish(chart, title, f"[{curve.unit}]")
         return chart
@@ -186,17 +191,17 @@ class RunFigures:
         chart.ylim = (0.0, None)
         _finish(chart, "ZMP, RMS error from the plan as it stood before", "[mm]", "age of the plan [s]")
         caption = "Dashed: the age by which this walk is judged."
-        return picture(charts, "RMS error of the ZMP by the age of the plan", caption)
+        return Picture(charts, "RMS error of the ZMP by the age of the plan", caption)
 
     def difference(self, gap: Difference) -> Picture:
         """Difference of two vectors, over the whole run."""
         (chart,) = charts = new_charts(2.3)
         chart.level(0.0, FAINT)
         values = gap.values(self.signals, self.weight)
-        for name, part, color in zip(gap.axes, values.T, PARTS, strict=False):
-            chart.line(*decimate(self.signals.time, part), color, 0.9, label=name)
+        for name, part, color, dash in zip(gap.axes, values.T, PARTS, _DASHES, strict=False):
+            chart.line(*decimate(self.signals.time, part), color, 0.9, dash=dash, label=name)
         self._finish_run(chart, gap.title, f"[{short_unit(gap.unit)}]")
-        return picture(charts, gap.title)
+        return Picture(charts, gap.title)
 
     def causes(self, axis: str) -> Picture:
         """Causes of the ZMP error over one stride, stacked, with the error itself as a line."""
@@ -207,13 +212,13 @@ class RunFigures:
         parts, time = np.nan_to_num(parts), self.signals.time[rows]
         for half, labels in ((np.maximum(parts, 0.0), [*CAUSES.values()]), (np.minimum(parts, 0.0), None)):
             tops = np.cumsum(half, axis=0)
-            for k, color in enumerate((*PARTS, FAINT)):
+            for k, color in enumerate((*PARTS, SHADE)):
                 label = labels[k] if labels else ""
-                chart.band(time, tops[k] - half[k], tops[k], color, opacity=0.75, label=label)
+                chart.band(time, tops[k] - half[k], tops[k], color, opacity=1.0, label=label)
         chart.line(time, parts.sum(axis=0), INK, 1.1, label="error")
         shade_double_support(chart, self.signals, self.window)
         _finish(chart, "", f"error along {axis} [mm]")
-        return picture(charts, f"Causes of the ZMP error along {axis}, stacked")
+        return Picture(charts, f"Causes of the ZMP error along {axis}, stacked")
 
     def top_view(self, steps: int = 4) -> Picture:
         """ZMP and COM over the footprints, seen from above: some steps from the middle, or all from rest."""
@@ -233,17 +238,17 @@ class RunFigures:
                     chart.area(x, y, SHADE)
                     chart.line(x, y, _FEET[step.foot], 0.9)
         there = [item for item in _KINDS if self._has(f"{item[0]}_zmp_x")]
-        for kind, color, width in there:
+        for kind, color, width, dash in there:
             x, y = self.signals.vector(f"{kind}_zmp", "xy")[rows].T
-            chart.line(x, y, color, width, label=f"ZMP, {kind}")
-        for kind, color, _ in there:
+            chart.line(x, y, color, width, dash=dash, label=f"ZMP, {kind}")
+        for kind, color, *_ in there:
             if kind != "command":
                 x, y = self.signals.vector(f"{kind}_com", "xy")[rows].T
-                chart.line(x, y, color, dash=DASHED, label=f"COM, {kind}")
+                chart.line(x, y, color, dash="1 2", label=f"COM, {kind}")
         chart.equal = True
         _finish(chart, "", "y, left [m]", "x, forward [m]")
         caption = "The whole walk." if is_whole else "Four steps from the middle of the run."
-        return picture(charts, "ZMP and COM over the footprints, seen from above", caption, wide=True)
+        return Picture(charts, "ZMP and COM over the footprints, seen from above", caption, wide=True)
 
     def contact_timeline(self) -> Picture:
         """Contact of the parts of both soles over one stride, every 10 ms: planned (line), measured (bar)."""
@@ -266,9 +271,9 @@ class RunFigures:
                     _draw_bars(chart, time, planned[foot].contact[:, group], at, 0.07, INK)
         shade_double_support(chart, self.signals, self.window)
         chart.ylim = (min(chart.yticks.values(), default=0.0) - 0.5, 0.5)
-        lines = "" if planned is None else " (bars) and planned contact (thin lines)"
-        _finish(chart, f"Measured contact{lines}", "")
-        return picture(charts, "Contact of heel, ball and tip of both feet")
+        _finish(chart, "", "")
+        caption = "Bars: measured." if planned is None else "Bars: measured; thin lines: planned."
+        return Picture(charts, "Contact of heel, ball and tip of both feet", caption)
 
     def torque_use(self, most: int = 16) -> Picture:
         """Largest and RMS torque of the busiest motors, as shares of their limits."""
@@ -285,7 +290,7 @@ class RunFigures:
         chart.xlim = (0.0, max(100.0, 1.05 * float(peak.max())))
         chart.instant(100.0, BAD, 0.9, dash=DASHED)
         _finish(chart, "The busiest motors", "", "torque [% of the motor's limit]")
-        return picture(charts, "Torque of the busiest motors")
+        return Picture(charts, "Torque of the busiest motors")
 
     def clearance(self) -> Picture:
         """Least distance of two parts of the body over the whole run, with its limit."""
@@ -300,7 +305,7 @@ class RunFigures:
         closest = gaps.parts[int(gaps.distance.argmin())]
         caption = f"Arms, legs and trunk; {1e3 * REACH:g} mm where nothing is nearer."
         label = "Least distance of two parts of the body over the run, and its limit"
-        return picture(charts, label, f"{caption} Closest: {closest}." if closest else caption)
+        return Picture(charts, label, f"{caption} Closest: {closest}." if closest else caption)
 
     def _tolerance(self, metric: str) -> float | None:
         """Tolerance of a metric in the unit of reports."""

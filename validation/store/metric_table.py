@@ -3,7 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
-from validation.table import BODY_WEIGHT, USED, Table, format_number, format_share, short_unit
+from validation.table import (
+    BODY_WEIGHT,
+    USED,
+    Table,
+    format_number,
+    format_share,
+    short_unit,
+    with_uncertainty,
+)
 from validation.trial.plan import gait_title
 
 
@@ -42,19 +50,12 @@ def _row(metric: Mapping[str, Any]) -> tuple[str, ...]:
     verdict = {True: "pass", False: "FAIL", None: "not judged" if value is not None else "not measured"}
     return (
         metric["label"],
-        format_number(value, 3) + _spread(metric),
+        with_uncertainty(value, shown.get("uncertainty")),
         format_number(limit),
         short_unit(shown["unit"]),
         format_share(value, limit),
         "undecided" if metric.get("undecided") else verdict[metric["pass"]],
     )
-
-
-def _spread(metric: Mapping[str, Any]) -> str:
-    """Numerical uncertainty of a value, empty if none is known."""
-    shown = metric["display"]
-    known = shown.get("uncertainty")
-    return "" if known is None else f" ± {format_number(float(known), 2)}"
 
 
 def _notes(summary: Mapping[str, Any], rows: list[tuple[str, ...]]) -> list[str]:

@@ -110,7 +110,7 @@ class Summary(_Entry):
     outcome: str
     steps_completed: int = Field(ge=0)
     end: _End
-    verdict: Literal["pass", "fail", "undecided", "not_measured"]
+    verdict: Literal["pass", "fail", "undecided", "partial", "not_measured"]
     reason: str
     profile: str
     gait: str

@@ -437,6 +437,9 @@ def _summary(run: RunParameters, tuned: Tuned) -> str:
     def text(value: float | str) -> str:
         return value if isinstance(value, str) else f"{value:.3g}"
 
+    from ampm.tune.first_gait import EASY_KEYS  # imported here: it loads more than a plan needs
+
+    own = [] if run.body.source == HUMAN else [key for key in EASY_KEYS if key not in run.given]
     items = [
         f"{key} {text(value)} ({text(run.value(key))})"
         for key, value in tuned.values.items()
@@ -444,4 +447,6 @@ def _summary(run: RunParameters, tuned: Tuned) -> str:
     ]
     if not items:
         return "what is left open fits as it is"
-    return f"found {', '.join(items)}; --as-is keeps the values in brackets"
+    found = f"found {', '.join(items)}; --as-is keeps the values in brackets"
+    sized = ", ".join(f"{key} {text(run.value(key))}" for key in own)
+    return f"of the body's size {sized}; {found}" if own else found

@@ -39,7 +39,7 @@ from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, explained, quiet_mujoco
 from validation.trial.plan import PlannedWalk
-from validation.trial.readings import Sensing, make_estimator
+from validation.trial.readings import Sensors, make_estimator
 from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References
 from validation.trial.scene import surfaces
@@ -245,9 +245,9 @@ class ClosedLoop:
         self._parts = [(name, (part := getattr(self.command, name)), part.shape) for name in names]
         planned = run.gait.planner != NO_PLAN
         self.watch = Watch(self.log.stance, run.controller.unsolved_limit, robot.description.scale, planned)
-        self.sensing = None
+        self.sensors = None
         if not run.sensors.perfect:
-            self.sensing = Sensing(run, self.log, robot.gravity, estimator)
+            self.sensors = Sensors(run, self.log, robot.gravity, estimator)
         self._bind()
 
     def _bind(self) -> None:
@@ -344,12 +344,12 @@ class ClosedLoop:
         physics, k = self.physics, self.done
         self._sense(physics.data.ncon)
         self._reference = next(self.course.references)
-        if self.sensing is None:
+        if self.sensors is None:
             body = physics.body
             self._sensed = State(k * physics.time_step, body.q, body.v, 0.5 * body.time_step), self._touch
         else:
             commanded = getattr(self.controller, "acceleration", None)
-            self._sensed = self.sensing.update(self.log, k, commanded)
+            self._sensed = self.sensors.update(self.log, k, commanded)
         return *self._sensed, self._reference
 
     def apply(self, output: ControlOutput) -> End | None:

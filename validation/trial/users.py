@@ -136,18 +136,6 @@ class Role:
         self.check_options(text, factory, options)
         return factory
 
-    def takes(self, text: str, option: str) -> bool:
-        """Whether the class of a name has an option.
-
-        Raises:
-            InputError: nothing has this name, or it cannot be imported.
-        """
-        try:
-            taken = inspect.signature(self._load(text) or (lambda: None)).parameters
-        except (TypeError, ValueError):  # compiled code has no signature; its call will say what is wrong
-            return True
-        return option in taken or any(item.kind is item.VAR_KEYWORD for item in taken.values())
-
     def _load(self, text: str) -> Any:
         known = dict(self.known)
         if ":" not in text and text not in known:
@@ -193,7 +181,8 @@ class Role:
         except TypeError as error:
             taken = ", ".join([*signature.parameters][before:]) or "none"
             raise InputError(
-                f"{self.options} do not fit the {self.name} {text}: {error}; it takes {taken}.",
+                f"{self.options} do not fit the {self.name} {text}: {error}; it takes {taken}; "
+                f'an option of one {self.name} alone stands after its name: "mine:Class,gain=2".',
                 key=self.options,
                 value=dict(options),
             ) from error

@@ -390,7 +390,7 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Lines]]]:
 def _known(curves: Mapping[str, tuple[Array, Lines]]) -> Iterator[tuple[str, tuple[Array, Lines]]]:
     """Curves without columns that have no value: those of the plan, if there is none."""
     for entity, (values, lines) in curves.items():
-        there = [bool(np.isfinite(column).any()) for column in values.T]
+        there: list[bool] = np.atleast_1d(np.isfinite(values).any(axis=0)).tolist()
         if any(there):
             yield entity, (values[:, there], dict(compress(lines.items(), there)))
 

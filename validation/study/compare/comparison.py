@@ -1,45 +1,73 @@
 """Walks side by side, by the metrics of their stored runs; so any planners and controllers can be compared.
 
-A difference counts if it is larger than the values change for numerical reasons: by a convergence study, or,
-without one, by the share that the presets show at most.
+A difference counts if it is larger than the doubt: the numerical uncertainty by a convergence study, or,
+without one, the share by which the presets' values change at half the time step.
 """
 
 import json
 import math
 import tempfile
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain, zip_longest
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, Unpack
 
+import numpy as np
+
 from ampm.brief import Brief
 from ampm.exceptions import InputError
+from validation.judge.compare import PARTS
+from validation.judge.metric import BODY_WEIGHT, FOOT_LENGTH, FOOT_MOMENTUM, size_in_si
 from validation.judge.metrics import METRICS, added_metrics, cost_entry, display_unit
 from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching, rounding
-from validation.show.cost_table import COSTS, LARGER_IS_BETTER, cost_unit
+from validation.show.cost_table import COSTS, LARGER_IS_BETTER, cost_limit, cost_unit
 from validation.show.text import format_value
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import SavedRun, load_saved_run
 from validation.study.many import Execution, Task, open_study, walk_many
+from validation.study.robustness.result import Robustness, load_robustness
 from validation.study.row_file import Row
 from validation.study.walk_options import users_classes, walk_request
-from validation.table import Table, Tabled, format_number, short_unit
+from validation.table import USED, Table, Tabled, format_share, short_unit, with_uncertainty
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, load_request, plan_walk
-from validation.trial.users import CONTROLLER, PLANNER, SUFFIXES, UsersError
+from validation.trial.users import UsersError
 
-SHARE, SHARE_OF_EXTREMES = 0.1, 0.4
-"""Assumed numerical change of a value, and of a largest value, without a convergence study [1].
+SHARE = 0.1
+"""Assumed numerical change of a value without a convergence study [1].
 
-At half the time step, judged RMSEs of the presets change by 9.5 % at most (``momentum``), largest errors by
-38 % (``pitch``).
+At half the time step, judged RMSEs of the presets change by 9.5 % at most (``momentum``), torque, flexion and
+distances by 6 %.
 """
+SHARES: Mapping[str, float] = {
+    "effort_zmp_x": 0.2,
+    "effort_zmp_y": 0.2,
+    "margin_friction": 0.2,
+    "margin_measured_polygon": 0.3,
+}
+"""The same of costs that change more: by 17, 16, 18 and 26 % at most."""
+SHARE_OF_ERRORS = 0.4
+"""The same of largest errors, which change by 38 % at most (``pitch``)."""
 JUDGED, COST, OWN = "judged metrics", "cost", "own metrics without a limit"
+_SIZES = {
+    "m": (FOOT_LENGTH, "% of foot"),
+    "N": (BODY_WEIGHT, "% of body weight"),
+    "N m s": (FOOT_MOMENTUM, "% of m√(gL³)"),
+}
+"""Unit to the size of which bodies that differ are compared in shares, and its name in tables."""
+_SPENT = {
+    "margin_torque": ("takes", "torque"),
+    "margin_friction": ("uses", "friction"),
+    "energy_cost_of_transport": ("does", "mechanical work"),
+}
+"""Costs that the conclusion names, with verb and noun."""
+_FAR = 0.5
+"""Share of every limit up to which walks stay far below [1]."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +77,7 @@ class Side(Brief):
     label: str  # name in tables
     run: SavedRun  # the finished run
     study: Uncertainty | None = None  # convergence study of its gait; None if none is known
+    robustness: Robustness | None = None  # of the same gait, body and controller; None if none is known
 
     @property
     def outcome(self) -> str:
@@ -63,72 +92,82 @@ class Side(Brief):
         return f"did not walk to the end ({self.outcome} after {self.run.summary['end']['time']:.2f} s)"
 
     @property
-    def basis(self) -> str:
-        """Where :meth:`change` comes from."""
-        if self.study is not None:
-            return "their numerical uncertainties, added"
-        return f"{100 * SHARE:g} % ({100 * SHARE_OF_EXTREMES:g} % of largest values)"
+    def scales(self) -> Mapping[str, float]:
+        """Sizes of the body: ``body_weight`` [N] and ``foot_length`` [m]."""
+        return dict(self.run.summary["scales"])
 
     @property
-    def weight(self) -> float:
-        """Of the body [N]."""
-        return float(self.run.summary["scales"]["body_weight"])
-
-    @property
-    def planner(self) -> str:
-        """Name of the planner."""
-        return str(self.run.summary.get("planner") or "ampm")
+    def timing(self) -> dict[str, float]:
+        """Mean durations and speed that the planner chose, by labels with units."""
+        signals, found = self.run.signals, {}
+        if len(signals) > 1:
+            phases = np.split(signals["phase"], signals.switches()[1:])[1:-1]  # whole ones
+            seconds = float(signals.time[-1] - signals.time[0])
+            for name in ("single_support", "double_support"):
+                rows = [len(rows) for rows in phases if rows[0] == name]
+                step = seconds / (len(signals) - 1)
+                found[f"{name.replace('_', ' ')} [s]"] = step * float(np.mean(rows)) if rows else math.nan
+            way = np.ptp(signals.vector("plan_com", "xy")[[0, -1]], axis=0)
+            found["planned speed [m/s]"] = float(np.linalg.norm(way)) / seconds
+        return found
 
     def entry(self, name: str) -> Mapping[str, Any]:
         """What ``summary.json`` says of a metric; empty if it says nothing."""
         if name in METRICS and METRICS[name].section:
             found = cost_entry(self.run.summary, METRICS[name])
-            return found if isinstance(found, Mapping) else {"value": found}
+            entry = dict(found) if isinstance(found, Mapping) else {"value": found}
+            return entry | {"tolerance": cost_limit(self.run.summary, name)}
         return dict(self.run.summary["metrics"].get(name, {}))
 
-    def value(self, name: str) -> float:
-        """Value of a metric in SI units, NaN if the walk has none."""
-        value = self.entry(name).get("value")
+    def number(self, name: str, key: str = "value") -> float:
+        """Value or tolerance of a metric in SI units; NaN if the walk has none."""
+        value = self.entry(name).get(key)
         return math.nan if value is None else float(value)
 
-    def change(self, name: str, unit: str) -> float:
+    def doubt(self, name: str, unit: str) -> float:
         """Change of a metric for numerical reasons, in SI units; infinite without a bound."""
-        value = self.value(name)
-        is_extreme = name in METRICS and METRICS[name].nature == "extreme"
-        change = (SHARE_OF_EXTREMES if is_extreme else SHARE) * abs(value)
-        if self.study is not None and name in self.study.values:
-            change = self.study.values[name]
-        return max(change, float(rounding(value, unit)))
+        value = self.number(name)
+        metric = METRICS.get(name)
+        is_error = metric is not None and metric.nature == "extreme" and not metric.section
+        doubt = SHARES.get(name, SHARE_OF_ERRORS if is_error else SHARE) * abs(value)
+        known = self.studied(name)
+        return max(doubt if math.isnan(known) else known, float(rounding(value, unit)))
+
+    def studied(self, name: str) -> float:
+        """Numerical uncertainty of a metric by the study, in SI units; NaN if it is not known."""
+        return math.nan if self.study is None else self.study.values.get(name, math.nan)
 
 
 class MetricRow(NamedTuple):
-    """One metric of all sides, in SI units."""
+    """One metric of all sides."""
 
     group: str  # heading that it stands under
     name: str  # of the metric
     label: str  # in words
-    unit: str  # SI unit
+    unit: str  # of all numbers, as tables show it
     values: tuple[float, ...]  # of the sides, NaN where one has none
-    # difference above which it counts: the change of the smallest value, or the sum of the two largest
-    # uncertainties by studies
-    least: float
-    limit: float | None = None  # tolerance; None if it is not judged
+    # difference from which it counts: the largest uncertainty by studies, or the change that is assumed of
+    # the smallest value
+    doubt: float
+    limits: tuple[float, ...] = ()  # of the sides, NaN where there is none
+    known: tuple[float, ...] = ()  # their uncertainties by studies, likewise
 
     @property
     def differs(self) -> bool:
         """Whether all values are known and the largest difference counts."""
-        return not any(map(math.isnan, self.values)) and max(self.values) - min(self.values) > self.least
+        return not any(map(math.isnan, self.values)) and max(self.values) - min(self.values) > self.doubt
 
     @property
     def better(self) -> int | None:
         """The side with the best value; None if its lead does not count."""
         best, second = sorted(self.values, reverse=self.name in LARGER_IS_BETTER)[:2]
-        return self.values.index(best) if self.differs and abs(second - best) > self.least else None
+        return self.values.index(best) if self.differs and abs(second - best) > self.doubt else None
 
     @property
-    def share(self) -> float:
-        """Largest difference as a share of the limit [1]."""
-        return (max(self.values) - min(self.values)) / self.limit if self.limit else math.inf
+    def used(self) -> list[float]:
+        """Shares of the limits, NaN where there is none, infinite beyond a limit of zero."""
+        pairs = zip(self.values, self.limits, strict=True)
+        return [value / limit if limit else math.inf * (value > 0.0) or 0.0 for value, limit in pairs]
 
 
 @dataclass(frozen=True)
@@ -141,8 +180,18 @@ class WalkComparison(Tabled):
     @property
     def title(self) -> str:
         """All labels."""
-        *others, last = (side.label for side in self.sides)
-        return f"{', '.join(others)} and {last}"
+        return listed([side.label for side in self.sides])
+
+    @property
+    def basis(self) -> str:
+        """What the doubt is."""
+        if all(side.study for side in self.sides):
+            return "the numerical uncertainty"
+        feedback, margin = SHARES["margin_friction"], SHARES["margin_measured_polygon"]
+        return (
+            f"{SHARE:.0%} of the smaller value, {feedback:.0%} of feedback and friction, {margin:.0%} of the "
+            f"measured ZMP margin, {SHARE_OF_ERRORS:.0%} of largest errors"
+        ).replace("%", " %")
 
     @property
     def parameters(self) -> dict[str, tuple[Any, ...]]:
@@ -153,58 +202,134 @@ class WalkComparison(Tabled):
 
     @property
     def sentence(self) -> str:
-        """The result in one sentence."""
+        """The conclusion in two sentences: who tracks the ZMP better; at which cost, and how near to limits.
+
+        Of walks that did not complete, one that says so.
+        """
         if {side.outcome for side in self.sides} != {OutcomeName.COMPLETED}:
             return f"{', '.join(f'{side.label} {side.ending}' for side in self.sides)}."
-        basis = self.sides[0].basis
-        judged = [row for row in self.rows if row.group == JUDGED]
-        counted = [row for row in judged if row.differs]
-        if not counted:
-            return f"{self.title} agree: no judged metric differs by more than {basis}."
-        label, *values, unit, _, _ = self.cells(max(counted, key=lambda row: row.share))
-        most = f"they differ most in {label}: {', '.join(values[:-1])} and {values[-1]} {unit}".rstrip()
-        if len(self.sides) > 2:
-            found = [f"{self.title} differ in {len(counted)}"]
-        else:
-            wins = Counter(row.better for row in counted)
-            found = [f"{side.label} is better in {wins[k]}" for k, side in enumerate(self.sides) if wins[k]]
-        return f"{', '.join(found)} of {len(judged)} judged metrics by more than {basis}; {most}."
+        return f"{self._tracking()}. {self._spending()}; {self._limits()}."
+
+    def _tracking(self) -> str:
+        """Who tracks the ZMP best, with the errors."""
+        rows = {row.name[4]: row for row in self.rows if row.name in ("zmp_x_rmse", "zmp_y_rmse")}
+        errors = [f"{axis} {listed(list(map(_shown, row.values)))} {row.unit}" for axis, row in rows.items()]
+        said = ", ".join(errors)
+        best = {axis: self.sides[row.better].label for axis, row in rows.items() if row.better is not None}
+        if best:
+            where = {name: listed([axis for axis in best if best[axis] == name]) for name in best.values()}
+            who = listed([f"{label} along {axes}" for label, axes in where.items()])
+            return f"The ZMP is tracked best by {who} ({said})"
+        if any(row.differs for row in rows.values()):
+            return f"Of {self.title} none tracks the ZMP best ({said})"
+        return f"{self.title} track the ZMP equally well ({said}, differences within the doubt)"
+
+    def _spending(self) -> str:
+        """Who spends more, of the costs that differ."""
+        spent: dict[str, list[str]] = {}
+        for row in self.rows:
+            if row.name in _SPENT and row.differs and min(row.values) > 0.0:
+                ratio = max(row.values) / min(row.values)
+                least, most = (self.sides[row.values.index(end(row.values))].label for end in (min, max))
+                more = f"{ratio:.1f} times the" if ratio >= 2.0 else f"{100 * ratio - 100:.0f} % more"
+                words = f"{_SPENT[row.name][0]} {more} {_SPENT[row.name][1]}"
+                than = f" compared with {least}" if len(self.sides) > 2 else ""
+                spent.setdefault(most, []).append(words + than)
+        if not spent:
+            return "Torque, friction and mechanical work are equal within the doubt"
+        return ", ".join(f"{label} {listed(words)}" for label, words in spent.items())
+
+    def _limits(self) -> str:
+        """How much of their limits the walks use."""
+        said = []
+        for k, side in enumerate(self.sides):
+            used = [(row.used[k], row.label) for row in self.rows if not math.isnan(row.used[k])]
+            share, label = max(used, default=(math.nan, "no limit is known"))
+            most = f"{label}, {format_share(share, 1.0)}".removesuffix(", ")
+            if over := sum(item[0] > 1.0 for item in used):
+                said.append(f"{side.label} exceeds {over} of {len(used)} limits ({most})")
+            else:
+                far = "far " if share < _FAR else ""
+                said.append(f"{side.label} stays {far}below every limit ({most})")
+        return ", ".join(said)
 
     def cells(self, row: MetricRow) -> tuple[str, ...]:
-        """Label, all values, unit, least difference that counts, and the better side, for tables."""
-        shown = [
-            cost_unit(METRICS[row.name], side.weight)
-            if row.group == COST
-            else display_unit(row.unit, side.weight)
-            for side in self.sides
-        ]
-        unit, values = shown[0][1], [_shown(shown[k][0] * value) for k, value in enumerate(row.values)]
-        least = _shown(shown[0][0] * row.least)
+        """Label, all values, each with its share of a limit, unit, doubt and the better side, for tables."""
         better = "" if row.better is None else self.sides[row.better].label
-        return row.label, *values, short_unit(unit), least, better
+        pairs = zip(row.values, row.known, strict=True)
+        values: list[tuple[str, ...]] = [(_shown(value, known),) for value, known in pairs]
+        if row.group != OWN:
+            shares = [format_share(share, 1.0) if share < math.inf else "" for share in row.used]
+            values = [(*value, share) for value, share in zip(values, shares, strict=True)]
+        return row.label, *chain(*values), row.unit, _shown(row.doubt), better
 
     def tables(self) -> list[Table]:
-        """What differs, and the metrics group by group."""
-        heads = ["", *(f">{side.label}" for side in self.sides)]
+        """What differs, the metrics group by group, the causes of the ZMP error, and robustness."""
+        labels = [side.label for side in self.sides]
+        heads = ["", *(f">{label}" for label in labels)]
         notes = (
-            f"A difference counts if it is larger than {self.sides[0].basis}. Smaller is better, except for "
-            "margins, distances and flexion.",
+            f"A difference counts if it is larger than the doubt: {self.basis}. Smaller is better, except "
+            "for margins, distances and flexion.",
             "The first step is left out. Measured values are compared with the own plan of each walk.",
             *self._warnings(),
         )
-        columns = [*heads, "unit", ">counts from", "better" if len(self.sides) == 2 else "best"]
         tables = [Table("the walks", heads, list(self._facts()), notes)]
         for group in (JUDGED, COST, OWN):
+            shown = [] if group == OWN else [USED]
+            columns = ["", *(item for label in labels for item in (f">{label}", *shown))]
             rows = [self.cells(row) for row in self.rows if row.group == group]
             if rows:
-                tables.append(Table(group, columns, rows))
-        return tables
+                best = "better" if len(labels) == 2 else "best"
+                tables.append(Table(group, [*columns, "unit", ">doubt", best], rows))
+        tables.append(self._causes())
+        return [*tables, *self._robustness()]
+
+    def _causes(self) -> Table:
+        """Causes of the ZMP error, RMS, of all walks."""
+        columns = ["cause", *(f">{side.label}, {axis}" for axis in "xy" for side in self.sides), "unit"]
+        shown, rows = [self.shown("", "m", side) for side in self.sides], []
+        for part, label in PARTS.items():
+            values = [side.run.summary["zmp_error_split"]["rmse"][part] for side in self.sides]
+            both = np.array(values, dtype=float).T * [scale for scale, _ in shown]
+            rows.append((label, *map(_shown, both.ravel()), shown[0][1]))
+        return Table("causes of the ZMP error, RMS", columns, rows)
+
+    def _robustness(self) -> Iterator[Table]:
+        """Largest disturbance that the gait of each walk survives, where it was studied."""
+        studies = {side.label: side.robustness for side in self.sides if side.robustness}
+        units = {item.cell.name: item.cells()[1] for study in studies.values() for item in study.cells}
+        rows = [
+            (name, unit, *(study.survived(name) for study in studies.values()))
+            for name, unit in units.items()
+        ]
+        if rows:
+            notes = [f"{label}: {study.title}." for label, study in studies.items()]
+            yield Table("robustness", ("survived", "unit", *(f">{label}" for label in studies)), rows, notes)
+
+    def shown(self, name: str, unit: str, side: Side) -> tuple[float, str]:
+        """Factor from a metric's SI unit, and the unit in which tables show it: a share if bodies differ."""
+        if self.unlike and unit in _SIZES:
+            return 100.0 / float(size_in_si(_SIZES[unit][0], side.scales)), short_unit(_SIZES[unit][1])
+        weight = side.scales["body_weight"]
+        scale, unit = cost_unit(METRICS[name], weight) if name in COSTS else display_unit(unit, weight)
+        return scale, short_unit(unit)
+
+    @property
+    def unlike(self) -> bool:
+        """Whether the bodies differ in size, so that values are compared as shares of it."""
+        return any(
+            max(sizes) > 1.01 * min(sizes)
+            for name in ("body_weight", "foot_length")
+            if (sizes := [side.scales[name] for side in self.sides])
+        )
 
     def _warnings(self) -> Iterator[str]:
         """What makes the values of the walks hard to compare."""
-        weights = [side.weight for side in self.sides]
-        if max(weights) > 1.01 * min(weights):
-            yield "The bodies differ in size, which errors in mm and N m s do not take into account."
+        if self.unlike:
+            yield (
+                "The bodies differ in size: lengths are shares of the foot, forces of the weight, momenta of "
+                "m√(gL³) with the length L of the foot. A robot's gait of another shape still differs."
+            )
 
     def _facts(self) -> Iterator[tuple[str, ...]]:
         """How the walks ended, and in what they differ; a walk from Python may have more than its keys."""
@@ -212,41 +337,51 @@ class WalkComparison(Tabled):
         for name in ("outcome", "verdict", "profile"):
             yield name, *(str(summary[name]) for summary in summaries)
         more = {
-            "planner": [side.planner for side in self.sides],
+            "planner": [summary.get("planner") or "ampm" for summary in summaries],
             "controller": [summary.get("controller", "ampm") for summary in summaries],
             "disturbances": ["; ".join(summary.get("disturbances", ["none"])) for summary in summaries],
         }
         for name, values in more.items():
             if len(set(values)) > 1:
                 yield name, *values
+        timing = [side.timing for side in self.sides]
+        for name in dict.fromkeys(name for found in timing for name in found):
+            yield name, *(_shown(found.get(name, math.nan)) for found in timing)
         for key, row in self.parameters.items():
             if key not in ("gait.planner", "controller.name") and not key.startswith("disturbance."):
                 shown = [f"{len(value or ())} footsteps" if key == "footsteps" else value for value in row]
                 yield key, *map(format_value, shown)
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything, as plain data in SI units; lists have one entry for each walk."""
+        """Everything, as plain data; lists have one entry for each walk."""
         walks = [
-            {"label": side.label, "differences_count_from": side.basis}
+            {"label": side.label, "study": side.study, "robustness": side.robustness, "planned": side.timing}
             | {key: side.run.summary[key] for key in ("outcome", "verdict", "profile", "steps_completed")}
             for side in self.sides
         ]
         metrics = {row.name: {**row._asdict(), "better": row.better} for row in self.rows}
-        found = {"sentence": self.sentence, "walks": walks, "parameters": self.parameters, "metrics": metrics}
-        return dict(json_ready(found))
+        found = {"sentence": self.sentence, "differences_count_from": self.basis, "walks": walks}
+        return dict(json_ready(found | {"parameters": self.parameters, "metrics": metrics}))
 
 
-def _shown(value: float) -> str:
-    """A value for a table: rounding errors are 0."""
-    return "0" if abs(value) < 1e-9 else format_number(value, 3)
+def listed(words: Sequence[str]) -> str:
+    """Words as a list in a sentence."""
+    *others, last = words
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def _shown(value: float, known: float = math.nan) -> str:
+    """A value for a table, with its uncertainty where it is known: rounding errors are 0."""
+    return "0" if abs(value) < 1e-9 else with_uncertainty(value, known)
 
 
 def comparison_of(sides: Sequence[Side]) -> WalkComparison:
     """All metrics of two or more walks: judged ones, costs, and users' own without a limit.
 
-    Checks of the measurement itself are left out. Of several limits the first side's counts.
+    Checks of the measurement itself are left out.
     """
     built_in = METRICS.keys() - {metric.name for metric in added_metrics()}
+    result = WalkComparison(tuple(sides), ())
     rows: dict[str, list[MetricRow]] = {JUDGED: [], COST: [], OWN: []}
     entries: dict[str, Mapping[str, Any]] = {}
     for side in reversed(sides):  # this process may not know users' metrics, but the summaries say all
@@ -254,17 +389,22 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
     for name in COSTS:
         entries.setdefault(name, {"label": METRICS[name].label, "unit": METRICS[name].unit, "kind": "cost"})
     for name, entry in entries.items():
-        tolerances = (side.entry(name).get("tolerance") for side in sides)
-        limit = next((value for value in tolerances if value is not None), None)
-        group = JUDGED if limit is not None else COST if name in COSTS else OWN
+        shown = [result.shown(name, entry["unit"], side) for side in sides]
+        values, limits = (
+            tuple(scale * side.number(name, key) for side, (scale, _) in zip(sides, shown, strict=True))
+            for key in ("value", "tolerance")
+        )
+        judged = name not in COSTS and not all(map(math.isnan, limits))
+        group = JUDGED if judged else COST if name in COSTS else OWN
         if entry["kind"] == "instrument" or (group == OWN and name in built_in):
             continue
-        values = tuple(side.value(name) for side in sides)
-        changes = sorted(side.change(name, entry["unit"]) for side in sides)
-        studied = all(side.study is not None and name in side.study.values for side in sides)
-        least = sum(changes[-2:]) if studied else changes[0]
-        rows[group].append(MetricRow(group, name, entry["label"], entry["unit"], values, least, limit))
-    return WalkComparison(tuple(sides), tuple(row for group in rows.values() for row in group))
+        pairs = [(side, scale) for side, (scale, _) in zip(sides, shown, strict=True)]
+        doubts = [scale * side.doubt(name, entry["unit"]) for side, scale in pairs]
+        known = tuple(scale * side.studied(name) for side, scale in pairs)
+        studied = not any(map(math.isnan, known))
+        doubt = max(doubts) if studied else min(doubts)
+        rows[group].append(MetricRow(group, name, entry["label"], shown[0][1], values, doubt, limits, known))
+    return replace(result, rows=tuple(row for group in rows.values() for row in group))
 
 
 CHOICES = {
@@ -277,7 +417,10 @@ CHOICES = {
 
 
 def compare_runs(
-    folders: Sequence[str | Path], labels: Sequence[str] = (), uncertainty: Sequence[Path] = ()
+    folders: Sequence[str | Path],
+    labels: Sequence[str] = (),
+    uncertainty: Sequence[Path] = (),
+    robustness: Sequence[Path] = (),
 ) -> WalkComparison:
     """Compare two or more finished runs.
 
@@ -285,17 +428,20 @@ def compare_runs(
         folders: of the runs.
         labels: names in tables; those of the folders by default.
         uncertainty: ``convergence.json`` of all gaits; a bound takes the place of an assumed change.
+        robustness: ``robustness.json`` of each walk, in their order, or none.
 
     Raises:
         InputError: a folder cannot be used, or no study is of one of the gaits.
     """
     known = [load_uncertainty(file) for file in uncertainty]
     labels = _distinct(labels or [Path(folder).resolve().name for folder in folders])
+    if len(robustness) not in (0, len(labels)):
+        raise InputError(f"--robustness is given {len(robustness)} times; give it once for each walk.")
     sides = []
-    for label, folder in zip(labels, folders, strict=True):
+    for label, folder, file in zip_longest(labels, folders, robustness):
         run = load_saved_run(folder)
         study = matching(known, Request(label, run.parameters)) if known else None
-        sides.append(Side(label, run, study))
+        sides.append(Side(label, run, study, load_robustness(file) if file else None))
     return comparison_of(sides)
 
 
@@ -306,6 +452,7 @@ def compare_gaits(
     choices: Mapping[str, Sequence[str]] = MappingProxyType({}),
     as_is: bool = False,
     uncertainty: Sequence[Path] = (),
+    robustness: Sequence[Path] = (),
     **execution: Unpack[Execution],
 ) -> WalkComparison:
     """Walk two or more gaits and compare them.
@@ -313,11 +460,12 @@ def compare_gaits(
     Args:
         gaits: presets or TOML files. A single one is compared with `ipm`, or walked with every value of the
             option that has several; if none, it is `normal` or the own gait of another body.
-        settings: ``key=value`` texts for all gaits; options of planner and controller for those that take
-            them.
-        choices: option of :data:`CHOICES` to its value for all walks, or to one value for each.
+        settings: ``key=value`` texts for all gaits.
+        choices: option of :data:`CHOICES` to its value for all walks, or to one value for each; behind a
+            comma a planner or controller has its own options, ``mine:Planner,gain=2``.
         as_is: find nothing that the gaits leave open.
         uncertainty: as in :func:`compare_runs`.
+        robustness: likewise.
         execution: workers and folder, see :class:`validation.study.many.Execution`.
 
     Raises:
@@ -336,14 +484,14 @@ def compare_gaits(
         {name: given[min(place, len(given) - 1)] for name, given in choices.items() if given}
         for place in range(len(texts))
     ]
-    fitting = _fitting(settings, chosen_ones)
     requests, labels = [], []
-    for text, chosen, changes in zip(texts, chosen_ones, fitting, strict=True):
+    for text, chosen in zip(texts, chosen_ones, strict=True):
         own = [f"{CHOICES[name]}={json.dumps(_absolute(value))}" for name, value in chosen.items()]
-        request = load_request(text, [*changes, *own], as_is=as_is)
+        request = load_request(text, [*own, *settings], as_is=as_is)
         # With the values that are found; a refused gait is named before the first walk.
         requests.append(plan_walk(request, pool.get("progress")).request)
-        labels.append(f"{request.name}, {varied} {Path(chosen[varied]).name}" if varied else request.name)
+        alike = varied and len(set(texts)) == 1
+        labels.append(Path(chosen[varied]).name if alike else request.name)
     known = [load_uncertainty(file) for file in uncertainty]
     for request in requests if known else ():
         matching(known, request)
@@ -360,7 +508,7 @@ def compare_gaits(
                 kinds = {"refused": InputError, UsersError.__name__: UsersError}
                 kind = kinds.get(row["outcome"], kinds.get(row["reason"], RuntimeError))
                 raise kind(f"{titles[row['key']]}: {row['cause']}")
-        return compare_runs(folders, labels, uncertainty)
+        return compare_runs(folders, labels, uncertainty, robustness)
 
 
 def _distinct(labels: Sequence[str]) -> Sequence[str]:
@@ -384,24 +532,6 @@ def _varied(choices: Mapping[str, Sequence[str]], walks: int) -> str:
     return next(iter(several), "")
 
 
-def _fitting(settings: Sequence[str], walks: Sequence[Mapping[str, str]]) -> list[list[str]]:
-    """Settings of every walk: an option of a planner or controller only where the chosen one takes it.
-
-    An option that none takes stays, so that it is refused.
-    """
-
-    def takes(setting: str, chosen: Mapping[str, str]) -> bool:
-        for role in (PLANNER, CONTROLLER):
-            key = setting.partition("=")[0].strip()
-            if key.startswith(f"{role.options}.") and role.name in chosen:
-                text = chosen[role.name]
-                return Path(text).suffix not in SUFFIXES and role.takes(text, key.rpartition(".")[2])
-        return True
-
-    common = {text for text in settings if not any(takes(text, chosen) for chosen in walks)}
-    return [[text for text in settings if text in common or takes(text, chosen)] for chosen in walks]
-
-
 def _absolute(value: str) -> str:
     """The value of an option; a file's path is absolute."""
     return str(Path(value).resolve()) if Path(value).is_file() else value
@@ -410,5 +540,5 @@ def _absolute(value: str) -> str:
 def walk_gait(request: Request, folder: str, **users: Any) -> Row:
     """Walk one gait, on a worker, and keep the run in a folder."""
     trial = walk_request(request, own_profile(request.name, request.run), **users)
-    trial.save(folder, force=True, recording=False)
+    trial.save(folder, force=True)
     return {"outcome": str(trial.record.outcome.name)}

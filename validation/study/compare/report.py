@@ -6,43 +6,86 @@ from itertools import cycle
 from pathlib import Path
 
 import numpy as np
+from pydantic import BaseModel
 
 from validation.judge.compare import SIGNALS
 from validation.judge.metrics import display_unit
-from validation.show.chart import DASHED, Picture, decimate, new_charts, picture
+from validation.judge.uncertainty import Uncertainty
+from validation.run.trial import draw_run
+from validation.show.chart import DASHED, Picture, decimate, new_charts, numbered
 from validation.show.page import render_page
-from validation.show.report import write_report
+from validation.show.paper import Citation, cite_run
 from validation.show.run_figures import middle, shade_double_support
 from validation.show.style import INK, PARTS
 from validation.store.folders import output_file
 from validation.store.json import write_json
-from validation.store.saved import REPORT_FILE
-from validation.study.compare.comparison import Side, WalkComparison
+from validation.store.saved import RECORDING_FILE, REPORT_FILE, load_saved_run
+from validation.store.summary import read_json
+from validation.study.compare.comparison import Side, WalkComparison, comparison_of
 from validation.study.compare.sweeps import SweepComparison
+from validation.study.robustness.result import Robustness
 
 REPORT, NUMBERS = REPORT_FILE, "comparison.json"
 
 
+class _Walk(BaseModel):
+    """What is read of a walk."""
+
+    label: str
+    run: str
+    study: Uncertainty | None
+    robustness: Robustness | None
+
+
+class _File(BaseModel):
+    """What is read of the numbers."""
+
+    walks: list[_Walk]
+
+
+def is_comparison(folder: Path) -> bool:
+    """Whether a folder is one of a comparison."""
+    return (folder / NUMBERS).is_file()
+
+
+def load_comparison(folder: Path) -> WalkComparison:
+    """Read a comparison of walks from its folder, and the runs that it names.
+
+    Raises:
+        InputError: it is damaged, of sweeps, or one of its runs is gone.
+    """
+    found = read_json(folder / NUMBERS, _File, "run 'ampm compare' again; that of sweeps has no pictures")
+    walks = _File.model_validate(found).walks
+    sides = (
+        Side(item.label, load_saved_run(folder / item.run), item.study, item.robustness) for item in walks
+    )
+    return comparison_of(list(sides))
+
+
 def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> None:
-    """Write numbers and page into a folder, and the reports of walks that are kept in it."""
+    """Write numbers and page into a folder, and report and recording of every walk that lacks them."""
     folder.mkdir(parents=True, exist_ok=True)
-    for side in result.sides if isinstance(result, WalkComparison) else ():
-        if folder.resolve() in side.run.directory.resolve().parents:
-            write_report(side.run)
-    write_json(folder / NUMBERS, result.as_dict())
+    numbers = result.as_dict()
+    if isinstance(result, WalkComparison):
+        for side, entry in zip(result.sides, numbers["walks"], strict=True):
+            entry["run"] = os.path.relpath(side.run.directory, folder)
+            if not all((side.run.directory / name).is_file() for name in (REPORT_FILE, RECORDING_FILE)):
+                draw_run(side.run.directory, side.label)
+    write_json(folder / NUMBERS, numbers)
     with output_file(folder / REPORT) as work:
         work.write_text(render(result, folder), encoding="utf-8")
 
 
 def render(result: WalkComparison | SweepComparison, folder: Path) -> str:
-    """The page for a folder; of walks with their curves, and links to their reports."""
+    """The page for a folder; of walks with their curves, and links to their reports and recordings."""
     keys: list[tuple[str, str]] = []
     pictures: list[Picture] = []
     links: list[str] = []
+    citations: list[Citation] = []
     if isinstance(result, WalkComparison):
         keys, pictures = draw_walks(result.sides)
-        reports = [side.run.directory / REPORT_FILE for side in result.sides]
-        links = [os.path.relpath(path, folder) if path.is_file() else "" for path in reports]
+        citations = [cite_run(side.run) for side in result.sides]
+        links = [os.path.relpath(side.run.directory, folder) for side in result.sides]
     return render_page(
         "comparison.html.j2",
         result.title,
@@ -52,6 +95,7 @@ def render(result: WalkComparison | SweepComparison, folder: Path) -> str:
         keys=keys,
         links=links,
         pictures=pictures,
+        citations=citations,
     )
 
 
@@ -65,21 +109,17 @@ def draw_walks(sides: Sequence[Side]) -> tuple[list[tuple[str, str]], list[Pictu
     """Errors of the ZMP, COM and angular momentum of all walks.
 
     Returns:
-        Name of every walk with its planner, and the colour of its curves; the pictures, without those of
+        Label of every walk, and the colour of its curves; the pictures, without those of
         signals that no walk has.
     """
-    names = [
-        side.label if ", planner " in side.label else f"{side.label}, planner {side.planner}"
-        for side in sides
-    ]
-    keys = list(zip(names, cycle(_COLORS), strict=False))
+    keys = list(zip([side.label for side in sides], cycle(_COLORS), strict=False))
     pictures = [
         _draw(sides, name)
         for name in (*_ERRORS, *_CURVES)
         if any(np.isfinite(side.run.signals[f"measured_{name}"]).any() for side in sides)
         and not (name in _ERRORS and all(side.run.is_free for side in sides))
     ]
-    return keys, pictures
+    return keys, numbered(pictures)
 
 
 def _draw(sides: Sequence[Side], name: str) -> Picture:
@@ -93,10 +133,12 @@ def _draw(sides: Sequence[Side], name: str) -> Picture:
         rows = middle(signals)
         time = signals.time[rows] - signals.time[rows.start]
         measured, plan = scale * signals[f"measured_{name}"][rows], scale * signals[f"plan_{name}"][rows]
-        chart.line(*decimate(time, measured - plan if is_error else measured), color)
+        chart.line(*decimate(time, measured - plan if is_error else measured), color, label=side.label)
         if not is_error:
             chart.line(*decimate(time, plan), color, dash=DASHED)
     shade_double_support(chart, first, middle(first), from_zero=True)
     title = f"{'Error of ' if is_error else ''}{SIGNALS[name].label}"
     chart.title, chart.xlabel, chart.ylabel = f"{title}, two steps", "time [s]", f"[{unit}]"
-    return picture(charts, f"{title} of all walks", "Measured minus planned." if is_error else "")
+    chart.top = max(chart.top, chart.heading_height() + 4.0)
+    caption = "Measured minus planned." if is_error else "Measured; dashed: the plan of each."
+    return Picture(charts, f"{title} of all walks", caption)

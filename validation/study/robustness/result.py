@@ -2,11 +2,18 @@
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
+from ampm.exceptions import InputError
+from ampm.files import read_file
 from validation.store.json import json_ready
 from validation.study.robustness.cells import DURATION, Cell, needed
 from validation.table import Table, Tabled
+
+RESULT = "robustness.json"
 
 
 @dataclass(frozen=True)
@@ -49,19 +56,45 @@ class Robustness(Tabled):
     # runs that an error of program or machine ended, with its cause; they count as not survived
     crashes: tuple[str, ...] = ()
 
+    @property
+    def title(self) -> str:
+        """Gait, body and controller, and how many walks have to survive."""
+        rule = f"survived by {needed(self.replicas)} of {self.replicas} walks"
+        return f"{self.gait}, body {self.body}, controller {self.controller}: {rule}"
+
+    def survived(self, name: str) -> str:
+        """Largest value of a disturbance that was survived, for tables; empty if it was not studied."""
+        return next((item.cells()[2] for item in self.cells if item.cell.name == name), "")
+
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain values; those of a cell in the unit of its key, of pushes in m/s."""
         return dict(json_ready(vars(self)))
 
     def tables(self) -> list[Table]:
         """Largest value survived, and that within the tolerances, of every disturbance."""
-        rule = f"survived by {needed(self.replicas)} of {self.replicas} walks"
         note = f"Pushes of {DURATION:g} s: the velocity change. A value counts with all smaller ones."
         return [
             Table(
-                f"{self.gait}, body {self.body}, controller {self.controller}: {rule}",
+                self.title,
                 ("disturbance", "unit", "survived", "within tolerance", "first failure"),
                 [item.cells() for item in self.cells],
                 (note, *self.crashes),
             )
         ]
+
+
+def load_robustness(path: Path) -> Robustness:
+    """Read what ``ampm robustness --out`` wrote.
+
+    Args:
+        path: ``robustness.json``, or the folder that holds it.
+
+    Raises:
+        InputError: there is no such file, or it is damaged.
+    """
+    file = path / RESULT if path.is_dir() else path
+    try:
+        return TypeAdapter(Robustness).validate_json(read_file(file))
+    except (OSError, ValueError) as error:
+        why = " ".join(str(error).split())[:100]
+        raise InputError(f"{file} is no {RESULT} of 'ampm robustness --out' ({why}).") from None

@@ -27,7 +27,7 @@ from validation.study.robustness.cells import (
     push_cells,
     push_instant,
 )
-from validation.study.robustness.result import CellResult, Robustness
+from validation.study.robustness.result import RESULT, CellResult, Robustness
 from validation.study.row_file import Row, crash_notes
 from validation.study.walk_options import users_classes
 from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk
@@ -35,7 +35,6 @@ from validation.trial.record import SimulationRecord
 from validation.trial.shapes import Shapes
 from validation.trial.simulate import simulate
 
-RESULT = "robustness.json"
 CROSSED = "the legs met"
 _EVERY = 0.01  # time between two looks at the distance of the legs [s]
 
@@ -180,12 +179,7 @@ def robustness(
 
 
 def replica_task(
-    cell: Cell,
-    value: float,
-    replica: int,
-    planned: PlannedWalk,
-    profile: str,
-    users: Mapping[str, Any],
+    cell: Cell, value: float, replica: int, planned: PlannedWalk, profile: str, users: Mapping[str, Any]
 ) -> Task:
     """The walk of one replica: the first as planned, others with an error at the start, and a shift.
 

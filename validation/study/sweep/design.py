@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ampm.exceptions import InputError
-from ampm.parameters import HUMAN, OPTION_TABLES, RunParameters, is_option, keys
+from ampm.parameters import HUMAN, NAMES, OPTION_TABLES, RunParameters, is_option, keys
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, load_run
 from ampm.section import Option, Real, Section, parse_toml, read_toml, unknown
@@ -360,13 +360,13 @@ def _sweep_of(
 
 def _check_classes(definition: SweepDefinition) -> None:
     """Refuse a controller, planner, estimator or engine that there is not, before anything is walked."""
-    first = definition.shared.replace({key: values[0] for key, values in definition.options.items()})
-    for controller in definition.values(CONTROLLER_KEY):
-        CONTROLLER.check(str(controller), first.controller.options)
-    for planner in definition.values(PLANNER_KEY):
-        check_planner(str(planner), first.planner.options)
-    for estimator in definition.values(ESTIMATOR_KEY):
-        ESTIMATOR.check(str(estimator), first.sensors.options)
+    first = {key: values[0] for key, values in definition.options.items()}
+    for key in (CONTROLLER_KEY, PLANNER_KEY, ESTIMATOR_KEY):
+        for name in definition.values(key):
+            run = definition.shared.replace({**first, key: name})
+            CONTROLLER.check(run.controller.name, run.controller.options)
+            check_planner(run.gait.planner, run.planner.options)
+            ESTIMATOR.check(run.sensors.estimator, run.sensors.options)
     if "drake" in definition.values(ENGINE_KEY):
         from validation.trial.engine import check_drake  # loads the simulator
 
@@ -420,7 +420,21 @@ def _values(key: str, value: Any) -> Range | tuple[Option, ...]:
             f"{key} = {value!r} must be a list of values or a range; one value alone belongs under [set].",
             key=key,
         )
-    return tuple(info.convert(item) for item in value)
+    classes = {f"{section}.{name}" for section, name in NAMES.values()}
+    return tuple(info.convert(_one_text(item) if key in classes else item) for item in value)
+
+
+def _one_text(value: Any) -> Any:
+    """The name of a class with its options, if it is a table: ``{ name = "mine:Planner", gain = 2 }``."""
+    if not (isinstance(value, dict) and isinstance(value.get("name"), str)):
+        return value
+    options = [f"{key}={toml_text(option)}" for key, option in value.items() if key != "name"]
+    return ",".join([value["name"], *options])
+
+
+def toml_text(value: Option) -> str:
+    """An option as text, as ``--set`` takes it."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _flat(table: Mapping[str, Any]) -> dict[str, Any]:

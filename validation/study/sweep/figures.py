@@ -4,6 +4,7 @@ The page carries data, specification and the library itself (vl-convert has the 
 offline.
 """
 
+import copy
 import json
 import re
 from collections.abc import Mapping
@@ -14,6 +15,7 @@ from markupsafe import Markup
 
 from ampm.geometry import Array
 from validation.show.text import format_value
+from validation.show.vector import FONT
 from validation.study.sweep.table import STATES, State, SweepTable
 
 Spec = dict[str, Any]
@@ -22,6 +24,11 @@ MOST_POINTS = 2000
 """Runs in a picture at most: all, or a random sample."""
 MOST_AXES = 9
 """Axes of the parallel coordinates at most."""
+LABELS = (
+    "Runs over two quantities",
+    "Runs across all that varies, and the largest share of a tolerance used",
+)
+"""What the two pictures show."""
 _COLORS: Mapping[State, str] = {
     State.PASS: "#0072b2",
     State.OUT_OF_TOLERANCE: "#e69f00",
@@ -43,20 +50,25 @@ _CONFIG: Spec = {
 def quantities(sweep: SweepTable) -> dict[str, Array]:
     """Varied parameters and judged metrics as numbers, by label, shape (N,) each; NaN where absent.
 
-    A parameter with texts is the number of its value, which the label explains.
+    A parameter with texts is the number of its value among :func:`texts`.
     """
     found: dict[str, Array] = {}
     for key in sweep.varied:
         values, unit = sweep.values(key), sweep.unit(key).replace("1", "")
         if values.dtype.kind == "U":
-            names, values = np.unique(values, return_inverse=True)
-            unit = ", ".join(f"{number} {name}" for number, name in enumerate(names))
+            values = np.unique(values, return_inverse=True)[1]
         found[f"{key} [{unit}]" if unit else key] = values.astype(float)
     found["largest share of a tolerance [%]"] = np.minimum(100.0 * sweep.worst_used, 1000.0)
     for metric in sweep.judged:
         values, unit = sweep.shown(metric)
         found[f"{sweep.label(metric)} [{unit}]"] = values
     return {label: values for label, values in found.items() if np.isfinite(values).any()}
+
+
+def texts(sweep: SweepTable) -> dict[str, list[str]]:
+    """Distinct values of the varied parameters with texts, in the order of their numbers."""
+    values = {key: sweep.values(key) for key in sweep.varied}
+    return {key: np.unique(found).tolist() for key, found in values.items() if found.dtype.kind == "U"}
 
 
 def run_data(sweep: SweepTable, links: Mapping[int, str]) -> list[dict[str, Any]]:
@@ -91,9 +103,16 @@ def scatter(sweep: SweepTable) -> Spec:
         choice = {"input": "select", "options": labels, "name": f"{words} "}
         params.append({"name": name, "value": label, "bind": choice})
         scale = {"zero": False, "padding": 12}
-        encoding[name] = {"field": f"at_{name}", "type": "quantitative", "title": None, "scale": scale}
+        named = f"isArray(texts[{name}]) ? texts[{name}][datum.value] || '' : datum.label"
+        encoding[name] = {
+            "field": f"at_{name}",
+            "type": "quantitative",
+            "title": None,
+            "scale": scale,
+            "axis": {"labelExpr": named, "labelLimit": 200},
+        }
     return {
-        "params": params,
+        "params": [*params, {"name": "texts", "value": texts(sweep)}],
         "transform": [
             {"calculate": "datum[x]", "as": "at_x"},
             {"calculate": "datum[y]", "as": "at_y"},
@@ -117,6 +136,7 @@ def parallel(sweep: SweepTable) -> Spec:
     drawn = quantities(sweep)
     labels = list(drawn)[: len(sweep.varied) + 1][-MOST_AXES:]
     ranges = {label: f"{np.nanmin(drawn[label]):.4g} to {np.nanmax(drawn[label]):.4g}" for label in labels}
+    ranges |= {key: " to ".join(names) for key, names in texts(sweep).items() if key in ranges}
     axis = {
         "labelAngle": -20,
         "labelLimit": 300,
@@ -165,6 +185,24 @@ def as_json(spec: Any) -> Markup:
     """A specification, or data, for a script element, which no text in it can end."""
     text = json.dumps(spec, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return Markup(text.replace("<", "\\u003c"))
+
+
+def static_svg(spec: Spec, width: float) -> str:
+    """A picture with its first choices as SVG of a width [pt], with titles of its axes and one font."""
+    import vl_convert  # loads a JavaScript engine
+
+    spec = copy.deepcopy(spec)
+    for param in spec["params"]:
+        if param.pop("bind", None):
+            spec["encoding"][param["name"]]["title"] = param["value"]
+    size = {
+        "width": width / 0.75,
+        "height": width,
+        "autosize": {"type": "fit", "contains": "padding"},
+    }  # [px]
+    return str(
+        vl_convert.vegalite_to_svg({**spec, **size, "config": {**_CONFIG, "font": FONT, "padding": 2}})
+    )
 
 
 def vega_script() -> Markup:

@@ -3,19 +3,23 @@
 All text is escaped. Pictures and scripts are in the page, see :mod:`validation.study.sweep.figures`.
 """
 
+import hashlib
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from validation.show.page import render_page
+from validation.show.paper import Citation, cite
 from validation.show.text import format_value
 from validation.store.folders import output_file
 from validation.study.sweep import figures
-from validation.study.sweep.table import BROKEN, REPORT, STATES, State, SweepTable, read_sweep
+from validation.study.sweep.figures import texts
+from validation.study.sweep.table import BROKEN, REPORT, RESULTS, STATES, State, SweepTable, read_sweep
 from validation.table import Table, format_number, short_unit
 
 WORST = 20
@@ -50,7 +54,7 @@ def render(sweep: SweepTable) -> str:
     charts: dict[str, Markup] = {}
     if sweep.varied:
         charts = {
-            "runs": figures.as_json(figures.run_data(sweep, links_of(sweep))),
+            "runs": figures.as_json(run_data_of(sweep)),
             "scatter": figures.as_json(figures.scatter(sweep)),
             "parallel": figures.as_json(figures.parallel(sweep)),
             "vega": figures.vega_script(),
@@ -66,6 +70,8 @@ def render(sweep: SweepTable) -> str:
         most_points=figures.MOST_POINTS,
         metrics=metric_table(sweep),
         worst=worst_runs(sweep),
+        citation=cite_sweep(sweep),
+        labels=figures.LABELS,
     )
 
 
@@ -78,6 +84,19 @@ def links_of(sweep: SweepTable) -> dict[int, str]:
         return {}
     addresses = {row: f"{name}/{REPORT}" for row, name in enumerate(sweep.words("recording")) if name}
     return {row: address for row, address in addresses.items() if (sweep.directory / address).is_file()}
+
+
+def run_data_of(sweep: SweepTable) -> list[dict[str, Any]]:
+    """What the pictures draw, see :func:`validation.study.sweep.figures.run_data`."""
+    return figures.run_data(sweep, links_of(sweep))
+
+
+def cite_sweep(sweep: SweepTable) -> Citation:
+    """How to cite a sweep; the digest is of its table, of an unfinished one of its definition."""
+    file = None if sweep.directory is None else sweep.directory / RESULTS
+    data = sweep.metadata["definition"].encode() if file is None or not file.is_file() else file.read_bytes()
+    what = f"Sweep {sweep.name} of {sweep.planned} runs"
+    return cite(what, sweep.metadata["environment"], hashlib.sha256(data).hexdigest())
 
 
 def worst_runs(sweep: SweepTable) -> list[dict[str, Any]]:
@@ -118,17 +137,32 @@ def _why(sweep: SweepTable, row: int) -> str:
 
 
 def metric_table(sweep: SweepTable) -> Table:
-    """How many runs are over a metric's tolerance, and the distribution of its values."""
-    rows = []
+    """How many runs are over a metric's tolerance, and the distribution of its values.
+
+    Runs that differ in a parameter with texts, such as the planner, are told apart under headings.
+    """
+    columns = ("metric", ">over", ">median", ">95 % below", ">largest", ">tolerance")
+    rows: list[tuple[str, ...]] = []
+    named = list(texts(sweep))
+    cells = list(zip(*map(sweep.words, named), strict=True)) or [()] * len(sweep)
+    for group in sorted(set(cells)):
+        inside = np.array([cell == group for cell in cells])
+        found = list(_metric_rows(sweep, inside))
+        if named and found:
+            heading = ", ".join(f"{key} {value}" for key, value in zip(named, group, strict=True))
+            rows.append((heading, *[""] * (len(columns) - 1)))
+        rows += found
+    return Table("Metrics of the completed runs", columns, rows)
+
+
+def _metric_rows(sweep: SweepTable, inside: NDArray[np.bool_]) -> Iterator[tuple[str, ...]]:
     for metric in sweep.judged:
         values, unit = sweep.shown(metric)
-        known = values[np.isfinite(values)]
+        known = values[np.isfinite(values) & inside]
         if known.size:
-            over = f"{int((sweep.used(metric) > 1.0).sum()):,} of {known.size:,}"
+            over = f"{int((sweep.used(metric) > 1.0)[inside].sum()):,} of {known.size:,}"
             quantiles = [_amount(np.quantile(known, part), unit) for part in (0.5, 0.95, 1.0)]
-            rows.append((sweep.label(metric), over, *quantiles, _limits(sweep, metric)))
-    columns = ("metric", ">over", ">median", ">95 % below", ">largest", ">tolerance")
-    return Table("Metrics of the completed runs", columns, rows)
+            yield sweep.label(metric), over, *quantiles, _limits(sweep, metric, np.flatnonzero(inside))
 
 
 def _amount(value: float, unit: str) -> str:
@@ -136,7 +170,7 @@ def _amount(value: float, unit: str) -> str:
     return f"{format_number(float(value), 3)} {short_unit(unit)}".rstrip()
 
 
-def _limits(sweep: SweepTable, metric: str, rows: Sequence[int] | slice = slice(None)) -> str:
+def _limits(sweep: SweepTable, metric: str, rows: Sequence[int] | NDArray[np.intp]) -> str:
     """Limit of some runs: one number, or a range where their bodies differ."""
     values, unit = sweep.shown_limits(metric)
     known = values[rows][np.isfinite(values[rows])]

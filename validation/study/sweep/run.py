@@ -1,7 +1,7 @@
 """A sweep from its definition to a finished folder, in one or several calls."""
 
 import math
-import time
+import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 from ampm.exceptions import InputError, RefusedGait
 from ampm.planner.step_planners import STEP_PLANNERS
 from validation.progress import Progress
+from validation.run.walk import timed
 from validation.show.text import format_duration
 from validation.store.environment import parameter_values
 from validation.store.folders import output_file
@@ -176,6 +177,8 @@ class Forecast(Tabled):
     refused: SweepTable  # runs that bounds or formula refuse
     # wall-clock time of one run, from a walk; None if the tried runs cannot be walked [s]
     seconds: float | None
+    drawing: float  # of its report and recording [s]
+    kept: int  # runs that are walked once more at the end, at most, for their report and recording
     workers: int  # processes
 
     @property
@@ -191,6 +194,8 @@ class Forecast(Tabled):
             "walking": self.walking,
             "seconds": self.seconds,
             "wall_clock": self.seconds and self.seconds * math.ceil(self.walking / self.workers),
+            "kept": self.kept,
+            "keeping": self.seconds and (self.seconds + self.drawing) * math.ceil(self.kept / self.workers),
             "workers": self.workers,
         }
 
@@ -203,8 +208,11 @@ class Forecast(Tabled):
         ]
         note = "no run that was tried can be walked"
         if self.seconds is not None:
-            one, every = (format_duration(self.as_dict()[name]) for name in ("seconds", "wall_clock"))
+            found = self.as_dict()
+            one, every, more = (format_duration(found[name]) for name in ("seconds", "wall_clock", "keeping"))
             note = f"one run takes about {one}, the sweep about {every} with {self.workers} workers"
+            if self.kept:
+                note += f"; to walk {self.kept} runs again and keep them with report and recording, {more}"
         return [Table(f"dry run of {self.refused.name}", ("", ">runs", "for example"), rows, [note])]
 
 
@@ -229,13 +237,16 @@ def forecast(
                 rows.append({"key": task.key, **task.known})
             elif len(walking) < _TRIED:
                 walking.append(task)
-    seconds = None
+    taken: dict[str, float] = {}
+    kept = 0 if definition.recordings == "none" else min(definition.worst, len(definition) - len(rows))
     for task in walking:
-        with progress.stage("walk of one run, to time it"):
-            start = time.perf_counter()
-            with suppress(InputError, RefusedGait):
-                walk_request(**task.options)
-                seconds = time.perf_counter() - start
-                break
+        with progress.stage("walk of one run, to time it"), suppress(InputError, RefusedGait):
+            with timed(taken, "walk"):
+                trial = walk_request(**task.options)
+            if kept:
+                with tempfile.TemporaryDirectory(prefix="ampm-forecast-") as folder, timed(taken, "drawing"):
+                    trial.save(folder)
+            break
     refused = wrap_table(build_table(definition, rows), None, definition.name)
-    return Forecast(refused, seconds, workers or cores())
+    workers = min(workers or cores(), len(definition))
+    return Forecast(refused, taken.get("walk"), taken.get("drawing", 0.0), kept, workers)

@@ -23,13 +23,12 @@ from numpy.typing import NDArray
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
-from ampm.section import Option
 from validation.judge.metrics import METRICS, display_unit, metric_label
 from validation.judge.profiles import Tolerance
 from validation.judge.profiles import profile as find_profile
 from validation.store.environment import code_hash, describe_environment, parameter_values, run_key
 from validation.study.row_file import ROWS, Row, read_rows
-from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
+from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep, toml_text
 from validation.study.sweep.schema import columns, schema
 from validation.table import Table, Tabled
 
@@ -331,7 +330,7 @@ def build_table(definition: SweepDefinition, rows: Iterable[Row]) -> pa.Table:
         for key in definition.options:
             if pa.types.is_string(names.field(key).type):
                 for row in found:
-                    row[key] = _toml(row[key])
+                    row[key] = toml_text(row[key])
         batches.append(pa.RecordBatch.from_pylist(found, schema=names))
     table = pa.Table.from_batches(batches, names).sort_by("run").combine_chunks()
     return table.replace_schema_metadata({TABLE_METADATA: json.dumps(table_metadata(definition)).encode()})
@@ -342,11 +341,6 @@ def _table_row(definition: SweepDefinition, row: Row) -> dict[str, Any]:
     name = row["key"].partition("-")[0]
     values = _values(definition, int(name))
     return {**values, **row, "run": int(name), "name": name, "key": run_key(values)}
-
-
-def _toml(value: Option) -> str:
-    """An option as text, as ``--set`` takes it."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
@@ -384,7 +378,7 @@ def _command(definition: SweepDefinition) -> str:
     if definition.gait != Path(definition.base.body.source).stem:  # else it is the body's own gait
         words.insert(2, definition.gait)
     for key, value in definition.set.items():
-        words += ["--set", f"{key}={_toml(value)}"]
+        words += ["--set", f"{key}={toml_text(value)}"]
     return shlex.join(words if definition.tune else [*words, "--as-is"])
 
 

@@ -1,0 +1,158 @@
+"""Figures, captions, tables and citation of a result as files for a paper."""
+
+import hashlib
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ampm.exceptions import InputError
+from validation.show.vector import font_folder
+from validation.store.folders import check_target, output_file
+from validation.store.json import dump_json
+from validation.store.saved import SavedRun, digests
+from validation.table import Table, tex
+
+FORMATS, TABLES = ("pdf", "svg", "pgf"), ("tex", "md", "csv")
+"""Formats of figures and of tables."""
+NARROWEST, WIDEST, GUTTER = 40.0, 300.0, 5.0
+"""Bounds of the width of a figure, and room between two columns, which wide figures span [mm]."""
+_TEXT_WIDTH = 190.0  # most that a wide figure spans, unless a column is wider [mm]
+_UNITS = {"mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72.27}
+_POINT = 25.4 / 72.0  # of PDF and SVG [mm]
+STUDIED = "±: numerical uncertainty by a convergence study."
+UNSTUDIED = (
+    "No convergence study is known: the values have no numerical uncertainty ('ampm convergence', then "
+    "'ampm validate --uncertainty')."
+)
+
+
+class Citation(NamedTuple):
+    """How a result is cited."""
+
+    text: str  # one line
+    bibtex: str  # entry of a bibliography
+
+
+def parse_width(text: str) -> float:
+    """A width such as ``88mm`` in millimetres.
+
+    Raises:
+        InputError: no length, or one that no page has.
+    """
+    found = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(mm|cm|in|pt)\s*", text)
+    width = float(found[1]) * _UNITS[found[2]] if found else 0.0
+    if not NARROWEST <= width <= WIDEST:
+        what = f"is {width:g} mm" if found else "is no length"
+        raise InputError(
+            f"--width {text} {what}; give {NARROWEST:g} to {WIDEST:g} mm, such as 88mm, 3.5in or 252pt."
+        )
+    return width
+
+
+def cite(what: str, environment: Mapping[str, Any], digest: str) -> Citation:
+    """How to cite a result.
+
+    Args:
+        what: was computed, with body and gait.
+        environment: of its run, see :func:`validation.store.environment.describe_environment`.
+        digest: SHA-256 of its files.
+    """
+    version = environment.get("versions", {}).get("ampm") or "of unknown version"
+    commit = str(environment.get("revision") or "unknown")[:12]
+    changed = ", with changes" if environment.get("modified") else ""
+    day = str(environment.get("time", ""))[:10]
+    software = f"AMPM testbed {version}, commit {commit}{changed}"
+    lines = [
+        f"@misc{{ampm-{digest[:8]},",
+        "  author = {{The AMPM testbed authors}},",
+        f"  title = {{{{{tex(what)}}}}},",
+        f"  year = {{{day[:4]}}},",
+        f"  note = {{{tex(software)}; computed {day}; sha256 {digest}}},",
+        "}\n",
+    ]
+    return Citation(f"{what}. {software}. Computed {day}, sha256 {digest[:16]}.", "\n".join(lines))
+
+
+def digest_of(saved: SavedRun) -> str:
+    """SHA-256 of the digests of all files of a run."""
+    return hashlib.sha256(dump_json(digests(saved.directory, saved.summary)).encode()).hexdigest()
+
+
+def cite_run(saved: SavedRun) -> Citation:
+    """How to cite a run, with its digest."""
+    summary, run = saved.summary, saved.parameters
+    body = f"{Path(run.body.source).stem}, {run.body.height:.3g} m, {saved.record.mass:.3g} kg"
+    names = f"planner {summary.get('planner') or 'ampm'}, controller {summary.get('controller') or 'ampm'}"
+    what = "Log beside" if saved.is_log else f"Run of {saved.record.outcome.steps_completed} steps,"
+    text = f"{what} gait {saved.title}, body {body}, {names}, {run.simulation.engine}"
+    return cite(text, summary["environment"], digest_of(saved))
+
+
+def write_paper(
+    folder: Path,
+    figures: Sequence[Any],
+    tables: Sequence[Table],
+    citations: Sequence[Citation],
+    *,
+    form: str = "pdf",
+    width: float = 88.0,
+    table_form: str | None = None,
+) -> list[Path]:
+    """Write everything into a folder, where equal names are replaced.
+
+    Args:
+        folder: of the files.
+        figures: in their order; each has what a :class:`validation.show.chart.Picture` has.
+        tables: likewise.
+        citations: of all runs.
+        form: of the figures, one of :data:`FORMATS`.
+        width: of a column [mm]; wide figures span two.
+        table_form: of the tables, one of :data:`TABLES`; None for none.
+
+    Returns:
+        The files.
+
+    Raises:
+        InputError: the folder is a file, or cannot be written.
+    """
+    check_target(folder, None, force=True)
+    files: dict[str, str | bytes] = {}
+    for figure in figures:
+        slug = re.sub(r"\W+", "-", figure.label.lower()).strip("-")[:40].strip("-")
+        two = max(width, min(2.0 * width + GUTTER, _TEXT_WIDTH))
+        points = (two if figure.wide else width) / _POINT
+        drawn = figure.pgf(points) if form == "pgf" else figure.svg(points)
+        files[f"figure-{figure.number:02d}-{slug}.{form}"] = _pdf(drawn) if form == "pdf" else drawn
+    files["captions.txt"] = "".join(f"{figure.text}\n\n" for figure in figures)
+    if table_form:
+        files[f"tables.{table_form}"] = as_text(tables, table_form)
+    files["cite.txt"] = "".join(f"{item.text}\n" for item in citations)
+    files["cite.bib"] = "\n".join(item.bibtex for item in citations)
+    for name, content in files.items():
+        with output_file(folder / name) as work:
+            work.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return [folder / name for name in files]
+
+
+def as_text(tables: Sequence[Table], form: str) -> str:
+    """Tables in one of the formats :data:`TABLES`, one after another."""
+    write = {
+        "tex": Table.tex,
+        "csv": Table.csv,
+        "md": lambda table: f"**{table.title}**\n\n{table.markdown()}\n",
+    }
+    return "\n".join(write[form](table) for table in tables if table.rows)
+
+
+def _pdf(svg: str) -> bytes:
+    """A picture as PDF with its letters."""
+    import vl_convert  # loads a JavaScript engine
+
+    def in_points(found: re.Match[str]) -> str:
+        return f'{found[1]}="{float(found[2]) * (1.0 if found[3] else 0.75):g}"'
+
+    head, end, rest = svg.partition(">")
+    head = re.sub(r'\b(width|height)="([\d.]+)(pt)?"', in_points, head)  # a pixel becomes a point
+    vl_convert.register_font_directory(str(font_folder()))
+    return bytes(vl_convert.svg_to_pdf(head + end + rest))

@@ -1,0 +1,105 @@
+"""What a paper takes from the folder of a run, a comparison or a sweep."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ampm.exceptions import InputError
+from validation.show.cost_table import cost_table
+from validation.show.paper import STUDIED, UNSTUDIED, Citation, cite_run
+from validation.show.report import split_table, write_report
+from validation.show.run_figures import RunFigures
+from validation.store.saved import load_saved_run
+from validation.study.compare.report import (
+    REPORT,
+    draw_walks,
+    is_comparison,
+    load_comparison,
+    write_comparison,
+)
+from validation.study.sweep.figures import LABELS, parallel, scatter, static_svg
+from validation.study.sweep.report import cite_sweep, metric_table, run_data_of, write_sweep_report
+from validation.study.sweep.table import SweepTable, is_sweep, read_sweep
+from validation.table import Table
+
+
+class Paper(NamedTuple):
+    """Figures and tables in the order of the page, and how to cite the runs."""
+
+    figures: Sequence[Any]
+    tables: Sequence[Table]
+    citations: Sequence[Citation]
+
+
+class SweepFigure(NamedTuple):
+    """A picture of a sweep's page without its choices, alike a :class:`validation.show.chart.Picture`."""
+
+    spec: Any
+    label: str
+    number: int
+    wide: bool = False
+
+    @property
+    def text(self) -> str:
+        """Number and caption."""
+        return f"Figure {self.number}. {self.label}."
+
+    def svg(self, width: float) -> str:
+        """As SVG of a width [pt]."""
+        return static_svg(self.spec, width)
+
+    def pgf(self, width: float) -> str:
+        """Refuse it, by an InputError."""
+        raise InputError("figures of a sweep cannot be written as pgf; give --format pdf or svg.")
+
+
+def load_paper(folder: Path) -> Paper:
+    """Read a folder.
+
+    Raises:
+        InputError: it holds no run, comparison of walks, or sweep; or it is damaged.
+    """
+    if is_sweep(folder):
+        return _of_sweep(read_sweep(folder))
+    if is_comparison(folder):
+        found = load_comparison(folder)
+        tables, studied = found.tables(), all(side.study for side in found.sides)
+        citations = [cite_run(side.run) for side in found.sides]
+        return Paper(draw_walks(found.sides)[1], _noted(tables, studied=studied), citations)
+    saved = load_saved_run(folder)
+    sections = RunFigures(saved, saved.plan()).sections() if len(saved.signals) > 1 else {}
+    figures = [picture for pictures in sections.values() for picture in pictures]
+    tables = [saved.table(), cost_table(saved.summary), split_table(saved.summary["zmp_error_split"])]
+    return Paper(figures, _noted(tables, studied="uncertainty" in saved.summary), [cite_run(saved)])
+
+
+def _of_sweep(sweep: SweepTable) -> Paper:
+    figures: list[SweepFigure] = []
+    if sweep.varied:
+        data = {"values": run_data_of(sweep)}
+        specs = enumerate((scatter(sweep), parallel(sweep)))
+        figures = [SweepFigure({**spec, "data": data}, LABELS[k], k + 1) for k, spec in specs]
+    return Paper(figures, _noted([metric_table(sweep), sweep.result()], studied=False), [cite_sweep(sweep)])
+
+
+def _noted(tables: Sequence[Table], *, studied: bool) -> list[Table]:
+    """Tables of which the first says whether its values have an uncertainty."""
+    first, *others = tables
+    known = any("±" in cell for row in first.rows for cell in row)
+    note = STUDIED if studied else UNSTUDIED
+    return [first if known else replace(first, notes=[*first.notes, note]), *others]
+
+
+def write_page(folder: Path) -> Path:
+    """Write the page of a folder again from its files; returns its path.
+
+    Raises:
+        InputError: as :func:`load_paper`.
+    """
+    if is_sweep(folder):
+        return write_sweep_report(folder)
+    if is_comparison(folder):
+        write_comparison(load_comparison(folder), folder)
+        return folder / REPORT
+    return write_report(folder)
