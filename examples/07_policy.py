@@ -30,7 +30,7 @@ class Policy:
         """Once a walk: the body and the parameters of the run."""
         self.limit, self.command, self.names = robot.torque_limit, run.command, robot.joint_names
         frequency = run.controller.frequency
-        inertia = pin.crba(robot.model, robot.data, pin.neutral(robot.model)).diagonal()[6:]
+        inertia = 1.0 / pin.computeMinverse(robot.model, robot.data, pin.neutral(robot.model)).diagonal()[6:]
         self.stiffness = np.minimum(2.0 * self.limit, 0.2 * frequency**2 * inertia)  # [N m/rad]
         self.damping = np.minimum(0.1 * self.stiffness, 0.5 * frequency * inertia)  # [N m s/rad]
         self.ticks, self.tick, self.action = round(frequency / self.RATE), 0, np.zeros(robot.nu)
