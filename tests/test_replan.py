@@ -360,7 +360,7 @@ class Online:
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of OSQP, which raises none at its users'
 def test_the_example_of_predictive_control_survives_a_push():
     """Its plans leave the soles by some cm for a moment; the fixed plan falls."""
-    mpc = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "mpc.py"))["Mpc"]
+    mpc = runpy.run_path(str(Path(__file__).parents[1] / "examples/planners/mpc.py"))["Mpc"]
     run = ampm.load_run("normal", gait={"steps": 6}, simulation={"time_step": 0.002})
     push = Push("chest", (0.0, -120.0, 0.0), at=2.3, duration=0.1)
     outcomes = [val.walk(run, planner=p, disturbances=[push]).record.outcome for p in (mpc(), "ampm")]
