@@ -51,8 +51,7 @@ def read(path: Path) -> dict[str, Any]:
     scale = _LENGTHS[of["UNITS"]["value"][0]] if points.shape[1] else 1.0
     seen_at = np.arange(points.shape[2]) / file["header"]["points"]["frame_rate"]
     for label, place in zip(of["LABELS"]["value"], points[:3].swapaxes(0, 1), strict=False):
-        at = [np.interp(table["time"], seen_at, scale * values) for values in place]
-        _add(table, label, np.array(at))
+        _add(table, label, np.array([np.interp(table["time"], seen_at, scale * row) for row in place]))
     return table
 
 

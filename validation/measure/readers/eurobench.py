@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
 
-_FILES = {"left": "ftl.csv", "right": "ftr.csv"}
+_FEET = {"left": "ftl", "right": "ftr"}
 
 
 def read_eurobench(folder: str | Path, model: pin.Model, soles: Mapping[str, str]) -> dict[str, Any]:
@@ -25,38 +25,32 @@ def read_eurobench(folder: str | Path, model: pin.Model, soles: Mapping[str, str
     Raises:
         InputError: a file, a column or a frame is missing.
     """
-    try:
-        position = _read(Path(folder) / "pos.csv")
-        time, states = position["time"], np.tile(pin.neutral(model), (len(position["time"]), 1))
-        states[:, :3] = np.column_stack([position[f"base_link_t{axis}"] for axis in "xyz"])
-        turns = np.column_stack([position[f"base_link_r{axis}"] for axis in "zyx"])
-        states[:, 3:7] = Rotation.from_euler("ZYX", turns).as_quat()
-        for name, joint in zip(model.names, model.joints, strict=True):
-            if joint.nq == 1:
-                states[:, joint.idx_q] = position[name]
-        wrenches = {side: _read(Path(folder) / name) for side, name in _FILES.items()}
-        loads = {
-            f"{side}_sensor_{key}_{axis}": np.interp(time, wrench["time"], wrench[f"{key}_{axis}"])
-            for side, wrench in wrenches.items()
-            for key in ("force", "torque")
-            for axis in "xyz"
-        }
-    except KeyError as error:
-        raise InputError(f"{folder} has no column {error.args[0]!r}; give it, or another model.") from None
+    files = {name: _read(Path(folder) / f"{name}.csv") for name in ("pos", *_FEET.values())}
     if missing := [name for name in soles.values() if not model.existFrame(name)]:
         raise InputError(f"the model has no frame {missing[0]!r}; give the names of its soles.")
-    data, places = model.createData(), np.zeros((len(time), 3, 3))
+    table: dict[str, Any] = {"time": (time := files["pos"]["time"])}
+    states = np.tile(pin.neutral(model), (len(time), 1))
+    try:
+        states[:, :3] = np.column_stack([files["pos"][f"base_link_t{axis}"] for axis in "xyz"])
+        turns = np.column_stack([files["pos"][f"base_link_r{axis}"] for axis in "zyx"])
+        states[:, 3:7] = Rotation.from_euler("ZYX", turns).as_quat()
+        for name, joint in list(zip(model.names, model.joints, strict=True))[1:]:  # not the world
+            if joint.nq == 1:
+                states[:, joint.idx_q] = files["pos"][name]
+        for foot, name in _FEET.items():
+            for key in (f"{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz"):
+                table[f"{foot}_sensor_{key}"] = np.interp(time, files[name]["time"], files[name][key])
+    except KeyError as error:
+        raise InputError(f"{folder} has no column {error.args[0]!r}; give it, or another model.") from None
+    data, places = model.createData(), np.zeros((3, len(time), 3))
     for k, state in enumerate(states):
-        places[k, 0] = pin.centerOfMass(model, data, state)
-        for i, side in enumerate(_FILES, start=1):
-            places[k, i] = pin.updateFramePlacement(model, data, model.getFrameId(soles[side])).translation
-    names = ("com", *(f"{side}_sensor" for side in _FILES))
-    table = {
-        f"{name}_{axis}": places[:, i, k] for i, name in enumerate(names) for k, axis in enumerate("xyz")
-    }
-    on_left = loads["left_sensor_force_z"] > loads["right_sensor_force_z"]
-    floor = np.where(on_left, table["left_sensor_z"], table["right_sensor_z"])
-    return {"time": time, "floor": floor, **loads, **table}
+        places[0, k] = pin.centerOfMass(model, data, state)
+        for i, foot in enumerate(_FEET, start=1):
+            places[i, k] = pin.updateFramePlacement(model, data, model.getFrameId(soles[foot])).translation
+    for name, place in zip(("com", *(f"{foot}_sensor" for foot in _FEET)), places, strict=True):
+        table |= {f"{name}_{axis}": column for axis, column in zip("xyz", place.T, strict=True)}
+    on_left = table["left_sensor_force_z"] > table["right_sensor_force_z"]
+    return {**table, "floor": np.where(on_left, table["left_sensor_z"], table["right_sensor_z"])}
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -44,10 +44,9 @@ def read(path: Path) -> dict[str, Any]:
     table: dict[str, Any] = {"time": clock}
     for topic, values in rows.items():
         order = np.argsort(times[topic], kind="stable")
-        at = np.array(times[topic])[order]
         for name in values[0]:
             column = np.array([row.get(name, np.nan) for row in values])[order]
-            table[name] = np.interp(clock, at, column, left=np.nan, right=np.nan)
+            table[name] = np.interp(clock, np.sort(times[topic]), column, left=np.nan, right=np.nan)
     return table
 
 
