@@ -135,6 +135,11 @@ class BodyDescription:
         """Joints of both arms, left first, and of the head."""
         return (*self.left_arm, *self.right_arm, *self.head)
 
+    @property
+    def has_arms(self) -> bool:
+        """Whether arms can balance the swing of the legs."""
+        return bool(self.left_arm)
+
     def sole_points(self) -> Iterator[tuple[int, str, str]]:
         """Yield (foot index, group, site name) of all sole points: left foot first, heel, ball, tip."""
         for foot, leg in enumerate(self.legs):

@@ -36,6 +36,8 @@ GRAVITY = 9.81
 """Gravitational acceleration of the paper [m/s^2]."""
 HUMAN = "human"
 """Name of the default body, which has any stature and mass."""
+NO_PLAN = "none"
+"""Planner of a walk without a plan: the body begins standing, and is asked for a velocity."""
 
 
 class GaitParameters(Section, section="gait"):
@@ -46,7 +48,8 @@ class GaitParameters(Section, section="gait"):
         "makes the plan: ampm, the paper's pendulum, continuous up to the acceleration; lipm, the plain "
         "inverted pendulum at the same switching velocity (ZMP fixed under the foot, no moment, double "
         "support at constant velocity; a_s, c_s and c_y play no part); ipm (the same pendulum), preview or "
-        "dcm, with the AMPM's footsteps and times; a table FILE.csv or FILE.parquet; or MODULE:CLASS",
+        "dcm, with the AMPM's footsteps and times; a table FILE.csv or FILE.parquet; MODULE:CLASS; or none, "
+        "for a controller that walks by itself",
         min_length=1,
     )
     com_height: Open = parameter(0.865, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
@@ -79,6 +82,20 @@ class PlannerParameters(Section, section="planner"):
     """What a planner of a user's own takes; its name is ``gait.planner``."""
 
     options: Options = options_of("planner", "gait.planner")
+
+
+class CommandParameters(Section, section="command"):
+    """Velocity that a walk without a plan (``gait.planner = none``) is asked for."""
+
+    vx: Real = parameter(0.0, "velocity forward, in the heading of the body", "m/s", ge=-10, le=10)
+    vy: Real = parameter(0.0, "velocity to the left, in the heading of the body", "m/s", ge=-10, le=10)
+    wz: Real = parameter(0.0, "rate of the heading, to the left positive", "rad/s", ge=-10, le=10)
+    settling: Real = parameter(1.0, "time before the command, in which it is zero", "s", ge=0, le=100)
+    duration: Real = parameter(10.0, "duration of the trial, settling included", "s", gt=0, le=1e4)
+
+    def at(self, time: float) -> tuple[float, float, float]:
+        """Command (vx, vy, wz) at a time [s], [m/s, m/s, rad/s]."""
+        return (self.vx, self.vy, self.wz) if time >= self.settling else (0.0, 0.0, 0.0)
 
 
 class BodyParameters(Section, section="body"):
@@ -230,6 +247,9 @@ class RunParameters(Described, Section):
     planner: PlannerParameters = Field(
         default_factory=PlannerParameters, exclude_if=lambda planner: not planner.options
     )
+    command: CommandParameters = Field(
+        default_factory=CommandParameters, exclude_if=lambda command: command == CommandParameters()
+    )
     body: BodyParameters = Field(default_factory=BodyParameters)
     foot: FootParameters = Field(default_factory=FootParameters)
     contact: ContactParameters = Field(default_factory=ContactParameters)
@@ -282,6 +302,13 @@ class RunParameters(Described, Section):
                 value=contact.impedance_min,
                 way_out="exchange them",
             )
+        if not self.command.settling < self.command.duration:
+            raise InputError(
+                f"command.duration = {self.command.duration:g} s must be longer than command.settling = "
+                f"{self.command.settling:g} s; raise it.",
+                key="command.duration",
+                value=self.command.duration,
+            )
         self.disturbance.ticks_late(self.controller.frequency)
         self.sensors.steps_late(self.simulation.time_step)
         self.sensors.ticks_per_fix(self.controller.frequency)
@@ -321,6 +348,7 @@ class RunParameters(Described, Section):
             (key, str(value), unit, f"(default {default})") for key, value, unit, default in self._changes()
         ]
         way = f"over {len(self.footsteps)} footsteps" if self.footsteps else f"of {self.gait.steps} steps"
+        way = f"for {self.command.duration:g} s" if self.gait.planner == NO_PLAN else way
         names = f"planner {self.gait.planner}, body {self.body.source}, controller {self.controller.name}"
         return f"run {way}: {names}", rows or [("all values are the defaults",)]
 

@@ -14,12 +14,13 @@ from ampm.body.feasibility import check_body
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
 from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
-from ampm.parameters import GRAVITY, RunParameters
-from ampm.planner.centroidal import CentroidalPlan
-from ampm.planner.contacts import TIME_TOLERANCE, Contacts, Footstep
+from ampm.parameters import GRAVITY, NO_PLAN, RunParameters
+from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
+from ampm.planner.contacts import TIME_TOLERANCE, Contacts, Footstep, Phase
+from ampm.planner.feet import FeetPlan, FootPath
 from ampm.planner.footstep_walk import plan_footstep_walk, stops, with_feet
 from ampm.planner.replan import LiveWalk, joined
-from ampm.planner.sampled import NO_CONSTANTS, sampled_plan
+from ampm.planner.sampled import NO_CONSTANTS, SampledLaw, sampled_plan
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
@@ -205,7 +206,7 @@ class TablePlanner:
     """
 
     plans_footsteps = False
-    gives_steps = True
+    gait_keys = ("gait.com_height",)
 
     def __init__(self, table: Mapping[str, Any], name: str = "table") -> None:
         if isinstance(table, str | Path):
@@ -220,6 +221,57 @@ class TablePlanner:
             BodilyRefusal: the body cannot walk it.
         """
         return make_plan(run, robot, **table_motion(self.table))
+
+
+class StandingPlanner:
+    """A body that stands, upright on both feet, for a walk without a plan (``gait.planner = none``).
+
+    Args:
+        com_height: of the COM [m]; 0: lower than with straight legs by 3 % of the height of the hips.
+    """
+
+    plans_footsteps = False
+    checked = True
+    gait_keys = ()
+    name = NO_PLAN
+
+    def __init__(self, com_height: float = 0.0) -> None:
+        self.com_height = com_height
+
+    def plan(self, run: RunParameters, robot: Robot) -> WalkPlan:
+        """Stand for the duration of the command, the COM over the middle of the feet.
+
+        Raises:
+            BodilyRefusal: the body cannot stand.
+        """
+        # Imported here, as the inverse kinematics is compiled.
+        from ampm.body.constant_posture import ConstantPosture
+        from ampm.body.inverse_kinematics import InverseKinematics
+
+        q, duration, sole = pin.neutral(robot.model), run.command.duration, robot.description.sole
+        q[7:] = InverseKinematics(robot, run).rest
+        q[robot.knee_joints + 1] = robot.straight_knees
+        straight = robot.jacobian(q)
+        height = straight.com[2] - straight.sole[:, 2].min() - 0.03 * robot.description.hip_height
+        half = 0.5 * float(straight.sole[0, 1] - straight.sole[1, 1])
+        left, right = Footstep("left", (0.0, half, 0.0)), Footstep("right", (0.0, -half, 0.0))
+        still = SampledLaw(np.array([0.0, duration]), *np.zeros((5, 2)))
+        steps = StepPlan(
+            mass=robot.mass,
+            gravity=robot.gravity,
+            com_height=float(self.com_height or height),
+            switching_velocity=0.0,
+            contacts=Contacts((left, right), (Phase(0.0, duration, left, right),)),
+            phases=(CentroidalPhase(0.0, duration, (0.0, 0.0), still, still, (0.0, 0.0)),),
+            constants=NO_CONSTANTS,
+            feet=FeetPlan(sole, FootPath.still(sole, left), FootPath.still(sole, right), duration),
+        )
+        try:
+            posture = ConstantPosture(steps, run, robot, [(0.0, math.inf)])
+        except BodilyRefusal as refusal:
+            refusal.way_out = "lower planner.options.com_height, or leave it out"
+            raise
+        return WalkPlan.of(steps, posture=posture, command=run.command)
 
 
 SPREAD_ARMS = 0.25

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ampm.geometry import Array
-from ampm.parameters import RunParameters
+from ampm.parameters import CommandParameters, RunParameters
 from ampm.planner.centroidal import PlanSample
 from ampm.planner.feet import FeetPlan, FootSample, foot_turning
 from ampm.planner.support import StepPlan
@@ -67,9 +67,11 @@ class WalkPlan(StepPlan):
 
     Attributes:
         posture: motion of the rest of the body.
+        command: velocity that the walk is asked for, where the plan only stands and is not to be followed.
     """
 
     posture: Posture
+    command: CommandParameters | None = None
 
     @property
     def judged_from(self) -> float:
@@ -147,7 +149,8 @@ class Planner(Protocol):
             comes as it is.
         checked: True if no plan that it makes needs to be checked.
         plans_footsteps: False if a run with footsteps is to be refused.
-        gives_steps: True if it uses no key of the section ``gait`` but ``com_height``.
+        gait_keys: keys that it uses of the section ``gait``, if not all; without ``gait.steps`` among them it
+            may plan any number of steps.
     """
 
     def plan(self, run: RunParameters, robot: Any) -> WalkPlan:

@@ -23,6 +23,7 @@ from models.source import MASSLESS
 from models.tree import Tree
 
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
+_LEAST_JOINTS = 6  # of a leg
 _THIN = 0.005  # least half axis of a segment's shape [m]
 _OURS = frozenset(
     {"root", "imu", "universe", *(f"{side}_sole" for side in scene.SIDES)}
@@ -80,13 +81,25 @@ class Writer:
         left, right = (self._path(foot) for foot in feet)
         shared = [k for k in left if k in right]
         self.legs: list[_Leg] = []
-        for foot, name, side in zip(feet, file.sided(file.knee), file.sides, strict=True):
+        for foot, other, name, side in zip(
+            feet, (right, left), file.sided(file.knee), scene.SIDES, strict=True
+        ):
             knee = tree.joint(name, "knee")
             joints = [k for k in self._path(foot) if k not in shared]
-            if knee not in joints[1:-1]:
+            if len(joints) < _LEAST_JOINTS:
                 raise InputError(
-                    f"the knee {name!r} is not amid the joints from root to the {side} foot; correct knee, "
-                    "foot or sides in the body's description.",
+                    f"the {side} leg has {len(joints)} hinges ({', '.join(self._named(joints))}), which "
+                    f"cannot hold a sole flat: that takes {_LEAST_JOINTS}; take another model, or correct "
+                    "foot or lock in the body's description.",
+                    key="body.foot",
+                )
+            if knee not in joints[1:-1]:
+                where = f"is a joint of the other leg than the {side} foot {tree.segments[foot].name!r}"
+                if knee not in other or knee in shared:
+                    names = ", ".join(self._named(joints))
+                    where = f"is not amid the joints from root to the {side} foot ({names})"
+                raise InputError(
+                    f"the knee {name!r} {where}; correct knee, foot or sides in the body's description.",
                     key="body.knee",
                 )
             at = joints.index(knee)
@@ -127,9 +140,10 @@ class Writer:
     def _add_leg(self, leg: _Leg, side: str, sole: SoleGeometry, foot: Element) -> LegDescription:
         """Write the sole of a leg into its foot, and describe the leg."""
         outline, sign = self.file.sole, 1.0 if side == "left" else -1.0
-        origin = np.array([outline.reference, sign * outline.middle, outline.bottom])
+        turn = self._sole_turn()
+        origin = turn @ np.array([outline.reference, sign * outline.middle, outline.bottom])
         origin += self.tree.foot_offset * (1.0, sign, 1.0)
-        add(foot, "site", name=f"{side}_sole", pos=origin)
+        add(foot, "site", name=f"{side}_sole", pos=origin, quat=scene.quaternion(turn))
         straight, _ = self._straight(leg)
         joint = self.tree.hinges[leg.knee]
         bends = 1.0 if joint.high - straight > straight - joint.low else -1.0
@@ -145,10 +159,15 @@ class Writer:
             ankle=self._named(leg.ankle),
             foot_segment=self.names[leg.foot],
             sole_frame=f"{side}_sole",
-            sole_points=scene.add_sole_points(side, sole, [(foot, origin)] * 2),
+            sole_points=scene.add_sole_points(side, sole, [(foot, origin)] * 2, turn),
             straight_knee=straight,
             knee_sign=bends,
         )
+
+    def _sole_turn(self) -> Array:
+        """Rotation of both soles to world with all joints at 0, shape (3, 3)."""
+        c, s = math.cos(self.file.sole.pitch), math.sin(self.file.sole.pitch)
+        return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
     def _foot(self) -> Array:
         """Origin of the left foot, shape (3,) [m]."""
@@ -157,7 +176,8 @@ class Writer:
     def _sole(self) -> SoleGeometry:
         """Outline of the sole from its reference point."""
         outline, leg = self.file.sole, self.legs[0]
-        hip, ankle, foot = self._along(leg.hip, 1), self._along(leg.ankle, 1), self._foot()
+        hip, ankle = self._along(leg.hip, 1), self._along(leg.ankle, 1)
+        under = (ankle - self._foot()) @ self._sole_turn()  # of the ankle, in the sole's axes
         sole = SoleGeometry(
             heel_x=outline.heel - outline.reference,
             ball_x=outline.front - outline.reference,
@@ -165,8 +185,8 @@ class Writer:
             heel_half_width=outline.heel_half_width,
             ball_half_width=outline.front_half_width,
             tip_half_width=outline.front_half_width,
-            ankle_x=float(ankle[0] - foot[0]) - outline.reference,
-            ankle_height=float(ankle[2]) - (float(foot[2]) + outline.bottom),
+            ankle_x=float(under[0]) - outline.reference,
+            ankle_height=float(under[2]) - outline.bottom,
         )
         longest, length = max(sole.length, 2.0 * sole.half_width, sole.ankle_height), float(hip[2] - ankle[2])
         if not outline.heel < outline.front:
@@ -200,7 +220,7 @@ class Writer:
             segment.inertial.mass * float(segment.place[2] + segment.inertial.com[2])
             for segment in tree.segments
         )
-        floor = float(self._foot()[2]) + self.file.sole.bottom
+        floor = float(self._along(self.legs[0].ankle, 1)[2]) - sole.ankle_height
         com_height, hip_height = com_z / mass - floor, float(self._along(hip, 1)[2]) - floor
         height = com_height / (table.HIP_HEIGHT + table.COM_OVER_HIP)
         model, root = scene.new_scene("body", self.names[0], height, contact, simulation)
@@ -287,16 +307,18 @@ class Writer:
                 wrong.append(segment.name)
         weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]
         loose = [hinges[k].name for k in of_legs if not math.isfinite(hinges[k].high - hinges[k].low)]
-        short = [side for side, leg in zip(scene.SIDES, self.legs, strict=True) if len(leg.joints) < 6]
         for names, what, way_out in (
             (below, "joints below a foot", "weld them with lock"),
             (resting, "joints of a leg in rest", "leave them out, as legs follow the gait"),
             (outside, "angles at rest outside of their range", "correct them"),
-            (light, "moving segments without mass", "weld their joints with lock"),
+            (
+                light,
+                "moving segments without mass",
+                "give them mass in the model, or weld their joints with lock",
+            ),
             (wrong, "segments with moments of inertia of 0 or too large", "give radii with [body.gyration]"),
             (weak, "joints without a torque limit", "give it with [body.effort]"),
             (loose, "joints of a leg without a range", "give it with [body.range]"),
-            (short, "legs of less than six joints, which cannot hold a sole flat", "take another model"),
         ):
             if names:
                 raise InputError(f"the body has {what}: {', '.join(names)}; {way_out}.")

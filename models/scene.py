@@ -145,7 +145,7 @@ def fill(segment: Element, pos: Any, inertial: Inertial) -> Element:
 
 
 def add_sole_points(
-    side: str, sole: SoleGeometry, segments: Sequence[tuple[Element, Any]]
+    side: str, sole: SoleGeometry, segments: Sequence[tuple[Element, Any]], turn: Array | None = None
 ) -> tuple[str, ...]:
     """Points that touch the floor, and their sites; their names.
 
@@ -154,14 +154,16 @@ def add_sole_points(
         sole: its outline.
         segments: for heel, ball and, with toes, tip the segment that has the points, and the place of the
             reference point in its axes, shape (3,) [m].
+        turn: rotation of the sole to their axes, shape (3, 3); by default none.
     """
     points = []
+    turn = np.eye(3) if turn is None else turn
     for group, (segment, origin) in zip(SOLE_POINT_GROUPS, segments, strict=False):
         x, half_width = getattr(sole, f"{group}_x"), getattr(sole, f"{group}_half_width")
         for edge, sign in (("left", 1.0), ("right", -1.0)):
             name = f"{side}_{group}_{edge}"
-            pos = origin + np.array([x, sign * half_width, 0.0])
-            centre = pos + np.array([0.0, 0.0, SOLE_POINT_RADIUS])
+            pos = origin + turn @ np.array([x, sign * half_width, 0.0])
+            centre = pos + turn @ np.array([0.0, 0.0, SOLE_POINT_RADIUS])
             add(segment, "site", name=name, pos=pos)
             add(segment, "geom", name=name, class_="point", pos=centre)
             points.append(name)

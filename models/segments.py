@@ -109,10 +109,10 @@ def _images(segments: Sequence[Segment], near: float) -> tuple[list[int], float]
     least = gaps[np.arange(len(hinges)), images]
     lonely = (least > near) | (images[images] != np.arange(len(hinges)))
     if lonely.any():
-        names = ", ".join(hinges[k].name for k in np.flatnonzero(lonely))
+        names = [hinges[k].name for k in np.flatnonzero(lonely)]
         raise InputError(
-            f"no mirror image within {near:.3g} m of the joints {names}; a periodic walk needs a symmetric "
-            "body: correct the model, or lock the joints of both sides."
+            f"no mirror image within {near:.3g} m of the joints {', '.join(names)}; a periodic walk needs a "
+            f"symmetric body: correct the model, or add lock = {names} to the body's description."
         )
     return images.tolist(), float(least.max())
 

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import coal
 import mujoco
@@ -57,6 +57,7 @@ class SoleSection(Section, section="sole"):
     front_half_width: Real = Field(description="half the distance of the front's two points [m]", gt=0)
     middle: Real = Field(0.0, description="y of the middle of the left sole [m]")
     reference: Real = Field(0.0, description="x of the reference point, from which the plan measures [m]")
+    pitch: Real = Field(0.0, description="angle from the foot to its level sole, with all joints at 0 [rad]")
 
 
 class BodyFile(Section, section="body"):
@@ -65,7 +66,10 @@ class BodyFile(Section, section="body"):
     source: str = Field(description="MJCF or URDF file, or PACKAGE:FILE of an installed package")
     root: str = Field(description="segment that moves freely")
     trunk: str = Field(description="segment whose pitch is the lean of the trunk")
-    sides: Names = Field(description="words for left and right in names", min_length=2, max_length=2)
+    up: Literal["x", "y", "z"] = Field("z", description="axis of the model that points upwards")
+    sides: Names = Field(
+        ("left", "right"), description="words for left and right in names", min_length=2, max_length=2
+    )
     foot: Sided = Field(description="segment of a foot, with {side} or {Side}; or those of left and right")
     knee: Sided = Field(description="joint of a knee, with {side} or {Side}; or those of left and right")
     sole: SoleSection = Field(description="outline of a sole")
@@ -118,7 +122,7 @@ def body_path(source: str) -> Path:
     path = Path(source)
     if path.suffix in (".urdf", ".xml"):
         raise InputError(
-            f"{source!r} is a model; give its description, a TOML file that names it as source.",
+            f"{source!r} is a model; give its description, which 'ampm body new {source} FILE.toml' writes.",
             key="body.source",
             value=source,
         )
@@ -186,6 +190,8 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
         else:
             spec = mujoco.MjSpec.from_file(str(path))
             _drop_missing_meshes(spec)
+            for pair in list(spec.pairs):  # only soles collide, and some name the floor of another file
+                spec.delete(pair)
         for mesh in spec.meshes:
             mesh.maxhullvert = _HULL_POINTS
             if mesh.file.lower().endswith(_CONVERTED):

@@ -37,26 +37,26 @@ _SMALL = 0.5  # extent of what collides over that of what is drawn: less are poi
 _DIGITS = 5  # of the points of a hull [m]
 
 
+def at_zero(model: mujoco.MjModel) -> mujoco.MjData:
+    """Places of a model with all hinges at 0."""
+    data = mujoco.MjData(model)
+    data.qpos[model.jnt_qposadr[model.jnt_type == _HINGE]] = 0.0
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
 class Tree:
     """The segments of a compiled source."""
 
     def __init__(self, file: BodyFile, model: mujoco.MjModel, speeds: Mapping[str, float]) -> None:
         self.file, self.model, self.speeds = file, model, speeds
         self._check_source()
-        self.efforts = _motor_limits(model)
+        self.efforts = motor_limits(model)
         root = self.body(file.root, "root")
         self.feet = [self.body(name, "foot") for name in file.sided(file.foot)]
-        self.data = mujoco.MjData(model)
-        mujoco.mj_resetData(model, self.data)
-        self.data.qpos[model.jnt_qposadr[model.jnt_type == _HINGE]] = 0.0
-        mujoco.mj_kinematics(model, self.data)
-        left, right = self.data.xpos[self.feet]
-        distance = math.hypot(*(left - right)[:2])
-        if not distance > 0.0:
-            raise InputError("both feet are at one place; correct foot and sides in the body's description.")
-        x, y = (left - right)[:2] / distance
-        self.align = np.array([[y, -x, 0.0], [x, y, 0.0], [0.0, 0.0, 1.0]])  # left foot towards +y
+        self.data = at_zero(model)
         self.origin = self.data.xpos[root]
+        self.align = self._axes()
         self.segments: list[Segment] = []
         self.of_body: dict[int, int] = {}
         self._read(root, -1)
@@ -79,6 +79,24 @@ class Tree:
                 self.joint(name, role)
         self.images, self.signs, self.findings = symmetrise(self.segments)
 
+    def _axes(self) -> Array:
+        """Forward, left and up as rows: the left foot is towards +y, shape (3, 3)."""
+        file, (left, right) = self.file, self.data.xpos[self.feet]
+        way = np.abs(0.5 * (left + right) - self.origin)
+        if way.max() > way["xyz".index(file.up)]:
+            axis = "xyz"[int(way.argmax())]
+            raise InputError(
+                f"the feet are {way.max():.3g} m from the root along {axis}, so {axis} points up; add up = "
+                f"{axis!r} to the body's description, or correct root.",
+                key="body.up",
+            )
+        up = np.eye(3)["xyz".index(file.up)]
+        across = left - right - ((left - right) @ up) * up
+        if not (distance := math.hypot(*across)) > 0.0:
+            raise InputError("both feet are at one place; correct foot and sides in the body's description.")
+        across /= distance
+        return np.stack([np.cross(across, up), across, up])
+
     def _check_source(self) -> None:
         """Refuse forces and couplings that a body cannot have, and patterns that match nothing."""
         model = self.model
@@ -86,7 +104,7 @@ class Tree:
             raise InputError(
                 f"the model has {', '.join(forces)}, which a body cannot have; remove them from it."
             )
-        if coupled := self._coupled():
+        if coupled := sorted(name for name in coupled_joints(model) if not self._is_locked(name)):
             raise InputError(
                 f"the model has closed loops or coupled joints ({', '.join(coupled)}); lock these "
                 "joints or remove them."
@@ -102,18 +120,6 @@ class Tree:
                         f"{', '.join(names)}.",
                         key=f"body.{key}",
                     )
-
-    def _coupled(self) -> list[str]:
-        """What equalities of the source couple, unless these are joints that are all locked."""
-        model, names = self.model, set[str]()
-        for k in np.flatnonzero(model.eq_active0).tolist():
-            if model.eq_type[k] != mujoco.mjtEq.mjEQ_JOINT:
-                names.add(f"equality {model.equality(k).name}".rstrip())
-                continue
-            ends = {model.joint(end).name for end in (model.eq_obj1id[k], model.eq_obj2id[k]) if end >= 0}
-            if not all(map(self._is_locked, ends)):
-                names |= ends
-        return sorted(names)
 
     def _is_locked(self, joint: str) -> bool:
         return any(pattern.fullmatch(joint) for pattern in self.file.lock)
@@ -232,7 +238,17 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
     return np.asarray(np.round(model.mesh_vert[points], _DIGITS), dtype=np.float64)
 
 
-def _motor_limits(model: mujoco.MjModel) -> dict[int, float]:
+def coupled_joints(model: mujoco.MjModel) -> set[str]:
+    """Joints that equalities of a source couple, and those of its equalities that couple anything else."""
+    names = set[str]()
+    for k in np.flatnonzero(model.eq_active0).tolist():
+        ends = {model.joint(end).name for end in (model.eq_obj1id[k], model.eq_obj2id[k]) if end >= 0}
+        other = model.eq_type[k] != mujoco.mjtEq.mjEQ_JOINT
+        names |= {f"equality {model.equality(k).name}".rstrip()} if other else ends
+    return names
+
+
+def motor_limits(model: mujoco.MjModel) -> dict[int, float]:
     """Largest torque of the driven joints by number [N m]; infinite if it is not limited."""
     limits: dict[int, float] = {}
     for i in range(model.nu):

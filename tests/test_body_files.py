@@ -89,6 +89,115 @@ def test_a_file_that_is_no_description_is_refused(tmp_path: Path) -> None:
         load(write(tmp_path, toml="body = 3"))
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "knee =",
+            'lock = ["._hip_(yaw|roll)"]\nknee =',
+            r"the left leg has 4 hinges \(l_hip_pitch, .*\), which cannot hold a sole flat: that takes 6",
+        ),
+        (
+            '"{side}_knee"',
+            '["r_knee", "l_knee"]',
+            "the knee 'r_knee' is a joint of the other leg than the left",
+        ),
+        (
+            '"{side}_knee"',
+            '"{side}_ankle_roll"',
+            r"the knee 'l_ankle_roll' is not amid .* foot \(l_hip_yaw, l",
+        ),
+        (
+            'root = "pelvis"',
+            'root = "nope"',
+            "unknown segment for root 'nope'; known are pelvis, waist_a, waist_b, chest",
+        ),
+    ],
+)
+def test_a_refusal_names_the_cause(old: str, new: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message):
+        load(write(tmp_path, toml=TOML.replace(old, new)))
+
+
+def test_a_joint_off_the_middle_is_named_as_one_to_lock(tmp_path: Path) -> None:
+    urdf = with_neck(URDF).replace('xyz="0 0 0.45"', 'xyz="0 0.1 0.45"')
+    with pytest.raises(InputError, match=r"of the joints neck; .* or add lock = \['neck'\] to the body's"):
+        load(write(tmp_path, urdf))
+
+
+def test_a_model_with_y_upwards_says_so(tmp_path: Path) -> None:
+    turn = (
+        '<link name="base"/><joint name="turn" type="fixed"><parent link="base"/><child link="pelvis"/>'
+        '<origin xyz="0 0 0" rpy="-1.5707963267948966 0 0"/></joint></robot>'
+    )
+    urdf = URDF.replace("</robot>", turn)
+    with pytest.raises(
+        InputError, match=r"from the root along y, so y points up; add up = 'y' to the body's"
+    ):
+        load(write(tmp_path, urdf))
+    found = load(write(tmp_path, urdf, TOML.replace("knee =", 'up = "y"\nknee ='))).description
+    own = load(EXAMPLES / "biped.toml").description
+    assert found.left_leg == own.left_leg
+    assert (found.hip_height, found.com_over_hip) == pytest.approx((own.hip_height, own.com_over_hip))
+
+
+def test_contact_pairs_with_the_floor_of_another_file_are_left_out(tmp_path: Path) -> None:
+    source = source_path(read_body_file(body_path("suite-humanoid")).source, tmp_path)
+    spec = mujoco.MjSpec.from_file(str(source))
+    pair = '<contact><pair geom1="left_left_foot" geom2="floor_of_the_scene"/></contact></mujoco>'
+    (tmp_path / "model.xml").write_text(spec.to_xml().replace("</mujoco>", pair), "utf-8")
+    assert compiled_source(tmp_path / "model.xml")[0].npair == 0
+
+
+BOX_FEET = '<collision><origin xyz="0.03 0 -0.05" rpy="0 {} 0"/><geometry><box size="0.2 0.09 0.04"/></geometry></collision>'  # noqa: E501
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.15])
+def test_a_description_is_proposed_from_a_model(pitch: float, tmp_path: Path, ampm) -> None:
+    urdf = URDF
+    for side in "lr":
+        link = f'<link name="{side}_foot">'
+        urdf = urdf.replace(link, link + BOX_FEET.format(pitch))
+    urdf = with_neck(urdf, '<mimic joint="waist_yaw"/><limit')
+    (tmp_path / "biped.urdf").write_text(urdf, encoding="utf-8")
+    path = tmp_path / "new.toml"
+    assert ampm("body", "new", tmp_path / "biped.urdf", path).status == 0
+    file = read_body_file(path)
+    assert (file.source, file.root, file.trunk) == ("biped.urdf", "pelvis", "chest")
+    assert (file.foot, file.knee) == (("l_foot", "r_foot"), ("l_knee", "r_knee"))
+    assert [pattern.pattern for pattern in file.lock] == ["waist_yaw", "neck"]
+    assert file.sole.pitch == pytest.approx(pitch, abs=1e-3)
+    assert file.sole.front - file.sole.heel == pytest.approx(0.2, abs=1e-3)
+    assert file.sole.heel_half_width == file.sole.front_half_width == pytest.approx(0.045, abs=1e-3)
+    body = load(path)
+    model = body.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    turn = data.site("left_sole").xmat.reshape(3, 3)
+    np.testing.assert_allclose(turn[:, 2], [np.sin(pitch), 0.0, np.cos(pitch)], atol=1e-3)
+    # The sole's points are the corners of the box's lower side.
+    foot, normal = data.body("l_foot").xpos, turn[:, 2]
+    for name in body.description.left_leg.sole_points:
+        assert (data.site(name).xpos - foot - [0.03, 0, -0.05]) @ normal == pytest.approx(-0.02, abs=1e-3)
+    again = ampm("body", "new", tmp_path / "biped.urdf", path)
+    assert again.status == 2
+    assert "File exists" in again.err
+
+
+def test_a_proposal_says_what_is_to_be_filled_in(tmp_path: Path, ampm) -> None:
+    answer = ampm("body", "new", EXAMPLES / "biped.urdf", tmp_path / "new.toml")
+    assert "Fill in [body.sole]: heel, front" in answer.out
+    with pytest.raises(InputError, match=r"body\.sole is missing"):
+        load(tmp_path / "new.toml")
+    alone = '<robot name="arm"><link name="one"/><link name="two"/>' + HINGE.format(
+        "j", "one", "two", "0 0 1"
+    )
+    (tmp_path / "arm.urdf").write_text(f"{alone}</robot>", encoding="utf-8")
+    answer = ampm("body", "new", tmp_path / "arm.urdf", tmp_path / "arm.toml")
+    assert answer.status == 2
+    assert "no two chains" in answer.err
+
+
 def test_a_knee_that_bends_forward_is_corrected_by_its_range(tmp_path: Path) -> None:
     urdf = replaced('lower="0" upper="2.4"', 'lower="-2.4" upper="0"')(URDF)
     with pytest.raises(InputError, match=r"bends forward; .* now -2.4 to 0 rad, with \[body.range\]"):

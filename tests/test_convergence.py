@@ -92,7 +92,7 @@ def test_every_metric_has_order_limit_and_uncertainty_or_a_reason(result):
     (table,) = result.tables()
     rows = {row[0]: row for row in table.rows}
     unit = ("mm", "pass", "1.05", "1.00", "1", "0")
-    assert rows["ZMP, RMS error along x"] == ("ZMP, RMS error along x", "1.4 ± 0.5", "2.5", *unit)
+    assert rows["ZMP, RMS error along x"] == ("ZMP, RMS error along x", "1.40 ± 0.50", "2.5", *unit)
     assert rows["unsolved QPs"][6] == "exact"
 
 

@@ -36,7 +36,7 @@ PAGES = [
     *sorted((ROOT / "docs/howto").glob("*.md")),
 ]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
-LONGEST = {"capture": 120, "mpc": 150, "tour": 120}
+LONGEST = {"07_policy": 120, "capture": 120, "mpc": 150, "tour": 120}
 """Lines of the examples that may have more than 60."""
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(r"^    (ampm (?:.+\\\n)*.+)$", re.MULTILINE)
@@ -127,7 +127,7 @@ def test_commands_run(page, tmp_path):
     [
         pytest.param(
             path,
-            marks=[pytest.mark.slow] if "sweep" in path.stem or path.stem in ("capture", "mpc") else [],
+            marks=[pytest.mark.slow] if path.stem in ("05_sweep", "07_policy", "capture", "mpc") else [],
             id=path.stem,
         )
         for path in EXAMPLES

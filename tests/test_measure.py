@@ -6,16 +6,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.exceptions import BodilyRefusal, InputError
-from ampm.parameters import RunParameters
-from models.human import build
+import validation as val
+from ampm.exceptions import InputError
+from ampm.run_file import load_run
 from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, pinocchio_model, simulate, swinging, to_pinocchio
 from tests.walk import without_point
 from validation.judge.built_in import rms
 from validation.measure.measure import measure
-from validation.run.standing import stand
 from validation.trial import bridge
-from validation.trial.plan import Body
 
 WEIGHT = (MASS + ARM_MASS) * GRAVITY
 
@@ -153,14 +151,9 @@ def test_a_long_record_is_measured_in_few_blocks(swing):
     assert len(blocks) <= sum(blocks) / 1000.0
 
 
-RUN = RunParameters()
-
-
 def test_a_still_body_presses_with_its_weight_under_its_com():
-    body = build(RUN.body, RUN.contact, RUN.simulation)
-    model = bridge.pinocchio_model(body.compile())
-    record = stand(RUN, Body.of(body), 2.0)
-    measured = measure(record, model, bridge.to_pinocchio)
+    trial = val.walk(load_run(gait={"planner": "none"}, command={"duration": 2.0}))
+    record, measured, model = trial.record, trial.measured, trial.planned.body.robot.model
     rest = measured.time >= 1.5
     force = measured.force[rest].mean(axis=0)
     np.testing.assert_allclose(force, [0.0, 0.0, measured.weight], rtol=0.0, atol=1e-7 * measured.weight)
@@ -171,9 +164,3 @@ def test_a_still_body_presses_with_its_weight_under_its_com():
     scaled = measure(replace(record, point_force=1.001 * record.point_force), model, bridge.to_pinocchio)
     residual = scaled.self_checks.impulse_residual - measured.self_checks.impulse_residual
     assert residual == pytest.approx(0.001, rel=1e-3)
-
-
-def test_a_com_that_is_too_high_is_refused():
-    run = RUN.replace({"gait.com_height": 1.2})
-    with pytest.raises(BodilyRefusal, match=r"1\.2 m; lower gait\.com_height"):
-        stand(run, Body.of(build(run.body, run.contact, run.simulation)), 1.0)

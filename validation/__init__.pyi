@@ -4,7 +4,10 @@ from validation.judge.metrics import Metric as Metric
 from validation.judge.metrics import register as register
 from validation.judge.metrics import unregister as unregister
 from validation.judge.uncertainty import load_uncertainty as load_uncertainty
+from validation.measure.readers.eurobench import read_eurobench as read_eurobench
 from validation.progress import Progress as Progress
+from validation.run.fit import Fit as Fit
+from validation.run.fit import fit_log as fit_log
 from validation.run.judge_log import judge_log as judge_log
 from validation.run.judge_log import judge_run as judge_run
 from validation.run.replay import replay as replay

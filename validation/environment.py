@@ -22,7 +22,7 @@ from dm_env import specs
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from ampm.parameters import RunParameters
+from ampm.parameters import NO_PLAN, RunParameters
 from ampm.walk import ControlOutput
 from validation.judge.metrics import METRICS
 from validation.judge.profiles import DEFAULT, Profile
@@ -86,6 +86,8 @@ def load(
     request = load_request(source, body=body, sections=sections)
     if isinstance(profile, str):
         profile = named_profile(profile)
+    if request.run.gait.planner == NO_PLAN:
+        raise InputError("the reward of an environment is the agreement with a plan; leave out planner none.")
     held = request.run.replace({"controller.hold": "zero-order"})
     physics = WalkPhysics(plan_walk(replace(request, run=held)), disturbances)
     task = FollowPlan(physics, profile, np.random.RandomState(seed), random_start=random_start)

@@ -4,6 +4,7 @@
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ampm.brief import Brief
 from ampm.description import SoleGeometry
 from ampm.geometry import Array
-from ampm.planner.contacts import times_within
+from ampm.planner.contacts import Footstep, times_within
 
 HEEL, BALL, TIP = 0, 1, 2
 """Columns of :attr:`FootSample.contact`."""
@@ -55,13 +56,21 @@ class FootPath:
     start: Array  # start of every segment, ascending, shape (K,) [s]
     pivot: NDArray[np.int8]  # which point the path is written for, heel or ball, shape (K,)
     contact: NDArray[np.bool_]  # heel, ball, tip in contact, shape (K, 3), bool
-    # coefficients of the pivot's x, y, z, of pitch, toe angle and heading, lowest order first, shape (K, 6,
-    # order) [m/s^k, rad/s^k]
+    # coefficients of the pivot's x, y, z, of pitch, toe angle and heading, lowest order first,
+    # shape (K, 6, order) [m/s^k, rad/s^k]
     curve: Array
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
             value.setflags(write=False)
+
+    @classmethod
+    def still(cls, sole: SoleGeometry, footstep: Footstep) -> Self:
+        """A foot that stays flat on a footstep along x."""
+        x, y, z = footstep.position
+        curve = np.array([x + sole.heel_x, y, z, 0.0, 0.0, 0.0]).reshape(1, 6, 1)
+        contact = np.array([[True, True, sole.has_toes]])
+        return cls(np.zeros(1), np.array([PIVOT_HEEL]), contact, curve)
 
     def segments(self, times: Array) -> NDArray[np.intp]:
         """Segment at every time, shape (N,)."""

@@ -126,12 +126,7 @@ class LiveWalk(NamedTuple):
         return [landing, _moved(landing, by)._replace(foot=here.foot)]
 
     def _rest(
-        self,
-        k: int,
-        begin: float,
-        footsteps: Sequence[Footstep],
-        contacts: Contacts,
-        measured: Array | None,
+        self, k: int, begin: float, footsteps: Sequence[Footstep], contacts: Contacts, measured: Array | None
     ) -> tuple[Solution, Array]:
         """The rest of the walk from an instant of single support k on, and by how much its footsteps move."""
         old, gait, row = self.walk.solved, self.run.gait, k - self.first

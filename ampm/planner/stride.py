@@ -219,13 +219,7 @@ def _headings(contacts: Contacts) -> Array:
 
 
 def _swings(
-    foot: FootParameters,
-    sole: SoleGeometry,
-    place: Array,
-    yaw: Array,
-    single: Array,
-    roll: Roll,
-    tilt: float,
+    foot: FootParameters, sole: SoleGeometry, place: Array, yaw: Array, single: Array, roll: Roll, tilt: float
 ) -> list[tuple[float, Array]]:
     """Pieces of n swings: share of the swing at which a piece begins, and its curves, shape (n, 6, 9).
 

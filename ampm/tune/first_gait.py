@@ -6,12 +6,16 @@ import statistics
 from ampm.controller_parameters import ControllerParameters
 from ampm.description import BodyDescription
 from ampm.exceptions import InputError
-from ampm.parameters import GRAVITY, RunParameters
+from ampm.parameters import GRAVITY, HUMAN, RunParameters
 
+EASY_KEYS = ("gait.step_length", "gait.switching_velocity", "gait.c_s", "gait.c_y")
+"""What a gait is about."""
 _STEP = 0.3  # length of a step over the height of the hips [1]
 _PACE = 0.15  # speed at the switch over the square root of g times the height of the hips [1]
+_SHORT = 0.6  # height of hips below which steps take no less time, as feet land no faster [m]
 _SWING = 0.18  # most speed at the switch, over hip height times the speed limit of most joints of a leg [1]
-_C_Y = 0.8  # the trunk then rolls a little towards the standing foot
+_C_Y = 0.8  # of other bodies than the human: the trunk then rolls a little towards the standing foot
+_C_S_WITHOUT_ARMS = 0.8  # the trunk alone balances the swing of the legs, and pitches less for a smaller c_s
 _SOFT = 0.4  # velocity and rate at which a foot closes in on the floor, over those of a human's [1]
 _SLOW = 0.25  # how fast it takes them up, over the same [1]
 _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foot's feedback was chosen [m]
@@ -20,10 +24,17 @@ _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foo
 def usual_steps(description: BodyDescription) -> tuple[float, float]:
     """Step length [m] and speed at the switch [m/s] of an easy gait of a body."""
     hips, limits = description.hip_height, dict(description.speed_limits)
-    speed = _PACE * math.sqrt(GRAVITY * hips)
+    speed = _PACE * math.sqrt(GRAVITY * hips) * min(1.0, math.sqrt(hips / _SHORT))
     if speeds := [limits[joint] for joint in description.left_leg.joints if joint in limits]:
         speed = min(speed, _SWING * statistics.median_low(speeds) * hips)
     return _STEP * hips, speed
+
+
+def easy_gait(run: RunParameters, description: BodyDescription) -> dict[str, float]:
+    """Step, speed at the switch and force line of an easy gait of a body, by key."""
+    c_s = 1.0 if description.has_arms else _C_S_WITHOUT_ARMS
+    c_y = 1.0 if run.body.source == HUMAN else _C_Y
+    return dict(zip(EASY_KEYS, (*usual_steps(description), c_s, c_y), strict=True))
 
 
 def first_gait(run: RunParameters, description: BodyDescription) -> RunParameters:
@@ -48,11 +59,8 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
                 value=run.value(key),
             )
     hips, usual = description.hip_height, ControllerParameters()
-    step_length, speed = usual_steps(description)
     sized = {
-        "gait.step_length": step_length,
-        "gait.switching_velocity": speed,
-        "gait.c_y": _C_Y,
+        **easy_gait(run, description),
         # Angular momentum of a tilting trunk, as m h^2 of a human of 60 kg and 1.70 m.
         "controller.trunk_gain": usual.trunk_gain * description.mass / 60.0 * description.scale**2,
         # Rotors make the feet of robots heavy: they land softly.

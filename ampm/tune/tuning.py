@@ -18,9 +18,12 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from ampm.body.inverse_kinematics import Unreachable
 from ampm.body.limits import LIMITS
 from ampm.body.robot import Robot
+from ampm.body.step_kinematics import StepTrajectory
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import RunParameters
 from ampm.planner.closed_form import LIPM
@@ -43,6 +46,7 @@ _FROM_STARTS, _USEFUL = 40, 20  # choices of all searches from starts, and the f
 _FOR_WAYS_OUT = 40  # choices of all searches for a way out, at least
 _OF_A_WAY_OUT = 0.1  # margin that is enough for a way out
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
+_LOST = 0.4  # least share of a torque limit that dampers, springs and dry friction take to be told of [1]
 _L_Z = "body.angular_momentum_z"
 
 
@@ -197,14 +201,14 @@ def _searches(
 ) -> Iterator[tuple[ChoiceSearch, Candidate]]:
     """Searches in turn, and the choices that they go on from.
 
-    The first begins with the guess; with L_z held at zero where that would twist the feet: the arms then
-    balance the legs about the vertical, which takes from the feet's twisting moment. Where it finds nothing,
-    others begin with starts that are spread over the ranges.
+    The first begins with the guess. Where that would twist the feet and the body has arms, L_z is held at
+    zero: the arms then balance the legs about the vertical, which takes from the feet's twisting moment.
+    Where it finds nothing, others begin with starts that are spread over the ranges.
     """
     search = _begun(space, robot, report, effort)
     first, tried = search.candidates[-1], 0
     twist = first.margins().get("twist", math.inf)
-    if _L_Z not in space.fixed and twist < Effort().enough:
+    if robot.description.has_arms and _L_Z not in space.fixed and twist < Effort().enough:
         still = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description)
         balanced = _begun(still, robot, report, effort)
         if balanced.candidates[-1].orbit is not None:
@@ -260,18 +264,19 @@ class NoFeasibleChoice(BodilyRefusal):
         self.tried, self.values = tried, values
 
 
-def broken_limit(name: str, values: Mapping[str, float], tried: int) -> NoFeasibleChoice:
+def broken_limit(name: str, values: Mapping[str, float], tried: int, keys: str = "") -> NoFeasibleChoice:
     """The refusal by one limit.
 
     Args:
         name: in :data:`LIMITS`.
         values: of all known limits for the best choice.
         tried: number of choices; 1 where the best choice of all is known.
+        keys: clause on keys of the body's description that may mend it.
     """
     limit, value = LIMITS[name], values[name]
     reached, rule = limit.told(value)
     return NoFeasibleChoice(
-        f"{_none(tried)}: {limit.what} is {reached} at best and must be {rule}",
+        f"{_none(tried)}: {limit.what} is {reached} at best and must be {rule}{keys}",
         tried=tried,
         values=values,
         reason=limit.reason,
@@ -286,7 +291,9 @@ def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
     best = search.best()
     if best.orbit is not None:
         margins = best.margins()
-        return broken_limit(min(margins, key=lambda name: margins[name]), best.values, tried)
+        name = min(margins, key=lambda name: margins[name])
+        keys = _keys_that_help(LIMITS[name].reason, search.orbits.robot, best.orbit.trajectory)
+        return broken_limit(name, best.values, tried, keys)
     why = next((candidate.why for candidate in search.candidates if candidate.why is not None), None)
     return NoFeasibleChoice(
         f"{_none(tried)}: {why or 'the formula has no solution'}",
@@ -297,6 +304,25 @@ def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
         limit=0.0 if why is None else why.limit,
         unit="1" if why is None else why.unit,
     )
+
+
+def _keys_that_help(reason: str, robot: Robot, step: StepTrajectory) -> str:
+    """A clause on keys of the description that may mend a refusal, by its reason; empty if none may."""
+    d = robot.description
+    if reason == "self_collision" and d.has_arms and not (d.spread or d.rest):
+        return "; arms that rest farther from the body may help: give [body.rest]"
+    if reason == "torque_limits":
+        damping, stiffness, spring, friction = robot.passive.T
+        q, v = step.q[:, 7:], step.v[:, 6:]
+        lost = np.abs(damping * v + stiffness * (q - spring) + friction * np.sign(v)) / robot.torque_limit
+        joint = int(lost.max(axis=0).argmax())
+        if (most := float(lost[:, joint].max())) > _LOST:
+            return (
+                f"; dampers, springs and dry friction alone take {most:.2f} of the torque limit of "
+                f"{robot.joint_names[joint]}: correct them with [body.damping] and [body.friction], or "
+                "[body.effort]"
+            )
+    return ""
 
 
 def _none(tried: int) -> str:

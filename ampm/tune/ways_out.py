@@ -1,7 +1,7 @@
 """Ways out of a refusal: changes of a gait with which a search has accepted it.
 
-Every change goes towards an easy gait: steps at the cadence of :func:`ampm.tune.first_gait.usual_steps`, the
-force line through the COM, and open values that are not given.
+Every change goes towards :func:`ampm.tune.first_gait.easy_gait`, with steps at its cadence, or leaves open
+values that are given.
 """
 
 import math
@@ -11,7 +11,7 @@ from ampm.description import BodyDescription
 from ampm.exceptions import InputError
 from ampm.parameters import OPEN_KEYS, RunParameters
 from ampm.run_file import key_info
-from ampm.tune.first_gait import usual_steps
+from ampm.tune.first_gait import easy_gait
 
 Change = Mapping[str, float | None]
 """Values by key; None leaves a key open."""
@@ -54,13 +54,7 @@ def ways_out(
         if len(found) < _MOST_TOLD and accepted(change):
             found.append(change)
     if not found:
-        step_length, speed = map(_rounded, usual_steps(description))
-        easy = {
-            "gait.step_length": step_length,
-            "gait.switching_velocity": speed,
-            "gait.c_s": 1.0,
-            "gait.c_y": 1.0,
-        }
+        easy = {key: _rounded(value) for key, value in easy_gait(run, description).items()}
         found.append({**easy, **_opened(run)})
         if not accepted(found[0]):
             values = ", ".join(f"{key} = {value:g}" for key, value in easy.items())
@@ -76,15 +70,16 @@ def _single_changes(run: RunParameters, description: BodyDescription) -> Iterato
     """Given values left open, and one value at a time of an easier gait, the largest changes first."""
     if opened := _opened(run):
         yield opened
-    usual_step, usual_speed = usual_steps(description)
-    cadence, gait = usual_speed / usual_step, run.gait
+    easy, gait = easy_gait(run, description), run.gait
+    usual_step = easy["gait.step_length"]
+    cadence = easy["gait.switching_velocity"] / usual_step
     step_length = min(max(gait.switching_velocity / cadence, usual_step), 2.0 * usual_step)
     speed = cadence * gait.step_length
     changes = {
         "gait.switching_velocity": (speed, abs(math.log(speed / gait.switching_velocity))),
         "gait.step_length": (step_length, abs(math.log(step_length / gait.step_length))),
-        "gait.c_s": (1.0, 2.0 * abs(gait.c_s - 1.0)),
-        "gait.c_y": (1.0, abs(gait.c_y - 1.0)),
+        "gait.c_s": (easy["gait.c_s"], 2.0 * abs(gait.c_s - easy["gait.c_s"])),
+        "gait.c_y": (easy["gait.c_y"], abs(gait.c_y - easy["gait.c_y"])),
     }
     for key, (value, distance) in sorted(changes.items(), key=lambda item: -item[1][1]):
         if distance > _NEAR:

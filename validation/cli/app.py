@@ -16,7 +16,7 @@ import typer
 import typer.core
 
 import ampm
-from validation.cli import body, compare, gaits, judge, studies, validate, view
+from validation.cli import body, compare, fit, gaits, judge, studies, validate, view
 from validation.cli.console import print_json
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import Status, option
@@ -27,7 +27,7 @@ from validation.show.text import print_line
 _PANELS = {
     "Walk": ("validate", "sweep", "compare"),
     "Look": ("view", "report"),
-    "Check": ("explain", "judge", "replay", "convergence", "robustness"),
+    "Check": ("explain", "judge", "fit", "replay", "convergence", "robustness"),
     "Bodies and gaits": ("body", "plan", "keys"),
 }
 """Commands as ``ampm --help`` groups them."""
@@ -53,7 +53,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="rich",
 )
-for group in (gaits, validate, judge, view, body, studies, compare):
+for group in (gaits, validate, judge, fit, view, body, studies, compare):
     for part in group.app.registered_groups:
         part.rich_help_panel = _PANEL_OF[str(part.name)]
     for command in group.app.registered_commands:

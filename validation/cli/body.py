@@ -1,4 +1,4 @@
-"""``ampm body list`` and ``ampm body check``."""
+"""``ampm body list``, ``new`` and ``check``."""
 
 from __future__ import annotations
 
@@ -29,6 +29,25 @@ def list_bodies() -> int:
     for name in known_bodies():
         source = "built from tables" if name == HUMAN else read_body_file(body_path(name)).source
         print_line(f"{name:<16}{source}")
+    return Status.PASS
+
+
+@group.command(epilog="Exit status: 0 written, 2 bad input.")
+def new(
+    model: Annotated[str, typer.Argument(help="URDF or MJCF, or PACKAGE:FILE of an installed package.")],
+    path: Annotated[Path, typer.Argument(help="Description to write, a new file.", metavar="FILE.toml")],
+) -> int:
+    """Propose the description of a body from its model: root, trunk, feet, knees, sole, joints to lock."""
+    from ampm.exceptions import InputError
+    from models.propose import propose
+
+    text = propose(model, path.parent)
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except OSError as error:
+        raise InputError(f"{str(path)!r} cannot be written ({error.strerror}); name another file.") from None
+    print_line(f"{text}Wrote {path}. Correct what is wrong in it, then run: ampm body check {path}")
     return Status.PASS
 
 
@@ -73,6 +92,8 @@ def print_check(found: BodyCheck) -> None:
     else:
         gait = ", ".join(f"{key} {format_value(value)}" for key, value in found.gait.items())
         print_line(f"  It can walk: {gait}.")
+        values = ", ".join(f"{key} {format_value(value)}" for key, value in found.found.items())
+        print_line(f"  Found for it: {values}. 'ampm validate --body {found.name}' walks it.")
     if found.reach:
         step, speed = found.reach["step_length"], found.reach["switching_velocity"]
         print_line(f"  Largest step found {step:.3g} m, highest speed at a switch {speed:.3g} m/s.")

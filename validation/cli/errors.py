@@ -56,10 +56,7 @@ def explain(error: BaseException) -> tuple[Status, str]:
         text = _bad_value(error) or error.format_message()
         way_out = f" See '{'ampm' if context is None else context.command_path} --help'."
     elif disk_is_full(error):
-        status, text = (
-            Status.STOPPED,
-            f"the disk is full ({text}); free space, or give another disk",
-        )
+        status, text = Status.STOPPED, f"the disk is full ({text}); free space, or give another disk"
     elif isinstance(error, OSError) and error.filename is not None:
         status = Status.REFUSED
         text = f"{error.filename}: {error.strerror}; give another file or folder"

@@ -8,14 +8,25 @@ from typing import Annotated, Any
 import typer
 
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import Body, Force, Json, Judging, Settings, Steps, grouped, option, with_short
+from validation.cli.options import (
+    Body,
+    Columns,
+    Force,
+    Json,
+    Judging,
+    Settings,
+    Steps,
+    grouped,
+    option,
+    with_short,
+)
 from validation.cli.validate import print_result, status_of
 
 app = typer.Typer()
 
 EPILOG = (
-    "Exit status: 0 pass, 1 out of tolerance, or ZMP, force or momentum not measured, 2 bad input or "
-    "refused, 4 crash of ampm itself, 130 interrupted."
+    "Exit status: 0 pass, 1 out of tolerance, 2 bad input or refused, 4 crash of ampm itself, 6 pass on all "
+    "that was measured, but not on all limits, 130 interrupted."
 )
 
 
@@ -34,6 +45,7 @@ def judge(
             "GAIT|DIR|FILE.csv|.parquet",
         ),
     ] = None,
+    columns: Columns = None,
     settings: Settings = None,
     steps: Steps = None,
     body: Body = None,
@@ -71,10 +83,12 @@ def judge(
     The folder of a run is judged again by the metrics that it holds, which are of the plans that it followed.
 
     ampm judge walk.csv --plan gait.toml
+    ampm judge robot.csv --columns time=t[ms] --columns force_z=Fz_total
     ampm judge person.csv --plan normal --set body.mass=72 --strides
     ampm judge runs/walk --profile strict
     """
     from ampm.exceptions import InputError
+    from validation.measure.columns import read_mapping
     from validation.run.judge_log import judge_log, judge_run
     from validation.run.validate import RUNS
     from validation.store.folders import check_run_folder
@@ -90,6 +104,7 @@ def judge(
     if log.is_dir():
         own = plan is None or (Path(plan).is_dir() and Path(plan).samefile(log))
         others: dict[str, Any] = {
+            "--columns": columns,
             "--set": settings,
             "--steps": steps,
             "--body": body,
@@ -108,6 +123,7 @@ def judge(
     trial = judge_log(
         log,
         plan or "normal",
+        columns=read_mapping(columns or ()),
         settings=with_short(settings, steps=steps, body=body),
         profile=profile,
         start=start,

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from validation.trial.plan import Request
 
 PICTURES = (".png", ".svg", ".pdf")
-PROFILES = "default, strict, wide, jumps, footsteps or odometry"
+PROFILES = "default, strict, wide, jumps, footsteps, odometry or free"
 
 
 class Status(IntEnum):
@@ -37,6 +37,7 @@ class Status(IntEnum):
     NOT_COMPLETED = 3
     CRASH = 4
     STOPPED = 5
+    PARTIAL = 6
     INTERRUPTED = 130
     BROKEN_PIPE = 141
 
@@ -61,8 +62,7 @@ Settings = Annotated[
     option("--set", "Change one parameter, e.g. gait.c_s=1.2; see 'ampm keys'.", "KEY=VALUE"),
 ]
 AsIs = Annotated[
-    bool,
-    option("--as-is", "Keep the values that the gait leaves open: those of the preset, or defaults."),
+    bool, option("--as-is", "Keep the values that the gait leaves open: those of the preset, or defaults.")
 ]
 Body = Annotated[
     str | None,
@@ -87,8 +87,17 @@ PlannerName = Annotated[
     str | None,
     option(
         "--planner",
-        "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, or your own, which may replan.",
+        "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, your own, which may replan, or "
+        "none: the body begins standing, and its controller walks by itself.",
         "NAME|FILE.csv|.parquet|MODULE:CLASS",
+    ),
+]
+Command = Annotated[
+    str | None,
+    option(
+        "--command",
+        "With --planner none: velocity forward and to the left [m/s], and rate of the heading [rad/s].",
+        "VX,VY,WZ",
     ),
 ]
 Footsteps = Annotated[
@@ -106,13 +115,21 @@ Controller = Annotated[
 Engine = Annotated[
     str | None, option("--engine", "Short for simulation.engine: mujoco, or drake.", "mujoco|drake")
 ]
+Columns = Annotated[
+    list[str] | None,
+    option(
+        "--columns",
+        "Column of the log under another name, maybe with unit and sign: com_x=COMx[mm], force_z=-Fz; or a "
+        "TOML file of such lines. Repeatable.",
+        "NAME=COLUMN[UNIT]|FILE.toml",
+    ),
+]
 OwnMetrics = Annotated[
     list[str] | None,
     option("--metric", "A metric of your own, a val.Metric in a module. Repeatable.", "MODULE:NAME"),
 ]
 OwnProfile = Annotated[
-    str | None,
-    option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P"),
+    str | None, option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P")
 ]
 Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")]
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]
@@ -138,6 +155,16 @@ def with_short(settings: Sequence[str] | None, **options: str | int | None) -> l
     return found
 
 
+def _command(text: str | None) -> list[str]:
+    """Settings of a commanded velocity."""
+    if text is None:
+        return []
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise InputError(f"--command {text} must be three numbers VX,VY,WZ, for example 0.5,0,0.")
+    return [f"command.{key}={part}" for key, part in zip(("vx", "vy", "wz"), parts, strict=True)]
+
+
 # ------------------------------------------------------------------------------------- groups of options
 
 
@@ -151,11 +178,12 @@ class WalkOptions:
     planner: PlannerName = None
     controller: Controller = None
     engine: Engine = None
+    command: Command = None
 
     def changes(self, steps: int | None = None) -> list[str]:
         """All but ``as_is`` as ``key=value`` texts."""
         short = {name: getattr(self, name) for name in ("body", "planner", "controller", "engine")}
-        return with_short(self.settings, steps=steps, **short)
+        return [*with_short(self.settings, steps=steps, **short), *_command(self.command)]
 
     def request(self, gait: str | None, steps: int | None = None, **more: Any) -> Request:
         """A gait with these changes; further arguments as in :func:`validation.trial.plan.load_request`."""

@@ -130,7 +130,8 @@ def status_of(summary: Mapping[str, Any]) -> Status:
         return Status.INTERRUPTED
     if summary["outcome"] != "completed":
         return Status.NOT_COMPLETED
-    return Status.PASS if summary["verdict"] == "pass" else Status.OUT_OF_TOLERANCE
+    statuses = {"pass": Status.PASS, "partial": Status.PARTIAL}
+    return statuses.get(summary["verdict"], Status.OUT_OF_TOLERANCE)
 
 
 @app.command()

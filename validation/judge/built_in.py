@@ -51,6 +51,12 @@ def _excess(walk: Comparison) -> float | None:
     return max(0.0, margins["speed"].value - 1.0) if "speed" in margins else None
 
 
+def _velocity_error(walk: Comparison, part: int) -> float | None:
+    """Distance of one part of the mean velocity from the commanded one; None where none was commanded."""
+    velocity = walk.costs.get("velocity")
+    return None if velocity is None else abs(velocity["measured"][part] - velocity["commanded"][part])
+
+
 def _drift(walk: Comparison) -> float | None:
     """Drift in a step [m]; None for less than three steps, or where the first or last was not measured."""
     ends = walk.plan.contacts.step_ends
@@ -113,9 +119,14 @@ def _zmp_gap_relative(walk: Comparison) -> float:
 
 
 def _equations(walk: Comparison, which: str) -> float | None:
-    """Defect of the equations of motion, relative to the median change of velocity; None if not checked."""
-    found = walk.measured.self_checks.equations
-    return None if found is None else float(getattr(found, which)) / found.change
+    """Defect of the equations of motion, relative to the median change of velocity; None if not checked.
+
+    The velocity of a body that stands still changes by rounding only: a thousandth of a fall's counts.
+    """
+    found, record = walk.measured.self_checks.equations, walk.record
+    if found is None:
+        return None
+    return float(getattr(found, which)) / max(found.change, 1e-3 * record.gravity * record.time_step)
 
 
 def has_qp(record: SimulationRecord) -> bool:
@@ -133,6 +144,9 @@ COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
     "slip_maximum": _slip,
     "clearance_shortfall": _shortfall,
     "speed_excess": _excess,
+    "velocity_x_error": lambda walk: _velocity_error(walk, 0),
+    "velocity_y_error": lambda walk: _velocity_error(walk, 1),
+    "yaw_rate_error": lambda walk: _velocity_error(walk, 2),
     "drift_per_step": _drift,
     "plan_newton_residual": lambda walk: max(plan.newton_residual for plan in walk.followed.plans),
     "plan_moved_zmp_maximum": _moved(lambda walk, first: float(_zmp_moved(walk, first).max(initial=0.0))),

@@ -21,6 +21,7 @@ from ampm.exceptions import InputError
 from validation.judge.margins import energy, feedback_effort, margins
 from validation.trial.followed import LEADS, Followed
 from validation.trial.frozen_plan import FrozenPlan, PlanRows
+from validation.trial.unplanned import Supports, heading_velocity
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -233,6 +234,9 @@ def compare(
         description: names the knees.
         shapes: the body's, for the clearance of its parts.
 
+    Of a walk without a plan, all that is planned is NaN but the phases, which are those of the contacts; and
+    ``costs`` has its ``velocity``: ``commanded``, and the mean ``measured`` in the second half of its time.
+
     Raises:
         InputError: the walk is longer than the plan, or the measurement is of another walk.
     """
@@ -252,6 +256,9 @@ def compare(
     first = None
     if followed.moved:
         planned, first = followed.at(time, followed.lead), followed.plans[0].rows.at(time).sample
+    command = plan.command
+    if command is not None:
+        planned = valid = planned.without_plan(Supports.of(record).stance)
     sample = planned.sample
     run, feet = time >= plan.judged_from - 1e-9, measured.foot_contact.sum(axis=1)
     rows = {
@@ -265,16 +272,22 @@ def compare(
     }
     for array in rows.values():
         array.setflags(write=False)
+    speed = plan.constants.mean_velocity or math.sqrt(plan.gravity * plan.com_height)
     scales = {
         "body_weight": measured.weight,
-        "mass_height_velocity": measured.mass * plan.com_height * plan.constants.mean_velocity,
+        "mass_height_velocity": measured.mass * plan.com_height * speed,
         "foot_length": plan.feet.sole.length,
     }
-    costs = {
+    costs: dict[str, Mapping[str, Any]] = {
         "effort": feedback_effort(record, valid.sample, run),
         "margins": margins(followed, record, measured, description, shapes),
         "energy": energy(record, run),
     }
+
+    if command is not None:
+        late = time >= 0.5 * (command.settling + command.duration)
+        mean = heading_velocity(record)[late].mean(axis=0) if late.any() else np.full(3, np.nan)
+        costs["velocity"] = {"commanded": command.at(math.inf), "measured": tuple(mean.tolist())}
 
     def errors(planned: PlanRows, windows: Mapping[str, Rows]) -> dict[str, Mapping[str, Statistics]]:
         """Errors of all signals in some windows."""

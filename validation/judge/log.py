@@ -115,7 +115,7 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     two = plan.sample(np.minimum([times, times + stride], plan.duration).ravel()).force.reshape(2, -1, 3)
     if times[-1] + stride > plan.duration or np.ptp(two, axis=0).max() > _REPEATED * plan.weight:
         raise InputError("the plan has no two equal strides; give a periodic gait of 5 steps or more.")
-    taken = take_overs(log.time, _left_share(log))
+    taken = take_overs(log.time, left_share(log))
     holes = log.time[:-1][np.diff(log.time) > 1.5 * log.time_step]
     bounds = [(a, b) for a, b in pairwise(taken) if not ((holes > a) & (holes < b)).any()]
     if not bounds:
@@ -156,7 +156,7 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     return replace(log, time=times, signals=signals, time_step=stride / PHASES), facts
 
 
-def _left_share(log: Log) -> Array:
+def left_share(log: Log) -> Array:
     """Share of the vertical force on the left foot, shape (K,) [1]; NaN where not known.
 
     Of a log without forces of either foot by the way of the ZMP from foot to foot.
@@ -167,7 +167,7 @@ def _left_share(log: Log) -> Array:
         share = log.signals["left_force"][:, 2] / np.where(vertical > 0.0, vertical, np.nan)
     elif "zmp" in log.signals:
         right, left = np.nanquantile(log.signals["zmp"][:, 1], (0.1, 0.9))
-        share = (log.signals["zmp"][:, 1] - right) / (left - right)
+        share = (log.signals["zmp"][:, 1] - right) / (left - right or math.nan)
     return np.where(vertical >= LOADED * log.weight, share, np.nan)
 
 

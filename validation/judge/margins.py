@@ -32,6 +32,25 @@ CLEARANCE_ROWS = 2
 """States on disk, 10 ms apart, from one posture of which the clearance is measured to the next: at 10 m/s^2
 half a millimetre is lost in 20 ms."""
 
+_TILTED = 0.5
+"""Tilt of pelvis or trunk that is warned of [rad]."""
+
+
+def tilt_warnings(tilt: float | None, where: str) -> list[str]:
+    """A sentence on a pelvis or trunk that tilts far [rad]; none if it does not."""
+    if tilt is None or not tilt > _TILTED:
+        return []
+    return [
+        f"The segment {where} tilts by {tilt:.2f} rad, as it balances the legs: try a smaller gait.c_s, or "
+        "shorter steps."
+    ]
+
+
+def largest_tilt(q: Array, time: Array, description: BodyDescription, shapes: Shapes) -> Extreme:
+    """Largest angle of pelvis or trunk from upright [rad], at MuJoCo configurations q, shape (T, nq)."""
+    names = (description.root_segment, description.trunk_segment)
+    return _extreme(shapes.tilts(q, names), time, names, largest=True)
+
 
 def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Rows) -> dict[str, Any]:
     """RMS of command minus plan over ``rows``, shape (K,): the controller's correction of the formula.
@@ -67,7 +86,8 @@ def margins(
     Returns:
         :class:`Extreme` values, the share ``saturated``, the largest share of each motor's limit
         ``torque_by_joint`` [1], and the floor's coefficient ``friction_available`` [1]; ``speed``, a share of
-        a joint's limit [1], of a body with speed limits only.
+        a joint's limit [1], of a body with speed limits only; ``tilt`` of pelvis or trunk [rad], NaN without
+        shapes.
     """
     time, joints, feet = measured.time, record.joint_names, ("left", "right")
     peak, saturated = np.zeros(len(joints)), 0
@@ -100,10 +120,13 @@ def margins(
         "joint": _extreme(room, record.time, joints),
         "knee": _extreme(knees, record.time, [leg.knee for leg in legs]),
         "clearance": _clearance(record, shapes),
+        "tilt": Extreme(math.nan),
         "plan_polygon": _plan_polygon(followed, record, time),
         "measured_polygon": _extreme(measured.polygon_margin, time),
         "penetration": _extreme(measured.penetration, time, feet, largest=True),
     }
+    if description is not None and shapes:
+        found["tilt"] = largest_tilt(*_postures(record), description, shapes)
     fastest = {} if description is None else dict(description.speed_limits)
     if fastest:
         columns, limits = [joints.index(name) for name in fastest], np.array(list(fastest.values()))
@@ -117,6 +140,8 @@ def margins(
 
 def _plan_polygon(followed: Followed, record: SimulationRecord, time: Array) -> Extreme:
     """Least margin of the planned ZMP; of a whole walk on one plan exactly, else at the instants compared."""
+    if followed.plans[0].plan.command is not None:
+        return Extreme(math.nan)
     least = followed.plans[0].least_zmp_margin
     if least is not None and not followed.moved and record.outcome.completed:
         return Extreme(*least)
@@ -154,9 +179,15 @@ def _motors(record: SimulationRecord, steps: NDArray[np.intp], part: np.ufunc) -
 
 def clearance_over_time(record: SimulationRecord, shapes: Shapes) -> tuple[Array, Gaps]:
     """Instants [s], :data:`CLEARANCE_ROWS` states on disk apart, and the closest parts of the body then."""
+    q, time = _postures(record)
+    return time, shapes.recorded_gaps(q)
+
+
+def _postures(record: SimulationRecord) -> tuple[Array, Array]:
+    """Configurations of states :data:`CLEARANCE_ROWS` apart, and their instants [s]."""
     instants = record.state_rows
     rows = instants % (CLEARANCE_ROWS * state_steps(record.time_step)) == 0
-    return instants[rows] * record.time_step, shapes.recorded_gaps(record.q[rows])
+    return record.q[rows], np.asarray(instants[rows] * record.time_step, dtype=np.float64)
 
 
 def _clearance(record: SimulationRecord, shapes: Shapes | None) -> Extreme:

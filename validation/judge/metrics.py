@@ -52,6 +52,7 @@ _LISTED = (
     "footsteps",
     "odometry",
     "pushed",
+    "free",
 )  # profiles with limits of their own
 
 
@@ -123,9 +124,7 @@ def evaluate(walk: Comparison, metrics: Iterable[Metric] | None = None) -> dict[
             continue
         start = _compute(metric, first) if metric.by_window else None
         found[metric.name] = MetricValue(
-            value=value,
-            unit=metric.unit,
-            first_step=None if start is None or math.isnan(start) else start,
+            value=value, unit=metric.unit, first_step=None if start is None or math.isnan(start) else start
         )
     return found
 
@@ -207,12 +206,16 @@ def _with_limits(metrics: Mapping[str, Metric]) -> Iterator[Metric]:
     yield from (metric for name, metric in metrics.items() if name not in judged)
 
 
-def _statistic(walk: Comparison, name: str, statistic: str) -> float:
+def _statistic(walk: Comparison, name: str, statistic: str) -> float | None:
+    if walk.plan.command is not None:
+        return None
     return float(getattr(walk.signals[name][walk.window], statistic))
 
 
 def _recovery_time(walk: Comparison) -> float | None:
     """See :func:`recovery_time`, with the limits that the walk has if nothing pushes it."""
+    if walk.plan.command is not None:
+        return None
     profile = "footsteps" if walk.plan.judged_from == 0.0 else "default"
     profile = "jumps" if walk.plan.jump_times.size else profile
     limits = {}
@@ -234,7 +237,7 @@ def cost_entry(costs: Mapping[str, Any], metric: Metric) -> Any:
     if metric.section == "effort":  # components of a vector
         vector, _, axis = name.rpartition("_")
         return section[vector]["xyz".index(axis)]
-    return section[name]
+    return section.get(name)  # a summary of an older version may lack it
 
 
 _METRICS.update((item.name, item) for item in _with_limits({item.name: item for item in _built_in()}))

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any, Self
 
 from ampm.exceptions import InputError
-from ampm.parameters import RunParameters
+from ampm.parameters import NO_PLAN, RunParameters
 from ampm.section import unknown
 from validation.judge.compare import SIGNALS
 from validation.judge.metric import limit_in_si
@@ -87,9 +87,7 @@ DEFAULT = Profile(
     "limits are a quarter to a half above those of `strict`, those on single instants two and a half times.",
 )
 STRICT = Profile(
-    "strict",
-    "For walks without induced angular momentum (preset `normal`: c_s = c_y = 1).",
-    base=DEFAULT,
+    "strict", "For walks without induced angular momentum (preset `normal`: c_s = c_y = 1).", base=DEFAULT
 )
 WIDE = Profile(
     "wide",
@@ -132,8 +130,15 @@ PUSHED = Profile(
         "slip_maximum",
     ),
 )
+FREE = Profile(
+    "free",
+    "For walks without a plan: mean velocity, slip, clearance, speed of the joints and the checks of the "
+    "measurement, with the limits of `default`; a walk may fly.",
+    base=DEFAULT,
+    leaves_out=("plan_newton_residual", "unsupported_instants"),
+)
 PROFILES: Mapping[str, Profile] = MappingProxyType(
-    {item.name: item for item in (DEFAULT, STRICT, WIDE, JUMPS, FOOTSTEPS, ODOMETRY, PUSHED)}
+    {item.name: item for item in (DEFAULT, STRICT, WIDE, JUMPS, FOOTSTEPS, ODOMETRY, PUSHED, FREE)}
 )
 
 OWN: Mapping[str, str] = MappingProxyType({"pitch": "wide", "ipm": "jumps"})
@@ -143,13 +148,15 @@ OWN: Mapping[str, str] = MappingProxyType({"pitch": "wide", "ipm": "jumps"})
 def own_profile(
     gait: str, run: RunParameters | None = None, disturbances: Sequence[Disturbance] = ()
 ) -> Profile:
-    """Profile of a gait, of its run over footsteps or with an estimator, unless another one is given.
+    """Profile of a gait, of its run over footsteps, without a plan or with an estimator, if none is given.
 
     Args:
         gait: name of a preset, or any other.
         run: its parameters.
         disturbances: beside those of the run; a :class:`Push` among them asks for ``pushed``.
     """
+    if run is not None and run.gait.planner == NO_PLAN:
+        return FREE
     own = () if run is None else pushes_of(run.disturbance)
     if any(isinstance(item, Push) for item in (*own, *disturbances)):
         return PUSHED

@@ -10,6 +10,7 @@ from ampm.geometry import Array
 from validation.judge.compare import PARTS, Comparison
 from validation.measure.measure import MeasuredGait
 from validation.trial.record import FEET, state_steps
+from validation.trial.unplanned import heading_velocity
 
 ALL = slice(None)
 MOST_ROWS = 70_000
@@ -53,7 +54,7 @@ def signals_table(walk: Comparison, rows: slice = ALL) -> pa.Table:
     Units and frames: :data:`validation.store.signals.COLUMNS`. ``plan`` is the plan that is judged, and where
     it moved ``first_plan`` the first one. The plan has no L_z: its column is null, and
     so are the ZMPs of an unsupported instant. ``motion_angular_momentum_z`` is that of the planned posture,
-    ``zmp_error_{part}_{x,y}`` are the parts of the ZMP error.
+    ``zmp_error_{part}_{x,y}`` are the parts of the ZMP error. A walk without a plan has its velocity, too.
     """
     record, measured, sample = walk.record, walk.measured, walk.sample
     time = walk.time[rows]
@@ -75,6 +76,11 @@ def signals_table(walk: Comparison, rows: slice = ALL) -> pa.Table:
             put(f"first_plan_{name}", getattr(walk.first, name))
     for name in quantities:
         put(f"command_{name}", getattr(record, f"command_{name}"))
+    if (command := walk.plan.command) is not None:
+        asked = np.array([command.at(at) for at in walk.time.tolist()]).reshape(-1, 3)
+        for kind, values in (("command", asked), ("measured", heading_velocity(record))):
+            put(f"{kind}_velocity", values[:, :2])
+            columns[f"{kind}_yaw_rate"] = _nullable(values[rows, 2])
     columns |= {name: _nullable(values) for name, values in measured_columns(measured, rows).items()}
     columns["motion_angular_momentum_z"] = _nullable(walk.planned.momentum_z[rows])
     columns["plan_zmp_margin"] = _nullable(walk.planned.zmp_margin[rows])

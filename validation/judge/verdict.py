@@ -27,6 +27,7 @@ class VerdictName(StrEnum):
     PASS = "pass"
     FAIL = "fail"
     UNDECIDED = "undecided"
+    PARTIAL = "partial"
     NOT_MEASURED = "not_measured"
 
 
@@ -131,7 +132,7 @@ class Verdict(Brief):
 
     Attributes:
         name: pass only if every tolerance was judged and met; undecided if all decided tolerances pass,
-            but some are undecided.
+            but some are undecided; partial if all pass that a log has, but it lacks some.
         profile: name of the profile.
         reason: one sentence.
         metrics: judged ones first, in the profile's order, then those only reported.
@@ -209,7 +210,7 @@ def judge(
         name, reason = VerdictName.NOT_MEASURED, ended
     else:
         lacking = [name for name in missing if name not in may_lack]
-        name, reason = _conclude(results, lacking, len(limits) - len(missing))
+        name, reason = _conclude(results, lacking, len(limits) - len(missing), is_log=bool(may_lack))
         if name is VerdictName.NOT_MEASURED and not may_lack:
             reason += " A run must last longer than its first step."
         if checks := len(missing) - len(lacking):
@@ -222,7 +223,9 @@ def _by_contact(item: MetricResult) -> bool:
     return (item.spread or 0.0) > (item.uncertainty or 0.0)
 
 
-def _conclude(results: Sequence[MetricResult], missing: list[str], limits: int) -> tuple[VerdictName, str]:
+def _conclude(
+    results: Sequence[MetricResult], missing: list[str], limits: int, *, is_log: bool
+) -> tuple[VerdictName, str]:
     """Verdict and its reason, of the names that were not measured and the number of limits that were."""
 
     def against(item: MetricResult) -> str:
@@ -242,6 +245,9 @@ def _conclude(results: Sequence[MetricResult], missing: list[str], limits: int) 
         return VerdictName.FAIL, reason + unknown
     if missing:
         passed = sum(item.passed is True for item in results)
+        if is_log and passed and not undecided:
+            what = f"{' and '.join(signals)} {'was' if len(signals) == 1 else 'were'} not measured"
+            return VerdictName.PARTIAL, f"Pass on {passed} of {limits + len(missing)}; {what}."
         return VerdictName.NOT_MEASURED, f"{passed} of {limits} measured tolerances met.{unknown}"
     if undecided:
         least = max(undecided, key=lambda item: item.bound / (item.tolerance or math.inf))

@@ -144,6 +144,22 @@ def read_log(table: Mapping[str, Any], weight: float, name: str = "the log") -> 
     return Log(name, time, signals, step, gaps, weight).rows(known)
 
 
+def rough_weight(table: Mapping[str, Any], name: str = "the log") -> float:
+    """Mean size of the forces on both feet [N]: somewhat more than the weight.
+
+    Raises:
+        InputError: there is no force, or it is not of numbers.
+    """
+    for keys in (("force",), *([f"{foot}_{kind}" for foot in FEET] for kind in ("force", "sensor_force"))):
+        if "time" in table and all(f"{key}_{axis}" in table for key in keys for axis in "xyz"):
+            parts = [_numbers(table, f"{key}_{axis}", name) for key in keys for axis in "xyz"]
+            forces = np.stack(parts).reshape(len(keys), 3, -1)
+            return float(np.nanmean(np.linalg.norm(forces, axis=1).sum(axis=0)))
+    raise InputError(
+        f"{name} has no time and force; it needs {NEEDED}; it has {', '.join(map(str, table)) or 'none'}."
+    )
+
+
 def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
     """A column of numbers; NaN where not measured."""
     try:

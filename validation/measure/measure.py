@@ -64,8 +64,8 @@ class MeasuredGait(Brief):
     # shape (K, 3) [N]
     momentum_force: Array
     angular_momentum: Array  # the simulator's, about the COM at t_k, shape (K, 3) [N m s]
-    # forward difference of Pinocchio's over the step, less the moment of what else pushed the body, shape (K,
-    # 3) [N m]
+    # forward difference of Pinocchio's over the step, less the moment of what else pushed the body,
+    # shape (K, 3) [N m]
     angular_momentum_rate: Array
     foot_contact: NDArray[np.bool_]  # any sole point of the foot carries force, shape (K, 2), bool
     point_contact: NDArray[np.bool_]  # the sole point carries force, shape (K, P), bool

@@ -12,15 +12,16 @@ import pinocchio as pin
 from ampm.body.feasibility import joint_groups
 from ampm.body.robot import Robot
 from ampm.exceptions import RefusedGait
-from ampm.parameters import GRAVITY, BodyParameters, RunParameters
+from ampm.parameters import GRAVITY, NO_PLAN, BodyParameters, RunParameters
+from ampm.planners import StandingPlanner
 from ampm.tune.gait_limits import step_torques
 from ampm.tune.tuning import NoFeasibleChoice
 from models.scene import Findings
+from validation.judge.margins import largest_tilt, tilt_warnings
 from validation.progress import Progress
-from validation.run.standing import stand
 from validation.trial.bridge import to_mujoco
-from validation.trial.physics import explained
-from validation.trial.plan import PlannedWalk, load_request, make_body, tune_walk
+from validation.trial.plan import PlannedWalk, Request, load_request, make_body, tune_walk
+from validation.trial.simulate import simulate
 
 _BENT = 0.6  # flexion of the knees at which the legs are judged [rad]
 _GROWTH, _MOST_GROWTH = 1.2, 3.0  # of step or speed from try to try, and at most [1]
@@ -41,6 +42,7 @@ class BodyCheck:
         notes: what is worth knowing, one sentence each.
         torque: group of joints to the largest share of a torque limit, in the best periodic step found [1].
         gait: key to value of the gait that it can walk; empty if it cannot.
+        found: what that gait left open, by namespaced key; empty if it cannot walk.
         refusal: why it cannot walk, with a way out; empty if it can.
         reach: ``step_length`` [m] and ``switching_velocity`` [m/s], the largest found; empty if not
             asked for.
@@ -51,6 +53,7 @@ class BodyCheck:
     notes: tuple[str, ...]
     torque: Mapping[str, float]
     gait: Mapping[str, float]
+    found: Mapping[str, float | str]
     refusal: str
     reach: Mapping[str, float]
 
@@ -81,13 +84,20 @@ def check(
     facts = _facts(robot, model, findings)
     notes = _notes(robot, findings, facts[_FEET][0])
     torque, gait = dict[str, float](), dict[str, float]()
+    found: Mapping[str, float | str] = {}
     refusal = ""
     try:
         request = load_request(None, [f"body.source='{source}'", *settings])
         walk = tune_walk(request, progress)
         torque = _torque_shares(walk)
-        keys = "step_length", "switching_velocity", "com_height", "step_width"
+        keys = "step_length", "switching_velocity", "c_s", "c_y", "com_height", "step_width"
         gait = {key: float(walk.run.value(f"gait.{key}")) for key in keys}
+        if walk.tuned is not None:
+            found = walk.tuned.values
+        motion, nothing = walk.motion, np.zeros((len(walk.motion.q), robot.model.nv))
+        tilt = largest_tilt(to_mujoco(motion.q, nothing)[0], motion.time, robot.description, body.shapes)
+        facts["largest tilt of pelvis or trunk, as planned"] = (tilt.value, "rad")
+        notes = (*notes, *tilt_warnings(tilt.value, tilt.where))
         with progress.stage("standing"):
             refusal = _standing_refusal(walk)
     except NoFeasibleChoice as error:
@@ -96,8 +106,10 @@ def check(
         torque = {name: values[f"{name}_torque"] for name in _GROUPS if f"{name}_torque" in values}
     except RefusedGait as error:
         refusal = str(error)
+    if refusal and notes and abs(facts[_FEET][0]) > _OFF * robot.description.sole.length:
+        refusal = f"{notes[0]} As it is, {refusal}"  # the cause, then what follows from it
     far = _reach(source, settings, gait, progress) if reach and gait else {}
-    return BodyCheck(source, facts, notes, torque, gait, refusal, far)
+    return BodyCheck(source, facts, notes, torque, gait, found, refusal, far)
 
 
 def _torque_shares(walk: PlannedWalk) -> dict[str, float]:
@@ -111,7 +123,10 @@ def _torque_shares(walk: PlannedWalk) -> dict[str, float]:
 
 def _standing_refusal(walk: PlannedWalk) -> str:
     """Why the body does not stand under the controller at the height of the walk; empty if it does."""
-    outcome = explained(stand(walk.run, walk.body, _STANDING).outcome, walk.body.model.compile())
+    height, still = walk.run.gait.com_height, {"command.settling": 0.0, "command.duration": _STANDING}
+    run = walk.run.undisturbed.replace({"gait.planner": NO_PLAN, **still})
+    plan = StandingPlanner(height).plan(run, walk.body.robot)
+    outcome = simulate(PlannedWalk(Request(walk.name, run), plan, walk.body)).outcome
     return "" if outcome.completed else f"it does not stand for {_STANDING:g} s. {outcome.ending}"
 
 
@@ -205,7 +220,8 @@ def _notes(robot: Robot, findings: Findings, off: float = 0.0) -> tuple[str, ...
     if abs(off) > _OFF * d.sole.length:
         notes.append(
             f"The feet end {abs(off):.3g} m {'over' if off > 0.0 else 'under'} their soles, or are not "
-            "level with all joints at 0: correct sole in the description, or the model."
+            "level with all joints at 0: correct sole in the description, which 'ampm body new' proposes, "
+            "with pitch where a sole is not level."
         )
     endless = [
         name

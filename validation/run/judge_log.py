@@ -17,7 +17,9 @@ from validation.judge.metrics import METRICS, evaluate
 from validation.judge.profiles import Profile, own_profile
 from validation.judge.profiles import profile as find_profile
 from validation.judge.verdict import judge, judge_summary
+from validation.measure.columns import map_columns
 from validation.measure.log import Log, log_record, measure_log, read_log
+from validation.measure.readers import reader_of
 from validation.progress import Progress
 from validation.run.trial import Trial
 from validation.run.walk import timed
@@ -33,6 +35,7 @@ def judge_log(
     table: str | Path | Mapping[str, Any],
     plan: RunParameters | str | Path = "normal",
     *,
+    columns: Mapping[str, str] | None = None,
     settings: Sequence[str] = (),
     profile: Profile | str | None = None,
     start: float | None = None,
@@ -45,6 +48,8 @@ def judge_log(
     Args:
         table: CSV or Parquet file, or columns by name; see :mod:`validation.measure.log`.
         plan: parameters, preset, TOML file, folder of a run, or table of a plan.
+        columns: sources of columns that have other names or units, see
+            :func:`validation.measure.columns.map_columns`.
         settings: ``key=value`` texts that change the plan, not with parameters.
         profile: tolerances, or the name of a profile; by default that of the preset.
         start: time in the log at which the plan begins [s]; found if None.
@@ -68,12 +73,12 @@ def judge_log(
     if not isinstance(profile, Profile):
         own = own_profile(request.name, request.run)
         profile = own if profile is None else find_profile(profile)
-    columns, name = _columns(table)
+    signals, name = log_columns(table, columns)
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress)
     with timed(seconds, "measurement"), progress.stage(f"{planned.name}: log"):
         walked = planned.plan
-        log, facts = _aligned(read_log(columns, walked.weight, name), walked, start, place, strides=strides)
+        log, facts = _aligned(read_log(signals, walked.weight, name), walked, start, place, strides=strides)
         measured = measure_log(log, walked.mass, walked.gravity)
         record = log_record(log, measured, _steps(log, walked))
         comparison = compare(walked, record, measured)
@@ -108,14 +113,16 @@ def judge_run(directory: str | Path, profile: Profile | str | None = None) -> Sa
     return replace(saved, summary=judge_summary(saved.summary, profile, ended=ended, may_lack=may_lack))
 
 
-def _columns(table: str | Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
-    """Columns of a log by name, and its name."""
+def log_columns(
+    table: str | Path | Mapping[str, Any], mapping: Mapping[str, str] | None = None
+) -> tuple[Mapping[str, Any], str]:
+    """Columns of a log by name, after a mapping, and its name."""
     if not isinstance(table, str | Path):
-        return dict(table), "the log"
+        return map_columns(table, mapping or {}), "the log"
     path = Path(table)
     if path.is_dir():
         raise InputError(f"{path} is a folder; judge_run judges the folder of a run, judge_log a table.")
-    return read_columns(path), path.name
+    return map_columns((reader_of(path) or read_columns)(path), mapping or {}), path.name
 
 
 def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Request:

@@ -129,9 +129,7 @@ def _physics(record: StoredRecord) -> Physics:
 
 
 def step_again(
-    physics: Physics,
-    record: SimulationRecord,
-    advance: Callable[[int, int], None] | None = None,
+    physics: Physics, record: SimulationRecord, advance: Callable[[int, int], None] | None = None
 ) -> SimulationRecord:
     """Step the physics with recorded torques, up to the first recorded state of which a bit differs.
 

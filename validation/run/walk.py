@@ -149,11 +149,7 @@ def walk_planned(
             stage.advance(done, total)
 
         record = simulate(
-            planned,
-            controller=controller,
-            estimator=estimator,
-            disturbances=disturbances,
-            progress=advance,
+            planned, controller=controller, estimator=estimator, disturbances=disturbances, progress=advance
         )
         keep(record)
     with timed(taken, "measurement"), progress.stage(f"{planned.name}: measurement"):

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from validation.judge.margins import tilt_warnings
 from validation.judge.metrics import METRICS, Metric, cost_entry, display_unit
 from validation.table import ABSENT, USED, Table, format_number, format_share, short_unit
 
@@ -19,6 +20,7 @@ COSTS = (
     "margin_joint",
     "margin_clearance",
     "energy_cost_of_transport",
+    "margin_tilt",
 )
 """Costs beside the agreement; the others are in :func:`reported_table`."""
 LARGER_IS_BETTER = COSTS[5:10]
@@ -34,7 +36,7 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
         summary: contents of ``summary.json``.
     """
     rows = [_row(summary, METRICS[name]) for name in COSTS]
-    if "log" in summary:
+    if "log" in summary or "velocity" in summary:
         rows = [row for row in rows if row[1] != ABSENT]
     columns = ("cost", ">value", ">limit", "unit", USED, "where")
     notes = [_sentence(summary)]
@@ -44,6 +46,8 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
             f"{METRICS['margin_plan_polygon'].label}: of the worst instant. When a rolling foot lifts its "
             "heel, the ZMP passes the ball, which is then the edge."
         )
+    if summary["outcome"] == "completed" and (tilt := summary["margins"].get("tilt")):
+        notes += tilt_warnings(tilt["value"], tilt["where"])
     return Table("effort and margins", columns, rows, notes)
 
 
@@ -58,7 +62,7 @@ def reported_table(summary: Mapping[str, Any]) -> Table:
     for metric in rest:
         label, value, _, unit, _, where = _row(summary, metric)
         rows.append((label, value, unit, where))
-    if "log" in summary:
+    if "log" in summary or "velocity" in summary:
         rows = [row for row in rows if row[1] != ABSENT]
     return Table("", ("", ">value", "unit", "where"), rows)
 

@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from ampm.geometry import Array
 from validation.judge.compare import SIGNALS
 from validation.store.signals import Signals
@@ -14,7 +16,7 @@ class Curve(NamedTuple):
     title: str  # what it is
     unit: str  # in which it is drawn
     scale: float = 1.0  # drawn value per SI value
-    about: str = ""  # column that is subtracted, because the travel would flatten the curve; empty for none
+    about: str = ""  # column that is subtracted, if it is known, because the travel would flatten the curve
 
     @property
     def reference(self) -> str:
@@ -24,7 +26,7 @@ class Curve(NamedTuple):
     def values(self, signals: Signals, kind: str) -> Array:
         """Drawn values of the plan, the command or the measurement, shape (N,)."""
         values = signals[f"{kind}_{self.column}"]
-        return self.scale * (values - signals[self.about] if self.about else values)
+        return self.scale * (values - np.nan_to_num(signals[self.about]) if self.about else values)
 
 
 class Difference(NamedTuple):
@@ -55,6 +57,13 @@ CURVES = {
     )
 }
 """By the name of their column."""
+
+VELOCITIES = {
+    "velocity_x": ("Velocity of the COM along the heading", "m/s"),
+    "velocity_y": ("Velocity of the COM across the heading, to the left", "m/s"),
+    "yaw_rate": ("Rate of the heading, to the left", "rad/s"),
+}
+"""Title and unit of what a walk without a plan is asked for, by the name of its column."""
 
 DIFFERENCES = {
     "residual/zmp": Difference("ZMP error, measured - plan", "measured_zmp", "plan_zmp", "xy"),

@@ -15,11 +15,7 @@ from validation.show.style import save_figure, style
 
 _SHOWN_STEPS = 4  # a periodic gait repeats itself every two
 _POINTS = 1200
-_ABOVE: Any = {
-    "loc": "lower left",
-    "bbox_to_anchor": (-0.01, 1.0),
-    "ncols": 5,
-}
+_ABOVE: Any = {"loc": "lower left", "bbox_to_anchor": (-0.01, 1.0), "ncols": 5}
 """Place of a legend: above the axes, because curves fill them."""
 _ROUNDING = 1e-9
 _BEYOND = 0.7  # of the path of the COM, in which footsteps are drawn [m]

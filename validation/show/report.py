@@ -77,6 +77,7 @@ def render(saved: SavedRun) -> str:
         reason=short_unit(summary["reason"]),
         outcome_sentence="" if saved.is_log else outcome.name.sentence,
         is_log=saved.is_log,
+        is_free=saved.is_free,
         disturbed=_disturbed(saved),
         from_rest=saved.from_rest,
         facts=_facts(saved, plan),
@@ -107,9 +108,15 @@ def _disturbed(saved: SavedRun) -> str:
 def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     """What defines the gait (of the law's slopes those that its planner has), and how far the body walked."""
     gait, body, outcome = saved.parameters.gait, saved.parameters.body, saved.record.outcome
-    planner = saved.summary.get("planner", "ampm")
+    summary = saved.summary
+    planner = summary.get("planner", "ampm")
     facts = {"planner": planner, "COM height": f"{gait.com_height:.4g} m"}
-    if not saved.from_rest:  # lengths, times and speed vary otherwise
+    if saved.is_free:
+        facts = {"planner": planner}
+        for kind, values in summary["velocity"].items():
+            vx, vy, wz = (format_number(value, 3) for value in values)
+            facts[f"{kind} velocity"] = f"({vx}, {vy}) m/s, {wz} rad/s"
+    elif not saved.from_rest:  # lengths, times and speed vary otherwise
         facts |= {"step length": f"{gait.step_length:.4g} m", "step width": f"{gait.step_width:.4g} m"}
         if plan is not None:
             constants = plan.constants

@@ -17,7 +17,7 @@ from validation.judge.compare import SIGNALS
 from validation.judge.margins import clearance_over_time
 from validation.judge.metrics import display_unit
 from validation.show.chart import DASHED, WIDTH, Chart, Picture, decimate, new_charts, numbered
-from validation.show.curves import CURVES, DIFFERENCES, Curve, Difference
+from validation.show.curves import CURVES, DIFFERENCES, VELOCITIES, Curve, Difference
 from validation.show.style import BAD, COMMAND, FAINT, GOOD, INK, LEFT, MEASURED, PARTS, PLAN, RIGHT, SHADE
 from validation.show.walker import draw_walker
 from validation.store.saved import SavedRun
@@ -84,7 +84,8 @@ class RunFigures:
 
     def sections(self) -> dict[str, list[Picture]]:
         """All pictures with their numbers, by section, in the order of the page."""
-        found: dict[str, list[Picture]] = {"walker": []}
+        found: dict[str, list[Picture]] = {"walker": [], "velocity": []}
+        walked, planned = not self.saved.is_log, not (self.saved.is_log or self.saved.is_free)
         for section, columns in _SECTIONS.items():
             curves = [CURVES[name] for name in columns]
             found[section] = [
@@ -94,13 +95,16 @@ class RunFigures:
                 if self.saved.summary.get("ahead", {}).get("judged"):
                     found["zmp"].append(self.ahead())
                 found["above"] = [self.top_view()]
-                found["split"] = [] if self.saved.is_log else [self.causes(axis) for axis in "xy"]
+                found["split"] = [self.causes(axis) for axis in "xy"] if planned else []
             elif section == "force":
-                found["contact"] = [] if self.saved.is_log else [self.contact_timeline()]
+                found["contact"] = [self.contact_timeline()] if walked else []
         for section, entity in _DIFFERENCES.items():
             gap = DIFFERENCES[entity]
-            found[section] = [self.difference(gap)] if self._has(f"{gap.minuend}_x") else []
-        if not self.saved.is_log:
+            there = self._has(f"{gap.minuend}_x") and self._has(f"{gap.subtrahend}_x")
+            found[section] = [self.difference(gap)] if there else []
+        if self.saved.is_free:
+            found["velocity"] = [self.velocity()]
+        if walked:
             poses = draw_walker(self.saved, self.plan, self.window)
             found["walker"] = [self.walker(poses)] if poses else []
             found["cost"] = [self.torque_use(), self.clearance(), *found["cost"]]
@@ -109,18 +113,36 @@ class RunFigures:
 
     def _has(self, column: str) -> bool:
         """Whether a column has any value: a log may lack some, a user's controller may report no command."""
-        return bool(np.isfinite(self.signals[column]).any())
+        return column in self.signals and bool(np.isfinite(self.signals[column]).any())
 
     def walker(self, poses: list[Chart]) -> Picture:
         """The body at a few instants."""
+        kinds = "measured" if self.saved.is_free else "planned (blue) and measured (orange)"
         caption = (
-            "Arrows: planned (blue) and measured (orange) ground force, from the ZMP. Black dot: COM. "
-            "Purple: left side; yellow: right side."
+            f"Arrows: {kinds} ground force, from the ZMP. Black dot: COM. Purple: left side; yellow: right."
         )
         return Picture(poses, "The walking body from the side", caption, wide=True)
 
+    def velocity(self) -> Picture:
+        """Commanded and measured velocity over the whole run."""
+        charts = new_charts(5.0, 3, width=2 * WIDTH)
+        for chart, (column, (title, unit)) in zip(charts, VELOCITIES.items(), strict=True):
+            for kind, color in (("measured", MEASURED), ("command", COMMAND)):
+                values = self.signals[f"{kind}_{column}"]
+                chart.line(*decimate(self.signals.time, values), color, 1.3, label=kind)
+            low, high = (float(ends[1]) for ends in chart.limits())
+            chart.ylim = min(low, -0.1), max(high, 0.1)  # rounding is no velocity
+            _finish(chart, title, f"[{unit}]")
+        return Picture(charts, "Commanded and measured velocity", wide=True)
+
     def tracking(self, curve: Curve) -> Picture:
-        """Error over one stride, large; below it plan and measurement, and the error over the whole run."""
+        """Error over one stride, large; below it plan and measurement, and the error over the whole run.
+
+        Without a plan the measurement alone.
+        """
+        if self.saved.is_free:
+            title = curve.title.partition(",")[0]
+            return Picture([self._signal(chart, curve, title) for chart in new_charts(2.6)], title)
         large, lower, whole = charts = new_charts(6.2, 3, ratios=[5, 2.5, 2])
         signals, rows, name = self.signals, self.window, curve.column
         time = signals.time[rows]
@@ -131,26 +153,33 @@ class RunFigures:
         whole.line(*decimate(signals.time, gap), MEASURED, 0.8)
         for chart in (large, whole):
             _draw_tolerances(chart, self._tolerance(f"{name}_rmse"), self._tolerance(f"{name}_maximum"))
-        for foot, color in _FEET.items():
-            if f"{foot}_{name}" in signals:
-                values = curve.scale * signals[f"{foot}_{name}"][rows]
-                lower.line(*decimate(time, values), color, 0.9, label=f"{foot} foot")
-        plan, *others = _KINDS
-        first_plan = ("first_plan", FAINT, 1.1, "1 2")  # of a plan that moved
-        for kind, color, width, dash in ((curve.reference, *plan[1:]), first_plan, *others):
-            if f"{kind}_{name}" in signals and self._has(f"{kind}_{name}"):
-                values, label = curve.values(signals, kind)[rows], kind.replace("_", " ")
-                lower.line(*decimate(time, values), color, width, dash=dash, label=label)
-        for chart in (large, lower):
-            shade_double_support(chart, signals, rows)
+        self._signal(lower, curve, curve.title)
+        shade_double_support(large, signals, rows)
         title = f"Error of {SIGNALS[name].label}"
         _finish(large, f"{title}, two steps", f"[{short_unit(unit)}]")
-        _finish(lower, curve.title, f"[{curve.unit}]")
         self._finish_run(whole, f"{title}, whole run", f"[{short_unit(unit)}]")
         caption = (
             "Of the whole-body motion, as the AMPM does not plan it." if curve.reference == "motion" else ""
         )
         return Picture(charts, f"{curve.title}: error, plan and measurement", caption)
+
+    def _signal(self, chart: Chart, curve: Curve, title: str) -> Chart:
+        """Draw plan, command and measurement over one stride."""
+        signals, rows, name = self.signals, self.window, curve.column
+        time = signals.time[rows]
+        for foot, color in _FEET.items():
+            if f"{foot}_{name}" in signals:
+                values = curve.scale * signals[f"{foot}_{name}"][rows]
+                chart.line(*decimate(time, values), color, 0.9, label=f"{foot} foot")
+        plan, *others = _KINDS
+        first_plan = ("first_plan", FAINT, 1.1, "1 2")  # of a plan that moved
+        for kind, color, width, dash in ((curve.reference, *plan[1:]), first_plan, *others):
+            if self._has(f"{kind}_{name}"):
+                values, label = curve.values(signals, kind)[rows], kind.replace("_", " ")
+                chart.line(*decimate(time, values), color, width, dash=dash, label=label)
+        shade_double_support(chart, signals, rows)
+        _finish(chart, title, f"[{curve.unit}]")
+        return chart
 
     def ahead(self) -> Picture:
         """RMS errors of the ZMP by how long before each instant the plan stood."""
@@ -200,7 +229,8 @@ class RunFigures:
         begin = max(0, min(len(bounds) // 2 - steps // 2, len(bounds) - 1 - steps))
         end = min(begin + steps, len(bounds) - 1)
         rows = slice(None) if is_whole else slice(bounds[begin], bounds[end])
-        com = self.signals.vector("plan_com", "xy")[rows]
+        kind = "measured" if self.saved.is_free else "plan"
+        com = self.signals.vector(f"{kind}_com", "xy")[rows]
         low, high = com.min(axis=0) - 0.35, com.max(axis=0) + 0.35
         (chart,) = charts = new_charts(4.8 if is_whole else 2.6, width=2 * WIDTH)
         if self.plan is not None:
@@ -209,12 +239,14 @@ class RunFigures:
                     x, y = footprint(self.plan.feet.sole, step).T
                     chart.area(x, y, SHADE)
                     chart.line(x, y, _FEET[step.foot], 0.9)
-        for kind, color, width, dash in _KINDS:
+        there = [item for item in _KINDS if self._has(f"{item[0]}_zmp_x")]
+        for kind, color, width, dash in there:
             x, y = self.signals.vector(f"{kind}_zmp", "xy")[rows].T
             chart.line(x, y, color, width, dash=dash, label=f"ZMP, {kind}")
-        for kind, color in (("plan", PLAN), ("measured", MEASURED)):
-            x, y = self.signals.vector(f"{kind}_com", "xy")[rows].T
-            chart.line(x, y, color, dash="1 2", label=f"COM, {kind}")
+        for kind, color, *_ in there:
+            if kind != "command":
+                x, y = self.signals.vector(f"{kind}_com", "xy")[rows].T
+                chart.line(x, y, color, dash="1 2", label=f"COM, {kind}")
         chart.equal = True
         _finish(chart, "", "y, left [m]", "x, forward [m]")
         caption = "The whole walk." if is_whole else "Four steps from the middle of the run."
@@ -242,7 +274,7 @@ class RunFigures:
         shade_double_support(chart, self.signals, self.window)
         chart.ylim = (min(chart.yticks.values(), default=0.0) - 0.5, 0.5)
         _finish(chart, "", "")
-        caption = "Bars: measured; thin lines: planned."
+        caption = "Measured." if planned is None else "Bars: measured; thin lines: planned."
         return Picture(charts, "Contact of heel, ball and tip of both feet", caption)
 
     def torque_use(self, most: int = 16) -> Picture:

@@ -112,8 +112,8 @@ def _draw_pose(
     normal, ends = data.geom("floor").xmat[2::3], np.array([-_BESIDE, _BESIDE])
     under = float(np.nan_to_num((plane @ [*signals.vector("measured_zmp", "xy")[0], floor] - middle)[0]))
     chart.line(ends, floor - (ends - under) * (normal[:2] @ axes[:, 0]) / normal[2], FAINT, 0.8)
-    weight = float(signals["plan_force_z"][0])
-    scale = _ARROW * com[2] / weight if weight > 0.0 else 0.0
+    weight = float(model.body_mass.sum() * -model.opt.gravity[2])
+    scale = _ARROW * com[2] / weight
     for kind, color, width in (("plan", PLAN, 4.0), ("measured", MEASURED, 1.5)):
         zmp = plane @ [*signals.vector(f"{kind}_zmp", "xy")[0], floor] - middle
         tip = zmp + scale * plane @ signals.vector(f"{kind}_force")[0]

@@ -27,14 +27,17 @@ def metric_table(summary: Mapping[str, Any]) -> Table:
         summary: contents of ``summary.json``. Labels are read from it, as other processes may not have a
             user's metric.
     """
+    free = "velocity" in summary
     judged = [item for item in summary["metrics"].values() if item["tolerance"] is not None]
     rows = [_row(item) for item in judged if item["kind"] != "instrument"]
     checks = [_row(item) for item in judged if item["kind"] == "instrument"]
     if checks:
-        rows += [("Checks of plan and measurement", *[""] * 5), *checks]
+        what = "the measurement" if free else "plan and measurement"
+        rows += [(f"Checks of {what}", *[""] * 5), *checks]
     first = "" if all(item["first_step"] is None for item in judged) else ", without the first step"
     return Table(
-        f"{summary_title(summary)}: measured against plan{first} (profile {summary['profile']})",
+        f"{summary_title(summary)}: measured{'' if free else ' against plan'}{first} "
+        f"(profile {summary['profile']})",
         ("metric", ">value", ">limit", "unit", USED, ""),
         rows,
         _notes(summary, rows),

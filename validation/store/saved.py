@@ -70,6 +70,11 @@ class SavedRun(Tabled):
         return "log" in self.summary
 
     @property
+    def is_free(self) -> bool:
+        """Whether the walk had no plan, but a commanded velocity."""
+        return "velocity" in self.summary
+
+    @property
     def from_rest(self) -> bool:
         """Whether the walk begins with standing on both feet, as over footsteps, so that steps may differ."""
         return "double_support" in self.signals["phase"][:1]

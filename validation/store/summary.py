@@ -110,7 +110,7 @@ class Summary(_Entry):
     outcome: str
     steps_completed: int = Field(ge=0)
     end: _End
-    verdict: Literal["pass", "fail", "undecided", "not_measured"]
+    verdict: Literal["pass", "fail", "undecided", "partial", "not_measured"]
     reason: str
     profile: str
     gait: str
@@ -123,6 +123,7 @@ class Summary(_Entry):
     statistics: Mapping[str, Mapping[str, Mapping[str, Number | str]]]
     zmp_error_split: _Split
     ahead: _Ahead = _Ahead(judged=0.0, lead=[], rmse={})
+    velocity: Mapping[str, _Triple] = Field(default_factory=dict)
     effort: _Effort
     margins: _Margins
     energy: Annotated[

@@ -228,7 +228,7 @@ def walk_many(
     def refill() -> Iterator[Row]:
         """Take tasks until one of them wants a walk, or none is left."""
         while not ready and (item := next(source, None)) is not None:
-            yield from advance(_as_search(item))
+            yield from advance(_single(item) if isinstance(item, Task) else item)
             interruption.check()
             report.show()
 
@@ -264,15 +264,9 @@ def walk_many(
         rows.close()
 
 
-def _as_search(item: Task | Search) -> Search:
-    """A single task is a search that ends after its row."""
-    if not isinstance(item, Task):
-        return item
-
-    def single() -> Search:
-        yield item
-
-    return single()
+def _single(task: Task) -> Search:
+    """A search that ends after one row."""
+    yield task
 
 
 class _Report:

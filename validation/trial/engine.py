@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 
 from ampm.exceptions import InputError
-from ampm.parameters import RunParameters
 from ampm.physics_parameters import DrakeParameters
 
 
@@ -37,11 +36,6 @@ class MujocoEngine:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self.step1 = partial(mujoco.mj_step1, model, data)
         self.step2 = partial(mujoco.mj_step2, model, data)
-
-
-def drake_of(run: RunParameters) -> DrakeParameters | None:
-    """Drake's contact if Drake steps a run, None if MuJoCo does."""
-    return run.drake if run.simulation.engine == "drake" else None
 
 
 def check_drake(model: mujoco.MjModel | None = None) -> None:

@@ -75,6 +75,12 @@ class PlanRows:
         margin = np.where(self.contact.any(axis=1), margin, -np.inf)
         return np.where(np.isnan(self.points[:, 0, 0]), np.nan, margin)
 
+    def without_plan(self, stance: NDArray[np.int8]) -> PlanRows:
+        """NaN for all that is planned, and what stands, shape (N,), in place of the planned stance."""
+        known = {"time": self.time, "contact": self.contact, "stance": stance}
+        known["phase"] = (stance == 2).astype(np.int8)
+        return PlanRows({name: np.full(v.shape, np.nan) for name, v in self.columns.items()} | known)
+
     def at(self, times: Array) -> PlanRows:
         """Rows at times (M,) [s], between two instants on a straight line, outside at the first or last."""
         own = self.time

@@ -20,7 +20,7 @@ class OutcomeName(StrEnum):
     def sentence(self) -> str:
         """Meaning of the name."""
         return {
-            OutcomeName.COMPLETED: "The body walked every planned step.",
+            OutcomeName.COMPLETED: "The walk lasted to its end.",
             OutcomeName.FELL: "The body fell.",
             OutcomeName.DIVERGED: "The numbers of the simulation diverged.",
             OutcomeName.INFEASIBLE: "The controller's QP stayed unsolved.",

@@ -13,7 +13,7 @@ from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.physics_parameters import steps_per_tick
 from validation.trial.bridge import to_mujoco
-from validation.trial.engine import drake_of, make_engine
+from validation.trial.engine import make_engine
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.plan import Body
 
@@ -77,7 +77,7 @@ class Physics:
     def __init__(self, body: Body, run: RunParameters) -> None:
         self.model = model = body.model.compile()
         self.data = data = mujoco.MjData(model)
-        self.engine = make_engine(model, data, drake_of(run))
+        self.engine = make_engine(model, data, run.drake if run.simulation.engine == "drake" else None)
         self.robot = robot = body.robot
         self.time_step = float(model.opt.timestep)
         self.substeps = steps_per_tick(run.controller.frequency, self.time_step)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError, RefusedGait
-from ampm.parameters import HUMAN, OPEN_KEYS, RunParameters
+from ampm.parameters import HUMAN, NO_PLAN, OPEN_KEYS, CommandParameters, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
@@ -312,12 +312,18 @@ def plan_walk(
     says = vars(type(planner))  # see ampm.walk.Planner
     tunes, checked = says.get("tunes", False), says.get("checked", False)
     name = str(getattr(planner, "name", type(planner).__name__))
+    if run.command != CommandParameters() and name != NO_PLAN and says.get("checked", False):
+        raise InputError(
+            f"the planner {name or 'ampm'} follows no commanded velocity; leave out the keys command.*, or "
+            "walk with --planner none.",
+            way_out="walk with --planner none",
+        )
     if run.footsteps and not says.get("plans_footsteps", True):
         raise InputError(f"the planner {name} does not plan footsteps; leave out one of them.")
-    if says.get("gives_steps", False):
-        unused = {*request.changed, *({"gait.steps"} & run.given)} - {"gait.com_height"}
+    if "gait_keys" in says:
+        unused = {*request.changed, *({"gait.steps"} & run.given)} - {*says["gait_keys"]}
         if keys := ", ".join(sorted(key for key in unused if key.startswith("gait."))):
-            progress.say(f"{request.name}: the table gives the steps; not used: {keys}")
+            progress.say(f"{request.name}: the planner {name} does not use: {keys}")
     body = None
     if tunes:
         name = "" if name == "ampm" else name
@@ -341,7 +347,7 @@ def plan_walk(
             _check_posture(plan, body.robot)
             check_contacts(plan)
             _check_slope(plan, run)
-            if not says.get("gives_steps", False):
+            if "gait.steps" in says.get("gait_keys", ("gait.steps",)):
                 _check_steps(plan, run)
     if run.footsteps and not checked:
         _check_footsteps(plan, run, name)
@@ -431,6 +437,9 @@ def _summary(run: RunParameters, tuned: Tuned) -> str:
     def text(value: float | str) -> str:
         return value if isinstance(value, str) else f"{value:.3g}"
 
+    from ampm.tune.first_gait import EASY_KEYS  # imported here: it loads more than a plan needs
+
+    own = [] if run.body.source == HUMAN else [key for key in EASY_KEYS if key not in run.given]
     items = [
         f"{key} {text(value)} ({text(run.value(key))})"
         for key, value in tuned.values.items()
@@ -438,4 +447,6 @@ def _summary(run: RunParameters, tuned: Tuned) -> str:
     ]
     if not items:
         return "what is left open fits as it is"
-    return f"found {', '.join(items)}; --as-is keeps the values in brackets"
+    found = f"found {', '.join(items)}; --as-is keeps the values in brackets"
+    sized = ", ".join(f"{key} {text(run.value(key))}" for key in own)
+    return f"of the body's size {sized}; {found}" if own else found

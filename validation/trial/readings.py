@@ -50,15 +50,17 @@ def read_true(log: StepLog, gravity: float, time_step: float, i: int, values: Ar
 
 
 class Sensors:
-    """Sensors of a walk.
+    """From the simulated body to the state that a controller gets.
 
     Args:
         run: its section ``sensors``.
         log: of the walk.
         gravity: [m/s^2].
+        estimator: that makes the state; None for the true state, but for what is read.
     """
 
-    def __init__(self, run: RunParameters, log: RunLog, gravity: float) -> None:
+    def __init__(self, run: RunParameters, log: RunLog, gravity: float, estimator: Estimator | None) -> None:
+        self._estimator, self._users_code = estimator, UsersCode("estimator", estimator)
         self.parameters = sensors = run.sensors
         self._time_step = run.simulation.time_step
         self._late = sensors.steps_late(self._time_step)
@@ -113,22 +115,6 @@ class Sensors:
             position=position,
         )
 
-
-class Sensing:
-    """From the simulated body to the state that a controller gets.
-
-    Args:
-        run: its section ``sensors``.
-        log: of the walk.
-        gravity: [m/s^2].
-        estimator: that makes the state; None for the true state, but for what is read.
-    """
-
-    def __init__(self, run: RunParameters, log: RunLog, gravity: float, estimator: Estimator | None) -> None:
-        self.sensors, self._estimator = Sensors(run, log, gravity), estimator
-        self._time_step = run.simulation.time_step
-        self._users_code = UsersCode("estimator", estimator)
-
     def update(self, log: RunLog, k: int, commanded: Array | None) -> tuple[State, Touch]:
         """State and touch for the control tick of step k.
 
@@ -137,9 +123,9 @@ class Sensing:
             k: step.
             commanded: accelerations of the last tick, see :class:`~ampm.sensors.readings.Estimator`.
         """
-        readings = self.sensors.read(log, k)
+        readings = self.read(log, k)
         if self._estimator is None:
-            return self._true(log, k, readings)
+            return self._state(log, k, readings)
         with self._users_code:
             match self._estimator.update(readings, commanded):
                 case (State() as state, Touch() as touch):
@@ -152,9 +138,9 @@ class Sensing:
                     raise ValueError(f"'{name}' of its state must be {size} finite numbers")
         return state, touch
 
-    def _true(self, log: RunLog, k: int, readings: Readings) -> tuple[State, Touch]:
+    def _state(self, log: RunLog, k: int, readings: Readings) -> tuple[State, Touch]:
         """The true state of the root, and the rest as read; of their delay nothing is known."""
-        i = self.sensors.sampled(k)
+        i = self.sampled(k)
         q, v = to_pinocchio(log.record.q[i], log.record.qd[i])
         q[_HINGES + 1 :], v[_HINGES:], v[3:_HINGES] = readings.angles, readings.rates, readings.gyro
         touch = Touch(readings.contact, readings.force, self._time_step)

@@ -4,6 +4,8 @@ Only the soles of the body collide, so parts of the body can penetrate each othe
 between the drawn shapes.
 """
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -77,6 +79,18 @@ class Shapes:
     def gaps(self, q: Array) -> Gaps:
         """Parts that come closest at Pinocchio configurations (T, nq)."""
         return self.recorded_gaps(to_mujoco(q, np.zeros((len(q), self._model.nv)))[0])
+
+    def tilts(self, qpos: ArrayLike, segments: Sequence[str]) -> Array:
+        """Angles of M segments from upright at MuJoCo configurations (T, nq), shape (T, M) [rad]."""
+        model, data = self._model, self._data
+        numbers = [model.body(name).id for name in segments]
+        configurations = np.atleast_2d(np.asarray(qpos, dtype=np.float64))
+        upright = np.empty((len(configurations), len(numbers)))
+        for row, configuration in enumerate(configurations):
+            data.qpos[:] = configuration
+            mujoco.mj_kinematics(model, data)
+            upright[row] = data.xmat[numbers, 8]
+        return np.arccos(np.clip(upright, -1.0, 1.0))
 
     def recorded_gaps(self, qpos: ArrayLike) -> Gaps:
         """Parts that come closest at MuJoCo configurations (T, nq)."""

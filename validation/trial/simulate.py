@@ -17,7 +17,7 @@ from ampm.compiled import bound
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.geometry import Array
-from ampm.parameters import DisturbanceParameters, RunParameters
+from ampm.parameters import NO_PLAN, DisturbanceParameters, RunParameters
 from ampm.reference import Reference
 from ampm.sensors.readings import Estimator, EstimatorFactory
 from ampm.stepping.tracker import SteppedTick
@@ -39,11 +39,12 @@ from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, explained, quiet_mujoco
 from validation.trial.plan import PlannedWalk
-from validation.trial.readings import Sensing, make_estimator
+from validation.trial.readings import Sensors, make_estimator
 from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References
 from validation.trial.scene import surfaces
 from validation.trial.step import act, end_step, sense
+from validation.trial.unplanned import Supports
 from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
 from validation.trial.watch import End, Watch
 
@@ -113,6 +114,8 @@ def simulate(
     since = tuple(first * tick for first in course.since)
     followed = Followed(tuple(course.plans), since, tuple(loop.stepped), tick)
     outcome, named = record.outcome, ""
+    if plan.command is not None:
+        outcome = replace(outcome, steps_completed=Supports.of(record).steps)
     if factory is not TrackingController:
         named = CONTROLLER.name_of(factory)
     elif run.controller.stabilizer == "fixed" and (forces or run.disturbance != DisturbanceParameters()):
@@ -240,10 +243,11 @@ class ClosedLoop:
         self.command, self._row = self.log.command, self.log.row
         names = ("torque", "rate", "force", "zmp", "angular_momentum")
         self._parts = [(name, (part := getattr(self.command, name)), part.shape) for name in names]
-        self.watch = Watch(self.log.stance, run.controller.unsolved_limit, robot.description.scale)
-        self.sensing = None
+        planned = run.gait.planner != NO_PLAN
+        self.watch = Watch(self.log.stance, run.controller.unsolved_limit, robot.description.scale, planned)
+        self.sensors = None
         if not run.sensors.perfect:
-            self.sensing = Sensing(run, self.log, robot.gravity, estimator)
+            self.sensors = Sensors(run, self.log, robot.gravity, estimator)
         self._bind()
 
     def _bind(self) -> None:
@@ -340,12 +344,12 @@ class ClosedLoop:
         physics, k = self.physics, self.done
         self._sense(physics.data.ncon)
         self._reference = next(self.course.references)
-        if self.sensing is None:
+        if self.sensors is None:
             body = physics.body
             self._sensed = State(k * physics.time_step, body.q, body.v, 0.5 * body.time_step), self._touch
         else:
             commanded = getattr(self.controller, "acceleration", None)
-            self._sensed = self.sensing.update(self.log, k, commanded)
+            self._sensed = self.sensors.update(self.log, k, commanded)
         return *self._sensed, self._reference
 
     def apply(self, output: ControlOutput) -> End | None:

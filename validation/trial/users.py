@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 import ampm
 from ampm.exceptions import AmpmError, InputError, words_of
 from ampm.files import LARGEST_TABLE, check_columns, read_file, read_text
+from ampm.parameters import NO_PLAN
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.support import StepPlan
@@ -216,7 +217,7 @@ PLANNER = Role(
     name="planner",
     key="gait.planner",
     options="planner.options",
-    known=MappingProxyType(dict.fromkeys(STEP_PLANNERS, "")),
+    known=MappingProxyType(dict.fromkeys(STEP_PLANNERS, "") | {NO_PLAN: "ampm.planners:StandingPlanner"}),
     arguments=0,
     otherwise="a table FILE.csv or FILE.parquet, or MODULE:CLASS",
 )

@@ -16,7 +16,7 @@ from ampm.geometry import Array
 from validation.show.rerun.record import open_stream
 from validation.show.rerun.views import PHASE, RUN_COLORS, Color, Ranges, axis_range, several_blueprint
 
-_STANCE = "/phase/planned_stance"
+_STANCES = "/phase/planned_stance", "/phase/measured_stance"
 _HIDDEN = ("command", "first_plan")
 """Curves of a run that are not shown beside other runs."""
 _SHARES = {"plan": 0.5, "motion": 0.5, "y": 0.65, "z": 0.4}
@@ -34,9 +34,9 @@ def read_chunks(path: Path) -> list[Chunk]:
     except Exception as error:  # the reader's errors have no type of their own
         first = str(error).partition("\n")[0]
         raise InputError(f"{path} cannot be read as a recording ({first}); walk the gait again.") from error
-    if not any(chunk.entity_path == _STANCE and PHASE in chunk.timeline_names for chunk in chunks):
+    if not any(chunk.entity_path in _STANCES and PHASE in chunk.timeline_names for chunk in chunks):
         raise InputError(
-            f"{path} has no {_STANCE} over {PHASE}; give the recording of a walk, or walk the gait again."
+            f"{path} has no {_STANCES[0]} over {PHASE}; give the recording of a walk, or walk the gait again."
         )
     return chunks
 

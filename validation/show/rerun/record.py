@@ -14,6 +14,7 @@ import logging
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import compress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 from ampm.geometry import Array, convex_hull
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
-from validation.show.curves import CURVES, DIFFERENCES
+from validation.show.curves import CURVES, DIFFERENCES, VELOCITIES
 from validation.show.rerun.body import segment_entity, segment_poses, segment_shapes
 from validation.show.rerun.views import (
     COMMAND,
@@ -251,7 +252,9 @@ def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | 
         log.shapes(entity, times, rr.Arrows3D, color, radius, origins=origin, vectors=force * FORCE_SCALE)
 
     # The views follow this frame, so that the body stays in view and the floor moves.
-    follow = np.column_stack([signals["plan_com_x"], np.zeros((len(times), 2))])
+    follow = signals.vector("plan_com") * (1.0, 0.0, 0.0)
+    if saved.is_free:
+        follow = signals.vector("measured_com") * (1.0, 1.0, 0.0)
     log.columns("world/follow", times, rr.Transform3D.columns(translation=follow))
 
     floor = np.zeros(len(times)) if saved.is_log else _log_soles(log, saved, frames)
@@ -371,6 +374,9 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Lines]]]:
     for column, curve in CURVES.items():
         lines = yaw if curve.reference == "motion" else series
         found[f"signals/{column}"] = np.column_stack([curve.values(signals, kind) for kind in lines]), lines
+    for column in VELOCITIES if saved.is_free else ():
+        both = {kind: SERIES[kind] for kind in ("command", "measured")}
+        found[f"signals/{column}"] = np.column_stack([signals[f"{kind}_{column}"] for kind in both]), both
     for entity, gap in DIFFERENCES.items():
         found[entity] = gap.values(signals, weight), {axis: _AXES[axis] for axis in gap.axes}
     feet = np.column_stack([signals["left_force_z"], signals["right_force_z"], signals["plan_force_z"]])
@@ -378,13 +384,22 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Lines]]]:
     if not saved.is_log:
         use = np.abs(saved.record.torque_at(saved.signal_steps[rows])) / saved.record.torque_limit
         found["effort/torque"] = 100 * use.max(axis=1)[:, None], {"torque": MEASURED}
-    return signals.time, found
+    return signals.time, dict(_known(found))
+
+
+def _known(curves: Mapping[str, tuple[Array, Lines]]) -> Iterator[tuple[str, tuple[Array, Lines]]]:
+    """Curves without columns that have no value: those of the plan, if there is none."""
+    for entity, (values, lines) in curves.items():
+        there: list[bool] = np.atleast_1d(np.isfinite(values).any(axis=0)).tolist()
+        if any(there):
+            yield entity, (values[:, there], dict(compress(lines.items(), there)))
 
 
 def _log_states(log: _Log, signals: Signals) -> None:
     """Phase of the plan and contact of the feet as lanes."""
     stances = ["both feet" if stance == "both" else f"{stance} foot" for stance in signals["stance"]]
-    lanes = {"planned_stance": np.array(stances, dtype=object)}
+    planned = "planned" if np.isfinite(signals["plan_com_x"]).any() else "measured"
+    lanes = {f"{planned}_stance": np.array(stances, dtype=object)}
     for foot in _FEET:
         lanes[f"{foot}_foot_on_the_floor"] = np.where(signals[f"{foot}_contact"], foot, "")
     feet = {"left foot": LEFT, "right foot": RIGHT, **_FEET}

@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ampm.geometry import Array
-from validation.show.curves import CURVES, DIFFERENCES
+from validation.show.curves import CURVES, DIFFERENCES, VELOCITIES
 
 Color = tuple[int, int, int, int]
 Labels = Mapping[str, str]
@@ -31,6 +31,7 @@ RUN_COLORS: Sequence[Color] = (PLAN, MEASURED, (120, 220, 120, 255), (230, 140, 
 
 _TITLES = {
     **{f"signals/{column}": f"{curve.title} [{curve.unit}]" for column, curve in CURVES.items()},
+    **{f"signals/{column}": f"{title} [{unit}]" for column, (title, unit) in VELOCITIES.items()},
     "signals/foot_force_z": "Load of each foot [N]",
     **{entity: f"{gap.title} [{gap.unit}]" for entity, gap in DIFFERENCES.items()},
     "effort/torque": "Torque of the busiest motor [% of its limit]",
@@ -44,6 +45,7 @@ def _signals(name: str, axes: str) -> list[str]:
 
 
 _TABS = {
+    "Velocity": [[f"signals/{column}"] for column in VELOCITIES],
     "ZMP": [_signals("zmp", "xy"), ["residual/zmp"]],
     "Force": [_signals("force", "xyz"), ["signals/foot_force_z", "residual/force"]],
     "Momentum": [_signals("angular_momentum", "xyz"), ["residual/angular_momentum"]],
@@ -95,8 +97,8 @@ def several_blueprint(runs: Labels, ranges: Ranges) -> rrb.Blueprint:
         rrb.Vertical(_body_view(label, at), _above_view(f"{label} from above", at), row_shares=[3, 2])
         for at, label in runs.items()
     ]
-    lanes = [f"{at}/phase/planned_stance" for at in runs]
-    title = "Planned stance; a second on this timeline is a step"
+    lanes = [f"{at}/phase/{kind}_stance" for at in runs for kind in ("planned", "measured")]
+    title = "Stance; a second on this timeline is a step"
     below = rrb.Horizontal(
         _tabs(list(runs), ranges),
         rrb.Vertical(
@@ -118,9 +120,11 @@ def _near() -> rrb.TimeAxis:
 
 def _plot(entity: str, runs: Sequence[str], ranges: Ranges) -> rrb.TimeSeriesView:
     """Curves of one entity of some runs: signals about the cursor, others over the whole run."""
-    is_signal = entity.startswith("signals/")
+    is_signal, title = entity.startswith("signals/"), _TITLES[entity]
+    if "signals/yaw_rate" in ranges:  # there is no plan
+        title = title.replace(", from the planned COM", "").replace(", from the plan", "")
     return rrb.TimeSeriesView(
-        name=_TITLES[entity],
+        name=title,
         contents=[f"{at}/{entity}" for at in runs],
         axis_x=_near() if is_signal else None,
         axis_y=rrb.ScalarAxis(range=ranges[entity]) if entity in ranges else None,
@@ -132,8 +136,9 @@ def _tabs(runs: Sequence[str], ranges: Ranges) -> rrb.Tabs:
     """All curves of some runs."""
     tabs = []
     for name, rows in _TABS.items():
-        lines = [rrb.Horizontal(*(_plot(entity, runs, ranges) for entity in row)) for row in rows]
-        tabs.append(rrb.Vertical(*lines, name=name))
+        there = [[entity for entity in row if entity in ranges or not ranges] for row in rows]
+        lines = [rrb.Horizontal(*(_plot(entity, runs, ranges) for entity in row)) for row in there if row]
+        tabs += [rrb.Vertical(*lines, name=name)] if lines else []
     return rrb.Tabs(*tabs, active_tab=0)
 
 

@@ -117,6 +117,7 @@ def draw_walks(sides: Sequence[Side]) -> tuple[list[tuple[str, str]], list[Pictu
         _draw(sides, name)
         for name in (*_ERRORS, *_CURVES)
         if any(np.isfinite(side.run.signals[f"measured_{name}"]).any() for side in sides)
+        and not (name in _ERRORS and all(side.run.is_free for side in sides))
     ]
     return keys, numbered(pictures)
 

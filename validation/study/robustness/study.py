@@ -179,12 +179,7 @@ def robustness(
 
 
 def replica_task(
-    cell: Cell,
-    value: float,
-    replica: int,
-    planned: PlannedWalk,
-    profile: str,
-    users: Mapping[str, Any],
+    cell: Cell, value: float, replica: int, planned: PlannedWalk, profile: str, users: Mapping[str, Any]
 ) -> Task:
     """The walk of one replica: the first as planned, others with an error at the start, and a shift.
 

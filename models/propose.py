@@ -1,0 +1,235 @@
+"""A description file proposed from a model alone: root, trunk, feet, knees, sole and what must be locked."""
+
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import tomli_w
+from scipy.spatial import ConvexHull, QhullError
+
+from ampm.exceptions import InputError
+from ampm.geometry import Array
+from models.source import MASSLESS, compiled_source, source_path
+from models.tree import at_zero, coupled_joints, motor_limits
+
+_LATERAL = 0.8  # least share of a hinge's axis along left and right, to bend hip, knee, ankle or toes [1]
+_LEVEL = 0.05  # largest angle between parts of one sole, or from the level [rad]
+_NO_SOLE = """
+# The model has no shape of a sole. Fill in [body.sole]: heel, front, bottom, heel_half_width,
+# front_half_width [m].
+"""
+_STEEP = 0.7  # largest angle of a sole from the level with all joints at 0 [rad]
+_BESIDE, _SPREAD = 0.05, 0.4  # from the middle to a shoulder [m], and of an arm at rest [rad]
+_HEAD = 0.2  # mass of what hangs on the trunk, over the trunk's, if it is no further part of it [1]
+_INSETS = np.linspace(0.0, 0.25, 11)  # of heel and front from the ends of the outline, over its length [1]
+_RING = np.array([(np.cos(a), np.sin(a), 0.0) for a in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)])
+_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+
+
+def propose(source: str, folder: Path) -> str:
+    """Text of a description file.
+
+    Args:
+        source: model, as in a description: a file, from the present folder, or PACKAGE:FILE.
+        folder: where the description will be.
+
+    Raises:
+        InputError: there is no such model, or it has no two legs.
+    """
+    path, balance = source_path(source, Path()), {}
+    try:
+        model, _ = compiled_source(path)
+    except InputError:
+        balance = {"balance_inertia": True}
+        model, _ = compiled_source(path, balance=True)
+    where = source if ":" in source else Path(os.path.relpath(path, folder)).as_posix()
+    body = {"source": where} | balance | _Proposal(model).keys()
+    return tomli_w.dumps({"body": body}) + ("" if "sole" in body else _NO_SOLE)
+
+
+class _Proposal:
+    """Roles of the segments and joints of a model with all joints at 0."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model, self.data = model, at_zero(model)
+        self.chains: list[list[int]] = [[]]
+        """Joints from the world to each body, without free ones."""
+        for body in range(1, model.nbody):
+            own = model.body_jntadr[body] + np.arange(model.body_jntnum[body])
+            own = own[model.jnt_type[own] != mujoco.mjtJoint.mjJNT_FREE]
+            self.chains.append(self.chains[model.body_parentid[body]] + own.tolist())
+        ends = self._ends()
+        self.root = int(model.body_rootid[ends[0]])
+        place = self.data.xpos[ends]
+        self.up = int(np.abs(place.mean(axis=0) - self.data.xpos[self.root]).argmax())
+        across = np.where(np.arange(3) == self.up, 0.0, place[0] - place[1])
+        across /= np.linalg.norm(across)
+        shared = set(self.chains[ends[0]]) & set(self.chains[ends[1]])
+        bends = [
+            [j for j in self.chains[end] if j not in shared and abs(self.data.xaxis[j] @ across) > _LATERAL]
+            for end in ends
+        ]
+        if min(map(len, bends)) < 2:
+            names = " and ".join(model.body(end).name for end in ends)
+            raise InputError(f"the model has no legs: what ends at {names} has no knee; take another model.")
+        self.knees = [joints[1] for joints in bends]
+        self.toes = [joint for joints in bends for joint in joints[3:]]
+        self.feet = [
+            end if len(joints) < 4 else int(model.body_parentid[model.jnt_bodyid[joints[3]]])
+            for end, joints in zip(ends, bends, strict=True)
+        ]
+        # A knee bends about the axis to the left by more than it can be stretched.
+        if (self.data.xaxis[self.knees[0]] @ across) * model.jnt_range[self.knees[0]].sum() < 0.0:
+            self.feet.reverse()
+            self.knees.reverse()
+            across = -across
+        up = np.eye(3)[self.up]
+        self.axes = np.stack([np.cross(across, up), across, up])
+
+    def _ends(self) -> list[int]:
+        """The ends of two chains of as many joints whose middle is farthest from their root."""
+        model, chains, place = self.model, self.chains, self.data.xpos
+        moving = [body for body in range(1, model.nbody) if model.body_jntnum[body] and chains[body]]
+        ends = [b for b in moving if not any(set(chains[b]) < set(chains[other]) for other in moving)]
+        pairs = [
+            (float(np.linalg.norm(place[[one, two]].mean(axis=0) - place[model.body_rootid[one]])), two, one)
+            for i, one in enumerate(ends)
+            for two in ends[:i]
+            if len(chains[one]) == len(chains[two]) and not set(chains[one][-3:]) & set(chains[two][-3:])
+        ]
+        if not pairs:
+            raise InputError(
+                "the model has no two chains of as many joints, and so no legs; take another one."
+            )
+        return list(max(pairs)[1:])
+
+    def keys(self) -> dict[str, Any]:
+        """Keys of the description, without its source."""
+        body, joint, locked = self.model.body, self.model.joint, self._locked()
+        sole = fit_sole((self._foot_points() - self.data.xpos[self.feet[0]]) @ self.axes.T)
+        return {
+            "root": body(self.root).name,
+            "trunk": body(self._trunk()).name,
+            "foot": [body(foot).name for foot in self.feet],
+            "knee": [joint(knee).name for knee in self.knees],
+            **({"up": "xyz"[self.up]} if self.up != 2 else {}),
+            **self._rest(),
+            **({"lock": [joint(number).name for number in locked]} if locked else {}),
+            **({"sole": sole} if sole else {}),
+        }
+
+    def _trunk(self) -> int:
+        """The moving segment reached by always going up where most of the mass is that is not of the legs."""
+        model, here, found = self.model, self.root, self.root
+        legs = {joint for foot in self.feet for joint in self.chains[foot]}
+        while True:
+            below = np.flatnonzero(model.body_parentid == here)
+            below = below[[legs.isdisjoint(self.chains[body]) for body in below]]
+            mass = model.body_subtreemass[below]
+            if not mass.size or not mass.max() > max(0.5 * mass.sum(), _HEAD * model.body_mass[here]):
+                return found
+            here = int(below[mass.argmax()])
+            found = here if model.body_jntnum[here] else found
+
+    def _locked(self) -> list[int]:
+        """Toes, and joints of no leg that are coupled, no hinges, or without motor or mass."""
+        model, coupled, limits = self.model, coupled_joints(self.model), motor_limits(self.model)
+        legs = {joint for foot in self.feet for joint in self.chains[foot]}
+        others = np.flatnonzero(model.jnt_type != mujoco.mjtJoint.mjJNT_FREE).tolist()
+        return [
+            joint
+            for joint in others
+            if joint not in legs
+            and (
+                joint in self.toes
+                or model.joint(joint).name in coupled
+                or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE
+                or not 0.0 < limits.get(joint, np.inf) < np.inf
+                or not model.body_subtreemass[model.jnt_bodyid[joint]] > MASSLESS
+            )
+        ]
+
+    def _rest(self) -> dict[str, Any]:
+        """The key ``rest``: the left arm spread by its first hinge that turns it sideways."""
+        model, side = self.model, (self.data.xanchor - self.data.xpos[self.root]) @ self.axes[1]
+        legs = {joint for foot in self.feet for joint in self.chains[foot]}
+        for joint, forward in enumerate(self.data.xaxis @ self.axes[0]):
+            if joint not in legs and side[joint] > _BESIDE and abs(forward) > _LATERAL:
+                angle = math.copysign(_SPREAD, forward)
+                if (
+                    not model.jnt_limited[joint]
+                    or model.jnt_range[joint, 0] < angle < model.jnt_range[joint, 1]
+                ):
+                    return {"rest": {model.joint(joint).name: angle}}
+        return {}
+
+    def _foot_points(self) -> Array:
+        """Points of the shapes of the left foot and of all that hangs on it, in world, shape (n, 3) [m]."""
+        model, data, found = self.model, self.data, [np.empty((0, 3))]
+        chain = set(self.chains[self.feet[0]])
+        mine = [body for body in range(model.nbody) if chain <= set(self.chains[body])]
+        for geom in np.flatnonzero(np.isin(model.geom_bodyid, mine)).tolist():
+            points = _shape_points(model, geom)
+            found.append(points @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
+        return np.concatenate(found)
+
+
+def fit_sole(points: Array) -> dict[str, float]:
+    """Keys of the sole under some points of a foot, (n, 3) from its origin [m]; none without a flat part.
+
+    The outline is the largest trapezoid in the largest flat part that is symmetric about a line along x.
+    """
+    try:
+        hull = ConvexHull(points)
+        under = hull.equations[:, 2] < -np.cos(_STEEP)
+        corners, normal = points[hull.simplices[under]], hull.equations[under, :3]
+        sides = corners[:, 1:] - corners[:, :1]
+        area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+        alike = normal @ normal.T > np.cos(_LEVEL)
+        flat = alike[(alike @ area).argmax()]
+        down = area[flat] @ normal[flat]
+        pitch = float(np.arctan2(-down[0], -down[2]))
+        pitch = pitch if abs(pitch) > _LEVEL else 0.0
+        c, s = np.cos(pitch), np.sin(pitch)
+        part = corners[flat].reshape(-1, 3) @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+        outline = part[ConvexHull(part[:, :2]).vertices, :2]
+    except (QhullError, ValueError):  # too few points, or all in one plane
+        return {}
+    outline = np.roll(outline, -int(outline[:, 0].argmin()), axis=0)  # counterclockwise from the heel
+    front = int(outline[:, 0].argmax())
+    x = outline[0, 0] + (outline[front, 0] - outline[0, 0]) * np.linspace(1e-6, 1.0 - 1e-6, 101)
+    low = np.interp(x, *outline[: front + 1].T)
+    high = np.interp(x, *np.vstack([outline[front:], outline[:1]])[::-1].T)
+    middle = float(0.5 * (low + high)[50])
+    half = np.maximum(np.minimum(high - middle, middle - low), 0.0)
+    length = x[-1] - x[0]
+    trapezoids = [(x[0] + a * length, x[-1] - b * length) for a in _INSETS for b in _INSETS]
+    halves = [np.interp(ends, x, half) for ends in trapezoids]
+    size = [(ends[1] - ends[0]) ** 2 * pair.prod() for ends, pair in zip(trapezoids, halves, strict=True)]
+    k = int(np.argmax(size))
+    keys = ("heel", "front", "bottom", "heel_half_width", "front_half_width", "middle", "pitch")
+    found = (*trapezoids[k], np.median(part[:, 2]), *halves[k], middle, pitch)
+    values = {key: round(float(value), 4) for key, value in zip(keys, found, strict=True)}
+    for key in ("middle", "pitch"):
+        if not values[key]:
+            del values[key]
+    return values if size[k] > 0.0 else {}
+
+
+def _shape_points(model: mujoco.MjModel, geom: int) -> Array:
+    """Points of one shape in its own axes, shape (n, 3) [m]."""
+    kind = mujoco.mjtGeom(int(model.geom_type[geom])).name.removeprefix("mjGEOM_")
+    size = model.geom_size[geom]
+    if kind == "MESH":
+        mesh = int(model.geom_dataid[geom])
+        first = int(model.mesh_vertadr[mesh])
+        return np.array(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], dtype=np.float64)
+    if kind == "BOX":
+        return _CORNERS * size
+    if kind in ("CAPSULE", "CYLINDER"):
+        ends = np.array([[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]])
+        return np.concatenate([size[0] * _RING + end for end in ends])
+    return np.concatenate([np.eye(3), -np.eye(3)]) * (size[0] if kind == "SPHERE" else size)

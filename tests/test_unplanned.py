@@ -1,0 +1,124 @@
+"""A walk without a plan: the body begins standing, is asked for a velocity, and is judged by its record."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import validation as val
+from ampm import ControlOutput, load_run
+from ampm.exceptions import BodilyRefusal, InputError
+from validation import environment
+from validation.trial.unplanned import Supports, heading_velocity
+
+QUICK = ("--planner", "none", "--set", "simulation.time_step=2e-3", "--set", "command.duration=3")
+
+
+@pytest.mark.parametrize("body", ["human", "g1"])
+def test_with_the_projects_controller_a_body_stands(ampm, tmp_path, body):
+    answer = ampm("validate", *QUICK, "--body", body, "--steps", 4, "--out", tmp_path / "run", "--json")
+    assert answer.status == 0
+    assert "planner none does not use: gait.steps" in answer.err
+    summary = answer.json
+    assert (summary["profile"], summary["verdict"], summary["steps_completed"]) == ("free", "pass", 0)
+    assert summary["metrics"]["velocity_x_error"]["pass"]
+    assert "zmp_x_rmse" not in summary["metrics"]
+    np.testing.assert_allclose(summary["velocity"]["measured"], 0.0, atol=1e-6)
+    page = (tmp_path / "run/report.html").read_text()
+    assert "Commanded and measured velocity" in page
+    assert "error, plan and measurement" not in page
+    assert "from the planned" not in page
+    assert (tmp_path / "run/recording.rrd").is_file()
+    assert ampm("replay", tmp_path / "run").status == 0
+    again = ampm("validate", tmp_path / "run/run.toml", "--out", tmp_path / "again", "--json").json
+    assert again["metrics"] == summary["metrics"]
+
+
+class Limp:
+    """Asks what it is asked for, and lets the body fall."""
+
+    asked: tuple[Any, ...] = ()
+
+    def __init__(self, robot, run):
+        self.torque, self.command = np.zeros(robot.nu), run.command
+
+    def update(self, state, touch, reference):
+        type(self).asked += (self.command.at(state.time),)
+        return ControlOutput(self.torque)
+
+
+def test_a_controller_reads_its_command_and_a_fall_is_told_without_a_plan():
+    run = load_run(
+        simulation={"time_step": 0.002}, command={"vx": 0.4, "wz": -0.2, "settling": 0.1, "duration": 2}
+    )
+    trial = val.walk(run, controller=Limp, planner="none")
+    assert set(Limp.asked[:49]) == {(0.0, 0.0, 0.0)}
+    assert set(Limp.asked[51:]) == {(0.4, 0.0, -0.2)}
+    assert trial.record.outcome.name == "fell"
+    assert "off the plan" not in trial.record.outcome.cause
+    assert trial.verdict.name == "not_measured"
+    assert np.isnan(trial.comparison.sample.zmp).all()
+
+
+def test_steps_and_velocity_are_found_in_the_record():
+    time = np.arange(1001) * 0.002
+    down = np.ones((1000, 2), dtype=bool)
+    down[100:300, 0] = down[400:600, 1] = down[700:710, 0] = False  # two swings and a bounce
+    heading = 0.5 * time
+    q = np.zeros((1001, 7))
+    q[:, 3], q[:, 6] = np.cos(0.5 * heading), np.sin(0.5 * heading)
+    com = np.column_stack([np.sin(heading), 1.0 - np.cos(heading), np.ones(1001)]) / 0.5  # a circle at 1 m/s
+    force = np.zeros((1000, 2, 3))
+    force[:, :, 2] = 300.0 * down
+    record: Any = SimpleNamespace(
+        point_force=force, point_foot=np.array([0, 1]), time_step=0.002, q=q, com=com
+    )
+    found = Supports.of(record)
+    assert found.steps == 2
+    assert [int(found.stance[k]) for k in (50, 200, 350, 500, 705)] == [2, 1, 2, 0, 2]
+    assert heading_velocity(record).mean(axis=0) == pytest.approx([1.0, 0.0, 0.5], abs=1e-3)
+
+
+def standing(**sections):
+    return load_run(gait={"planner": "none"}, simulation={"time_step": 0.002}, **sections)
+
+
+@pytest.mark.parametrize(
+    ("kind", "words", "make"),
+    [
+        (InputError, "follows no commanded velocity", lambda: val.walk(load_run(command={"vx": 0.5}))),
+        (InputError, "leave out planner none", lambda: environment.load(standing())),
+        (
+            BodilyRefusal,
+            "lower planner.options.com_height",
+            lambda: val.walk(standing(planner={"options": {"com_height": 1.2}})),
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(kind, words, make):
+    with pytest.raises(kind, match=words):
+        make()
+
+
+def test_a_command_has_three_numbers(ampm):
+    answer = ampm("validate", "--planner", "none", "--command", "0.5,0")
+    assert answer.status == 2
+    assert "--command 0.5,0 must be three numbers VX,VY,WZ" in answer.err
+
+
+def test_sweep_and_compare_take_it(ampm, tmp_path):
+    (tmp_path / "sweep.toml").write_text(
+        '[sweep]\ngait = "normal"\nprofile = "free"\n[set]\ngait.planner = "none"\n'
+        "simulation.time_step = 0.002\ncommand.duration = 2.0\n"
+        '[[vary]]\nmethod = "grid"\ncommand.vx = [0.0, 0.5]\n'
+    )
+    swept = ampm("sweep", tmp_path / "sweep.toml", "--out", tmp_path / "sweep", "--workers", 0)
+    assert swept.status == 1, swept.err
+    rows = val.sweep(tmp_path / "sweep.toml", tmp_path / "sweep", resume=True).table.to_pylist()
+    assert [row["verdict"] for row in rows] == ["pass", "fail"]
+    assert rows[1]["metric_velocity_x_error"] == pytest.approx(0.5, abs=1e-6)
+    kept = tmp_path / "sweep" / rows[1]["recording"]
+    compared = ampm("compare", kept, kept, "--out", tmp_path / "both")
+    assert compared.status == 0, compared.err
+    assert "velocity forward" in compared.out

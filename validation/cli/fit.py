@@ -1,0 +1,74 @@
+"""``ampm fit``: constants of the AMPM from a measured walk.
+
+Commands import what they run: NumPy and SciPy take long to load.
+"""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from validation.cli.console import Narrator, print_json
+from validation.cli.options import Columns, Force, Json, Status, option
+from validation.show.text import print_line
+from validation.table import print_tables
+
+app = typer.Typer()
+
+
+@app.command(
+    epilog="Exit status: 0 fitted, 2 bad input or too few strides, 4 crash of ampm itself, 130 interrupted."
+)
+def fit(
+    log: Annotated[
+        Path, typer.Argument(help="Table of a measured walk, or the folder of a run.", metavar="LOG")
+    ],
+    *,
+    columns: Columns = None,
+    mass: Annotated[
+        float | None, option("--mass", "Of the body; that of the mean vertical force if not given.", "KG")
+    ] = None,
+    com_height: Annotated[
+        float | None,
+        option("--com-height", "Mean height of the COM over the floor, of a log without COM.", "M"),
+    ] = None,
+    out: Annotated[
+        Path | None, option("--out", "Folder of the result. runs/fit-LOG-TIME if not given.", "DIR")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> int:
+    """Fit the AMPM to a measured walk, and say how much of it the AMPM explains.
+
+    LOG is a table as 'ampm judge' takes it, of steady walking along x: force, centres of pressure, and the
+    COM or its height. For single and double support and both axes it prints 1/a, b and c, with H and timings,
+    each with its 95 % interval over the strides. ZMP, ground force and angular momentum of every stride are
+    explained by the constants of the other strides, beside a plain pendulum (c = 1, resting ZMP) and one with
+    a rolling ZMP (c = 1).
+
+    The folder holds report.html, fit.json, and gait.toml for 'ampm validate', if the closed form has a gait
+    with these constants.
+
+    ampm fit walk.csv --out runs/fit
+
+    ampm fit plates.csv --com-height 0.92 --mass 71
+    """
+    from validation.measure.columns import read_mapping
+    from validation.run.fit import FIT_FILES, fit_log
+    from validation.run.validate import RUNS
+    from validation.store.folders import check_target
+
+    target = out or RUNS / f"fit-{log.stem}-{datetime.now():%Y%m%d-%H%M%S-%f}"
+    check_target(target, FIT_FILES, force=force, what="fit", marks=("fit.json",))
+    with Narrator().stage("fit and report"):
+        found = fit_log(log, columns=read_mapping(columns or ()), mass=mass, com_height=com_height)
+        found.save(target, force=force)
+    if as_json:
+        print_json({**found.summary, "directory": str(target)})
+        return Status.PASS
+    print_tables(found.tables())
+    print_line(found.sentence)
+    for path in sorted(target.iterdir()):
+        print_line(f"  {path}")
+    return Status.PASS

@@ -1,0 +1,87 @@
+"""Columns of a log under the names of :mod:`validation.measure.log`, in SI units."""
+
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ampm.exceptions import InputError
+from ampm.section import read_toml, unknown
+from validation.measure.log import COLUMNS
+
+UNITS: Mapping[str, float] = {
+    "s": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "ns": 1e-9,
+    "m": 1.0,
+    "cm": 1e-2,
+    "mm": 1e-3,
+    "m/s": 1.0,
+    "N": 1.0,
+    "kN": 1e3,
+    "N m": 1.0,
+    "N mm": 1e-3,
+}
+"""Factor to SI by unit."""
+NAMES = (
+    "time",
+    *(f"{key}_{axis}" if axis else key for key, axes in COLUMNS.items() for axis in axes or ("",)),
+)
+"""All columns that a log may have."""
+_SOURCE = re.compile(r"(?P<sign>-?)(?P<column>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?")
+
+
+def read_mapping(texts: Iterable[str]) -> dict[str, str]:
+    """Texts ``NAME=COLUMN[UNIT]``, or TOML files with such lines, as a mapping.
+
+    Raises:
+        InputError: a file cannot be read, or a text is neither.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, column = (part.strip() for part in text.partition("="))
+        if text.endswith(".toml") and not equals:
+            found |= {key: str(value) for key, value in read_toml(Path(text)).items()}
+        elif name and column:
+            found[name] = column
+        else:
+            raise InputError(
+                f"cannot read the column {text!r}; write for example com_x=COMx[mm], or FILE.toml."
+            )
+    return found
+
+
+def map_columns(table: Mapping[str, Any], mapping: Mapping[str, str]) -> dict[str, Any]:
+    """Add columns to a table under other names, in SI units.
+
+    Args:
+        table: columns by name.
+        mapping: ``COLUMN``, ``COLUMN[UNIT]`` or ``-COLUMN[UNIT]``, with a unit of :data:`UNITS`, by the name
+            in the log. The table may hold the column with its unit in brackets, too.
+
+    Raises:
+        InputError: an unknown name or unit, or a column that the table lacks.
+    """
+    found = dict(table)
+    for name, text in mapping.items():
+        if name not in NAMES:
+            raise unknown(name, NAMES, "column of a log", value=name)
+        match = _SOURCE.fullmatch(text)
+        parts = match.groupdict() if match else {}
+        column, unit = parts.get("column"), parts.get("unit")
+        column = next((key for key in (text, text.removeprefix("-"), column) if key in table), None)
+        if column is None:
+            raise InputError(
+                f"there is no column {text!r} for {name}; there are {', '.join(map(str, table))}."
+            )
+        if unit is not None and unit not in UNITS:
+            raise unknown(unit, UNITS, "unit", value=unit)
+        sign = -1.0 if parts.get("sign") and column != text else 1.0
+        try:
+            found[name] = sign * UNITS[unit or "m"] * np.asarray(table[column], dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the column {column!r} must be numbers ({error}).") from None
+    return found

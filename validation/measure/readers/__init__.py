@@ -1,0 +1,30 @@
+"""Logs in formats of others, read as columns: each by a library of its own, of the extra ``logs``.
+
+What they hold is named as in the file; ``--columns`` gives it the names of :mod:`validation.measure.log`.
+"""
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from ampm.exceptions import InputError
+
+READERS: Mapping[str, str] = {".c3d": "c3d", ".mcap": "mcap"}
+"""Module of this package by suffix."""
+
+
+def reader_of(path: Path) -> Callable[[Path], dict[str, Any]] | None:
+    """Function that reads a file as columns, None for a table.
+
+    Raises:
+        InputError: its library is not installed.
+    """
+    if path.suffix not in READERS:
+        return None
+    if not path.is_file():
+        raise InputError(f"there is no file {str(path)!r}; correct the name.")
+    try:
+        return import_module(f"{__name__}.{READERS[path.suffix]}").read
+    except ModuleNotFoundError as error:
+        raise InputError(f"{path} needs {error.name}; install the extra: pip install 'ampm[logs]'.") from None

@@ -1,0 +1,61 @@
+"""Force plates and points of a C3D file, read by ezc3d."""
+
+from pathlib import Path
+from typing import Any
+
+import ezc3d
+import numpy as np
+
+from ampm.exceptions import InputError
+from ampm.geometry import Array
+
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_LEAST = 10.0  # vertical force with a centre of pressure [N]
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Columns of a C3D file whose z is up, in SI units.
+
+    Returns:
+        ``time`` of the analog samples; ``force_x`` ... and ``zmp_x``, ``zmp_y`` of all plates;
+        ``plate1_force_x`` ..., ``plate1_cop_x``, ``plate1_cop_y`` and others; each point by its label, such
+        as ``SACR_x``, NaN where it was not seen. Forces act on the body.
+
+    Raises:
+        InputError: no C3D file, or one without force plates.
+    """
+    try:
+        file = ezc3d.c3d(str(path), extract_forceplat_data=True)
+    except (OSError, ValueError, RuntimeError) as error:
+        raise InputError(f"{path} cannot be read as C3D ({error}); give a whole file.") from error
+    plates = file["data"]["platform"]
+    if not plates:
+        raise InputError(f"{path} has no force plates; a log needs the force of the floor.")
+    rate = file["header"]["analogs"]["frame_rate"]
+    table: dict[str, Any] = {"time": np.arange(plates[0]["force"].shape[1]) / rate}
+    sign = (
+        np.sign(sum(plate["force"][2].mean() for plate in plates)) or 1.0
+    )  # some hold the force on the plate
+    total, lever = np.zeros((3, len(table["time"]))), np.zeros((2, len(table["time"])))
+    for number, plate in enumerate(plates, start=1):
+        force = sign * plate["force"]
+        place = _LENGTHS[plate["unit_position"]] * plate["center_of_pressure"][:2]
+        place = np.where(force[2] > _LEAST, place, np.nan)
+        _add(table, f"plate{number}_force", force)
+        _add(table, f"plate{number}_cop", place)
+        total += force
+        lever += np.nan_to_num(place) * np.where(force[2] > _LEAST, force[2], 0.0)
+    _add(table, "force", total)
+    _add(table, "zmp", lever / np.where(total[2] > _LEAST, total[2], np.nan))
+    points, of = file["data"]["points"], file["parameters"]["POINT"]
+    scale = _LENGTHS[of["UNITS"]["value"][0]] if points.shape[1] else 1.0
+    seen_at = np.arange(points.shape[2]) / file["header"]["points"]["frame_rate"]
+    for label, place in zip(of["LABELS"]["value"], points[:3].swapaxes(0, 1), strict=False):
+        at = [np.interp(table["time"], seen_at, scale * values) for values in place]
+        _add(table, label, np.array(at))
+    return table
+
+
+def _add(table: dict[str, Any], name: str, values: Array) -> None:
+    """Columns of a vector, shape (n, K)."""
+    table.update({f"{name}_{axis}": column for axis, column in zip("xyz", values, strict=False)})

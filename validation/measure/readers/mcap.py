@@ -1,0 +1,61 @@
+"""Numbers of all stamped ROS 2 messages of an MCAP file, such as wrenches, read by mcap-ros2-support."""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from ampm.exceptions import InputError
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Columns of an MCAP file of ROS 2.
+
+    Returns:
+        Every number of every topic whose messages have a header, such as ``/left_ft.wrench.force.z``, and
+        ``time`` of the headers of the topic that has most wrenches, at which all others are interpolated [s];
+        NaN before the first and after the last message of a topic. ROS has SI units.
+
+    Raises:
+        InputError: no MCAP file of ROS 2, or one without a wrench.
+    """
+    times: dict[str, list[float]] = defaultdict(list)
+    rows: dict[str, list[dict[str, float]]] = defaultdict(list)
+    wrenches: set[str] = set()
+    try:
+        with path.open("rb") as stream:
+            messages = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+            for _, channel, _, said in messages:
+                if hasattr(said, "header"):
+                    topic, stamp = channel.topic, said.header.stamp
+                    times[topic].append(stamp.sec + 1e-9 * stamp.nanosec)
+                    rows[topic].append(dict(_numbers(said, topic)))
+                    wrenches |= {topic} if hasattr(said, "wrench") else set()
+    except (McapError, OSError, ValueError) as error:
+        raise InputError(f"{path} cannot be read as MCAP of ROS 2 ({error}); give a whole file.") from error
+    if not wrenches:
+        raise InputError(f"{path} has no wrench with a header; it has {', '.join(times) or 'no topic'}.")
+    clock = np.unique(times[max(sorted(wrenches), key=lambda topic: len(times[topic]))])
+    table: dict[str, Any] = {"time": clock}
+    for topic, values in rows.items():
+        order = np.argsort(times[topic], kind="stable")
+        at = np.array(times[topic])[order]
+        for name in values[0]:
+            column = np.array([row.get(name, np.nan) for row in values])[order]
+            table[name] = np.interp(clock, at, column, left=np.nan, right=np.nan)
+    return table
+
+
+def _numbers(said: Any, name: str) -> Iterator[tuple[str, float]]:
+    """Numbers of a message by their path; not those of its header, nor of arrays."""
+    for slot in said.__slots__:
+        value, path = getattr(said, slot), f"{name}.{slot}"
+        if isinstance(value, bool | int | float):
+            yield path, float(value)
+        elif slot != "header" and hasattr(value, "__slots__"):
+            yield from _numbers(value, path)

@@ -1,0 +1,220 @@
+"""A measured walk, fitted: constants of the AMPM, what they explain, and a gait that can be walked."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ampm.exceptions import InputError, MathematicalRefusal
+from ampm.geometry import Array
+from ampm.parameters import GRAVITY, RunParameters
+from ampm.planner.periodic import plan
+from ampm.run_file import dump_run, load_run
+from validation.judge.fit import (
+    CONFIDENCE,
+    MODELS,
+    Constant,
+    Scores,
+    Strides,
+    constants,
+    cut_strides,
+    explained,
+    scores,
+)
+from validation.measure.columns import map_columns
+from validation.measure.log import read_log, rough_weight
+from validation.run.judge_log import log_columns
+from validation.show.fit import fit_page
+from validation.store.folders import check_target
+from validation.store.json import write_json
+from validation.store.saved import load_saved_run
+from validation.table import Table, Tabled, format_number
+from validation.trial.record import FEET
+
+FIT_FILES = ("fit.json", "gait.toml", "report.html")
+_LABELS = {"zmp": "ZMP along", "force": "ground force along", "momentum": "angular momentum about"}
+_STATURE = 1.70 / 0.865
+"""Of the human body, over the height of its COM [1]."""
+
+
+@dataclass(frozen=True)
+class Fit(Tabled):
+    """Constants of the AMPM of a measured walk, and how much of the walk they explain.
+
+    Attributes:
+        name: of the log.
+        strides: of the walk.
+        constants: by name, see :func:`validation.judge.fit.constants`.
+        told: what every model says of every stride, see :func:`validation.judge.fit.explained`.
+        scores: how well, see :func:`validation.judge.fit.scores`.
+        gait: with these constants, None if there is no such gait.
+        notes: sentences on log and gait.
+    """
+
+    name: str
+    strides: Strides = field(repr=False)
+    constants: Mapping[str, Constant]
+    told: Mapping[str, Mapping[str, Array]] = field(repr=False)
+    scores: Scores = field(repr=False)
+    gait: RunParameters | None = field(repr=False)
+    notes: Sequence[str]
+
+    @property
+    def sentence(self) -> str:
+        """What the models explain over whole strides."""
+
+        def share(model: str, signal: str) -> str:
+            found = self.scores[signal][model]["stride"]["share"]
+            return "none" if math.isnan(found) or found < 0.005 else f"{found:.0%}"
+
+        parts = []
+        for axis, about in (("x", "y"), ("y", "x")):
+            rolling, resting, whole = (
+                f"{share(model, f'zmp_{axis}')} of the ZMP and {share(model, f'force_{axis}')} of the force"
+                for model in ("rolling", "pendulum", "ampm")
+            )
+            parts.append(
+                f"Along {axis} a rolling ZMP explains {rolling} (a resting one {resting}); with angular "
+                f"momentum it is {whole}, and {share('ampm', f'momentum_{about}')} of L_{about}."
+            )
+        return " ".join(parts)
+
+    def tables(self) -> Sequence[Table]:
+        """Constants, and what the models explain."""
+        rows = [
+            [name, format_number(item.value), f"± {format_number(item.interval, 2)}", item.unit, item.meaning]
+            for name, item in self.constants.items()
+        ]
+        units = {
+            "zmp": (1e3, "mm"),
+            "force": (100.0 / self.strides.weight, "% BW"),
+            "momentum": (1.0, "N m s"),
+        }
+        told = []
+        for signal, models in self.scores.items():
+            group, axis = signal.split("_")
+            factor, unit = units[group]
+            for support in models["ampm"]:
+                cells = []
+                for model in MODELS:
+                    share, rmse = models[model][support].values()
+                    cells.append("< 0" if share < -0.005 else format_number(100.0 * round(share, 6), 3))
+                    cells.append(format_number(factor * rmse, 3))
+                told.append([f"{_LABELS[group]} {axis}", support, *cells, unit])
+        heads = [head for name in ("pendulum", "rolling ZMP", "AMPM") for head in (f">{name}: %", ">RMSE")]
+        note = (
+            "%: share of the variance; a dash: the signal rests. All three take the weight as vertical force."
+        )
+        interval = f">{CONFIDENCE:.0%} interval"
+        return [
+            Table("Constants", ["constant", ">value", interval, "unit", "meaning"], rows, self.notes),
+            Table(
+                "Explained, of strides that were not fitted", ["signal", "of", *heads, "unit"], told, [note]
+            ),
+        ]
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """Contents of ``fit.json``, in SI units."""
+        return {
+            "log": self.name,
+            "sentence": self.sentence,
+            "strides": len(self.strides),
+            "weight": self.strides.weight,
+            "constants": {name: item._asdict() for name, item in self.constants.items()},
+            "explained": self.scores,
+            "gait": None if self.gait is None else self.gait.model_dump(include={"gait", "body"}),
+            "notes": list(self.notes),
+        }
+
+    def save(self, directory: str | Path, *, force: bool = False) -> Path:
+        """Write ``fit.json``, ``report.html``, and ``gait.toml`` if there is a gait.
+
+        Raises:
+            InputError: the folder must not be written.
+        """
+        target = Path(directory)
+        check_target(target, FIT_FILES, force=force, what="fit", marks=("fit.json",))
+        target.mkdir(parents=True, exist_ok=True)
+        (target / "gait.toml").unlink(missing_ok=True)  # of an earlier fit
+        write_json(target / "fit.json", self.summary)
+        if self.gait is not None:
+            (target / "gait.toml").write_text(dump_run(self.gait), encoding="utf-8")
+        page = fit_page(self.name, self.sentence, self.strides, self.told, self.tables())
+        (target / "report.html").write_text(page, encoding="utf-8")
+        return target
+
+
+def fit_log(
+    table: str | Path | Mapping[str, Any],
+    *,
+    columns: Mapping[str, str] | None = None,
+    mass: float | None = None,
+    com_height: float | None = None,
+) -> Fit:
+    """Find the constants of the AMPM in a measured walk along x, and what they explain.
+
+    Args:
+        table: CSV or Parquet file, columns by name (:mod:`validation.measure.log`), or the folder of a run.
+        columns: sources of columns that have other names or units, as for :func:`validation.judge_log`.
+        mass: of the body [kg]; that of the mean vertical force if None.
+        com_height: mean height of the COM over the floor [m], of a log without COM.
+
+    Raises:
+        InputError: the log cannot be read, or has too few strides that are alike.
+    """
+    for what, value in (("mass", mass), ("com_height", com_height)):
+        if value is not None and not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"{what} = {value:g} must be a finite number greater than 0.")
+    signals: Mapping[str, Any]
+    if isinstance(table, str | Path) and Path(table).is_dir():
+        signals, name = map_columns(_of_run(Path(table)), columns or {}), Path(table).name
+    else:
+        signals, name = log_columns(table, columns)
+    weight = rough_weight(signals, name) if mass is None else mass * GRAVITY
+    strides, others = cut_strides(read_log(signals, weight, name), com_height, mass)
+    low, high = (f"{share:.1%}" for share in np.quantile(strides.upward / strides.weight, (0.0, 1.0)))
+    notes = [
+        f"{name}: {len(strides)} strides alike, {others} others left out.",
+        f"The body has {strides.weight / GRAVITY:.4g} kg; the mean vertical force of a stride is {low} to "
+        f"{high} of its weight.",
+    ]
+    if com_height is None:
+        error = 1e3 * float(np.sqrt(np.mean(strides.com_error**2)))
+        notes.append(f"The double integral of the force is {error:.2g} mm from the measured COM (RMS).")
+    else:
+        notes.append("The COM is the double integral of the force, in strides that are taken to be periodic.")
+    found = constants(strides)
+    gait, why = _gait(found, strides.weight / GRAVITY)
+    told = explained(strides)
+    return Fit(name, strides, found, told, scores(strides, told), gait, [*notes, *why])
+
+
+def _of_run(folder: Path) -> Mapping[str, Any]:
+    """What was measured of a run, as a log."""
+    signals = load_saved_run(folder).signals.columns
+    own = ("time", *(f"{foot}_force" for foot in FEET))
+    names = {name: name.removeprefix("measured_") for name in signals if name.startswith(("measured_", *own))}
+    return {new: signals[old] for old, new in names.items()}
+
+
+def _gait(found: Mapping[str, Constant], mass: float) -> tuple[RunParameters | None, list[str]]:
+    """The periodic gait of some constants, for a human body of this size; without one, why."""
+    names = ("com_height", "step_length", "switching_velocity", "single_support_ratio", "step_width")
+    gait = {name: found[name].value for name in names}
+    slope = found["inverse_a_single_x"].value
+    gait |= {"a_s": 1.0 / slope if slope > 0.0 else math.inf}
+    gait |= {"c_s": found["c_single_x"].value, "c_y": found["c_single_y"].value}
+    try:
+        run = load_run(gait=gait, body={"mass": mass, "height": _STATURE * gait["com_height"]})
+        constants = plan(run).constants
+    except (InputError, MathematicalRefusal) as error:
+        return None, [f"There is no periodic gait with these constants: {error}"]
+    single, double = constants.single_support_duration, constants.double_support_duration
+    return run, [
+        f"The gait has supports of {single:.3f} and {double:.3f} s; measured were "
+        f"{found['single_support'].value:.3f} and {found['double_support'].value:.3f} s."
+    ]
