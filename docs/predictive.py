@@ -60,9 +60,9 @@ def write_table() -> None:
 
 def main() -> None:
     """Walk everything and rewrite data and page."""
-    sys.path.insert(0, str(ROOT / "examples"))
-    from capture import Capture
-    from mpc import Mpc
+    sys.path.insert(0, str(ROOT))
+    from examples.planners.capture import Capture
+    from examples.planners.mpc import Mpc
 
     walks = [("AMPM", "ampm", "fixed"), ("AMPM, stepping", "ampm", "stepping")]
     walks += [("MPC", Mpc(), "fixed"), ("capture steps", Capture(), "fixed")]

@@ -1,4 +1,8 @@
-"""Bad input, a row of bad_input.csv each: one sentence, with the key, the value, the limit or the way out."""
+"""Bad input, a row of bad_input.csv each: one sentence, with the key, the value, the limit or the way out.
+
+``how`` is a use below, or a module in whose names the input is evaluated. Rows of ``log`` and ``output`` are
+used in test_log and test_controllers. ``words`` are parts of the sentence, ``key`` the key or the reason.
+"""
 
 import csv
 import json
@@ -6,6 +10,7 @@ import math
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import ampm
@@ -51,15 +56,6 @@ def body(change, folder):
     load(write(folder, toml=TOML.replace(old, new)))
 
 
-def table(change, _):
-    """A plan's table with a value in some rows: ``column row value``, or ``column first: value``."""
-    name, row, text = change.split(" ", 2)
-    found, value = table_of(planned(steps=1)), json.loads(text)
-    column = found[name].astype(object) if isinstance(value, str) else found[name].copy()
-    column[slice(int(row[:-1]), None) if row.endswith(":") else int(row)] = value
-    read(found | {name: column})
-
-
 def urdf(change, folder):
     """The example's model with the first of a text (``old -> new``) replaced."""
     old, new = change.split(" -> ")
@@ -69,8 +65,8 @@ def urdf(change, folder):
 
 def columns(statement, _):
     """A plan's table changed by a statement on its columns."""
-    found = dict(table_of(planned(steps=1)))
-    exec(statement, {}, found)
+    found = {name: column.copy() for name, column in table_of(planned(steps=1)).items()}
+    exec(statement, {"np": np}, found)
     read(found)
 
 
@@ -95,7 +91,6 @@ USES = {
     "footsteps": of_file(routes.read_footsteps, "walk.csv"),
     "body": body,
     "urdf": urdf,
-    "table": table,
     "columns": columns,
     "samples": lambda text, _: test_make_plan.changed(text),
     "push": push,

@@ -113,7 +113,7 @@ def test_a_sweep_of_another_body_walks_its_gait() -> None:
     own = load_request(None, ["body.source=suite-humanoid"]).run
     assert definition.gait == "suite-humanoid"
     assert definition.tune
-    assert definition.base == own
+    assert definition.base == (own,)
     assert parse_sweep(dump_sweep(definition)) == definition
     with pytest.raises(InputError, match=r"body\.source cannot be varied"):
         parse_sweep('vary = [{method = "list", body.source = ["human", "suite-humanoid"]}]')
@@ -123,7 +123,7 @@ def test_a_sweep_finds_the_body_beside_its_file(tmp_path: Path) -> None:
     write(tmp_path)
     sweep = tmp_path / "sweep.toml"
     sweep.write_text('set."body.source" = "biped.toml"\n[[vary]]\nmethod = "list"\ngait.c_y = [0.8]', "utf-8")
-    assert load_sweep(sweep).base.body.source == str(tmp_path / "biped.toml")
+    assert load_sweep(sweep).base[0].body.source == str(tmp_path / "biped.toml")
 
 
 def check(trial) -> None:
@@ -197,12 +197,6 @@ def test_folder_has_the_body(ampm, tmp_path: Path) -> None:
     assert "40.6 kg" in page
     assert BIPED.stem in page
     assert ampm("replay", tmp_path / "run").status == 0
-
-
-def test_mass_of_another_body_is_its_models() -> None:
-    with pytest.raises(InputError, match="leave it out"):
-        load_request(None, ["body.source=suite-humanoid", "body.mass=50"])
-    assert load_request(None, ["body.source=suite-humanoid"]).run.body.mass == pytest.approx(40.844, abs=1e-3)
 
 
 @pytest.mark.slow

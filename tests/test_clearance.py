@@ -8,7 +8,6 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from ampm.body.limits import CLEARANCE
-from ampm.exceptions import BodilyRefusal
 from ampm.run_file import load_run
 from models.human import build
 from tests.saved_run import make_run
@@ -86,13 +85,6 @@ def test_arms_legs_and_trunk_are_watched(angles, parts):
     assert gaps.parts == (parts,)
     assert gaps.distance[0] < 0.0
     assert bent(left_shoulder_roll=0.1, right_shoulder_roll=-0.1)[1].distance[0] > CLEARANCE
-
-
-def test_arms_that_hang_beside_a_rolling_trunk_are_refused():
-    with pytest.raises(BodilyRefusal, match="left forearm and left thigh") as refusal:
-        plan_walk(load_request("roll-0.1", ["body.arm_abduction_roll=0"], as_is=True))
-    assert (refusal.value.reason, refusal.value.limit) == ("self_collision", CLEARANCE)
-    assert "body.arm_abduction" in refusal.value.way_out
 
 
 @pytest.mark.parametrize("gait", ["ipm", "momentum", "roll-0.1"])

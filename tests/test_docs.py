@@ -35,7 +35,9 @@ PAGES = [
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "docs/howto").glob("*.md")),
 ]
-EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+PLANNERS = sorted((ROOT / "examples/planners").glob("*.py"))
+DRAWING = [path for path in PLANNERS if path.stem in ("capture", "mpc")]
+EXAMPLES = [*sorted((ROOT / "examples").glob("*.py")), *DRAWING]
 LONGEST = {"07_policy": 120, "capture": 120, "mpc": 150, "tour": 120}
 """Lines of the examples that may have more than 60."""
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -143,9 +145,10 @@ def test_examples_print_and_save_a_picture(example, tmp_path, monkeypatch, capsy
     assert (ROOT / "docs/images" / picture.name).is_file()
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("example", sorted({*EXAMPLES, *PLANNERS}), ids=lambda path: path.stem)
 def test_examples_are_short(example):
-    assert len(example.read_text(encoding="utf-8").splitlines()) <= LONGEST.get(example.stem, 60)
+    most = 160 if example in PLANNERS else 120 if example.stem == "tour" else 60
+    assert len(example.read_text(encoding="utf-8").splitlines()) <= most
 
 
 def test_the_planner_of_the_tutorial_is_that_of_the_examples():
@@ -250,5 +253,5 @@ def test_commands_exist(source):
 def test_the_sweep_is_small_and_accepted():
     definition = load_sweep(DOCS / "examples" / "gate.toml")
     assert len(definition) == 8
-    assert definition.steps <= 12
+    assert definition.steps in range(13)
     assert all(task_of(definition, run).known is None for run in range(8))

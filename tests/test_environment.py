@@ -59,17 +59,6 @@ def episode(env, act):
     return np.array(found), step.discount
 
 
-def test_what_an_environment_has_not_is_refused():
-    with pytest.raises(InputError, match="a push at 9 s comes after the walk"):
-        load(disturbances=[Push("chest", (10.0, 0.0, 0.0), 9.0, 0.1)])
-    env = load()
-    env.reset()
-    with pytest.raises(InputError, match="is not finite; give finite torques"):
-        env.step(np.full(env.action_spec().shape, np.nan))
-    with pytest.raises(InputError, match="profile 'nope' is unknown"):
-        load(profile="nope")
-
-
 @pytest.mark.parametrize("time_step", [0.002, 0.001])
 def test_the_own_controller_scores_nearly_one_a_tick(time_step):
     env = load(seed=2, simulation={"time_step": time_step})
@@ -105,6 +94,13 @@ def test_a_limp_body_falls_and_scores_little():
     found, discount = episode(env, lambda: np.zeros(env.action_spec().shape))
     assert discount == 0.0
     assert found[-20:].mean() < 0.2
+
+
+def test_an_action_that_is_no_number_is_refused():
+    env = load()
+    env.reset()
+    with pytest.raises(InputError, match="is not finite; give finite torques"):
+        env.step(np.full(env.action_spec().shape, np.nan))
 
 
 def test_a_diverged_simulation_ends_the_episode_without_reward():

@@ -139,11 +139,12 @@ def test_footsteps_are_kept_in_the_run_file(tmp_path):
 
 # --------------------------------------------------------------------------------------------------- trials
 
-SHORT = """foot,x,y,heading,time
-right,0,-0.1,0,
-left,0,0.1,0,
-right,0.25,-0.1,0.1,1.4
-left,0.25,0.1,0.1,
+SHORT = """foot,x,y,heading,z,time
+right,0,-0.1,0,,
+left,0,0.1,0,,
+right,0.4,-0.1,0,,1.4
+left,0.8,0.1,0,0.05,
+right,0.8,-0.1,0,0.05,
 """
 
 
@@ -161,16 +162,17 @@ def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
     assert "Disturbed, unknown to plan and controller: start_velocity = 1e-06." in page
     assert answer.json["outcome"] == "completed"
     assert answer.json["planner"] == "footsteps"
-    assert answer.json["steps_completed"] == 2
+    assert answer.json["steps_completed"] == 3
     for axis in "xy":  # everything from the first motion on
         zmp = answer.json["metrics"][f"zmp_{axis}_rmse"]
         assert zmp["value"] < 1.5e-3
         assert zmp["first_step"] is None
     saved = load_saved_run(out)
-    assert [step.time for step in saved.parameters.footsteps] == [None, None, 1.4, None]
+    assert [step.time for step in saved.parameters.footsteps] == [None, None, 1.4, None, None]
+    assert saved.parameters.footsteps == RUN.replace({}, footsteps=routes.read_footsteps(path)).footsteps
     walk = saved.plan()
     assert walk is not None
-    assert walk.contacts.steps == 2
+    assert [step.position[2] for step in walk.contacts.footsteps] == [0.0, 0.0, 0.0, 0.05, 0.05]
     np.testing.assert_allclose(
         walk.sample(saved.signals.time).zmp[:, 0], saved.signals["plan_zmp_x"], rtol=0.0, atol=1e-12
     )

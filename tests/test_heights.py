@@ -5,7 +5,6 @@ import pytest
 
 import ampm
 import validation as val
-from ampm.exceptions import InputError
 from ampm.planner import routes
 from ampm.planner.contacts import footprint
 from ampm.planner.footstep_walk import plan_footstep_walk
@@ -14,7 +13,6 @@ from ampm.planner.heights import EDGE, Ground
 from ampm.planner.replan import LiveWalk
 from tests.test_walk_motion import gait_of
 from tests.walk import assert_follows
-from validation.store.saved import load_saved_run
 from validation.trial.plan import make_body
 
 RUNS = {name: ampm.load_run(name, gait={"a_s": 3.0}) for name in ("normal", "momentum")}
@@ -102,31 +100,6 @@ def test_the_floor_has_its_edges_between_the_feet():
     for part in (Ground.under(alternate, sole), Ground.under(WALKS["all high"], sole)):
         for step in alternate if part.base == 0.0 else WALKS["all high"]:
             np.testing.assert_array_equal(part.at(footprint(sole, step), 0.01), step.position[2])
-
-
-FILE = """foot,x,y,heading,z,time
-right,0,-0.1,0,,
-left,0,0.1,0,,
-right,0.4,-0.1,0,,1.4
-left,0.8,0.1,0,0.05,
-right,0.8,-0.1,0,0.05,
-"""
-
-
-@pytest.mark.slow
-def test_heights_of_a_file_are_kept_and_replayed(tmp_path, ampm):
-    path, out = tmp_path / "walk.csv", tmp_path / "run"
-    path.write_text(FILE, encoding="utf-8")
-    rows = routes.read_footsteps(path)
-    assert [row.get("z") for row in rows] == [None, None, None, 0.05, 0.05]
-    answer = ampm("validate", "normal", "--footsteps", path, "--out", out, "--json")
-    assert answer.status == 0, answer.err
-    saved = load_saved_run(out)
-    assert saved.parameters.footsteps == RUNS["normal"].replace({}, footsteps=rows).footsteps
-    assert ampm("replay", out).status == 0
-    path.write_text(FILE.replace("0.05", "high"), encoding="utf-8")
-    with pytest.raises(InputError, match=r"line 5: footsteps\.z = 'high' must be a number"):
-        routes.read_footsteps(path)
 
 
 def assert_walked(trial, limit):

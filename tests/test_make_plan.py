@@ -1,5 +1,6 @@
 """Plans of samples by ampm.make_plan, before and during a walk, and whether a plan obeys Newton's law."""
 
+import ast
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -16,8 +17,9 @@ from ampm.planners import TablePlanner, periodic_walk
 from ampm.walk import RetimedPosture
 from tests.solved import COARSE, motion_of, walk_of
 from validation.store.tables import plan_table, sample_times
+from validation.trial.users import load_planner
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+PLANNERS = sorted((Path(__file__).parents[1] / "examples/planners").glob("*.py"))
 in_turn = ampm.Contacts.in_turn
 NOW = 0.8
 """A time in the second step's single support [s]."""
@@ -193,13 +195,26 @@ def test_a_table_without_accelerations_whose_zmp_is_shifted_is_refused(rate, flo
         TablePlanner(table).plan(walk.run, walk.robot)
 
 
+@pytest.mark.parametrize("path", PLANNERS, ids=lambda path: path.stem)
+def test_examples_that_replan_use_public_names_only(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    froms = {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    imports = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    assert not {module for module in froms | imports if module.startswith(("ampm.", "validation."))}
+    used = {
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "ampm"
+    }
+    assert used <= set(ampm.__all__)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("force", [(200.0, 0.0), (-200.0, 0.0), (0.0, 150.0), (0.0, -100.0)])
-@pytest.mark.parametrize("name", ["Mpc", "Capture"])
+@pytest.mark.parametrize("name", ["mpc:Mpc", "capture:Capture", "hlip:Deadbeat"])
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of OSQP
-def test_planners_that_replan_survive_pushes(monkeypatch, name, force):
-    monkeypatch.syspath_prepend(EXAMPLES)
-    planner = getattr(__import__(name.lower()), name)()
+def test_planners_that_replan_survive_pushes(name, force):
+    planner = load_planner(f"examples.planners.{name}")
     run = ampm.load_run("normal", gait={"steps": 10}, simulation={"time_step": 0.002})
     push = val.Push("chest", (*force, 0.0), at=2.3, duration=0.1)
     outcome = val.walk(run, planner=planner, disturbances=[push]).record.outcome

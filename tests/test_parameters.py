@@ -2,7 +2,6 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -71,13 +70,6 @@ def test_a_file_that_cannot_be_read_is_refused(value, tmp_path):
             load_run(source)
 
 
-@pytest.mark.parametrize("key", ["gait.steps", "gait.com_height"])
-def test_a_number_of_400_digits_is_refused(key):
-    with pytest.raises(InputError) as caught:
-        load_run("normal", f"{key}=1" + 400 * "0")
-    assert caught.value.details["key"] == key
-
-
 def test_a_description_of_a_body_is_the_source_of_one():
     biped = Path(__file__).parents[1] / "docs/examples/biped.toml"
     assert load_run(body={"source": str(biped)}).body.source == str(biped)
@@ -87,14 +79,6 @@ def test_settings_are_texts_or_keywords():
     texts = load_run("momentum", ["gait.c_y=0.6", "foot.schedule=flat", "gait.steps=10"])
     assert texts == load_run("momentum", gait={"c_y": 0.6, "steps": 10.0}, foot={"schedule": "flat"})
     assert load_run("momentum", ["gait.c_y=1"], gait={"c_y": 0.6}).gait.c_y == 0.6
-    bad: list[dict[str, Any]] = [{"gait": {"cy": 1.0}}, {"gate": {}}, {"gait": 3}]
-    for wrong in bad:
-        with pytest.raises(InputError):
-            load_run("momentum", **wrong)
-    with pytest.raises(InputError):
-        GaitParameters(**bad[0]["gait"])
-    with pytest.raises(InputError):
-        texts.replace({"gait.cy": 1.0})
 
 
 def test_a_whole_number_may_have_a_point_and_a_file_a_byte_order_mark(tmp_path):

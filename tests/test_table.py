@@ -9,7 +9,7 @@ import ampm
 import validation as val
 from ampm.body.constant_posture import ConstantPosture
 from ampm.body.motion import PeriodicPosture
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import BodilyRefusal
 from ampm.parameters import GRAVITY
 from ampm.planner import routes
 from ampm.planner.centroidal import CentroidalPlan
@@ -84,11 +84,6 @@ def test_without_accelerations_the_force_passes_through_the_com():
     com, zmp = (np.column_stack([table[f"{name}_{axis}"] for axis in "xy"]) for name in ("com", "zmp"))
     expected = GRAVITY / 0.865 * (com - zmp)
     np.testing.assert_allclose(sample.com_acceleration[:, :2], expected[: rows - 1], rtol=0.0, atol=1e-9)
-
-
-def test_a_table_of_few_rows_is_told_how_many_it_needs():
-    with pytest.raises(InputError, match="or give 100 rows a second instead of 20"):
-        read(table_of(planned(), 20.0))
 
 
 def test_a_refusal_of_the_body_names_what_the_table_can_change():

@@ -239,6 +239,8 @@ def test_com_and_trunk_together_stay_within_the_sole(com_first):
             assert (r_given, arm_given) == (r, arm)
         elif com_first:
             assert r_given == np.clip(r, low, high)
+        elif abs(arm) <= sole.TRUNK_LEAST:
+            assert arm_given == arm
 
 
 def numbers(source, count):

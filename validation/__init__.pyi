@@ -21,6 +21,7 @@ from validation.study.many import Execution as Execution
 from validation.study.many import Pool as Pool
 from validation.study.many import Task as Task
 from validation.study.many import walk_many as walk_many
+from validation.study.rank import rank as rank
 from validation.study.robustness.study import robustness as robustness
 from validation.study.sweep.design import SweepDefinition as SweepDefinition
 from validation.study.sweep.run import sweep as sweep

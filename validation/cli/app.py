@@ -25,7 +25,7 @@ from validation.progress import interruption
 from validation.show.text import print_line
 
 _PANELS = {
-    "Walk": ("validate", "sweep", "compare"),
+    "Walk": ("validate", "sweep", "rank", "compare"),
     "Look": ("view", "report"),
     "Check": ("explain", "judge", "fit", "replay", "convergence", "robustness"),
     "Bodies and gaits": ("body", "plan", "keys"),

@@ -1,4 +1,4 @@
-"""``ampm sweep``, ``convergence``, ``robustness`` and ``explain``: many walks."""
+"""``ampm sweep``, ``rank``, ``convergence``, ``robustness`` and ``explain``: many walks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ from validation.cli.options import (
     option,
 )
 from validation.show.text import print_line
-from validation.table import print_tables
+from validation.store.folders import check_output_file, output_file
+from validation.table import markdown_page, print_tables
 
 if TYPE_CHECKING:
     from validation.study.sweep.table import SweepTable
@@ -107,6 +108,37 @@ def _sweep_status(found: SweepTable) -> int:
     if ended == {State.REFUSED}:
         return Status.REFUSED
     return Status.PASS if ended <= {State.PASS, State.REFUSED} else Status.OUT_OF_TOLERANCE
+
+
+@app.command(epilog="Exit status: 0 ranked, 2 bad input.")
+@grouped
+def rank(
+    folder: Annotated[Path, typer.Argument(help="Folder of a sweep, finished or not.", metavar="DIR")],
+    *,
+    by: Annotated[
+        str, option("--by", "What is ranked: planner, controller, or a key that the sweep varies.", "KEY")
+    ] = "planner",
+    ahead: Annotated[
+        float, option("--ahead", "How long before an instant the plan stood: 0, .05, .1, .2 or .4 s.", "S")
+    ] = 0.1,
+    out: Annotated[Path | None, option("--out", "Write the tables as Markdown.", "FILE.md")] = None,
+    as_json: Json = False,
+) -> int:
+    """Rank the planners of a sweep.
+
+    Every gait of the sweep is a task; what else varies are replicas. Planners share a rank where survival and
+    error do not differ by more than the doubt: that of the replicas, numerical uncertainty and contact.
+    """
+    from validation.study.rank import rank as ranked
+
+    if out is not None:
+        check_output_file(out, force=True)
+    found = ranked(folder, by, ahead=ahead)
+    if out is not None:
+        with output_file(out) as file:
+            file.write_text(markdown_page(found.tables()), encoding="utf-8")
+    answer(found, as_json=as_json)
+    return Status.PASS
 
 
 @app.command(epilog=CONVERGENCE_EPILOG)

@@ -115,7 +115,7 @@ def judge_run(directory: str | Path, profile: Profile | str | None = None) -> Sa
 
 def log_columns(
     table: str | Path | Mapping[str, Any], mapping: Mapping[str, str] | None = None
-) -> tuple[Mapping[str, Any], str]:
+) -> tuple[dict[str, Any], str]:
     """Columns of a log by name, after a mapping, and its name."""
     if not isinstance(table, str | Path):
         return map_columns(table, mapping or {}), "the log"

@@ -6,7 +6,7 @@ import numpy as np
 
 from ampm.geometry import Array
 from validation.judge.fit import Strides
-from validation.show.chart import DASHED, Picture, new_charts
+from validation.show.chart import DASHED, Picture, new_charts, numbered
 from validation.show.page import render_page
 from validation.show.style import COMMAND, FAINT, MEASURED, PLAN, SHADE
 from validation.table import Table
@@ -46,7 +46,7 @@ def fit_page(
         styles=["report.css"],
         sentence=sentence,
         keys=[("measured", MEASURED), *_MODELS.values()],
-        pictures=[_picture(strides, told, *curve) for curve in _CURVES],
+        pictures=numbered(_picture(strides, told, *curve) for curve in _CURVES),
         tables=tables,
     )
 

@@ -84,8 +84,7 @@ class RunFigures:
 
     def sections(self) -> dict[str, list[Picture]]:
         """All pictures with their numbers, by section, in the order of the page."""
-        found: dict[str, list[Picture]] = {"walker": [], "velocity": []}
-        walked, planned = not self.saved.is_log, not (self.saved.is_log or self.saved.is_free)
+        found: dict[str, list[Picture]] = {"walker": []}
         for section, columns in _SECTIONS.items():
             curves = [CURVES[name] for name in columns]
             found[section] = [
@@ -95,16 +94,17 @@ class RunFigures:
                 if self.saved.summary.get("ahead", {}).get("judged"):
                     found["zmp"].append(self.ahead())
                 found["above"] = [self.top_view()]
-                found["split"] = [self.causes(axis) for axis in "xy"] if planned else []
+                alone = self.saved.is_log or self.saved.is_free
+                found["split"] = [] if alone else [self.causes(axis) for axis in "xy"]
             elif section == "force":
-                found["contact"] = [self.contact_timeline()] if walked else []
+                found["contact"] = [] if self.saved.is_log else [self.contact_timeline()]
         for section, entity in _DIFFERENCES.items():
             gap = DIFFERENCES[entity]
             there = self._has(f"{gap.minuend}_x") and self._has(f"{gap.subtrahend}_x")
             found[section] = [self.difference(gap)] if there else []
         if self.saved.is_free:
             found["velocity"] = [self.velocity()]
-        if walked:
+        if not self.saved.is_log:
             poses = draw_walker(self.saved, self.plan, self.window)
             found["walker"] = [self.walker(poses)] if poses else []
             found["cost"] = [self.torque_use(), self.clearance(), *found["cost"]]
@@ -118,9 +118,7 @@ class RunFigures:
     def walker(self, poses: list[Chart]) -> Picture:
         """The body at a few instants."""
         kinds = "measured" if self.saved.is_free else "planned (blue) and measured (orange)"
-        caption = (
-            f"Arrows: {kinds} ground force, from the ZMP. Black dot: COM. Purple: left side; yellow: right."
-        )
+        caption = f"Arrows: {kinds} ground force, from the ZMP. Black dot: COM. Purple: left; yellow: right."
         return Picture(poses, "The walking body from the side", caption, wide=True)
 
     def velocity(self) -> Picture:
@@ -274,7 +272,7 @@ class RunFigures:
         shade_double_support(chart, self.signals, self.window)
         chart.ylim = (min(chart.yticks.values(), default=0.0) - 0.5, 0.5)
         _finish(chart, "", "")
-        caption = "Measured." if planned is None else "Bars: measured; thin lines: planned."
+        caption = "Bars: measured." if planned is None else "Bars: measured; thin lines: planned."
         return Picture(charts, "Contact of heel, ball and tip of both feet", caption)
 
     def torque_use(self, most: int = 16) -> Picture:

@@ -168,13 +168,15 @@ def _scaled(value: Range, is_whole: bool, unit: NDArray[np.float64]) -> list[Opt
 class SweepDefinition(Section, section="sweep"):
     """A complete sweep: the same definition gives the same runs in the same order.
 
-    ``base`` is the run that ``gait`` names, as read with the definition; :attr:`shared` adds steps and
-    ``set``, and every run changes the varied keys.
+    ``base`` has the run of every gait, as read with the definition; :attr:`shared` adds steps and ``set``,
+    and every run changes the varied keys. Several gaits are crossed with all blocks, as the first one.
     """
 
     name: str = Field("sweep", description="name of the sweep, for report and table", min_length=1)
-    gait: str = Field("normal", description="preset, or TOML file relative to the sweep's", min_length=1)
-    steps: int = Field(30, description="steps of every run", ge=1, le=10_000)
+    gait: str | tuple[str, ...] = Field(
+        "normal", description="preset, or TOML file relative to the sweep's; or a list of them", min_length=1
+    )
+    steps: int | None = Field(30, description="steps of every run; None: those of its gait", ge=1, le=10_000)
     tune: bool = Field(False, description="find the values that every run leaves open; otherwise keep them")
     seed: int = Field(1, description="of the sampled blocks", ge=0, le=2**63 - 1)
     profile: str = Field("default", description="tolerance profile that judges the runs")
@@ -185,7 +187,7 @@ class SweepDefinition(Section, section="sweep"):
     wall_clock: Real = Field(600.0, description="seconds after which a run counts as hung", gt=0)
     set: Mapping[str, Option] = Field(default_factory=dict)
     vary: tuple[Block, ...] = ()
-    base: RunParameters = Field(default_factory=RunParameters)
+    base: tuple[RunParameters, ...] = (RunParameters(),)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -203,10 +205,14 @@ class SweepDefinition(Section, section="sweep"):
             if key in where:
                 raise InputError(f"{key} stands in {place}, and in {where[key]}; keep one.", key=key)
             where[key] = place
-        total = math.prod(block.size for block in self.vary)
-        if total > MOST_CASES:
+        if len(self.base) != len(self.gaits):
+            raise InputError(f"{len(self.base)} [[base]] for {len(self.gaits)} gaits; give one for each.")
+        for name in self.gaits:
+            if self.gaits.count(name) > 1:
+                raise InputError(f"several gaits are named {name!r}; name every gait once.", key="gait")
+        if len(self) > MOST_CASES:
             raise InputError(
-                f"the sweep would have {total:,} runs, more than {MOST_CASES:,}; lower a count, or vary "
+                f"the sweep would have {len(self):,} runs, more than {MOST_CASES:,}; lower a count, or vary "
                 "several keys in one sobol block instead of crossing them."
             )
         _ = self.shared  # the shared parameters must be valid
@@ -214,13 +220,23 @@ class SweepDefinition(Section, section="sweep"):
 
     def __len__(self) -> int:
         """Number of runs."""
-        return math.prod(block.size for block in self.vary)
+        return math.prod([len(self.base), *(block.size for block in self.vary)])
+
+    @property
+    def gaits(self) -> tuple[str, ...]:
+        """The gaits, as the file names them."""
+        return (self.gait,) if isinstance(self.gait, str) else self.gait
 
     @cached_property
-    def shared(self) -> RunParameters:
-        """Parameters that all runs share: the gait with ``steps`` and ``set``, all given unless they tune."""
-        run = self.base.replace({**self.set, STEPS_KEY: self.steps})
-        return run if self.tune else run.as_is()
+    def shared(self) -> tuple[RunParameters, ...]:
+        """What the runs of each gait share: it with ``steps`` and ``set``, as given unless they tune."""
+        fixed = {**self.set, **({} if self.steps is None else {STEPS_KEY: self.steps})}
+        runs = [run.replace(fixed) for run in self.base]
+        return tuple(run if self.tune else run.as_is() for run in runs)
+
+    def gait_of(self, run: int) -> int:
+        """Number of the gait of a run."""
+        return run // (len(self) // len(self.base))
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -234,7 +250,7 @@ class SweepDefinition(Section, section="sweep"):
             block.columns(np.random.default_rng([self.seed, number]))
             for number, block in enumerate(self.vary)
         ]
-        step = self.shared.simulation.time_step
+        step = self.shared[0].simulation.time_step
         for block, found in zip(self.vary, columns, strict=True):
             if isinstance(block.keys.get(DELAY_KEY), Range):
                 steps = np.rint(np.array(found[DELAY_KEY]) / step)
@@ -242,17 +258,18 @@ class SweepDefinition(Section, section="sweep"):
         return columns
 
     def values(self, key: str) -> tuple[Option, ...]:
-        """Values of a key: those listed, both ends of a range, or the one that all runs share."""
+        """Values of a key: those listed, both ends of a range, or those of the gaits."""
         for block in self.vary:
             if key in block.keys:
                 values = block.keys[key]
                 return (values.start, values.stop) if isinstance(values, Range) else values
-        return (parameter_values(self.shared)[key],)
+        found = (parameter_values(run) for run in self.shared)
+        return tuple(dict.fromkeys(values[key] for values in found if key in values))
 
     @property
     def options(self) -> dict[str, tuple[Option, ...]]:
         """Values of every option of a user's class, by its key."""
-        found = dict.fromkeys((*parameter_values(self.shared), *self.keys))
+        found = dict.fromkeys(key for run in self.shared for key in (*parameter_values(run), *self.keys))
         return {key: self.values(key) for key in found if is_option(key)}
 
     def varied(self, run: int) -> dict[str, Option]:
@@ -263,7 +280,7 @@ class SweepDefinition(Section, section="sweep"):
         """
         if not 0 <= run < len(self):
             raise IndexError(f"there is no run {run}: the sweep has {len(self)}")
-        cases = np.unravel_index(run, [block.size for block in self.vary])
+        _, *cases = np.unravel_index(run, [len(self.base), *(block.size for block in self.vary)])
         found = {}
         for block, columns, case in zip(self.vary, self._columns, cases, strict=True):
             places = (case,) * len(columns)
@@ -280,7 +297,7 @@ class SweepDefinition(Section, section="sweep"):
             InputError: a value is beyond the bounds of its key.
             IndexError: there is no such run.
         """
-        return self.shared.replace(self.varied(run))
+        return self.shared[self.gait_of(run)].replace(self.varied(run))
 
     def name_of(self, run: int) -> str:
         """Number of a run as text, with zeros in front so that names sort as numbers do."""
@@ -326,8 +343,8 @@ def _sweep_of(
         if word not in _TABLES:
             raise unknown(word, _TABLES)
         is_list = isinstance(value, list) and all(isinstance(item, dict) for item in value)
-        if not (is_list if word == "vary" else isinstance(value, dict)):
-            brackets = "[[vary]]" if word == "vary" else f"[{word}]"
+        if not (is_list if word in ("vary", "base") else isinstance(value, dict)):
+            brackets = f"[[{word}]]" if word in ("vary", "base") else f"[{word}]"
             raise InputError(f"{word} must be written as {brackets}, with its keys below.", key=word)
     head = dict(table.get("sweep", {}))
     for word in head.keys() & set(_TABLES):
@@ -335,17 +352,22 @@ def _sweep_of(
     with _place("[set]"):
         fixed = {key: key_info(key).convert(value) for key, value in _flat(table.get("set", {})).items()}
     fixed |= {key: _beside(folder, str(fixed[key])) for key in (BODY_KEY, PLANNER_KEY) if key in fixed}
+    gait = head.get("gait")
+    gaits = tuple(gait) if isinstance(gait, list) and gait else (gait,)
     if "base" in table:
-        base = RunParameters(**table["base"])
+        base = tuple(RunParameters(**item) for item in table["base"])
     else:
-        base = _base(folder, head.get("gait"), fixed.get(BODY_KEY, HUMAN))
-    if base.body.source != HUMAN:  # nothing is known of its gait but size and speed
-        head = {"gait": Path(base.body.source).stem, "tune": True, **head}
+        body = fixed.get(BODY_KEY, HUMAN)
+        base = tuple(_base(folder, item, body) for item in gaits)
+    if isinstance(gait, list):
+        head = {"steps": None, **head, "gait": gaits}
+    elif base[0].body.source != HUMAN:  # nothing is known of its gait but size and speed
+        head = {"gait": Path(base[0].body.source).stem, "tune": True, **head}
     blocks = []
     for number, item in enumerate(table.get("vary", []), start=1):
         with _place(f"[[vary]] block {number}"):
             blocks.append(_block(item))
-    head = {"name": name, "steps": base.gait.steps, **head}
+    head = {"name": name, "steps": base[0].gait.steps, **head}
     definition = SweepDefinition(**head, set=fixed, vary=tuple(blocks), base=base)
     if any(BODY_KEY in block.keys for block in blocks):
         raise InputError(
@@ -363,7 +385,7 @@ def _check_classes(definition: SweepDefinition) -> None:
     first = {key: values[0] for key, values in definition.options.items()}
     for key in (CONTROLLER_KEY, PLANNER_KEY, ESTIMATOR_KEY):
         for name in definition.values(key):
-            run = definition.shared.replace({**first, key: name})
+            run = definition.shared[0].replace({**first, key: name})
             CONTROLLER.check(run.controller.name, run.controller.options)
             check_planner(run.gait.planner, run.planner.options)
             ESTIMATOR.check(run.sensors.estimator, run.sensors.options)
@@ -472,9 +494,14 @@ def dump_sweep(definition: SweepDefinition) -> str:
         vary.append({**words, **values})
     table = {"sweep": head, "set": dict(definition.set), "vary": vary}
     # The file of a gait may change or be missing later, so its contents are included.
-    if definition.gait not in PRESETS or definition.base != load_run(definition.gait):
-        base = definition.base
-        kept = base.given | {key for key in keys() if base.value(key) != key_info(key).default}
-        sections = base.giving(kept).model_dump(exclude_unset=True)
-        table["base"] = {name: section for name, section in sections.items() if section}
+    gaits = definition.gaits
+    if not set(gaits) <= set(PRESETS) or definition.base != tuple(map(load_run, gaits)):
+        table["base"] = [_kept(base) for base in definition.base]
     return tomli_w.dumps(table)
+
+
+def _kept(run: RunParameters) -> dict[str, Any]:
+    """What is given of a run, and what differs from the defaults."""
+    kept = run.given | {key for key in keys() if run.value(key) != key_info(key).default}
+    sections = run.giving(kept).model_dump(exclude_unset=True)
+    return {name: section for name, section in sections.items() if section}

@@ -102,8 +102,11 @@ def cite_sweep(sweep: SweepTable) -> Citation:
 def worst_runs(sweep: SweepTable) -> list[dict[str, Any]]:
     """Rows of the table of the worst runs, each with the command that walks it again."""
     links, names, found = links_of(sweep), sweep.words("name"), []
+    gaits = sweep.words("gait")
     for row in sweep.worst[:WORST]:
         varied = {key: sweep.table.column(key)[row].as_py() for key in sweep.metadata["varied"]}
+        gait = {"gait": gaits[row]} if len(set(gaits)) > 1 else {}
+        command = sweep.metadata["command"].replace(" GAIT ", f" {shlex.quote(gaits[row])} ")
         settings = [f"--set {shlex.quote(f'{key}={value}')}" for key, value in varied.items()]
         found.append(
             {
@@ -111,8 +114,8 @@ def worst_runs(sweep: SweepTable) -> list[dict[str, Any]]:
                 "state": sweep.state(row),
                 "why": _why(sweep, row),
                 "link": links.get(row, ""),
-                "parameters": {key: format_value(value) for key, value in varied.items()},
-                "repeat": " ".join([sweep.metadata["command"], *settings]),
+                "parameters": {key: format_value(value) for key, value in {**gait, **varied}.items()},
+                "repeat": " ".join([command, *settings]),
             }
         )
     return found

@@ -19,10 +19,13 @@ from ampm.run_file import describe_keys, key_info
 from ampm.section import Option
 from validation.judge.metrics import METRICS
 from validation.run.trial import Trial
+from validation.trial.followed import LEADS
 
 Kind = Literal["real", "whole", "text"]
 Options = Mapping[str, Sequence[Option]]
 """Options of users' classes, by their keys, with their values."""
+AHEAD = ("zmp_x", "zmp_y")
+"""Signals with a column of their RMS error for each lead of the plan."""
 _TYPES = {"real": pa.float64(), "whole": pa.int64(), "text": pa.string()}
 _KINDS: Mapping[str, Kind] = {"float": "real", "int": "whole", "text": "text"}
 
@@ -39,6 +42,7 @@ class Column(NamedTuple):
 _RUN = (
     Column("run", "whole", "1", "number of the run in the sweep, from 0"),
     Column("name", "text", "", "the same, padded with zeros: name of the run's folder"),
+    Column("gait", "text", "", "preset, or name of the file, from which the run starts"),
     Column(
         "key",
         "text",
@@ -81,9 +85,21 @@ def columns(options: Options = MappingProxyType({})) -> tuple[Column, ...]:
         *(Column(key, _kind(values), "", key_info(key).meaning) for key, values in options.items()),
         *(Column(name, "real", data["unit"], data["meaning"]) for name, data in constants),
         *_WALK,
+        *(
+            Column(
+                ahead_column(name, lead), "real", "m", f"{METRICS[f'{name}_rmse'].label}, {lead:g} s ahead"
+            )
+            for lead in LEADS
+            for name in AHEAD
+        ),
         *(Column(item.column, "real", item.unit, item.meaning) for item in METRICS.values()),
         *_COST,
     )
+
+
+def ahead_column(signal: str, lead: float) -> str:
+    """Column of the RMS error of a signal from the plan as it stood a while before [s]."""
+    return f"ahead_{lead:g}_{signal}"
 
 
 def _kind(values: Sequence[Option]) -> Kind:
@@ -113,6 +129,11 @@ def walk_columns(trial: Trial) -> dict[str, Any]:
         "steps_completed": outcome.steps_completed,
         "outcome_time": outcome.time,
         "foot_length": trial.comparison.scales["foot_length"],
+        **{
+            ahead_column(name, lead): errors[name]
+            for lead, errors in trial.comparison.ahead.items()
+            for name in AHEAD
+        },
         **{METRICS[name].column: metric.value for name, metric in trial.metrics.items()},
     }
     return {name: None if isinstance(v, float) and math.isnan(v) else v for name, v in row.items()}

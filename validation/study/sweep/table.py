@@ -319,7 +319,7 @@ def key_of(definition: SweepDefinition, run: int) -> str:
 
 def _values(definition: SweepDefinition, run: int) -> dict[str, Any]:
     """Every parameter of a run, also of one with a value beyond its bounds."""
-    return parameter_values(definition.shared) | definition.varied(run)
+    return parameter_values(definition.shared[definition.gait_of(run)]) | definition.varied(run)
 
 
 def build_table(definition: SweepDefinition, rows: Iterable[Row]) -> pa.Table:
@@ -339,15 +339,16 @@ def build_table(definition: SweepDefinition, rows: Iterable[Row]) -> pa.Table:
 def _table_row(definition: SweepDefinition, row: Row) -> dict[str, Any]:
     """A row of the engine with the parameters of its run."""
     name = row["key"].partition("-")[0]
-    values = _values(definition, int(name))
-    return {**values, **row, "run": int(name), "name": name, "key": run_key(values)}
+    run = int(name)
+    values, gait = _values(definition, run), definition.gaits[definition.gait_of(run)]
+    return {**values, **row, "run": run, "name": name, "gait": gait, "key": run_key(values)}
 
 
 def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
     """Description of a table, JSON-ready.
 
     ``definition`` (TOML), ``name``, ``runs``, ``varied`` (keys), ``profile``, ``command`` (that walks a run,
-    if it is told the varied keys),
+    if it is told the varied keys, and of several gaits the run's in the place of ``GAIT``),
     ``tolerances`` (metric to ``limit``, ``unit`` and ``reason``; forces in body weights), ``labels`` (metric
     to readable name), ``columns`` (name to ``unit`` and ``words``) and ``environment`` (versions, platform,
     and the hash of the code).
@@ -373,10 +374,14 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
 
 
 def _command(definition: SweepDefinition) -> str:
-    """Command that walks a run, but for the varied keys."""
-    words = ["ampm", "validate", "--steps", str(definition.steps), "--profile", definition.profile]
-    if definition.gait != Path(definition.base.body.source).stem:  # else it is the body's own gait
-        words.insert(2, definition.gait)
+    """Command that walks a run, but for the varied keys; ``GAIT`` is its gait if there are several."""
+    words = ["ampm", "validate", "--profile", definition.profile]
+    if definition.steps is not None:
+        words[2:2] = ["--steps", str(definition.steps)]
+    if len(definition.gaits) > 1:
+        words.insert(2, "GAIT")
+    elif definition.gaits[0] != Path(definition.base[0].body.source).stem:  # else it is the body's own gait
+        words.insert(2, definition.gaits[0])
     for key, value in definition.set.items():
         words += ["--set", f"{key}={toml_text(value)}"]
     return shlex.join(words if definition.tune else [*words, "--as-is"])

@@ -5,9 +5,10 @@ the measured divergent component of motion (DCM) to stay bounded (Scianca et al.
 
     dcm = integral of omega exp(-omega t) (p(t) - a(t)) over 0 ... T  +  exp(-omega T) (dcm_1 + last)
 
-The ZMP p is the first plan's, displaced with the feet and moved within the sole. The force line misses the
-COM by a, until the measured surplus of angular momentum is gone. After the horizon T the first plan goes on,
-displaced by `last`; dcm_1 is its DCM there. A swing is shortened where that costs less.
+The ZMP p is the first plan's, displaced with the feet and moved within the sole (Wieber, Humanoids 2006). The
+force line misses the COM by a, until the measured surplus of angular momentum is gone. After the horizon T
+the first plan goes on, displaced by `last`; dcm_1 is its DCM there. A swing is shortened where that costs
+less. All constants were chosen with `normal`, pushed and not, in view.
 """
 
 import numpy as np
@@ -36,6 +37,8 @@ class Mpc:
 
     def plan(self, run, robot):
         """The walk without disturbances, and four steps more than are asked for."""
+        if run.footsteps:
+            raise ampm.InputError("footsteps: this planner makes equal steps of the gait; leave them out.")
         run = run.replace({"gait.steps": run.gait.steps + 4})
         self.base, self.run, self.robot = ampm.PeriodicPlanner("dcm").plan(run, robot), run, robot
         self.places = np.array([step.position for step in self.base.contacts.footsteps])

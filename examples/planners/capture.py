@@ -1,13 +1,17 @@
-"""Capture steps over the footsteps of `normal`, pushed and not, beside the AMPM. Takes 20 s.
+"""Capture steps with times, over the steps of `normal`, pushed and not, beside the AMPM. Takes 20 s.
 
-The inverted pendulum com'' = w^2 (com - p) has a part that diverges, the divergent component of motion (DCM),
-and one that converges (Englsberger et al., IEEE T-RO 31(2), 2015)::
+Khadiv et al., "Walking control based on step timing adaptation", IEEE T-RO 36(3), 2020: place and time of the
+next footstep are found so that the divergent component of motion (DCM) is where it has to be after the step.
+Here a search over times replaces their QP in exp(w T), feet roll and double supports last. The inverted
+pendulum com'' = w^2 (com - p) has a part that diverges and one that converges (Englsberger et al., IEEE T-RO
+31(2), 2015)::
 
     dcm = com + com' / w,   dcm' = w (dcm - p);      ccm = com - com' / w,   ccm' = -w (ccm - p)
 
 The ZMP p is linear between the switches of support. So both have closed forms: the DCM backward from the end,
 the other forward from the measurement. Every 50 ms the DCM of the plan is compared with the measured one. The
-ankle makes up for the difference, then the place of the next footstep and its time.
+ankle makes up for the difference, then the place of the next footstep and its time. All constants were chosen
+with `normal`, pushed and not, in view.
 """
 
 import numpy as np
@@ -16,7 +20,7 @@ from matplotlib.figure import Figure
 import ampm
 import validation as val
 
-RATE, ROLL = 200.0, 0.09  # samples a second; ZMP behind and ahead of the origin of the sole that stands [m]
+RATE = 200.0  # samples a second
 MORE, BEYOND = 4, 8  # steps planned after the last one asked for; before and after the plan, where it repeats
 SAME, FREEZE, SWING = 0.004, 0.08, 0.32  # error without an answer [m]; time to land; shortest swing [s]
 ANKLE = np.array([[-0.1, -0.03], [0.09, 0.03]])  # of the ZMP from the sole's origin [m]
@@ -32,14 +36,17 @@ class Capture:
 
     def plan(self, run, robot):
         """The walk without disturbances, and some steps more than are asked for."""
+        if run.footsteps:
+            raise ampm.InputError("footsteps: this planner makes equal steps of the gait; leave them out.")
         gait, timing = run.gait, ampm.plan(run).constants
+        roll = timing.l_s * timing.inverse_a_s  # of the ZMP, behind and ahead of the sole's origin [m]
         single, period = timing.single_support_duration, timing.step_duration
         self.run, self.robot, self.w = run, robot, np.sqrt(9.81 / gait.com_height)
         number = np.arange(-BEYOND, gait.steps + MORE + BEYOND + 1)
         self.places = np.column_stack([gait.step_length * number, 0.5 * gait.step_width * (-1.0) ** number])
         self.steps = np.diff(self.places, axis=0, prepend=np.nan)  # as they are planned without a push
         self.times = period * number[:, None] + [0.0, single]  # each stands alone from, and until [s]
-        self.zmp = self.places[:, None] + np.array([[-ROLL, 0.0], [ROLL, 0.0]])
+        self.zmp = self.places[:, None] + np.array([[-roll, 0.0], [roll, 0.0]])
         return self.made(self.times[0, 0], self.zmp[0, 0])
 
     def made(self, begin, ccm, ankle=0.0, after=None):

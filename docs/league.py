@@ -1,0 +1,133 @@
+"""Walk the quick league; rewrite data/league.csv, and table and picture of docs/league.md.
+
+    python docs/league.py [page]
+
+Ten minutes on two idle cores. Finished walks are kept in build/league, so a stopped league goes on. With
+``page`` nothing is walked: table and picture are made from the data.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from trials import DATA, write_rows
+
+import validation as val
+from validation.cli.console import Narrator
+from validation.show.style import save_figure, style
+from validation.show.text import replace_between
+from validation.study.rank import Ranking
+from validation.table import ABSENT, Table, format_number
+
+PAGE = Path(__file__).with_suffix(".md")
+PICTURE = PAGE.parent / "images" / "league.png"
+ROOT = PAGE.parents[1]
+KEPT = ROOT / "build" / "league"
+LEAGUE = "examples/league/league-quick.toml"
+COLUMNS = (
+    "task",
+    "planner",
+    "rank",
+    "error 0.1 s ahead [mm]",
+    "survived",
+    "walks",
+    "survival, 95 % [%]",
+    "cost of transport",
+    "how others ended",
+)
+
+Row = Mapping[str, str]
+
+
+def main() -> None:
+    """Walk what is missing, write the data, and from the data page and picture."""
+    if sys.argv[1:] != ["page"]:
+        os.chdir(ROOT)  # the planners are examples.planners
+        val.sweep(LEAGUE, KEPT, resume=KEPT.exists(), progress=Narrator())
+        write_rows("league", [COLUMNS, *rows_of(val.rank(KEPT))])
+    found = read()
+    page = replace_between(PAGE.read_text(encoding="utf-8"), "league", overview(found).markdown())
+    PAGE.write_text(page, encoding="utf-8")
+    draw(found, PICTURE)
+
+
+def rows_of(ranking: Ranking) -> list[tuple[str, ...]]:
+    """Data of every cell."""
+    return [
+        (
+            cell.task,
+            cell.name,
+            str(ranking.ranks.get((cell.task, cell.name), "")),
+            format_number(1e3 * cell.error, 3),
+            str(cell.survived),
+            str(cell.runs),
+            "{:.0f}–{:.0f}".format(*(100.0 * end for end in cell.interval)) if cell.runs else "",
+            format_number(cell.effort, 3),
+            "; ".join(cell.notes),
+        )
+        for cell in ranking.cells
+    ]
+
+
+def read() -> list[Row]:
+    """The data as they were written last."""
+    with (DATA / "league.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def overview(rows: Sequence[Row]) -> Table:
+    """Rank, error and survival of every planner in every task."""
+    tasks, planners = (list(dict.fromkeys(row[name] for row in rows)) for name in ("task", "planner"))
+    cells = {(row["planner"], row["task"]): row for row in rows}
+
+    def text(row: Row) -> str:
+        if not row["rank"]:
+            return ABSENT
+        lost = "" if row["survived"] == row["walks"] else f", {row['survived']} of {row['walks']}"
+        return f"**{row['rank']}** ({row[COLUMNS[3]]}{lost})"
+
+    body = [(planner, *(text(cells[planner, task]) for task in tasks)) for planner in planners]
+    return Table("", ("planner", *tasks), body)
+
+
+@style()
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """Error against effort; the size of a mark is the survival."""
+    tasks = list(dict.fromkeys(row["task"] for row in rows))
+    figure = Figure(figsize=(8.0, 5.0), dpi=110, layout="constrained")
+    plots = figure.subplots(2, (len(tasks) + 1) // 2, sharex=True, sharey=True).ravel()
+    planners = dict.fromkeys(row["planner"] for row in rows)
+    looks = {
+        name: {"marker": marker, "facecolors": "none", "edgecolors": f"C{k}", "linewidths": 1.6}
+        for k, (name, marker) in enumerate(zip(planners, "osD^vPXh<>8", strict=False))
+    }
+    for axes, task in zip(plots, tasks, strict=False):
+        for row in rows:
+            if row["task"] == task and row["survived"] not in ("", "0"):
+                share = int(row["survived"]) / int(row["walks"])
+                axes.scatter(
+                    float(row["cost of transport"]),
+                    float(row[COLUMNS[3]]),
+                    s=90.0 * share,
+                    **looks[row["planner"]],
+                )
+        axes.set(title=task, yscale="log")
+    for axes in plots[len(tasks) :]:
+        axes.set_axis_off()
+    columns = len(plots) // 2
+    for axes in plots[columns:]:
+        axes.set_xlabel("cost of transport [1]")
+    for axes in plots[::columns]:
+        axes.set_ylabel("ZMP error ahead [mm]")
+    handles = [plots[0].scatter([], [], s=90.0, **look) for look in looks.values()]
+    figure.legend(handles, list(looks), loc="outside lower center", ncols=len(looks))
+    save_figure(figure, path)
+
+
+if __name__ == "__main__":
+    main()

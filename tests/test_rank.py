@@ -1,0 +1,177 @@
+"""Ranks of planners: intervals, what is decided, and planners that fail in a cell."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import validation as val
+from ampm.exceptions import InputError
+from tests.sweep_table import sweep_of
+from validation.cli.app import call
+from validation.study.rank import median_interval, rank, wilson
+from validation.study.sweep.design import parse_sweep
+from validation.study.sweep.table import build_table, key_of
+
+LEAGUE = """
+[sweep]
+gait = ["normal", "flat"]
+steps = 4
+
+[[vary]]
+method = "grid"
+gait.planner = ["ampm", "dcm", "ipm", "lipm"]
+
+[[vary]]
+method = "list"
+disturbance.seed = [1, 2, 3, 4, 5, 6, 7, 8]
+simulation.engine = ["mujoco", "mujoco", "mujoco", "mujoco", "drake", "drake", "drake", "drake"]
+"""
+ERRORS = {"ampm": 1.00e-3, "dcm": 1.04e-3, "ipm": 2.5e-3, "lipm": 1.5e-3}
+"""Median error of the planners; `lipm` falls in every walk of the task `flat`."""
+RANKS = {
+    ("normal", "ampm"): 1,
+    ("normal", "dcm"): 1,
+    ("normal", "lipm"): 3,
+    ("normal", "ipm"): 4,
+    ("flat", "ampm"): 1,
+    ("flat", "dcm"): 1,
+    ("flat", "ipm"): 3,
+    ("flat", "lipm"): 4,
+}
+
+
+def league(seed, change=lambda task, planner, row: row):
+    """Table of a league whose replicas are drawn with a seed."""
+    definition, rng, rows = parse_sweep(LEAGUE), np.random.default_rng(seed), []
+    for number in range(len(definition)):
+        run, task = definition.parameters(number), definition.gaits[definition.gait_of(number)]
+        planner = run.gait.planner
+        error = (
+            ERRORS[planner] * rng.lognormal(0.0, 0.04) * (1.1 if run.simulation.engine == "drake" else 1.0)
+        )
+        row = {
+            "outcome": "completed",
+            "verdict": "pass",
+            "outcome_time": 3.0,
+            "energy_cost_of_transport": 0.4,
+        }
+        row |= {f"ahead_0.1_zmp_{axis}": error / np.sqrt(2.0) for axis in "xy"}
+        if (task, planner) == ("flat", "lipm"):
+            row = {"outcome": "fell", "verdict": "not_measured", "outcome_time": 1.0 + 0.1 * rng.random()}
+        rows.append({**change(task, planner, row), "key": key_of(definition, number)})
+    return sweep_of(build_table(definition, rows))
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 6), (6, 6), (3, 8), (81, 263)])
+def test_the_interval_of_survival_is_that_of_scipy(successes, trials):
+    expected = stats.binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    assert wilson(successes, trials) == pytest.approx((expected.low, expected.high), abs=1e-12)
+
+
+def test_the_interval_of_a_median_covers_it_in_95_of_100_draws():
+    draws = np.random.default_rng(0).standard_exponential((2000, 11))
+    low, high = np.transpose([median_interval(draw) for draw in draws])
+    assert np.mean((low <= np.log(2.0)) & (np.log(2.0) <= high)) >= 0.95
+    assert median_interval(np.arange(6.0)) == (0.0, 5.0)
+    assert median_interval(np.arange(5.0)) == (-np.inf, np.inf)
+
+
+def test_shuffled_seeds_keep_every_rank():
+    for seed in range(20):
+        assert rank(league(seed)).ranks == RANKS, seed
+
+
+def test_a_difference_that_the_engines_disagree_on_is_open():
+    found = rank(league(0))
+    one, other = (c for c in found.cells if c.task == "normal" and c.name in ("ampm", "lipm"))
+    assert found.better(one, other)
+    shifted = {at: other.errors[at] + (2e-3 if "drake" in at else 0.0) for at in other.errors}
+    moved = type(other)(**{**vars(other), "errors": shifted})
+    assert not found.better(one, moved)
+    assert not found.better(moved, one)
+
+
+def test_few_replicas_decide_nothing_and_refusals_leave_the_cell_empty():
+    def change(task, planner, row):
+        if planner == "dcm" and task == "flat":
+            return {"outcome": "refused", "reason": "bad_parameter", "cause": "footsteps: none."}
+        return row
+
+    found = rank(league(1, change))
+    assert ("flat", "dcm") not in found.ranks
+    cell = next(cell for cell in found.cells if (cell.task, cell.name) == ("flat", "dcm"))
+    assert (cell.runs, cell.notes) == (0, ("8 refused: footsteps: none.",))
+    one, other = (cell for cell in found.cells if cell.task == "normal" and cell.name in ("ampm", "ipm"))
+    few = type(one)(**{**vars(one), "errors": dict(list(one.errors.items())[:5])})
+    assert found.better(one, other)
+    assert not found.better(few, other)
+
+
+def test_tables_json_and_errors():
+    found = rank(league(2), "gait.planner", ahead=0.1)
+    overview = found.tables()[0].markdown().splitlines()
+    assert overview[0] == "| planner | normal | flat |"
+    assert overview[5] == "| lipm | 3 | 4 |"
+    cell = found.as_dict()["cells"][0]
+    assert (cell["task"], cell["name"], cell["rank"], cell["survived"]) == ("normal", "ampm", 1, 8)
+    assert cell["error"] == pytest.approx(1.05e-3, rel=0.1)
+    assert "of 12 differences" in found.sentence
+    with pytest.raises(InputError, match=r"does not vary 'body.mass'; rank by one of gait.planner, "):
+        rank(league(2), "body.mass")
+    with pytest.raises(InputError, match=r"no error 0.3 s ahead; take one of 0, 0.05, 0.1, 0.2, 0.4 s"):
+        rank(league(2), ahead=0.3)
+
+
+BROKEN = """
+import time
+import ampm
+
+class Raises:
+    def plan(self, run, robot):
+        raise RuntimeError("no gain")
+
+class Hangs:
+    def plan(self, run, robot):
+        time.sleep(1000.0)
+
+class Short:
+    def plan(self, run, robot):
+        return ampm.PeriodicPlanner().plan(run.replace({"gait.steps": 1}), robot)
+
+class Contradicts:
+    def plan(self, run, robot):
+        plan = ampm.PeriodicPlanner().plan(run, robot)
+        at = plan.sample(times := [k / 200 for k in range(int(200 * plan.duration))] + [plan.duration])
+        kept = {"com": at.com, "zmp": at.zmp + 0.01, "com_acceleration": at.com_acceleration[:, :2]}
+        return ampm.make_plan(run, robot, times=times, contacts=plan.contacts, **kept)
+"""
+
+
+@pytest.mark.slow
+def test_a_planner_that_fails_leaves_a_cell_that_says_how(tmp_path, monkeypatch, capsys):
+    (tmp_path / "broken.py").write_text(BROKEN)
+    monkeypatch.chdir(tmp_path)
+    names = ["Raises", "Hangs", "Short", "Contradicts"]
+    planners = ", ".join(f'"{name}"' for name in ["ampm", *(f"broken:{name}" for name in names)])
+    (tmp_path / "league.toml").write_text(
+        '[sweep]\ngait = ["normal"]\nsteps = 2\nwall_clock = 25\nrecordings = "none"\n'
+        "[set]\nsimulation.time_step = 0.002\n"
+        f'[[vary]]\nmethod = "grid"\ngait.planner = [{planners}]'
+    )
+    val.sweep("league.toml", "out", workers=1)
+    cells = {cell.name: cell for cell in rank("out").cells}
+    assert cells["ampm"].survived == 1
+    notes = (
+        "1 crashed: .*no gain",
+        "1 timed out: .*25 s",
+        "1 crashed: .*it plans 1 steps",
+        "1 refused: .*ZMP",
+    )
+    for name, words in zip(names, notes, strict=True):
+        assert cells[name].survived == 0
+        assert re.search(words, "; ".join(cells[name].notes))
+    assert call(["rank", "out", "--out", "rank.md"]) == 0
+    assert "## normal" in (tmp_path / "rank.md").read_text()
+    assert "no gain" in capsys.readouterr().out
