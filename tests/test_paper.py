@@ -92,7 +92,7 @@ def test_figures_of_a_sweep(tmp_path, ampm):
     [
         ("--format gif", "--format gif is unknown; give pdf or svg or pgf."),
         ("--tables xls", "give tex or md or csv"),
-        ("--figures DIR --width 3000mm", "is 3000 mm; give 40 to 300 mm"),
+        ("--figures DIR --width 3m", "is 3000 mm; give 40 to 300 mm"),
         ("--figures DIR --width wide", "is no length"),
         ("--figures FILE", "is a file, not a folder"),
     ],
@@ -164,7 +164,9 @@ def test_evidence_says_what_was_done_and_what_was_not(run_dir, tmp_path, ampm):
         assert bundle.read("run.toml") == (run_dir / "run.toml").read_bytes()
     factors = {item["factorType"]: item for item in linked["hasCredibilityFactor"]}
     assert len(factors) == 19
-    assert "replay: identical" in factors["Numerical code verification"]["rationale"]
+    verified = factors["Numerical code verification"]["rationale"]
+    assert "replay: identical" in verified
+    assert "engine: not done" in verified
     for name in ("Discretization error", "Output comparison", "Results robustness", "Use error"):
         assert (factors[name]["factorStatus"], factors[name]["rationale"]) == ("not-assessed", "not done")
     assert page.count("NOT ASSESSED") == sum(item["rationale"] == "not done" for item in factors.values())

@@ -18,7 +18,7 @@ FORMATS, TABLES = ("pdf", "svg", "pgf"), ("tex", "md", "csv")
 NARROWEST, WIDEST, GUTTER = 40.0, 300.0, 5.0
 """Bounds of the width of a figure, and room between two columns, which wide figures span [mm]."""
 _TEXT_WIDTH = 190.0  # most that a wide figure spans, unless a column is wider [mm]
-_UNITS = {"mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72.27}
+_UNITS = {"mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72.27, "m": 1000.0}
 _POINT = 25.4 / 72.0  # of PDF and SVG [mm]
 STUDIED = "±: numerical uncertainty by a convergence study."
 UNSTUDIED = (
@@ -40,7 +40,7 @@ def parse_width(text: str) -> float:
     Raises:
         InputError: no length, or one that no page has.
     """
-    found = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(mm|cm|in|pt)\s*", text)
+    found = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(mm|cm|in|pt|m)\s*", text)
     width = float(found[1]) * _UNITS[found[2]] if found else 0.0
     if not NARROWEST <= width <= WIDEST:
         what = f"is {width:g} mm" if found else "is no length"

@@ -62,7 +62,9 @@ def write_evidence(
     text = files("validation").joinpath("study/factors.csv").read_text("utf-8")
     factors = list(csv.DictReader(text.splitlines()))
     for row in factors:
-        row["found"] = "; ".join(found[check] for check in row["checks"].split() if check in found)
+        checks = row["checks"].split()
+        said = [found.get(check, f"{check}: not done") for check in checks]
+        row["found"] = "; ".join(said) if found.keys() & set(checks) else ""
     linked = json.dumps(_linked(saved, factors), indent=1)
     names = ("factor", "standard", "criterion", "found")
     assessed = [tuple(row[name] or "NOT ASSESSED" for name in names) for row in factors]

@@ -100,7 +100,7 @@ class Side(Brief):
     def timing(self) -> dict[str, float]:
         """Mean durations and speed that the planner chose, by labels with units."""
         signals, found = self.run.signals, {}
-        if len(signals) > 1:
+        if len(signals) > 1 and not self.run.is_free:
             phases = np.split(signals["phase"], signals.switches()[1:])[1:-1]  # whole ones
             seconds = float(signals.time[-1] - signals.time[0])
             for name in ("single_support", "double_support"):
