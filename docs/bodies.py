@@ -18,7 +18,7 @@ from trials import ending, write_rows
 import ampm
 import validation as val
 from models.propose import propose
-from models.source import known_bodies
+from models.source import body_path, known_bodies
 
 _DATA, _PLAYGROUND = "example-robot-data:robots/", "playground:"
 _OP3 = {
@@ -29,9 +29,12 @@ _OP3 = {
     },
 }
 _ICUB = {"gyration": {"._wrist_1": 0.05}, "armature": {"._wrist_prosup": 0.0005}}
+_ROMEO = {
+    "sole": tomllib.loads(body_path("romeo").read_text(encoding="utf-8"))["body"]["sole"]
+}  # without toes
 MODELS = {
     "alex": (f"{_DATA}alex_description/urdf/alex_nub_hands.urdf", {}),
-    "alexander": (f"{_DATA}alexander_description/urdf/alexander_v1.lowerBodyOnly.urdf", {}),
+    "alexander-proposed": (f"{_DATA}alexander_description/urdf/alexander_v1.lowerBodyOnly.urdf", {}),
     "apollo": (f"{_PLAYGROUND}apollo/xmls/apollo_mjx_feetonly.xml", {}),
     "berkeley": (f"{_PLAYGROUND}berkeley_humanoid/xmls/berkeley_humanoid_mjx_feetonly.xml", {}),
     "bolt": (f"{_DATA}bolt_description/robots/bolt.urdf", {}),
@@ -42,7 +45,7 @@ MODELS = {
     "human-urdf": (f"{_DATA}human_description/robots/human.urdf", {}),
     "icub-proposed": (f"{_DATA}icub_description/robots/icub_reduced.urdf", _ICUB),
     "op3": (f"{_PLAYGROUND}op3/xmls/op3_mjx_feetonly.xml", _OP3),
-    "romeo-small": (f"{_DATA}romeo_description/urdf/romeo_small.urdf", {}),
+    "romeo-small": (f"{_DATA}romeo_description/urdf/romeo_small.urdf", _ROMEO),
     "talos-full": (f"{_DATA}talos_data/robots/talos_full_v2.urdf", {}),
     "talos-proposed": (f"{_DATA}talos_data/robots/talos_reduced.urdf", {}),
     "t1-proposed": (f"{_PLAYGROUND}t1/xmls/t1_mjx_feetonly.xml", {}),

@@ -81,6 +81,7 @@ class _Proposal:
             end if len(joints) < 4 else int(model.body_parentid[model.jnt_bodyid[joints[3]]])
             for end, joints in zip(ends, bends, strict=True)
         ]
+        self.legs = {joint for foot in self.feet for joint in self.chains[foot]}
         # A knee bends about the axis to the left by more than it can be stretched.
         if (self.data.xaxis[self.knees[0]] @ across) * model.jnt_range[self.knees[0]].sum() < 0.0:
             self.feet.reverse()
@@ -124,10 +125,9 @@ class _Proposal:
     def _trunk(self) -> int:
         """The moving segment reached by always going up where most of the mass is that is not of the legs."""
         model, here, found = self.model, self.root, self.root
-        legs = {joint for foot in self.feet for joint in self.chains[foot]}
         while True:
             below = np.flatnonzero(model.body_parentid == here)
-            below = below[[legs.isdisjoint(self.chains[body]) for body in below]]
+            below = below[[self.legs.isdisjoint(self.chains[body]) for body in below]]
             mass = model.body_subtreemass[below]
             if not mass.size or not mass.max() > max(0.5 * mass.sum(), _HEAD * model.body_mass[here]):
                 return found
@@ -137,12 +137,11 @@ class _Proposal:
     def _locked(self) -> list[int]:
         """Toes, and joints of no leg that are coupled, no hinges, or without motor or mass."""
         model, coupled, limits = self.model, coupled_joints(self.model), motor_limits(self.model)
-        legs = {joint for foot in self.feet for joint in self.chains[foot]}
         others = np.flatnonzero(model.jnt_type != mujoco.mjtJoint.mjJNT_FREE).tolist()
         return [
             joint
             for joint in others
-            if joint not in legs
+            if joint not in self.legs
             and (
                 joint in self.toes
                 or model.joint(joint).name in coupled
@@ -155,9 +154,8 @@ class _Proposal:
     def _rest(self) -> dict[str, Any]:
         """The key ``rest``: the left arm spread by its first hinge that turns it sideways."""
         model, side = self.model, (self.data.xanchor - self.data.xpos[self.root]) @ self.axes[1]
-        legs = {joint for foot in self.feet for joint in self.chains[foot]}
         for joint, forward in enumerate(self.data.xaxis @ self.axes[0]):
-            if joint not in legs and side[joint] > _BESIDE and abs(forward) > _LATERAL:
+            if joint not in self.legs and side[joint] > _BESIDE and abs(forward) > _LATERAL:
                 angle = math.copysign(_SPREAD, forward)
                 if (
                     not model.jnt_limited[joint]

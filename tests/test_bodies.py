@@ -18,7 +18,6 @@ from ampm.body.feasibility import joint_groups
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import BodyParameters, RunParameters
 from ampm.tune.first_gait import usual_steps
-from models.propose import propose
 from models.source import body_path
 from tests.test_body_files import TOML, URDF, write
 from validation.progress import Progress
@@ -30,7 +29,7 @@ from validation.trial.plan import load_request, make_body, own_gait, tune_walk
 
 ROOT = Path(__file__).parents[1]
 BIPED = ROOT / "docs" / "examples" / "biped.toml"
-ROBOTS = ("g1", "talos", "romeo", "icub", "simple-humanoid")
+ROBOTS = ("alexander", "g1", "talos", "romeo", "icub", "simple-humanoid")
 PACKAGES = dict.fromkeys(ROBOTS, "example-robot-data") | {"t1": "playground"}
 OWN = ("suite-humanoid", str(BIPED))
 ALL = (*OWN, *PACKAGES)
@@ -164,16 +163,11 @@ class Heard(Progress):
         self.text += text
 
 
-ALEXANDER = "example-robot-data:robots/alexander_description/urdf/alexander_v1.lowerBodyOnly.urdf"
-
-
-def test_a_body_without_arms_lets_its_legs_swing(tmp_path: Path) -> None:
+def test_a_body_without_arms_lets_its_legs_swing() -> None:
     """A pelvis of 10 kg that balanced the legs of 39 kg would pitch by 0.65 rad and turn by 0.25."""
-    run_of("g1")
-    path = tmp_path / "alexander.toml"
-    path.write_text(propose(ALEXANDER, tmp_path), encoding="utf-8")
+    run_of("alexander")
     heard = Heard()
-    planned = tune_walk(load_request(None, [f"body.source='{path}'"]), heard)
+    planned = tune_walk(load_request(None, ["body.source=alexander"]), heard)
     gait = planned.run.gait
     assert (gait.c_s, gait.c_y) == (0.8, 0.8)
     assert planned.run.body.angular_momentum_z == "free"
@@ -181,7 +175,7 @@ def test_a_body_without_arms_lets_its_legs_swing(tmp_path: Path) -> None:
     assert planned.tuned.worst() > 0.5
     assert "gait.c_s 0.8, gait.c_y 0.8; found gait.com_height" in heard.text
     with pytest.raises(RefusedGait, match=r"lower gait\.c_y to 0\.\d+ \(tried and accepted\)"):
-        tune_walk(load_request(None, [f"body.source='{path}'", "gait.c_y=1.0"]))
+        tune_walk(load_request(None, ["body.source=alexander", "gait.c_y=1.0"]))
 
 
 def test_folder_has_the_body(ampm, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ Change = Mapping[str, float | None]
 
 _MOST_TOLD, _MOST_NAMED = 2, 4  # ways out, and other settings, in a message
 _MOST_OF_ONE = 40  # choices of one search, which also takes at most half of those that are left
+_MOST_OF_LAST = 100  # choices of the search for an easy gait: what it says of the body must hold
 _NEAR = 0.1  # distance from the easy gait's value below which it is no change [1]
 
 
@@ -39,13 +40,13 @@ def ways_out(
         choices: that all searches may try together.
     """
 
-    def accepted(change: Change) -> bool:
+    def accepted(change: Change, most: int = _MOST_OF_ONE) -> bool:
         nonlocal choices
         try:
             changed = _changed(run, change)
         except InputError:  # beyond the range of a key
             return False
-        answer, tried = accepts(changed, min(_MOST_OF_ONE, choices // 2))
+        answer, tried = accepts(changed, most if most > _MOST_OF_ONE else min(most, choices // 2))
         choices -= tried
         return answer
 
@@ -56,7 +57,7 @@ def ways_out(
     if not found:
         easy = {key: _rounded(value) for key, value in easy_gait(run, description).items()}
         found.append({**easy, **_opened(run)})
-        if not accepted(found[0]):
+        if not accepted(found[0], _MOST_OF_LAST):
             values = ", ".join(f"{key} = {value:g}" for key, value in easy.items())
             others = sorted(run.given - set(OPEN_KEYS) - easy.keys() - {"gait.steps", "body.source"})
             way_out = f"change {', '.join(others[:_MOST_NAMED])}, or" if others else "take"
@@ -112,7 +113,7 @@ def _in_words(run: RunParameters, change: Change) -> str:
     for key, value in change.items():
         if value is None:
             words.append(f"leave {key} open")
-        elif value != run.value(key):
+        elif value != _rounded(run.value(key)):
             verb, unit = "raise" if value > run.value(key) else "lower", key_info(key).unit
             words.append(f"{verb} {key} to {value:g}" + ("" if unit == "1" else f" {unit}"))
     return " and ".join(words)
