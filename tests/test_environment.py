@@ -99,7 +99,7 @@ def test_a_limp_body_falls_and_scores_little():
 def test_an_action_that_is_no_number_is_refused():
     env = load()
     env.reset()
-    with pytest.raises(InputError, match="is not finite; give finite torques"):
+    with pytest.raises(InputError, match="is nan; give finite torques"):
         env.step(np.full(env.action_spec().shape, np.nan))
 
 

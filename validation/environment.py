@@ -136,8 +136,8 @@ class WalkPhysics(control.Physics):
 
     def set_control(self, control: Array) -> None:
         """Torques of the next step, shape (nu,) [N m]."""
-        if not np.isfinite(control).all():
-            raise InputError(f"the action {control} is not finite; give finite torques.")
+        for joint in np.flatnonzero(~np.isfinite(control))[:1]:
+            raise InputError(f"the action's torque {joint} is {control[joint]:g}; give finite torques [N m].")
         self._torque = control
 
     def step(self, n_sub_steps: int = 1) -> None:
