@@ -39,7 +39,7 @@ class Film:
     """Pictures of one walk."""
 
     def __init__(self, trial: val.Trial, folder: Path) -> None:
-        trial.save(folder, recording=False, report=False)
+        trial.save(folder, recording=False)
         self.run, self.plan = val.load(folder), trial.plan
         self.model = mujoco.MjModel.from_xml_string(self.run.model_xml)
         self.data = mujoco.MjData(self.model)
