@@ -1,6 +1,7 @@
 """State of a walking body from joints, IMU and soles."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.body.rigid_body import LINK, frames_of, tree_of
 from ampm.body.robot import Robot
@@ -129,7 +130,7 @@ class Kalman:
         return State(now, self._q, self._v, f.lag), Touch(f.contact, f.force, 2.0 * f.lag + age)
 
 
-def _hinges(robot: Robot, worn: bool) -> tuple[Array, Array]:
+def _hinges(robot: Robot, worn: bool) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Hinges between root and soles, (H,), and whether they move each sole point, (P, H); worn ones only."""
     model = robot.model
     joints = [set(model.supports[model.frames[frame].parentJoint]) for frame in robot.point_frames]

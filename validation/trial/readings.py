@@ -238,7 +238,7 @@ class Sensing:
         q, v = to_pinocchio(log.record.q[i], log.record.qd[i])
         q[_HINGES + 1 :], v[_HINGES:], v[3:_HINGES] = readings.angles, readings.rates, readings.gyro
         contact, force = readings.contact, readings.force
-        if self._soles is not None:
+        if self._soles is not None and readings.wrench is not None:
             force, contact = self._soles.update(q, readings.wrench)
         touch = Touch(contact, force, self._time_step)
         return State(readings.time, q, v, 0.5 * self._time_step), touch
