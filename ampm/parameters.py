@@ -311,6 +311,7 @@ class RunParameters(Described, Section):
             )
         self.disturbance.ticks_late(self.controller.frequency)
         self.sensors.steps_late(self.simulation.time_step)
+        self.sensors.steps_per_reading(self.simulation.time_step)
         self.sensors.ticks_per_fix(self.controller.frequency)
         if self.simulation.engine == "drake":
             self._check_drake()

@@ -1,12 +1,15 @@
 """Parameters of sensors and estimator."""
 
-from typing import Any
+from typing import Any, Literal
 
 from ampm.exceptions import InputError
 from ampm.section import Options, Real, Section, Whole, options_of, parameter, whole
 
 EXACT = "exact"
 """Name of the estimator that knows the true state of the root."""
+WRENCH = "wrench"
+"""Name of the sensors of force that tell one wrench of every foot."""
+_SLOWEST = 10.0  # rate of the readings [Hz]
 
 
 def _noise(what: str, unit: str, most: float) -> Any:
@@ -15,6 +18,10 @@ def _noise(what: str, unit: str, most: float) -> Any:
 
 def _bias(what: str, unit: str, most: float) -> Any:
     return parameter(0.0, f"constant error of {what}; its signs are random", unit, ge=0, le=most)
+
+
+def _drift(what: str, unit: str, most: float) -> Any:
+    return parameter(0.0, f"random walk of the error of {what}, after 1 s", unit, ge=0, le=most)
 
 
 class SensorParameters(Section, section="sensors"):
@@ -28,16 +35,48 @@ class SensorParameters(Section, section="sensors"):
     )
     options: Options = options_of("sensors", "sensors.estimator")
     delay: Real = parameter(0.0, "delay of all readings, in whole steps of the physics", "s", ge=0, le=0.2)
+    rate: Real = parameter(
+        0.0,
+        "readings per second, a whole number of steps of the physics apart; 0: one for every control tick",
+        "Hz",
+        ge=0,
+        le=1e5,
+    )
     angle_noise: Real = _noise("joint angles", "rad", 0.5)
     angle_bias: Real = _bias("every joint angle", "rad", 0.5)
+    angle_resolution: Real = parameter(
+        0.0, "joint angles are read as multiples of it; 0: as they are", "rad", ge=0, le=0.5
+    )
     rate_noise: Real = _noise("joint rates", "rad/s", 50)
     rate_bias: Real = _bias("every joint rate", "rad/s", 50)
     gyro_noise: Real = _noise("the root's rate", "rad/s", 50)
     gyro_bias: Real = _bias("the root's rate, each axis", "rad/s", 50)
+    gyro_drift: Real = _drift("the root's rate, each axis", "rad/s", 50)
     accelerometer_noise: Real = _noise("the root's acceleration less gravity", "m/s^2", 100)
     accelerometer_bias: Real = _bias("the root's acceleration less gravity, each axis", "m/s^2", 100)
-    force_noise: Real = _noise("the normal force of every sole point", "N", 1e4)
-    force_bias: Real = _bias("the normal force of every loaded sole point", "N", 1e4)
+    accelerometer_drift: Real = _drift("the root's acceleration less gravity, each axis", "m/s^2", 100)
+    imu_angle_bias: Real = _bias("the attitude of the IMU in the root, about each axis", "rad", 0.5)
+    force_sensor: Literal["points", "wrench"] = parameter(
+        "points",
+        "what reads the floor's force: points, the normal force of every sole point and its switch; wrench, "
+        "force and moment of every foot about its sole's reference point, in its own axes",
+    )
+    force_noise: Real = _noise("the normal force of every sole point, or the forces of a wrench", "N", 1e4)
+    force_bias: Real = _bias(
+        "the normal force of every loaded sole point, or the forces of a wrench", "N", 1e4
+    )
+    force_drift: Real = _drift("the same", "N", 1e4)
+    force_scale_bias: Real = _bias("every sensor of force, as a share of what it reads", "1", 0.5)
+    moment_noise: Real = _noise("the moments of a wrench", "N m", 1e4)
+    moment_bias: Real = _bias("the moments of a wrench", "N m", 1e4)
+    contact_threshold: Real = parameter(
+        0.0,
+        "a switch closes at this force of its sole point, or with wrenches of its line of points, and opens "
+        "at half of it; 0: the sole points' switches read the true contact",
+        "N",
+        ge=0,
+        le=1e4,
+    )
     fix_rate: Real = parameter(
         0.0, "fixes of the root's position per second, as by motion capture; 0: none", "Hz", ge=0, le=1e4
     )
@@ -54,15 +93,13 @@ class SensorParameters(Section, section="sensors"):
     @property
     def perfect(self) -> bool:
         """Whether the controller gets the true state, without delay."""
-        names = [name for name in type(self).model_fields if name.endswith(("_noise", "_bias"))]
-        worn = any(getattr(self, name) for name in names if name != "fix_noise")
-        return self.estimator == EXACT and not self.delay and not worn
+        spared = {"estimator", "options", "fix_rate", "fix_noise", "seed"}
+        return self.estimator == EXACT and not self.model_dump(exclude=spared, exclude_defaults=True)
 
     @property
     def known(self) -> "SensorParameters":
-        """What an estimator knows: all but biases and seed."""
-        kept = {name: value for name, value in self if not name.endswith("_bias") and name != "seed"}
-        return SensorParameters(**kept)
+        """What an estimator knows: how large all errors are; the seed would tell it their signs."""
+        return self.model_copy(update={"seed": 0})
 
     def steps_late(self, time_step: float) -> int:
         """The delay in steps of the physics [s].
@@ -74,6 +111,24 @@ class SensorParameters(Section, section="sensors"):
         if steps is None:
             why = f"{self.delay:g} s is no multiple of simulation.time_step = {time_step:g} s"
             raise _uneven("sensors.delay", self.delay, why, round(self.delay / time_step) * time_step)
+        return steps
+
+    def steps_per_reading(self, time_step: float) -> int:
+        """Steps of the physics [s] from one reading to the next; 0 for one reading a control tick.
+
+        Raises:
+            InputError: they are no whole number.
+        """
+        if not self.rate:
+            return 0
+        if self.rate < _SLOWEST:
+            why = f"{self.rate:g} Hz is less than {_SLOWEST:g} Hz"
+            raise _uneven("sensors.rate", self.rate, why, _SLOWEST)
+        steps = whole(1.0 / (self.rate * time_step))
+        if not steps:
+            why = f"{self.rate:g} Hz is no whole number of steps of simulation.time_step = {time_step:g} s"
+            nearest = 1.0 / (max(1, round(1.0 / (self.rate * time_step))) * time_step)
+            raise _uneven("sensors.rate", self.rate, why, nearest)
         return steps
 
     def ticks_per_fix(self, frequency: float) -> int:

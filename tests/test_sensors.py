@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -10,12 +11,14 @@ import pytest
 
 import validation as val
 from ampm.control.controller import TrackingController
+from ampm.exceptions import InputError
 from ampm.run_file import load_run
 from ampm.sensors.filters import ACCELEROMETER, GYRO, TURN, VELOCITY
-from ampm.sensors.kalman import Kalman
+from ampm.sensors.kalman import Kalman, _hinges
+from ampm.sensors.soles import SoleForces
 from ampm.walk import State, Touch
 from tests.records import first_difference
-from tests.solved import simulated
+from tests.solved import simulated, walk_of
 from validation.judge.compare import _from_standing_foot
 from validation.judge.profiles import own_profile
 from validation.study.sweep.design import parse_sweep
@@ -30,6 +33,13 @@ NOISE = {
     "accelerometer_noise": 0.05,
     "force_noise": 2.0,
     "delay": 0.001,
+}
+WRENCH = {"force_sensor": "wrench", "contact_threshold": 15.0}
+FORCE_TORQUE = WRENCH | {
+    "force_noise": 2.0,
+    "moment_noise": 0.05,
+    "force_bias": 5.0,
+    "force_scale_bias": 0.05,
 }
 FINE = ("simulation.time_step=0.0005", "sensors.delay=0.001")
 GRAVITY = np.array([0.0, 0.0, 9.81])
@@ -151,6 +161,110 @@ def test_readings_are_those_of_the_delayed_step_with_the_noise_and_bias_asked_fo
     assert fixed == [n % 10 == 0 for n in range(len(readings))]
 
 
+def test_a_wrench_is_that_of_the_sole_points_in_the_axes_of_the_foot():
+    record, readings = read("sensors.force_sensor=wrench")
+    robot = walk_of().robot
+    for k in range(1, len(readings), 20):
+        q, _ = to_pinocchio(record.q[k - 1], record.qd[k - 1])
+        turns = robot.jacobian(q).sole_turn
+        for foot in range(2):
+            of_foot = robot.point_foot == foot
+            force = record.point_force[k - 1, of_foot]
+            arm = record.point_position[k - 1, of_foot] - record.foot_position[k - 1, foot]
+            total = np.r_[turns[foot].T @ force.sum(0), turns[foot].T @ np.cross(arm, force).sum(0)]
+            np.testing.assert_allclose(readings[k].wrench[foot], total, atol=1e-6)
+        assert not readings[k].contact.any()
+
+
+def test_sensors_are_turned_scaled_rounded_and_drift():
+    record, readings = read("sensors.imu_angle_bias=0.1", "sensors.force_scale_bias=0.2")
+    for n, item in enumerate(readings[1:200], 1):
+        true, force = record.qd[n * record.substeps, 3:6], record.point_force[n * record.substeps - 1, :, 2]
+        assert np.linalg.norm(item.gyro) == pytest.approx(np.linalg.norm(true))
+        np.testing.assert_allclose(np.abs(item.force - force), 0.2 * force, atol=1e-9)
+    assert np.linalg.norm(item.gyro - true) > 0.05 * np.linalg.norm(true)
+    rounded = read("sensors.angle_resolution=1e-3", "sensors.gyro_drift=1.0")[1]
+    counts = np.array([item.angles for item in rounded]) / 1e-3
+    np.testing.assert_allclose(counts, np.rint(counts), atol=1e-9)
+    record = read("sensors.angle_resolution=1e-3", "sensors.gyro_drift=1.0")[0]
+    off = np.array([item.gyro for item in rounded]) - record.qd[: -1 : record.substeps, 3:6]
+    half = len(off) // 2
+    assert off[half:].std() > off[:20].std() > 0.0
+    assert np.diff(off, axis=0).std() == pytest.approx(np.sqrt(record.substeps * record.time_step), rel=0.1)
+
+
+@pytest.mark.parametrize("rate", [1e-60, 5.0, 300.0])
+def test_a_rate_that_the_physics_cannot_keep_is_refused(rate):
+    with pytest.raises(InputError, match=r"sensors\.rate = .*; choose for example "):
+        load_run("normal", sensors={"rate": rate})
+
+
+def test_slower_sensors_hold_their_readings_and_switches_close_at_their_threshold():
+    _, readings = read("sensors.rate=100", "sensors.rate_noise=0.1", "sensors.contact_threshold=20")
+    held = np.arange(len(readings)) % 5
+    np.testing.assert_allclose([item.age for item in readings], 0.002 * held, atol=1e-9)
+    for before, item in pairwise(readings):
+        assert (before.rates == item.rates).all() == (item.age > 0.0)
+        assert (item.contact >= (item.force > 20.0)).all()
+        assert (item.contact <= (item.force > 10.0)).all()
+
+
+@pytest.mark.parametrize("toes", [0.0, -0.4])
+def test_sole_forces_give_the_wrench_again_and_push_only(toes):
+    robot = walk_of().robot
+    run = load_run("normal", sensors=WRENCH)
+    q = pin.neutral(robot.model)
+    q[robot.toe_joints + 1] = toes
+    terms = robot.jacobian(q)
+    pin.framesForwardKinematics(robot.model, robot.data, q)
+    points = np.array([robot.data.oMf[frame].translation for frame in robot.point_frames])
+    random = np.random.default_rng(1)
+    for _ in range(20):
+        force = random.uniform(0.0, 200.0, len(points)) * (robot.point_group < 2)
+        wrench = np.zeros((2, 6))
+        for foot in range(2):
+            of_foot = robot.point_foot == foot
+            turn = terms.sole_turn[foot]
+            arm, push = points[of_foot] - terms.sole[foot], np.outer(force[of_foot], [0.0, 0.0, 1.0])
+            wrench[foot] = np.r_[turn.T @ push.sum(0), turn.T @ np.cross(arm, push).sum(0)]
+        found, contact = SoleForces(robot, run).update(q, wrench)
+        assert (found >= 0.0).all()
+        for foot in range(2):
+            of_foot = robot.point_foot == foot
+            assert found[of_foot].sum() == pytest.approx(force[of_foot].sum())
+            for axis in range(2):
+                centre = [f[of_foot] @ points[of_foot, axis] / f[of_foot].sum() for f in (found, force)]
+                assert centre[0] == pytest.approx(centre[1], abs=1e-3)
+        assert contact[robot.point_group < 2].all()
+        assert contact[robot.point_group == 2].all() == (toes == 0.0)
+    assert not SoleForces(robot, run).update(q, 0.1 * wrench / wrench[:, 2:3])[1].any()
+
+
+def test_a_walk_on_wrenches_of_the_feet_passes():
+    assert (relative(**WRENCH) < [1.2, 0.6]).all()  # the true root
+    trial = walked(estimator="kalman", seed=11, **NOISE | FORCE_TORQUE)
+    assert trial.verdict.passed, trial.verdict.reason
+
+
+def test_the_angles_of_the_imu_are_found_and_cost_nothing():
+    sensors = {"imu_angle_bias": 0.01, "seed": 11, **NOISE}
+    trial = walked(estimator="tests.test_sensors:Mine", **sensors)
+    from tests.test_sensors import Mine as Loaded
+
+    assert trial.verdict.passed, trial.verdict.reason
+    f = Loaded.made[-1].filter
+    np.testing.assert_allclose(np.abs(f.x[f.imu : f.imu + 2]), 0.01, atol=2e-3)
+
+
+def test_a_walk_with_offsets_of_encoders_is_better_for_knowing_of_them(monkeypatch):
+    sensors = {"estimator": "kalman", "angle_bias": 1e-3, "seed": 11, **NOISE}
+    known = relative(**sensors)
+    monkeypatch.setattr("ampm.sensors.kalman._hinges", lambda robot, worn: _hinges(robot, False))
+    walked.cache_clear()
+    assert (known < 0.8 * relative(**sensors)).all()
+    walked.cache_clear()
+
+
 def test_without_errors_of_sensors_a_walk_keeps_its_bits():
     plain = simulated()
     assert first_difference(plain, simulated("sensors.seed=3", "sensors.fix_rate=100")) is None
@@ -263,14 +377,14 @@ def test_the_profile_of_an_estimated_walk_is_odometry():
     assert [own_profile("pitch", run).name for run in runs] == ["wide", "odometry", "wide", "wide"]
 
 
-def test_ones_own_estimator_walks_and_does_not_know_biases_and_seed():
+def test_ones_own_estimator_walks_and_does_not_know_the_seed():
     name = "sensors.estimator=tests.test_sensors:Mine"
     record = simulated(name, "sensors.gyro_bias=1e-4", "sensors.seed=5", "disturbance.push_y=1.0")
     assert record.outcome.completed
     from tests.test_sensors import Mine as Loaded
 
     known = Loaded.made[-1].run
-    assert (known.sensors.gyro_bias, known.sensors.seed, known.disturbance.push_y) == (0.0, 0, 0.0)
+    assert (known.sensors.gyro_bias, known.sensors.seed, known.disturbance.push_y) == (1e-4, 0, 0.0)
     assert known.sensors.estimator == "tests.test_sensors:Mine"
     fell = simulated("sensors.estimator=tests.test_sensors:Naive")
     assert not fell.outcome.completed

@@ -1,9 +1,11 @@
 """Compiled filters of hinges and root: predicted by what was commanded, corrected by what was read.
 
 The root's filter estimates place, velocity and attitude, the biases of gyro and accelerometer, and the places
-c_i of the P sole points: ``x``, 15 + 3 P numbers. A loaded point rests, ``p + R s_i(q) = c_i`` (Bloesch et
-al., RSS 2012, with points for feet), and a point that has just touched is as high as the floor. The attitude
-is the quaternion of ``q``; its three numbers in ``x`` are the correction of a tick, and zero in between.
+c_i of the P sole points; if encoders have offsets, those of the H hinges between root and soles; if the IMU
+is turned in the root, its three angles: ``x``, X numbers. A loaded point rests, ``p + R s_i(q) = c_i``
+(Bloesch et al., RSS 2012, with points for feet), and a point that has just touched is as high as the floor.
+The attitude is the quaternion of ``q``, whose hinges have the angles without offsets; in ``x`` both are the
+correction of a tick, and zero in between.
 """
 
 from typing import Any, NamedTuple
@@ -13,6 +15,7 @@ import numpy as np
 from ampm.body.rigid_body import moved, place_links, place_of
 from ampm.compiled import compiled
 from ampm.geometry import Array
+from ampm.sensors.soles import spread_wrenches
 from ampm.vectors import Vector, cross, from_quaternion, minus, plus, put, times, turned, vector
 
 VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
@@ -35,8 +38,12 @@ class Filter(NamedTuple):
     joint_covariance: Array  # of each hinge: var(angle), cov(angle, rate), var(rate), (nu, 3)
     rate: Array  # of the root, (3,) [rad/s]
     rate_variance: Array  # (1,) [(rad/s)^2]
-    x: Array  # place, velocity, attitude, biases, sole points, (15 + 3 P,) [m, m/s, rad, rad/s, m/s^2, m]
-    covariance: Array  # of x, (15 + 3 P, 15 + 3 P)
+    x: Array  # place, velocity, attitude, biases, points, offsets, IMU, (X,) [m, m/s, rad, rad/s, m/s^2, m]
+    covariance: Array  # of x, (X, X)
+    offset: Array  # of the encoders, (nu,) [rad]
+    worn: Any  # hinges whose offsets are in x, (H,)
+    moves: Any  # whether they move a sole point, (P, H)
+    imu: int  # where its angles begin in x; 0 if it is not turned
     loaded: Any  # sole points that rest, (P,)
     touched: Any  # sole points that touched at the last tick, (P,)
     quiet: Array  # time since the loaded points changed, (1,) [s]
@@ -46,16 +53,18 @@ class Filter(NamedTuple):
     rates: Array  # as read, (nu,) [rad/s]
     gyro: Array  # as read, (3,) [rad/s]
     accelerometer: Array  # as read, (3,) [m/s^2]
-    force: Array  # as read, (P,) [N]
-    contact: Any  # as read, (P,)
+    force: Array  # as read, or by the wrenches, (P,) [N]
+    contact: Any  # the same, (P,)
     position: Array  # as read, (3,) [m]
+    soles: Any  # :class:`~ampm.sensors.soles.Soles`
     commanded: Array  # accelerations of the last N ticks, latest last, (N, nv) [m/s^2, rad/s^2]
     begin: Array  # when they began to act, and the time of this tick, (N + 1,) [s]
     tree: Any  # of the body
     points: Any  # frames of the sole points
+    wrenches: bool  # whether force and contact are those that the wrenches of the feet give
     joint_error: Array  # of the commanded accelerations of the hinges, (nu,) [rad/s^2]
     variance: Array  # of angles, rates, gyro and fixes as read, (4,)
-    growth: Array  # of the variances of x in a tick, (15 + 3 P,)
+    growth: Array  # of the variances of x in a tick, (X,)
     levels: Array  # heights of the floor's surfaces [m]
     slope: float  # of the floor: dz/dx [1]
     weight: float  # of the body [N]
@@ -121,7 +130,7 @@ def predict(f: Filter, last: float, period: float) -> None:
     for e in range(len(f.x)):
         f.covariance[e, e] += f.growth[e]
     if landing:
-        for e in range(POINTS + 2, len(f.x), 3):
+        for e in range(POINTS + 2, POINTS + 3 * len(f.points), 3):
             f.covariance[e, e] += period * SINK**2
 
 
@@ -136,7 +145,7 @@ def predict_joints(f: Filter, commanded: Array, period: float, factor: float) ->
         aa = covariance[0] + period * (2.0 * covariance[1] + period * covariance[2]) + error * shift * shift
         ar = covariance[1] + period * covariance[2] + error * shift * period
         rr = covariance[2] + error * period * period
-        off, scale = f.angles[j] - angle, 1.0 / (aa + f.variance[0])
+        off, scale = f.angles[j] - f.offset[j] - angle, 1.0 / (aa + f.variance[0])
         angle, rate = angle + scale * aa * off, rate + scale * ar * off
         aa, ar, rr = aa - scale * aa * aa, ar - scale * aa * ar, rr - scale * ar * ar
         off, scale = f.rates[j] - rate, 1.0 / (rr + f.variance[1])
@@ -156,18 +165,25 @@ def predict_root(f: Filter, commanded: Array, period: float, factor: float) -> V
     f.rate_variance[0] *= 1.0 - gain
     start = vector(f.rate)
     rate = plus(start, times(period, vector(commanded[3:6])))
-    read = minus(vector(f.gyro), vector(f.x[GYRO:ACCELEROMETER]))
+    read = from_imu(f, minus(vector(f.gyro), vector(f.x[GYRO:ACCELEROMETER])))
     rate = plus(rate, times(gain, minus(read, rate)))
     put(f.rate, rate)
     mean = plus(times(0.5, plus(start, rate)), times(f.lag / period, minus(rate, start)))
     turn_root(f, times(0.5 * period, mean))
-    force = turned(f.turn, minus(vector(f.accelerometer), vector(f.x[ACCELEROMETER:POINTS])))
+    felt = minus(vector(f.accelerometer), vector(f.x[ACCELEROMETER:POINTS]))
+    force = turned(f.turn, from_imu(f, felt))
     turn_root(f, times(0.5 * period, mean))
     acceleration, velocity = plus(force, (0.0, 0.0, -f.gravity)), vector(f.x[VELOCITY:TURN])
     way = plus(times(period, velocity), times(period * (0.5 * period + f.lag), acceleration))
     put(f.x[0:3], plus(vector(f.x[0:3]), way))
     put(f.x[VELOCITY:TURN], plus(velocity, times(period, acceleration)))
     return force
+
+
+@compiled
+def from_imu(f: Filter, a: Vector) -> Vector:
+    """A vector that the IMU has read, in the axes of the root."""
+    return plus(a, cross(vector(f.x[f.imu : f.imu + 3]), a)) if f.imu else a
 
 
 @compiled
@@ -183,9 +199,13 @@ def turn_root(f: Filter, angle: Vector) -> None:
 def spread_rows(f: Filter, period: float, force: Vector, rows: Array) -> None:
     """How errors of place, velocity and attitude follow from the others over a period."""
     for e in range(rows.shape[1]):
-        push = cross(force, (rows[6, e], rows[7, e], rows[8, e]))
-        push = plus(push, turned(f.turn, (rows[12, e], rows[13, e], rows[14, e])))
+        tilt = rows[6, e], rows[7, e], rows[8, e]
         turn = turned(f.turn, (rows[9, e], rows[10, e], rows[11, e]))
+        if f.imu:
+            imu = turned(f.turn, (rows[f.imu, e], rows[f.imu + 1, e], rows[f.imu + 2, e]))
+            tilt = plus(tilt, imu)
+            turn = plus(turn, cross(turned(f.turn, vector(f.rate)), imu))
+        push = plus(cross(force, tilt), turned(f.turn, (rows[12, e], rows[13, e], rows[14, e])))
         for axis in range(3):
             rows[axis, e] += period * rows[VELOCITY + axis, e]
             rows[VELOCITY + axis, e] -= period * push[axis]
@@ -196,12 +216,14 @@ def spread_rows(f: Filter, period: float, force: Vector, rows: Array) -> None:
 def correct(f: Filter, has_fix: bool) -> None:
     """Correct the root by sole points that touch or rest, and by a fix."""
     place_links(f.tree, f.q, f.link)
+    if f.wrenches:
+        spread_wrenches(f.soles, f.link, f.points, f.force, f.contact)
     for i in range(len(f.points)):
         update_contact(f, i, place_of(f.link, f.points[i]))
     for i in range(len(f.points)):
         if f.loaded[i]:
             for axis in range(3):
-                rest(f, axis, place_of(f.link, f.points[i]), POINTS + 3 * i + axis)
+                rest(f, axis, place_of(f.link, f.points[i]), i)
     if has_fix:
         for axis in range(3):
             column = f.covariance[axis].copy()
@@ -209,20 +231,25 @@ def correct(f: Filter, has_fix: bool) -> None:
     turn_root(f, turned(f.turn.T, vector(f.x[TURN:GYRO])))
     f.x[TURN:GYRO] = 0.0
     f.q[0:3] = f.x[0:3]
+    for h in range(len(f.worn)):
+        e = POINTS + 3 * len(f.points) + h
+        f.offset[f.worn[h]] += f.x[e]
+        f.q[7 + f.worn[h]] -= f.x[e]
+        f.x[e] = 0.0
 
 
 @compiled
 def update_contact(f: Filter, i: int, arm: Vector) -> None:
     """Whether a point rests, from now on where it is; correct by its height if it has just touched."""
     if f.contact[i] and not f.touched[i]:
-        stand(f, arm)
+        stand(f, arm, i)
     f.touched[i] = f.contact[i]
     loaded = f.contact[i] and f.force[i] > (0.5 if f.loaded[i] else 1.0) * LOAD * f.weight
     if loaded != f.loaded[i]:
         f.loaded[i], f.quiet[0] = loaded, 0.0
         for axis in range(3):
             row = POINTS + 3 * i + axis
-            f.x[row] = coordinate(f.x, axis, arm) + arm[axis]
+            f.x[row] = part_of(f, axis, arm, i, f.x) + arm[axis]
             f.covariance[row] = 0.0
             f.covariance[:, row] = 0.0
             f.covariance[row, row] = 1.0
@@ -236,30 +263,49 @@ def coordinate(rows: Any, axis: int, arm: Vector) -> Any:
 
 
 @compiled
-def stand(f: Filter, arm: Vector) -> None:
+def shift(f: Filter, axis: int, arm: Vector, i: int, h: int) -> float:
+    """By how much an offset of a hinge moves a coordinate of a sole point [m/rad]."""
+    if not f.moves[i, h]:
+        return 0.0
+    joint = f.link[1 + f.worn[h]]
+    return -cross(vector(joint.axis), minus(arm, vector(joint.place)))[axis]
+
+
+@compiled
+def part_of(f: Filter, axis: int, arm: Vector, i: int, rows: Any) -> Any:
+    """What x, or rows of the covariance, add up to in a coordinate of sole point i at an arm."""
+    total = coordinate(rows, axis, arm)
+    for h in range(len(f.worn)):
+        total = total + shift(f, axis, arm, i, h) * rows[POINTS + 3 * len(f.points) + h]
+    return total
+
+
+@compiled
+def stand(f: Filter, arm: Vector, i: int) -> None:
     """Correct by the height of a point that has just touched the floor."""
-    z = over_slope(f, f.x, arm) + arm[2] - f.slope * arm[0]
+    z = over_slope(f, arm, i, f.x) + arm[2] - f.slope * arm[0]
     off = f.levels[0] - z
     for level in f.levels:
         if abs(level - z) < abs(off):
             off = level - z
     if abs(off) < STEP_ERROR:
-        column = over_slope(f, f.covariance, arm)
-        take_in(f, off, column, over_slope(f, column, arm) + FLOOR_ERROR**2)
+        column = over_slope(f, arm, i, f.covariance)
+        take_in(f, off, column, over_slope(f, arm, i, column) + FLOOR_ERROR**2)
 
 
 @compiled
-def over_slope(f: Filter, rows: Any, arm: Vector) -> Any:
-    """As :func:`coordinate`, in the height over the plane of the floor."""
-    return coordinate(rows, 2, arm) - f.slope * coordinate(rows, 0, arm)
+def over_slope(f: Filter, arm: Vector, i: int, rows: Any) -> Any:
+    """As :func:`part_of`, in the height over the plane of the floor."""
+    return part_of(f, 2, arm, i, rows) - f.slope * part_of(f, 0, arm, i, rows)
 
 
 @compiled
-def rest(f: Filter, axis: int, arm: Vector, row: int) -> None:
-    """Correct by one coordinate of a loaded point: ``c_i - p - R s_i`` is zero; row is that of c_i in x."""
-    off = f.x[row] - coordinate(f.x, axis, arm) - arm[axis]
-    column = coordinate(f.covariance, axis, arm) - f.covariance[row]
-    take_in(f, off, column, coordinate(column, axis, arm) - column[row] + POINT_ERROR**2)
+def rest(f: Filter, axis: int, arm: Vector, i: int) -> None:
+    """Correct by one coordinate of a loaded point: ``c_i - p - R s_i`` is zero."""
+    row = POINTS + 3 * i + axis
+    off = f.x[row] - part_of(f, axis, arm, i, f.x) - arm[axis]
+    column = part_of(f, axis, arm, i, f.covariance) - f.covariance[row]
+    take_in(f, off, column, part_of(f, axis, arm, i, column) - column[row] + POINT_ERROR**2)
 
 
 @compiled

@@ -1,14 +1,17 @@
 """State of a walking body from joints, IMU and soles."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.body.rigid_body import LINK, frames_of, tree_of
 from ampm.body.robot import Robot
 from ampm.compiled import bound, records, refer
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
+from ampm.sensor_parameters import WRENCH
 from ampm.sensors.filters import Filter, turn_root, update
 from ampm.sensors.readings import Readings
+from ampm.sensors.soles import soles_of
 from ampm.vectors import ZERO
 from ampm.walk import State, Touch
 
@@ -37,7 +40,7 @@ class Kalman:
 
     Args:
         robot: the body.
-        run: standard deviations of the sensors, footsteps, control frequency and time step.
+        run: how large the errors of the sensors are, footsteps, control frequency and time step.
         start: state at the start.
 
     Attributes:
@@ -46,11 +49,20 @@ class Kalman:
 
     def __init__(self, robot: Robot, run: RunParameters, start: State) -> None:
         sensors, nu, points = run.sensors, robot.nu, len(robot.point_frames)
-        ticks = 2 + int(sensors.delay * run.controller.frequency + 1.0)
+        oldest = sensors.delay + (1.0 / sensors.rate if sensors.rate else 0.0)
+        ticks = 2 + int(oldest * run.controller.frequency + 1.0)
         read = sensors.angle_noise, sensors.rate_noise, sensors.gyro_noise, sensors.fix_noise
         variance = np.maximum(read, _LEAST) ** 2
         variance[3] *= _FIX_FACTOR**2
-        growth = np.append(_WALK, np.tile(_CREEP, points)) ** 2 / run.controller.frequency
+        worn, moves = _hinges(robot, sensors.angle_bias > 0.0)
+        imu = np.full(3 if sensors.imu_angle_bias else 0, sensors.imu_angle_bias)
+        constant = np.append(np.full(len(worn), sensors.angle_bias), imu)
+        biases = np.repeat([0.0, 0.0, 0.0, sensors.gyro_bias, sensors.accelerometer_bias], 3)
+        start_errors = np.concatenate([np.maximum(_START, biases), np.ones(3 * points), constant])
+        walk = np.concatenate([_WALK, np.tile(_CREEP, points), np.zeros(len(constant))])
+        growth = walk**2 / run.controller.frequency
+        drift = np.repeat([sensors.gyro_drift, sensors.accelerometer_drift], 3)
+        growth[9:15] += drift**2 / run.controller.frequency
         growth[3:6] = (_ACCELERATION_ERROR / run.controller.frequency) ** 2
         growth[6:9] = variance[2] / run.controller.frequency**2
         errors = robot.by_group(_ERRORS)
@@ -58,11 +70,15 @@ class Kalman:
         self.filter = f = Filter(
             q=np.array(start.q),
             joint_rate=np.array(start.v[6:]),
-            joint_covariance=np.tile([1e-8, 0.0, 1e-4], (nu, 1)),
+            joint_covariance=np.tile([max(1e-8, sensors.angle_bias**2), 0.0, 1e-4], (nu, 1)),
             rate=np.array(start.v[3:6]),
             rate_variance=np.full(1, 1e-4),
-            x=np.zeros(15 + 3 * points),
-            covariance=np.diag(np.append(_START**2, np.ones(3 * points))),
+            x=np.zeros(len(growth)),
+            covariance=np.diag(start_errors**2),
+            offset=np.zeros(nu),
+            worn=worn,
+            moves=moves,
+            imu=len(growth) - 3 if len(imu) else 0,
             loaded=np.zeros(points, dtype=bool),
             touched=np.ones(points, dtype=bool),
             quiet=np.zeros(1),
@@ -75,10 +91,12 @@ class Kalman:
             force=np.zeros(points),
             contact=np.zeros(points, dtype=bool),
             position=np.zeros(3),
+            soles=soles_of(robot, run),
             commanded=np.zeros((ticks, robot.nv)),
             begin=np.full(ticks + 1, start.time),
             tree=tree_of(robot.model),
             points=frames_of(robot.model, robot.point_frames),
+            wrenches=sensors.force_sensor == WRENCH,
             joint_error=errors[6:],
             variance=variance,
             growth=growth,
@@ -105,8 +123,19 @@ class Kalman:
         f.angles[:], f.rates[:], f.gyro[:] = readings.angles, readings.rates, readings.gyro
         f.accelerometer[:] = readings.accelerometer
         f.force[:], f.contact[:] = readings.force, readings.contact
+        if readings.wrench is not None:
+            f.soles.wrench[:] = readings.wrench
         if fix is not None:
             f.position[:] = fix
         self._update(commanded, self._read, now, age, fix is not None, self._q, self._v)
         self._tick, self._read = now, now - age
-        return State(now, self._q, self._v, f.lag), Touch(readings.contact, readings.force, 2.0 * f.lag + age)
+        return State(now, self._q, self._v, f.lag), Touch(f.contact, f.force, 2.0 * f.lag + age)
+
+
+def _hinges(robot: Robot, worn: bool) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Hinges between root and soles, (H,), and whether they move each sole point, (P, H); worn ones only."""
+    model = robot.model
+    joints = [set(model.supports[model.frames[frame].parentJoint]) for frame in robot.point_frames]
+    hinges = sorted(set().union(*joints) - {0, 1}) if worn else []
+    moves = [[joint in support for joint in hinges] for support in joints]
+    return np.array(hinges, dtype=np.intp) - 2, np.array(moves, dtype=bool)

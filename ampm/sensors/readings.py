@@ -23,9 +23,11 @@ class Readings(NamedTuple):
         gyro: rate of the root in its own axes, shape (3,) [rad/s].
         accelerometer: acceleration of the root less gravity in its own axes, mean since the reading before,
             shape (3,) [m/s^2].
-        force: normal force of every sole point, shape (P,) [N].
-        contact: sole points that touch, by switches, shape (P,).
+        force: normal force of every sole point, shape (P,) [N]; zeros with wrenches.
+        contact: sole points that touch, by switches, shape (P,); False with wrenches.
         position: of the root in the world, shape (3,) [m]; None without a fix.
+        wrench: force and moment of the floor on every foot, about its sole's reference point and in that
+            frame's axes, shape (2, 6) [N, N m]; None without such sensors.
     """
 
     time: float
@@ -37,6 +39,7 @@ class Readings(NamedTuple):
     force: "Array"
     contact: NDArray[np.bool_]
     position: "Array | None" = None
+    wrench: "Array | None" = None
 
 
 class Estimator(Protocol):

@@ -61,9 +61,10 @@ class Film:
         image = Image.new("RGB", tuple(SHARP * side for side in SIZE), PAPER)
         self.draw, self.centre = ImageDraw.Draw(image), self.axes @ [com[0], com[1], 0.0]
         self.unit = SHARP * SCALE * min(1.75 / (1.85 * com[2]), 1.6)
-        for at in np.arange(-4, 5):
-            for ends in (([-4, at], [4, at]), ([at, -4], [at, 4])):
-                self.line([[*(0.5 * np.array(end) + np.round(2 * com[:2]) / 2), 0.0] for end in ends], GRID, 1)
+        near = np.array([*np.round(2 * com[:2]) / 2, 0.0])  # lines half a metre apart
+        for at in 0.5 * np.arange(-4, 5):
+            for ends in ([[-2, at, 0], [2, at, 0]], [[at, -2, 0], [at, 2, 0]]):
+                self.line(near + ends, GRID, 1)
         for geom in range(self.model.ngeom):
             if self.model.geom(geom).name.startswith("floor_"):
                 self.polygon(self.top(geom), "#eef1f4", GRID)
@@ -125,9 +126,8 @@ def film(name: str, walks: Walks, begin: float, end: float) -> None:
             frames.append(frame)
     pause = int(1000 * SLOWER * (end - begin) / FRAMES)
     first, *rest = frames
-    target = HERE / f"gallery-{name}.webp"
-    first.save(target, quality=55, method=6, save_all=True, append_images=rest, duration=pause, loop=0)
-    print(f"{target.name}: {target.stat().st_size // 1000} kB")
+    more = {"save_all": True, "append_images": rest, "duration": pause, "loop": 0}
+    first.save(HERE / f"gallery-{name}.webp", quality=55, method=6, **more)
 
 
 def gait(name: str, steps: int = 6, **sections: Any) -> val.Trial:

@@ -5,13 +5,17 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
 from ampm.compiled import bound, compiled
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
+from ampm.sensor_parameters import WRENCH
 from ampm.sensors.readings import Estimator, EstimatorFactory, Readings
-from ampm.vectors import from_quaternion, minus, plus, times, turned, vector
+from ampm.sensors.soles import SoleForces
+from ampm.vectors import cross, from_quaternion, minus, plus, times, turned, vector
 from ampm.walk import State, Touch
 from validation.trial.bridge import to_pinocchio
 from validation.trial.log import RunLog, StepLog
@@ -22,10 +26,13 @@ _DRAWN = 64  # ticks whose noise is drawn at once
 
 
 @compiled
-def read_true(log: StepLog, gravity: float, time_step: float, i: int, values: Array) -> None:
-    """Add the true readings of step i to values: angles, rates, gyro, accelerometer, normal forces.
+def read_true(
+    log: StepLog, gravity: float, time_step: float, i: int, first: int, wrenches: bool, values: Array
+) -> None:
+    """Add the true readings of step i to values: angles, rates, gyro, accelerometer, forces.
 
-    The acceleration is the mean of a tick before the step, and forces are those of the step before.
+    The acceleration is the mean since the step ``first``, and forces are those of the step before: of sole
+    points, or with wrenches of the feet, and then their moments, in world axes.
     """
     q, v, hinges, points = log.record.q, log.record.qd, log.record.torque.shape[1], log.record.point_force
     turn = np.empty((3, 3))
@@ -34,7 +41,6 @@ def read_true(log: StepLog, gravity: float, time_step: float, i: int, values: Ar
         values[hinges + j] += v[i, 6 + j]
     for axis in range(3):
         values[2 * hinges + axis] += v[i, 3 + axis]
-    first = max(i - log.substeps, 0)
     for k in range(first, max(i, 1)):
         push = 0.0, 0.0, gravity
         if i:
@@ -44,7 +50,19 @@ def read_true(log: StepLog, gravity: float, time_step: float, i: int, values: Ar
         push = turned(turn.T, push)
         for axis in range(3):
             values[2 * hinges + 3 + axis] += push[axis] / (max(i, 1) - first)
-    if i:
+    if i and wrenches:
+        for p in range(points.shape[1]):
+            foot = 2 * p // points.shape[1]
+            sole, at = (
+                vector(log.record.foot_position[i - 1, foot]),
+                vector(log.record.point_position[i - 1, p]),
+            )
+            force, moments = vector(points[i - 1, p]), values[2 * hinges + 12 :]
+            moment = cross(minus(at, sole), force)
+            for axis in range(3):
+                values[2 * hinges + 6 + 3 * foot + axis] += force[axis]
+                moments[3 * foot + axis] += moment[axis]
+    elif i:
         for p in range(points.shape[1]):
             values[2 * hinges + 6 + p] += points[i - 1, p, 2]
 
@@ -62,24 +80,37 @@ class Sensors:
     def __init__(self, run: RunParameters, log: RunLog, gravity: float, estimator: Estimator | None) -> None:
         self._estimator, self._users_code = estimator, UsersCode("estimator", estimator)
         self.parameters = sensors = run.sensors
-        self._time_step = run.simulation.time_step
-        self._late = sensors.steps_late(self._time_step)
+        self._time_step = dt = run.simulation.time_step
+        self._late, self._apart = sensors.steps_late(dt), sensors.steps_per_reading(dt)
+        self._span = max(log.substeps, self._apart)  # of the mean acceleration
         self._steps_per_fix = log.substeps * sensors.ticks_per_fix(run.controller.frequency)
         hinges, points = log.record.torque.shape[1], log.record.point_force.shape[1]
-        sizes = {"angle": hinges, "rate": hinges, "gyro": 3, "accelerometer": 3, "force": points}
+        self._wrenches = sensors.force_sensor == WRENCH
+        forces = {"force": 6, "moment": 6} if self._wrenches else {"force": points}
+        sizes = {"angle": hinges, "rate": hinges, "gyro": 3, "accelerometer": 3} | forces
         ends = np.cumsum([0, *sizes.values()]).tolist()
         self._parts = [slice(start, end) for start, end in pairwise(ends)]
 
         def spread(kind: str) -> Array:
-            values = [np.full(size, getattr(sensors, f"{name}_{kind}")) for name, size in sizes.items()]
+            values = [np.full(size, getattr(sensors, f"{name}_{kind}", 0.0)) for name, size in sizes.items()]
             return np.concatenate(values)
 
-        noise, signs = spread("noise"), np.random.default_rng([sensors.seed, 3])
-        self._bias = spread("bias") * signs.choice([-1.0, 1.0], noise.size)
+        noise, random = spread("noise"), np.random.default_rng([sensors.seed, 3])
+        self._bias = spread("bias") * random.choice([-1.0, 1.0], noise.size)
+        scale = random.choice([-1.0, 1.0], 2 if self._wrenches else points)
+        scale = np.tile(scale.repeat(3), 2) if self._wrenches else scale  # forces, then moments
+        self._scale = 1.0 + sensors.force_scale_bias * scale
+        self._imu = pin.exp3(sensors.imu_angle_bias * random.choice([-1.0, 1.0], 3)).T  # from the root's axes
+        self._distorted = self._wrenches or sensors.force_scale_bias or sensors.imu_angle_bias
         self._noise = self._drawn(noise, np.random.default_rng([sensors.seed, 0]))
+        drift = spread("drift")
+        self._drift = self._drawn(drift, np.random.default_rng([sensors.seed, 5])) if drift.any() else None
         self._fixes = np.random.default_rng([sensors.seed, 4])
-        self._true = bound(read_true, (), log.handle, gravity, self._time_step, 0, noise)
-        self._gravity = gravity
+        self._true = bound(read_true, (), log.handle, gravity, dt, 0, 0, True, noise)
+        self._gravity, self._robot = gravity, log.physics.robot
+        self._soles = SoleForces(self._robot, run) if self._wrenches else None
+        self._held: tuple[int, Array] = -1, noise  # step and values of the last readings
+        self._closed = np.zeros(points, dtype=bool)
 
     @staticmethod
     def _drawn(noise: Array, random: np.random.Generator) -> Iterator[Array]:
@@ -92,14 +123,15 @@ class Sensors:
 
     def sampled(self, k: int) -> int:
         """Step at whose begin the readings of step k were sampled."""
-        return max(k - self._late, 0)
+        i = max(k - self._late, 0)
+        return i - i % self._apart if self._apart else i
 
     def read(self, log: RunLog, k: int) -> Readings:
         """Readings for the control tick of step k, from the true values of the log."""
-        i, values = self.sampled(k), self._bias.copy()
-        self._true(log.handle, self._gravity, self._time_step, i, values)
-        values += next(self._noise)
-        angles, rates, gyro, accelerometer, force = [values[part] for part in self._parts]
+        i = self.sampled(k)
+        if not self._apart or i != self._held[0]:
+            self._held = i, self._sampled(log, i)
+        angles, rates, gyro, accelerometer, force, *moment = [self._held[1][part] for part in self._parts]
         position = None
         if self._steps_per_fix and k % self._steps_per_fix == 0:
             position = log.record.q[i, :3] + self.parameters.fix_noise * self._fixes.standard_normal(3)
@@ -110,10 +142,48 @@ class Sensors:
             rates=rates,
             gyro=gyro,
             accelerometer=accelerometer,
-            force=np.maximum(force, 0.0, out=force),
-            contact=log.record.point_penetration[i] > 0.0 if i < k else log.touching.copy(),
+            force=np.zeros(len(self._closed)) if moment else np.maximum(force, 0.0, out=force),
+            contact=self._switches(log, i, k, force),
             position=position,
+            wrench=np.hstack([force.reshape(2, 3), moment[0].reshape(2, 3)]) if moment else None,
         )
+
+    def _sampled(self, log: RunLog, i: int) -> Array:
+        """All numbers that are read at the begin of step i, one part after the other."""
+        values, first = self._bias.copy(), max(i - self._span, 0)
+        self._true(log.handle, self._gravity, self._time_step, i, first, self._wrenches, values)
+        if self._distorted:
+            values = self._bias + self._distort(log, i, values - self._bias)
+        values += next(self._noise)
+        if self._drift is not None:
+            steps = i - max(self._held[0], 0)
+            self._bias += math.sqrt(steps * self._time_step) * next(self._drift)
+        if step := self.parameters.angle_resolution:
+            angles = values[self._parts[0]]
+            angles[:] = step * np.rint(angles / step)
+        return values
+
+    def _distort(self, log: RunLog, i: int, values: Array) -> Array:
+        """True values of step i as sensors that are turned, or of another scale, read them."""
+        for part in self._parts[2:4]:
+            values[part] = self._imu @ values[part]
+        if self._wrenches:
+            body = self._robot.rigid_body
+            body.place(to_pinocchio(log.record.q[max(i - 1, 0)], log.record.qd[0])[0])
+            turns = body.places(body.soles)[1]
+            for part in self._parts[4:]:
+                values[part] = np.einsum("fij,fi->fj", turns, values[part].reshape(2, 3)).ravel()
+        values[self._parts[4].start :] *= self._scale
+        return values
+
+    def _switches(self, log: RunLog, i: int, k: int, force: Array) -> NDArray[np.bool_]:
+        """Which sole points touch, at step k by what was read at step i; none with wrenches."""
+        if self._wrenches:
+            return np.zeros(len(self._closed), dtype=bool)
+        if least := self.parameters.contact_threshold:
+            self._closed = force > np.where(self._closed, 0.5, 1.0) * least
+            return self._closed
+        return log.record.point_penetration[i] > 0.0 if i < k else log.touching.copy()
 
     def update(self, log: RunLog, k: int, commanded: Array | None) -> tuple[State, Touch]:
         """State and touch for the control tick of step k.
@@ -143,7 +213,10 @@ class Sensors:
         i = self.sampled(k)
         q, v = to_pinocchio(log.record.q[i], log.record.qd[i])
         q[_HINGES + 1 :], v[_HINGES:], v[3:_HINGES] = readings.angles, readings.rates, readings.gyro
-        touch = Touch(readings.contact, readings.force, self._time_step)
+        contact, force = readings.contact, readings.force
+        if self._soles is not None and readings.wrench is not None:
+            force, contact = self._soles.update(q, readings.wrench)
+        touch = Touch(contact, force, self._time_step)
         return State(readings.time, q, v, 0.5 * self._time_step), touch
 
 

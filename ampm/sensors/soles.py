@@ -1,0 +1,170 @@
+"""Forces and contacts of sole points from one wrench of every foot, and from where its points are."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ampm.body.rigid_body import frames_of, place_links, place_of
+from ampm.body.robot import Robot
+from ampm.compiled import bound, compiled, refer
+from ampm.geometry import Array
+from ampm.parameters import RunParameters
+from ampm.vectors import ZERO, Vector, cross, dot, minus, multiply, plus, put, times, turned, vector
+
+YIELD = 3e-3
+"""Height over the lowest point of its foot at which a point takes half of what it would take there [m]."""
+LEVEL = 0.1
+"""A line of a loaded foot is on the floor up to :data:`YIELD` times the root of this [1]."""
+TIP = 2
+"""Line of a foot's points, after those of heel and ball."""
+TIP_SHARE = 0.05
+"""What a tip takes where another point at its place would take 1: toes give way [1]."""
+ROUNDS = 8
+"""Rounds in which the loaded points are found."""
+RIDGE = 1e-6
+"""Share of the loads that keeps their equations regular where points lie on a line."""
+IN_AIR = 0.1
+"""Time without load after which a foot's readings are taken for their offset [s]."""
+TARE = 0.1
+"""Time constant of that offset [s]."""
+
+
+class Soles(NamedTuple):
+    """What is read of the feet and known of them."""
+
+    frame: Any  # of both soles
+    wrench: Array  # as read: forces and moments about the sole, in its axes, (2, 6) [N, N m]
+    offset: Array  # of the same, found in the air, (2, 6) [N, N m]
+    unloaded: Array  # time since the foot was loaded, (2,) [s]
+    loaded: Any  # feet that carry load, (2,)
+    touching: Any  # their lines of points, (2, 3)
+    line: Any  # of every sole point, (P,)
+    threshold: float  # load at which a foot or a line touches; half of it to go on touching [N]
+    period: float  # of a control tick [s]
+
+
+def soles_of(robot: Robot, run: RunParameters) -> Soles:
+    """Soles of a body with the run's sensors, unloaded."""
+    return Soles(
+        frame=frames_of(robot.model, robot.sole_frames),
+        wrench=np.zeros((2, 6)),
+        offset=np.zeros((2, 6)),
+        unloaded=np.zeros(2),
+        loaded=np.zeros(2, dtype=bool),
+        touching=np.zeros((2, 3), dtype=bool),
+        line=robot.point_group.copy(),
+        threshold=run.sensors.contact_threshold,
+        period=1.0 / run.controller.frequency,
+    )
+
+
+@compiled
+def spread_wrenches(s: Soles, link: Any, points: Any, force: Array, contact: Any) -> None:
+    """Normal forces of the sole points that give the wrenches as read, and which points touch.
+
+    Of all forces that push, these have the least sum of squares, each divided by how near its point is to the
+    floor. Of a loaded foot a line of points touches that is at the height of its lowest point; higher up it
+    touches by its load. A foot that is turned to the floor presses with some newtons only, while another of
+    its lines bears the body.
+
+    Args:
+        s: soles with the wrenches as read.
+        link: of the body, placed.
+        points: frames of the sole points.
+        force: is written, shape (P,) [N].
+        contact: is written, shape (P,).
+    """
+    count = len(points) // 2
+    for foot in range(2):
+        load, moment = tared(s, link, foot)
+        arm, sole, first = np.empty((count, 3)), place_of(link, s.frame[foot]), count * foot
+        for i in range(count):
+            put(arm[i], minus(place_of(link, points[first + i]), sole))
+        lowest = arm[:, 2].min()  # all points bear at this height
+        height = ((arm[:, 2] - lowest) / YIELD) ** 2
+        arm[:, 2] = 1.0
+        here, line = force[first : first + count], s.line[first : first + count]
+        here[:] = np.where(line == TIP, TIP_SHARE, 1.0) / (1.0 + height)
+        wanted = lowest * load[0] - moment[1], lowest * load[1] + moment[0], load[2]
+        spread(arm, wanted if s.loaded[foot] else ZERO, here)
+        for group in range(s.touching.shape[1]):
+            total, level = here[line == group].sum(), 0.5 * height[line == group].sum()
+            least = (0.5 if s.touching[foot, group] else 1.0) * s.threshold * (min(1.0, level) - LEVEL)
+            s.touching[foot, group] = s.loaded[foot] and total > least
+        for i in range(count):
+            contact[first + i] = s.touching[foot, line[i]]
+
+
+@compiled
+def tared(s: Soles, link: Any, foot: int) -> tuple[Vector, Vector]:
+    """Force and moment of a foot in world axes, less the offsets that it shows in the air."""
+    turn, frame = np.empty((3, 3)), s.frame[foot]
+    multiply(link[frame.joint].turn, frame.turn, turn)
+    load = turned(turn, vector(s.wrench[foot, 0:3] - s.offset[foot, 0:3]))
+    moment = turned(turn, vector(s.wrench[foot, 3:6] - s.offset[foot, 3:6]))
+    s.loaded[foot] = load[2] > (0.5 if s.loaded[foot] else 1.0) * s.threshold
+    s.unloaded[foot] = 0.0 if s.loaded[foot] else s.unloaded[foot] + s.period
+    if s.unloaded[foot] > IN_AIR:
+        s.offset[foot] += s.period / TARE * (s.wrench[foot] - s.offset[foot])
+    return load, moment
+
+
+@compiled
+def spread(arm: Array, wanted: Vector, force: Array) -> None:
+    """Least forces ``w_i max(0, a_i . y)`` with ``sum f_i a_i = wanted``.
+
+    Args:
+        arm: a_i of every point, shape (n, 3).
+        wanted: first moments [N m] and sum [N].
+        force: w_i on entry, the forces on return, shape (n,) [N].
+    """
+    answer = (0.0, 0.0, 1.0)
+    for _ in range(ROUNDS):
+        rows = RIDGE * np.eye(3)
+        for i in range(len(arm)):
+            if dot(vector(arm[i]), answer) > 0.0:
+                for k in range(3):
+                    rows[k] += force[i] * arm[i, k] * arm[i]
+        a, b, c = vector(rows[0]), vector(rows[1]), vector(rows[2])
+        first, second, third = cross(b, c), cross(c, a), cross(a, b)
+        total = plus(times(wanted[0], first), plus(times(wanted[1], second), times(wanted[2], third)))
+        answer = times(1.0 / dot(a, first), total)
+    for i in range(len(arm)):
+        force[i] *= max(0.0, dot(vector(arm[i]), answer))
+    if force.sum() > 0.0:  # a load beyond the sole's edge keeps its size
+        force *= wanted[2] / force.sum()
+
+
+@compiled
+def spread_at(s: Soles, tree: Any, link: Any, points: Any, q: Array, force: Array, contact: Any) -> None:
+    """:func:`spread_wrenches` at a configuration."""
+    place_links(tree, q, link)
+    spread_wrenches(s, link, points, force, contact)
+
+
+class SoleForces:
+    """What the soles feel, from wrenches: for an estimator of one's own.
+
+    Args:
+        robot: the body.
+        run: its section ``sensors``, and control frequency.
+    """
+
+    def __init__(self, robot: Robot, run: RunParameters) -> None:
+        body, points = robot.rigid_body, frames_of(robot.model, robot.point_frames)
+        self._soles, self._force = soles_of(robot, run), np.zeros(len(points))
+        self._contact = np.zeros(len(points), dtype=bool)
+        fixed = refer(self._soles), body.tree, body.link, points
+        self._spread = bound(spread_at, fixed, np.zeros(robot.nq), self._force, self._contact)
+
+    def update(self, q: Array, wrench: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Normal forces (P,) [N] of the sole points and which of them touch; the next call overwrites both.
+
+        Args:
+            q: configuration, shape (nq,).
+            wrench: of this control tick, see :class:`~ampm.sensors.readings.Readings`, (2, 6) [N, N m].
+        """
+        self._soles.wrench[:] = wrench
+        self._spread(q, self._force, self._contact)
+        return self._force, self._contact
