@@ -1,7 +1,5 @@
 """A body that passes through itself is found: before it walks, and in the walk."""
 
-from unittest.mock import patch
-
 import mujoco
 import numpy as np
 import pytest
@@ -110,9 +108,7 @@ def test_a_walk_that_passes_through_itself_fails(passing_through):
 def test_the_report_shows_the_clearance_over_time_with_its_limit(passing_through):
     saved = load_saved_run(passing_through)
     least = saved.summary["margins"]["clearance"]["value"]
-    with patch("validation.show.run_figures.picture") as picture:
-        RunFigures(saved, None).clearance()
-    (chart,) = picture.call_args.args[0]
+    (chart,) = RunFigures(saved, None).clearance().charts
     drawn, limit, *_ = (mark.points[:, 1] for mark in chart.marks)
     assert 1e-3 * drawn.min() == pytest.approx(least)
     assert set(limit) == {1e3 * CLEARANCE}
