@@ -25,7 +25,7 @@ HERE = Path(__file__).resolve().parent
 FINE = {"time_step": 0.002}
 SIZE, SCALE, SHARP = (440, 400), 175.0, 2
 """Width and height of a body's picture [px], pixels of a metre, and by how much finer it is drawn."""
-FRAMES, SLOWER = 44, 2.0
+FRAMES, SLOWER = 36, 2.0
 AZIMUTH, ELEVATION = np.radians([-62.0, 14.0])
 """Direction from which the body is seen, about the vertical from behind, and over the horizon."""
 FORCE = 1.0 / 550.0
@@ -127,7 +127,7 @@ def film(name: str, walks: Walks, begin: float, end: float) -> None:
     pause = int(1000 * SLOWER * (end - begin) / FRAMES)
     first, *rest = frames
     more = {"save_all": True, "append_images": rest, "duration": pause, "loop": 0}
-    first.save(HERE / f"gallery-{name}.webp", quality=55, method=6, **more)
+    first.save(HERE / f"gallery-{name}.webp", quality=50, method=6, **more)
 
 
 def gait(name: str, steps: int = 6, **sections: Any) -> val.Trial:

@@ -31,6 +31,9 @@ SIZE, DPI = (9.6, 4.4), 100
 def surface(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Points on a shape in its own axes [m], shape (n, 3), whose convex hull is the shape."""
     kind, size = model.geom_type[geom], model.geom_size[geom]
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = model.mesh(model.geom_dataid[geom])
+        return model.mesh_vert[mesh.vertadr[0] : mesh.vertadr[0] + mesh.vertnum[0]]
     turn, lift = np.meshgrid(np.linspace(0, 2 * np.pi, 24), np.linspace(-np.pi / 2, np.pi / 2, 13))
     ball = np.stack([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)], axis=-1)
     ball = ball.reshape(-1, 3)
