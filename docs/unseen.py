@@ -37,19 +37,18 @@ SENSED = {
     "sensors.angle_noise": 1e-4,  # [rad]
     "sensors.rate_noise": 1e-2,  # [rad/s]
 }
-"""Late and noisy sensing that goes to the controller as it is read."""
+"""Late and noisy sensing."""
 ESTIMATED = {**SENSED, "sensors.estimator": "kalman", "sensors.fix_rate": 100.0}  # [Hz]
 """The same readings through the filter, with fixes of the position, so that the same profile judges."""
 IN_BOTH = 20
-"""Gaits of the human that Drake, and sensing without an estimator, walk, too: the first ones."""
-HUMAN, DRAKE, HUMAN_SENSED, HUMAN_ESTIMATED, G1, G1_SENSED, G1_ESTIMATED = DRAWS = (
+"""Gaits of the human that Drake walks, too: the first ones."""
+HUMAN, DRAKE, HUMAN_ESTIMATED, G1, G1_ESTIMATED, TALOS = DRAWS = (
     "human",
     "Drake",
-    "human, sensors",
     "human, Kalman",
     "G1",
-    "G1, sensors",
     "G1, Kalman",
+    "TALOS",
 )
 HUMAN_FIRST = f"human, the first {IN_BOTH}"
 DRAWN = {
@@ -112,17 +111,17 @@ def read() -> list[Row]:
 
 def draws() -> dict[str, SweepDefinition]:
     """The sweeps, by name."""
-    human, g1 = (load_sweep(EXAMPLES / f"{name}.toml") for name in ("unseen", "unseen-g1"))
+    names = "unseen", "unseen-g1", "unseen-talos"
+    human, g1, talos = (load_sweep(EXAMPLES / f"{name}.toml") for name in names)
     first = [human.varied(run) for run in range(IN_BOTH)]
     block = Block(method="list", keys={key: tuple(gait[key] for gait in first) for key in human.keys})
     return {
         HUMAN: human,
         DRAKE: changed(human, {"simulation.engine": "drake"}, vary=(block,)),
-        HUMAN_SENSED: changed(human, SENSED, vary=(block,)),
         HUMAN_ESTIMATED: changed(human, ESTIMATED),
         G1: g1,
-        G1_SENSED: changed(g1, SENSED),
         G1_ESTIMATED: changed(g1, ESTIMATED),
+        TALOS: talos,
     }
 
 
@@ -205,12 +204,13 @@ def quantiles(values: Sequence[float]) -> str:
 
 
 def refusals(rows: Sequence[Row]) -> Table:
-    """Refused gaits of both bodies by reason; sensing and engine change none."""
-    counts = [Counter(row[REASON] for row in of_draw(rows, name) if row[REASON]) for name in (HUMAN, G1)]
-    reasons = [reason for reason, _ in (counts[0] + counts[1]).most_common()]
+    """Refused gaits of all bodies by reason; sensing and engine change none."""
+    bodies = HUMAN, G1, TALOS
+    counts = [Counter(row[REASON] for row in of_draw(rows, name) if row[REASON]) for name in bodies]
+    reasons = [reason for reason, _ in sum(counts, Counter()).most_common()]
     return Table(
         "",
-        ("refused because of", *(f">{name}" for name in (HUMAN, G1))),
+        ("refused because of", *(f">{name}" for name in bodies)),
         [(reason, *(str(count[reason]) for count in counts)) for reason in reasons],
     )
 
@@ -227,18 +227,17 @@ class Look(NamedTuple):
 LOOKS = {
     HUMAN: Look("human", "MuJoCo, exact sensing", "#1f6fb4", True),
     DRAKE: Look("human", f"Drake, the first {IN_BOTH}", "#2a8c4a", False),
-    HUMAN_SENSED: Look("human", f"MuJoCo, sensors, the first {IN_BOTH}", "#c2571a", False),
     HUMAN_ESTIMATED: Look("human", "MuJoCo, sensors and Kalman", "#7a3fa0", False),
     G1: Look("G1", "MuJoCo, exact sensing", "#1f6fb4", True),
-    G1_SENSED: Look("G1", "MuJoCo, sensors", "#c2571a", False),
     G1_ESTIMATED: Look("G1", "MuJoCo, sensors and Kalman", "#7a3fa0", False),
+    TALOS: Look("TALOS", "MuJoCo, exact sensing", "#1f6fb4", True),
 }
 
 
 @style()
 def draw_histograms(rows: Sequence[Row], path: Path) -> None:
     """Histograms of the ZMP's errors, with their limits."""
-    figure = Figure(figsize=(8.0, 4.6), dpi=110, layout="constrained")
+    figure = Figure(figsize=(8.0, 6.4), dpi=110, layout="constrained")
     bodies = list(dict.fromkeys(look.body for look in LOOKS.values()))
     plots = figure.subplots(len(bodies), len(ERRORS), sharex=True, sharey="row", squeeze=False)
     for line, body in zip(plots, bodies, strict=True):
