@@ -261,10 +261,10 @@ class Rope:
 @pytest.fixture
 def own(tmp_path, monkeypatch):
     """A module of a user's in the working directory."""
-    (tmp_path / "own_parts.py").write_text(OWN, encoding="utf-8")
+    (tmp_path / "parts_of_pairs.py").write_text(OWN, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    yield "own_parts"
-    sys.modules.pop("own_parts", None)
+    yield "parts_of_pairs"
+    sys.modules.pop("parts_of_pairs", None)
     if any(metric.name == "height_error" for metric in added_metrics()):
         unregister("height_error")
 
@@ -277,7 +277,7 @@ def test_own_metrics_and_disturbances_of_saved_runs_are_compared(own, folders, t
     told = ampm("compare", mine, folders[0], folders[1])
     rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in told.out.splitlines() if "│" in line]
     values = {name: cells for name, *cells in rows}
-    assert values["disturbances"] == ["own_parts:Rope", "none", "none"]
+    assert values["disturbances"] == ["parts_of_pairs:Rope", "none", "none"]
     assert values["planner"] == ["ampm", "ampm", "ipm"]
     height = ampm("compare", mine, *folders, "--json").json["metrics"]["height_error"]
     assert height["values"][1:] == [None, None]

@@ -15,7 +15,7 @@ from validation.trial.unplanned import Supports, heading_velocity
 QUICK = ("--planner", "none", "--set", "simulation.time_step=2e-3", "--set", "command.duration=3")
 
 
-@pytest.mark.parametrize("body", ["human", "g1"])
+@pytest.mark.parametrize("body", ["human", "suite-humanoid"])
 def test_with_the_projects_controller_a_body_stands(ampm, tmp_path, body):
     answer = ampm("validate", *QUICK, "--body", body, "--steps", 4, "--out", tmp_path / "run", "--json")
     assert answer.status == 0
