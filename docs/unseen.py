@@ -86,7 +86,7 @@ def main() -> None:
     """Walk what is missing, write the data, and from the data page and picture."""
     names = sys.argv[1:] or DRAWS
     if names != ["page"]:
-        kept, sweeps = read(), draws()
+        kept, sweeps = [row for row in read() if row["draw"] in DRAWS], draws()
         for name in names:
             kept = [row for row in kept if row["draw"] != name] + list(walked(name, sweeps[name]))
         kept.sort(key=lambda row: DRAWS.index(row["draw"]))
