@@ -1,7 +1,6 @@
 """Descriptions and models of bodies: shapes and meshes, models in memory, and what is refused."""
 
 import struct
-from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -47,14 +46,6 @@ def with_toes(urdf: str) -> str:
     return urdf.replace("</robot>", toes + "</robot>")
 
 
-def replaced(old: str, new: str, count: int = -1) -> Callable[[str], str]:
-    def change(text: str) -> str:
-        assert old in text
-        return text.replace(old, new, count)
-
-    return change
-
-
 def with_neck(urdf: str, limit: str = "<limit") -> str:
     neck = f'<link name="skull">{INERTIA.format(1.0)}</link>' + HINGE.format(
         "neck", "chest", "skull", "0 0 0.45"
@@ -62,90 +53,42 @@ def with_neck(urdf: str, limit: str = "<limit") -> str:
     return urdf.replace("</robot>", neck.replace("<limit", limit) + "</robot>")
 
 
-def with_passive(element: str) -> BodyModel:
+def read(urdf: str = URDF, toml: str = TOML, name: str = "biped.urdf") -> BodyModel:
+    """The body of a model and its description."""
+    with TemporaryDirectory() as folder:
+        path = write(Path(folder), toml=toml)
+        (Path(folder) / name).write_text(urdf, encoding="utf-8")
+        return load(path)
+
+
+def suite_model(element: str) -> str:
     """The suite's humanoid with an element of MJCF."""
+    source = source_path(read_body_file(body_path("suite-humanoid")).source, EXAMPLES)
+    return mujoco.MjSpec.from_file(str(source)).to_xml().replace("</mujoco>", f"{element}</mujoco>")
+
+
+def with_passive(element: str) -> BodyModel:
     text = body_path("suite-humanoid").read_text(encoding="utf-8")
     source = read_body_file(body_path("suite-humanoid")).source
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        spec = mujoco.MjSpec.from_file(str(source_path(source, folder)))
-        model = spec.to_xml().replace("</mujoco>", f"{element}</mujoco>")
-        (folder / "model.xml").write_text(model, encoding="utf-8")
-        return load(write(folder, toml=text.replace(source, "model.xml")))
+    return read(suite_model(element), text.replace(source, "model.xml"), "model.xml")
 
 
-def test_a_coupled_joint_that_is_locked_is_no_trouble(tmp_path: Path) -> None:
-    urdf = with_neck(URDF, '<mimic joint="waist_yaw"/><limit')
-    with pytest.raises(InputError, match=r"coupled joints \(neck, waist_yaw\); lock these joints"):
-        load(write(tmp_path, urdf))
-    locked = TOML.replace("sole =", 'lock = ["neck", "waist_yaw"]\nsole =')
-    assert "neck" not in dict(load(write(tmp_path, urdf, locked)).description.torque_limits)
-
-
-def test_a_file_that_is_no_description_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is a model; give its description"):
-        load(EXAMPLES / "biped.urdf")
-    with pytest.raises(InputError, match="body = 3 must be a section of keys"):
-        load(write(tmp_path, toml="body = 3"))
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        (
-            "knee =",
-            'lock = ["._hip_(yaw|roll)"]\nknee =',
-            r"the left leg has 4 hinges \(l_hip_pitch, .*\), which cannot hold a sole flat: that takes 6",
-        ),
-        (
-            '"{side}_knee"',
-            '["r_knee", "l_knee"]',
-            "the knee 'r_knee' is a joint of the other leg than the left",
-        ),
-        (
-            '"{side}_knee"',
-            '"{side}_ankle_roll"',
-            r"the knee 'l_ankle_roll' is not amid .* foot \(l_hip_yaw, l",
-        ),
-        (
-            'root = "pelvis"',
-            'root = "nope"',
-            "unknown segment for root 'nope'; known are pelvis, waist_a, waist_b, chest",
-        ),
-    ],
+Y_UP = URDF.replace(
+    "</robot>",
+    '<link name="base"/><joint name="turn" type="fixed"><parent link="base"/><child link="pelvis"/>'
+    '<origin xyz="0 0 0" rpy="-1.5707963267948966 0 0"/></joint></robot>',
 )
-def test_a_refusal_names_the_cause(old: str, new: str, message: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=message):
-        load(write(tmp_path, toml=TOML.replace(old, new)))
 
 
-def test_a_joint_off_the_middle_is_named_as_one_to_lock(tmp_path: Path) -> None:
-    urdf = with_neck(URDF).replace('xyz="0 0 0.45"', 'xyz="0 0.1 0.45"')
-    with pytest.raises(InputError, match=r"of the joints neck; .* or add lock = \['neck'\] to the body's"):
-        load(write(tmp_path, urdf))
-
-
-def test_a_model_with_y_upwards_says_so(tmp_path: Path) -> None:
-    turn = (
-        '<link name="base"/><joint name="turn" type="fixed"><parent link="base"/><child link="pelvis"/>'
-        '<origin xyz="0 0 0" rpy="-1.5707963267948966 0 0"/></joint></robot>'
-    )
-    urdf = URDF.replace("</robot>", turn)
-    with pytest.raises(
-        InputError, match=r"from the root along y, so y points up; add up = 'y' to the body's"
-    ):
-        load(write(tmp_path, urdf))
-    found = load(write(tmp_path, urdf, TOML.replace("knee =", 'up = "y"\nknee ='))).description
-    own = load(EXAMPLES / "biped.toml").description
+def test_a_model_with_y_upwards_is_turned() -> None:
+    found, own = read(Y_UP, TOML.replace("knee =", 'up = "y"\nknee =')).description, read().description
     assert found.left_leg == own.left_leg
     assert (found.hip_height, found.com_over_hip) == pytest.approx((own.hip_height, own.com_over_hip))
 
 
 def test_contact_pairs_with_the_floor_of_another_file_are_left_out(tmp_path: Path) -> None:
-    source = source_path(read_body_file(body_path("suite-humanoid")).source, tmp_path)
-    spec = mujoco.MjSpec.from_file(str(source))
-    pair = '<contact><pair geom1="left_left_foot" geom2="floor_of_the_scene"/></contact></mujoco>'
-    (tmp_path / "model.xml").write_text(spec.to_xml().replace("</mujoco>", pair), "utf-8")
+    pair = '<contact><pair geom1="left_left_foot" geom2="floor_of_the_scene"/></contact>'
+    (tmp_path / "model.xml").write_text(suite_model(pair), "utf-8")
     assert compiled_source(tmp_path / "model.xml")[0].npair == 0
 
 
@@ -179,9 +122,6 @@ def test_a_description_is_proposed_from_a_model(pitch: float, tmp_path: Path, am
     foot, normal = data.body("l_foot").xpos, turn[:, 2]
     for name in body.description.left_leg.sole_points:
         assert (data.site(name).xpos - foot - [0.03, 0, -0.05]) @ normal == pytest.approx(-0.02, abs=1e-3)
-    again = ampm("body", "new", tmp_path / "biped.urdf", path)
-    assert again.status == 2
-    assert "File exists" in again.err
 
 
 def test_a_proposal_says_what_is_to_be_filled_in(tmp_path: Path, ampm) -> None:
@@ -198,25 +138,20 @@ def test_a_proposal_says_what_is_to_be_filled_in(tmp_path: Path, ampm) -> None:
     assert "no two chains" in answer.err
 
 
-def test_a_knee_that_bends_forward_is_corrected_by_its_range(tmp_path: Path) -> None:
-    urdf = replaced('lower="0" upper="2.4"', 'lower="-2.4" upper="0"')(URDF)
-    with pytest.raises(InputError, match=r"bends forward; .* now -2.4 to 0 rad, with \[body.range\]"):
-        load(write(tmp_path, urdf))
-    body = load(write(tmp_path, urdf, TOML + 'range."._knee" = [0.0, 2.4]'))
+BACKWARD = URDF.replace('lower="0" upper="2.4"', 'lower="-2.4" upper="0"')
+
+
+def test_keys_of_the_description_replace_what_the_model_has() -> None:
+    """A range, as of a knee that bends forward, and inertia."""
+    body = read(BACKWARD, TOML + 'range."._knee" = [0.0, 2.4]')
     np.testing.assert_allclose(body.compile().joint("r_knee").range, [0.0, 2.4])
-
-
-def test_inertia_of_the_description_replaces_that_of_the_model(tmp_path: Path) -> None:
-    toml = TOML + 'gyration.".*_foot" = 0.05'
-    foot = load(write(tmp_path, toml=toml)).compile().body("l_foot")
+    foot = read(toml=TOML + 'gyration.".*_foot" = 0.05').compile().body("l_foot")
     np.testing.assert_allclose(foot.inertia, foot.mass[0] * 0.05**2)
-    balanced = load(write(tmp_path, UNBALANCED, TOML + "balance_inertia = true")).compile().body("chest")
+    balanced = read(UNBALANCED, TOML + "balance_inertia = true").compile().body("chest")
     np.testing.assert_allclose(balanced.inertia, (0.2562 + 0.181067 + 0.934867) / 3.0, rtol=1e-6)
-    with pytest.raises(InputError, match=r"gyration has '\.\*_boot', which matches no link"):
-        load(write(tmp_path, toml=toml.replace(".*_foot", ".*_boot")))
 
 
-def test_mirror_images_are_found_whatever_the_names(tmp_path: Path) -> None:
+def test_mirror_images_are_found_whatever_the_names() -> None:
     """Also of two joints at one place, with different limbs."""
     urdf = URDF
     for number, name in enumerate(f"{side}_{joint}" for side in "lr" for joint in JOINTS):
@@ -229,8 +164,8 @@ def test_mirror_images_are_found_whatever_the_names(tmp_path: Path) -> None:
         for side, shoulder, elbow, y in (("l", "m12", "m13", 0.2), ("r", "m14", "m15", -0.2))
     )
     toml = TOML.replace('"{side}_knee"', '["m3", "m9"]').replace('"{side}_foot"', '["l_foot", "r_foot"]')
-    own = load(EXAMPLES / "biped.toml").description
-    found = load(write(tmp_path, urdf.replace("</robot>", arms + "</robot>"), toml)).description
+    own = read().description
+    found = read(urdf.replace("</robot>", arms + "</robot>"), toml).description
     assert found.left_leg.joints == tuple(f"m{k}" for k in range(6))
     images = {name: (image, sign) for name, image, sign in found.mirror}
     for number, name in enumerate(own.left_leg.joints):
@@ -239,7 +174,7 @@ def test_mirror_images_are_found_whatever_the_names(tmp_path: Path) -> None:
     assert (found.left_arm, found.right_arm) == (("m12", "m13"), ("m14", "m15"))
 
 
-def test_the_sole_is_measured_from_the_foot_that_is_named(tmp_path: Path) -> None:
+def test_the_sole_is_measured_from_the_foot_that_is_named() -> None:
     """Also from one that is fixed to its segment."""
     fixed = "".join(
         f'<link name="{side}_sole_link"/><joint name="{side}_fix" type="fixed"><parent link="{side}_foot"/>'
@@ -247,23 +182,21 @@ def test_the_sole_is_measured_from_the_foot_that_is_named(tmp_path: Path) -> Non
         for side, y in (("l", 0.01), ("r", -0.01))
     )
     toml = TOML.replace("{side}_foot", "{side}_sole_link").replace("bottom = -0.07", "bottom = -0.02")
-    moved = load(write(tmp_path, URDF.replace("</robot>", fixed + "</robot>"), toml)).compile()
-    own = load(EXAMPLES / "biped.toml").compile()
+    moved = read(URDF.replace("</robot>", fixed + "</robot>"), toml).compile()
+    own = read().compile()
     for side, y in (("left", 0.01), ("right", -0.01)):
         gap = moved.site(f"{side}_sole").pos - own.site(f"{side}_sole").pos
         np.testing.assert_allclose(gap, [0.02, y, 0.0], rtol=0.0, atol=1e-12)
 
 
-def test_toes_can_be_welded_and_names_of_ours_are_no_trouble(tmp_path: Path) -> None:
+def test_toes_can_be_welded_names_of_ours_are_no_trouble_and_the_rest_is_the_head() -> None:
     toml = TOML.replace("knee =", 'lock = ["._toe"]\nknee =')
-    urdf = with_toes(URDF).replace('"l_thigh"', '"imu"').replace('"waist_a"', '"waist_yaw"')
-    body = load(write(tmp_path, urdf, toml))
-    assert body.description.mass == pytest.approx(40.8)
+    body = read(
+        with_neck(with_toes(URDF).replace('"l_thigh"', '"imu"').replace('"waist_a"', '"waist_yaw"')), toml
+    )
+    assert body.description.mass == pytest.approx(41.8)
     assert body.compile().body("imu_segment").mass[0] == pytest.approx(4.0)
-
-
-def test_joints_of_no_group_are_those_of_the_head(tmp_path: Path) -> None:
-    assert load(write(tmp_path, with_neck(URDF))).description.head == ("neck",)
+    assert body.description.head == ("neck",)
 
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -355,26 +288,17 @@ def test_text_stl_and_collada_have_the_points_of_the_same_box(tmp_path: Path) ->
         points -= data.body("l_thigh").xpos
         for wanted in corners * (1.0, 0.5, 1.0):
             assert np.abs(points - wanted).max(axis=1).min() < 1e-6, (name, wanted)
-
-
-def test_a_mesh_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / "box.dae").write_text("<COLLADA/>", encoding="utf-8")
-    link = '<link name="l_thigh">'
-    visual = '<visual><geometry><mesh filename="box.dae"/></geometry></visual>'
     with pytest.raises(InputError, match=r"box.dae' cannot be read; convert it to a binary STL"):
-        load(write(tmp_path, URDF.replace(link, link + visual)))
+        compiled_source(tmp_path / "mesh.urdf")
 
 
 def test_a_segment_without_a_shape_has_the_ellipsoid_of_its_inertia() -> None:
-    model = load(EXAMPLES / "biped.toml").compile()
+    model = read().compile()
     chest = model.body("chest")
     geom = model.geom(int(np.flatnonzero(model.geom_bodyid == chest.id)[0]))
     squares = geom.size**2
-    moments = (
-        chest.mass[0]
-        / 5.0
-        * np.array([squares[1] + squares[2], squares[0] + squares[2], squares[0] + squares[1]])
-    )
+    moments = chest.mass[0] / 5.0 * (squares.sum() - squares)
     np.testing.assert_allclose(sorted(moments), sorted([0.2562, 0.181067, 0.134867]), rtol=1e-6)
     np.testing.assert_allclose(geom.pos, [0, 0, 0.2], rtol=0.0, atol=1e-12)
 
