@@ -14,7 +14,6 @@ from ampm.exceptions import InputError
 from ampm.planners import PeriodicPlanner
 from tests.saved_run import make_run
 from tests.test_bad_input import assert_said, rows_of
-from validation.judge.log import take_overs
 from validation.judge.profiles import DEFAULT, own_profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import judge_summary
@@ -106,15 +105,6 @@ def test_start_and_place_are_found_and_said(folder, summary, table):
         name = f"zmp_{axis}_rmse"
         assert value(trial, name) == pytest.approx(summary["metrics"][name]["value"], rel=0.2)
     assert "moved by -3 m along x" in " ".join(facts["notes"])
-
-
-def test_a_given_start_and_place_are_kept(folder, table):
-    table["zmp_y"] += 0.02
-    trial = val.judge_log(table, folder, start=0.0, place=(0.0, 0.0))
-    assert value(trial, "zmp_y_rmse") == pytest.approx(0.02, rel=0.01)
-    assert not trial.verdict.passed
-    late = val.judge_log(table, folder, start=-0.1, place=(0.0, -0.02))
-    assert value(late, "zmp_x_rmse") > 0.03
 
 
 def test_gaps_are_left_out_and_said(folder, summary, table):
@@ -218,14 +208,6 @@ def test_a_table_of_a_plan_judges_too(folder, tmp_path, table, ampm):
     trial = val.judge_log(table, path, start=0.0, place=(0.0, 0.0))
     assert value(trial, "zmp_x_rmse") < 2e-3
     assert trial.verdict.passed, trial.verdict.reason
-
-
-def test_take_overs_ignore_what_does_not_carry_the_weight_over():
-    time = np.arange(0.0, 4.0, 0.01)
-    share = 0.5 - 0.5 * np.cos(2 * np.pi * time)
-    share[(time > 0.4) & (time < 0.45)] = 0.45  # a wobble around the half
-    assert take_overs(time, share) == pytest.approx(np.array([0.25, 1.25, 2.25, 3.25]), abs=1e-3)
-    assert take_overs(time, np.full(len(time), np.nan)).size == 0
 
 
 class Online:
