@@ -14,7 +14,8 @@ from ampm.run_file import load_run
 from examples.planners.alip import Alip, wanted_step
 from examples.planners.centroidal import MOST_MOMENT, Centroidal
 from examples.planners.hlip import Deadbeat, Lqr, deadbeat, regulator, step_to_step
-from examples.planners.pendulum import Pendulum
+from examples.planners.pendulum import GRAVITY, Pendulum
+from examples.planners.vhip import HIGH, LOW, K, Vhip, feedback
 from tests.solved import COARSE, walk_of
 from validation.study.sweep.design import load_sweep
 
@@ -88,6 +89,44 @@ def test_alip_counts_the_momentum_of_the_trunk_as_speed():
     np.testing.assert_allclose(with_momentum[changed], planner.moved[changed], rtol=0.2)
 
 
+# --- VHIP: Caron 2020 ---
+
+
+@pytest.mark.parametrize("off", [[0.004, -0.003, 0.0], [0.0, 0.0, 0.004], [0.002, 0.003, -0.004]])
+def test_the_dcm_of_the_vhip_returns_at_its_pole(off):
+    w, height, wide = 3.3, 0.9, np.array([9.0, 9.0])
+
+    def rate(t, state):
+        com, velocity = state.reshape(2, 3)
+        error = com + velocity / w - [0.0, 0.0, height]
+        zmp, share = feedback(w, height, error, velocity, np.zeros(2), -wide, wide)
+        force = w * w * (1.0 + share) * (com - np.append(zmp, 0.0)) - [0.0, 0.0, w * w * height]
+        return np.append(velocity, force)
+
+    start = np.append(np.array([0.0, 0.0, height]) + off, np.zeros(3))
+    com, velocity = solve_ivp(rate, (0.0, 0.3), start, rtol=1e-9, atol=1e-11).y[:, -1].reshape(2, 3)
+    left = com + velocity / w - [0.0, 0.0, height]
+    np.testing.assert_allclose(left, np.exp((1.0 - K) * w * 0.3) * np.array(off), atol=6e-5)
+
+
+def test_the_vhip_uses_its_height_where_the_sole_does_not_suffice():
+    """A push forward over a ZMP at its limit: the plan goes on with a COM that leaves its height."""
+    planner, plan = planned(Vhip)
+    run, robot = walk_of(COARSE).run, walk_of(COARSE).robot
+    reference = plan.table(np.array([NOW]))
+    state = ampm.State(NOW, reference.q[0].copy(), reference.v[0].copy())
+    state.v[:3] += [0.2, 0.0, 0.0]  # [m/s]
+    pushed = planner.replan(NOW, state, None, plan)
+    times = np.linspace(NOW, plan.duration, 1001)
+    height = pushed.sample(times).com[:, 2] - run.gait.com_height
+    assert 2 * LOW < height.min() < -0.005
+    assert height.max() < 2 * HIGH
+    assert abs(height[-1]) < 2e-3
+    assert newton_residual(pushed, times[:-1]).size < 2e-4
+    force = pushed.sample(times).force
+    assert force[:, 2].min() > 0.3 * robot.mass * GRAVITY
+
+
 # --- the pendulum of them all ---
 
 
@@ -140,7 +179,11 @@ def test_a_stand_leans_as_far_as_the_dcm_is_off():
 
 @pytest.mark.parametrize(
     ("kind", "key", "step"),
-    [(Deadbeat, "footsteps.z", {"z": 0.08}), (Centroidal, "footsteps.heading", {"heading": 0.1})],
+    [
+        (Deadbeat, "footsteps.z", {"z": 0.08}),
+        (Centroidal, "footsteps.heading", {"heading": 0.1}),
+        (Vhip, "footsteps.heading", {"heading": 0.1}),
+    ],
 )
 def test_what_a_planner_cannot_do_is_named(kind, key, step):
     rows = footsteps()

@@ -1,0 +1,71 @@
+"""Plans whose COM rises and sinks."""
+
+import numpy as np
+import pytest
+
+import ampm
+import validation as val
+from ampm.exceptions import InputError
+from ampm.planner.newton import newton_residual
+from tests.solved import COARSE, walk_of
+
+RISE = 0.005
+"""Amplitude of the height [m]: once up and down a step, highest in mid-stance."""
+
+
+class Bounce:
+    """The AMPM's COM across the floor, over a height that varies; the ZMP follows by Newton's law."""
+
+    plans_footsteps = False
+
+    def __init__(self, rise=RISE, **changed):
+        self.rise, self.changed = rise, changed
+
+    def plan(self, run, robot):
+        base = ampm.plan(run)
+        single, period = base.constants.single_support_duration, base.constants.step_duration
+        times = np.linspace(0.0, base.duration, int(200 * base.duration) + 1)
+        sample, omega = base.sample(times), 2.0 * np.pi / period
+        high = run.gait.com_height + self.rise * (np.cos(omega * (times - 0.5 * single)) - 1.0)
+        motion = {"com": np.column_stack([sample.com[:, :2], high])}
+        motion |= {"com_acceleration": sample.com_acceleration[:, :2]}
+        return ampm.make_plan(run, robot, times=times, contacts=base.contacts, **motion | self.changed)
+
+
+def test_force_and_zmp_follow_the_height():
+    run, robot = walk_of(COARSE).run, walk_of(COARSE).robot
+    plan = Bounce().plan(run, robot)
+    times = np.linspace(0.05, plan.duration - 0.05, 501)
+    sample, omega = plan.sample(times), 2.0 * np.pi / plan.constants.step_duration
+    lift = sample.force[:, 2] / plan.weight - 1.0
+    assert np.ptp(lift) == pytest.approx(2.0 * RISE * omega**2 / 9.81, rel=0.01)
+    line = sample.com[:, :2] - sample.com[:, 2:] * sample.force[:, :2] / sample.force[:, 2:]
+    np.testing.assert_allclose(sample.zmp, line, atol=1e-12)  # the force passes through the COM
+    assert newton_residual(plan, times).size < 1e-4
+
+
+def test_a_walk_with_a_varying_height_is_met():
+    run = ampm.load_run("normal", gait={"steps": 3}, simulation={"time_step": 0.002}).as_is()
+    trial = val.walk(run, planner=Bounce())
+    assert type(trial.plan.posture).__name__ == "PeriodicPosture"
+    assert trial.verdict.passed, trial.verdict.reason
+    assert np.ptp(trial.measured.com[:, 2]) == pytest.approx(2.0 * RISE, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"rise": 9.0}, "above 0 m"),
+        ({"rise": 0.15}, "accelerates downwards by 1[0-9]"),
+        ({"com_velocity": np.zeros((5, 3))}, "com_velocity has the shape"),
+    ],
+)
+def test_a_height_that_cannot_be_is_refused(changed, says):
+    with pytest.raises(InputError, match=says):
+        Bounce(**changed).plan(walk_of(COARSE).run, walk_of(COARSE).robot)
+
+
+def test_a_height_that_varies_over_a_slope_is_refused():
+    run = walk_of(COARSE).run.replace({"gait.slope": 0.05})
+    with pytest.raises(InputError, match=r"gait\.slope"):
+        Bounce().plan(run, walk_of(COARSE).robot)
