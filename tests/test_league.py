@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import ampm
 from ampm.exceptions import InputError
 from ampm.planner import routes
+from ampm.planner.newton import newton_residual
 from ampm.run_file import load_run
 from examples.planners.alip import Alip, wanted_step
 from examples.planners.centroidal import MOST_MOMENT, Centroidal
 from examples.planners.hlip import Deadbeat, Lqr, deadbeat, regulator, step_to_step
+from examples.planners.pendulum import GRAVITY
+from examples.planners.vhip import HIGH, LOW, K, Vhip, feedback
 from tests.solved import COARSE, walk_of
 from validation.study.sweep.design import load_sweep
 
@@ -64,6 +68,41 @@ def test_the_step_of_alip_brings_the_momentum_about_the_contact_to_zero(w, durat
     )
     assert end.y[1, -1] == pytest.approx(0.0, abs=1e-9)
     assert step == pytest.approx(deadbeat(w, duration, 0.0) @ [x, speed])  # the same without double support
+
+
+@pytest.mark.parametrize("off", [[0.004, -0.003, 0.0], [0.0, 0.0, 0.004], [0.002, 0.003, -0.004]])
+def test_the_dcm_of_the_vhip_returns_at_its_pole(off):
+    w, height, wide = 3.3, 0.9, np.array([9.0, 9.0])
+
+    def rate(t, state):
+        com, velocity = state.reshape(2, 3)
+        error = com + velocity / w - [0.0, 0.0, height]
+        zmp, share = feedback(w, height, error, velocity, np.zeros(2), -wide, wide)
+        force = w * w * (1.0 + share) * (com - np.append(zmp, 0.0)) - [0.0, 0.0, w * w * height]
+        return np.append(velocity, force)
+
+    start = np.append(np.array([0.0, 0.0, height]) + off, np.zeros(3))
+    com, velocity = solve_ivp(rate, (0.0, 0.3), start, rtol=1e-9, atol=1e-11).y[:, -1].reshape(2, 3)
+    left = com + velocity / w - [0.0, 0.0, height]
+    np.testing.assert_allclose(left, np.exp((1.0 - K) * w * 0.3) * np.array(off), atol=6e-5)
+
+
+def test_the_vhip_uses_its_height_where_the_sole_does_not_suffice():
+    """A push forward over a ZMP at its limit: the plan goes on with a COM that leaves its height."""
+    planner, plan = planned(Vhip)
+    run, robot = walk_of(COARSE).run, walk_of(COARSE).robot
+    reference = plan.table(np.array([NOW]))
+    state = ampm.State(NOW, reference.q[0].copy(), reference.v[0].copy())
+    state.v[:3] += [0.2, 0.0, 0.0]  # [m/s]
+    pushed = planner.replan(NOW, state, None, plan)
+    times = np.linspace(NOW, plan.duration, 1001)
+    height = pushed.sample(times).com[:, 2] - run.gait.com_height
+    assert 2 * LOW < height.min() < -0.005
+    assert height.max() < 2 * HIGH
+    assert abs(height[-1]) < 2e-3
+    assert newton_residual(pushed, times[:-1]).size < 2e-4
+    force = pushed.sample(times).force
+    assert force[:, 2].min() > 0.3 * robot.mass * GRAVITY
 
 
 @pytest.mark.parametrize("kind", [Alip, Deadbeat, Lqr, Centroidal])
