@@ -39,14 +39,7 @@ class MujocoEngine:
 
 
 def check_drake(model: mujoco.MjModel | None = None) -> None:
-    """Refuse what Drake cannot step.
-
-    Args:
-        model: of the body, if it is known already.
-
-    Raises:
-        InputError: Drake is not installed, or a joint has dry friction, which Drake does not have.
-    """
+    """Raise :class:`InputError` if Drake is not installed, or a joint has dry friction, which it lacks."""
     if find_spec("pydrake") is None:
         raise InputError(
             "simulation.engine = drake needs Drake, which is not installed; run pip install -e '.[drake]' in "
