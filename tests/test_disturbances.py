@@ -217,7 +217,7 @@ def test_faults_of_motors_repeat_with_their_seed():
         assert 1e-3 < np.abs(start[:3]).max() < 0.08
         assert not start[3:].any()
     assert (starts[0] != starts[1]).any()
-    with pytest.raises(InputError, match=r"actuation_delay = 0.003 s is no multiple of .* 0.002 s; .* 0.004"):
+    with pytest.raises(InputError, match=r"actuation_delay = 0.003 s gives 1.5 ticks of .* 500 Hz.* 0.004"):
         load_run("normal", disturbance={"actuation_delay": 0.003})
 
 
