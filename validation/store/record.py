@@ -162,7 +162,7 @@ def read_header(directory: Path) -> dict[str, Any]:
         header: dict[str, Any] = json.loads(raw or "")
         written = header["format"]
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path} is no recorded run: it carries no description of the run.") from error
+        raise InputError(f"{path} is not a recorded run: it carries no description of the run.") from error
     if written != _FORMAT:
         raise InputError(
             f"{path} has record format {written}, this version reads {_FORMAT}; "
@@ -220,7 +220,7 @@ def read_table(path: Path) -> pa.Table:
 
 def _readable(path: Path, read: Callable[[Path], Any]) -> Any:
     if not path.is_file():  # to open a pipe would wait for its writer
-        what = "is no regular file" if path.exists() else "is missing"
+        what = "is not a regular file" if path.exists() else "is missing"
         raise InputError(f"{path} {what}; give the folder of a recorded run.")
     try:
         return read(path)

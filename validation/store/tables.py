@@ -24,7 +24,7 @@ def sample_times(duration: float, rate: float) -> NDArray[np.float64]:
     """Times k / rate [Hz] that lie within the duration of a plan [s].
 
     Raises:
-        InputError: the rate is no positive finite number, or gives too many samples.
+        InputError: the rate is not a positive finite number, or gives too many samples.
     """
     if not (math.isfinite(rate) and rate > 0):
         raise InputError(f"--rate {rate:g} Hz must be a positive number; give for example 200.")

@@ -269,7 +269,7 @@ def make_body(run: RunParameters) -> Body:
 
     model = build_body(run.body, run.contact, run.simulation)
     if run.simulation.engine == "drake":
-        check_drake(model.compile())
+        check_drake(run, model.compile())
     return Body.of(model)
 
 

@@ -136,14 +136,14 @@ class References(Course):
             yield self._last
 
     def _sampled(self, plan: WalkPlan, ticks: NDArray[np.intp]) -> ReferenceTable:
-        """References of some ticks, given as steps of the physics; refused if one is no number."""
+        """References of some ticks, given as steps of the physics; refused if one is not a number."""
         first = max(ticks[0] - self.substeps, 0)  # rates of change need the tick before
         steps = np.arange(first, ticks[-1] + 1, self.substeps)
         table = plan.table(steps * self.time_step, self.timing)
         for name in _CHECKED:
             if not np.isfinite(table.row[name]).all():
                 raise ValueError(
-                    f"'{name}' of its plan from {table[0].time:g} s on has an entry that is no number"
+                    f"'{name}' of its plan from {table[0].time:g} s on has an entry that is not a number"
                 )
         if self._last is not None and _jumps(table[0], self._last):
             table = table.replace(jumps=np.r_[False, True, table.jumps[2:]])

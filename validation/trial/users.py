@@ -232,7 +232,7 @@ def load_planner(text: str, options: Mapping[str, Option] = MappingProxyType({})
 
 
 def check_planner(text: str, options: Mapping[str, Option]) -> None:
-    """Refuse a name that is no planner, and options that it does not take, before anything is planned.
+    """Refuse a name that is not a planner, and options that it does not take, before anything is planned.
 
     A user's planner is not made for it.
     """
