@@ -44,7 +44,7 @@ def write_evidence(
     ``studies`` are folders of a robustness study, of a comparison, of judged logs.
 
     Raises:
-        InputError: no run, another suffix, a folder that is no study, or the file cannot be written.
+        InputError: no run, another suffix, a folder that is not a study, or the file cannot be written.
     """
     if target.suffix != ".zip":
         raise InputError(f"--evidence {target} must end in .zip.")

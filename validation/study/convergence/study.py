@@ -7,7 +7,6 @@ from typing import Any, Unpack
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from ampm.physics_parameters import steps_per_tick
 from validation.judge import profiles
 from validation.judge.uncertainty import FILE
 from validation.store.environment import parameter_values
@@ -73,8 +72,9 @@ def _possible(run: RunParameters, key: str, values: Sequence[Any]) -> tuple[Any,
     found = [parameter_values(run)[key]]
     for value in values:
         with suppress(InputError):
-            if run.replace({key: value}).simulation.engine == "drake":
-                check_drake()
+            changed = run.replace({key: value})
+            if changed.simulation.engine == "drake":
+                check_drake(changed)
             found.append(value)
     return tuple(dict.fromkeys(found))
 
@@ -131,8 +131,6 @@ def convergence(
     request = load_request(gait, settings)
     request = replace(request, run=request.run.replace({"gait.steps": steps}))
     studies(request.run, levels)  # refuse before anything is planned
-    # Halving the time step does not correct a control period that is no multiple of it.
-    steps_per_tick(request.run.controller.frequency, request.run.simulation.time_step)
     request = plan_walk(request, pool.get("progress")).request  # with all values
     found = studies(request.run, levels)
     runs = runs_of(request.run, found)

@@ -352,9 +352,9 @@ def read_sweep(path: Path | str) -> SweepTable:
         raise InputError(f"there is no {path}; give the folder of a sweep, or its {RESULTS}.") from None
     except (pa.ArrowException, OSError) as error:
         line = str(error).partition("\n")[0]
-        raise InputError(f"{file} is no Parquet file that can be read ({line}).") from error
+        raise InputError(f"{file} is not a Parquet file that can be read ({line}).") from error
     if TABLE_METADATA not in (table.schema.metadata or {}):
-        raise InputError(f"{file} is no table of a sweep: it lacks the metadata {TABLE_METADATA.decode()!r}.")
+        raise InputError(f"{file} is not a table of a sweep: it has no metadata {TABLE_METADATA.decode()!r}.")
     return wrap_table(table, path if path.is_dir() else None, str(path))
 
 
