@@ -17,11 +17,10 @@ from validation.judge.uncertainty import FILE, load_uncertainty, matching
 from validation.judge.verdict import VerdictName
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready
-from validation.study.convergence import levels
 from validation.study.convergence import study as convergence
-from validation.study.convergence.levels import OWN, runs_of, studies
 from validation.study.convergence.order import CONFIRMED, Kind, estimate
-from validation.study.convergence.picture import draw
+from validation.study.convergence.result import OWN
+from validation.study.convergence.study import runs_of, studies
 from validation.study.many import write_study
 from validation.study.row_file import ROWS
 from validation.trial.plan import load_request
@@ -126,10 +125,8 @@ def test_a_margin_below_the_spread_over_contact_laws_is_undecided(margin, undeci
 
 
 def test_the_files_are_whole_and_serve_any_number_of_steps_of_their_gait(tmp_path, result):
-    draw(result, tmp_path / convergence.PICTURE)
     write_study(result, tmp_path / FILE)
-    assert {path.name for path in tmp_path.iterdir()} == {FILE, "convergence.md", convergence.PICTURE}
-    assert "<svg" in (tmp_path / convergence.PICTURE).read_text()
+    assert {path.name for path in tmp_path.iterdir()} == {FILE, "convergence.md"}
     assert "| unsolved QPs |" in (tmp_path / "convergence.md").read_text()
     known = load_uncertainty(tmp_path / FILE)
     assert load_uncertainty(tmp_path) == known
@@ -167,9 +164,9 @@ def test_the_exit_status_follows_the_verdict(monkeypatch, capsys):
 
 def test_a_real_study_and_its_resumption(tmp_path, monkeypatch):
     """Two steps of the easy gait at three time steps."""
-    monkeypatch.setattr(levels, "NUMERICAL", {"time_step": levels.NUMERICAL["time_step"]})
-    monkeypatch.setattr(levels, "CONTACT_MODELS", {})
-    monkeypatch.setattr(levels, "ENGINES", ())
+    monkeypatch.setattr(convergence, "NUMERICAL", {"time_step": convergence.NUMERICAL["time_step"]})
+    monkeypatch.setattr(convergence, "CONTACT_MODELS", {})
+    monkeypatch.setattr(convergence, "ENGINES", ())
     settings = [*COARSE, "solver.ik_time_step=0.004"]
     options = {"steps": 2, "levels": 3, "workers": 0, "out": tmp_path}
     found = convergence.convergence("flat", settings, **options)
