@@ -147,8 +147,6 @@ def test_the_folder_of_a_run_gets_the_explanation(tmp_path):
 def test_a_run_is_repeated_as_it_was_with_its_pushes(pushed):
     found = val.explain(pushed, workers=0)
     assert (found.trial["outcome"], found.named) == ("fell", ("pushes",))
-    with pytest.raises(InputError, match="repeated as it was walked"):
-        val.explain(pushed, ["gait.steps=3"])
     with pytest.raises(InputError, match="exists and is not empty"):
         val.explain("normal", out=pushed)
     assert read_explanation(pushed / "nothing.json") is None
