@@ -210,7 +210,7 @@ def test_causes_and_robustness_stand_side_by_side(sides, folders, tmp_path, ampm
     assert "push forward" in ampm("compare", *folders, *both).out
     for words, why in (
         (both[:2], "once for each walk"),
-        (["--robustness", folders[0]] * 2, "is no robustness.json"),
+        (["--robustness", folders[0]] * 2, "is not a robustness.json"),
     ):
         refused = ampm("compare", *folders, *words)
         assert refused.status == 2

@@ -93,7 +93,7 @@ def test_figures_of_a_sweep(tmp_path, ampm):
         ("--format gif", "--format gif is unknown; give pdf or svg or pgf."),
         ("--tables xls", "give tex or md or csv"),
         ("--figures DIR --width 3m", "is 3000 mm; give 40 to 300 mm"),
-        ("--figures DIR --width wide", "is no length"),
+        ("--figures DIR --width wide", "is not a length"),
         ("--figures FILE", "is a file, not a folder"),
     ],
 )

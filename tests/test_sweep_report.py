@@ -148,7 +148,7 @@ def test_text_is_escaped(html, undrawn):
 
 def test_tables_that_are_of_no_sweep(tmp_path):
     pq.write_table(pa.table({"a": [1]}), tmp_path / "y.parquet")
-    with pytest.raises(InputError, match="no table of a sweep"):
+    with pytest.raises(InputError, match="not a table of a sweep"):
         read_sweep(tmp_path / "y.parquet")
     table = replaced(make_table(3, failures=False), "outcome", ["completed", "flew", "completed"])
     with pytest.raises(InputError, match="'flew'"):

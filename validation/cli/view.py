@@ -15,7 +15,7 @@ from ampm.exceptions import InputError
 from validation.cli.console import Narrator
 from validation.cli.options import Status, option
 from validation.show.viewer import show_recording, viewer_command
-from validation.store.folders import check_output_file, output_file
+from validation.store.folders import check_new_file, output_file
 
 if TYPE_CHECKING:
     from validation.study.sweep.table import SweepTable
@@ -53,9 +53,7 @@ def view(
     the curves lie over each other.
     """
     if save is not None:
-        if save.suffix != ".rrd":
-            raise InputError(f"--save {save} must end in .rrd.")
-        check_output_file(save, force=force)
+        check_new_file(save, ".rrd", force=force)
     narrator = Narrator()
     sources = choose(targets, runs)
     if save is not None:
@@ -76,7 +74,7 @@ def write_sources(sources: Sequence[Source], path: Path) -> None:
     """Write one file of all recordings, a copy of a single one; an existing file is replaced.
 
     Raises:
-        InputError: a source is no recording.
+        InputError: a source is not a recording.
     """
     from validation.show.rerun.merge import merge, read_chunks  # imported here because rerun is slow to load
 
@@ -112,7 +110,7 @@ def choose(targets: Sequence[Path], runs: str | None) -> list[Source]:
     paths = [recording_of(target) if target.is_dir() else target for target in targets]
     for path in paths:
         if not path.is_file() or path.suffix != ".rrd":
-            raise InputError(f"{path} is no recording; give the folder of a run, or an .rrd file.")
+            raise InputError(f"{path} is not a recording; give the folder of a run, or an .rrd file.")
     names = [path.parent.name if path.name == RECORDING_FILE else path.stem for path in paths]
     if len(set(names)) < len(names):  # two revisions of one gait
         names = [str(target) for target in targets]

@@ -202,11 +202,14 @@ def check_output_file(target: Path, *, force: bool) -> None:
     _probe(target.parent)
 
 
-def check_folder_of(target: Path) -> None:
-    """Refuse a file whose folder does not exist: it is probably a typing error.
+def check_new_file(target: Path, *suffixes: str, force: bool = True) -> None:
+    """Refuse a file for a result before anything is computed.
 
     Raises:
-        InputError: there is no such folder.
+        InputError: it has another suffix, its folder does not exist, or it must not be written.
     """
-    if not target.parent.is_dir():
+    if target.suffix not in suffixes:
+        raise InputError(f"{target} must end in {' or '.join(suffixes)}; the suffix chooses the format.")
+    if not target.parent.is_dir():  # probably a typing error
         raise InputError(f"there is no folder {target.parent} for {target}; create it, or give another file.")
+    check_output_file(target, force=force)

@@ -164,7 +164,7 @@ class StoredRecord(SimulationRecord):
     - ``point_force`` and ``point_position`` one for each of these but the last, shape (R, P, 3),
     - ``tick_torque`` one for each control tick, shape (T, nu), from which ``torque`` is made.
 
-    What the folder lacks is no attribute.
+    What the folder lacks is not an attribute.
 
     Raises:
         InputError: there is no record, or one of another format.
@@ -282,7 +282,7 @@ def _read_header(path: Path) -> dict[str, Any]:
         header: dict[str, Any] = json.loads(raw or "")
         written = header["format"]
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path} is no recorded run: it carries no description of the run.") from error
+        raise InputError(f"{path} is not a recorded run: it carries no description of the run.") from error
     if written != _FORMAT:
         raise InputError(
             f"{path} has record format {written}, this version reads {_FORMAT}; "
@@ -322,7 +322,7 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
 
 def _readable(path: Path, read: Callable[[Path], Any]) -> Any:
     if not path.is_file():  # to open a pipe would wait for its writer
-        what = "is no regular file" if path.exists() else "is missing"
+        what = "is not a regular file" if path.exists() else "is missing"
         raise InputError(f"{path} {what}; give the folder of a recorded run.")
     try:
         return read(path)

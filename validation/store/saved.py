@@ -162,7 +162,7 @@ def load_description(directory: Path) -> BodyDescription:
     except (OSError, ValueError) as error:
         why = " ".join(str(error).split())
         raise InputError(
-            f"{directory / BODY_FILE} is no description of a body ({why}); walk again."
+            f"{directory / BODY_FILE} is not a description of a body ({why}); walk again."
         ) from None
 
 
@@ -190,7 +190,7 @@ def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
     """SHA-256 of all files of a run, except those drawn from the others; of the summary without ``files``.
 
     Raises:
-        InputError: one of them is no regular file.
+        InputError: one of them is not a regular file.
     """
     rest = {name: value for name, value in summary.items() if name != "files"}
     found = {SUMMARY_FILE: hashlib.sha256(dump_json(rest).encode()).hexdigest()}
@@ -200,7 +200,7 @@ def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
             with path.open("rb") as file:
                 found[name] = hashlib.file_digest(file, "sha256").hexdigest()
         elif path.exists():  # to open a pipe would wait for its writer
-            raise InputError(f"{path} is no regular file; give the folder of a finished run.")
+            raise InputError(f"{path} is not a regular file; give the folder of a finished run.")
     return found
 
 

@@ -117,7 +117,7 @@ def load_signals(path: str | Path) -> Signals:
     """Read the table.
 
     Raises:
-        InputError: the file is missing or is no table of signals.
+        InputError: the file is missing or is not a table of signals.
     """
     path = Path(path)
     table = read_table(path)

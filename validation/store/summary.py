@@ -138,14 +138,6 @@ class Summary(_Entry):
     files: Mapping[str, str]
 
 
-class Baseline(_Entry):
-    """A baseline of the pytest plugin."""
-
-    outcome: str
-    steps_completed: int
-    metrics: Mapping[str, float | None]
-
-
 def read_json(path: Path, kind: type[BaseModel], way_out: str) -> dict[str, Any]:
     """Contents of a file of JSON as they are, if all that is read of them has the right types.
 
@@ -166,7 +158,7 @@ def read_json(path: Path, kind: type[BaseModel], way_out: str) -> dict[str, Any]
         what = first["msg"].lower().removeprefix("input ")
         raise InputError(f"{path} is damaged: {where}: {what}; {way_out}.") from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no JSON ({error}); {way_out}.") from None
+        raise InputError(f"{path} is not JSON ({error}); {way_out}.") from None
     except OSError:
         raise InputError(f"{path} is missing; {way_out}.") from None
     return dict(found)

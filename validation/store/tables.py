@@ -29,7 +29,7 @@ def sample_times(duration: float, rate: float) -> NDArray[np.float64]:
         rate: samples per second [Hz].
 
     Raises:
-        InputError: the rate is no positive finite number, or gives too many samples.
+        InputError: the rate is not a positive finite number, or gives too many samples.
     """
     if not (math.isfinite(rate) and rate > 0):
         raise InputError(f"--rate {rate:g} Hz must be a positive number; give for example 200.")

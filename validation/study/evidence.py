@@ -50,7 +50,7 @@ def write_evidence(
         progress: where to report the replay.
 
     Raises:
-        InputError: no run, another suffix, a folder that is no study, or the file cannot be written.
+        InputError: no run, another suffix, a folder that is not a study, or the file cannot be written.
     """
     if target.suffix != ".zip":
         raise InputError(f"--evidence {target} must end in .zip.")

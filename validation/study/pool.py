@@ -361,7 +361,7 @@ def _remote(address: str) -> Iterator[Any]:
     try:
         if "scheduler_file" in where:
             if not isinstance(json.loads(read_text(Path(address)))["address"], str):  # a client would wait
-                raise ValueError("its address is no text")
+                raise ValueError("its address is not a text")
         else:
             resolve_address(address)  # with an invalid address a client waits for a minute
         client = Client(**where, timeout=_CONNECT, set_as_default=False)

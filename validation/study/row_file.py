@@ -115,7 +115,7 @@ def read_rows(folder: Path) -> Iterator[Row]:
     """Whole rows of a folder, as they were written; a later row of a key replaces an earlier one.
 
     Raises:
-        InputError: the file is no regular one, or damaged.
+        InputError: the file is not a regular one, or damaged.
     """
     check_regular(folder / ROWS)
     with (folder / ROWS).open("rb") as lines:

@@ -165,7 +165,7 @@ def parse_push(text: str) -> Push:
     """A push from ``SEGMENT,FX,FY,FZ,AT,DURATION``.
 
     Raises:
-        InputError: the text is no push.
+        InputError: the text is not a push.
     """
     segment, *parts = (part.strip() for part in text.split(","))
     try:
@@ -218,7 +218,7 @@ class MotorFaults:
         fault, self._limit = run.disturbance, torque_limit
         signs = np.random.default_rng([fault.seed, 1])
         self._bias = fault.torque_bias * signs.choice([-1.0, 1.0], len(torque_limit))
-        late = fault.ticks_late(run.controller.frequency)
+        late = run.counts.ticks_late
         self._commanded: deque[tuple[Array, Array | None]] = deque(maxlen=1 + late)
 
     def act(self, output: ControlOutput) -> ControlOutput:

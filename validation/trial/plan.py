@@ -272,7 +272,7 @@ def make_body(run: RunParameters) -> Body:
     if run.simulation.engine == "drake":
         from validation.trial.engine import check_drake  # as above
 
-        check_drake(model.compile())
+        check_drake(run, model.compile())
     return Body.of(model)
 
 

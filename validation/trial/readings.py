@@ -81,9 +81,9 @@ class Sensors:
         self._estimator, self._users_code = estimator, UsersCode("estimator", estimator)
         self.parameters = sensors = run.sensors
         self._time_step = dt = run.simulation.time_step
-        self._late, self._apart = sensors.steps_late(dt), sensors.steps_per_reading(dt)
+        self._late, self._apart = run.counts.steps_late, run.counts.steps_per_reading
         self._span = max(log.substeps, self._apart)  # of the mean acceleration
-        self._steps_per_fix = log.substeps * sensors.ticks_per_fix(run.controller.frequency)
+        self._steps_per_fix = log.substeps * run.counts.ticks_per_fix
         hinges, points = log.record.torque.shape[1], log.record.point_force.shape[1]
         self._wrenches = sensors.force_sensor == WRENCH
         forces = {"force": 6, "moment": 6} if self._wrenches else {"force": points}

@@ -130,7 +130,7 @@ class References(Course):
             yield self._last
 
     def _sampled(self, plan: WalkPlan, ticks: NDArray[np.intp]) -> ReferenceTable:
-        """References of some ticks, given as steps of the physics; refused if one is no number."""
+        """References of some ticks, given as steps of the physics; refused if one is not a number."""
         rows: NDArray[Any] | None = None
         for part in spill.blocks(len(ticks), _BLOCK):
             # Rates of change need the ticks on both sides.
@@ -172,4 +172,4 @@ def _check_numbers(table: ReferenceTable, time: float) -> None:
     """Refuse references that are no numbers."""
     for name in ("com", "com_velocity", "com_acceleration", "foot_position", "q", "v", "acceleration"):
         if not np.isfinite(table.row[name]).all():
-            raise ValueError(f"'{name}' of its plan from {time:g} s on has an entry that is no number")
+            raise ValueError(f"'{name}' of its plan from {time:g} s on has an entry that is not a number")

@@ -87,7 +87,7 @@ def _change_masses(root: ElementTree.Element, body: BodyModel, wanted: Disturban
         if item is None:
             known = ", ".join(["all", "chest", *segments])
             raise InputError(
-                f"disturbance.mass_segment = {name!r} is no segment of the body; take some of {known}.",
+                f"disturbance.mass_segment = {name!r} is not a segment of the body; take some of {known}.",
                 key="disturbance.mass_segment",
                 value=name,
             )
@@ -178,7 +178,7 @@ def _box(
 def _footstep(contacts: Contacts, number: int) -> Footstep:
     if number > len(contacts.footsteps):
         raise InputError(
-            f"disturbance.step_number = {number} is no footstep of the plan, which has "
+            f"disturbance.step_number = {number} is not a footstep of the plan, which has "
             f"{len(contacts.footsteps)}; take one of them, or raise gait.steps.",
             key="disturbance.step_number",
             value=number,

@@ -113,7 +113,7 @@ class Role:
     name: str  # of the part; installed packages add classes by entry points of the group `ampm.NAMEs`
     key: str  # of the run's parameters, that names the class
     options: str  # table of the parameters with the class's options
-    # the project's own names and what they stand for, `module:Class`, or empty for what is no class of its
+    # the project's own names and what they stand for, `module:Class`, or empty for what is not a class of its
     # own
     known: Mapping[str, str]
     arguments: int  # number of arguments that a class gets before its options
@@ -249,7 +249,7 @@ def load_planner(text: str, options: Mapping[str, Option] = MappingProxyType({})
 
 
 def check_planner(text: str, options: Mapping[str, Option]) -> None:
-    """Refuse a name that is no planner, and options that it does not take, before anything is planned.
+    """Refuse a name that is not a planner, and options that it does not take, before anything is planned.
 
     A user's planner is not made for it.
     """

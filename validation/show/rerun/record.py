@@ -122,7 +122,7 @@ def write_recording(run: str | Path | SavedRun) -> Path:
         Path of the recording.
 
     Raises:
-        InputError: the folder is no run folder.
+        InputError: the folder is not a run folder.
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path = saved.directory / RECORDING_FILE

@@ -96,7 +96,7 @@ def _possible(run: RunParameters, key: str, values: Sequence[Any]) -> tuple[Any,
         with suppress(InputError):
             changed = run.replace({key: value})
             if changed.simulation.engine == "drake":
-                check_drake()
+                check_drake(changed)
             if value not in found:
                 found.append(value)
     return tuple(found)

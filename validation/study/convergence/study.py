@@ -6,7 +6,6 @@ from typing import Unpack
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from ampm.physics_parameters import steps_per_tick
 from validation.judge import profiles
 from validation.judge.uncertainty import FILE
 from validation.study.convergence.levels import LEVELS, runs_of, studies, walk_level
@@ -49,8 +48,6 @@ def convergence(
     request = load_request(gait, settings)
     request = replace(request, run=request.run.replace({"gait.steps": steps}))
     studies(request.run, levels)  # refuse before anything is planned
-    # Halving the time step does not correct a control period that is no multiple of it.
-    steps_per_tick(request.run.controller.frequency, request.run.simulation.time_step)
     users = users_classes(request.run)
     planned = plan_walk(request, pool.get("progress"), planner=users.get("planner"))
     request = planned.request  # with all values

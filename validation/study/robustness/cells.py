@@ -126,7 +126,7 @@ def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:
     for name in only:
         if name not in kinds:
             known = ", ".join(sorted(kinds))
-            raise InputError(f"{name!r} is no kind of disturbance; take some of {known}.", value=name)
+            raise InputError(f"{name!r} is not a kind of disturbance; take some of {known}.", value=name)
     return tuple(cell for cell in cells if not only or cell.kind in only)
 
 

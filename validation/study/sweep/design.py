@@ -339,7 +339,7 @@ def _sweep_of(
 ) -> SweepDefinition:
     for word, value in table.items():
         if word in RunParameters.model_fields:
-            raise InputError(f"[{word}] is no table of a sweep; put its keys under [set].", key=word)
+            raise InputError(f"[{word}] is not a table of a sweep; put its keys under [set].", key=word)
         if word not in _TABLES:
             raise unknown(word, _TABLES)
         is_list = isinstance(value, list) and all(isinstance(item, dict) for item in value)

@@ -426,15 +426,15 @@ def _read_table(path: Path) -> pa.Table:
     """A sweep's Parquet table.
 
     Raises:
-        InputError: it cannot be read, or is no table of a sweep.
+        InputError: it cannot be read, or is not a table of a sweep.
     """
     try:
         table = pq.read_table(path, use_threads=False)
     except (pa.ArrowException, OSError) as error:
         line = str(error).partition("\n")[0]
-        raise InputError(f"{path} is no Parquet file that can be read ({line}).") from error
+        raise InputError(f"{path} is not a Parquet file that can be read ({line}).") from error
     if TABLE_METADATA not in (table.schema.metadata or {}):
-        raise InputError(f"{path} is no table of a sweep: it lacks the metadata {TABLE_METADATA.decode()!r}.")
+        raise InputError(f"{path} is not a table of a sweep: it has no metadata {TABLE_METADATA.decode()!r}.")
     return table
 
 
