@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -12,14 +11,14 @@ from ampm.exceptions import InputError
 from ampm.parameters import SECTIONS, keys
 from validation.show.explanation import read_explanation
 from validation.store.saved import EXPLANATION
-from validation.study.explain import CHANGES, Case, answer, possible, residuals_of
+from validation.study.explain import CHANGES, Case, answer, possible, posture_error
 from validation.trial.plan import Request, load_request, plan_walk
 
 QUICK = ("simulation.time_step=2e-3", "gait.steps=2")
 
 
 def case(*settings: str, **more) -> Case:
-    return Case(load_request("normal", settings), "default", {}, **more)
+    return Case(load_request("normal", settings), "default", **more)
 
 
 def tried(of: Case) -> set[str]:
@@ -28,19 +27,11 @@ def tried(of: Case) -> set[str]:
 
 
 def row(layers="", *, passed=False, excess=0.0, tightest=0.5, outcome="completed"):
-    return {
-        "layers": layers.split(),
-        "text": f"with {layers}",
-        "passed": passed,
-        "excess": excess,
-        "tightest": tightest,
-        "outcome": outcome,
-        "metrics": {},
-    }
+    found = {"passed": passed, "excess": excess, "tightest": tightest, "outcome": outcome, "metrics": {}}
+    return found | {"layers": layers.split(), "text": f"with {layers}"}
 
 
-FAILED = row(excess=2.0, tightest=3.0)
-AGREES = {"plan": 0.0, "motion": 0.0}
+FAILED, PASSED = row(excess=2.0, tightest=3.0), row(passed=True)
 
 
 def test_the_rows_of_the_file_are_keys_and_what_is_ideal_is_not_walked():
@@ -63,53 +54,58 @@ def test_the_rows_of_the_file_are_keys_and_what_is_ideal_is_not_walked():
     assert case(strained="left_knee_pitch").text(limits) == "without the limit of left_knee_pitch"
 
 
-def test_the_change_that_leaves_most_of_the_limits_is_named():
-    changes = [row("motors", passed=True, tightest=0.9), row("sensing", passed=True, tightest=0.2)]
-    assert answer(FAILED, changes, AGREES) == (("sensing",), "The sensing: with sensing it passes.")
+def ideal(layers, tightest):
+    """A change that restores the pass."""
+    return row(layers, passed=True, tightest=tightest)
 
 
-def test_a_layer_made_ideal_comes_before_one_that_is_replaced():
-    changes = [row("planner", passed=True, tightest=0.2), row("motors", passed=True, tightest=0.6)]
-    assert answer(FAILED, changes, AGREES)[0] == ("motors",)
-    assert answer(FAILED, [], AGREES) == ((), "No change could be walked.")
+@pytest.mark.parametrize(
+    ("trial", "changes", "posture_error", "named", "words"),
+    [
+        (
+            FAILED,
+            [ideal("motors", 0.9), ideal("sensing", 0.2)],
+            0.0,
+            ("sensing",),
+            "with sensing it passes.",
+        ),
+        # A layer that is made ideal comes before one that is replaced.
+        (
+            FAILED,
+            [ideal("planner", 0.2), ideal("motors", 0.6)],
+            0.0,
+            ("motors",),
+            "with motors it passes.",
+        ),
+        (FAILED, [], 0.0, (), "No change could be walked."),
+        (FAILED, [row("motors", excess=1.9), ideal("body sensing", 0.5)], 0.0, ("body", "sensing"), ""),
+        # A posture off its plan is told, and named only without a pass.
+        (FAILED, [ideal("planner", 0.5)], 0.005, ("planner",), "are up to 5 mm off the plan."),
+        (FAILED, [row("motors", excess=0.1)], 0.02, ("motion",), ""),
+        # Without a pass most of the excess counts, and a little names nobody.
+        (FAILED, [row("floor", excess=0.9, tightest=1.5)], 0.0, ("floor",), ""),
+        (
+            FAILED,
+            [row("floor", excess=1.8, tightest=2.5)],
+            0.0,
+            (),
+            "with floor 90% of the excess is left.",
+        ),
+        (PASSED, [ideal("body", 0.25)], 0.0, (), "with body 25% of the tightest limit"),
+        (PASSED, [ideal("body", 0.5)], 0.0, (), "It passes, and no layer costs margin."),
+    ],
+)
+def test_the_layer_that_explains_most_is_named(trial, changes, posture_error, named, words):
+    found, said = answer(trial, changes, posture_error)
+    assert found == named
+    assert words in said
 
 
-def test_a_pair_is_named_if_no_single_change_restores_the_pass():
-    changes = [row("motors", excess=1.9, tightest=2.9), row("body sensing", passed=True)]
-    assert answer(FAILED, changes, AGREES)[0] == ("body", "sensing")
-
-
-def test_a_contradiction_in_the_plan_is_told_and_named_only_without_a_pass():
-    off = {"plan": 0.005, "motion": 0.0}
-    named, said = answer(FAILED, [row("planner", passed=True)], off)
-    assert named == ("planner",)
-    assert said.endswith("The plan contradicts Newton's law by 5 mm of its ZMP.")
-    assert answer(FAILED, [row("motors", excess=0.1)], off)[0] == ("planner",)
-    assert answer(FAILED, [row("motors", excess=0.1)], {"plan": 0.0, "motion": 0.02})[0] == ("motion",)
-
-
-def test_without_a_pass_most_of_the_excess_counts_and_a_little_names_nobody():
-    assert answer(FAILED, [row("floor", excess=0.9, tightest=1.5)], AGREES)[0] == ("floor",)
-    named, said = answer(FAILED, [row("floor", excess=1.8, tightest=2.5)], AGREES)
-    assert named == ()
-    assert said == "Nothing restores the pass; with floor 90% of the excess is left."
-
-
-def test_a_trial_that_passes_blames_nobody():
-    passing = row(passed=True, tightest=0.5)
-    named, said = answer(passing, [row("body", passed=True, tightest=0.25)], AGREES)
-    assert named == ()
-    assert said.startswith(
-        "It passes. The body costs most of the margin: with body 25% of the tightest limit"
-    )
-    assert answer(passing, [row("body", passed=True)], AGREES)[1] == "It passes, and no layer costs margin."
-
-
-def test_residuals_of_a_plan_and_its_posture():
+def test_the_error_of_a_posture():
     planned = plan_walk(Request("normal", planner.load_run("normal", gait={"steps": 2})))
-    assert max(residuals_of(planned).values()) < 1e-6
+    assert posture_error(planned) < 1e-6
     moved = replace(planned.plan, com_height=planned.plan.com_height + 0.01)
-    assert residuals_of(replace(planned, plan=moved))["motion"] == pytest.approx(0.01, rel=1e-3)
+    assert posture_error(replace(planned, plan=moved)) == pytest.approx(0.01, rel=1e-3)
 
 
 def test_late_sensing_is_named_and_written(tmp_path):
@@ -121,39 +117,15 @@ def test_late_sensing_is_named_and_written(tmp_path):
     assert [cells[2] for cells in table.rows[:2]] == ["FAIL", "pass"]
 
 
-@pytest.fixture(scope="module")
-def pushed(tmp_path_factory) -> Path:
-    """Folder of a walk that a push made fall."""
+@pytest.mark.slow
+def test_a_run_is_repeated_with_its_pushes_and_its_folder_gets_the_explanation(tmp_path):
     run = planner.load_run("normal", ["simulation.time_step=2e-3", "gait.steps=4"])
     push = val.Push("chest", (0.0, 150.0, 0.0), 0.8, 0.1)
-    return val.walk(run, disturbances=[push], profile="default").save(
-        tmp_path_factory.mktemp("explain") / "pushed", recording=False
-    )
-
-
-@pytest.mark.slow
-def test_recorded_pushes_act_again(pushed):
-    found = val.explain(pushed, workers=0)
-    assert found.trial["outcome"] == "fell"
-    assert found.named == ("pushes",)
-
-
-@pytest.mark.slow
-def test_the_folder_of_a_run_gets_the_explanation(tmp_path):
-    run = planner.load_run("normal", [*QUICK, "sensors.delay=0.002"])
-    folder = val.walk(run).save(tmp_path / "late", recording=False)
+    folder = val.walk(run, disturbances=[push]).save(tmp_path / "pushed", recording=False)
     found = val.explain(folder, workers=0)
-    assert found.named == ("sensing",)
+    assert (found.trial["outcome"], found.named) == ("fell", ("pushes",))
     assert val.load(folder).sentence  # its digests still hold
     assert found.sentence in val.report(folder).read_text(encoding="utf-8")
     (folder / EXPLANATION).write_text("{}", encoding="utf-8")
     with pytest.raises(InputError, match="is damaged"):
         read_explanation(folder / EXPLANATION)
-
-
-def test_a_run_is_repeated_as_it_was(pushed):
-    with pytest.raises(InputError, match="repeated as it was walked"):
-        val.explain(pushed, ["gait.steps=3"])
-    with pytest.raises(InputError, match="exists and is not empty"):
-        val.explain("normal", out=pushed)
-    assert read_explanation(pushed / "nothing.json") is None
