@@ -118,7 +118,7 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
 
 def unknown(name: str, known: Iterable[str], what: str = "key", **details: Any) -> InputError:
     """Error about an unknown name, with the nearest of the known ones, or all, of keys if they are few."""
-    known = tuple(known)
+    name, known = str(name), tuple(known)
     similar = nearest(name, known)
     hint = way_out = f"known: {', '.join(known)}."
     if similar:
