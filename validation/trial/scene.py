@@ -38,10 +38,7 @@ class _Tile(NamedTuple):
 def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> BodyModel:
     """The body in its world as it is simulated; ``body`` itself if the run does not change them.
 
-    Args:
-        body: as planner and controller know it.
-        run: its section ``disturbance``.
-        contacts: of the plan: a change of the floor is at a footstep, and the floor as high as the footsteps.
+    The floor is as high as the footsteps of the plan's contacts; a step of the floor is at one of them.
 
     Raises:
         InputError: there is no such segment or footstep, or a disturbance needs a level floor.
