@@ -67,14 +67,6 @@ def test_a_constant_error_is_bias(walk):
     assert statistics_table(comparison)["zmp_x"][RUN]["bias"] == zmp_x.bias
 
 
-def test_r2_is_null_where_the_plan_does_not_vary(walk):
-    signals = compare(*walk).signals
-    for name in ("force_z", "com_z"):
-        assert signals[name][RUN].r2 is None
-    assert signals["zmp_x"][RUN].r2 == pytest.approx(1.0)
-    assert signals["zmp_x"]["measured_flight"].r2 is None
-
-
 @pytest.mark.parametrize(
     ("change", "part"),
     [

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from validation.trial.disturbances import Disturbance
     from validation.trial.plan import Request
 
+EXITS = "2 bad input or refused, 4 crash of ampm itself, 5 stopped and 130 interrupted: --resume goes on."
 PROFILES = "default, strict, wide, jumps, footsteps, odometry or free"
 
 
@@ -133,13 +134,14 @@ Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]
 
 
-_SHORT = {
+SHORT = {
     "body": "body.source",
     "steps": "gait.steps",
     "planner": "gait.planner",
     "controller": "controller.name",
     "engine": "simulation.engine",
 }
+"""Options that are short for a key."""
 
 
 def with_short(settings: Sequence[str] | None, **options: str | int | None) -> list[str]:
@@ -149,7 +151,7 @@ def with_short(settings: Sequence[str] | None, **options: str | int | None) -> l
         if name in ("body", "planner") and value is not None and Path(str(value)).is_file():
             value = str(Path(str(value)).resolve())
         if value is not None:
-            found.append(f"{_SHORT[name]}='{value}'" if isinstance(value, str) else f"{_SHORT[name]}={value}")
+            found.append(f"{SHORT[name]}='{value}'" if isinstance(value, str) else f"{SHORT[name]}={value}")
     return found
 
 

@@ -83,12 +83,18 @@ def real_numbers(name: str, value: Any, shape: tuple[int, ...], *, finite: bool 
     return array
 
 
+SENT: dict[str, Any] = {}
+"""Classes and plans that a study sent to this process, by the texts that name them."""
+
+
 def load_object(option: str, text: str) -> Any:
     """Import the object ``module:name``; modules of the working directory are found, too.
 
     Raises:
         InputError: there is no such module, or no such name in it.
     """
+    if text in SENT:
+        return SENT[text]
     module, colon, name = text.partition(":")
     if not (module and colon and name):
         raise InputError(f"{option} {text!r} must be MODULE:CLASS, for example mine:Controller.")
@@ -222,7 +228,7 @@ def load_planner(text: str, options: Mapping[str, Option] = MappingProxyType({})
     path = Path(text)
     if path.suffix in SUFFIXES:
         PLANNER.check_options(text, None, options)
-        return TablePlanner(read_columns(path), path.name)
+        return SENT.get(text) or TablePlanner(read_columns(path), path.name)
     factory = PLANNER.find(text, options)
     if factory is None:
         return PeriodicPlanner(text)
