@@ -109,7 +109,7 @@ def test_the_report_shows_the_clearance_over_time_with_its_limit(passing_through
     saved = load_saved_run(passing_through)
     least = saved.summary["margins"]["clearance"]["value"]
     (chart,) = RunFigures(saved, None).clearance().charts
-    drawn, limit, *_ = (np.asarray(mark.shape.points)[:, 1] for mark in chart.marks)
+    drawn, limit, *_ = (mark.points[:, 1] for mark in chart.marks)
     assert 1e-3 * drawn.min() == pytest.approx(least)
     assert set(limit) == {1e3 * CLEARANCE}
     assert chart.limits()[0][1] < 1e3 * least
