@@ -53,7 +53,7 @@ def walk(**options):
 
 @pytest.fixture(scope="module")
 def trial():
-    return val.walk(ampm.load_run("normal", **RUN), disturbances=[PUSH], name="pushed", profile="default")
+    return val.walk(ampm.load_run("normal", **RUN), disturbances=[PUSH], name="pushed").judged("default")
 
 
 def test_a_trial_in_memory(trial):

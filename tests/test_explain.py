@@ -126,9 +126,8 @@ def pushed(tmp_path_factory) -> Path:
     """Folder of a walk that a push made fall."""
     run = planner.load_run("normal", ["simulation.time_step=2e-3", "gait.steps=4"])
     push = val.Push("chest", (0.0, 150.0, 0.0), 0.8, 0.1)
-    return val.walk(run, disturbances=[push], profile="default").save(
-        tmp_path_factory.mktemp("explain") / "pushed", recording=False
-    )
+    trial = val.walk(run, disturbances=[push]).judged("default")
+    return trial.save(tmp_path_factory.mktemp("explain") / "pushed", recording=False)
 
 
 @pytest.mark.slow

@@ -84,13 +84,11 @@ def load(
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
     """
     request = load_request(source, body=body, sections=sections)
-    if isinstance(profile, str):
-        profile = named_profile(profile)
     if request.run.gait.planner == NO_PLAN:
         raise InputError("the reward of an environment is the agreement with a plan; leave out planner none.")
     held = request.run.replace({"controller.hold": "zero-order"})
     physics = WalkPhysics(plan_walk(replace(request, run=held)), disturbances)
-    task = FollowPlan(physics, profile, np.random.RandomState(seed), random_start=random_start)
+    task = FollowPlan(physics, named_profile(profile), np.random.RandomState(seed), random_start=random_start)
     return control.Environment(physics, task, n_sub_steps=physics.substeps)
 
 

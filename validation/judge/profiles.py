@@ -29,11 +29,7 @@ class Tolerance:
     reason: str  # why this number, one or two sentences
 
     def limit_for(self, scales: Mapping[str, Any]) -> Any:
-        """The limit in the metric's own unit, for one body or several.
-
-        Args:
-            scales: ``body_weight`` [N] and ``foot_length`` [m], as :class:`Comparison.scales` has them.
-        """
+        """The limit in the metric's own unit; see :func:`limit_in_si`."""
         return limit_in_si(self.limit, self.unit, scales)
 
 
@@ -165,13 +161,13 @@ def own_profile(
     return FOOTSTEPS if run is not None and run.footsteps else PROFILES[OWN.get(gait, DEFAULT.name)]
 
 
-def profile(name: str) -> Profile:
-    """Look up a profile.
+def profile(name: Profile | str) -> Profile:
+    """Look up a profile, unless it is one.
 
     Raises:
         InputError: there is none of this name.
     """
     try:
-        return PROFILES[name]
+        return name if isinstance(name, Profile) else PROFILES[name]
     except KeyError:
         raise InputError(f"profile '{name}' is unknown; use one of {', '.join(PROFILES)}") from None

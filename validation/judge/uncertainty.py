@@ -36,33 +36,21 @@ ABSOLUTE_FLOOR: Mapping[str, float] = {
 
 
 def rounding(size: Array | float, unit: str) -> Any:
-    """Difference between two values that may be rounding.
-
-    Args:
-        size: of the values, in SI units.
-        unit: SI unit.
-    """
+    """Difference between two values of a size in an SI unit that may be rounding."""
     return np.fmax(RELATIVE_FLOOR * np.abs(size), ABSOLUTE_FLOOR.get(unit, 0.0))
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Numerical uncertainty of a gait's metrics.
+    """Numerical uncertainty of a gait's metrics."""
 
-    Attributes:
-        gait: name.
-        steps: walked at every level.
-        values: metric to uncertainty in its SI unit; infinite where there is no bound.
-        spreads: metric to its largest change by another contact law or engine, in its SI unit; infinite where
-            a walk with one did not complete.
-        parameters: of the run, by key.
-    """
-
-    gait: str
-    steps: int
-    values: Mapping[str, NonNegativeFloat]
+    gait: str  # name
+    steps: int  # walked at every level
+    values: Mapping[str, NonNegativeFloat]  # by metric in its SI unit; infinite where there is no bound
+    # by metric its largest change by another contact law or engine, in its SI unit; infinite where a walk
+    # with one did not complete
     spreads: Mapping[str, NonNegativeFloat] = field(default_factory=dict)
-    parameters: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)  # of the run, by key
 
     def difference(self, request: Request) -> str:
         """First key in which a run differs from the studied one, with both values; empty if none does."""

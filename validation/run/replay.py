@@ -6,6 +6,7 @@ the functions of the walk itself, so that what was measured is compared as exact
 """
 
 import json
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -51,9 +52,9 @@ class Replay:
     steps: int  # simulation steps that were recorded
     file: str | None = None  # file in which something differs; None if nothing does
     signal: str | None = None  # its first column that differs
-    time: float = float("nan")  # time of the first difference [s]
-    recorded: float = float("nan")  # the recorded value
-    replayed: float = float("nan")  # the value of the replay
+    time: float = math.inf  # time of the first difference [s]
+    recorded: float = math.nan  # the recorded value
+    replayed: float = math.nan  # the value of the replay
     note: str = ""  # a likely reason for a difference, empty if none is known
     # the equations of motion of all repeated steps; None if they were not asked for
     equations: Equations | None = None
@@ -67,8 +68,7 @@ class Replay:
     def passed(self) -> bool:
         """Whether every bit agrees, and the median defect of the equations is within its limit."""
         found = self.equations
-        holds = found is None or not found.steps or found.median <= _LIMIT * found.change
-        return self.identical and holds
+        return self.identical and (found is None or not found.steps or found.median <= _LIMIT * found.change)
 
     def __str__(self) -> str:
         if self.identical:
@@ -180,7 +180,7 @@ def _first_difference(record: StoredRecord, again: SimulationRecord, measured: M
         if len(differ):
             row, column = differ[0].tolist()
             time, values = float(times[row]), (float(recorded[row, column]), float(replayed[row, column]))
-            if first.identical or time < first.time:
+            if time < first.time:
                 first = Replay(record.steps, file, columns[column], time, *values)
     return first
 

@@ -2,6 +2,7 @@
 
 import os
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -68,8 +69,7 @@ def walk_request(
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
         planned = plan_walk(request, planner=planner)
-    profile = profile if isinstance(profile, Profile) else find_profile(profile)
-    trial = walk_planned(planned, profile, seconds=seconds, **users)
+    trial = walk_planned(planned, find_profile(profile), **users)
     if trial.record.outcome.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
-    return trial
+    return replace(trial, seconds={**seconds, **trial.seconds})
