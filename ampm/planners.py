@@ -114,12 +114,12 @@ def make_plan(
         robot: the body.
         times: ascending to the end of the contacts, at 100 a second or more, shape (N,) [s]. A first plan
             begins at 0, a later one now, on the walk's clock.
-        com: in world; without z in the height of ``after`` or the gait. Shape (N, 2), or (N, 3) with a
-            constant z [m].
+        com: in world; without z in the height of ``after`` or the gait. Shape (N, 2) or (N, 3) [m].
         contacts: of the whole walk, what has passed included, see :meth:`ampm.Contacts.in_turn`.
         zmp: on the floor, shape (N, 2) [m].
-        com_velocity: by default from differences of ``com``, shape (N, 2) [m/s].
-        com_acceleration: shape (N, 2) [m/s^2].
+        com_velocity: by default from differences of ``com``, shape (N, 2) or (N, 3) [m/s].
+        com_acceleration: shape (N, 2) [m/s^2]; with shape (N, 3) its z column belongs to a height that
+            varies, else it follows by differences.
         moment: of the ground force about the COM, (M_x, M_y), shape (N, 2) [N m].
         angular_momentum: about the COM at the first time, (L_x, L_y); by default that of ``after``, or 0. A
             first plan of steps that repeat gets the one that repeats [N m s].

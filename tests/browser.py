@@ -11,9 +11,8 @@ import re
 import shutil
 import subprocess
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -22,17 +21,11 @@ TIMEOUT = 90
 """Of one page [s]; a guard against a hang, not a measure."""
 
 
-@dataclass(frozen=True)
-class Seen:
-    """A page after its scripts.
+class Seen(NamedTuple):
+    """A page after its scripts."""
 
-    Attributes:
-        told: what the test's own script gave to ``tell``.
-        console: messages of the page, errors and warnings among them.
-    """
-
-    told: Mapping[str, Any]
-    console: list[str]
+    told: Mapping[str, Any]  # what the test's own script gave to ``tell``
+    console: list[str]  # messages of the page, errors and warnings among them
 
 
 def browser() -> str:
@@ -47,13 +40,10 @@ def browser() -> str:
 
 
 def look(page: Path, folder: Path, script: str, *, size: tuple[int, int] = (1366, 768)) -> Seen:
-    """Open a page in a frame of the given size: no window is as narrow as a telephone.
+    """Open a page in a frame of the given width and height: no window is as narrow as a telephone.
 
-    Args:
-        page: HTML file.
-        folder: for the browser's own files.
-        script: body of an asynchronous function, run after the page's own; ends with ``tell({...})``.
-        size: of the frame, width and height.
+    ``script`` is the body of an asynchronous function that runs after the page's own and ends with
+    ``tell({...})``; the browser's own files go into ``folder``.
     """
     probed, frame = page.with_name(f"probed-{page.name}"), page.with_name(f"frame-{page.name}")
     tell = "const tell = (found) => parent.postMessage(JSON.stringify(found), '*');"
@@ -69,21 +59,12 @@ def look(page: Path, folder: Path, script: str, *, size: tuple[int, int] = (1366
         encoding="utf-8",
     )
     profile = folder / "profile"
-    command = [
-        browser(),
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--disable-dev-shm-usage",
-        "--no-first-run",
-        "--disable-extensions",
-        "--enable-logging=stderr",
-        f"--user-data-dir={profile}",
-        "--window-size=1500,1000",
-        "--virtual-time-budget=60000",
-        "--dump-dom",
-        frame.resolve().as_uri(),
-    ]
+    options = (
+        "headless no-sandbox disable-gpu disable-dev-shm-usage no-first-run disable-extensions "
+        "enable-logging=stderr window-size=1500,1000 virtual-time-budget=60000 dump-dom"
+    )
+    command = [browser(), *(f"--{option}" for option in options.split()), f"--user-data-dir={profile}"]
+    command.append(frame.resolve().as_uri())
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=False)
     finally:

@@ -5,8 +5,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,20 +27,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture(scope="session")
-def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One folder for all workers of a parallel test session."""
+def run_of(tmp_path_factory: pytest.TempPathFactory) -> RunOf:
+    """See :func:`run_in`, in one folder for all workers of a parallel test session."""
     base = tmp_path_factory.getbasetemp()
     if os.environ.get("PYTEST_XDIST_WORKER"):
         base = base.parent  # each worker has its own below it
     folder = base / "shared-runs"
     folder.mkdir(exist_ok=True)
-    return folder
-
-
-@pytest.fixture(scope="session")
-def run_of(shared_folder: Path) -> RunOf:
-    """See :func:`run_in`, in the folder of the test session."""
-    return run_in(shared_folder)
+    return run_in(folder)
 
 
 def run_in(shared_folder: Path) -> RunOf:
@@ -67,21 +60,14 @@ def run_in(shared_folder: Path) -> RunOf:
         words = json.dumps([gait, changed, sections])
         name = f"{gait}-{steps}-{hashlib.sha256(words.encode()).hexdigest()[:8]}"
         target = shared_folder / name
-        with _locked(shared_folder / f"{name}.lock"):
+        with (shared_folder / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # two workers do not simulate the same run
             if not (target / "summary.json").is_file():
                 shutil.rmtree(target, ignore_errors=True)
                 validate(load_request(gait, changed, as_is=True, sections=sections), target, recording=False)
         return target
 
     return get
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Exclusive lock on a file, so that two workers do not simulate the same run."""
-    with path.open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
 
 
 class Answer(NamedTuple):

@@ -36,13 +36,8 @@ def make_run(
 ) -> Path:
     """Write the folder of a walk of ``normal``, without recording and report.
 
-    Args:
-        directory: folder to fill.
-        steps: planned steps.
-        outcome: how and when it ends; completed if None.
-        settings: changes of the run, ``key=value``.
-        angles: joints that are recorded as bent all the time [rad].
-        uncertainty: of the metrics.
+    ``outcome`` says how and when it ends, ``settings`` are ``key=value``, and the joints in ``angles`` are
+    recorded as bent all the time [rad].
     """
     planned, record = walked(steps, settings, outcome)
     q = record.q.copy()

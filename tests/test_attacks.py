@@ -46,9 +46,7 @@ def metric(name="own", compute=lambda walk: 0.0, tolerances=None):
 @pytest.mark.parametrize("value", [None, "1", 1j, [1.0], np.zeros(3)])
 def test_a_metric_returns_a_number(own_metric, value):
     own_metric(lambda walk: value)
-    with pytest.raises(
-        InputError, match=r"metric 'own' cannot be computed .TypeError: it returned .* not a number"
-    ):
+    with pytest.raises(InputError, match=r"metric 'own' cannot be computed .TypeError: it returned .* not a"):
         evaluate(compared(perfect_walk()))
 
 
@@ -66,14 +64,8 @@ def test_an_error_without_words_is_told():
         def __str__(self):
             raise RuntimeError
 
-    with (
-        pytest.raises(UsersError, match=r"the controller .*Silent failed .Silent: ."),
-        UsersCode("controller", Silent),
-    ):
+    with pytest.raises(UsersError, match=r"the controller .*Silent failed"), UsersCode("controller", Silent):
         raise Silent
-
-
-# ------------------------------------------------------------------------------------------------- tables
 
 
 def columns_of(text):
@@ -125,12 +117,6 @@ def test_only_regular_files_are_read(tmp_path):
             read(tmp_path / "latin.csv")
 
 
-# ------------------------------------------------------------------------------------------------- bodies
-
-
-# -------------------------------------------------------------------------------------------------- files
-
-
 @pytest.mark.parametrize(
     "text", ["{", "[]", "{}", '{"outcome": "completed", "steps_completed": "x", "metrics": 5}']
 )
@@ -141,16 +127,14 @@ def test_damaged_files_of_json(text, kind, tmp_path):
         read_json(tmp_path / "a.json", kind, "walk again")
 
 
-@pytest.mark.parametrize(
-    "command", [["report", "."], ["compare", ".", "."], ["view", ".", "--save", "a.rrd"]]
-)
+@pytest.mark.parametrize("command", ["report .", "compare . .", "view . --save a.rrd"])
 def test_the_results_of_a_sweep_are_read_without_its_code(command, ampm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("sweep.toml").write_text(
         'set.gait.planner = "own_code:Planner"\n[[vary]]\nmethod = "list"\ngait.c_y = [0.8, 1.0]\n'
     )
     Path("own_code.py").write_text("open('imported', 'w').close()\n")
-    assert ampm(*command).status == 2
+    assert ampm(*command.split()).status == 2
     assert not Path("imported").exists()
 
 
@@ -164,35 +148,32 @@ def test_changed_runs_are_not_viewed(ampm, run_of, tmp_path):
     assert "run.toml has changed since the run was judged" in answer.err
 
 
-# ------------------------------------------------------------------------------------------------- output
-
 ENTRY = [sys.executable, "-c", "from validation.cli.entry import main; main()"]
 
 
-def entry(*arguments, **options):
-    return subprocess.run([*ENTRY, *arguments], text=True, check=False, timeout=120, **options)
+def entry(arguments, **options):
+    return subprocess.run([*ENTRY, *arguments.split()], text=True, check=False, timeout=120, **options)
 
 
 def test_a_full_disk_behind_standard_output():
     with open("/dev/full", "w") as full:
-        answer = entry("keys", "gait.steps", "--json", stdout=full, stderr=subprocess.PIPE)
+        answer = entry("keys gait.steps --json", stdout=full, stderr=subprocess.PIPE)
         assert answer.returncode == 5
         assert answer.stderr.count("\n") == 1
         assert "the disk is full" in answer.stderr
-        assert entry("plan", "nope", stdout=subprocess.PIPE, stderr=full).returncode == 2
+        assert entry("plan nope", stdout=subprocess.PIPE, stderr=full).returncode == 2
 
 
 def test_users_print_to_standard_error(tmp_path):
     (tmp_path / "loud.py").write_text("import os\nprint('python')\nos.write(1, b'descriptor\\n')\n")
-    answer = entry(
-        "plan", "normal", "--set", "gait.planner=loud:None", "--json", cwd=tmp_path, capture_output=True
-    )
+    command = "plan normal --set gait.planner=loud:None --json"
+    answer = entry(command, cwd=tmp_path, capture_output=True)
     assert json.loads(answer.stdout)["error"]["kind"] == "input"
     assert "python" in answer.stderr
     assert "descriptor" in answer.stderr
 
 
 def test_a_name_of_a_renderer_that_there_is_not_is_no_crash():
-    answer = entry("body", "check", "human", env={**os.environ, "MUJOCO_GL": "nonsense"}, capture_output=True)
+    answer = entry("body check human", env={**os.environ, "MUJOCO_GL": "nonsense"}, capture_output=True)
     assert answer.returncode == 2
     assert "MUJOCO_GL" in answer.stderr

@@ -20,7 +20,8 @@ from ampm.planner import routes
 from ampm.run_file import load_run
 from tests import test_make_plan
 from tests.solved import simulated
-from tests.test_body_files import TOML, URDF, load, write
+from tests.test_body_files import TOML, URDF
+from tests.test_body_files import read as read_body
 from tests.test_table import planned, read, table_of
 from validation.cli.app import Status
 from validation.study.sweep.design import parse_sweep
@@ -45,7 +46,7 @@ def of_file(use, name):
     return call
 
 
-def body(change, folder):
+def body(change, _):
     """The example with a key replaced (``key = value``) or a text (``old -> new``)."""
     old, arrow, new = change.partition(" -> ")
     if not arrow:
@@ -53,14 +54,14 @@ def body(change, folder):
         kept = [line for line in TOML.splitlines() if not line.startswith(f"{key} =")]
         old, new = TOML, "\n".join([*kept, change])
     assert old in TOML
-    load(write(folder, toml=TOML.replace(old, new)))
+    read_body(toml=TOML.replace(old, new))
 
 
-def urdf(change, folder):
+def urdf(change, _):
     """The example's model with the first of a text (``old -> new``) replaced."""
     old, new = change.split(" -> ")
     assert old in URDF
-    load(write(folder, urdf=URDF.replace(old, new, 1)))
+    read_body(URDF.replace(old, new, 1))
 
 
 def columns(statement, _):
@@ -139,6 +140,7 @@ def test_a_bad_command_is_one_sentence_before_anything_is_done(row, ampm, run_of
     (tmp_path / "bad.rrd").write_bytes(b"RRF2 and nothing else")
     (tmp_path / "sweep.toml").write_text('[[vary]]\nmethod = "list"\ngait.c_y = [0.8]')
     (tmp_path / "own_parts.py").write_text("class Rope:\n    pass\n")
+    (tmp_path / "exits.py").write_text("raise SystemExit(0)\n")
     (tmp_path / "bad.toml").write_text("[gait]\nc_y = -1.0\n")
     (tmp_path / "walk.csv").write_text("foot,x,y,heading\n" + "right,0,-0.1,0\nleft,0,0.1,0\n" * 2)
     given = {*tmp_path.iterdir()}

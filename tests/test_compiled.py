@@ -47,20 +47,6 @@ def test_the_first_process_compiles_and_reports_it_once(tmp_path):
     assert "Compiling" not in run(CROSS, tmp_path / "none", NUMBA_DISABLE_JIT="1")[1]
 
 
-@pytest.mark.slow
-def test_compiling_is_no_part_of_a_stage(tmp_path):
-    code = """
-import ampm, numba
-from ampm.compiled import compiled
-from validation.run.walk import timed
-seconds = {}
-with timed(seconds, "walk"):
-    compiled(lambda x: x + 1.0)(1.0)
-print(seconds["walk"])
-"""
-    assert float(run(code, tmp_path)[0]) < 0.05
-
-
 class Inner(NamedTuple):
     grid: Any
     number: int

@@ -11,9 +11,7 @@ from ampm.reference import reference_type
 from tests.solved import COARSE, walk_of
 
 GAINS = gains_of(ControllerParameters())
-RAMP = GAINS.contact_ramp
-RATE = 1.0 / (GAINS.frequency * RAMP)
-NEVER = np.full((2, 3), np.inf)
+RATE = 1.0 / (GAINS.frequency * GAINS.contact_ramp)
 ALL = np.ones((2, 3), dtype=bool)
 AIR = np.array([[False] * 3, [True] * 3])  # the left foot swings
 
@@ -29,26 +27,27 @@ class Gate:
     def __init__(self, robot):
         self.lines, self.points, self.first = records((2, 3), LINE), points_of(robot), True
         self.wanted = wanted_of(np.zeros(1, reference_type(robot.nq, robot.nv)))
+        self.wanted.until_lift[:] = np.inf
 
-    def update(self, planned, due, until_lift, sensed, close_lifted_tips=False):
+    def update(self, planned, due, sensed):
         self.points["touching"] = sensed
-        self.wanted.planned[:], self.wanted.due[:], self.wanted.until_lift[:] = planned, due, until_lift
-        self.landing = update_gate(self.wanted, GAINS, self.first, close_lifted_tips, self.points, self.lines)
+        self.wanted.planned[:], self.wanted.due[:] = planned, due
+        self.landing = update_gate(self.wanted, GAINS, self.first, False, self.points, self.lines)
         self.first = False
 
-    def limits(self, foot=0):
-        """Limits of a foot's heel, ball and tip; both points of a line have its limit."""
+    def limits(self):
+        """Limits of the left heel, ball and tip; both points of a line have its limit."""
         for point in self.points:
             line = self.lines[point["foot"], point["line"]]
             assert (point["limit"], point["opening"]) == (line["limit"], line["opening"])
-        return self.lines["limit"][foot].tolist()
+        return self.lines["limit"][0].tolist()
 
 
 @pytest.fixture
 def gate(robot):
     """A gate that has started with the right foot standing and the left one in the air."""
     gate = Gate(robot)
-    gate.update(AIR, AIR, NEVER, touch(robot, right=(0, 1, 2)))
+    gate.update(AIR, AIR, touch(robot, right=(0, 1, 2)))
     return gate
 
 
@@ -73,7 +72,7 @@ def touch(robot, left=(), right=(), one_point=False):
     ],
 )
 def test_a_group_opens_where_it_is_due_and_has_touched(robot, gate, planned, due, left, expected):
-    gate.update(planned, due, NEVER, touch(robot, left=left, right=(0, 1, 2)))
+    gate.update(planned, due, touch(robot, left=left, right=(0, 1, 2)))
     assert gate.limits() == pytest.approx(expected)
     assert gate.landing == bool(left)
     assert gate.lines["touching"][0].tolist() == [group in left for group in range(3)]
@@ -83,30 +82,12 @@ def test_a_group_opens_over_the_ramp_once_one_of_its_points_has_touched(robot, g
     sensed = touch(robot, left=(HEEL,), one_point=True) | touch(robot, right=(0, 1, 2))
     opened = []
     for _ in range(25):
-        gate.update(ALL, ALL, NEVER, sensed)
+        gate.update(ALL, ALL, sensed)
         opened.append(gate.limits()[HEEL])
     np.testing.assert_allclose(opened, np.minimum(RATE * np.arange(1, 26), 1.0))
     assert not gate.landing
     # It stays open when the point lifts for a moment: the force that it carries turns the foot back.
-    gate.update(ALL, ALL, NEVER, touch(robot, right=(0, 1, 2)))
+    gate.update(ALL, ALL, touch(robot, right=(0, 1, 2)))
     assert gate.limits() == [1.0, 0.0, 0.0]
     assert gate.lines["touched"][0].tolist() == [True, False, False]
     assert not gate.lines["touching"][0].any()
-
-
-@pytest.mark.parametrize("left", [0.05, 0.04, 0.02, 0.002, 0.0])
-def test_a_group_closes_over_the_ramp_before_its_lift_off(robot, gate, left):
-    until = np.array([[np.inf] * 3, [left, np.inf, np.inf]])
-    gate.update(AIR, AIR, until, touch(robot, right=(0, 1, 2)))
-    assert gate.limits(1) == pytest.approx([min(left / RAMP, 1.0), 1.0, 1.0])
-    assert gate.lines["opening"][1].tolist() == [1.0, 1.0, 1.0]  # how far it has opened is another matter
-
-
-def test_after_lift_off_a_group_must_touch_again(robot, gate):
-    both = touch(robot, left=(0, 1, 2), right=(0, 1, 2))
-    gate.update(ALL, ALL, NEVER, both)
-    gate.update(AIR, AIR, NEVER, touch(robot, right=(0, 1, 2)))
-    gate.update(ALL, ALL, NEVER, touch(robot, right=(0, 1, 2)))
-    assert gate.limits() == [0.0, 0.0, 0.0]
-    gate.update(ALL, ALL, NEVER, both)
-    assert gate.limits() == pytest.approx([RATE, RATE, RATE])

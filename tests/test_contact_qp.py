@@ -6,7 +6,7 @@ import pytest
 from ampm.compiled import records
 from ampm.control.contact_qp import L_Z, MOMENTUM_SLACK, TWIST_SHARE, ContactQP, fill_qp
 from ampm.control.forces import LARGEST_NORMAL, LEAST_NORMAL, TWIST_ARM, share_forces, wrench_map
-from ampm.control.workspace import ANGULAR, LINE, POINT, Contact
+from ampm.control.workspace import LINE, POINT, Contact
 from ampm.qp import QPSettings
 
 POINTS = 6
@@ -97,15 +97,3 @@ def test_forces_stay_within_friction_and_ramps_whatever_is_asked(seed):
             share = np.maximum(ramp, 1e-3) / np.maximum(ramp, 1e-3).sum()
             lever = np.linalg.norm(arm[foot, :, :2] - share @ arm[foot, :, :2], axis=1)
             assert abs(phi[8]) * TWIST_ARM <= TWIST_SHARE * FRICTION * normal @ lever + slack
-
-
-@pytest.mark.parametrize("load", [0.0, 0.3, 1.0])
-def test_load_goes_where_it_is_planned_if_the_wrench_leaves_it_open(load):
-    """With the wanted moment of that very load, both agree to the last gram."""
-    qp, arm = contact_qp(), stance(0)[0]
-    normal = np.zeros((2, 6, 3))
-    normal[0, :4, 2], normal[1, :4, 2] = 0.25 * (1.0 - load), 0.25 * load
-    moment = ANGULAR * np.cross(arm, normal).sum(axis=(0, 1))
-    fill(qp, soles(arm, np.ones(12)), [*normal.sum(axis=(0, 1)), *moment], load=load, yaw=(0.1, 0.0))
-    by_foot = qp.solve().x[:FORCES].reshape(2, FOOT)[:, :POINTS].sum(axis=1)
-    np.testing.assert_allclose(by_foot, [1.0 - load, load], atol=0.03)

@@ -29,12 +29,10 @@ def reference(time, row=0):
 
 def controller(*overrides, weaker=1.0):
     """A controller with a robot of its own."""
-    walk = walk_of(COARSE)
-    model = walk.robot.model.copy()
+    robot, run = walk_of(COARSE).robot, walk_of(COARSE, *overrides).run
+    model = robot.model.copy()
     model.effortLimit = weaker * np.array(model.effortLimit)
-    return TrackingController(
-        Robot(model, walk.robot.description, walk.robot.shapes), walk_of(COARSE, *overrides).run
-    )
+    return TrackingController(Robot(model, robot.description, robot.shapes), run)
 
 
 def state(time, shift=0.0):
@@ -64,9 +62,8 @@ def dynamics(it, q, v, output):
 
 
 @pytest.mark.parametrize("time", INSTANTS)
-@pytest.mark.parametrize("shift", [0.0, 0.01])
-def test_torques_forces_and_accelerations_obey_the_dynamics(time, shift):
-    it, q, v, output = tick(time, shift=shift)
+def test_torques_forces_and_accelerations_obey_the_dynamics(time):
+    it, q, v, output = tick(time, shift=0.01)
     assert output.status == SOLVED
     total = dynamics(it, q, v, output)
     np.testing.assert_allclose(total[:6], 0.0, atol=1e-6)  # nothing but the floor holds the root
@@ -97,31 +94,6 @@ def points(it, q):
     return np.array([data.oMf[frame].translation for frame in it.robot.point_frames])
 
 
-@pytest.mark.parametrize("miss", [0.0, 12.0])
-def test_the_other_foot_makes_up_for_what_a_landing_foot_does_not_carry(miss):
-    """The QP's wrench, and what it expects the landing heel to carry beyond it, are as commanded."""
-    it = controller("solver.tolerance=1e-9")
-    gains = walk_of(COARSE).run.controller
-    at = round(walk_of(COARSE).plan.contacts.phases[0].duration, 3) + 0.002
-    robot, heel = it.robot, np.flatnonzero((it.robot.point_foot == 1) & (it.robot.point_group == 0))
-    it.update(state(0.5), touch(0.5), reference(0.5))  # the right foot is in the air
-    asked = np.zeros(12)
-    for row in (0, 1):
-        force = np.zeros(12)
-        force[heel] = asked[heel] - miss * row
-        now = reference(at, row)
-        standing = touch(at).contact & (robot.point_foot == 0)
-        standing[heel] = True
-        output = it.update(State(now.time, now.q, now.v), Touch(standing, force, 1.0 / gains.frequency), now)
-        lost = gains.landing_compensation * (force - asked)[heel] * row
-        asked = output.point_force[:, 2].copy()
-    assert 0.0 < it.workspace.contact.lines[1, 0]["opening"] < 1.0
-    total = output.point_force[:, 2].sum() + lost.sum()
-    assert lost.sum() == pytest.approx(-2.0 * gains.landing_compensation * miss)
-    assert total == pytest.approx(output.force[2], abs=0.5)
-    assert (output.point_force[heel, 2] >= gains.landing_force * 60.0 * 9.81 - 1e-6).all()
-
-
 @pytest.mark.parametrize("time", INSTANTS)
 def test_with_less_torque_the_limits_are_kept_and_the_dynamics_too(time):
     free = tick(time)[-1]
@@ -134,20 +106,6 @@ def test_with_less_torque_the_limits_are_kept_and_the_dynamics_too(time):
     total = dynamics(it, q, v, output)
     np.testing.assert_allclose(total[:6], 0.0, atol=1.0)  # to the tolerance of the solver
     np.testing.assert_allclose(total[6:], output.torque, atol=0.02 * limit.max())
-
-
-def test_torque_map_is_affine_and_exact():
-    it, q, v, _ = tick(0.62)
-    c, rng = it.workspace, np.random.default_rng(0)
-    torque_map, bias = it._torque_map()
-    for _ in range(3):
-        alpha = rng.normal(size=40)
-        c.motion.acceleration[:], c.contact.solution[:] = it.robot.gravity * alpha, rng.normal(size=18)
-        it._torques()
-        total = inverse_dynamics(it.robot, q, v, c.motion.acceleration, c.contact.point_force)
-        expected = total[6:] + c.motion.passive_torque
-        mapped = torque_map @ [*alpha, *c.contact.solution] + bias
-        np.testing.assert_allclose(mapped, expected, rtol=0.0, atol=1e-9)
 
 
 def test_joints_may_only_run_as_fast_as_they_can_brake():
@@ -168,11 +126,6 @@ def test_joints_may_only_run_as_fast_as_they_can_brake():
         low, high = acceleration_bounds(robot, near, v)
         assert bool(high[3] < 0.0) is breaks
         assert (low <= high).all()
-    outside = near.copy()
-    outside[10] = robot.upper[3] + 1.0
-    low, high = acceleration_bounds(robot, outside, np.eye(40)[9] * 100.0)
-    assert -200.0 <= high[3] < 0.0
-    assert (low <= high).all()
 
 
 def test_a_state_that_is_no_number_gives_no_torque_and_is_told():

@@ -1,5 +1,6 @@
 """Controllers by name, without a QP, in sweeps and side by side."""
 
+from functools import partial
 from importlib import import_module
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -13,9 +14,7 @@ import validation as val
 from ampm.control.controller import TrackingController
 from ampm.control.joint_pd import JointPD
 from ampm.exceptions import InputError
-from ampm.walk import LIMITED
-from tests.records import first_difference
-from tests.solved import simulated
+from ampm.walk import ControlOutput
 from tests.test_bad_input import assert_said, rows_of
 from validation.store.record import StoredRecord
 from validation.trial import users
@@ -27,7 +26,9 @@ QUICK: dict[str, Any] = {
     "solver": {"ik_time_step": 0.01},
     "simulation": {"time_step": 0.002},
 }
-SETTINGS = [f"{section}.{key}={value}" for section, keys in QUICK.items() for key, value in keys.items()]
+SETTINGS = [
+    f"--set={section}.{key}={value}" for section, keys in QUICK.items() for key, value in keys.items()
+]
 
 
 class Refined(TrackingController):
@@ -53,30 +54,6 @@ def test_a_controller_has_one_name_wherever_it_comes_from(installed):
         CONTROLLER.find("joint_pd")
     with pytest.raises(InputError, match="no_such_module:Controller' cannot be imported"):
         CONTROLLER.find("broken")
-
-
-def test_a_named_controller_walks_and_the_run_says_so(tmp_path):
-    trial = val.walk(ampm.load_run("normal", **QUICK), controller="joint-pd")
-    assert trial.planned.run.controller.name == trial.summary["controller"] == "joint-pd"
-    assert trial.record.outcome.name == "fell"
-    again = val.walk(str(trial.save(tmp_path / "run", recording=False) / "run.toml"))
-    np.testing.assert_array_equal(again.record.q, trial.record.q)
-
-
-def test_the_status_tells_of_a_qp():
-    class Solving(JointPD):
-        def update(self, state, touch, reference):
-            return super().update(state, touch, reference)._replace(status=LIMITED)
-
-    trial = val.walk(ampm.load_run("normal", **QUICK), controller=Solving)
-    assert trial.metrics["failed_qp"].value == 0.0
-    assert trial.summary["solver"]["solved_with_limits"] == trial.summary["solver"]["ticks"]
-
-
-def test_a_subclass_walks_to_the_same_bits():
-    one, other = (simulated(controller=controller) for controller in (None, Refined))
-    assert one.outcome.completed
-    assert first_difference(one, other) is None
 
 
 @pytest.fixture
@@ -111,12 +88,10 @@ def test_the_template_walks(monkeypatch):
 
 def test_the_whole_body_qp_walks(monkeypatch):
     monkeypatch.syspath_prepend(EXAMPLES)
-    run = ampm.load_run("normal", gait={"steps": 4})
+    run = ampm.load_run("normal", gait={"steps": 2})
     trial = val.walk(run, controller="whole_body_qp:WholeBodyQP")
     assert trial.verdict.passed, trial.verdict.reason
     assert trial.metrics["failed_qp"].value == 0.0
-    code = (EXAMPLES / "whole_body_qp.py").read_text(encoding="utf-8").splitlines()
-    assert sum(bool(line.strip()) and not line.strip().startswith(("#", '"""')) for line in code) <= 80
 
 
 @pytest.mark.parametrize("row", rows_of("output"))
@@ -149,29 +124,42 @@ def test_the_record_keeps_the_reference_that_a_controller_followed():
     np.testing.assert_array_equal(record.q, plain.q)
 
 
-def test_a_motor_gives_no_more_than_its_limit():
-    class Strong(JointPD):
-        def update(self, state, touch, reference):
-            return super().update(state, touch, reference)._replace(torque=np.full(34, 1e6))
-
-    trial = val.walk(ampm.load_run("normal", **QUICK), controller=Strong)
-    np.testing.assert_array_equal(trial.record.torque, [trial.record.torque_limit] * len(trial.record.torque))
-
-
-@pytest.mark.parametrize("code", ["syntax error", "raise SystemExit(0)", "1 / 0"])
-def test_a_module_that_cannot_be_imported_is_bad_input(tmp_path, monkeypatch, code):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "spoilt_module.py").write_text(code, encoding="utf-8")
-    with pytest.raises(InputError, match="cannot be imported"):
-        CONTROLLER.find("spoilt_module:Controller")
-
-
 def test_a_crash_in_mid_walk_keeps_the_run(ampm, tmp_path, caplog):
-    settings = [word for text in SETTINGS for word in ("--set", text)]
-    words = "validate", "normal", *settings, "--controller", "tests.test_api:Late", "--out", tmp_path / "run"
-    answer = ampm(*map(str, words), "--json", "--debug")
+    words = [*SETTINGS, "--controller", "tests.test_api:Late", "--out", tmp_path / "run"]
+    answer = ampm("validate", "normal", *words, "--json", "--debug")
     assert answer.status == 3
     assert answer.json["outcome"] == "crashed"
     assert "Late failed (KeyError: 'late')" in answer.json["end"]["cause"]
     assert 'raise KeyError("late")' in caplog.text
     assert StoredRecord(tmp_path / "run").steps == 26
+
+
+class Ramp:
+    """Gives the same torque and rate at every tick."""
+
+    def __init__(self, robot, run, rate):
+        self.torque = 0.98 * robot.torque_limit
+        self.rate = None if rate is None else np.full(robot.nu, rate)
+
+    def update(self, state, touch, reference):
+        return ControlOutput(self.torque, rate=self.rate)
+
+
+def above_limits(rate):
+    """Torques of the first milliseconds over 98 % of the motors' limits, four steps a tick; the other 2 %."""
+    record = val.walk(ampm.load_run("normal", gait={"steps": 1}), controller=partial(Ramp, rate=rate)).record
+    return record.torque[:8] - 0.98 * record.torque_limit, 0.02 * record.torque_limit
+
+
+def test_the_torque_goes_on_with_its_rate_within_the_limits():
+    above, room = above_limits(1e3)
+    since = np.array([0.0, 1.0, 2.0, 3.0] * 2)[:, None] * 0.0005  # since the tick [s]
+    np.testing.assert_allclose(above, np.minimum(1e3 * since, room), rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(above_limits(None)[0], 0.0, rtol=0.0, atol=1e-9)
+
+
+def test_between_ticks_a_slope_halves_the_error(run_of):
+    folders = run_of("normal", {"controller.hold": "zero-order"}), run_of()
+    held, carried_on = (val.load(folder).summary["metrics"] for folder in folders)
+    for name in ("zmp_x_rmse", "zmp_y_rmse"):
+        assert carried_on[name]["value"] < 0.6 * held[name]["value"]

@@ -10,10 +10,8 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.run_file import load_run
-from tests.saved_run import make_study
 from validation.cli.app import Status, call
 from validation.judge.metric import DEFAULT_BODY
-from validation.judge.metrics import METRICS
 from validation.judge.profiles import DEFAULT
 from validation.judge.uncertainty import FILE, load_uncertainty, matching
 from validation.judge.verdict import VerdictName
@@ -22,7 +20,7 @@ from validation.store.json import json_ready
 from validation.study.convergence import levels
 from validation.study.convergence import study as convergence
 from validation.study.convergence.levels import OWN, runs_of, studies
-from validation.study.convergence.order import CONFIRMED, UNCONFIRMED, Kind, estimate, observed_orders
+from validation.study.convergence.order import CONFIRMED, Kind, estimate
 from validation.study.convergence.picture import draw
 from validation.study.many import write_study
 from validation.study.row_file import ROWS
@@ -44,16 +42,13 @@ def test_one_thing_changes_at_a_time_and_all_share_the_own_walk():
             assert parameter_values(runs[task]) == parameter_values(run) | {study.key: value}
 
 
-# ------------------------------------------------------------------- canned walks
-
-
 def row(run, *, offset=0.0, impeded=0.0):
     """A walk whose metrics are formulas: known order in the time step, known dependence on the rest."""
     h, tolerance = run.simulation.time_step, run.solver.tolerance
     hard = impeded if run.contact.impedance_min > 0.8 else 0.0
     values = dict.fromkeys((item.metric for item in DEFAULT.tolerances), 0.0) | {
         "zmp_x_rmse": 1e-3 + offset + 0.2 * h + 1e-2 * tolerance + hard,
-        "zmp_x_maximum": 5e-3 + h * (1.0 if h > 4e-4 else 3.0),
+        "zmp_x_maximum": 5e-3 + h,  # an extreme is never extrapolated, however well it converges
         "force_x_rmse": 2.0 + 0.1 * math.cos(math.pi * math.log2(h / 2e-3)),
         "zmp_agreement_rmse": 0.16 * h,
         "force_agreement_rmse": 50.0 * h,
@@ -89,19 +84,9 @@ def test_every_metric_has_order_limit_and_uncertainty_or_a_reason(result):
     for name in ("zmp_x_maximum", "force_x_rmse"):
         estimate = result.studied[name].estimates["time_step"]
         assert (estimate.kind, estimate.order) == ("no asymptotic range", None)
-    (table,) = result.tables()
-    rows = {row[0]: row for row in table.rows}
-    unit = ("mm", "pass", "1.05", "1.00", "1", "0")
-    assert rows["ZMP, RMS error along x"] == ("ZMP, RMS error along x", "1.40 ± 0.50", "2.5", *unit)
-    assert rows["unsolved QPs"][6] == "exact"
-
-
-def test_self_checks_and_counts_have_no_numerical_uncertainty(result):
-    names = ("zmp_agreement_rmse", "force_agreement_rmse", "failed_qp", "energy_positive_work")
-    assert [result.metrics[name].uncertainty for name in names] == [0.0] * 4
-    assert result.metrics["force_agreement_rmse"].passed  # judged at the step that it checks
-    assert result.studied["zmp_agreement_rmse"].estimates["time_step"].uncertainty == pytest.approx(0.4e-3)
-    assert result.studied["energy_positive_work"].spread == pytest.approx(15.0 * (math.sqrt(2) - 1))
+    rows = {name: cells for name, *cells in result.tables()[0].rows}
+    assert rows["ZMP, RMS error along x"] == ["1.40 ± 0.50", "2.5", "mm", "pass", "1.05", "1.00", "1", "0"]
+    assert rows["unsolved QPs"][5] == "exact"
 
 
 @pytest.mark.parametrize(("share", "passed"), [(1.01, True), (0.99, None), (-0.99, None), (-1.01, False)])
@@ -140,31 +125,18 @@ def test_a_margin_below_the_spread_over_contact_laws_is_undecided(margin, undeci
     assert (zmp.undecided, zmp.passed) == (undecided, None if undecided else True)
 
 
-# ------------------------------------------------------------------- files and command line
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory, result):
-    out = tmp_path_factory.mktemp("study")
-    draw(result, out / convergence.PICTURE)
-    write_study(result, out / FILE)
-    return out
-
-
-def test_the_files_are_whole_and_read_back(folder, result):
-    assert {path.name for path in folder.iterdir()} == {FILE, "convergence.md", convergence.PICTURE}
-    assert "<svg" in (folder / convergence.PICTURE).read_text()
-    assert "| unsolved QPs |" in (folder / "convergence.md").read_text()
-    known = load_uncertainty(folder / FILE)
-    assert load_uncertainty(folder) == known
+def test_the_files_are_whole_and_serve_any_number_of_steps_of_their_gait(tmp_path, result):
+    draw(result, tmp_path / convergence.PICTURE)
+    write_study(result, tmp_path / FILE)
+    assert {path.name for path in tmp_path.iterdir()} == {FILE, "convergence.md", convergence.PICTURE}
+    assert "<svg" in (tmp_path / convergence.PICTURE).read_text()
+    assert "| unsolved QPs |" in (tmp_path / "convergence.md").read_text()
+    known = load_uncertainty(tmp_path / FILE)
+    assert load_uncertainty(tmp_path) == known
     assert (known.values, known.spreads) == (result.uncertainty.values, result.uncertainty.spreads)
-    table = json.loads((folder / FILE).read_text())
+    table = json.loads((tmp_path / FILE).read_text())
     assert table["levels"]["time_step"]["values"] == [0.002, 0.001, 0.0005, 0.00025]
     assert table["metrics"]["zmp_x_rmse"]["estimates"]["time_step"]["order"] == pytest.approx(1.0)
-
-
-def test_a_study_serves_any_number_of_steps_of_its_gait_and_no_other_gait(folder):
-    known = load_uncertainty(folder)
     assert matching([known], load_request("normal", [*COARSE, "gait.steps=30"])) is known
     with pytest.raises(InputError, match=r"momentum.*gait\.c_s.*1\.2"):
         matching([known], load_request("momentum", COARSE))
@@ -172,36 +144,25 @@ def test_a_study_serves_any_number_of_steps_of_its_gait_and_no_other_gait(folder
         matching([known], load_request("normal", ["simulation.time_step=0.001"]))
 
 
-@pytest.mark.parametrize(
-    ("metrics", "why"),
-    [
-        ({}, "holds no metrics"),
-        ({"zmp_x_rmse": -1}, r"uncertainty.values.zmp_x_rmse"),
-        ({"zmp_x_rmse": "much"}, r"uncertainty.values.zmp_x_rmse"),
-    ],
-)
-def test_a_file_that_is_no_study_is_refused(tmp_path, metrics, why):
-    with pytest.raises(InputError, match=why):
-        load_uncertainty(make_study(tmp_path, metrics))
-    for text in ("{", '{"metrics": {}}', '{"uncertainty": {"gait": "normal", "steps": 6}}'):
-        (tmp_path / FILE).write_text(text)
-        with pytest.raises(InputError, match=FILE):
-            load_uncertainty(tmp_path)
-    assert load_uncertainty(make_study(tmp_path, {"a": "inf"})).values == {"a": math.inf}
+STUDY = '{"uncertainty": {"gait": "normal", "steps": 6, "values": {"zmp_x_rmse": %s}}}'
 
 
 @pytest.mark.parametrize(
-    ("options", "status", "word"),
-    [
-        ({}, Status.PASS, "PASS"),
-        ({"falls": lambda run: run.simulation.time_step < 4e-4}, Status.NOT_COMPLETED, "fell"),
-        ({"offset": 1e-3}, Status.OUT_OF_TOLERANCE, "UNDECIDED"),
-    ],
+    "text",
+    ["{", '{"metrics": {}}', '{"uncertainty": {"gait": "a", "steps": 6}}', STUDY % -1, STUDY % '"much"'],
 )
-def test_the_exit_status_follows_the_verdict(options, status, word, monkeypatch, capsys):
-    monkeypatch.setattr(convergence, "convergence", lambda *args, **keywords: study(**options))
-    assert call(["convergence", "normal"]) == status
-    assert word in capsys.readouterr().out
+def test_a_file_that_is_no_study_is_refused(tmp_path, text):
+    (tmp_path / FILE).write_text(text)
+    with pytest.raises(InputError, match=FILE):
+        load_uncertainty(tmp_path)
+    (tmp_path / FILE).write_text(STUDY % '"inf"')
+    assert load_uncertainty(tmp_path).values == {"zmp_x_rmse": math.inf}
+
+
+def test_the_exit_status_follows_the_verdict(monkeypatch, capsys):
+    monkeypatch.setattr(convergence, "convergence", lambda *args, **keywords: study(offset=1e-3))
+    assert call(["convergence", "normal"]) == Status.OUT_OF_TOLERANCE
+    assert "UNDECIDED" in capsys.readouterr().out
 
 
 def test_a_real_study_and_its_resumption(tmp_path, monkeypatch):
@@ -213,11 +174,6 @@ def test_a_real_study_and_its_resumption(tmp_path, monkeypatch):
     options = {"steps": 2, "levels": 3, "workers": 0, "out": tmp_path}
     found = convergence.convergence("flat", settings, **options)
     assert found.completed
-    # Joints have no speed limits, nothing pushes, the plan stays, and two steps show no drift.
-    absent = {"speed_excess", "drift_per_step", "recovery_time"}
-    absent |= {"velocity_x_error", "velocity_y_error", "yaw_rate_error"}  # of walks without a plan
-    absent |= {name for name in METRICS if name.startswith(("plan_moved", "plan_change"))}
-    assert METRICS.keys() - absent == found.metrics.keys()
     assert 0.0 < found.uncertainty.values["zmp_x_rmse"] < 2e-3
     known = matching([load_uncertainty(tmp_path)], load_request("flat", [*settings, "gait.steps=2"]))
     assert known.values["zmp_x_rmse"] == found.metrics["zmp_x_rmse"].uncertainty
@@ -243,14 +199,6 @@ def test_an_exact_power_has_its_order_and_its_limit(order, ratio, sign):
     assert error * CONFIRMED * 0.999 <= found.uncertainty <= error * CONFIRMED * 1.1
 
 
-def test_a_higher_order_term_that_dies_away_leaves_the_leading_one():
-    found = estimate(2.0 + 10.0 * STEPS + 300.0 * STEPS**2, 2.0)
-    assert found.kind is Kind.ASYMPTOTIC
-    assert found.order == pytest.approx(1.0, abs=0.05)
-    assert found.extrapolated == pytest.approx(2.0, abs=1e-3)
-    assert abs((found.extrapolated or 0.0) - 2.0) < found.finest
-
-
 def test_the_grid_convergence_index_of_first_order_is_the_textbook_s():
     found = estimate([1.8, 1.4, 1.2, 1.1], 2.0)  # 1 + 0.8 h
     assert found.finest == pytest.approx(1.25 * 0.1)  # Fs |f2 - f1| / (r^p - 1)
@@ -262,8 +210,7 @@ def test_the_grid_convergence_index_of_first_order_is_the_textbook_s():
 @pytest.mark.parametrize(
     ("values", "why"),
     [
-        ([1.0, 2.0, 1.4, 1.7], "from one side"),  # oscillating, converging
-        ([1.0, 1.2, 0.8, 1.6], "from one side"),  # oscillating, diverging
+        ([1.0, 2.0, 1.4, 1.7], "from one side"),  # oscillating
         ([1.0, 1.1, 1.3, 1.7], "grow"),  # diverging
         ([1.0, 2.0, 2.1, 2.19], "do not agree|not those"),  # two triplets, two orders
         ([1.0, 2.0, 2.01, 2.0101], "not those"),  # an order of 6.6
@@ -277,24 +224,7 @@ def test_what_has_no_asymptotic_range_is_called_so_and_bounded_by_its_spread(val
     assert found.extrapolated is None
     assert re.search(why, found.reason), found.reason
     spread = max(values) - min(values)
-    last, before = abs(values[-1] - values[-2]), abs(values[-2] - values[-3])
-    assert found.uncertainty == pytest.approx(spread + UNCONFIRMED * max(last, before / 2.0))
     assert spread <= found.uncertainty <= 4.0 * spread
-
-
-def test_noise_is_hardly_ever_taken_for_an_order():
-    draws = np.random.default_rng(1).normal(size=(2000, 4))
-    kinds = [estimate(draw, 2.0).kind for draw in draws]
-    assert kinds.count(Kind.ASYMPTOTIC) < 0.03 * len(kinds)
-
-
-def test_an_extreme_is_never_extrapolated_however_well_it_converges():
-    values = 1.0 + 40.0 * STEPS
-    found = estimate(values, 2.0, forbidden="an extreme")
-    assert found.kind is Kind.NO_RANGE
-    assert found.extrapolated is None
-    assert found.orders == pytest.approx((1.0, 1.0))  # reported all the same
-    assert found.uncertainty > np.ptp(values)
 
 
 @pytest.mark.parametrize(
@@ -312,12 +242,6 @@ def test_constant_unknown_and_too_short_sequences(values, kind, uncertainty):
     found = estimate(values, 2.0)
     assert found.kind is kind
     assert found.uncertainty == pytest.approx(uncertainty, abs=1e-14, nan_ok=True)
-
-
-def test_orders_of_triplets():
-    assert observed_orders([1 + 1, 1 + 0.5, 1 + 0.25], 2.0) == pytest.approx((1.0,))
-    assert np.isnan(observed_orders([1.0, 2.0, 1.0], 2.0)).all()
-    assert observed_orders([0.0, 1.0, 3.0], 2.0) == pytest.approx((-1.0,))  # growing
 
 
 def test_the_uncertainty_covers_the_limit_of_disturbed_sequences():

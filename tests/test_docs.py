@@ -5,7 +5,6 @@ of a page share one folder and one namespace, in their order.
 """
 
 import importlib
-import math
 import os
 import re
 import runpy
@@ -16,14 +15,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import typer
 import yaml
 
 import ampm
 import validation
-from tests.browser import browser
 from validation.cli.app import app
 from validation.study.sweep.design import load_sweep
 from validation.study.sweep.run import task_of
@@ -38,8 +35,6 @@ PAGES = [
 PLANNERS = sorted((ROOT / "examples/planners").glob("*.py"))
 DRAWING = [path for path in PLANNERS if path.stem in ("capture", "mpc")]
 EXAMPLES = [*sorted((ROOT / "examples").glob("*.py")), *DRAWING]
-LONGEST = {"07_policy": 120, "tour": 120}
-"""Lines of the examples that may have more than 60."""
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(r"^    (ampm (?:.+\\\n)*.+)$", re.MULTILINE)
 FILE = re.compile(r"# ([\w.-]+\.(?:toml|py))\b")
@@ -77,15 +72,16 @@ WITH_COMMANDS = [page for page in PAGES if commands(page, "ampm")]
 
 LONG = "log own-controller footsteps sweeps measurement architecture run own-robot report recording".split()
 """Pages whose Python takes more than five seconds; that of README and tutorial runs always."""
+LONG_EXAMPLES = ("05_sweep", "07_policy", "capture", "mpc")
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param(page, marks=[pytest.mark.slow] if page.stem in LONG else [], id=page.stem)
-        for page in WITH_PYTHON
-    ],
-)
+def by_name(paths, long):
+    """Parameters of a test, those marked as slow that take long."""
+    marks = {True: [pytest.mark.slow], False: []}
+    return [pytest.param(path, marks=marks[path.stem in long], id=path.stem) for path in paths]
+
+
+@pytest.mark.parametrize("page", by_name(WITH_PYTHON, LONG))
 def test_python_runs(page, tmp_path):
     write_files(page, tmp_path)
     script = "\n".join(
@@ -100,15 +96,19 @@ def test_python_runs(page, tmp_path):
         assert answer.returncode == 0, answer.stdout
 
 
+def assert_parses(line):
+    group: Any = typer.main.get_command(app)
+    name, *arguments = shlex.split(line.partition("|")[0])[1:]
+    command = group.get_command(None, name)
+    assert command is not None, line
+    command.make_context(name, arguments)
+
+
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: page.stem)
 def test_commands_parse(page):
-    group: Any = typer.main.get_command(app)
     indented = [line.partition(" #")[0] for line in INDENTED.findall(page.read_text(encoding="utf-8"))]
     for line in (*commands(page, "ampm"), *indented):
-        name, *arguments = shlex.split(line.partition("|")[0])[1:]
-        command = group.get_command(None, name)
-        assert command is not None, line
-        command.make_context(name, arguments)
+        assert_parses(line)
 
 
 @pytest.mark.slow
@@ -125,16 +125,7 @@ def test_commands_run(page, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "example",
-    [
-        pytest.param(
-            path,
-            marks=[pytest.mark.slow] if path.stem in ("05_sweep", "07_policy", "capture", "mpc") else [],
-            id=path.stem,
-        )
-        for path in EXAMPLES
-        if path.stem != "tour"  # draws none; it is walked below
-    ],
+    "example", by_name([path for path in EXAMPLES if path.stem != "tour"], LONG_EXAMPLES)
 )
 def test_examples_print_and_save_a_picture(example, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -143,12 +134,6 @@ def test_examples_print_and_save_a_picture(example, tmp_path, monkeypatch, capsy
     picture = tmp_path / f"{example.stem.lstrip('0123456789_')}.png"
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert (ROOT / "docs/images" / picture.name).is_file()
-
-
-@pytest.mark.parametrize("example", sorted({*EXAMPLES, *PLANNERS}), ids=lambda path: path.stem)
-def test_examples_are_short(example):
-    most = 160 if example in PLANNERS else LONGEST.get(example.stem, 60)
-    assert len(example.read_text(encoding="utf-8").splitlines()) <= most
 
 
 def test_the_planner_of_the_tutorial_is_that_of_the_examples():
@@ -174,30 +159,6 @@ def tour(monkeypatch):
     return importlib.import_module("tour")
 
 
-def test_targets_are_those_of_the_protocol(tour):
-    assert tour.targets(3, 18) == tour.targets(3, 18) != tour.targets(4, 18)
-    assert tour.targets(3, 18)[:2] == tour.targets(3, 2)
-    every = np.array([[(0.0, 0.0, 0.0), *tour.targets(seed, 18)] for seed in range(200)])
-    away = np.hypot(*np.diff(every[..., :2], axis=1).T)
-    assert away.max() < 1.0
-    assert np.mean(away < math.sqrt(0.5)) == pytest.approx(0.5, abs=0.03)  # uniform over the disc's area
-    assert np.abs(every[..., 2]).max() < math.pi
-
-
-def test_punches_are_those_of_the_protocol(tour):
-    segments = ["pelvis", "left_hand", "right_foot"]
-    assert tour.punches(3, 0.0, segments, 90.0) == []
-    every = [tour.punches(seed, 1.0, segments, 90.0) for seed in range(100)]
-    at = np.array([[push.at for push in own] for own in every])
-    assert (np.floor(at / 5.0) == np.arange(18)).all()  # one in each window
-    force = np.array([[np.linalg.norm(push.force) for push in own] for own in every])
-    share = force / (500.0 * np.minimum((1.0 + 2.0 * at / 60.0) / 3.0, 1.0))
-    assert 0.5 < share.min() < share.max() < 1.0
-    assert {(push.segment, push.duration) for own in every for push in own} == {(s, 0.08) for s in segments}
-    weaker = np.array([push.force for push in tour.punches(3, 0.5, segments, 90.0)])
-    assert weaker == pytest.approx(0.5 * np.array([push.force for push in every[3]]))
-
-
 def test_a_short_tour_is_walked_to_its_target_and_kept(tour, tmp_path, monkeypatch):
     options = "normal", ["simulation.time_step=0.002"], 1, 1, 0.0, 0, tmp_path
     [found] = tour.walk_tours(*options)
@@ -208,46 +169,21 @@ def test_a_short_tour_is_walked_to_its_target_and_kept(tour, tmp_path, monkeypat
     assert tour.walk_tours(*options, resume=True) == [found]
 
 
-# ------------------ The example that gates pull requests is a workflow, and its commands and files exist
-
-
 DOCS = ROOT / "docs"
 WORKFLOW = DOCS / "examples" / "gate.yml"
 
 
-@pytest.mark.parametrize(
-    ("value", "ends_with"),
-    [("", pytest.skip.Exception), ("false", pytest.skip.Exception), ("true", pytest.fail.Exception)],
-)
-def test_a_missing_browser_is_a_skip_and_under_ci_a_failure(monkeypatch, value, ends_with):
-    monkeypatch.setenv("PATH", "")
-    monkeypatch.setenv("CI", value)
-    with pytest.raises(ends_with, match="apt-get install chromium"):
-        browser()
-
-
 def test_workflow_is_one():
-    found: dict[Any, Any] = yaml.safe_load(WORKFLOW.read_text(encoding="utf-8"))
+    text = WORKFLOW.read_text(encoding="utf-8")
+    found: dict[Any, Any] = yaml.safe_load(text)
     assert found[True] == {"pull_request": None}  # YAML 1.1 takes `on` for a truth value; no filter
     assert found["permissions"] == {"contents": "read"}
     steps = found["jobs"]["gate"]["steps"]
     assert all(("uses" in step) != ("run" in step) for step in steps)
-    makefile = (DOCS.parent / "Makefile").read_text(encoding="utf-8")
-    for target in re.findall(r"make -C \w+ (\w+)", WORKFLOW.read_text(encoding="utf-8")):
-        assert f"\n{target}:" in makefile
-
-
-@pytest.mark.parametrize("source", [WORKFLOW, DOCS / "sweeps.md", DOCS / "examples" / "gate.toml"])
-def test_commands_exist(source):
-    group = typer.main.get_group(app)
-    text = re.sub(r"\\\n\s*", " ", source.read_text(encoding="utf-8"))
-    found = re.findall(r"(?:^|[\s/`])ampm ([a-z][^|`#\n]*)", text, re.MULTILINE)
-    assert found
-    for name, *words in (line.split() for line in found):
-        command = group.get_command(typer.Context(group), name)
-        assert command is not None, name
-        options = {option for parameter in command.params for option in parameter.opts}
-        assert {word for word in words if word.startswith("--")} <= options, (name, words)
+    for target in re.findall(r"make -C \w+ (\w+)", text):
+        assert f"\n{target}:" in (ROOT / "Makefile").read_text(encoding="utf-8")
+    for line in re.findall(r"bin/(ampm [^|\n]*)", re.sub(r"\\\n\s*", " ", text)):
+        assert_parses(line)
 
 
 def test_the_sweep_is_small_and_accepted():

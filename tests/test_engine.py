@@ -1,8 +1,6 @@
 """The same trial in Drake: one body, one record, one replay; contact and solver are Drake's own."""
 
 import json
-from importlib import util
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -10,25 +8,14 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.physics_parameters import DrakeParameters
-from tests.solved import body_of, replays, simulated
+from tests.solved import body_of, simulated
 from tests.test_bodies import run_of
-from validation import environment
 from validation.store.saved import load_saved_run
-from validation.study.sweep.design import parse_sweep
 from validation.trial import engine as engines
-from validation.trial.engine import MujocoEngine, make_engine
-from validation.trial.outcome import OutcomeName
+from validation.trial.engine import make_engine
 from validation.trial.plan import make_body
 
 DRAKE = "simulation.engine=drake"
-SWEEP = """
-[sweep]
-gait = "normal"
-[[vary]]
-method = "grid"
-simulation.engine = ["mujoco", "drake"]
-"""
-BIPED = Path(__file__).parents[1] / "docs" / "examples" / "biped.toml"
 
 
 @pytest.fixture
@@ -42,9 +29,6 @@ def in_the_air(model):
     """A model whose sole points touch nothing."""
     model.geom_contype[:] = 0
     return model
-
-
-# ------------------------------------------------------------------------------------------------- one body
 
 
 @pytest.mark.parametrize("name", ["human", "suite-humanoid", "g1"])
@@ -99,22 +83,13 @@ def test_recorded_forces_and_torques_give_mujocos_step_in_drake(drake, settings)
     assert max(worst) < 1e-4  # where MuJoCo's solver stopped early
 
 
-# ------------------------------------------------------------------------------------------------- walks
-
-
-@pytest.mark.parametrize(
-    "walker",
-    [("normal",), pytest.param(("--body", str(BIPED)), marks=pytest.mark.slow)],
-    ids=["human", "biped"],
-)
-def test_two_bodies_pass_in_drake(drake, ampm, tmp_path, walker):
+def test_a_walk_passes_in_drake_and_replays(drake, ampm, tmp_path):
     out = tmp_path / "run"
-    words = "--engine drake --steps 3 --set simulation.time_step=0.002 --json".split()
-    answer = ampm("validate", *walker, *words, "--out", out)
+    words = "normal --engine drake --steps 2 --set simulation.time_step=0.002 --json".split()
+    answer = ampm("validate", *words, "--out", out)
     assert answer.status == 0, answer.err
     metrics, versions = answer.json["metrics"], answer.json["environment"]["versions"]
     assert metrics["equations_defect_maximum"]["value"] < 1e-9  # forces and motion fit to rounding
-    assert versions["drake"].startswith("1.51")
     assert load_saved_run(out).parameters.drake == DrakeParameters()
     assert f"Drake {versions['drake']}" in (out / "report.html").read_text(encoding="utf-8")
     assert "identical" in ampm("replay", out).out
@@ -128,18 +103,6 @@ def test_the_body_walks_over_a_place_that_is_higher(drake):
     heights = record.point_position[..., 2][loaded]
     np.testing.assert_allclose(np.unique(heights.round(6)), [0.0, 0.004])
     assert record.point_force[..., 2].min() >= 0.0
-    impulse = record.point_force[..., 2].sum() * record.time_step
-    assert impulse == pytest.approx(record.mass * record.gravity * record.time[-1], rel=0.01)
-
-
-def test_a_fall_is_the_same_and_replays(drake):
-    """Pushed hard, the body falls at about the same time in both engines."""
-    push = ("disturbance.push_y=150", "disturbance.push_at=0.2", "disturbance.push_duration=0.2")
-    records = [simulated(*push), simulated(DRAKE, *push)]
-    assert [record.outcome.name for record in records] == [OutcomeName.FELL] * 2
-    assert records[1].outcome.time == pytest.approx(records[0].outcome.time, abs=0.05)
-    assert replays(records[1], DRAKE)
-    assert not replays(records[1])
 
 
 def test_a_step_that_drake_cannot_make_ends_the_walk(drake):
@@ -153,29 +116,11 @@ def test_a_step_that_drake_cannot_make_ends_the_walk(drake):
     np.testing.assert_array_equal(data.qpos, model.qpos0)
 
 
-# ---------------------------------------------------------------------------------------------- refusals
-
-
 def test_without_drake_the_message_has_the_pip_line(monkeypatch, ampm):
-    monkeypatch.setattr(
-        engines, "find_spec", lambda name: None if name == "pydrake" else util.find_spec(name)
-    )
+    monkeypatch.setattr(engines, "find_spec", lambda name: None)
     answer = ampm("validate", "normal", "--engine", "drake", "--json")
     assert answer.status == 2
     assert "pip install -e '.[drake]'" in json.loads(answer.out)["error"]["message"]
-    with pytest.raises(InputError, match="not installed"):
-        parse_sweep(SWEEP)
-    model = body_of().compile()
-    with pytest.raises(InputError, match="not installed"):
-        make_engine(model, mujoco.MjData(model), DrakeParameters())
-    assert isinstance(make_engine(model, mujoco.MjData(model)), MujocoEngine)
-
-
-def test_an_environment_is_stepped_by_drake(drake):
-    env = environment.load("normal", gait={"steps": 1}, simulation={"engine": "drake", "time_step": 0.002})
-    env.reset()
-    assert type(env.physics.physics.engine).__name__ == "DrakeEngine"
-    assert 0.0 <= env.step(np.zeros(env.action_spec().shape)).reward <= 1.0
 
 
 def test_dry_friction_is_refused(drake):

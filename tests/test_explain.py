@@ -28,19 +28,12 @@ def tried(of: Case) -> set[str]:
 
 
 def row(layers="", *, passed=False, excess=0.0, tightest=0.5, outcome="completed"):
-    return {
-        "layers": layers.split(),
-        "text": f"with {layers}",
-        "passed": passed,
-        "excess": excess,
-        "tightest": tightest,
-        "outcome": outcome,
-        "metrics": {},
-    }
+    found = {"passed": passed, "excess": excess, "tightest": tightest, "outcome": outcome, "metrics": {}}
+    return found | {"layers": layers.split(), "text": f"with {layers}"}
 
 
-FAILED = row(excess=2.0, tightest=3.0)
-AGREES = {"plan": 0.0, "motion": 0.0}
+FAILED, PASSED = row(excess=2.0, tightest=3.0), row(passed=True)
+AGREES, PLAN_OFF = {"plan": 0.0, "motion": 0.0}, {"plan": 0.005, "motion": 0.0}
 
 
 def test_the_rows_of_the_file_are_keys_and_what_is_ideal_is_not_walked():
@@ -63,46 +56,52 @@ def test_the_rows_of_the_file_are_keys_and_what_is_ideal_is_not_walked():
     assert case(strained="left_knee_pitch").text(limits) == "without the limit of left_knee_pitch"
 
 
-def test_the_change_that_leaves_most_of_the_limits_is_named():
-    changes = [row("motors", passed=True, tightest=0.9), row("sensing", passed=True, tightest=0.2)]
-    assert answer(FAILED, changes, AGREES) == (("sensing",), "The sensing: with sensing it passes.")
+def ideal(layers, tightest):
+    """A change that restores the pass."""
+    return row(layers, passed=True, tightest=tightest)
 
 
-def test_a_layer_made_ideal_comes_before_one_that_is_replaced():
-    changes = [row("planner", passed=True, tightest=0.2), row("motors", passed=True, tightest=0.6)]
-    assert answer(FAILED, changes, AGREES)[0] == ("motors",)
-    assert answer(FAILED, [], AGREES) == ((), "No change could be walked.")
-
-
-def test_a_pair_is_named_if_no_single_change_restores_the_pass():
-    changes = [row("motors", excess=1.9, tightest=2.9), row("body sensing", passed=True)]
-    assert answer(FAILED, changes, AGREES)[0] == ("body", "sensing")
-
-
-def test_a_contradiction_in_the_plan_is_told_and_named_only_without_a_pass():
-    off = {"plan": 0.005, "motion": 0.0}
-    named, said = answer(FAILED, [row("planner", passed=True)], off)
-    assert named == ("planner",)
-    assert said.endswith("The plan contradicts Newton's law by 5 mm of its ZMP.")
-    assert answer(FAILED, [row("motors", excess=0.1)], off)[0] == ("planner",)
-    assert answer(FAILED, [row("motors", excess=0.1)], {"plan": 0.0, "motion": 0.02})[0] == ("motion",)
-
-
-def test_without_a_pass_most_of_the_excess_counts_and_a_little_names_nobody():
-    assert answer(FAILED, [row("floor", excess=0.9, tightest=1.5)], AGREES)[0] == ("floor",)
-    named, said = answer(FAILED, [row("floor", excess=1.8, tightest=2.5)], AGREES)
-    assert named == ()
-    assert said == "Nothing restores the pass; with floor 90% of the excess is left."
-
-
-def test_a_trial_that_passes_blames_nobody():
-    passing = row(passed=True, tightest=0.5)
-    named, said = answer(passing, [row("body", passed=True, tightest=0.25)], AGREES)
-    assert named == ()
-    assert said.startswith(
-        "It passes. The body costs most of the margin: with body 25% of the tightest limit"
-    )
-    assert answer(passing, [row("body", passed=True)], AGREES)[1] == "It passes, and no layer costs margin."
+@pytest.mark.parametrize(
+    ("trial", "changes", "residuals", "named", "words"),
+    [
+        (
+            FAILED,
+            [ideal("motors", 0.9), ideal("sensing", 0.2)],
+            AGREES,
+            ("sensing",),
+            "with sensing it passes.",
+        ),
+        # A layer that is made ideal comes before one that is replaced.
+        (
+            FAILED,
+            [ideal("planner", 0.2), ideal("motors", 0.6)],
+            AGREES,
+            ("motors",),
+            "with motors it passes.",
+        ),
+        (FAILED, [], AGREES, (), "No change could be walked."),
+        (FAILED, [row("motors", excess=1.9), ideal("body sensing", 0.5)], AGREES, ("body", "sensing"), ""),
+        # A contradiction in the plan is told, and named only without a pass.
+        (FAILED, [ideal("planner", 0.5)], PLAN_OFF, ("planner",), "Newton's law by 5 mm of its ZMP."),
+        (FAILED, [row("motors", excess=0.1)], PLAN_OFF, ("planner",), ""),
+        (FAILED, [row("motors", excess=0.1)], {"plan": 0.0, "motion": 0.02}, ("motion",), ""),
+        # Without a pass most of the excess counts, and a little names nobody.
+        (FAILED, [row("floor", excess=0.9, tightest=1.5)], AGREES, ("floor",), ""),
+        (
+            FAILED,
+            [row("floor", excess=1.8, tightest=2.5)],
+            AGREES,
+            (),
+            "with floor 90% of the excess is left.",
+        ),
+        (PASSED, [ideal("body", 0.25)], AGREES, (), "with body 25% of the tightest limit"),
+        (PASSED, [ideal("body", 0.5)], AGREES, (), "It passes, and no layer costs margin."),
+    ],
+)
+def test_the_layer_that_explains_most_is_named(trial, changes, residuals, named, words):
+    found, said = answer(trial, changes, residuals)
+    assert found == named
+    assert words in said
 
 
 def test_residuals_of_a_plan_and_its_posture():
@@ -131,13 +130,6 @@ def pushed(tmp_path_factory) -> Path:
 
 
 @pytest.mark.slow
-def test_recorded_pushes_act_again(pushed):
-    found = val.explain(pushed, workers=0)
-    assert found.trial["outcome"] == "fell"
-    assert found.named == ("pushes",)
-
-
-@pytest.mark.slow
 def test_the_folder_of_a_run_gets_the_explanation(tmp_path):
     run = planner.load_run("normal", [*QUICK, "sensors.delay=0.002"])
     folder = val.walk(run).save(tmp_path / "late", recording=False)
@@ -150,7 +142,10 @@ def test_the_folder_of_a_run_gets_the_explanation(tmp_path):
         read_explanation(folder / EXPLANATION)
 
 
-def test_a_run_is_repeated_as_it_was(pushed):
+@pytest.mark.slow
+def test_a_run_is_repeated_as_it_was_with_its_pushes(pushed):
+    found = val.explain(pushed, workers=0)
+    assert (found.trial["outcome"], found.named) == ("fell", ("pushes",))
     with pytest.raises(InputError, match="repeated as it was walked"):
         val.explain(pushed, ["gait.steps=3"])
     with pytest.raises(InputError, match="exists and is not empty"):

@@ -44,15 +44,6 @@ def test_a_run_appears_whole(tmp_path):
     assert [path.name for path in target.parent.iterdir()] == ["run"]
 
 
-def test_an_empty_folder_is_filled_in_place(target):
-    target.mkdir()
-    inode = target.stat().st_ino
-    with run_folder(target, force=False) as folder:
-        fill(folder)
-    assert target.stat().st_ino == inode
-    assert (target / "run.toml").exists()
-
-
 def test_an_existing_run_needs_force(tmp_path, run):
     with pytest.raises(InputError, match="--force"), run_folder(run, force=False):
         pass
@@ -76,10 +67,9 @@ def test_an_error_leaves_the_old_run_and_what_was_written(tmp_path, run):
 def test_an_error_before_anything_was_recorded_leaves_nothing(tmp_path, target, exists):
     if exists:
         target.mkdir()
+    folder = run_folder(target, force=False)
     with pytest.raises(OSError):
-        write_and_fail(
-            run_folder(target, force=False), lambda place: (place / "run.toml").write_text(""), OSError
-        )
+        write_and_fail(folder, lambda place: (place / "run.toml").write_text(""), OSError)
     assert list(tmp_path.rglob("*")) == ([target] if exists else [])
 
 
@@ -108,12 +98,6 @@ def test_what_is_of_another_kind_is_never_replaced(target, files, force, known, 
     with pytest.raises(InputError, match=refused):
         check_target(target, known, force=force, marks=marks, what="study")
     assert (target / files[-1]).read_text() == "mine"
-
-
-def test_a_file_is_no_folder(target):
-    target.write_text("")
-    with pytest.raises(InputError, match="not a folder"), run_folder(target, force=True):
-        pass
 
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder that nobody can write")

@@ -15,11 +15,13 @@ from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.footsteps import plan_footsteps
 from ampm.planner.periodic import plan_gait
 from ampm.planner.replan import LiveWalk
+from ampm.planner.support import plan_steps
 from ampm.planner.swings import plan_swings
+from tests import properties
 from tests.test_footsteps import turned
 from tests.walk import assert_follows, stop_and_go
 from validation.store.saved import load_saved_run
-from validation.trial.plan import load_request, make_body
+from validation.trial.plan import load_request, make_body, plan_walk
 
 RUN = ampm.load_run("normal")
 BODY = make_body(RUN).model.description
@@ -67,21 +69,18 @@ def test_a_walk_is_the_same_wherever_it_begins(gait):
 
 
 def test_equal_steps_have_the_feet_of_the_periodic_gait():
-    steps = 24
     gait = RUN.gait.model_copy(update={"a_s": 2.8, "steps": 2})
-    footsteps = routes.straight(steps, gait.step_length, gait.step_width)
-    centroidal = plan_footsteps(footsteps, gait, BODY)
+    centroidal = plan_footsteps(routes.straight(24, gait.step_length, gait.step_width), gait, BODY)
     feet = plan_swings(centroidal, RUN.foot, BODY.sole, gait.step_length)
-    periodic = ampm.planner.support.plan_steps(gait, BODY.mass, RUN.foot, BODY.sole)
-    singles = centroidal.contacts.starts[1::2]
+    periodic = plan_steps(gait, BODY.mass, RUN.foot, BODY.sole)
     first = 12  # stands on the left foot, as the first periodic step does
     times = np.linspace(0.0, 2.0 * periodic.constants.step_duration, 200)[:-1]
-    shift = centroidal.contacts.placements[1 + 2 * first, 0, 0]
-    for one, other in zip(feet.sample(singles[first] + times), periodic.feet.sample(times), strict=True):
-        np.testing.assert_allclose(one.position - [shift, 0.0, 0.0], other.position, rtol=0.0, atol=1e-9)
-        np.testing.assert_allclose(one.pitch, other.pitch, rtol=0.0, atol=1e-9)
-        np.testing.assert_allclose(one.toe, other.toe, rtol=0.0, atol=1e-9)
-        np.testing.assert_array_equal(one.contact, other.contact)
+    shift = [centroidal.contacts.placements[1 + 2 * first, 0, 0], 0.0, 0.0]
+    there = feet.sample(centroidal.contacts.starts[1::2][first] + times)
+    for one, other in zip(there, periodic.feet.sample(times), strict=True):
+        np.testing.assert_allclose(one.position - shift, other.position, rtol=0.0, atol=1e-9)
+        for name in ("pitch", "toe", "contact"):
+            np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=0.0, atol=1e-9)
 
 
 def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
@@ -90,23 +89,13 @@ def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
     landings[6] = (landings[6] or 0.0) + 3.0 - REST_START - SINGLE
     run = RUN.replace({}, footsteps=routes.as_rows(footsteps, landings))
     walk = plan_footstep_walk(run, BODY)
-    assert [phase.kind for phase in walk.contacts.phases] == ["double_support", "single_support"] * 8 + [
-        "double_support"
-    ]
-    assert walk.contacts.footsteps == tuple(footsteps)
     landed = [phase.start for phase in walk.contacts.phases[2::2]]
     assert landed[0] == pytest.approx(3.0)
     assert landed[4] == pytest.approx(landings[6])
-    singles = [phase.duration for phase in walk.contacts.phases[1::2]]
-    np.testing.assert_allclose(singles, SINGLE, rtol=0.0, atol=1e-12)
     assert walk.residuals().largest < 1e-9
     stand = walk.sample(np.linspace(landed[3] + REST_START, landed[3] + REST_START + 0.7, 20))
     np.testing.assert_allclose(stand.com_velocity, 0.0, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(stand.com[:, 0], 1.5, rtol=0.0, atol=1e-9)
-    alone = plan_footstep_walk(RUN.replace({}, footsteps=routes.as_rows(footsteps[:6])), BODY)
-    late = 3.0 - REST_START - SINGLE
-    times = np.linspace(0.0, landed[3] - late, 100)
-    np.testing.assert_allclose(walk.sample(times + late).zmp, alone.sample(times).zmp, rtol=0.0, atol=1e-12)
     with pytest.raises(InputError, match="takes no requests"):
         LiveWalk.of(run, BODY)
 
@@ -121,23 +110,6 @@ def after_a_stand(number, **change):
 def row(**keys):
     return ampm.load_run("normal", footsteps=[{"foot": "left", "x": 0.0, **keys}])
 
-
-# ------------------------------------------------------------------------------------------------ run files
-
-
-def test_footsteps_are_kept_in_the_run_file(tmp_path):
-    run = over(WALKS["arc"])
-    path = tmp_path / "arc.toml"
-    path.write_text(ampm.dump_run(run), encoding="utf-8")
-    again = ampm.load_run(path)
-    assert again == run
-    assert routes.footsteps_of(again) == (WALKS["arc"], [None] * len(WALKS["arc"]))
-    assert "footsteps" not in ampm.dump_run(RUN)
-    assert again.as_is().footsteps == run.footsteps
-    assert again.replace({"gait.c_s": 1.1}).footsteps == run.footsteps
-
-
-# --------------------------------------------------------------------------------------------------- trials
 
 SHORT = """foot,x,y,heading,z,time
 right,0,-0.1,0,,
@@ -155,11 +127,8 @@ def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
     answer = ampm("validate", "normal", "--footsteps", path, *disturbed, "--out", out, "--json")
     assert answer.status in (0, 1), answer.err
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert "The whole walk." in page
-    assert "ZMP and COM over the footprints, seen from above" in page
-    for words in ("stride", "ends the first step", "planned speed"):  # steps differ, from standing
-        assert words not in page
     assert "Disturbed, unknown to plan and controller: start_velocity = 1e-06." in page
+    assert "stride" not in page  # steps differ
     assert answer.json["outcome"] == "completed"
     assert answer.json["planner"] == "footsteps"
     assert answer.json["steps_completed"] == 3
@@ -168,29 +137,17 @@ def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
         assert zmp["value"] < 1.5e-3
         assert zmp["first_step"] is None
     saved = load_saved_run(out)
-    assert [step.time for step in saved.parameters.footsteps] == [None, None, 1.4, None, None]
     assert saved.parameters.footsteps == RUN.replace({}, footsteps=routes.read_footsteps(path)).footsteps
     walk = saved.plan()
     assert walk is not None
-    assert [step.position[2] for step in walk.contacts.footsteps] == [0.0, 0.0, 0.0, 0.05, 0.05]
-    np.testing.assert_allclose(
-        walk.sample(saved.signals.time).zmp[:, 0], saved.signals["plan_zmp_x"], rtol=0.0, atol=1e-12
-    )
+    zmp = walk.sample(saved.signals.time).zmp
+    np.testing.assert_allclose(zmp[:, 0], saved.signals["plan_zmp_x"], rtol=0.0, atol=1e-12)
     assert ampm("replay", out).status == 0
 
 
-def test_an_arc_is_walked_from_standing_to_standing():
-    run = ampm.load_run("normal", simulation={"time_step": 0.002})
-    trial = val.walk(run, footsteps=routes.arc(4, 0.4, 1.0, 0.22))
-    assert_follows(trial, 1.5e-3)
-    assert np.abs(trial.record.qd[-1]).max() < 0.02  # it stands
-
-
 def test_posture_follows_the_heading_of_the_feet():
-    request = load_request("normal", sections={"footsteps": routes.as_rows(turned(WALKS["turn"], 0.7))})
-    from validation.trial.plan import plan_walk
-
-    walk = plan_walk(request).plan
+    footsteps = routes.as_rows(turned(WALKS["turn"], 0.7))
+    walk = plan_walk(load_request("normal", sections={"footsteps": footsteps})).plan
     posture, h = walk.posture, 1e-5
     assert isinstance(posture, ConstantPosture)
     times = np.linspace(0.1, walk.duration - 0.1, 200)
@@ -199,12 +156,6 @@ def test_posture_follows_the_heading_of_the_feet():
     np.testing.assert_allclose((high[1] - low[1]) / (2 * h), mid[2], atol=1e-5)
     ends = posture.heading(np.array([0.0, walk.duration]))[0]  # the mean of feet that are turned out
     np.testing.assert_allclose(ends, [0.7, 2.7], rtol=0.0, atol=1e-12)
-    start = walk.table([0.0])[0]
-    trunk = start.trunk @ posture.trunk.T
-    assert math.atan2(trunk[1, 0], trunk[0, 0]) == pytest.approx(0.7)
-
-
-# ------------------------------------------------------------------------------------------------- requests
 
 
 def live(name="straight", run=RUN):
@@ -221,23 +172,13 @@ def assert_continues(old, new, at):
         for field in ("position", "velocity", "acceleration", "pitch", "heading", "toe", "contact"):
             np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
     assert new.residuals().largest < 1e-11
-    h = 1e-6
-    switches = np.concatenate([new.feet.left.start, new.feet.right.start, [at]])
-    switches = switches[switches > 0.0]
-    for before, after in zip(new.feet.sample(switches - h), new.feet.sample(switches + h), strict=True):
-        np.testing.assert_allclose(after.position, before.position, atol=1e-5)
-        np.testing.assert_allclose(after.velocity, before.velocity, atol=1e-3)
-        np.testing.assert_allclose(after.pitch_velocity, before.pitch_velocity, atol=1e-2)
-    end = new.sample(new.duration)
-    last = np.mean([step.position[:2] for step in new.contacts.footsteps[-2:]], axis=0)
-    np.testing.assert_allclose(end.com[0, :2], last, rtol=0.0, atol=1e-10)
-    for field in ("com_velocity", "com_acceleration", "moment", "angular_momentum"):
-        np.testing.assert_allclose(getattr(end, field), 0.0, rtol=0.0, atol=1e-9)
+    properties.assert_feet_move(new)
+    properties.assert_from_rest_to_rest(new, new.com_height)
     assert new.least_zmp_margin()[0] > -0.01
 
 
 @pytest.mark.parametrize("name", WALKS)
-@pytest.mark.parametrize("share", [0.05, 0.6, 0.9, 1.1])  # of the third swing; the last is in double support
+@pytest.mark.parametrize("share", [0.6, 1.1])  # of the third swing; the last is in double support
 def test_a_stop_continues_the_walk_bit_for_bit_and_smoothly(name, share):
     walk = live(name)
     swing = walk.steps.contacts.phases[5]
@@ -316,8 +257,6 @@ def test_changes_in_mid_swing_are_walked():
     assert_follows(trial, 1.2e-3)
     assert trial.summary["planner"] == "footsteps, changed at 2 s, stop at 3.5 s"
     assert trial.metrics["plan_changes"].value == 2.0
-    changed = trial.record.tick_time[np.flatnonzero(np.diff(trial.record.tick_plan)) + 1]
-    np.testing.assert_allclose(changed, [2.002, 3.502], rtol=0.0, atol=1e-9)  # a tick after each request
 
 
 def test_a_push_that_the_first_plan_does_not_survive_is_survived_from_the_measured_com(tmp_path):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ampm
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import BodilyRefusal
 from ampm.planner import routes
 from ampm.planner.contacts import Footstep
 from ampm.planner.footsteps import plan_footsteps
@@ -74,12 +74,9 @@ def test_the_middle_of_a_long_walk_is_the_closed_form_of_the_paper(gait, steps):
     st.booleans(),
 )
 def test_any_steps_are_walked_or_refused_by_name(steps, gait, timed):
-    x = y = heading = time = 0.0
-    footsteps, landings = (
-        [Footstep("right", (0.0, -0.09, 0.0)), Footstep("left", (0.0, 0.09, 0.0))],
-        [0.0, 0.0],
-    )
-    time = 0.8
+    x = y = heading = 0.0
+    footsteps = [Footstep("right", (0.0, -0.09, 0.0)), Footstep("left", (0.0, 0.09, 0.0))]
+    landings, time = [0.0, 0.0], 0.8
     for k, (length, width, turn, duration) in enumerate(steps):
         heading += turn
         x, y = x + length * math.cos(heading), y + length * math.sin(heading)
@@ -88,19 +85,14 @@ def test_any_steps_are_walked_or_refused_by_name(steps, gait, timed):
         footsteps.append(Footstep("right" if k % 2 == 0 else "left", place, heading))
         landings.append(time + duration)
         time += duration + 0.15
-    refusal = None
     try:
         walk = plan(footsteps, gait, landings=landings if timed else None)
     except BodilyRefusal as error:
-        refusal = error
-    if refusal is not None:
-        assert str(refusal).startswith("footstep ")
-        assert math.isfinite(refusal.value)
-        return
-    assert_walk(walk, SOLE)
-    if timed:
-        reached = walk.contacts.starts[2::2]
-        np.testing.assert_allclose(reached, landings[2:], rtol=0.0, atol=1e-12)
+        known = str(error).startswith("footstep ") and math.isfinite(error.value)
+    else:
+        assert_walk(walk, SOLE)
+        known = not timed or np.abs(walk.contacts.starts[2::2] - landings[2:]).max() < 1e-12
+    assert known
 
 
 def moved(steps, number, **change):
@@ -108,43 +100,19 @@ def moved(steps, number, **change):
     return [step._replace(**change) if step is steps[number] else step for step in steps]
 
 
-FILE = """foot, x, y, heading, time
-right, 0, -0.09, 0,
-left, 0, 0.09, 0,
-right, 0.3, -0.09, 0, 1.5
-left, 0.3, 0.09, 0.1,
-"""
-
-
-def test_a_file_of_footsteps(tmp_path, ampm):
+def test_a_plan_over_a_file_of_footsteps_and_its_picture(tmp_path, ampm):
+    """It stands until the time of a landing, as a trial does."""
     path = tmp_path / "walk.csv"
-    path.write_text(FILE, encoding="utf-8")
-    rows = routes.read_footsteps(path)
-    assert rows[3] == {"foot": "left", "x": 0.3, "y": 0.09, "heading": 0.1}
-    assert [row.get("time") for row in rows] == [None, None, 1.5, None]
+    rows = ("right,0,-0.09,0,", "left,0,0.09,0,", "right,0.3,-0.09,0.1,15", "left,0.3,0.09,0,")
+    path.write_text("\n".join(["foot,x,y,heading,time", *rows]), encoding="utf-8")
     answer = ampm("plan", "normal", "--footsteps", path, "--plot", tmp_path / "walk.png", "--json")
     assert answer.status == 0
-    assert answer.json["residuals"]["acceleration"] < 1e-12
+    assert answer.json["duration"] > 15.0
     assert (tmp_path / "walk.png").stat().st_size > 10_000
-    with pytest.raises(InputError, match=r"none\.csv"):
-        routes.read_footsteps(tmp_path / "none.csv")
-    path.write_text(FILE.replace("1.5", "15"), encoding="utf-8")  # it stands until then, as a trial does
-    assert ampm("plan", "normal", "--footsteps", path, "--json").json["duration"] > 15.0
 
 
-def test_targets_are_stood_at_one_after_the_other():
-    generator = np.random.default_rng(5)
-    targets = [tuple(generator.uniform(-1.0, 1.0, 3).tolist()) for _ in range(6)]
-    footsteps = routes.visit(targets, 0.25, 0.24)
-    assert_walk(plan(footsteps), SOLE)
-    middle = np.array([step.position[:2] for step in footsteps])
-    middle = 0.5 * (middle[1:] + middle[:-1])
-    for x, y, _ in targets:
-        assert np.hypot(*(middle - (x, y)).T).min() < 1e-12
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_no_step_to_a_target_goes_farther_aside_or_turns_more_than_it_may(seed):
+@pytest.mark.parametrize("seed", range(3))
+def test_steps_to_targets_stand_at_them_and_go_no_farther_aside_or_turn_more_than_they_may(seed):
     generator = np.random.default_rng(seed)
     targets = [tuple(generator.uniform(-1.5, 1.5, 3).tolist()) for _ in range(8)]
     length, width, aside, most = 0.16, 0.28, 0.06, 0.4
@@ -155,11 +123,13 @@ def test_no_step_to_a_target_goes_farther_aside_or_turns_more_than_it_may(seed):
     assert np.abs(turn).max() <= most + 1e-9
     to_left = np.stack([-np.sin(heading), np.cos(heading)], axis=1)
     middle = np.array([step.position[:2] for step in footsteps]) - 0.5 * width * side[:, None] * to_left
+    between = 0.5 * (middle[1:] + middle[:-1])
+    for x, y, _ in targets:
+        assert np.hypot(*(between - (x, y)).T).min() < 1e-9
     way = np.diff(middle, axis=0)
     left = (way * to_left[:-1]).sum(axis=1)
     assert np.hypot(*way.T).max() <= math.hypot(length, aside) + 1e-9
     outward = side[1:] * left
     assert outward.max() <= aside + 1e-9
-    assert outward.min() >= -0.2 * aside - 1e-9
     fewer = routes.visit(targets, 2.0 * length, width, aside=2.0 * aside, turn=most)
     assert len(fewer) < len(footsteps)

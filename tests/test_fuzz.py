@@ -6,7 +6,6 @@ import re
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -68,25 +67,6 @@ def test_keys(examples):
     fuzz(examples, check, st.sampled_from([key for key in keys() if key not in own_files]), CELLS)
 
 
-@SIZES
-def test_files_of_footsteps(examples, tmp_path):
-    good: list[list[Any]] = [["foot", "x", "y", "heading", "time"]]
-    good += [["left" if i % 2 else "right", 0.3 * i, 0.09 * (-1) ** (i + 1), 0.0, ""] for i in range(6)]
-
-    def check(row, column, cell, name):
-        table = copy.deepcopy(good)
-        table[row][column] = cell
-        table[0][-1] = name
-        path = tmp_path / "steps.csv"
-        text = "\n".join(",".join(map(str, cells)) for cells in table)
-        path.write_bytes(text.encode("utf-8", "surrogatepass"))
-        run = load_run("normal", footsteps=read_footsteps(path))
-        for item in run.footsteps:
-            assert all(map(math.isfinite, (item.x, item.y, item.z, item.heading, item.time or 0.0)))
-
-    fuzz(examples, check, st.integers(0, 6), st.integers(0, 4), CELLS, st.sampled_from(["time", "x", "z"]))
-
-
 LOG = "time,force_x,force_y,force_z,zmp_x,zmp_y,com_x,com_y,com_z\n" + "\n".join(
     f"{0.005 * i},0,0,588.6,{0.002 * i},{0.001 * i},{0.002 * i},{0.001 * i},0.86" for i in range(40)
 )
@@ -99,10 +79,38 @@ PLAN = (
 )
 
 
+STEPS = "foot,x,y,heading,time\n" + "\n".join(
+    f"{'left' if i % 2 else 'right'},{0.3 * i},{0.09 * (-1) ** (i + 1)},0," for i in range(6)
+)
+
+
+def numbers_of_log(path):
+    found = read_log(read_columns(path), 588.6)
+    return [found.signals["force"], found.time]
+
+
+def numbers_of_plan(path):
+    motion = table_motion(read_columns(path))
+    return [motion["com"], motion["zmp"]]
+
+
+def numbers_of_footsteps(path):
+    steps = load_run("normal", footsteps=read_footsteps(path)).footsteps
+    return [(item.x, item.y, item.z, item.heading, item.time or 0.0) for item in steps]
+
+
+TABLES = {
+    "log": (LOG, numbers_of_log),
+    "plan": (PLAN, numbers_of_plan),
+    "footsteps": (STEPS, numbers_of_footsteps),
+}
+
+
 @SIZES
-@pytest.mark.parametrize("kind", ["log", "plan"])
+@pytest.mark.parametrize("kind", TABLES)
 def test_tables(kind, examples, tmp_path):
-    good = [line.split(",") for line in (LOG if kind == "log" else PLAN).splitlines()]
+    text, numbers = TABLES[kind]
+    good = [line.split(",") for line in text.splitlines()]
 
     def check(rows, column, cell, suffix):
         table = copy.deepcopy(good)
@@ -111,15 +119,8 @@ def test_tables(kind, examples, tmp_path):
         path = tmp_path / "table.csv"
         text = "\n".join(",".join(map(str, cells)) for cells in table) + suffix
         path.write_bytes(text.encode("utf-8", "surrogatepass"))
-        columns = read_columns(path)
-        if kind == "log":
-            found = read_log(columns, 588.6)
-            assert np.isfinite(found.signals["force"]).all()
-            assert np.isfinite(found.time).all()
-        else:
-            motion = table_motion(columns)
-            assert np.isfinite(motion["com"]).all()
-            assert np.isfinite(motion["zmp"]).all()
+        for values in numbers(path):
+            assert np.isfinite(values).all()
 
     rows = st.lists(st.integers(0, len(good) - 1), max_size=40)
     fuzz(examples, check, rows, st.integers(0, 9), CELLS, st.sampled_from(["", "\n", "\n1,2", "\0"]))

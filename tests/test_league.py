@@ -9,12 +9,14 @@ from scipy.integrate import solve_ivp
 
 import ampm
 from ampm.exceptions import InputError
+from ampm.planner import routes
 from ampm.planner.newton import newton_residual
 from ampm.run_file import load_run
 from examples.planners.alip import Alip, wanted_step
 from examples.planners.centroidal import MOST_MOMENT, Centroidal
 from examples.planners.hlip import Deadbeat, Lqr, deadbeat, regulator, step_to_step
-from examples.planners.pendulum import Pendulum
+from examples.planners.pendulum import GRAVITY
+from examples.planners.vhip import HIGH, LOW, K, Vhip, feedback
 from tests.solved import COARSE, walk_of
 from validation.study.sweep.design import load_sweep
 
@@ -33,13 +35,10 @@ def planned(kind, **changes):
     return planner, planner.plan(run, walk_of(COARSE).robot)
 
 
-def footsteps():
-    """Six of them, from standing on."""
-    sides = [("left", 0.1) if number % 2 else ("right", -0.1) for number in range(6)]
-    return [{"foot": foot, "x": 0.3 * max(0, n - 1), "y": y} for n, (foot, y) in enumerate(sides)]
-
-
-# --- H-LIP: Xiong & Ames 2022 ---
+def over(**last):
+    """Footsteps, the last of which has more than the others."""
+    *rows, end = routes.as_rows(routes.straight(4, 0.3, 0.2))
+    return [*rows, end | last]
 
 
 @pytest.mark.parametrize(("w", "single", "double"), PENDULA)
@@ -60,9 +59,6 @@ def test_hlip_needs_two_steps_and_its_regulator_more(w, single, double):
     assert 1e-3 < np.abs(np.linalg.eigvals(softer)).max() < 1.0
 
 
-# --- ALIP: Gong & Grizzle 2022 ---
-
-
 @pytest.mark.parametrize(("w", "duration", "_"), PENDULA)
 def test_the_step_of_alip_brings_the_momentum_about_the_contact_to_zero(w, duration, _):
     x, speed = 0.04, 0.3  # the momentum about the contact, over m H
@@ -74,40 +70,39 @@ def test_the_step_of_alip_brings_the_momentum_about_the_contact_to_zero(w, durat
     assert step == pytest.approx(deadbeat(w, duration, 0.0) @ [x, speed])  # the same without double support
 
 
-def test_alip_counts_the_momentum_of_the_trunk_as_speed():
-    planner, plan = planned(Alip)
-    surplus = np.array([-1.0, 2.0])  # about x and y [N m s]
-    planner.deviate(NOW, 0.0 * OFF, surplus)
-    with_momentum = planner.moved.copy()
-    planner.moved[:] = 0.0
-    mass, height = walk_of(COARSE).run.body.mass, plan.com_height
-    planner.deviate(NOW, np.array([[0.0, 0.0], [2.0, 1.0]]) / (mass * height), np.zeros(2))
-    changed = np.abs(planner.moved) > 1e-3
-    assert changed.any(axis=0).all()
-    # The surplus dies out in 1/15 s, in which the COM moves less far than that speed moves it.
-    np.testing.assert_allclose(with_momentum[changed], planner.moved[changed], rtol=0.2)
+@pytest.mark.parametrize("off", [[0.004, -0.003, 0.0], [0.0, 0.0, 0.004], [0.002, 0.003, -0.004]])
+def test_the_dcm_of_the_vhip_returns_at_its_pole(off):
+    w, height, wide = 3.3, 0.9, np.array([9.0, 9.0])
+
+    def rate(t, state):
+        com, velocity = state.reshape(2, 3)
+        error = com + velocity / w - [0.0, 0.0, height]
+        zmp, share = feedback(w, height, error, velocity, np.zeros(2), -wide, wide)
+        force = w * w * (1.0 + share) * (com - np.append(zmp, 0.0)) - [0.0, 0.0, w * w * height]
+        return np.append(velocity, force)
+
+    start = np.append(np.array([0.0, 0.0, height]) + off, np.zeros(3))
+    com, velocity = solve_ivp(rate, (0.0, 0.3), start, rtol=1e-9, atol=1e-11).y[:, -1].reshape(2, 3)
+    left = com + velocity / w - [0.0, 0.0, height]
+    np.testing.assert_allclose(left, np.exp((1.0 - K) * w * 0.3) * np.array(off), atol=6e-5)
 
 
-# --- the pendulum of them all ---
-
-
-def test_the_first_plan_is_a_bounded_pendulum_over_the_footsteps():
-    planner, plan = planned(Pendulum)
-    assert newton_residual(plan, np.linspace(0.0, plan.duration, 2001)[:-1]).size < 1e-4
-    period, length = planner.single + planner.double, walk_of(COARSE).run.gait.step_length
-    one, other = plan.sample(np.array([0.3, 0.3 + 2.0 * period])).com[:, :2]
-    np.testing.assert_allclose(other - one, [2.0 * length, 0.0], atol=1e-5)
-
-
-def test_the_dcm_is_where_khadiv_has_it():
-    """A ZMP that jumps from foot to foot: the DCM is L / (exp(w T) - 1) ahead of the next foot."""
-    w, T, L = 3.3, 0.5, 0.4
-    planner, number = Pendulum(), np.arange(30)
-    planner.w = w
-    times = np.ravel(T * number[:, None] + [0.0, T - 1e-9])
-    zmp = np.repeat(L * number, 2)[:, None]
-    dcm = planner.bounded(times, zmp)
-    assert dcm[2, 0] - zmp[2, 0] == pytest.approx(L / (np.exp(w * T) - 1.0), rel=1e-6)
+def test_the_vhip_uses_its_height_where_the_sole_does_not_suffice():
+    """A push forward over a ZMP at its limit: the plan goes on with a COM that leaves its height."""
+    planner, plan = planned(Vhip)
+    run, robot = walk_of(COARSE).run, walk_of(COARSE).robot
+    reference = plan.table(np.array([NOW]))
+    state = ampm.State(NOW, reference.q[0].copy(), reference.v[0].copy())
+    state.v[:3] += [0.2, 0.0, 0.0]  # [m/s]
+    pushed = planner.replan(NOW, state, None, plan)
+    times = np.linspace(NOW, plan.duration, 1001)
+    height = pushed.sample(times).com[:, 2] - run.gait.com_height
+    assert 2 * LOW < height.min() < -0.005
+    assert height.max() < 2 * HIGH
+    assert abs(height[-1]) < 2e-3
+    assert newton_residual(pushed, times[:-1]).size < 2e-4
+    force = pushed.sample(times).force
+    assert force[:, 2].min() > 0.3 * robot.mass * GRAVITY
 
 
 @pytest.mark.parametrize("kind", [Alip, Deadbeat, Lqr, Centroidal])
@@ -125,30 +120,6 @@ def test_a_deviation_ends_over_the_moved_footsteps(kind):
         np.testing.assert_allclose(np.trapezoid(moment, times, axis=0), [1.0, -1.5], rtol=0.02)
     if kind is Centroidal:
         assert np.abs(moment).max() <= MOST_MOMENT * 1.01
-
-
-def test_a_stand_leans_as_far_as_the_dcm_is_off():
-    rows = footsteps()
-    rows[-1]["x"] = rows[-2]["x"]
-    planner, plan = planned(Deadbeat, footsteps=rows)
-    off = np.array([[0.01, 0.0], [0.0, 0.0]])
-    _, moves, zmp, _ = planner.deviate(plan.duration - 1.0, off, np.zeros(2))
-    assert np.abs(planner.moved).max() == 0.0
-    np.testing.assert_allclose(zmp[[0, -1], 0], 0.01, atol=1e-6)  # a DCM over the ZMP stays there
-    assert abs(moves[0, -1, 0] - 0.01) < 1e-3
-
-
-@pytest.mark.parametrize(
-    ("kind", "key", "step"),
-    [(Deadbeat, "footsteps.z", {"z": 0.08}), (Centroidal, "footsteps.heading", {"heading": 0.1})],
-)
-def test_what_a_planner_cannot_do_is_named(kind, key, step):
-    rows = footsteps()
-    with pytest.raises(ampm.InputError, match=rf"^{key}: "):
-        planned(kind, footsteps=[*rows[:-1], rows[-1] | step])
-
-
-# --- tasks ---
 
 
 @pytest.mark.parametrize("name", ["league", "league-quick"])

@@ -143,11 +143,7 @@ def perfect_walk(steps=4, count=None):
         time_step=dt,
         self_checks=SelfChecks(0.0, 0.0, 0.0, EXACT),
     )
-    return (
-        WalkPlan.of(plan, posture=PlannedMomentum(lambda t: 0.5 * np.sin(3 * t))),
-        record,
-        measured,
-    )
+    return (WalkPlan.of(plan, posture=PlannedMomentum(lambda t: 0.5 * np.sin(3 * t))), record, measured)
 
 
 def with_state(measured, com_shift=0.0, force_shift=0.0, moment_shift=0.0, instrument=0.0):
@@ -177,12 +173,7 @@ def assert_follows(trial: Trial, limit: float) -> None:
 
 
 def without_point(record: SimulationRecord, index: int | None = None) -> SimulationRecord:
-    """The same run with one sole point missing from the force log: a broken instrument for the negative test.
-
-    Args:
-        record: the run.
-        index: the point to leave out; by default the one that carried the most.
-    """
+    """The same run with one sole point, or the one that carried the most, missing from the force log."""
     if index is None:
         index = int(np.argmax(record.point_force[:, :, 2].sum(axis=0)))
     force = record.point_force.copy()

@@ -98,9 +98,9 @@ class HeightState(NamedTuple):
 
 @dataclass(frozen=True)
 class HeightLaw:
-    """The height of the COM over a support whose height blends as a ZMP does."""
+    """The height of the COM, and of the support as its ZMP."""
 
-    blend: BlendLaw  # of these heights; its force point is the height that the COM follows
+    blend: Any  # law of these heights; the force point of a BlendLaw is the height that the COM follows
 
     def evaluate(self, time: Any) -> HeightState:
         """State at times since the start of the phase [s]."""

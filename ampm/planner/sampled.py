@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
+from ampm.parameters import GRAVITY
+from ampm.planner.blend import HeightLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
 from ampm.planner.contacts import ascending, finite
 from ampm.planner.newton import ALLOWED, newton_residual
@@ -62,6 +64,7 @@ class SampledLaw:
         )
 
 
+_LEVEL = 1e-6  # by which a constant height of the COM may vary [m]
 _ENOUGH = 100.0  # rows a second with which a right plan is within a quarter of what is allowed
 _AHEAD = 1.0  # time from its first sample in which a plan made on the way is checked [s]
 
@@ -89,28 +92,30 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     given = {name: finite(name, values) for name, values in given.items() if values is not None}
     for name, values in given.items():
         shape = (2,) if name == "angular_momentum" else (len(times), 2)
-        if values.shape != shape and (name != "com" or values.shape != (len(times), 3)):
+        if values.shape != shape and not (name.startswith("com") and values.shape == (len(times), 3)):
             raise InputError(
                 f"{name} has the shape {values.shape}, not {shape}; give it a row for each time."
             )
-    com = given["com"][:, :2]
-    for height in given["com"][:, 2:].T:
-        if not (height.min() > 0.0 and np.ptp(height) <= 1e-6):
-            raise InputError(
-                f"com has heights from {height.min():g} to {height.max():g} m; give all the same, above 0 m."
-            )
-        plan = replace(plan, com_height=float(height[0]))
-    rate, arm = plan.gravity / plan.com_height, np.zeros_like(com)
+    law = _height_law(given, times, plan.contacts.slope)
+    height, lift = plan.com_height, 1.0  # of the COM [m]; vertical force over the weight
+    if law is not None:
+        height, lift = law.blend.position[:, None], 1.0 + law.blend.acceleration[:, None] / plan.gravity
+    elif given["com"].shape[1] == 3:
+        height = float(given["com"][0, 2])
+        plan = replace(plan, com_height=height)
+    given = {name: values[..., :2] for name, values in given.items()}
+    com, rate = given["com"], plan.gravity / height
+    arm = np.zeros_like(com)
     if "moment" in given:
         arm = given["moment"][:, ::-1] * [-1.0, 1.0] / plan.weight
     if "com_acceleration" in given:
         acceleration = given["com_acceleration"]
-        zmp = given.get("zmp", com + arm - acceleration / rate)
+        zmp = given.get("zmp", com + arm / lift - acceleration / (rate * lift))
         if "moment" not in given:
-            arm = acceleration / rate - com + zmp
+            arm = acceleration / rate - com * lift + zmp * lift
     elif "zmp" in given:
         zmp = given["zmp"]
-        acceleration = rate * (com - zmp + arm)
+        acceleration = rate * (com * lift - zmp * lift + arm)
     else:
         raise InputError("zmp and com_acceleration are left out; give one of them or both.")
     velocity = given.get("com_velocity", np.gradient(com, times, axis=0, edge_order=2))
@@ -119,7 +124,7 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     around_y -= plan.constants.angular_momentum_y_offset
     columns = com, velocity, acceleration, zmp, arm
     x, y = (SampledLaw(times - begin, *(values[:, axis] for values in columns)) for axis in (0, 1))
-    phase = CentroidalPhase(begin, end - begin, (0.0, 0.0), x, y, (around_x, around_y))
+    phase = CentroidalPhase(begin, end - begin, (0.0, 0.0), x, y, (around_x, around_y), z=law)
     plan = replace(plan, phases=(phase,))
     if first:
         constants = plan_constants(plan)
@@ -129,6 +134,37 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
         plan = replace(plan, switching_velocity=constants.mean_velocity, constants=constants)
     _check(plan, times[times <= (end if first else begin + _AHEAD)])
     return plan
+
+
+def _height_law(given: dict[str, Array], times: Array, slope: float) -> HeightLaw | None:
+    """The law of a COM whose height varies; None at a constant height."""
+    if given["com"].shape[1] == 2:
+        return None
+    height = given["com"][:, 2]
+    if not height.min() > 0.0:
+        raise InputError(f"com has the height {height.min():g} m; give heights above 0 m.")
+    if np.ptp(height) <= _LEVEL:
+        return None
+    if slope:
+        raise InputError(
+            f"com has heights from {height.min():g} to {height.max():g} m, and gait.slope is {slope:g}; give "
+            "all the same height over a slope, or leave out gait.slope."
+        )
+    velocity, acceleration = (
+        given[name][:, 2] if given.get(name, height).shape[-1] == 3 else None
+        for name in ("com_velocity", "com_acceleration")
+    )
+    if velocity is None:
+        velocity = np.gradient(height, times, edge_order=2)
+    if acceleration is None:
+        acceleration = np.gradient(velocity, times, edge_order=2)
+    if not acceleration.min() > -GRAVITY:
+        raise InputError(
+            f"com accelerates downwards by {-acceleration.min():.3g} m/s^2; keep it below {GRAVITY} m/s^2, "
+            "as the floor only pushes."
+        )
+    still = np.zeros_like(times)
+    return HeightLaw(SampledLaw(times - times[0], height, velocity, acceleration, still, still))
 
 
 def _check(plan: CentroidalPlan, times: Array) -> None:

@@ -12,7 +12,7 @@ Columns, one row per instant, SI units, world frame (x forward, y left):
 ``left_placement_heading`` ...  optional: its heading [rad]; 0 by default
 ``phase_start``                 optional: when the row's phase began [s]; by default at its first row, and
                                 equal steps, to a row, at equal times
-``com_z``                       optional: height of the COM, the same in all rows; that of the gait by default
+``com_z``                       optional: height of the COM; that of the gait by default
 ``com_acceleration_x ..._y``    optional: by default the force passes through the COM, ``(g/H)(com - zmp)``;
                                 refused if the COM moves otherwise, by 0.2 mm of ZMP or more
 ``angular_momentum_x ..._y``    optional: about the COM; if the steps do not repeat, only the first row counts
@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
+from ampm.planner.blend import HeightLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.contacts import STANCE_NAMES, Contacts, Footstep, Side
 from ampm.planner.sampled import SampledLaw
@@ -215,9 +216,10 @@ def repeats(plan: CentroidalPlan) -> bool:
         return False
     times = step * np.arange(_GRID * len(number) + 1) / _GRID
     times = times[times <= plan.duration]
-    com = plan.sample(times).com[:, :2]
+    com = plan.sample(times).com
     later, index = np.divmod(np.arange(len(com)), _GRID)
-    return bool(np.abs(com - mirrored(com[index], later, length)).max() <= REPEATED)
+    first = np.column_stack([mirrored(com[index, :2], later, length), com[index, 2]])
+    return bool(np.abs(com - first).max() <= REPEATED)
 
 
 def mirrored(places: Array, steps: NDArray[Any], length: float) -> Array:
@@ -235,9 +237,12 @@ def closed_step(steps: StepPlan) -> StepPlan:
     """
     duration, length, phase = steps.constants.step_duration, steps.contacts.step_length, steps.phases[0]
     laws, gained = [], []
-    x, y = cast(SampledLaw, phase.x), cast(SampledLaw, phase.y)
-    for law, sign, shift in ((x, 1.0, length), (y, -1.0, 0.0)):
-        times = np.append(law.time[law.time < duration - _SAME], duration)
+    axes = [(phase.x, 1.0, length), (phase.y, -1.0, 0.0)]
+    if phase.z is not None:
+        axes.append((phase.z.blend, 1.0, 0.0))
+    for law, sign, shift in axes:
+        time = cast(SampledLaw, law).time
+        times = np.append(time[time < duration - _SAME], duration)
         state = law.evaluate(times)
         motion = np.array([state.position, state.velocity, state.acceleration])
         gap = sign * motion[:, 0] - motion[:, -1] + [shift, 0.0, 0.0]
@@ -252,5 +257,6 @@ def closed_step(steps: StepPlan) -> StepPlan:
     grid = np.linspace(0.0, duration, 1001)
     mean = float(np.trapezoid(laws[0].evaluate(grid).moment_arm_integral, grid)) / duration
     momentum = -0.5 * steps.weight * gained[1], steps.weight * mean
-    closed = CentroidalPhase(0.0, phase.duration, phase.origin, laws[0], laws[1], momentum)
+    high = HeightLaw(laws[2]) if phase.z is not None else None
+    closed = CentroidalPhase(0.0, phase.duration, phase.origin, laws[0], laws[1], momentum, z=high)
     return replace(steps, phases=(closed,))

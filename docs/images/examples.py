@@ -14,11 +14,7 @@ HERE = Path(__file__).resolve().parent
 
 def main() -> None:
     """Draw the pictures again, in few colours."""
-    examples = HERE.parents[1] / "examples"
-    for script in [
-        *sorted(examples.glob("*.py")),
-        *(examples / f"planners/{n}.py" for n in ("capture", "mpc")),
-    ]:
+    for script in sorted((HERE.parents[1] / "examples").glob("*.py")):
         if script.stem == "tour":  # walks for an hour, and draws nothing
             continue
         with tempfile.TemporaryDirectory() as folder:
