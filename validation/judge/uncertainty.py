@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, NonNegativeFloat, ValidationError
+from pydantic import BaseModel, NonNegativeFloat
 
 from ampm.exceptions import InputError
-from ampm.files import read_file
 from ampm.geometry import Array
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready
+from validation.store.summary import read_json
 from validation.trial.plan import Request
 
 FILE = "convergence.json"
@@ -70,28 +70,14 @@ class _File(BaseModel):
 
 
 def load_uncertainty(path: Path) -> Uncertainty:
-    """Read what ``ampm convergence`` wrote.
-
-    Args:
-        path: ``convergence.json``, or the folder that holds it.
+    """Read the ``convergence.json`` that ``ampm convergence`` wrote, or that of a folder.
 
     Raises:
         InputError: there is no such file, or it holds no convergence study.
     """
     file = path / FILE if path.is_dir() else path
-    try:
-        found = _File.model_validate_json(read_file(file)).uncertainty
-    except OSError as error:
-        raise InputError(
-            f"--uncertainty {file} cannot be read ({error.strerror}); give the {FILE} of 'ampm convergence'."
-        ) from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        raise InputError(
-            f"--uncertainty {file} is no convergence study ({where}{': ' if where else ''}{first['msg']}); "
-            f"give the {FILE} that 'ampm convergence --out' writes."
-        ) from None
+    table = read_json(file, _File, f"give --uncertainty the {FILE} that 'ampm convergence --out' writes")
+    found = _File.model_validate(table).uncertainty
     if not found.values:
         raise InputError(f"--uncertainty {file} holds no metrics: its walk did not complete; study again.")
     return found

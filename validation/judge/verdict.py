@@ -102,11 +102,8 @@ class MetricResult:
 
     def as_dict(self) -> dict[str, Any]:
         """For ``summary.json``."""
-        display: dict[str, Any] = {
-            "value": self.displayed(self.value),
-            "unit": self.display_unit,
-            "tolerance": self.displayed(self.tolerance),
-        }
+        value, limit = self.displayed(self.value), self.displayed(self.tolerance)
+        display: dict[str, Any] = {"value": value, "unit": self.display_unit, "tolerance": limit}
         entry: dict[str, Any] = {
             "label": self.label,
             "kind": METRICS[self.name].kind,
@@ -259,6 +256,8 @@ def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> d
     Further top-level entries are for example ``timing`` [s], ``environment`` or the gait's name.
     """
     outcome, split = comparison.record.outcome, comparison.zmp_split
+    planned = [name for name, signal in SIGNALS.items() if signal.reference == "plan"]
+    ahead = {name: [found[name] for found in comparison.ahead.values()] for name in planned}
     summary = {
         "outcome": outcome.name,
         "steps_completed": outcome.steps_completed,
@@ -272,15 +271,7 @@ def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> d
             "share": split.share,
             "unit": "m",
         },
-        "ahead": {
-            "judged": comparison.followed.lead,
-            "lead": list(comparison.ahead),
-            "rmse": {
-                name: [found[name] for found in comparison.ahead.values()]
-                for name, signal in SIGNALS.items()
-                if signal.reference == "plan"
-            },
-        },
+        "ahead": {"judged": comparison.followed.lead, "lead": list(comparison.ahead), "rmse": ahead},
         **comparison.costs,
         "self_checks": comparison.measured.self_checks,
         "solver": _solver(comparison.record),

@@ -76,7 +76,7 @@ def judge_log(
         comparison = compare(walked, record, measured)
         metrics = MappingProxyType(evaluate(comparison))
     planned = replace(planned, request=replace(planned.request, name=f"{log.name} on {planned.name}"))
-    extra = {"log": facts, **({"planner": planned.planner} if planned.planner else {})}
+    extra = {"log": facts} | ({"planner": planned.planner} if planned.planner else {})
     return Trial(planned, comparison, metrics, own_profile(request.name, request.run), seconds, extra)
 
 
@@ -145,10 +145,8 @@ def _aligned(
         "of the plan's weight."
     ]
     if log.gaps:
-        notes.append(
-            f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s, are "
-            "left out."
-        )
+        gaps = f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s"
+        notes.append(f"{gaps}, are left out.")
     if strides:
         log, mean = mean_stride(log, plan)
         facts["strides"] = mean
@@ -176,9 +174,7 @@ def _aligned(
             f"s of the plan, which begins at {facts.get('start', 0.0):.6g} s; give a longer log, or another "
             "start (--start)."
         )
-    by, mean_of = np.array(place or (0.0, 0.0)), ""
-    if place is None:
-        by, mean_of = find_place(judged, plan)
+    by, mean_of = (np.array(place), "") if place is not None else find_place(judged, plan)
     if mean_of:
         notes.append(
             f"The log is moved by {by[0]:.4g} m along x and {by[1]:.4g} m along y, to the mean of the plan's "

@@ -80,10 +80,10 @@ class Replay:
 
 
 def replay(directory: str | Path, *, equations: bool = False, progress: Progress | None = None) -> Replay:
-    """Replay a run folder.
+    """Replay the folder of a finished run.
 
     Args:
-        directory: of a finished run.
+        directory: the folder.
         equations: also hold every step to the equations of motion by Pinocchio.
         progress: where to report stages.
 
@@ -133,10 +133,7 @@ def step_again(
 ) -> SimulationRecord:
     """Step the physics with recorded torques, up to the first recorded state of which a bit differs.
 
-    Args:
-        physics: the model that was simulated, and its engine.
-        record: start state, torques and external forces.
-        advance: called with steps done and steps in all.
+    The record has start, torques and external forces; ``advance`` is called with steps done and steps in all.
 
     Returns:
         The repeated steps, without what a controller would add.

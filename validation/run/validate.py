@@ -46,8 +46,6 @@ def targets(requests: Sequence[Request], out: Path | None, *, force: bool) -> li
     elif len(requests) == 1:
         folders = [out]
     else:
-        if out.exists() and not out.is_dir():
-            raise InputError(f"{out} is a file, not a folder; give another folder.")
         if (out / "run.toml").exists():
             raise InputError(f"{out} is itself the folder of a run; give another folder.")
         folders = [out / item.name for item in requests]
