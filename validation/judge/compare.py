@@ -274,7 +274,7 @@ def compare(
 
     def errors(planned: PlanRows, windows: Mapping[str, Rows]) -> dict[str, Mapping[str, Statistics]]:
         """Errors of all signals in some windows."""
-        found = {}
+        found: dict[str, Mapping[str, Statistics]] = {}
         for name, (value, reference) in signal_pairs(planned, measured, record).items():
             error, scale = value - reference, scales[_SCALES[SIGNALS[name].unit]]
             of = {window: statistics(error[w], reference[w], scale) for window, w in windows.items()}

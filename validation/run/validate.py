@@ -104,9 +104,8 @@ def validate(
             save_record(record, folder)
 
         try:
-            users: dict[str, Any] = {"disturbances": disturbances, "keep": keep}
-            trial = walk_planned(planned, profile, progress=progress, **users).judged(profile, uncertainty)
-            trial = replace(trial, seconds={**seconds, **trial.seconds})
+            trial = walk_planned(planned, profile, disturbances=disturbances, progress=progress, keep=keep)
+            trial = replace(trial, uncertainty=uncertainty, seconds={**seconds, **trial.seconds})
             summary = write_results(folder, trial, environment)
             del trial  # drawing needs the memory
         finally:

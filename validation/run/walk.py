@@ -6,7 +6,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from ampm.body.orbit import solve_motion
 from ampm.compiled import compilation, folder
@@ -88,8 +87,7 @@ def walk(
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress, planner=planner)
-    users: dict[str, Any] = {"controller": factory, "disturbances": disturbances}
-    trial = walk_planned(planned, profile, progress=progress, **users)
+    trial = walk_planned(planned, profile, controller=factory, disturbances=disturbances, progress=progress)
     return replace(trial, seconds={**seconds, **trial.seconds})
 
 

@@ -73,6 +73,11 @@ class Chart:
         """Fill what is between two curves without gaps."""
         self.area([*x, *x[::-1]], [*low, *high[::-1]], color, opacity=opacity, label=label)
 
+    def shade(self, begin: float, end: float, color: str) -> None:
+        """Fill what is between two instants, from edge to edge, below what is drawn so far."""
+        corners = [begin, begin, end, end], [-np.inf, np.inf, np.inf, -np.inf]
+        self.area(*corners, color, below=True)
+
     def level(self, y: float, color: str, width: float = 0.7, *, dash: str = "", label: str = "") -> None:
         """Draw a horizontal line from edge to edge."""
         self.line([-np.inf, np.inf], [y, y], color, width, dash=dash, label=label)
@@ -257,14 +262,9 @@ def new_charts(
     left: float = 0.62,
     ratios: Sequence[float] | None = None,
 ) -> list[Chart]:
-    """Charts of a picture, one above the other.
+    """Charts of a picture of this height and width [in], in rows of relative heights.
 
-    Args:
-        height: of the picture [in].
-        rows: number of charts.
-        width: of the picture [in].
-        left: room for the labels of the vertical axis [in].
-        ratios: relative heights of the charts.
+    ``left`` is the room for the labels of the vertical axis [in].
     """
     shares = np.array(ratios or [1.0] * rows) / sum(ratios or [1.0] * rows)
     heights = shares * (72 * height - _TOP - _BOTTOM - _GAP * (rows - 1))

@@ -1,6 +1,6 @@
 """The tables of what a walk cost, and of all that is not judged, made from its ``summary.json``."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from validation.judge.margins import tilt_warnings
@@ -56,7 +56,7 @@ def reported_table(summary: Mapping[str, Any]) -> Table:
     return Table("", ("", ">value", "unit", "where"), _measured(summary, rows))
 
 
-def _measured(summary: Mapping[str, Any], rows: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
+def _measured(summary: Mapping[str, Any], rows: Sequence[Sequence[str]]) -> list[Sequence[str]]:
     """Rows that have a value; of a walk with plan and joints all."""
     partial = "log" in summary or "velocity" in summary
     return [row for row in rows if row[1] != ABSENT or not partial]

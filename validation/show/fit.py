@@ -62,10 +62,11 @@ def _picture(strides: Strides, told: dict[str, Array], signal: str) -> Picture:
     chart = new_charts(2.6)[0]
     chart.name(title, unit, "time from the start of left single support [s]")
     measured = drawn(strides.signals)
-    chart.band(time, *np.quantile(measured, (0.025, 0.975), axis=0), MEASURED, opacity=0.25)
+    low, high = np.quantile(measured, (0.025, 0.975), axis=0)
+    chart.band(time, low, high, MEASURED, opacity=0.25)
     chart.line(time, measured.mean(axis=0), MEASURED, 2.2)
     for model, (_, color) in _MODELS.items():
         chart.line(time, drawn(told[model]).mean(axis=0), color, 1.2, dash="" if model == "ampm" else DASHED)
     for double in (ends[1:3], ends[3:5]):
-        chart.area(np.repeat(double, 2), (-np.inf, np.inf, np.inf, -np.inf), SHADE, below=True)
+        chart.shade(*double, SHADE)
     return Picture([chart], title)

@@ -30,8 +30,6 @@ _KINDS = (("plan", PLAN, 2.4, ""), ("command", COMMAND, 1.1, DASHED), ("measured
 """Kind, colour, width and dashes of a curve, told apart in grey, too; the plan is below the others."""
 _DASHES = ("", DASHED, "1 2")
 """Dashes of the components of a vector."""
-_UPWARD = (-np.inf, np.inf, np.inf, -np.inf)
-"""Heights of the corners of an area from edge to edge."""
 
 
 def strides(signals: Signals) -> list[slice]:
@@ -55,8 +53,7 @@ def shade_double_support(chart: Chart, signals: Signals, window: slice, *, from_
         a, b = max(a, window.start), min(b, window.stop)
         if a < b and signals["phase"][a] == "double_support":
             begin = float(signals.time[a]) - first
-            ends = [begin, begin + (b - a) * step]
-            chart.area(np.repeat(ends, 2), _UPWARD, SHADE, below=True)
+            chart.shade(begin, begin + (b - a) * step, SHADE)
 
 
 class RunFigures:
