@@ -33,7 +33,6 @@ from typing import Any
 
 from ampm.exceptions import InputError, words_of
 from validation.judge.built_in import COMPUTED, recovery_time
-from validation.judge.built_in import has_qp as has_qp
 from validation.judge.built_in import rms as rms
 from validation.judge.compare import FIRST_STEP, SIGNALS, Comparison
 from validation.judge.metric import Metric as Metric

@@ -204,9 +204,9 @@ class Picture:
         return pgf(*_drawn(_fitted(self.charts, width)))
 
 
-def numbered(pictures: Iterable[Picture], first: int = 1) -> list[Picture]:
+def numbered(pictures: Iterable[Picture]) -> list[Picture]:
     """Pictures with their numbers, in their order."""
-    return [replace(item, number=number) for number, item in enumerate(pictures, start=first)]
+    return [replace(item, number=number) for number, item in enumerate(pictures, start=1)]
 
 
 def _drawn(charts: Sequence[Chart]) -> tuple[list[Shape | Word], float, float]:
