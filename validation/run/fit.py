@@ -23,7 +23,7 @@ from validation.judge.fit import (
     explained,
     scores,
 )
-from validation.measure.log import read_log, rough_weight
+from validation.measure.log import read_log
 from validation.run.judge_log import log_columns
 from validation.show.fit import LABELS, fit_page, shown_in
 from validation.store.folders import check_target
@@ -158,8 +158,8 @@ def fit_log(
     folder = Path(table) if isinstance(table, str | Path) and Path(table).is_dir() else None
     signals, name = log_columns(table if folder is None else _of_run(folder), columns)
     name = name if folder is None else folder.name
-    weight = rough_weight(signals, name) if mass is None else mass * GRAVITY
-    strides, others = cut_strides(read_log(signals, weight, name), com_height, mass)
+    log = read_log(signals, None if mass is None else mass * GRAVITY, name)
+    strides, others = cut_strides(log, com_height, mass)
     least, most = (f"{force / strides.weight:.1%}" for force in (strides.upward.min(), strides.upward.max()))
     error = 1e3 * float(np.sqrt(np.mean(strides.com_error**2)))
     notes = [

@@ -82,7 +82,7 @@ def write_recording(run: str | Path | SavedRun) -> Path:
         Path of the recording.
 
     Raises:
-        InputError: the folder is no run folder.
+        InputError: the folder is not a run folder.
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path = saved.directory / RECORDING_FILE
@@ -93,7 +93,7 @@ def write_recording(run: str | Path | SavedRun) -> Path:
         log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
         if not saved.is_log:
-            log.body(saved.record.model())
+            log.body(saved.model())
         if len(log.times):
             log.ground(saved.plan())
             for entity, (values, lines) in curves.items():
