@@ -70,7 +70,7 @@ def judge(
     result: Result,
     as_json: Json = False,
 ) -> int:
-    """Judge a log of measured signals by a plan.
+    r"""Judge a log of measured signals by a plan.
 
     The log is of a robot, another simulator or a person; metrics, limits, report and recording are those of
     'ampm validate'. LOG is a CSV or Parquet file with a row per instant, in SI units, x forward, y left, z
@@ -87,8 +87,11 @@ def judge(
     The folder of a run is judged again by the metrics that it holds, which are of the plans that it followed.
 
     ampm judge walk.csv --plan gait.toml
-    ampm judge robot.csv --columns time=t[ms] --columns force_z=Fz_total
+
+    ampm judge robot.csv --columns time=t\[ms] --columns force_z=Fz_total
+
     ampm judge person.csv --plan normal --set body.mass=72 --strides
+
     ampm judge runs/walk --profile strict
     """
     from ampm.exceptions import InputError

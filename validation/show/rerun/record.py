@@ -361,12 +361,9 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Lines]]]:
     if not saved.is_log:
         use = np.abs(saved.record.torque_at(saved.signal_steps[rows])) / saved.record.torque_limit
         found["effort/torque"] = 100 * use.max(axis=1)[:, None], {"torque": MEASURED}
-    return signals.time, dict(_known(found))
-
-
-def _known(curves: Mapping[str, tuple[Array, Lines]]) -> Iterator[tuple[str, tuple[Array, Lines]]]:
-    """Curves without columns that have no value: those of the plan, if there is none."""
-    for entity, (values, lines) in curves.items():
-        there: list[bool] = np.atleast_1d(np.isfinite(values).any(axis=0)).tolist()
+    known: dict[str, tuple[Array, Lines]] = {}  # without columns that have no value, as of a missing plan
+    for entity, (values, lines) in found.items():
+        there: list[bool] = np.isfinite(values).any(axis=0).tolist()
         if any(there):
-            yield entity, (values[:, there], dict(compress(lines.items(), there)))
+            known[entity] = values[:, there], dict(compress(lines.items(), there))
+    return signals.time, known
