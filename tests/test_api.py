@@ -24,7 +24,7 @@ def walk(**options):
 
 @pytest.fixture(scope="module")
 def trial():
-    return val.walk(ampm.load_run("normal", **RUN), disturbances=[PUSH], name="pushed", profile="default")
+    return val.walk(ampm.load_run("normal", **RUN), disturbances=[PUSH], name="pushed").judged("default")
 
 
 def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path):
