@@ -107,8 +107,8 @@ def limited(change: Array, most: float) -> Array:
 def posture(body: Kinematics, q: Array, v: Array, phase: float, rate: float) -> Array:
     """Desired acceleration of the posture: -k (q - q0) - d qd (Eq. 12, sign corrected), shape (nv,).
 
-    The pelvis lists towards the swing foot by a sine of the phase, which goes from 0 to pi in a step, and turns
-    the hip of the front foot forward by its cosine.
+    The pelvis lists towards the swing foot by a sine of the phase, which goes from 0 to pi in a step, and
+    turns the hip of the front foot forward by its cosine.
 
     Args:
         body: supplies q0, k and d.

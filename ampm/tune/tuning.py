@@ -164,7 +164,7 @@ def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
 
 
 def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> Tuned:
-    """The best choice of the first search that finds one for sure, with its plan over all steps and its motion.
+    """The best choice of the first search that is sure of one, with its plan over all steps and its motion.
 
     Raises:
         MathematicalRefusal: there is no guess.
