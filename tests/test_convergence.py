@@ -189,8 +189,7 @@ STEPS = 2e-3 / 2.0 ** np.arange(4)
 def test_an_exact_power_has_its_order_and_its_limit(order, ratio, sign):
     found = estimate(3.0 + sign * 40.0 * (2e-3 / ratio ** np.arange(4)) ** order, ratio)
     assert found.kind is Kind.ASYMPTOTIC
-    assert found.orders == pytest.approx((order, order))
-    assert found.order == pytest.approx(order)
+    assert (found.order, *found.orders) == pytest.approx((order,) * 3)
     assert found.extrapolated == pytest.approx(3.0)
     error = 40.0 * STEPS[0] ** order
     assert error * CONFIRMED * 0.999 <= found.uncertainty <= error * CONFIRMED * 1.1
@@ -212,30 +211,25 @@ def test_the_grid_convergence_index_of_first_order_is_the_textbook_s():
         ([1.0, 2.0, 2.1, 2.19], "do not agree|not those"),  # two triplets, two orders
         ([1.0, 2.0, 2.01, 2.0101], "not those"),  # an order of 6.6
         ([1.0, 2.0, 2.5, 2.5], "from one side"),  # nothing left at the end: no triplet
+        (1.0 + STEPS[:3], ""),  # three levels cannot confirm an order
     ],
 )
 def test_what_has_no_asymptotic_range_is_called_so_and_bounded_by_its_spread(values, why):
     found = estimate(values, 2.0)
-    assert found.kind is Kind.NO_RANGE
-    assert found.order is None
-    assert found.extrapolated is None
+    assert (found.kind, found.order, found.extrapolated) == (Kind.NO_RANGE, None, None)
     assert re.search(why, found.reason), found.reason
-    spread = max(values) - min(values)
-    assert spread <= found.uncertainty <= 4.0 * spread
+    assert 1.0 <= found.uncertainty / np.ptp(values) <= 4.0
 
 
 @pytest.mark.parametrize(
     ("values", "kind", "uncertainty"),
     [
-        ([0.0] * 4, Kind.CONSTANT, 0.0),
         ([7.0, 7.0 + 1e-14, 7.0, 7.0], Kind.CONSTANT, 1e-14),
         ([1.0, 2.0, math.nan, 2.0], Kind.UNKNOWN, math.inf),
-        ([1.0, math.nan, 1.0, 1.0], Kind.UNKNOWN, math.inf),
         ([math.nan] * 4, Kind.UNKNOWN, math.nan),
-        (1.0 + STEPS[:3], Kind.NO_RANGE, 0.003),  # three levels cannot confirm an order
     ],
 )
-def test_constant_unknown_and_too_short_sequences(values, kind, uncertainty):
+def test_constant_and_unknown_sequences(values, kind, uncertainty):
     found = estimate(values, 2.0)
     assert found.kind is kind
     assert found.uncertainty == pytest.approx(uncertainty, abs=1e-14, nan_ok=True)

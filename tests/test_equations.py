@@ -55,7 +55,7 @@ def test_what_is_missing_shows(block):
     damping = np.zeros(7)
     damping[arm] = 1.0  # [N m s/rad]
     damped = NOTHING._replace(damping=damping)
-    turned = check(replace(record, torque=record.torque + 0.1), model)
+    turned = check(replace(record, tick_torque=record.tick_torque + 0.1), model)
     for wrong in (check(without_point(record), model), turned, check(record, model, damped)):
         assert wrong.median > 1e-3 * wrong.change
     assert turned.coordinate == "swing"
@@ -92,7 +92,7 @@ def test_dry_friction_is_not_recorded(tmp_path):
     assert 'name="left_knee_pitch"' in text
     model.write_text(text.replace('name="left_knee_pitch"', 'frictionloss="1" name="left_knee_pitch"', 1))
     with (
-        patch("validation.run.replay.check_files", lambda *_: None),
+        patch("validation.store.saved.check_files", lambda *_: None),
         pytest.raises(InputError, match="dry friction"),
     ):
         replay(folder, equations=True)

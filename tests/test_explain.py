@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -118,35 +117,15 @@ def test_late_sensing_is_named_and_written(tmp_path):
     assert [cells[2] for cells in table.rows[:2]] == ["FAIL", "pass"]
 
 
-@pytest.fixture(scope="module")
-def pushed(tmp_path_factory) -> Path:
-    """Folder of a walk that a push made fall."""
+@pytest.mark.slow
+def test_a_run_is_repeated_with_its_pushes_and_its_folder_gets_the_explanation(tmp_path):
     run = planner.load_run("normal", ["simulation.time_step=2e-3", "gait.steps=4"])
     push = val.Push("chest", (0.0, 150.0, 0.0), 0.8, 0.1)
-    return val.walk(run, disturbances=[push], profile="default").save(
-        tmp_path_factory.mktemp("explain") / "pushed", recording=False
-    )
-
-
-@pytest.mark.slow
-def test_the_folder_of_a_run_gets_the_explanation(tmp_path):
-    run = planner.load_run("normal", [*QUICK, "sensors.delay=0.002"])
-    folder = val.walk(run).save(tmp_path / "late", recording=False)
+    folder = val.walk(run, disturbances=[push]).save(tmp_path / "pushed", recording=False)
     found = val.explain(folder, workers=0)
-    assert found.named == ("sensing",)
+    assert (found.trial["outcome"], found.named) == ("fell", ("pushes",))
     assert val.load(folder).sentence  # its digests still hold
     assert found.sentence in val.report(folder).read_text(encoding="utf-8")
     (folder / EXPLANATION).write_text("{}", encoding="utf-8")
     with pytest.raises(InputError, match="is damaged"):
         read_explanation(folder / EXPLANATION)
-
-
-@pytest.mark.slow
-def test_a_run_is_repeated_as_it_was_with_its_pushes(pushed):
-    found = val.explain(pushed, workers=0)
-    assert (found.trial["outcome"], found.named) == ("fell", ("pushes",))
-    with pytest.raises(InputError, match="repeated as it was walked"):
-        val.explain(pushed, ["gait.steps=3"])
-    with pytest.raises(InputError, match="exists and is not empty"):
-        val.explain("normal", out=pushed)
-    assert read_explanation(pushed / "nothing.json") is None

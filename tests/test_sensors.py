@@ -95,8 +95,8 @@ def read(*settings):
     """Record of a walk, and the readings of every tick."""
     readings, plain = [], Sensors.read
 
-    def kept(self, log, k):
-        readings.append(plain(self, log, k))
+    def kept(self, k):
+        readings.append(plain(self, k))
         return readings[-1]
 
     with pytest.MonkeyPatch.context() as patch:

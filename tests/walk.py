@@ -9,13 +9,14 @@ import numpy as np
 from ampm.body.robot import Gaps
 from ampm.description import SoleGeometry
 from ampm.planner import routes
+from ampm.planner.contacts import Footstep
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
 from ampm.walk import UNSOLVED, PostureState, WalkPlan
 from validation.measure.equations import Equations
-from validation.measure.measure import MeasuredGait, SelfChecks, zmp_from_momentum
+from validation.measure.measure import MeasuredGait, SelfChecks, centre_of_pressure
 from validation.run.trial import Trial
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import SimulationRecord
@@ -82,9 +83,10 @@ def perfect_walk(steps=4, count=None):
     name = OutcomeName.COMPLETED if k == whole else OutcomeName.FELL
     record = SimulationRecord(
         time=time,
+        state_rows=np.arange(k + 1),
         q=np.zeros((k + 1, 9)),
         qd=np.zeros((k + 1, 8)),
-        torque=np.zeros((k, 2)),
+        tick_torque=np.zeros((k, 2)),
         torque_rate=np.zeros((k, 2)),
         point_force=force,
         point_position=places[:k],
@@ -151,7 +153,7 @@ def with_state(measured, com_shift=0.0, force_shift=0.0, moment_shift=0.0, instr
     com = measured.com + com_shift
     force = measured.momentum_force + force_shift
     rate = measured.angular_momentum_rate + moment_shift
-    zmp = zmp_from_momentum(com, force, rate, 0.0)
+    zmp = centre_of_pressure(force, rate + np.cross(com, force), 0.0)
     return replace(
         measured,
         com=com,
@@ -179,3 +181,15 @@ def without_point(record: SimulationRecord, index: int | None = None) -> Simulat
     force = record.point_force.copy()
     force[:, index] = 0.0
     return replace(record, point_force=force)
+
+
+def stones(steps: int, length: float, width: float, seed: int) -> list[Footstep]:
+    """Steps ahead whose lengths and widths differ by up to a quarter and a third."""
+    generator = np.random.default_rng(seed)
+    footsteps = routes.straight(steps, length, width)
+    shares = generator.uniform(-1.0, 1.0, (len(footsteps), 2)) * (0.25, 0.3) + 1.0
+    x = np.cumsum(np.r_[0.0, 0.0, length * shares[2:-1, 0], 0.0])
+    return [
+        step._replace(position=(float(x[k]), float(step.position[1] * (shares[k, 1] if k > 1 else 1.0)), 0.0))
+        for k, step in enumerate(footsteps)
+    ]

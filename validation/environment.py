@@ -34,7 +34,7 @@ from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.policy import observe
 from validation.trial.readings import make_estimator
 from validation.trial.references import Course, References
-from validation.trial.simulate import ClosedLoop, forces_of, place, timing_of
+from validation.trial.simulate import ClosedLoop, forces_of, place
 from validation.trial.watch import End
 
 # dm_control looks for an OpenGL context when it is imported, and warns or fails where there is none. MuJoCo
@@ -106,13 +106,8 @@ class WalkPhysics(control.Physics):
     def __init__(self, planned: PlannedWalk, disturbances: Sequence[Disturbance]) -> None:
         self.planned, self.physics = planned, Physics(planned.scene, planned.run)
         self.substeps = self.physics.substeps
-        self.walk = References(
-            planned.plan,
-            timing_of(planned.run, self.physics),
-            time_step=self.timestep(),
-            substeps=self.substeps,
-        )
-        self._forces = forces_of(planned.run, disturbances, self.physics, self.walk.total)
+        self.walk = References(planned.plan, planned.run, self.physics)
+        self._forces = forces_of(planned.run, disturbances, self.walk.total * self.timestep())
         self.begin(0)
 
     def begin(self, tick: int) -> None:

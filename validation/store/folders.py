@@ -104,11 +104,8 @@ def _probe(target: Path) -> None:
 def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
     """Write a run folder atomically: the body of the ``with`` fills a partial folder.
 
-    A target that exists and is empty (such as a mounted volume) is filled in place.
-
-    Args:
-        target: the folder that the run is to have.
-        force: whether an earlier run there may be replaced.
+    A target that exists and is empty (such as a mounted volume) is filled in place. An earlier run is
+    replaced only with ``force``.
 
     Yields:
         The folder to write into; it is renamed to ``target`` at the end. On an exception it is kept if it

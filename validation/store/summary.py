@@ -141,13 +141,8 @@ class Summary(_Entry):
 def read_json(path: Path, kind: type[BaseModel], way_out: str) -> dict[str, Any]:
     """Contents of a file of JSON as they are, if all that is read of them has the right types.
 
-    Args:
-        path: of the file.
-        kind: the types.
-        way_out: from a damaged file, for the message.
-
     Raises:
-        InputError: it is missing, no JSON, or damaged; names the first entry of another type.
+        InputError: it is missing, no JSON, or damaged; names the first entry of another type and the way out.
     """
     try:
         found = json.loads(read_text(path))

@@ -47,11 +47,7 @@ _ONLY_MUJOCO = (
 
 
 def check_drake(run: RunParameters | None = None, model: mujoco.MjModel | None = None) -> None:
-    """Refuse what Drake cannot step.
-
-    Args:
-        run: if it is known already.
-        model: of the body, if it is known already.
+    """Refuse what Drake cannot step, of a run and a model that are known already.
 
     Raises:
         InputError: a key has a meaning for MuJoCo alone, Drake is not installed, or a joint has dry friction,

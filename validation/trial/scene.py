@@ -18,6 +18,7 @@ from ampm.geometry import Array
 from ampm.parameters import DisturbanceParameters, RunParameters
 from ampm.planner.contacts import Contacts, Footstep, footprint
 from ampm.planner.heights import Ground, uneven
+from ampm.section import unknown
 from models.scene import BodyModel
 
 _FAR = 1e3  # half the size of the floor of a scene with edges [m]
@@ -37,10 +38,7 @@ class _Tile(NamedTuple):
 def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> BodyModel:
     """The body in its world as it is simulated; ``body`` itself if the run does not change them.
 
-    Args:
-        body: as planner and controller know it.
-        run: its section ``disturbance``.
-        contacts: of the plan: a change of the floor is at a footstep, and the floor as high as the footsteps.
+    The floor is as high as the footsteps of the plan's contacts; a step of the floor is at one of them.
 
     Raises:
         InputError: there is no such segment or footstep, or a disturbance needs a level floor.
@@ -85,12 +83,8 @@ def _change_masses(root: ElementTree.Element, body: BodyModel, wanted: Disturban
     for name in names:
         item = segments.get(body.description.trunk_segment if name == "chest" else name)
         if item is None:
-            known = ", ".join(["all", "chest", *segments])
-            raise InputError(
-                f"disturbance.mass_segment = {name!r} is not a segment of the body; take some of {known}.",
-                key="disturbance.mass_segment",
-                value=name,
-            )
+            known, key = ["all", "chest", *segments], "disturbance.mass_segment"
+            raise unknown(name, known, f"segment in {key}", key=key, value=name)
         for inertial in item.iterfind("inertial"):
             for key in ("mass", "diaginertia", "fullinertia"):
                 _scale(inertial, key, 1.0 + wanted.mass_change, all_of_it=True)

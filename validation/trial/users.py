@@ -2,6 +2,7 @@
 
 import inspect
 import io
+import math
 import sys
 import traceback
 from collections.abc import Callable, Mapping
@@ -66,22 +67,20 @@ class UsersCode:
             ) from error
 
 
-def real_numbers(name: str, value: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+def real_numbers(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = False) -> NDArray[Any]:
     """Array of a value that a user's code returned, of any type of real numbers.
 
-    Args:
-        name: of the value, for the message.
-        value: finite or not.
-        shape: that it must have.
-
     Raises:
-        ValueError: another shape, or no real numbers.
+        ValueError: another shape, no real numbers, or a number that is not finite and must be; ``name`` is
+            that of the value.
     """
     array = np.asarray(value)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape} and must have {shape}")
     if array.dtype.kind not in "fiu":
         raise ValueError(f"{name} holds {array.dtype} values and must hold real numbers")
+    if finite and (wrong := array[~np.isfinite(array)]).size:
+        raise ValueError(f"{name} holds {wrong[0]} and must be finite")
     return array
 
 
@@ -119,18 +118,12 @@ class Role:
     name: str  # of the part; installed packages add classes by entry points of the group `ampm.NAMEs`
     key: str  # of the run's parameters, that names the class
     options: str  # table of the parameters with the class's options
-    # the project's own names and what they stand for, `module:Class`, or empty for what is not a class of its
-    # own
-    known: Mapping[str, str]
+    known: Mapping[str, str]  # the project's names, and their `module:Class`; empty for what is not a class
     arguments: int  # number of arguments that a class gets before its options
     otherwise: str = "MODULE:CLASS"  # what may stand in the place of a name, for messages
 
     def find(self, text: str, options: Mapping[str, Option] = MappingProxyType({})) -> Any:
         """Import the class or function of a name: ours, an installed package's, or ``module:Class``.
-
-        Args:
-            text: the name.
-            options: that it has to take.
 
         Returns:
             The class; None where a name of ours stands for none.
@@ -138,11 +131,6 @@ class Role:
         Raises:
             InputError: nothing has this name, it cannot be imported, or an option is unknown or missing.
         """
-        factory = self._load(text)
-        self.check_options(text, factory, options)
-        return factory
-
-    def _load(self, text: str) -> Any:
         known = dict(self.known)
         if ":" not in text and text not in known:
             known |= {item.name: item.value for item in entry_points(group=f"ampm.{self.name}s")}
@@ -154,7 +142,9 @@ class Role:
                     value=text,
                 )
         place = known.get(text, text)
-        return load_object(self.key, place) if place else None
+        factory = load_object(self.key, place) if place else None
+        self.check_options(text, factory, options)
+        return factory
 
     def check(self, text: str, options: Mapping[str, Option]) -> None:
         """Refuse a name and options as :meth:`find` does, before anything is planned.
@@ -167,15 +157,9 @@ class Role:
     def check_options(
         self, text: str, factory: Callable[..., Any] | None, options: Mapping[str, Option]
     ) -> None:
-        """Refuse options that a class does not take, and the lack of one that it needs.
+        """Refuse options that a class or function does not take, and the lack of one that it needs.
 
-        Args:
-            text: name of the class.
-            factory: the class or function; None if it takes no options.
-            options: by name.
-
-        Raises:
-            InputError: an option is unknown or missing.
+        None takes no options. Raises :class:`InputError`.
         """
         try:
             signature = inspect.signature(factory or (lambda: None))
@@ -276,6 +260,17 @@ def planner_problem(made: Any) -> str:
             "plan of your own by ampm.make_plan"
         )
     return text
+
+
+def replan_period(planner: Any) -> float:
+    """Time from one call of a planner's ``replan`` to the next; infinite if there is none [s]."""
+    if not hasattr(planner, "replan"):
+        return math.inf
+    with UsersCode("planner", planner):
+        period = float(getattr(planner, "replan_period", 0.0))
+        if not period >= 0.0:
+            raise ValueError(f"its replan_period is {period} s; give a number of seconds, 0 or more")
+    return period
 
 
 def read_columns(path: Path) -> dict[str, NDArray[Any]]:
