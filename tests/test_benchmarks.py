@@ -50,7 +50,7 @@ def test_physics_alone_is_that_of_the_walk(planned, monkeypatch):
         stepped.append(data)
 
     monkeypatch.setattr(loop.mujoco, "mj_step", noted)
-    spans = loop.time_physics(record, planned.body.model, planned.run.controller.frequency)
+    spans = loop.time_physics(record, planned.body.model)
     np.testing.assert_array_equal(stepped[-1].qpos, record.q[-1])
     assert len(spans) == len(stepped) == record.steps
 

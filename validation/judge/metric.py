@@ -14,6 +14,7 @@ import numpy as np
 
 from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY
+from ampm.section import unknown
 from validation.judge.compare import Comparison
 
 _KINDS, _NATURES = ("walk", "instrument", "cost"), ("mean", "extreme", "count")
@@ -65,7 +66,7 @@ class Metric:
         object.__setattr__(self, "label", self.label or spaced(self.name))
         for value, known in ((self.kind, _KINDS), (self.nature, _NATURES)):
             if value not in known:
-                raise InputError(f"metric '{self.name}' is no {value!r}; take one of {', '.join(known)}.")
+                raise unknown(value, known, f"kind of the metric '{self.name}'")
         for limit in self.tolerances.values():
             if not isinstance(limit, Real) or math.isnan(limit):
                 raise InputError(f"metric '{self.name}' has the tolerance {limit!r}; give a number.")

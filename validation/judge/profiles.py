@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Self
 
-from ampm.exceptions import InputError
 from ampm.parameters import NO_PLAN, RunParameters
 from ampm.section import unknown
 from validation.judge.compare import SIGNALS
@@ -137,7 +136,8 @@ def profile(name: Profile | str) -> Profile:
     Raises:
         InputError: there is none of this name.
     """
-    try:
-        return name if isinstance(name, Profile) else PROFILES[name]
-    except KeyError:
-        raise InputError(f"profile '{name}' is unknown; use one of {', '.join(PROFILES)}") from None
+    if isinstance(name, Profile):
+        return name
+    if name not in PROFILES:
+        raise unknown(name, PROFILES, "profile")
+    return PROFILES[name]
