@@ -3,10 +3,10 @@
     python docs/referee.py [human | g1] [GAIT ...]
 
 Half a minute for a gait. Plan, feet and limits are those of the search; its inverse kinematics is not used.
-Free are all joints at the nodes of one step, whose end mirrors its start, and timing, heights and angles of
-the feet. Pinocchio gives inverse dynamics and derivatives; Gauss and Newton (Levenberg, Marquardt) minimise the
-squares of all violations over their tolerances. ``walks`` means that none is above its tolerance. ``none
-found`` proves nothing, as the problem is not convex.
+Free are all joints at the nodes of one step, whose end mirrors its start, and timing, heights and angles
+of the feet. Pinocchio gives inverse dynamics and derivatives; Gauss and Newton (Levenberg, Marquardt)
+minimise the squares of all violations over their tolerances. ``walks`` means that none is above its
+tolerance, at the nodes. ``none found`` proves nothing, as the problem is not convex.
 """
 
 import csv
