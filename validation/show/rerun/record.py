@@ -365,5 +365,5 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Lines]]]:
     for entity, (values, colors) in found.items():
         there = np.isfinite(values).any(axis=0)
         if there.any():
-            known[entity] = values[:, there], dict(compress(colors.items(), there.tolist()))
+            known[entity] = values[:, there], dict(compress(colors.items(), list(there)))
     return signals.time, known
