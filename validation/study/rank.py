@@ -136,6 +136,22 @@ class Ranking(Tabled):
         }
 
     @property
+    def extremes(self) -> dict[str, int]:
+        """Number of the best and of the worst run of each planner in all tasks, by ``NAME-best`` ..."""
+        found = {}
+        for name in dict.fromkeys(cell.name for cell in self.cells):
+            walked = [cell for cell in self.cells if cell.name == name and cell.worst is not None]
+            ends = {
+                "best": [(min(cell.errors.values()), cell.best) for cell in walked if cell.errors],
+                "worst": [
+                    (cell.survived / cell.runs, -max(cell.errors.values(), default=0.0), cell.worst)
+                    for cell in walked
+                ],
+            }
+            found |= {f"{name}-{end}": min(values)[-1] for end, values in ends.items() if values}
+        return found
+
+    @property
     def sentence(self) -> str:
         """How many differences are decided."""
         walked = [cell.task for cell in self.cells if cell.runs]
