@@ -14,7 +14,6 @@ import logging
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -363,7 +362,8 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Lines]]]:
         found["effort/torque"] = 100 * use.max(axis=1)[:, None], {"torque": MEASURED}
     known: dict[str, tuple[Array, Lines]] = {}  # without columns that have no value, as of a missing plan
     for entity, (values, colors) in found.items():
-        there = np.isfinite(values).any(axis=0)
-        if there.any():
-            known[entity] = values[:, there], dict(compress(colors.items(), there.tolist()))
+        there = np.flatnonzero(np.isfinite(values).any(axis=0))
+        if len(there):
+            names = list(colors)
+            known[entity] = values[:, there], {names[k]: colors[names[k]] for k in there}
     return signals.time, known
