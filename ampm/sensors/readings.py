@@ -57,6 +57,14 @@ class Estimator(Protocol):
         ...
 
 
+class Steady(Estimator, Protocol):
+    """An estimator that may watch the body stand before its walk (``sensors.stand``)."""
+
+    def begin(self, start: State) -> None:
+        """Go on from the state in which the walk is planned to start, with what was found of the sensors."""
+        ...
+
+
 class EstimatorFactory(Protocol):
     """Makes an estimator; an estimator's class is such a factory."""
 

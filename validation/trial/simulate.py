@@ -18,8 +18,10 @@ from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.geometry import Array
 from ampm.parameters import NO_PLAN, DisturbanceParameters, RunParameters
+from ampm.planners import StandingPlanner
 from ampm.reference import Reference
-from ampm.sensors.readings import Estimator, EstimatorFactory
+from ampm.sensor_parameters import EXACT
+from ampm.sensors.readings import Estimator, EstimatorFactory, Steady
 from ampm.stepping.tracker import SteppedTick
 from ampm.walk import (
     LIMITED,
@@ -106,8 +108,14 @@ def simulate(
         controller=follower,
     )
     forces = forces_of(run, disturbances, physics, math.inf if replanner else course.total)
+    estimating = None
+    if run.sensors.stand and run.sensors.estimator != EXACT:
+        estimating = stand(planned, physics, estimator)
     start = place(physics, run, course.table[0])
-    estimating = make_estimator(run, known, start, estimator)
+    if estimating is None:
+        estimating = make_estimator(run, known, start, estimator)
+    else:
+        estimating.begin(start)
     loop = ClosedLoop(physics, follower, course, run, estimator=estimating, disturbances=forces)
     record = loop.run(progress)
     tick = physics.substeps * physics.time_step
@@ -131,6 +139,36 @@ def simulate(
     )
     floor = surfaces(run.disturbance, plan.contacts)
     return record if np.array_equal(floor, [0.0]) else _on_floor(record, floor)
+
+
+def stand(planned: PlannedWalk, physics: Physics, factory: EstimatorFactory | None) -> Steady:
+    """Stand before a walk with its sensors, on two soles side by side.
+
+    Returns:
+        The run's estimator with what it found.
+
+    Raises:
+        InputError: the floor is not level, the estimator has no ``begin``, or the body does not stand.
+    """
+    robot, way_out = planned.body.again(), "or sensors.stand = 0"
+    if not np.array_equal(surfaces(planned.run.disturbance, planned.plan.contacts), [0.0]):
+        raise InputError(f"sensors.stand needs a level floor; leave out what slopes or steps, {way_out}.")
+    still = {"gait.planner": NO_PLAN, "controller.stabilizer": "fixed", "command.settling": 0.0}
+    run = planned.run.replace({**still, "command.duration": planned.run.sensors.stand}, footsteps=())
+    plan = StandingPlanner().plan(run.undisturbed, robot)
+    timing, controller = timing_of(run, physics), TrackingController(robot, run.undisturbed)
+    controller.follow(plan, timing)
+    course = References(plan, timing, time_step=physics.time_step, substeps=physics.substeps)
+    start = place(physics, run, course.table[0])
+    estimator = make_estimator(run, robot, start, factory)
+    if not hasattr(estimator, "begin"):
+        raise InputError(f"the estimator {run.sensors.estimator} has no method begin; add it, {way_out}.")
+    outcome = ClosedLoop(physics, controller, course, run, estimator=estimator).run().outcome
+    if not outcome.completed:
+        raise InputError(
+            f"the body does not stand before its walk: {outcome.cause}; lower errors, {way_out}."
+        )
+    return cast("Steady", estimator)
 
 
 def timing_of(run: RunParameters, physics: Physics) -> Timing:
