@@ -1,8 +1,6 @@
-"""How values are shown: one line as ``repr``, a few lines by ``print``, a table in a notebook."""
+"""How values are shown: one line, however long their arrays."""
 
-from collections.abc import Sequence
 from dataclasses import fields
-from html import escape
 from typing import Any
 
 _FACTS = 8
@@ -22,31 +20,6 @@ class Brief:
         names = [field.name for field in fields(self) if field.name[0] != "_"]  # type: ignore[arg-type]
         facts = [f"{name}={_said(getattr(self, name))}" for name in names[:_FACTS]]
         return f"{type(self).__name__}({', '.join(facts)}{', ...' if len(names) > _FACTS else ''})"
-
-
-def text_of(title: str, rows: Sequence[Sequence[str]]) -> str:
-    """A title, and below it rows of aligned columns."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
-    return "\n".join([title, *(f"  {line}".rstrip() for line in lines)])
-
-
-class Described:
-    """Base of values that print as a title and rows of aligned cells, and show as a table in notebooks."""
-
-    def _described(self) -> tuple[str, Sequence[Sequence[str]]]:
-        """Title, and rows of equal length."""
-        raise NotImplementedError
-
-    def __str__(self) -> str:
-        """Title, and below it the rows."""
-        return text_of(*self._described())
-
-    def _repr_html_(self) -> str:
-        """Title and a table, for notebooks."""
-        title, rows = self._described()
-        body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
-        return f"<p><b>{escape(title)}</b></p><table>{body}</table>"
 
 
 def _said(value: Any) -> str:

@@ -11,7 +11,7 @@ class AmpmError(Exception):
 
 
 class InputError(AmpmError):
-    """The request itself is wrong: an unknown key, a value that is no number, a file that is missing.
+    """The request itself is wrong: an unknown key, a value that is not a number, a file that is missing.
 
     Attributes:
         details: for programs, those that are known of ``key``, ``value``, ``limit`` (in words), ``way_out``,

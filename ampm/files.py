@@ -13,13 +13,13 @@ LARGEST_TABLE = 2**31
 
 
 def check_regular(path: Path) -> None:
-    """Refuse what is there and is no regular file: a pipe would wait for its writer, a device has no end.
+    """Refuse what is there and is not a regular file: a pipe would wait for its writer, a device has no end.
 
     Raises:
         InputError: it is a folder, a pipe or a device.
     """
     if path.exists() and not path.is_file():
-        raise InputError(f"the file {str(path)!r} cannot be read: it is no regular file; give another one.")
+        raise InputError(f"the file {str(path)!r} cannot be read: it is not a regular file; name another.")
 
 
 def read_file(path: Path, largest: int = LARGEST_TEXT) -> bytes:
@@ -27,7 +27,7 @@ def read_file(path: Path, largest: int = LARGEST_TEXT) -> bytes:
 
     Raises:
         FileNotFoundError, NotADirectoryError: there is no such file.
-        InputError: it is no regular file, too large, or cannot be read.
+        InputError: it is not a regular file, too large, or cannot be read.
     """
     try:
         check_regular(path)

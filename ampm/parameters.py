@@ -6,11 +6,10 @@ Keys are namespaced (``gait.step_length``); :mod:`ampm.run_file` reads and write
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, model_validator
 
-from ampm.brief import Described
 from ampm.controller_parameters import ControllerParameters
 from ampm.exceptions import InputError
 from ampm.physics_parameters import ContactParameters, DrakeParameters, SimulationParameters, SolverParameters
@@ -23,12 +22,12 @@ from ampm.section import (
     RealOrInf,
     Section,
     Whole,
+    bad_value,
     options_of,
     parameter,
     parse_setting,
     unit_of,
     unknown,
-    whole,
 )
 from ampm.sensor_parameters import SensorParameters
 
@@ -204,23 +203,6 @@ class DisturbanceParameters(Section, section="disturbance"):
         0.0, "constant error of every motor's torque; its signs are random", "N m", ge=0, le=1e3
     )
 
-    def ticks_late(self, frequency: float) -> int:
-        """Delay of the torques in ticks of a controller [Hz].
-
-        Raises:
-            InputError: it is no whole number.
-        """
-        delay = self.actuation_delay
-        ticks = whole(delay * frequency)
-        if ticks is None:
-            raise InputError(
-                f"disturbance.actuation_delay = {delay:g} s is no multiple of the controller's tick of "
-                f"{1.0 / frequency:g} s; choose for example {round(delay * frequency) / frequency:.12g}.",
-                key="disturbance.actuation_delay",
-                value=delay,
-            )
-        return ticks
-
 
 class FootstepParameters(Section, section="footsteps"):
     """One placement of a foot."""
@@ -248,7 +230,17 @@ NAMES: Mapping[str, tuple[str, str]] = {
 """Section with the options of a class to section and key of its name, after which they may stand, too."""
 
 
-class RunParameters(Described, Section):
+class Counts(NamedTuple):
+    """Steps of the physics and ticks of the controller in the times of a run."""
+
+    steps_per_tick: int
+    ticks_late: int  # of the torques
+    steps_late: int  # of the readings
+    steps_per_reading: int  # from one reading to the next; 0: one a tick
+    ticks_per_fix: int  # from one fix of the position to the next; 0 without fixes
+
+
+class RunParameters(Section):
     """Everything that describes one run."""
 
     gait: GaitParameters = Field(default_factory=GaitParameters)
@@ -296,80 +288,57 @@ class RunParameters(Described, Section):
         """Refuse keys that do not go together."""
         contact, least = self.contact, 2.0 * self.simulation.time_step
         if contact.time_constant < least:  # MuJoCo would raise it silently
-            raise InputError(
-                f"contact.time_constant = {contact.time_constant:g} s must be at least 2 times "
-                f"simulation.time_step = {least:g} s; raise it or lower simulation.time_step.",
-                key="contact.time_constant",
-                value=contact.time_constant,
-            )
+            rule = f"must be at least 2 times simulation.time_step = {least:g} s"
+            raise self.refusal("contact.time_constant", rule, "raise it or lower simulation.time_step")
         if contact.impedance_min > contact.impedance_max:
-            raise InputError(
-                f"contact.impedance_min = {contact.impedance_min:g} must be at most contact.impedance_max = "
-                f"{contact.impedance_max:g}; exchange them.",
-                key="contact.impedance_min",
-                value=contact.impedance_min,
-                way_out="exchange them",
-            )
+            rule = f"must be at most contact.impedance_max = {contact.impedance_max:g}"
+            raise self.refusal("contact.impedance_min", rule, "exchange them")
         if not self.command.settling < self.command.duration:
-            raise InputError(
-                f"command.duration = {self.command.duration:g} s must be longer than command.settling = "
-                f"{self.command.settling:g} s; raise it.",
-                key="command.duration",
-                value=self.command.duration,
-            )
-        self.disturbance.ticks_late(self.controller.frequency)
-        self.sensors.steps_late(self.simulation.time_step)
-        self.sensors.steps_per_reading(self.simulation.time_step)
-        self.sensors.ticks_per_fix(self.controller.frequency)
-        if self.simulation.engine == "drake":
-            self._check_drake()
+            rule = f"must be longer than command.settling = {self.command.settling:g} s"
+            raise self.refusal("command.duration", rule, "raise it")
+        self.counts  # noqa: B018  refuses what is not a whole number
         return self
 
-    def _check_drake(self) -> None:
-        """Refuse what only MuJoCo has."""
-        contact = {f"contact.{name}" for name in ContactParameters.model_fields} - {"contact.friction"}
-        for key in (*sorted(contact), "simulation.integrator", "disturbance.softness_factor"):
-            section, name = split_key(key)
-            default = SECTIONS[section].model_fields[name].default
-            if self.value(key) != default:
-                raise InputError(
-                    f"{key} = {self.value(key)} is of MuJoCo alone; with simulation.engine = drake leave "
-                    f"it at {default} and set the keys of drake, or walk with --engine mujoco.",
-                    key=key,
-                    value=self.value(key),
-                    way_out="walk with --engine mujoco",
-                )
+    @property
+    def counts(self) -> Counts:
+        """Steps and ticks in the periods, delays and rates of the run.
 
-    __repr__ = Section.__repr__  # not that of Brief, which is for dataclasses
+        Raises:
+            InputError: one of them is not a whole number.
+        """
+        step, frequency = self.simulation.time_step, self.controller.frequency
+        steps = 1.0 / step, f"steps of simulation.time_step = {step:g} s"
+        ticks = frequency, f"ticks of controller.frequency = {frequency:g} Hz"
+        return Counts(
+            steps_per_tick=self._count("controller.frequency", *steps),
+            ticks_late=self._count("disturbance.actuation_delay", *ticks),
+            steps_late=self._count("sensors.delay", *steps),
+            steps_per_reading=self._count("sensors.rate", *steps),
+            ticks_per_fix=self._count("sensors.fix_rate", *ticks),
+        )
+
+    def _count(self, key: str, per_second: float, what: str) -> int:
+        """How many there are in a key's time [s], or between two events of its rate [Hz]; 0 if that is 0."""
+        value, is_rate = self.value(key), unit_of(field_of(key)) == "Hz"
+        if not value:
+            return 0
+        number = per_second / value if is_rate else per_second * value
+        nearest = max(round(number), int(is_rate))
+        if abs(number - nearest) > 1e-9 * max(1.0, number):
+            good = per_second / nearest if is_rate else nearest / per_second
+            rule = f"gives {number:.4g} {what}, not a whole number"
+            raise self.refusal(key, rule, f"choose for example {good:.12g}")
+        return nearest
+
+    def refusal(self, key: str, rule: str, way_out: str) -> InputError:
+        """Error about the value of a key: what holds for it (``rule``), and what to do."""
+        return bad_value(key, self.value(key), field_of(key), rule, way_out)
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         """What differs from the defaults; of footsteps their number."""
         yield from self.model_dump(exclude_defaults=True, exclude={"footsteps"}).items()
         if self.footsteps:
             yield "footsteps", f"[{len(self.footsteps)}]"
-
-    def __str__(self) -> str:
-        """Steps, planner, body, controller, and what differs from the defaults."""
-        return Described.__str__(self)
-
-    def _described(self) -> tuple[str, list[tuple[str, ...]]]:
-        rows: list[tuple[str, ...]] = [
-            (key, str(value), unit, f"(default {default})") for key, value, unit, default in self._changes()
-        ]
-        way = f"over {len(self.footsteps)} footsteps" if self.footsteps else f"of {self.gait.steps} steps"
-        way = f"for {self.command.duration:g} s" if self.gait.planner == NO_PLAN else way
-        names = f"planner {self.gait.planner}, body {self.body.source}, controller {self.controller.name}"
-        return f"run {way}: {names}", rows or [("all values are the defaults",)]
-
-    def _changes(self) -> Iterator[tuple[str, Any, str, Any]]:
-        """Key, value, unit and default of every value that differs from its default."""
-        for key in (*keys(), *OPTION_TABLES):
-            section, _, name = key.partition(".")
-            field, value = SECTIONS[section].model_fields[name], self.value(key)
-            default = field.get_default(call_default_factory=True)
-            if value != default:
-                unit = unit_of(field)
-                yield key, value, "" if unit == "1" else unit, default
 
     def value(self, key: str) -> Any:
         """Value of a namespaced key.
@@ -435,7 +404,9 @@ class RunParameters(Described, Section):
 
 
 SECTIONS: Mapping[str, type[Section]] = {
-    name: type(section) for name, section in RunParameters() if isinstance(section, Section)
+    name: field.annotation
+    for name, field in RunParameters.model_fields.items()
+    if isinstance(field.annotation, type) and issubclass(field.annotation, Section)
 }
 """Classes of the sections, by name."""
 
@@ -494,6 +465,16 @@ def split_key(key: str) -> list[str]:
     if key not in keys() and key not in OPTION_TABLES and not is_option(key):
         raise unknown(key, keys())
     return key.split(".")
+
+
+def field_of(key: str) -> Any:
+    """Field of a namespaced key, with its meaning, unit, default and bounds.
+
+    Raises:
+        InputError: there is no such key.
+    """
+    section, name, *_ = split_key(key)
+    return SECTIONS[section].model_fields[name]
 
 
 def put(table: dict[str, Any], key: str, value: Any) -> None:

@@ -2,8 +2,7 @@
 
 from typing import Literal
 
-from ampm.exceptions import InputError
-from ampm.section import Real, Section, Whole, parameter, whole
+from ampm.section import Real, Section, Whole, parameter
 
 
 class ContactParameters(Section, section="contact"):
@@ -53,27 +52,3 @@ class SolverParameters(Section, section="solver"):
     )
     max_iterations: Whole = parameter(4000, "iterations after which a QP is unsolved", ge=10, le=100_000)
     ik_time_step: Real = parameter(0.002, "largest step of the inverse kinematics' grid", "s", gt=0, le=0.05)
-
-
-def steps_per_tick(frequency: float, time_step: float) -> int:
-    """Time steps of the physics in one control period.
-
-    Args:
-        frequency: of the controller [Hz].
-        time_step: of the physics [s].
-
-    Raises:
-        InputError: it is no whole number.
-    """
-    ratio = 1.0 / (frequency * time_step)
-    steps = whole(ratio)
-    if not steps:
-        way_out = f"choose for example controller.frequency = {1.0 / (max(1, round(ratio)) * time_step):.12g}"
-        raise InputError(
-            f"controller.frequency = {frequency:g} Hz gives a tick every {ratio:.4g} time steps of "
-            f"{time_step:g} s; it must be a whole number: {way_out}.",
-            key="controller.frequency",
-            value=frequency,
-            way_out=way_out,
-        )
-    return steps

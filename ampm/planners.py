@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ampm.body.feasibility import check_body
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
 from ampm.body.robot import Robot
-from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
+from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import GRAVITY, NO_PLAN, RunParameters
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.contacts import TIME_TOLERANCE, Contacts, Footstep, Phase
@@ -299,81 +299,44 @@ SPREAD_ARMS = 0.25
 """Least abduction of the arms over footsteps, for thighs that swing sideways [rad]."""
 
 
-MEASURED_OFF = 0.01
-"""Distance of the measured DCM from the plan's from which a walk over footsteps is planned again [m]."""
-
-
 class FootstepPlanner:
     """The walk over the footsteps of a run, see :mod:`ampm.planner.footsteps`, with a constant posture.
 
     Args:
         changes: requests while walking, in their order: time [s], and footsteps from there on or None to
             stop, see :meth:`ampm.planner.replan.LiveWalk.changed`. Each is met by a new plan at its time.
-        measured: plan again where a single support begins and the measured DCM is off its plan by more than
-            :data:`MEASURED_OFF`: the walk goes on from the measured COM and its velocity, and the next
-            footsteps move with them. At no other time does it plan: a push later in a support is answered
-            when the next one begins.
     """
 
     checked = True
 
-    def __init__(
-        self, changes: Sequence[tuple[float, Sequence[Footstep] | None]] = (), *, measured: bool = False
-    ) -> None:
-        if changes and measured:
-            raise InputError("a walk takes changes or goes on from what is measured; leave out one of them.")
-        self.changes, self.measured = tuple(changes), measured
+    def __init__(self, changes: Sequence[tuple[float, Sequence[Footstep] | None]] = ()) -> None:
+        self.changes = tuple(changes)
         requests = [f"{'stop' if ahead is None else 'changed'} at {at:g} s" for at, ahead in self.changes]
-        self.name = ", ".join(["footsteps", *requests, *(["measured"] if measured else [])])
-        self.replan_period = 0.0 if changes or measured else math.inf
+        self.name = ", ".join(["footsteps", *requests])
+        self.replan_period = 0.0 if changes else math.inf
         self._answers: list[tuple[float, WalkPlan]] = []
 
     def plan(self, run: RunParameters, robot: Robot) -> WalkPlan:
         """Plan the walk as it begins, and what meets the requests: they are refused before the walk.
 
         Raises:
-            InputError: the footsteps are no walk.
+            InputError: the footsteps are not a walk.
             MathematicalRefusal: the gait has no closed form.
             BodilyRefusal: the body cannot walk them.
         """
-        if self.replan_period == math.inf:
+        if not self.changes:
             return _walk_over([plan_footstep_walk(run, robot.description)], run, robot)[0]
         walks = [LiveWalk.of(run, robot.description)]
         for at, ahead in self.changes:
             walks.append(walks[-1].changed(at, ahead))
         first, *others = _walk_over([walk.steps for walk in walks], run, robot)
         self._answers = [(at, plan) for (at, _), plan in zip(self.changes, others, strict=True)]
-        self._walk, self._robot, self._support = walks[0], robot, -1
         return first
 
     def replan(self, time: float, state: State, touch: Touch, plan: WalkPlan) -> WalkPlan | None:
-        """The plan that meets the last request so far, or one from the measured COM."""
-        if self.measured:
-            return self._from_measured(time, state, plan)
+        """The plan that meets the last request so far."""
         due = [answer for at, answer in self._answers if at <= time + TIME_TOLERANCE]
         return due[-1] if due else None
-
-    def _from_measured(self, time: float, state: State, plan: WalkPlan) -> WalkPlan | None:
-        """Plan again at the begin of a single support, if it is needed and there is such a walk."""
-        contacts = self._walk.walk.contacts
-        support = int(np.searchsorted(contacts.starts[1::2], time + TIME_TOLERANCE, side="right")) - 1
-        ahead = contacts.footsteps[support + 2 :]
-        if support == self._support or support < 0 or len(ahead) < 2:
-            return None
-        self._support = support
-        model = self._robot.model
-        data = model.createData()
-        pin.centerOfMass(model, data, state.q, state.v)
-        measured = np.stack([data.com[0][:2], data.vcom[0][:2]])
-        sample = plan.sample([time])
-        omega = math.sqrt(plan.gravity / plan.com_height)
-        if np.linalg.norm(measured[0] + measured[1] / omega - sample.dcm[0]) < MEASURED_OFF:
-            return None
-        try:
-            self._walk = self._walk.changed(time, ahead, measured)
-        except (RefusedGait, InputError):
-            return None
-        return WalkPlan.of(self._walk.steps, posture=plan.posture)
 
 
 def _walk_over(walks: Sequence[StepPlan], run: RunParameters, robot: Robot) -> list[WalkPlan]:

@@ -13,16 +13,15 @@ from ampm.exceptions import InputError
 from ampm.parameters import (
     OPEN_KEYS,
     OPTION_TABLES,
-    OPTIONS,
     SECTIONS,
     RunParameters,
     drop_options,
+    field_of,
     keys,
     put,
-    split_key,
 )
 from ampm.presets import PRESETS
-from ampm.section import Option, nearest, parse_setting, read_toml, unit_of, unknown
+from ampm.section import Option, Options, nearest, parse_setting, read_toml, unit_of, unknown
 
 
 def load_run(
@@ -33,8 +32,8 @@ def load_run(
     ``load_run("momentum", gait={"c_y": 0.6})`` and ``load_run("momentum", ["gait.c_y=0.6"])`` are the same.
 
     Values that settings, sections and a file give are kept. The values of :data:`ampm.parameters.OPEN_KEYS`
-    that a preset has, or that are left at their defaults, are open: planning a walk that is no preset's finds
-    them (:func:`leaves_open`), unless the run is taken :meth:`~ampm.parameters.RunParameters.as_is`.
+    that a preset has, or that are left at their defaults, are open: planning another walk than a preset's
+    finds them (:func:`leaves_open`), unless the run is taken :meth:`~ampm.parameters.RunParameters.as_is`.
 
     Args:
         source: name of a preset, path of a TOML file, or None for the defaults. Files that a file names and
@@ -75,7 +74,7 @@ def _read_source(source: str | Path) -> dict[str, Any]:
         raise unknown(str(source), PRESETS, "preset or file", value=str(source)) from None
     if isinstance(body := table.get("body"), dict) and "root" in body:
         way_out = f"walk it with --body {source}, in Python with load_run(body={{'source': {str(source)!r}}})"
-        raise InputError(f"{source} describes a body and is no gait; {way_out}.", way_out=way_out)
+        raise InputError(f"{source} describes a body and is not a gait; {way_out}.", way_out=way_out)
     for section, key in (("body", "source"), ("gait", "planner")):
         values = table.get(section)
         name = values.get(key) if isinstance(values, dict) else None
@@ -85,7 +84,7 @@ def _read_source(source: str | Path) -> dict[str, Any]:
 
 
 def _merged(table: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    """A table with the keys of another one, by section; what is no section is left for the refusal."""
+    """A table with the keys of another one, by section; what is not a section is left for the refusal."""
     merged = dict(table)
     for name, value in more.items():
         if isinstance(value, Mapping) and name in merged:
@@ -142,15 +141,14 @@ class KeyInfo:
             InputError: another type, not a number, or none of the options.
         """
         is_number = isinstance(value, float) or (type(value) is int and abs(value) <= _LARGEST_INTEGER)
-        if self.kind == "option":
-            good, wanted = isinstance(value, Option), "a number, a text, true or false"
-        elif self.kind == "text":
-            good = value in self.options if self.options else bool(value) and isinstance(value, str)
-            wanted = f"one of {', '.join(self.options)}" if self.options else "a text"
-        elif self.kind == "int":
-            good, wanted = is_number and value % 1 == 0, "a whole number"
-        else:
-            good, wanted = is_number and value == value, "a number"
+        is_text = value in self.options if self.options else bool(value) and isinstance(value, str)
+        rules = {
+            "option": (isinstance(value, Option), "a number, a text, true or false"),
+            "text": (is_text, f"one of {', '.join(self.options)}" if self.options else "a text"),
+            "int": (is_number and value % 1 == 0, "a whole number"),
+            "float": (is_number and value == value, "a number"),
+        }
+        good, wanted = rules[self.kind]
         if not good:
             raise InputError(f"{self.key} = {value!r} must be {wanted}.", key=self.key, value=value)
         kinds: Mapping[str, Any] = {"int": int, "float": float}
@@ -167,9 +165,8 @@ def key_info(key: str) -> KeyInfo:
     Raises:
         InputError: there is none of this name; the nearest is named.
     """
-    section, name, *_ = split_key(key)
-    field = SECTIONS[section].model_fields[name]
-    kinds: Mapping[Any, Any] = {str: "text", int: "int"}
+    field = field_of(key)
+    kinds: Mapping[Any, Any] = {str: "text", int: "int", Options: "option"}
     options = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
     bounds = [
         f"{sign} {getattr(item, comparison):g}"
@@ -182,7 +179,7 @@ def key_info(key: str) -> KeyInfo:
         meaning=str(field.description),
         unit=unit_of(field),
         default=field.get_default(call_default_factory=True),
-        kind="option" if name == OPTIONS else "text" if options else kinds.get(field.annotation, "float"),
+        kind="text" if options else kinds.get(field.annotation, "float"),
         options=options,
         range=", ".join(bounds) or " | ".join(options),
     )

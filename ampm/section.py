@@ -60,12 +60,6 @@ Options = Mapping[str, Annotated[Option, BeforeValidator(_option)]]
 """Options of a user's class, by the names of its parameters."""
 
 
-def whole(number: float) -> int | None:
-    """The whole number that a number is but for rounding, or None."""
-    nearest = round(number)
-    return nearest if abs(number - nearest) <= 1e-9 * max(1.0, number) else None
-
-
 class Section(BaseModel):
     """Base of all parameter sections: immutable, no unknown keys, failures raised as :class:`InputError`."""
 
@@ -153,8 +147,15 @@ def _input_error(error: ValidationError, model: type[Section]) -> InputError:
     if kind in ("model_type", "dict_type"):
         limit, way_out = "must be a section of keys", f"write [{key}] and its keys below it"
     elif isinstance(field.default, float | int | str):
-        way_out = f"the default is {_with_unit(field.default, unit)}"
-    sentence = f"{key} = {_with_unit(value, unit)} {limit}{f'; {way_out}' if way_out else ''}.{meaning}"
+        way_out = f"the default is {_with_unit(field.default, field)}"
+    return bad_value(key, value, field, limit, way_out, meaning)
+
+
+def bad_value(
+    key: str, value: Any, field: Any, limit: str, way_out: str | None, meaning: str = ""
+) -> InputError:
+    """Error about the value of a field: key, value with its unit, limit in words, way out, meaning."""
+    sentence = f"{key} = {_with_unit(value, field)} {limit}{f'; {way_out}' if way_out else ''}.{meaning}"
     return InputError(sentence, key=key, value=value, limit=limit, way_out=way_out)
 
 
@@ -166,7 +167,8 @@ def limit_of(detail: Any) -> str:
     return f"must {kinds.get(detail['type'].partition('_')[0], words)}"
 
 
-def _with_unit(value: Any, unit: str) -> str:
+def _with_unit(value: Any, field: Any) -> str:
+    unit = "" if unit_of(field) == "1" else f" {unit_of(field)}"
     is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
     return f"{value:g}{unit}" if is_number else reprlib.repr(value)
 
@@ -176,7 +178,7 @@ def read_toml(path: Traversable) -> dict[str, Any]:
 
     Raises:
         FileNotFoundError, NotADirectoryError: there is no such file.
-        InputError: it cannot be read, or is no valid TOML.
+        InputError: it cannot be read, or is not valid TOML.
     """
     text = read_text(path) if isinstance(path, Path) else path.read_text(encoding="utf-8")
     return parse_toml(text, f"the file {str(path)!r}")
@@ -193,10 +195,10 @@ def parse_toml(text: str, what: str) -> dict[str, Any]:
     except RecursionError:
         raise InputError(f"{what} is nested too deeply; write plain tables and keys.") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{what} is no valid TOML: {error}; correct that line.") from None
+        raise InputError(f"{what} is not valid TOML: {error}; correct that line.") from None
     except ValueError:
         raise InputError(
-            f"{what} is no valid TOML: it has an integer of thousands of digits; shorten it."
+            f"{what} is not valid TOML: it has an integer of thousands of digits; shorten it."
         ) from None
 
 

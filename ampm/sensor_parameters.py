@@ -1,15 +1,21 @@
 """Parameters of sensors and estimator."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from ampm.exceptions import InputError
-from ampm.section import Options, Real, Section, Whole, options_of, parameter, whole
+from pydantic import AfterValidator
+
+from ampm.section import Options, Real, Section, Whole, options_of, parameter
 
 EXACT = "exact"
 """Name of the estimator that knows the true state of the root."""
 WRENCH = "wrench"
 """Name of the sensors of force that tell one wrench of every foot."""
-_SLOWEST = 10.0  # rate of the readings [Hz]
+
+
+def _off_or_read(rate: float) -> float:
+    if 0.0 < rate < 10.0:
+        raise ValueError("it should be 0, or at least 10 Hz")
+    return rate
 
 
 def _noise(what: str, unit: str, most: float) -> Any:
@@ -35,7 +41,7 @@ class SensorParameters(Section, section="sensors"):
     )
     options: Options = options_of("sensors", "sensors.estimator")
     delay: Real = parameter(0.0, "delay of all readings, in whole steps of the physics", "s", ge=0, le=0.2)
-    rate: Real = parameter(
+    rate: Annotated[Real, AfterValidator(_off_or_read)] = parameter(
         0.0,
         "readings per second, a whole number of steps of the physics apart; 0: one for every control tick",
         "Hz",
@@ -107,52 +113,3 @@ class SensorParameters(Section, section="sensors"):
     def known(self) -> "SensorParameters":
         """What an estimator knows: how large all errors are; the seed would tell it their signs."""
         return self.model_copy(update={"seed": 0})
-
-    def steps_late(self, time_step: float) -> int:
-        """The delay in steps of the physics [s].
-
-        Raises:
-            InputError: it is no whole number.
-        """
-        steps = whole(self.delay / time_step)
-        if steps is None:
-            why = f"{self.delay:g} s is no multiple of simulation.time_step = {time_step:g} s"
-            raise _uneven("sensors.delay", self.delay, why, round(self.delay / time_step) * time_step)
-        return steps
-
-    def steps_per_reading(self, time_step: float) -> int:
-        """Steps of the physics [s] from one reading to the next; 0 for one reading a control tick.
-
-        Raises:
-            InputError: they are no whole number.
-        """
-        if not self.rate:
-            return 0
-        if self.rate < _SLOWEST:
-            why = f"{self.rate:g} Hz is less than {_SLOWEST:g} Hz"
-            raise _uneven("sensors.rate", self.rate, why, _SLOWEST)
-        steps = whole(1.0 / (self.rate * time_step))
-        if not steps:
-            why = f"{self.rate:g} Hz is no whole number of steps of simulation.time_step = {time_step:g} s"
-            nearest = 1.0 / (max(1, round(1.0 / (self.rate * time_step))) * time_step)
-            raise _uneven("sensors.rate", self.rate, why, nearest)
-        return steps
-
-    def ticks_per_fix(self, frequency: float) -> int:
-        """Control ticks [Hz] from one fix of the position to the next; 0 without fixes.
-
-        Raises:
-            InputError: they are no whole number.
-        """
-        if not self.fix_rate:
-            return 0
-        ticks = whole(frequency / self.fix_rate)
-        if not ticks:
-            why = f"{self.fix_rate:g} Hz does not divide controller.frequency = {frequency:g} Hz"
-            nearest = frequency / max(1, round(frequency / self.fix_rate))
-            raise _uneven("sensors.fix_rate", self.fix_rate, why, nearest)
-        return ticks
-
-
-def _uneven(key: str, value: float, why: str, nearest: float) -> InputError:
-    return InputError(f"{key} = {why}; choose for example {nearest:.12g}.", key=key, value=value)

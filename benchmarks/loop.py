@@ -11,7 +11,6 @@ import mujoco
 import numpy as np
 
 from ampm.geometry import Array
-from ampm.physics_parameters import steps_per_tick
 from ampm.walk import ControlOutput
 from benchmarks.timing import least
 from models.scene import BodyModel
@@ -62,7 +61,7 @@ def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes
             periods.append(np.diff(starts))
             ticks.append(spans)
             solves.append(record.qp_time)
-            physics.append(time_physics(record, body, run.controller.frequency))
+            physics.append(time_physics(record, body))
     return LoopTimes(
         time_step=run.simulation.time_step,
         period=float(np.median(least(periods))),
@@ -74,7 +73,7 @@ def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes
     )
 
 
-def time_physics(record: SimulationRecord, body: BodyModel, frequency: float) -> Array:
+def time_physics(record: SimulationRecord, body: BodyModel) -> Array:
     """Step the physics of a walk again with the recorded torques.
 
     Returns:
@@ -89,9 +88,8 @@ def time_physics(record: SimulationRecord, body: BodyModel, frequency: float) ->
         start = time.perf_counter()
         mujoco.mj_step(model, data)
         spans[k] = time.perf_counter() - start
-    substeps = steps_per_tick(frequency, record.time_step)
-    whole = record.steps // substeps * substeps
-    return np.asarray(spans[:whole].reshape(-1, substeps).sum(axis=1))
+    whole = record.steps // record.substeps * record.substeps
+    return np.asarray(spans[:whole].reshape(-1, record.substeps).sum(axis=1))
 
 
 @contextlib.contextmanager

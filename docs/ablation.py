@@ -78,7 +78,7 @@ def row(variant: str) -> list[str]:
     planned = plan_walk(Request("normal", run))
 
     def walk(cell: Cell, value: float, replica: int) -> Row:
-        task = replica_task(cell, value, replica, planned, "default", {})
+        task = replica_task(cell, value, replica, planned, "default")
         return task.work(**task.options)
 
     count, walks = 0, []

@@ -148,7 +148,7 @@ def walked(name: str, draw: SweepDefinition) -> Iterator[Row]:
             "gait": str(row),
             **{title: f"{values[row]:.3f}" for title, values in drawn.items()},
             **{title: f"{values[row]:.3f}" for title, values in zmp.items() if np.isfinite(values[row])},
-            OUTCOME: table.state(row).label,
+            OUTCOME: table.states[row].label,
             FAILED: "; ".join(what_failed(table, row)),
             REASON: table.words("reason")[row].replace("_", " "),
             "sentence": table.words("cause")[row],
@@ -159,7 +159,7 @@ def what_failed(table: SweepTable, row: int) -> Iterator[str]:
     """What a gait exceeded, with its limit, the furthest first."""
     failed = [name for name in table.words("failed")[row].split(",") if name]
     for metric in sorted(failed, key=lambda metric: -table.used(metric)[row]):
-        (values, unit), (limits, _) = table.shown(metric), table.shown_limits(metric)
+        values, limits, unit = table.shown(metric)
         value = f"{format_number(values[row], 3)} {short_unit(unit)}".rstrip(" 1")
         yield f"{metric} {value}, limit {limits[row]:.3g}"
 

@@ -17,7 +17,6 @@ import validation as val
 from ampm.planner import routes
 from validation.study.many import study_folder
 from validation.study.robustness.study import cause_of
-from validation.study.walk_options import users_classes
 from validation.trial.plan import Request, complete, load_request, plan_walk
 from validation.trial.simulate import simulate
 
@@ -51,7 +50,7 @@ def punches(seed, share, segments, until):
     return found
 
 
-def plan_tour(request, places, planner):
+def plan_tour(request, places):
     """Plan the way to all places with the longest steps that the body can walk."""
     step = LENGTH * request.run.gait.step_length
     width = request.run.gait.step_width + WIDER * request.run.gait.step_length
@@ -59,7 +58,7 @@ def plan_tour(request, places, planner):
         footsteps = routes.visit(places, share * step, width, aside=share * ASIDE * step, turn=share * TURN)
         run = request.run.replace({}, footsteps=routes.as_rows(footsteps)).as_is()
         try:
-            return plan_walk(Request(request.name, run), planner=planner)
+            return plan_walk(Request(request.name, run))
         except ampm.RefusedGait as refusal:
             last = refusal
     raise last
@@ -78,15 +77,15 @@ def distances(places, plan, record):
     return found
 
 
-def walk_tour(seed, request, count, share, planner=None, **users):
-    """Walk the tour of a seed: how it ended, mean error [m], times [s]; users: own controller, estimator."""
+def walk_tour(seed, request, count, share):
+    """Walk the tour of a seed: how it ended, mean error [m], times [s]."""
     places = targets(seed, count)
-    planned = plan_tour(request, places, planner)
+    planned = plan_tour(request, places)
     plan, body = planned.plan, planned.body.model
     model = body.compile()
     hinged = [model.body(k).name for k in dict.fromkeys(model.jnt_bodyid[1:].tolist())]
     pushes = punches(seed, share, hinged, until=float(plan.contacts.step_ends[-1]))
-    record = simulate(planned, disturbances=pushes, **users)
+    record = simulate(planned, disturbances=pushes)
     off, cause = distances(places, plan, record), cause_of(record, body)  # no cause: completed
     row = {"seed": seed, "outcome": cause.partition(":")[0] or "completed", "cause": cause}
     row |= {"reached": len(off), "error": fmean(off) if off else None}
@@ -97,7 +96,7 @@ def walk_tours(gait, settings, seeds, count, share, workers=None, out=None, resu
     """Walk the tours of seeds 0, 1, ... and return their rows, which a folder keeps."""
     folder = study_folder(out, resume=resume)
     request = complete(load_request(gait, settings))
-    options = {"request": request, "count": count, "share": share, **users_classes(request.run)}
+    options = {"request": request, "count": count, "share": share}
     tasks = [val.Task(f"seed {seed}", walk_tour, {"seed": seed, **options}) for seed in range(seeds)]
     rows = {}
     for row in val.walk_many(tasks, folder, workers=workers):

@@ -26,7 +26,7 @@ DE_LEVA_STATURE = 1.741
 
 
 @dataclass(frozen=True)
-class Segment:
+class Row:
     """One row of DE_LEVA, table 4 (males)."""
 
     mass: float  # share of the body's mass [1]
@@ -35,11 +35,11 @@ class Segment:
     radii: tuple[float, float, float]  # of gyration about sagittal, transverse, long axis, shares of length
 
 
-def _row(mass: float, length: float, com: float, radii: tuple[float, float, float]) -> Segment:
+def _row(mass: float, length: float, com: float, radii: tuple[float, float, float]) -> Row:
     """A row as printed: mass, com and radii in per cent, length in mm."""
     sagittal, transverse, longitudinal = (radius / 100.0 for radius in radii)
     length = length / 1000.0 / DE_LEVA_STATURE
-    return Segment(mass / 100.0, length, com / 100.0, (sagittal, transverse, longitudinal))
+    return Row(mass / 100.0, length, com / 100.0, (sagittal, transverse, longitudinal))
 
 
 HEAD = _row(6.94, 242.9, 50.02, (30.3, 31.5, 26.1))

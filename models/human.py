@@ -59,7 +59,7 @@ class _Builder:
         self.sole = sole_geometry(self.height)
         self.model, self.pelvis = scene.new_scene("human", "pelvis", self.height, contact, simulation)
 
-    def _inertial(self, row: table.Segment, length: float, com: Vector) -> Inertial:
+    def _inertial(self, row: table.Row, length: float, com: Vector) -> Inertial:
         """Inertial of a table row for a segment of a length [m] with its COM [m]; z is the long axis."""
         mass = row.mass * self.table_mass
         radii = np.array(row.radii) * length
@@ -68,7 +68,7 @@ class _Builder:
     def _segment(self, on: Element, name: str, pos: Any, inertial: Inertial) -> Element:
         return scene.fill(add(on, "body", name=name), pos, inertial)
 
-    def _limb(self, on: Element, name: str, pos: Any, row: table.Segment, length: float) -> Element:
+    def _limb(self, on: Element, name: str, pos: Any, row: table.Row, length: float) -> Element:
         """Add a segment of one table row, which runs downward from its origin."""
         return self._segment(on, name, pos, self._inertial(row, length, (0, 0, -row.com * length)))
 
@@ -122,7 +122,7 @@ class _Builder:
         scale = (1.0 - table.HIP_HEIGHT) / sum(row.length for row in rows) * h
         head, upper, middle, lower = (row.length * scale for row in rows)
 
-        def upward(row: table.Segment, length: float) -> Inertial:
+        def upward(row: table.Row, length: float) -> Inertial:
             """Rows run downward, but the frames of the trunk are at the lower end."""
             return self._inertial(row, length, (0, 0, (1 - row.com) * length))
 

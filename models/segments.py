@@ -6,7 +6,7 @@ A periodic motion needs a body whose sides are mirror images.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,21 +50,17 @@ class Segment:
     shapes: list[dict[str, Any]] = field(default_factory=list)
 
 
-class Mirror(NamedTuple):
-    """Mirror images of n hinges."""
-
-    images: list[int]  # number of the image of each hinge, its own in the middle, shape (n,)
-    signs: Array  # the image turns by the angle times this, shape (n,)
-    findings: Findings  # how far both sides were from it
-
-
-def symmetrise(segments: Sequence[Segment]) -> Mirror:
+def symmetrise(segments: Sequence[Segment]) -> tuple[list[int], Array, Findings]:
     """Give segments and hinges at angles of 0 the mean of themselves and of their image's mirror image.
 
     The image of a hinge is found by its place and axis, whatever its name.
 
     Args:
         segments: of a body whose left is towards +y; changed.
+
+    Returns:
+        Number of the image of each of n hinges, its own in the middle, shape (n,); the sign of its angle to
+        that of the hinge, shape (n,); how far both sides were from it.
 
     Raises:
         InputError: the body has no mirror image, or one that differs too much from it.
@@ -89,7 +85,7 @@ def symmetrise(segments: Sequence[Segment]) -> Mirror:
                 "a periodic walk needs a symmetric body: correct the model, or sides in its description."
             )
     bare = sum(not segment.shapes for segment in segments)
-    return Mirror(images, signs, Findings(max(place, apart), com, mass, bare))
+    return images, signs, Findings(max(place, apart), com, mass, bare)
 
 
 def _images(segments: Sequence[Segment], near: float) -> tuple[list[int], float]:
@@ -173,7 +169,7 @@ def _mean_segments(segments: Sequence[Segment], pairs: Sequence[int]) -> tuple[f
         image = before[pair]
         if here.parent >= 0 and pairs[here.parent] != image.parent:
             raise InputError(
-                f"the segment {here.name!r} is no mirror image of {image.name!r}, as they hang on different "
+                f"the segment {here.name!r} is not a mirror image of {image.name!r}: they hang on different "
                 "segments; correct the model, or lock the joints of both sides."
             )
         one, two = here.inertial, image.inertial

@@ -135,7 +135,7 @@ def read_body_file(path: Path) -> BodyFile:
     """Read a description file.
 
     Raises:
-        InputError: it is no TOML, or a key is unknown, missing or bad.
+        InputError: it is not TOML, or a key is unknown, missing or bad.
     """
     return _File(**read_toml(path)).body
 

@@ -171,7 +171,7 @@ class Tree:
             if (kind == _FREE and not self.segments) or self._is_locked(name):
                 continue
             if kind != _HINGE:
-                raise InputError(f"the joint {name!r} is no hinge; lock it or take a model of hinges.")
+                raise InputError(f"the joint {name!r} is not a hinge; lock it or take a model of hinges.")
             limits = tuple(model.jnt_range[j]) if model.jnt_limited[j] else (-math.inf, math.inf)
             low, high = by_pattern(file.range, name, limits)
             hinges.append(

@@ -4,13 +4,8 @@ from dataclasses import fields
 
 import numpy as np
 
-from validation.store.record import MODEL_FILE, StoredRecord, save_record
-from validation.trial.record import stored_rows
-
-_STATES = ("q", "qd")
-_CONTACTS = ("point_force", "point_position")
-_TICKS = ("tick_torque", "torque_rate", "qp_status", "qp_residual", "qp_iterations", "qp_time")
-_EXTERNAL = ("external_force", "external_moment", "external_position")
+from validation.store.record import MODEL_FILE, load_record, save_record
+from validation.trial.record import SHAPES, STORED, stored_rows
 
 
 def first_difference(first, second) -> str | None:
@@ -18,7 +13,7 @@ def first_difference(first, second) -> str | None:
 
     Wall-clock times are not compared. If one of the records is on disk, what is on disk is compared.
     """
-    of = stored_arrays if StoredRecord in (type(first), type(second)) else arrays
+    of = stored_arrays if first.com is None or second.com is None else arrays
     one, two = of(first), of(second)
     for name in dict.fromkeys([*one, *two]):
         if name != "qp_time" and (name not in one or name not in two or not same_bits(one[name], two[name])):
@@ -31,7 +26,7 @@ def stored(record, model, folder):
     folder.mkdir(exist_ok=True)
     (folder / MODEL_FILE).write_text(model, encoding="utf-8")
     save_record(record, folder)
-    return StoredRecord(folder)
+    return load_record(folder)
 
 
 def arrays(record):
@@ -42,14 +37,9 @@ def arrays(record):
 
 def stored_arrays(record):
     """All arrays of a record that are on disk, with the rows that they have there."""
-    names = [*_STATES, *_CONTACTS, *_TICKS, *(_EXTERNAL if record.external_segments else ())]
-    if isinstance(record, StoredRecord):
-        return {name: getattr(record, name) for name in names}
-    found = {name: getattr(record, name) for name in names if name != "tick_torque"}
-    rows = stored_rows(record.steps, record.time_step)
-    found |= {name: found[name][rows] for name in _STATES}
-    found |= {name: found[name][rows[:-1]] for name in _CONTACTS}
-    return found | {"tick_torque": record.torque[:: record.substeps]}
+    kept = np.searchsorted(record.state_rows, stored_rows(record.steps, record.time_step))
+    rows = {"R": kept, "R-1": kept[:-1]}
+    return {name: getattr(record, name)[rows.get(SHAPES[name].split()[0], slice(None))] for name in STORED}
 
 
 def same_bits(one, two) -> bool:

@@ -2,13 +2,16 @@
 
 import json
 
+import mujoco
 import numpy as np
 import pytest
 
-from benchmarks import cli, page, qp_peers
+from benchmarks import cli, ik_peers, loop, page, qp_peers
+from benchmarks.peer import peer_table
 from validation.cli.options import Status
 from validation.progress import Progress
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
+from validation.trial.simulate import simulate
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +41,20 @@ def test_loop_and_stages_are_measured_and_put_into_the_page(tmp_path, monkeypatc
     assert text.endswith("The end.\n")
 
 
+def test_physics_alone_is_that_of_the_walk(planned, monkeypatch):
+    record = simulate(planned)
+    stepped, step = [], mujoco.mj_step
+
+    def noted(model, data):
+        step(model, data)
+        stepped.append(data)
+
+    monkeypatch.setattr(loop.mujoco, "mj_step", noted)
+    spans = loop.time_physics(record, planned.body.model)
+    np.testing.assert_array_equal(stepped[-1].qpos, record.q[-1])
+    assert len(spans) == len(stepped) == record.steps
+
+
 def test_solvers_agree_on_the_control_qps(planned):
     problems = qp_peers.record_problems(planned, Progress())[::20]
     ours, *others = qp_peers.compare_solvers(planned, problems, Progress())
@@ -48,3 +65,17 @@ def test_solvers_agree_on_the_control_qps(planned):
         if not np.isnan(peer.median):
             assert peer.name.startswith("qpsolvers, ")
             assert float(peer.error.split()[0]) < 0.1
+
+
+def test_a_peer_that_is_not_installed_is_listed_with_the_reason(planned, monkeypatch):
+    class Missing:
+        def __init__(self, *_):
+            raise ImportError("No module named 'pink'")
+
+    monkeypatch.setattr(ik_peers, "FOLLOWERS", {"pink": Missing})
+    ours, pink = ik_peers.compare_kinematics(planned, Progress())
+    assert ours.median > 0.0
+    heading, own, other = peer_table({"work": [ours, pink]}).rows
+    assert heading[0] == "work"
+    assert own[0] == "ours"
+    assert other == ("pink", "–", "–", "not measured: No module named 'pink'")

@@ -14,6 +14,7 @@ from models.build import build_body
 from models.scene import BodyModel
 from models.source import body_path, compiled_source, read_body_file, source_path
 from validation.run import body_check
+from validation.show.rerun.body import mesh_of
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 URDF, TOML = ((EXAMPLES / f"biped.{suffix}").read_text(encoding="utf-8") for suffix in ("urdf", "toml"))
@@ -122,6 +123,7 @@ def test_a_description_is_proposed_from_a_model(pitch: float, tmp_path: Path, am
     foot, normal = data.body("l_foot").xpos, turn[:, 2]
     for name in body.description.left_leg.sole_points:
         assert (data.site(name).xpos - foot - [0.03, 0, -0.05]) @ normal == pytest.approx(-0.02, abs=1e-3)
+    assert "File exists" in ampm("body", "new", tmp_path / "biped.urdf", path).err
 
 
 def test_a_proposal_says_what_is_to_be_filled_in(tmp_path: Path, ampm) -> None:
@@ -267,6 +269,18 @@ def test_a_segment_without_a_shape_has_the_ellipsoid_of_its_inertia() -> None:
     moments = chest.mass[0] / 5.0 * (squares.sum() - squares)
     np.testing.assert_allclose(sorted(moments), sorted([0.2562, 0.181067, 0.134867]), rtol=1e-6)
     np.testing.assert_allclose(geom.pos, [0, 0, 0.2], rtol=0.0, atol=1e-12)
+
+
+def test_hulls_are_in_the_recording(tmp_path: Path) -> None:
+    write_mesh(tmp_path / "box.stl", (0.1, 0.2, 0.3))
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="box", file=str(tmp_path / "box.stl"))
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="box")
+    drawn = mesh_of(spec.compile(), 0, (10, 20, 30, 40))
+    assert drawn.vertex_positions is not None
+    points = np.array(drawn.vertex_positions.as_arrow_array().to_pylist())
+    assert points.shape == (36, 3)
+    assert sorted(np.ptp(points, axis=0)) == pytest.approx([0.2, 0.4, 0.6])
 
 
 def test_reach_grows_until_nothing_walks(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,6 @@
 """The command line as a user meets it: answers, refusals, exit statuses, files."""
 
 import errno
-import json
 import os
 import subprocess
 import sys
@@ -20,8 +19,7 @@ def test_plan_json_has_the_contract(ampm):
     answer = ampm("plan", "normal", "--no-body", "--json", "--set", "gait.a_s=inf", "--set", "body.mass=61")
     assert answer.status == Status.PASS
     assert answer.json["parameters"]["gait"]["step_length"] == 0.6
-    assert answer.json["inverse_a_s"] == 0.0
-    assert answer.json["parameters"]["gait"]["a_s"] == "inf"
+    assert (answer.json["inverse_a_s"], answer.json["parameters"]["gait"]["a_s"]) == (0.0, "inf")
     assert answer.json["parameters"]["body"]["mass"] == 61.0
     assert answer.json["angular_momentum_y_offset"] == 0.0
     assert max(answer.json["residuals"].values()) <= 1e-9
@@ -116,12 +114,7 @@ FULL = OSError(errno.ENOSPC, "No space left on device")
 @pytest.mark.parametrize(
     ("error", "status", "kind", "words"),
     [
-        (
-            noted(InputError("too large; lower it."), "or leave it open"),
-            Status.REFUSED,
-            "input",
-            "lower it; or leave it open.",
-        ),
+        (noted(InputError("No."), "or leave it open"), Status.REFUSED, "input", "No; or leave it open."),
         (noted(FULL, "the record is in /elsewhere"), Status.STOPPED, "stopped", "/elsewhere"),
         (KeyboardInterrupt(), Status.INTERRUPTED, "interrupted", "interrupted"),
         (SolverError("not convex"), Status.NOT_COMPLETED, "solver", "not convex."),
@@ -134,15 +127,14 @@ def test_other_errors_have_a_status_of_their_own(ampm, failing, error, status, k
     assert words in answer.err
 
 
-def script(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
-    program = Path(sys.executable).with_name("ampm")
-    return subprocess.run([str(program), *map(str, arguments)], capture_output=True, text=True, **options)
+PROGRAM = Path(sys.executable).with_name("ampm")
+
+
+def script(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, **options)
 
 
 def test_console_script():
-    answer = script("plan", "--no-body", "--json", "--set", "gait.switching_velocity=0.3")
-    assert answer.returncode == Status.REFUSED
-    assert json.loads(answer.stdout)["error"]["reason"] == "switching_velocity_too_low"
     assert "Missing command" in script("body").stderr
     answer = script("validate", "--help", env={**os.environ, "COLUMNS": "200"})
     assert "whether a body with real mass distribution" in answer.stdout  # lines of a paragraph are joined
@@ -150,8 +142,7 @@ def test_console_script():
 
 
 def test_reader_that_leaves_early_is_no_crash():
-    program = Path(sys.executable).with_name("ampm")
-    command = f"{program} plan --no-body --json | head -c 1"
+    command = f"{PROGRAM} plan --no-body --json | head -c 1"
     answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert answer.stderr == ""
 

@@ -50,16 +50,14 @@ def contact_qp(tolerance=1e-10):
     return ContactQP(QPSettings(tolerance=tolerance, max_iterations=20_000), FRICTION, LINES)
 
 
-def fill(qp, points, momentum=UPRIGHT, least=0.0, load=0.4, yaw=(0.2, -0.03)):
-    """Fill in a QP: ``yaw`` are curvature and gradient of the posture's cost over the vertical moment."""
-    points["least"] = np.maximum(points["least"], least)
-    points["largest"] = np.maximum(points["largest"], points["least"])
+def fill(qp, points, momentum):
+    """Fill in a QP, with curvature and gradient of the posture's cost over the vertical moment."""
     none = np.empty(0)
     lines, by_point = records((2, 3), LINE), np.zeros((2 * POINTS, 3))
     contact = Contact(lines, none, none, none, wrench_of(points), np.array(momentum), by_point)
     system = np.zeros((20, 27))
-    system[L_Z, 20 + L_Z], system[L_Z, 26] = yaw
-    fill_qp(2, points, contact, system, load, FRICTION, qp.problem)
+    system[L_Z, 20 + L_Z], system[L_Z, 26] = 0.2, -0.03
+    fill_qp(2, points, contact, system, 0.4, FRICTION, qp.problem)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

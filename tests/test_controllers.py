@@ -16,7 +16,7 @@ from ampm.control.joint_pd import JointPD
 from ampm.exceptions import InputError
 from ampm.walk import ControlOutput
 from tests.test_bad_input import assert_said, rows_of
-from validation.store.record import StoredRecord
+from validation.store.record import load_record
 from validation.trial import users
 from validation.trial.users import CONTROLLER
 
@@ -131,7 +131,7 @@ def test_a_crash_in_mid_walk_keeps_the_run(ampm, tmp_path, caplog):
     assert answer.json["outcome"] == "crashed"
     assert "Late failed (KeyError: 'late')" in answer.json["end"]["cause"]
     assert 'raise KeyError("late")' in caplog.text
-    assert StoredRecord(tmp_path / "run").steps == 26
+    assert load_record(tmp_path / "run").steps == 26
 
 
 class Ramp:

@@ -103,6 +103,12 @@ def test_a_push_of_the_run_file_is_that_of_the_list():
     np.testing.assert_array_equal(record.external_force, listed.external_force)
 
 
+def test_a_moved_floor_has_its_contacts_at_the_new_height():
+    record = disturbed(steps=1, floor_height=0.01)
+    loaded = record.point_force[..., 2] > 5.0
+    assert np.median(record.point_position[..., 2][loaded]) == pytest.approx(0.01, abs=1e-3)
+
+
 def test_the_velocity_at_the_start_repeats_with_its_seed():
     starts = [disturbed(steps=1, start_velocity=0.02, seed=seed).qd[0] - walk().qd[0] for seed in (0, 1)]
     for start in starts:

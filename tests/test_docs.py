@@ -91,7 +91,7 @@ def test_python_runs(page, tmp_path):
     assert answer.returncode == 0, answer.stderr
     tests = sorted(tmp_path.glob("test_*.py"))
     if tests:
-        options = "-m pytest -q --ampm-update -p no:cacheprovider".split()
+        options = "-m pytest -q -p no:cacheprovider".split()
         answer = run(tmp_path, sys.executable, *options, *map(str, tests))
         assert answer.returncode == 0, answer.stdout
 

@@ -55,7 +55,7 @@ def test_what_is_missing_shows(block):
     damping = np.zeros(7)
     damping[arm] = 1.0  # [N m s/rad]
     damped = NOTHING._replace(damping=damping)
-    turned = check(replace(record, torque=record.torque + 0.1), model)
+    turned = check(replace(record, tick_torque=record.tick_torque + 0.1), model)
     for wrong in (check(without_point(record), model), turned, check(record, model, damped)):
         assert wrong.median > 1e-3 * wrong.change
     assert turned.coordinate == "swing"

@@ -323,7 +323,7 @@ def test_e14_sign_of_the_spring_in_eq_12():
     assert zero(sp.prod(corrected) - k)  # positive product, negative sum: both rates decay
     assert zero(sum(corrected) + damping)
     error = np.ones((40, 1))
-    assert (error @ error.T).shape != (error.T @ error).shape == (1, 1)  # (...)(...)^T is no number
+    assert (error @ error.T).shape != (error.T @ error).shape == (1, 1)  # (...)(...)^T is not a number
 
 
 @cache

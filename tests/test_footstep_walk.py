@@ -227,28 +227,6 @@ def test_a_walk_goes_on_over_new_footsteps_and_others_and_stops():
     np.testing.assert_allclose(moved, moved[:1].repeat(len(moved), axis=0), rtol=0.0, atol=1e-12)
 
 
-def test_a_walk_goes_on_from_the_measured_com():
-    """From what is planned the same as without; from elsewhere a walk that begins there and comes to rest."""
-    walk = live()
-    starts = walk.walk.contacts.starts
-    at, ahead = float(starts[5]), walk.walk.contacts.footsteps[4:]
-    sample, off = walk.steps.sample([at]), np.array([[0.01, 0.0], [0.05, 0.03]])
-    planned = np.stack([sample.com[0, :2], sample.com_velocity[0, :2]])
-    same, other = (walk.changed(at, ahead, planned + by).steps for by in (0.0 * off, off))
-    times = np.linspace(at, same.duration, 200)
-    for name in ("com", "zmp"):
-        values = (getattr(plan.sample(times), name) for plan in (same, walk.changed(at, ahead).steps))
-        np.testing.assert_allclose(np.subtract(*values), 0.0, rtol=0.0, atol=1e-9)
-    begin = other.sample([at])
-    np.testing.assert_allclose(begin.com[0, :2], planned[0] + off[0], rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(begin.com_velocity[0, :2], planned[1] + off[1], rtol=0.0, atol=1e-12)
-    before, after = (other.sample(starts[6:] + beside).com_velocity for beside in (-1e-9, 0.0))
-    np.testing.assert_allclose(before, after, rtol=0.0, atol=1e-6)
-    np.testing.assert_allclose(other.sample([other.duration]).com_velocity, 0.0, atol=1e-9)
-    feet = (plan.feet.sample([at])[0].position for plan in (other, walk.steps))
-    np.testing.assert_allclose(np.subtract(*feet), 0.0, atol=1e-12)
-
-
 def test_changes_in_mid_swing_are_walked():
     run = ampm.load_run("normal", simulation={"time_step": 0.002})
     ahead = onward(live(run=run), 2.0, 0.5)[1]
@@ -257,21 +235,3 @@ def test_changes_in_mid_swing_are_walked():
     assert_follows(trial, 1.2e-3)
     assert trial.summary["planner"] == "footsteps, changed at 2 s, stop at 3.5 s"
     assert trial.metrics["plan_changes"].value == 2.0
-
-
-def test_a_push_that_the_first_plan_does_not_survive_is_survived_from_the_measured_com(tmp_path):
-    run = ampm.load_run("normal", simulation={"time_step": 0.002})
-    footsteps = routes.straight(8, 0.5, 0.2)
-    push = val.Push("chest", (0, 100, 0), at=2.75, duration=0.1)
-    outcomes = {}
-    for measured in (False, True):
-        planner = ampm.FootstepPlanner(measured=measured)
-        trial = val.walk(run, footsteps=footsteps, planner=planner, disturbances=[push])
-        outcomes[measured] = trial.record.outcome.completed
-    assert outcomes == {False: False, True: True}
-    assert trial.metrics["zmp_y_rmse"].value < 0.01
-    assert 0.1 < trial.metrics["plan_moved_footsteps"].value < 0.5
-    saved = load_saved_run(trial.save(tmp_path / "walk", recording=False))
-    np.testing.assert_array_equal(saved.record.tick_plan, trial.record.tick_plan)
-    first = planner.plan(saved.parameters, trial.planned.body.robot).sample(saved.signals.time)
-    np.testing.assert_array_equal(saved.signals.vector("first_plan_zmp", "xy"), first.zmp)

@@ -15,7 +15,7 @@ from validation.study.many import Task
 from validation.study.sweep.design import dump_sweep, parse_sweep
 from validation.study.sweep.run import task_of
 from validation.study.sweep.table import build_table
-from validation.study.walk_options import users_classes
+from validation.study.walk_options import own_classes
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.users import load_planner
 
@@ -89,7 +89,7 @@ def test_options_reach_a_planner():
     planner: Any = load_planner(SLOW, {"slope": 0.9})
     assert (type(planner), planner.slope) == (Slow, 0.9)
     run = load_run("normal", gait={"planner": SLOW}, planner={"options": {"slope": 0.9}})
-    assert users_classes(run)["planner"].slope == 0.9
+    assert own_classes([run]) == {SLOW: Slow}
 
 
 def test_a_planner_is_made_once(monkeypatch):
@@ -172,7 +172,7 @@ def test_sources_that_a_class_imports_decide_on_the_digest(tmp_path, monkeypatch
         for name in ("own_class", "own_gains"):
             sys.modules.pop(name, None)
         importlib.invalidate_caches()
-        return Task("a", users_classes, {"controller": importlib.import_module("own_class").Own}).digest
+        return Task("a", own_classes, {"controller": importlib.import_module("own_class").Own}).digest
 
     before = digest()
     assert digest() == before

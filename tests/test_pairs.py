@@ -76,9 +76,7 @@ def test_a_table_beside_our_planner_is_walked_once(tmp_path, ampm, monkeypatch):
     assert first.json["metrics"]["zmp_x_maximum"]["better"] == 0
     assert 'href="walk-2/report.html"' in (out / REPORT).read_text(encoding="utf-8")
     assert (out / "walk-2" / REPORT).is_file()
-    monkeypatch.setattr(
-        "validation.study.compare.comparison.walk_request", lambda *_, **__: pytest.fail("walked")
-    )
+    monkeypatch.setattr("validation.study.walk_options.walk_request", lambda *_, **__: pytest.fail("walked"))
     assert ampm(*command, "--resume").json == first.json
 
 
@@ -210,7 +208,7 @@ def test_causes_and_robustness_stand_side_by_side(sides, folders, tmp_path, ampm
     assert "push forward" in ampm("compare", *folders, *both).out
     for words, why in (
         (both[:2], "once for each walk"),
-        (["--robustness", folders[0]] * 2, "is no robustness.json"),
+        (["--robustness", folders[0]] * 2, "is not a robustness.json"),
     ):
         refused = ampm("compare", *folders, *words)
         assert refused.status == 2

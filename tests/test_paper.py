@@ -81,7 +81,7 @@ def test_figures_of_a_sweep(tmp_path, ampm):
     assert ampm("report", folder, "--figures", out, "--format", "svg", "--tables", "tex").status == 0
     drawn = [path.read_text(encoding="utf-8") for path in sorted(out.glob("*.svg"))]
     widths = [float(_only(r'<svg [^>]*width="([\d.]+)"', text)) for text in drawn]
-    assert widths == pytest.approx([COLUMN / 0.75] * 2, abs=1.0)
+    assert widths == pytest.approx([COLUMN / 0.75], abs=1.0)
     assert UNSTUDIED.split("(")[0] in (out / "tables.tex").read_text(encoding="utf-8")
     refused = ampm("report", folder, "--figures", out, "--format", "pgf")
     assert (refused.status, "give --format pdf or svg" in refused.err) == (2, True)
@@ -93,7 +93,7 @@ def test_figures_of_a_sweep(tmp_path, ampm):
         ("--format gif", "--format gif is unknown; give pdf or svg or pgf."),
         ("--tables xls", "give tex or md or csv"),
         ("--figures DIR --width 3m", "is 3000 mm; give 40 to 300 mm"),
-        ("--figures DIR --width wide", "is no length"),
+        ("--figures DIR --width wide", "is not a length"),
         ("--figures FILE", "is a file, not a folder"),
     ],
 )

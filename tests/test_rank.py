@@ -1,6 +1,7 @@
 """Ranks of planners: intervals, what is decided, and planners that fail in a cell."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -88,7 +89,7 @@ def test_a_difference_that_the_engines_disagree_on_is_open():
     one, other = (c for c in found.cells if c.task == "normal" and c.name in ("ampm", "lipm"))
     assert found.better(one, other)
     shifted = {at: other.errors[at] + (2e-3 if "drake" in at else 0.0) for at in other.errors}
-    moved = type(other)(**{**vars(other), "errors": shifted})
+    moved = replace(other, errors=shifted)
     assert not found.better(one, moved)
     assert not found.better(moved, one)
 
@@ -104,7 +105,7 @@ def test_few_replicas_decide_nothing_and_refusals_leave_the_cell_empty():
     cell = next(cell for cell in found.cells if (cell.task, cell.name) == ("flat", "dcm"))
     assert (cell.runs, cell.notes) == (0, ("8 refused: footsteps: none.",))
     one, other = (cell for cell in found.cells if cell.task == "normal" and cell.name in ("ampm", "ipm"))
-    few = type(one)(**{**vars(one), "errors": dict(list(one.errors.items())[:5])})
+    few = replace(one, errors=dict(list(one.errors.items())[:5]))
     assert found.better(one, other)
     assert not found.better(few, other)
 

@@ -2,6 +2,8 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -10,15 +12,14 @@ import pytest
 from ampm.exceptions import InputError
 from ampm.planner.contacts import Contacts
 from ampm.planners import PeriodicPlanner, periodic_walk
-from ampm.reference import Timing
 from tests.solved import COARSE, motion_of, simulate_plan, simulated, walk_of
 from tests.test_make_plan import Moved
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
 from validation.judge.signals import signals_table
 from validation.measure.measure import measure
-from validation.store.record import StoredRecord, read_table, save_record
-from validation.store.signals import column_of
+from validation.store.record import load_record, read_table, save_record
+from validation.store.signals import COLUMNS
 from validation.trial.bridge import to_pinocchio
 from validation.trial.disturbances import Push
 from validation.trial.followed import JUDGED_LEAD, LEADS
@@ -167,11 +168,11 @@ def test_the_record_says_which_plan_was_followed(replanned, fixed, tmp_path):
     assert record.outcome.completed
     np.testing.assert_array_equal(record.tick_plan, record.tick_time > 0.3 + 1e-9)
     save_record(record, tmp_path / "moved")
-    stored = StoredRecord(tmp_path / "moved")
+    stored = load_record(tmp_path / "moved")
     np.testing.assert_array_equal(stored.tick_plan, record.tick_plan)
     assert stored.changes == 1
     save_record(fixed, tmp_path / "fixed")
-    assert not StoredRecord(tmp_path / "fixed").tick_plan.any()
+    assert not load_record(tmp_path / "fixed").tick_plan.any()
     assert "plan" not in read_table(tmp_path / "fixed" / "ticks.parquet").column_names
 
 
@@ -196,8 +197,7 @@ def test_a_walk_is_judged_by_the_plan_as_it_stood_before(replanned):
     table = signals_table(walk)
     np.testing.assert_array_equal(table["first_plan_zmp_y"], now.zmp[:, 1])
     np.testing.assert_array_equal(table["plan_zmp_y"], walk.sample.zmp[:, 1])
-    for name in table.column_names:
-        column_of(name)  # has a description
+    assert {*table.column_names} <= {*COLUMNS}
 
 
 def test_a_plan_that_stays_has_no_more_metrics_and_columns(fixed):
@@ -263,15 +263,17 @@ def test_a_plan_made_of_the_measurement_does_not_know_what_comes(fixed):
 def test_torque_is_held_where_a_plan_begins_with_another_acceleration(replanned):
     """Between two ticks it goes on with its slope, which a jump would double."""
     plan, _ = replanned
-    timing = Timing(hold=0.0015, slope=0.002)
+    run = walk_of().run
+    physics: Any = SimpleNamespace(time_step=0.0005, substeps=4)
     for other, jumps in ((replace(plan), 0), (steeper(plan), 1)):
-        course = References(plan, timing, time_step=0.0005, substeps=4, steps=1)
+        course = References(plan, run, physics, steps=1)
+        assert (course.timing.hold, course.timing.slope) == (0.0015, 0.002)
         found = []
         for reference in course.references:
             found.append(reference)
             if len(found) == 100:
                 course.follow(other)
-        wanted = plan.table([reference.time for reference in found], timing).jumps.copy()
+        wanted = plan.table([reference.time for reference in found], course.timing).jumps.copy()
         wanted[100] |= bool(jumps)
         np.testing.assert_array_equal([reference.jumps for reference in found], wanted)
 

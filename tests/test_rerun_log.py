@@ -15,7 +15,7 @@ from tests.saved_run import make_run
 from validation.show.curves import DIFFERENCES
 from validation.show.rerun.record import RECORDING_FILE, plain_text, verdict_markdown, write_recording
 from validation.show.rerun.views import axis_range
-from validation.store.record import StoredRecord
+from validation.store.record import load_record
 from validation.store.saved import load_saved_run
 from validation.store.signals import load_signals
 
@@ -84,7 +84,7 @@ def test_series_are_the_signals_bit_for_bit(run_dir):
 
 
 def test_segments_move_as_the_model_says(run_dir):
-    record = StoredRecord(run_dir)
+    record = load_record(run_dir)
     model = mujoco.MjModel.from_xml_string((run_dir / "model.xml").read_text(encoding="utf-8"))
     data = mujoco.MjData(model)
     for name in ("pelvis", "left_foot"):
@@ -112,7 +112,7 @@ def test_recording_is_sound_and_has_what_a_viewer_must_show(run_dir, tmp_path):
         world/com/measured/trail world/feet/left/sole phase/planned_stance verdict events effort/torque"""
     entities = {chunk.entity_path for chunk in RrdReader(path).stream()}
     assert {f"/{name}" for name in [*wanted.split(), *DIFFERENCES]} <= entities
-    assert path.stat().st_size / StoredRecord(run_dir).outcome.time < 1e6
+    assert path.stat().st_size / load_record(run_dir).outcome.time < 1e6
     again = write_recording(make_run(tmp_path / "run", steps=4, settings=COARSE))
     assert_rrd("compare", path, again)  # of an identical run
 

@@ -15,7 +15,7 @@ from tests.records import first_difference
 from tests.saved_run import forge, with_column
 from validation.cli.app import Status, call
 from validation.store.folders import RUN_FILES
-from validation.store.record import TICKS_FILE, StoredRecord
+from validation.store.record import TICKS_FILE, load_record
 
 STEPS = 2
 
@@ -71,7 +71,7 @@ def test_replay_stops_at_the_first_difference_and_is_quiet(walked, tmp_path, cap
 def test_the_same_run_has_the_same_bits(walked, tmp_path):
     again = tmp_path / "again"
     assert call(["validate", str(walked[0] / "run.toml"), "--out", str(again)]) == Status.PASS
-    assert first_difference(StoredRecord(walked[0]), StoredRecord(again)) is None
+    assert first_difference(load_record(walked[0]), load_record(again)) is None
     one, two = (pq.read_table(folder / "signals.parquet") for folder in (walked[0], again))
     assert one.equals(two)
 
@@ -132,7 +132,7 @@ def test_ctrl_c_keeps_what_was_walked_and_measured(when, tmp_path):
     if when == "walk":
         assert "Traceback" not in answer.stderr
         assert (summary["outcome"], summary["verdict"]) == ("interrupted", "not_measured")
-        assert StoredRecord(out).steps in (500, 501)
+        assert load_record(out).steps in (500, 501)
         assert "NOT MEASURED" in answer.stdout
         assert call(["replay", str(out)]) == Status.PASS
     else:

@@ -22,7 +22,7 @@ from tests.solved import simulated, walk_of
 from validation.judge.compare import _from_standing_foot
 from validation.judge.profiles import own_profile
 from validation.study.sweep.design import parse_sweep
-from validation.study.walk_options import users_classes
+from validation.study.walk_options import own_classes
 from validation.trial.bridge import to_pinocchio
 from validation.trial.readings import Sensors
 
@@ -99,8 +99,8 @@ def read(*settings):
     """Record of a walk, and the readings of every tick."""
     readings, plain = [], Sensors.read
 
-    def kept(self, log, k):
-        readings.append(plain(self, log, k))
+    def kept(self, k):
+        readings.append(plain(self, k))
         return readings[-1]
 
     with pytest.MonkeyPatch.context() as patch:
@@ -436,12 +436,13 @@ def test_ones_own_estimator_walks_and_does_not_know_the_seed():
 
 
 def sent(**options):
-    name = "tests.test_sensors:Tuned"
-    return users_classes(load_run("normal", sensors={"estimator": name, "options": options}))
+    run = load_run("normal", sensors={"estimator": "tests.test_sensors:Tuned", "options": options})
+    return own_classes({"request": run})
 
 
-def test_an_estimator_and_its_options_travel_with_a_study():
-    assert sent(gain=1.0)["estimator"].__name__ == "Tuned"
+def test_an_estimator_travels_with_a_study():
+    (found,) = sent(gain=1.0).values()
+    assert found.__name__ == "Tuned"
 
 
 def test_delays_of_a_range_are_whole_steps_of_the_physics():

@@ -207,7 +207,7 @@ def test_a_pushed_walk_returns_to_its_planned_places_and_times():
 @pytest.mark.parametrize(
     ("disturbance", "zmp_x"),
     [
-        ("softness_factor=3", 0.003),  # a sole that tilts in it is no slope
+        ("softness_factor=3", 0.003),  # a sole that tilts in it is not a slope
         ("softness_factor=6", math.inf),
         ("mass_segment=thorax mass_change=0.1", 0.01),
         ("mass_segment=all mass_change=-0.1", 0.025),

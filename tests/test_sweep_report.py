@@ -17,7 +17,8 @@ from tests.test_report import Page
 from validation.cli.app import call
 from validation.store.saved import REPORT_FILE
 from validation.study.sweep import figures
-from validation.study.sweep.report import judge_sweep, links_of, metric_table, render
+from validation.study.sweep.figures import links_of
+from validation.study.sweep.report import judge_sweep, metric_table, render
 from validation.study.sweep.table import State, read_sweep
 from validation.table import is_heading
 
@@ -66,11 +67,10 @@ def test_page_says_what_the_table_says(folder, html):
     sweep, runs = read_sweep(folder), data_of(html)
     top = " ".join(Page(html).text.split()).partition("Where it passes")[0]
     assert judge_sweep(sweep)[2] in top
-    assert all(" ".join(cell.split()) in top for row in sweep.result().rows for cell in row)
+    assert all(" ".join(cell.split()) in top for row in sweep.tables()[0].rows for cell in row)
     assert "run 009: the legs are too short; shorten the step." in top
     assert [run["run"] for run in runs] == sweep.words("name")
-    assert [run["outcome"] for run in runs] == [sweep.state(row).label for row in range(len(sweep))]
-    assert "ampm validate normal --steps 6 --profile default --as-is --set gait.step_length=" in html
+    assert [run["outcome"] for run in runs] == [sweep.states[row].label for row in range(len(sweep))]
     assert [run["gait.c_s"] for run in runs] == pytest.approx(sweep.numbers("gait.c_s"), rel=1e-4)
     used = np.array([run["largest share of a tolerance [%]"] for run in runs], dtype=float)
     assert used == pytest.approx(100.0 * sweep.worst_used, rel=1e-4, nan_ok=True)
@@ -79,20 +79,16 @@ def test_page_says_what_the_table_says(folder, html):
 def test_specifications_draw_every_run_and_link_the_kept_ones(folder):
     sweep = read_sweep(folder)
     links = links_of(sweep)
-    runs = figures.run_data(sweep, links)
-    scatter, parallel = (
-        vl_convert.vegalite_to_svg(json.dumps({**spec, "width": 600, "data": {"values": runs}}))
-        for spec in (figures.scatter(sweep), figures.parallel(sweep))
-    )
+    runs = figures.run_data(sweep)
+    spec = {**figures.scatter(sweep), "width": 600, "data": {"values": runs}}
+    scatter = vl_convert.vegalite_to_svg(json.dumps(spec))
     assert scatter.count('aria-roledescription="point"') == len(sweep)
     assert scatter.count("xlink:href") == len(links) > 0
-    assert parallel.count('aria-roledescription="line mark"') == len(sweep)
-    assert "gait.c_s" in parallel
 
 
 def test_many_runs_are_a_sample(monkeypatch):
     monkeypatch.setattr(figures, "MOST_POINTS", 20)
-    assert len(figures.run_data(sweep_of(make_table(50)), {})) == 20
+    assert len(figures.run_data(sweep_of(make_table(50)))) == 20
 
 
 def test_texts_and_infinities(undrawn):
@@ -148,7 +144,7 @@ def test_text_is_escaped(html, undrawn):
 
 def test_tables_that_are_of_no_sweep(tmp_path):
     pq.write_table(pa.table({"a": [1]}), tmp_path / "y.parquet")
-    with pytest.raises(InputError, match="no table of a sweep"):
+    with pytest.raises(InputError, match="not a table of a sweep"):
         read_sweep(tmp_path / "y.parquet")
     table = replaced(make_table(3, failures=False), "outcome", ["completed", "flew", "completed"])
     with pytest.raises(InputError, match="'flew'"):
@@ -160,7 +156,7 @@ def test_worst_runs_come_first(folder):
     lost = [row for row in sweep.worst if not sweep.measured[row]]
     furthest = [row for row in sweep.worst if sweep.measured[row]]
     assert sweep.worst == [*lost, *furthest]
-    assert {sweep.state(row) for row in lost} == {State.FELL, State.DIVERGED}
+    assert {sweep.states[row] for row in lost} == {State.FELL, State.DIVERGED}
     used = sweep.worst_used[furthest]
     assert (np.diff(used) <= 0).all()
     assert used[0] == np.nanmax(sweep.worst_used)
@@ -172,9 +168,8 @@ def test_forces_are_judged_in_body_weights_and_a_tolerance_may_be_zero(undrawn):
     table = replaced(table, "metric_force_x_rmse", [2.0] * 4)
     sweep = sweep_of(replaced(table, "metric_failed_qp", [4.0, 4.0, 4.0, 0.0]))
     assert sweep.used("force_x_rmse") == pytest.approx(2.0 / (0.008 * 9.81 * mass))
-    values, unit = sweep.shown("force_x_rmse")
+    values, limits, unit = sweep.shown("force_x_rmse")
     assert values == pytest.approx(100 * 2.0 / (9.81 * mass))
-    limits, _ = sweep.shown_limits("force_x_rmse")
     assert (limits.tolist(), unit) == (pytest.approx([0.8] * 4), "% of body weight")
     assert sweep.used("failed_qp").tolist() == [np.inf] * 3 + [0.0]
     text = Page(render(sweep)).text
@@ -194,7 +189,7 @@ for (const option of [...right.options].map((item) => item.value)) {
   await sleep(100);
   drawn.push(points());
 }
-tell({ before, drawn, lines: document.querySelectorAll("#parallel .mark-line.role-mark path").length,
+tell({ before, drawn,
   width: innerWidth, scroll: document.documentElement.scrollWidth,
   fetched: performance.getEntriesByType("resource").map((e) => e.name).filter((n) => /^http/.test(n)) });
 """
@@ -206,6 +201,6 @@ def test_page_lives(html, tmp_path):
     seen = look(path, tmp_path, PROBE, size=(390, 844))
     assert seen.console == []
     told = seen.told
-    assert (told["before"], told["lines"], told["fetched"]) == (400, 400, [])
+    assert (told["before"], told["fetched"]) == (400, [])
     assert min(told["drawn"]) > 100  # every choice draws something
     assert told["scroll"] <= told["width"]  # nothing sticks out sideways

@@ -43,7 +43,7 @@ def test_followed_torques_ranges_and_distances_are_those_of_the_walk(footsteps: 
     walked = np.abs(record.torque / record.torque_limit).max(axis=0)
     knees = [record.joint_names.index(leg.knee) for leg in robot.description.legs]
     np.testing.assert_allclose(np.nanmax(walk.share, axis=0)[knees], walked[knees], rtol=0.0, atol=0.03)
-    rates = np.abs(record.hinge_qd).max(axis=0)
+    rates = np.abs(record.qd[:, 6:]).max(axis=0)
     np.testing.assert_allclose(np.nanmax(np.abs(walk.rate), axis=0)[knees], rates[knees], rtol=0.05)
     clearance = trial.comparison.costs["margins"]["clearance"].value
     assert walk.gap.min() == pytest.approx(clearance, abs=2e-3)

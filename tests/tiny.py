@@ -86,7 +86,7 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
 
     for k in range(steps):
         data.ctrl[:] = torque(k * dt)
-        keep(q=data.qpos, qd=data.qvel, torque=data.ctrl)
+        keep(q=data.qpos, qd=data.qvel, tick_torque=data.ctrl)
         mujoco.mj_step1(model, data)
         positions = data.geom_xpos[geoms].copy()
         keep(point_place=positions)
@@ -107,9 +107,10 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
     keep(point_place=data.geom_xpos[geoms])
     arrays: dict[str, Any] = {name: np.array(values) for name, values in log.items()}
     q, force = arrays["q"], arrays["point_force"]
-    ticks = np.arange(0, steps, 2)
+    ticks = np.arange(steps)
     return SimulationRecord(
         time=np.arange(steps + 1) * dt,
+        state_rows=np.arange(steps + 1),
         **arrays,
         point_foot=np.array([0, 0, 1, 1], dtype=np.int8),
         point_group=np.array([0, 2, 0, 2], dtype=np.int8),

@@ -15,7 +15,7 @@ from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
 from ampm.walk import UNSOLVED, PostureState, WalkPlan
 from validation.measure.equations import Equations
-from validation.measure.measure import MeasuredGait, SelfChecks, zmp_from_momentum
+from validation.measure.measure import MeasuredGait, SelfChecks, centre_of_pressure
 from validation.run.trial import Trial
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import SimulationRecord
@@ -82,9 +82,10 @@ def perfect_walk(steps=4, count=None):
     name = OutcomeName.COMPLETED if k == whole else OutcomeName.FELL
     record = SimulationRecord(
         time=time,
+        state_rows=np.arange(k + 1),
         q=np.zeros((k + 1, 9)),
         qd=np.zeros((k + 1, 8)),
-        torque=np.zeros((k, 2)),
+        tick_torque=np.zeros((k, 2)),
         torque_rate=np.zeros((k, 2)),
         point_force=force,
         point_position=places[:k],
@@ -151,7 +152,7 @@ def with_state(measured, com_shift=0.0, force_shift=0.0, moment_shift=0.0, instr
     com = measured.com + com_shift
     force = measured.momentum_force + force_shift
     rate = measured.angular_momentum_rate + moment_shift
-    zmp = zmp_from_momentum(com, force, rate, 0.0)
+    zmp = centre_of_pressure(force, rate + np.cross(com, force), 0.0)
     return replace(
         measured,
         com=com,

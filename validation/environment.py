@@ -15,7 +15,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from dm_env import specs
@@ -25,8 +25,7 @@ from ampm.geometry import Array
 from ampm.parameters import NO_PLAN, RunParameters
 from ampm.walk import ControlOutput
 from validation.judge.metrics import METRICS
-from validation.judge.profiles import DEFAULT, Profile
-from validation.judge.profiles import profile as named_profile
+from validation.judge.profiles import DEFAULT, Tolerance
 from validation.store.machine import set_variables
 from validation.trial.disturbances import Disturbance
 from validation.trial.outcome import OutcomeName
@@ -35,7 +34,7 @@ from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.policy import observe
 from validation.trial.readings import make_estimator
 from validation.trial.references import Course, References
-from validation.trial.simulate import ClosedLoop, forces_of, place, timing_of
+from validation.trial.simulate import ClosedLoop, forces_of, place
 from validation.trial.watch import End
 
 # dm_control looks for an OpenGL context when it is imported, and warns or fails where there is none. MuJoCo
@@ -59,7 +58,6 @@ def load(
     seed: int | None = None,
     random_start: bool = True,
     disturbances: Sequence[Disturbance] = (),
-    profile: Profile | str = DEFAULT,
     **sections: Mapping[str, Any],
 ) -> control.Environment:
     """The environment of one gait.
@@ -67,8 +65,8 @@ def load(
     A step of the environment is a control tick, ``controller.frequency``; the torque is held in between. The
     action is the torque of every motor [N m]; the observation is that of
     :func:`validation.trial.policy.observe`, from the sensors of the run. The reward, 0 ... 1, is the product
-    over :data:`REWARDED` of a tolerance: 1 within the profile's limit of the RMSE, 0.1 at that of the
-    largest error. The first plan of a planner that goes on planning is followed to its end.
+    over :data:`REWARDED` of a tolerance: 1 within the limit of the RMSE, 0.1 at that of the largest error,
+    both of profile ``default``. The first plan of a planner that goes on planning is followed to its end.
 
     Args:
         source: parameters, or a preset or TOML file; `normal` by default, or the own gait of another body.
@@ -77,20 +75,17 @@ def load(
         random_start: begin at a random instant of the first stride, not always with the walk.
         disturbances: external forces, beside those of the run; their times count from the begin of an
             episode.
-        profile: tolerances, or their name.
         sections: values by section and key, as :func:`ampm.load_run` takes them.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
     """
     request = load_request(source, body=body, sections=sections)
-    if isinstance(profile, str):
-        profile = named_profile(profile)
     if request.run.gait.planner == NO_PLAN:
         raise InputError("the reward of an environment is the agreement with a plan; leave out planner none.")
     held = request.run.replace({"controller.hold": "zero-order"})
     physics = WalkPhysics(plan_walk(replace(request, run=held)), disturbances)
-    task = FollowPlan(physics, profile, np.random.RandomState(seed), random_start=random_start)
+    task = FollowPlan(physics, np.random.RandomState(seed), random_start=random_start)
     return control.Environment(physics, task, n_sub_steps=physics.substeps)
 
 
@@ -111,13 +106,8 @@ class WalkPhysics(control.Physics):
     def __init__(self, planned: PlannedWalk, disturbances: Sequence[Disturbance]) -> None:
         self.planned, self.physics = planned, Physics(planned.scene, planned.run)
         self.substeps = self.physics.substeps
-        self.walk = References(
-            planned.plan,
-            timing_of(planned.run, self.physics),
-            time_step=self.timestep(),
-            substeps=self.substeps,
-        )
-        self._forces = forces_of(planned.run, disturbances, self.physics, self.walk.total)
+        self.walk = References(planned.plan, planned.run, self.physics)
+        self._forces = forces_of(planned.run, disturbances, self.walk.total * self.timestep())
         self.begin(0)
 
     def begin(self, tick: int) -> None:
@@ -172,14 +162,11 @@ class FollowPlan(control.Task):
 
     Args:
         physics: of the walk.
-        profile: tolerances.
         random: draws the instants at which episodes begin.
         random_start: whether they are drawn, or episodes begin with the walk.
     """
 
-    def __init__(
-        self, physics: WalkPhysics, profile: Profile, random: np.random.RandomState, *, random_start: bool
-    ) -> None:
+    def __init__(self, physics: WalkPhysics, random: np.random.RandomState, *, random_start: bool) -> None:
         self._random, self._starts = random, 1
         plan, robot = physics.planned.plan, physics.planned.body.robot
         if random_start:
@@ -188,7 +175,7 @@ class FollowPlan(control.Task):
                 np.searchsorted(times, min(2.0 * plan.constants.step_duration, 0.5 * times[-1]))
             )
         scales = {"body_weight": robot.mass * robot.gravity, "foot_length": plan.feet.sole.length}
-        limits = [_limits(name, profile, scales) for name in REWARDED]
+        limits = [_limits(name, scales) for name in REWARDED]
         self._bounds = [((0.0, mean), largest - mean) for mean, largest in limits]
 
     def initialize_episode(self, physics: WalkPhysics) -> None:
@@ -231,10 +218,8 @@ class FollowPlan(control.Task):
         return 1.0 if last else None
 
 
-def _limits(signal: str, profile: Profile, scales: Mapping[str, float]) -> tuple[float, float]:
-    """Limits of a signal's RMSE and of its largest error, in its SI unit."""
-    mean, largest = (profile.tolerance(METRICS[f"{signal}_{name}"]) for name in ("rmse", "maximum"))
-    if mean is None:
-        raise ValueError(f"profile {profile.name} has no limit for {signal}")
-    limit = float(mean.limit_for(scales))
+def _limits(signal: str, scales: Mapping[str, float]) -> tuple[float, float]:
+    """Limits of a signal's RMSE and of its largest error in the profile ``default``, in its SI unit."""
+    mean, largest = (DEFAULT.tolerance(METRICS[f"{signal}_{name}"]) for name in ("rmse", "maximum"))
+    limit = float(cast(Tolerance, mean).limit_for(scales))
     return limit, _MARGIN * limit if largest is None else float(largest.limit_for(scales))

@@ -10,7 +10,6 @@ Importing this module loads nothing but pytest.
 
 from __future__ import annotations
 
-import json
 import re
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -24,8 +23,6 @@ if TYPE_CHECKING:
     from validation.judge.profiles import Profile
     from validation.run.trial import Trial
 
-BASELINES = "ampm_baselines"
-"""Folder beside a test's file that holds its baselines."""
 _WALKED, _PLACE = pytest.StashKey[list["Trial"]](), pytest.StashKey[Path]()
 _walks: list[tuple[tuple[Any, ...], Trial]] = []
 """Inputs of every walk of this process, and the trial."""
@@ -37,7 +34,6 @@ _walks: list[tuple[tuple[Any, ...], Trial]] = []
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the options."""
     group = parser.getgroup("ampm", "walks of the AMPM testbed")
-    group.addoption("--ampm-update", action="store_true", help="write the baselines of walks")
     group.addoption(
         "--ampm-runs",
         metavar="DIR",
@@ -108,35 +104,6 @@ def assert_within(request: pytest.FixtureRequest) -> Callable[..., None]:
     return check
 
 
-@pytest.fixture
-def assert_baseline(request: pytest.FixtureRequest) -> Callable[..., None]:
-    """``assert_baseline(*trials)``: no judged metric is worse than in the baseline.
-
-    ``--ampm-update`` writes it. A metric may grow by a tenth of its limit, as in ``ampm compare`` of sweeps.
-    """
-
-    def check(*trials: Trial) -> None:
-        __tracebackhide__ = True
-        # Imported here: loads pydantic.
-        from validation.store.summary import Baseline, read_json
-
-        wrong = []
-        for number, trial in enumerate(trials or _walks_of(request)):
-            path = _baseline_path(request, number)
-            if request.config.getoption("--ampm-update"):
-                path.parent.mkdir(exist_ok=True)
-                path.write_text(json.dumps(_baseline(trial), indent=2) + "\n", encoding="utf-8")
-            elif not path.is_file():
-                wrong.append(f"{_title(trial)}: there is no baseline {path}; write it with --ampm-update.")
-            elif worse := _worse(read_json(path, Baseline, "write it again with --ampm-update"), trial):
-                title = f"{_title(trial)}: worse than {path}; if that is meant, --ampm-update."
-                wrong += [title, *(f"    {line}" for line in worse)]
-        if wrong:
-            pytest.fail("\n".join(wrong), pytrace=False)
-
-    return check
-
-
 # ------------------------------------------------------------------------------------ walks of a process
 
 
@@ -200,38 +167,3 @@ def _saved(item: pytest.Item, trials: Sequence[Trial]) -> Iterator[str]:
 def _plain(text: str) -> str:
     """Text as part of a file's name."""
     return re.sub(r"[^\w.=-]+", "-", text).strip("-")
-
-
-# --------------------------------------------------------------------------------------- baselines
-
-
-def _baseline_path(request: pytest.FixtureRequest, number: int) -> Path:
-    name = _plain(f"{request.path.stem}-{request.node.name}") + (f"-{number}" if number else "")
-    return request.path.parent / BASELINES / f"{name}.json"
-
-
-def _baseline(trial: Trial) -> dict[str, Any]:
-    """What a baseline holds: outcome, and value of every judged metric in its SI unit."""
-    values = {item.name: item.value for item in trial.verdict.judged}
-    return {
-        "outcome": str(trial.record.outcome.name),
-        "steps_completed": trial.record.outcome.steps_completed,
-        "metrics": {name: None if value != value else value for name, value in values.items()},
-    }
-
-
-def _worse(before: Mapping[str, Any], trial: Trial) -> list[str]:
-    """A line on everything in which a trial is worse than a baseline."""
-    from validation.study.compare.sweeps import TOLERANCE  # loads pyarrow
-
-    outcome, lines = trial.record.outcome, []
-    now = outcome.completed, outcome.steps_completed
-    if now < (before["outcome"] == "completed", before["steps_completed"]):
-        lines.append(f"{before['outcome']} after {before['steps_completed']} steps -> {outcome.summary}")
-    for item in trial.verdict.judged:
-        old, limit = before["metrics"].get(item.name), item.tolerance or 0.0
-        if old is None or item.value - old <= TOLERANCE * limit:
-            continue
-        values = " -> ".join(f"{number * item.factor:.4g}" for number in (old, item.value))
-        lines.append(f"{item.label}: {values} {item.display_unit} (limit {limit * item.factor:.4g})")
-    return lines

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from html import escape
+from importlib.resources import files
 
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table as TerminalTable
@@ -199,6 +200,12 @@ class Tabled(Brief):
         """The sentence and the tables, for notebooks."""
         first = f"<p><b>{escape(self.sentence)}</b></p>" if self.sentence else ""
         return first + "".join(table.__html__() for table in self.tables())
+
+
+def own_rows(name: str) -> list[dict[str, str]]:
+    """Rows of a CSV file of this package, by its path in it."""
+    text = files("validation").joinpath(name).read_text("utf-8")
+    return list(csv.DictReader(text.splitlines()))
 
 
 def is_heading(row: Sequence[str]) -> bool:

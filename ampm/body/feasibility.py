@@ -73,7 +73,7 @@ def check_motion(report: MotionReport, description: BodyDescription) -> None:
         BodilyRefusal: it is one of these.
     """
     knee, joint, parts = report.knee_minimum, report.joint_limit_margin, report.clearance
-    turn = "the motion's end is no mirror image of its start: the largest difference"
+    turn = "the motion's end is not a mirror image of its start: the largest difference"
     straight = f"the {knee.where} knee straightens at {knee.time:.3f} s of the step: its flexion"
     past = f"joint {joint.where} would pass its limit at {joint.time:.3f} s of the step: its distance from it"
     near = f"{parts.where} come too close at {parts.time:.3f} s of the step: their distance"
@@ -119,7 +119,7 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
         what = "the heel rises before the ZMP has reached the ball: its distance from the reference point"
         roll = (
             f"lower gait.a_s to {l_s / sole.ball_x:.4g}, " if l_s > sole.ball_x else ""
-        )  # else it is no pendulum
+        )  # else it is not a pendulum
         less = f"{roll}lengthen gait.step_length, lower foot.heel_rise_lead, or take foot.schedule = flat"
         yield Limit(what, "m", sole.ball_x, AT_LEAST, reason, less, ROLL_TOLERANCE), reached
 

@@ -203,7 +203,7 @@ def newton(
     value = step_map.residual(z, trajectory)
     best = step_map.size(value)
     cause: Unreachable | None = None
-    while not best <= tolerance:  # a NaN is no orbit
+    while not best <= tolerance:  # a NaN is not an orbit
         fresh = inverse is None
         if inverse is None:
             if rebuilds == 0:

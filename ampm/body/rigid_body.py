@@ -90,7 +90,7 @@ def tree_of(model: pin.Model) -> Records:
     """The tree of a Pinocchio model, one entry per joint.
 
     Raises:
-        InputError: the first joint is not free, or another one is no hinge.
+        InputError: the first joint is not free, or another one is not a hinge.
     """
     tree = records(model.njoints - 1, TREE)
     for i in range(len(tree)):

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ampm.brief import Brief, Described
+from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array, rotations
 from ampm.planner.blend import HeightLaw
@@ -163,7 +163,7 @@ class _Motion(NamedTuple):
 
 
 @dataclass(frozen=True)
-class CentroidalPlan(Described, Brief):
+class CentroidalPlan(Brief):
     """Motion of COM and ZMP over contacts.
 
     Attributes:
@@ -183,20 +183,6 @@ class CentroidalPlan(Described, Brief):
     contacts: Contacts
     phases: tuple[CentroidalPhase, ...]
     constants: PlanConstants
-
-    def _described(self) -> tuple[str, list[tuple[str, str]]]:
-        """Steps, duration, and the numbers that say what is planned."""
-        start, end = self.sample([0.0, self.duration]).com[:, :2]
-        way = float(np.linalg.norm(end - start))
-        single, double = self.constants.single_support_duration, self.constants.double_support_duration
-        rows = [
-            ("body", f"{self.mass:.4g} kg, COM at {self.com_height:.4g} m"),
-            ("way of the COM", f"{way:.4g} m, {way / self.duration:.4g} m/s on average"),
-            ("supports", f"{single:.4g} s single, {double:.4g} s double"),
-            ("largest jump", f"{self.residuals().largest:.1e}, relative, at a switch of support"),
-        ]
-        title = f"{type(self).__name__} of {self.contacts.steps} steps in {self.duration:.4g} s"
-        return title, rows
 
     @classmethod
     def of(cls, plan: CentroidalPlan, **more: Any) -> Self:

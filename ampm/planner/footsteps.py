@@ -74,7 +74,7 @@ def plan_footsteps(
         first: number of the first footstep, for errors.
 
     Raises:
-        InputError: the list is no walk, or a time leaves no time to swing.
+        InputError: the list is not a walk, or a time leaves no time to swing.
         MathematicalRefusal: the gait has no closed form.
         BodilyRefusal: feet would cross, the ZMP would leave the soles, or the angular momentum would turn the
             trunk too far.
@@ -147,7 +147,7 @@ def solve_within_limits(
 
 
 def check_footsteps(footsteps: Sequence[Footstep]) -> None:
-    """Refuse a list that is no walk."""
+    """Refuse a list that is not a walk."""
     if len(footsteps) < 4:
         raise InputError(
             f"a walk takes at least 4 footsteps, not {len(footsteps)}; give where both feet stand, then two "
@@ -161,7 +161,7 @@ def check_footsteps(footsteps: Sequence[Footstep]) -> None:
             )
     for number, step in enumerate(footsteps, start=1):
         if not all(map(math.isfinite, (*step.position, step.heading))):
-            raise InputError(f"footstep {number} has a value that is no finite number; correct it.")
+            raise InputError(f"footstep {number} has a value that is not a finite number; correct it.")
 
 
 def contacts_over(

@@ -46,7 +46,7 @@ def plan_gait(gait: GaitParameters, mass: float) -> CentroidalPlan:
         mass: of the body [kg].
 
     Raises:
-        InputError: the mass is no usable number.
+        InputError: the mass is not a usable number.
         MathematicalRefusal: the closed form has no solution, or none that can be computed.
     """
     return plan_with_next_step(gait, mass)[0]

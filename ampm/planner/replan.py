@@ -57,9 +57,7 @@ class LiveWalk(NamedTuple):
         walk = walks.solve_walk(footsteps, run.gait, body, landings)
         return cls(run, body, plan_footstep_walk(run, body), walk, 0, float(walk.contacts.starts[1]))
 
-    def changed(
-        self, at: float, ahead: Sequence[Footstep] | None, measured: Array | None = None
-    ) -> "LiveWalk":
+    def changed(self, at: float, ahead: Sequence[Footstep] | None) -> "LiveWalk":
         """The walk, continued over other footsteps from a request on.
 
         A request in double support, or at the end of a swing, is met by the next swing.
@@ -69,8 +67,6 @@ class LiveWalk(NamedTuple):
             ahead: from the one on which the foot lands that swings, two or more, left and right in turn. All
                 of them are moved by the displacement with which velocities agree. None: the walk stops, the
                 other foot beside the next footstep; in the last swing this changes nothing.
-            measured: COM and its velocity at that time, to go on from instead of the plan's, shape (2, 2)
-                [m, m/s]; the time must then lie in a swing.
 
         Raises:
             InputError: the time is too early or too late, or the footsteps do not go on.
@@ -97,7 +93,7 @@ class LiveWalk(NamedTuple):
         landings = [None, None, *old.starts[2 : 2 * k + 3 : 2].tolist(), *[None] * (len(ahead) - 1)]
         begin = max(at, float(old.starts[2 * k + 1]))
         contacts = walks.contacts_over(footsteps, self.walk.nominal, landings)
-        solved, by = self._rest(k, begin, footsteps, contacts, measured)
+        solved, by = self._rest(k, begin, footsteps, contacts)
         footsteps[k + 2 :] = [_moved(step, by) for step in ahead]
         walks.refuse_crossing(footsteps[k + 1 :], self.body.sole, k + 2)
         contacts = walks.contacts_over(footsteps, self.walk.nominal, landings)
@@ -126,7 +122,7 @@ class LiveWalk(NamedTuple):
         return [landing, _moved(landing, by)._replace(foot=here.foot)]
 
     def _rest(
-        self, k: int, begin: float, footsteps: Sequence[Footstep], contacts: Contacts, measured: Array | None
+        self, k: int, begin: float, footsteps: Sequence[Footstep], contacts: Contacts
     ) -> tuple[Solution, Array]:
         """The rest of the walk from an instant of single support k on, and by how much its footsteps move."""
         old, gait, row = self.walk.solved, self.run.gait, k - self.first
@@ -143,8 +139,6 @@ class LiveWalk(NamedTuple):
         state[0] -= place
         state[:4] = times(move, state.ravel()).reshape(4, 2)
         state[0] += place
-        if measured is not None:
-            state[:2] = measured
         supports = Supports(*(values[k:] for values in walks.supports_of(footsteps, contacts, gait)))
         supports.single[0] = float(contacts.starts[2 * k + 2]) - begin
         end = np.mean([step.position[:2] for step in footsteps[-2:]], axis=0)

@@ -41,7 +41,7 @@ def route(
         toe_out: angle by which either foot is turned out [rad].
     """
     if not frames:
-        raise InputError("a route of no steps is no walk; give 2 steps or more.")
+        raise InputError("a route of no steps is not a walk; give 2 steps or more.")
     other: Side = "left" if first == "right" else "right"
     feet = [first, other, *([first, other] * len(frames))]
     visited = [frames[0], frames[0], *frames[1:], frames[-1]]
@@ -199,7 +199,7 @@ def as_rows(
     """Footsteps as ``[[footsteps]]`` of a run file.
 
     Raises:
-        InputError: one is no footstep.
+        InputError: one is not a footstep.
     """
     rows = []
     for number, step in enumerate(footsteps, start=1):
@@ -218,7 +218,7 @@ def read_footsteps(path: Path) -> list[dict[str, Any]]:
     """``[[footsteps]]`` of a run from a CSV file whose columns are their keys; empty cells are left out.
 
     Raises:
-        InputError: the file cannot be read, or a row is no footstep.
+        InputError: the file cannot be read, or a row is not a footstep.
     """
     try:
         text = io.StringIO(read_text(path), newline="")

@@ -116,7 +116,7 @@ def plan_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: So
         sole: outline of a sole.
 
     Raises:
-        InputError: the mass is no usable number, or the feet's timing does not fit the gait's.
+        InputError: the mass is not a usable number, or the feet's timing does not fit the gait's.
         MathematicalRefusal: the closed form has no solution, or none that can be computed.
     """
     # One step further than the walk: at its end the rear foot is about to leave, as at any other switch.

@@ -5,7 +5,6 @@ import statistics
 
 from ampm.controller_parameters import ControllerParameters
 from ampm.description import BodyDescription
-from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY, HUMAN, RunParameters
 
 EASY_KEYS = ("gait.step_length", "gait.switching_velocity", "gait.c_s", "gait.c_y")
@@ -52,12 +51,8 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
     """
     for key, value in (("body.mass", description.mass), ("body.height", description.height)):
         if key in run.given and run.value(key) != value:
-            raise InputError(
-                f"{key} = {run.value(key):g} is not that of the body {run.body.source}, {value:.6g}; leave "
-                "it out, as it follows from the body's model.",
-                key=key,
-                value=run.value(key),
-            )
+            rule = f"is not that of the body {run.body.source}, {value:.6g}"
+            raise run.refusal(key, rule, "leave it out, as it follows from the body's model")
     hips, usual = description.hip_height, ControllerParameters()
     sized = {
         **easy_gait(run, description),

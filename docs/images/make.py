@@ -73,7 +73,7 @@ def picture_of_several(folders: list[Path], phase: float, target: Path) -> None:
     """Save the viewer's picture of several runs of one gait at one phase."""
     with tempfile.TemporaryDirectory() as folder:
         merged = Path(folder) / "merged.rrd"
-        write_sources(choose(folders, None), merged)
+        write_sources(choose(folders), merged)
         picture_of_recording(merged, phase, target, timeline=PHASE, port=9912)
 
 

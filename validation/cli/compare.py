@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +11,8 @@ import typer
 from ampm.exceptions import InputError
 from validation.cli.console import Narrator
 from validation.cli.options import (
+    EXITS,
+    SHORT,
     AsIs,
     Execution,
     Json,
@@ -32,13 +32,6 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-EPILOG = (
-    "Exit status: 0 all walked to the end, or no regression; 1 a regression of a sweep, 2 bad input or "
-    "refused, 3 a walk did not complete, 4 crash of ampm itself, 5 stopped from outside: --resume goes on, "
-    "130 interrupted: --resume goes on."
-)
-
-
 _NAME = "Of all walks; or once for each."
 
 
@@ -54,7 +47,10 @@ class Choices:
     engine: Annotated[list[str] | None, option("--engine", _NAME, "mujoco|drake")] = None
 
 
-@app.command(epilog=EPILOG)
+@app.command(
+    epilog="Exit status: 0 all walked to the end, or no regression; 1 a regression of a sweep, 3 a walk did "
+    f"not complete; {EXITS}"
+)
 @grouped
 def compare(
     walks: Annotated[
@@ -83,10 +79,6 @@ def compare(
             "SHARE",
         ),
     ] = None,
-    require_all: Annotated[
-        bool,
-        option("--require-all", "Of sweeps: runs of the first that the second lacks are regressions, too."),
-    ] = False,
     execution: Execution,
     as_json: Json = False,
 ) -> int:
@@ -97,12 +89,15 @@ def compare(
     --planner "mine:Planner,gain=2". Sweeps are matched by the parameters of their runs, the first is the
     reference, and a regression is told by the status.
     """
+    # Imported here because simulator and measurement are slow to load.
+    from validation.study.compare.comparison import compare_gaits, compare_runs
     from validation.study.compare.report import write_comparison
+    from validation.study.compare.sweeps import compare_sweeps
     from validation.study.many import study_folder
     from validation.study.sweep.table import is_sweep
 
     folder = study_folder(execution.out, resume=execution.resume)
-    choices = {name: values for name, values in vars(chosen).items() if values}
+    choices = {SHORT[name]: values for name, values in vars(chosen).items() if values}
     walks, studies, survived = walks or [], uncertainty or (), robustness or ()
     sweeps = [text for text in walks if is_sweep(Path(text)) or Path(text).suffix == ".parquet"]
     done = [text for text in walks if text in sweeps or Path(text).is_dir()]
@@ -111,47 +106,32 @@ def compare(
             f"{done[0]} is finished; compare it with other finished ones, without options of a gait "
             "('ampm validate --out DIR' keeps the run of a gait)."
         )
-    if not sweeps and (tolerance is not None or require_all):
-        raise InputError("--tolerance and --require-all are of sweeps; leave them out.")
+    if tolerance is not None and not sweeps:
+        raise InputError("--tolerance is of sweeps; leave it out.")
     found: WalkComparison | SweepComparison
     if sweeps:
         if len(sweeps) != 2 or sweeps != walks:
             raise InputError(f"{sweeps[0]} is a sweep; compare it with one other sweep.")
         if len(studies) > 1:
             raise InputError("--uncertainty: of two sweeps one convergence study is enough; give one.")
-        from validation.study.compare.sweeps import TOLERANCE, compare_sweeps
-
-        with Narrator().stage("comparison"):
-            found = compare_sweeps(
-                *sweeps,
-                tolerance=TOLERANCE if tolerance is None else tolerance,
-                uncertainty=studies[0] if studies else None,
-                require_all=require_all,
-            )
+        limits = {} if tolerance is None else {"tolerance": tolerance}
+        found = compare_sweeps(*sweeps, uncertainty=studies[0] if studies else None, **limits)
         status = Status.OUT_OF_TOLERANCE if found.regressions else Status.PASS
     else:
-        from validation.study.compare.comparison import compare_gaits, compare_runs
-
         if done:
             found = compare_runs(done, uncertainty=studies, robustness=survived)
         else:
-            try:
-                found = compare_gaits(
-                    walks,
-                    with_short(settings, steps=steps),
-                    choices=choices,
-                    as_is=as_is,
-                    uncertainty=studies,
-                    robustness=survived,
-                    **vars(execution),
-                    progress=Narrator(),
-                )
-            except KeyboardInterrupt as error:
-                if folder is not None:
-                    again = shlex.join(["ampm", *sys.argv[1:], *([] if execution.resume else ["--resume"])])
-                    error.add_note(f"finished runs are kept; go on with {again}")
-                raise
-        completed = {side.outcome for side in found.sides} == {"completed"}
+            found = compare_gaits(
+                walks,
+                with_short(settings, steps=steps),
+                choices=choices,
+                as_is=as_is,
+                uncertainty=studies,
+                robustness=survived,
+                **vars(execution),
+                progress=Narrator(),
+            )
+        completed = all(side.outcome == "completed" for side in found.sides)
         status = Status.PASS if completed else Status.NOT_COMPLETED
     if folder is not None:
         write_comparison(found, folder)

@@ -20,13 +20,12 @@ from validation.cli.options import (
     Status,
     Steps,
     WalkOptions,
-    check_picture,
     grouped,
     option,
     with_footsteps,
 )
 from validation.show.text import format_value
-from validation.store.folders import check_folder_of, check_output_file, output_file
+from validation.store.folders import check_new_file, output_file
 from validation.table import Table, format_number, print_tables
 
 if TYPE_CHECKING:
@@ -71,27 +70,20 @@ class Files:
         """
         from validation.store.tables import sample_times
         from validation.trial.plan import check_formula
-        from validation.trial.users import check_suffix
 
         gait = request.run.gait
         if self.rate is not None and self.samples is None:
             raise InputError("--rate is that of the samples; give --samples FILE, too, or leave it out.")
-        for table in (self.samples, self.motion):
-            if table is not None:
-                check_folder_of(table)
-                check_suffix(table)
-                check_output_file(table, force=True)
+        for table in filter(None, (self.samples, self.motion)):
+            check_new_file(table, ".csv", ".parquet")
         if self.samples is not None:
             check_formula(request)
             count = len(request.run.footsteps) or gait.steps
             sample_times(count * gait.step_length / gait.switching_velocity, self.hertz)
         if self.plot is not None:
-            check_picture(self.plot)
+            check_new_file(self.plot, ".png", ".svg", ".pdf")
         if self.save is not None:
-            if self.save.suffix != ".toml":
-                raise InputError(f"{self.save} must end in .toml; a gait is read from such a file.")
-            check_folder_of(self.save)
-            check_output_file(self.save, force=self.force)
+            check_new_file(self.save, ".toml", force=self.force)
 
 
 @app.command(epilog=f"Presets.\n\n{_PRESET_LINES}")

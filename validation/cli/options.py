@@ -16,7 +16,6 @@ from ampm.exceptions import InputError
 from ampm.presets import preset_names
 from validation.cli.console import Narrator, print_json
 from validation.show.text import print_line
-from validation.store.folders import check_folder_of, check_output_file
 from validation.table import print_tables
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from validation.trial.disturbances import Disturbance
     from validation.trial.plan import Request
 
-PICTURES = (".png", ".svg", ".pdf")
+EXITS = "2 bad input or refused, 4 crash of ampm itself, 5 stopped and 130 interrupted: --resume goes on."
 PROFILES = "default, strict, wide, jumps, footsteps, odometry or free"
 
 
@@ -135,13 +134,14 @@ Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]
 
 
-_SHORT = {
+SHORT = {
     "body": "body.source",
     "steps": "gait.steps",
     "planner": "gait.planner",
     "controller": "controller.name",
     "engine": "simulation.engine",
 }
+"""Options that are short for a key."""
 
 
 def with_short(settings: Sequence[str] | None, **options: str | int | None) -> list[str]:
@@ -151,7 +151,7 @@ def with_short(settings: Sequence[str] | None, **options: str | int | None) -> l
         if name in ("body", "planner") and value is not None and Path(str(value)).is_file():
             value = str(Path(str(value)).resolve())
         if value is not None:
-            found.append(f"{_SHORT[name]}='{value}'" if isinstance(value, str) else f"{_SHORT[name]}={value}")
+            found.append(f"{SHORT[name]}='{value}'" if isinstance(value, str) else f"{SHORT[name]}={value}")
     return found
 
 
@@ -300,18 +300,6 @@ def with_footsteps(path: Path | None, steps: int | None) -> dict[str, Any]:
     from ampm.planner.routes import read_footsteps  # imported here: NumPy is slow to load
 
     return {"footsteps": read_footsteps(path)}
-
-
-def check_picture(path: Path) -> None:
-    """Refuse a picture that cannot be written; an earlier one is replaced, as it can be drawn again.
-
-    Raises:
-        InputError: another suffix, no folder, or nothing can be written there.
-    """
-    if path.suffix not in PICTURES:
-        raise InputError(f"{path} must end in {' or '.join(PICTURES)}; the suffix chooses the format.")
-    check_folder_of(path)
-    check_output_file(path, force=True)
 
 
 def answer(result: Any, *, as_json: bool, out: Path | None = None) -> None:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ampm.exceptions import InputError
-from validation.cli.console import Narrator, print_json
+from validation.cli.console import Narrator
 from validation.cli.options import (
+    EXITS,
     PROFILES,
     Disturbing,
     Execution,
@@ -26,33 +26,19 @@ from validation.cli.options import (
     load_metrics,
     option,
 )
-from validation.show.text import print_line
 from validation.store.folders import check_output_file, output_file
-from validation.table import markdown_page, print_tables
+from validation.table import markdown_page
 
 if TYPE_CHECKING:
     from validation.study.sweep.table import SweepTable
 
 app = typer.Typer()
 
-SWEEP_EPILOG = (
-    "Exit status: 0 every run that walked passed, 1 some are out of tolerance, 2 bad input, or every run was "
-    "refused, 3 some did not complete, 4 some crashed, 5 stopped from outside (full disk, lost scheduler, a "
-    "worker that cannot load a class of yours): --resume goes on, 130 interrupted: --resume goes on. "
-    "--dry-run: 0, or 2 if every run is refused."
-)
-CONVERGENCE_EPILOG = (
-    "Exit status: 0 every metric is within its limit by more than its numerical uncertainty, 1 one is over "
-    "it, undecided or not measured, 2 bad input or refused, 3 a walk of a numerical study did not complete, "
-    "4 crash of ampm itself, 5 stopped from outside, 130 interrupted: --resume goes on."
-)
-ROBUSTNESS_EPILOG = (
-    "Exit status: 0 the study is done, 2 bad input or refused, 4 an error ended a walk, "
-    "5 stopped from outside: --resume goes on, 130 interrupted: --resume goes on."
-)
 
-
-@app.command(epilog=SWEEP_EPILOG)
+@app.command(
+    epilog="Exit status: 0 every run that walked passed, 1 some are out of tolerance, 2 every run refused, "
+    f"3 some did not complete, 4 some crashed; {EXITS}"
+)
 @grouped
 def sweep(
     file: Annotated[Path, typer.Argument(help="Definition of the sweep (TOML).", metavar="FILE")],
@@ -82,17 +68,8 @@ def sweep(
         return Status.PASS if expected.walking else Status.REFUSED
     if execution.out is None:
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
-    try:
-        found = walk_sweep(file, **vars(execution), progress=Narrator())
-    except KeyboardInterrupt as error:
-        again = shlex.join(["ampm", "sweep", str(file), "--out", str(execution.out), "--resume"])
-        error.add_note(f"every finished row is kept; go on with the same options and --resume: {again}")
-        raise
-    if as_json:
-        print_json({**found.summary(), "directory": str(execution.out)})
-    else:
-        print_tables([found.result()])
-        print_line(str(execution.out))
+    found = walk_sweep(file, **vars(execution), progress=Narrator())
+    answer(found, as_json=as_json, out=execution.out)
     return _sweep_status(found)
 
 
@@ -141,7 +118,10 @@ def rank(
     return Status.PASS
 
 
-@app.command(epilog=CONVERGENCE_EPILOG)
+@app.command(
+    epilog="Exit status: 0 every metric is within its limit by more than its numerical uncertainty, 1 one is "
+    f"over it, undecided or not measured, 3 a walk of a numerical study did not complete; {EXITS}"
+)
 @grouped
 def convergence(
     gait: Gait = None,
@@ -179,7 +159,7 @@ def convergence(
     return Status.PASS if found.verdict.passed else Status.OUT_OF_TOLERANCE
 
 
-@app.command(epilog=ROBUSTNESS_EPILOG)
+@app.command(epilog=f"Exit status: 0 the study is done, 4 an error ended a walk; {EXITS}")
 @grouped
 def robustness(
     gait: Gait = None,
@@ -220,9 +200,7 @@ def robustness(
     return Status.CRASH if found.crashes else Status.PASS
 
 
-@app.command(
-    epilog="Exit status: 0 explained, 2 bad input or refused, 5 stopped from outside, 130 interrupted."
-)
+@app.command(epilog=f"Exit status: 0 explained; {EXITS}")
 @grouped
 def explain(
     run: Annotated[

@@ -1,4 +1,4 @@
-"""``ampm view``: recordings of runs, of files and of chosen runs of sweeps, in Rerun's viewer."""
+"""``ampm view``: recordings of runs and of files, in Rerun's viewer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from string import ascii_lowercase
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import Annotated, NamedTuple
 
 import typer
 
@@ -15,10 +15,7 @@ from ampm.exceptions import InputError
 from validation.cli.console import Narrator
 from validation.cli.options import Status, option
 from validation.show.viewer import show_recording, viewer_command
-from validation.store.folders import check_output_file, output_file
-
-if TYPE_CHECKING:
-    from validation.study.sweep.table import SweepTable
+from validation.store.folders import check_new_file, output_file
 
 app = typer.Typer()
 
@@ -36,11 +33,8 @@ class Source(NamedTuple):
 @app.command()
 def view(
     targets: Annotated[
-        list[Path], typer.Argument(help="Folders of runs, recordings, or one sweep.", metavar="DIR|FILE.rrd")
+        list[Path], typer.Argument(help="Folders of runs, or recordings.", metavar="DIR|FILE.rrd")
     ],
-    runs: Annotated[
-        str | None, option("--runs", "Runs of a sweep; by default the worst one and the median.", "3,17")
-    ] = None,
     save: Annotated[
         Path | None, option("--save", "Write what would be shown; opens nothing.", "FILE.rrd")
     ] = None,
@@ -53,11 +47,9 @@ def view(
     the curves lie over each other.
     """
     if save is not None:
-        if save.suffix != ".rrd":
-            raise InputError(f"--save {save} must end in .rrd.")
-        check_output_file(save, force=force)
+        check_new_file(save, ".rrd", force=force)
     narrator = Narrator()
-    sources = choose(targets, runs)
+    sources = choose(targets)
     if save is not None:
         with output_file(save, force=force) as work:
             write_sources(sources, work)
@@ -76,7 +68,7 @@ def write_sources(sources: Sequence[Source], path: Path) -> None:
     """Write one file of all recordings, a copy of a single one; an existing file is replaced.
 
     Raises:
-        InputError: a source is no recording.
+        InputError: a source is not a recording.
     """
     from validation.show.rerun.merge import merge, read_chunks  # imported here because rerun is slow to load
 
@@ -87,32 +79,24 @@ def write_sources(sources: Sequence[Source], path: Path) -> None:
         merge(sources, path)
 
 
-def choose(targets: Sequence[Path], runs: str | None) -> list[Source]:
-    """Recordings of the targets.
-
-    Args:
-        targets: folders of runs, recordings, or one sweep.
-        runs: which runs of a sweep, as in ``3,17``; by default the worst one and the median.
+def choose(targets: Sequence[Path]) -> list[Source]:
+    """Recordings of the targets, which are folders of runs or recordings.
 
     Raises:
-        InputError: a target has no recording, a file of a run has changed, or ``runs`` without a sweep.
+        InputError: a target has no recording, or a file of a run has changed.
     """
     from validation.store.saved import SUMMARY_FILE, check_files
-    from validation.study.sweep.table import is_sweep
 
-    if is_sweep(targets[0]) and len(targets) == 1:
-        return _of_sweep(targets[0], runs)
-    if any(is_sweep(target) for target in targets):
-        raise InputError("a sweep is shown alone; of another one give the folders of runs, in recordings/.")
-    if runs is not None:
-        raise InputError("--runs names runs of a sweep; give the --out folder of 'ampm sweep'.")
     for target in targets:
         if (target / SUMMARY_FILE).is_file():
             check_files(target)
     paths = [recording_of(target) if target.is_dir() else target for target in targets]
     for path in paths:
         if not path.is_file() or path.suffix != ".rrd":
-            raise InputError(f"{path} is no recording; give the folder of a run, or an .rrd file.")
+            raise InputError(
+                f"{path} is not a recording; give the folder of a run, such as recordings/NAME of a sweep, "
+                "or an .rrd file."
+            )
     names = [path.parent.name if path.name == RECORDING_FILE else path.stem for path in paths]
     if len(set(names)) < len(names):  # two revisions of one gait
         names = [str(target) for target in targets]
@@ -132,48 +116,3 @@ def recording_of(folder: Path) -> Path:
         with Narrator().stage(f"{folder.name}: recording"):
             write_recording(load_saved_run(folder))
     return path
-
-
-def parse_runs(text: str) -> list[int]:
-    """Numbers of runs, as in ``3,17``.
-
-    Raises:
-        InputError: something else.
-    """
-    numbers = [part.strip() for part in text.split(",")]
-    if not all(number.isdecimal() for number in numbers):
-        raise InputError(f"--runs {text!r} must name runs from 0 on; write for example 3,17.")
-    return [int(number) for number in numbers]
-
-
-def _of_sweep(folder: Path, runs: str | None) -> list[Source]:
-    """Recordings of chosen runs of a sweep, by default of the worst one and of the median."""
-    from validation.study.sweep.table import read_sweep
-
-    sweep = read_sweep(folder)
-    kept = {}
-    for row, name in enumerate(sweep.words("recording")):
-        if name and (path := folder / name / RECORDING_FILE).is_file():
-            run = sweep.table["run"][row].as_py()
-            kept[run] = Source(f"run_{run}", f"run {run} ({sweep.state(row).label})", path)
-    if not kept:
-        raise InputError(
-            f'the sweep in {folder} has kept no recording; set recordings = "worst" in its definition, or '
-            "walk a run by itself: its row in report.html has the command."
-        )
-    chosen = _worst_and_median(sweep, list(kept)) if runs is None else parse_runs(runs)
-    for run in chosen:
-        if run not in kept:
-            some = ", ".join(str(number) for number in sorted(kept)[:12])
-            raise InputError(
-                f"run {run} of {folder} has no recording, but for example {some}; walk it by itself: its row "
-                "in report.html has the command."
-            )
-    return [kept[run] for run in dict.fromkeys(chosen)]
-
-
-def _worst_and_median(sweep: SweepTable, kept: Sequence[int]) -> list[int]:
-    """Of the runs that have a recording the worst one, and the one in the middle."""
-    numbers = sweep.table["run"].to_pylist()
-    ranked = [numbers[row] for row in sweep.worst if numbers[row] in kept] or list(kept)
-    return [ranked[0], ranked[len(ranked) // 2]]

@@ -4,7 +4,7 @@ Units and meanings are listed in :mod:`validation.judge.metrics`.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,6 @@ from validation.measure.measure import MeasuredGait
 from validation.trial.followed import Followed
 from validation.trial.record import SimulationRecord, state_steps
 from validation.trial.shapes import Shapes
-from validation.trial.spill import blocks, zeros
 
 Rows = NDArray[np.bool_]
 
@@ -90,34 +89,24 @@ def margins(
         shapes.
     """
     time, joints, feet = measured.time, record.joint_names, ("left", "right")
-    peak, saturated = np.zeros(len(joints)), 0
-
-    def use(part: slice) -> Array:
-        return np.asarray(np.abs(record.torque[part]) / record.torque_limit)
-
-    def room(part: slice) -> Array:
-        q, (low, high) = record.hinge_q[part], record.joint_range.T
-        return np.asarray(np.minimum(q - low, high - q))
-
-    for part in blocks(record.steps):
-        share = use(part)
-        peak = np.maximum(peak, share.max(axis=0))
-        saturated += int(np.count_nonzero((share >= SATURATED).any(axis=1)))
+    use, (low, high) = np.abs(record.torque) / record.torque_limit, record.joint_range.T
+    angles, rates = record.q[:, 7:], record.qd[:, 6:]  # of the hinges
+    saturated = int(np.count_nonzero((use >= SATURATED).any(axis=1)))
     legs = () if description is None else [leg for leg in description.legs if leg.knee in joints]
     knees = np.empty((record.time.size, len(legs)))
     for column, leg in enumerate(legs):
-        knees[:, column] = leg.knee_sign * (record.hinge_q[:, joints.index(leg.knee)] - leg.straight_knee)
+        knees[:, column] = leg.knee_sign * (angles[:, joints.index(leg.knee)] - leg.straight_knee)
     # The ratio of two small forces is noise.
     normal = measured.foot_force[..., 2]
     normal = np.where(normal >= LOADED * measured.weight, normal, np.nan)
     friction = np.hypot(measured.foot_force[..., 0], measured.foot_force[..., 1]) / normal
     found: dict[str, Any] = {
         "torque": _extreme(use, time, joints, largest=True),
-        "torque_by_joint": dict(zip(joints, peak.tolist(), strict=True)),
+        "torque_by_joint": dict(zip(joints, use.max(axis=0, initial=0.0).tolist(), strict=True)),
         "saturated": saturated / time.size if time.size and joints else math.nan,
         "friction": _extreme(friction, time, feet, largest=True),
         "friction_available": record.friction,
-        "joint": _extreme(room, record.time, joints),
+        "joint": _extreme(np.minimum(angles - low, high - angles), record.time, joints),
         "knee": _extreme(knees, record.time, [leg.knee for leg in legs]),
         "clearance": _clearance(record, shapes),
         "tilt": Extreme(math.nan),
@@ -130,11 +119,9 @@ def margins(
     fastest = {} if description is None else dict(description.speed_limits)
     if fastest:
         columns, limits = [joints.index(name) for name in fastest], np.array(list(fastest.values()))
-
-        def rate(part: slice) -> Array:
-            return np.asarray(np.abs(record.hinge_qd[part][:, columns]) / limits)
-
-        found["speed"] = _extreme(rate, record.time, list(fastest), largest=True)
+        found["speed"] = _extreme(
+            np.abs(rates[:, columns]) / limits, record.time, list(fastest), largest=True
+        )
     return found
 
 
@@ -158,23 +145,15 @@ def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
     used = np.flatnonzero(rows)
     if used.size == 0 or not record.joint_names:
         return dict.fromkeys(names, math.nan)
+    rates = record.qd[:, 6:]  # of the hinges
+    power = record.torque[used] * (0.5 * (rates[used + 1] + rates[used]))
     positive, negative = (
-        float(_motors(record, used, part).sum() * record.time_step) for part in (np.maximum, np.minimum)
+        float(part(power, 0.0).sum() * record.time_step) for part in (np.maximum, np.minimum)
     )
     moves = np.diff(record.com[used[0] : used[-1] + 2, :2], axis=0)
     distance = float(np.sqrt((moves * moves).sum(axis=1)).sum())
     transport = positive / (record.mass * record.gravity * distance) if distance > 0.0 else math.nan
     return dict(zip(names, (positive, negative, distance, transport), strict=True))
-
-
-def _motors(record: SimulationRecord, steps: NDArray[np.intp], part: np.ufunc) -> Array:
-    """Positive or negative part of every motor's power in some steps, shape (n, nu) [W]."""
-    power = zeros((steps.size, len(record.joint_names)))
-    for rows in blocks(steps.size):
-        k = steps[rows]
-        rate = 0.5 * (record.hinge_qd[k + 1] + record.hinge_qd[k])
-        power[rows] = part(record.torque[k] * rate, 0.0)
-    return power
 
 
 def clearance_over_time(record: SimulationRecord, shapes: Shapes) -> tuple[Array, Gaps]:
@@ -199,25 +178,14 @@ def _clearance(record: SimulationRecord, shapes: Shapes | None) -> Extreme:
     return Extreme(float(gaps.distance[closest]), float(time[closest]), gaps.parts[closest])
 
 
-def _extreme(
-    values: Array | Callable[[slice], Array], time: Array, names: Sequence[str] = (), *, largest: bool = False
-) -> Extreme:
-    """Largest or smallest entry of (N,) or (N, M), with its time and the name of its column.
-
-    Values may be computed, a part at a time.
-    """
-    worst, sign = Extreme(math.nan), 1.0 if largest else -1.0
-    for part in blocks(time.size):
-        block = values(part) if callable(values) else values[part]
-        block = sign * (block[:, None] if block.ndim == 1 else block)
-        if not np.isfinite(block).any():
-            continue
-        filled = np.where(np.isfinite(block), block, -np.inf)
-        row, column = divmod(int(filled.argmax()), block.shape[1])
-        most = float(block[row, column])
-        if not most <= sign * worst.value:
-            worst = Extreme(sign * most, float(time[part][row]), names[column] if names else "")
-    return worst
+def _extreme(values: Array, time: Array, names: Sequence[str] = (), *, largest: bool = False) -> Extreme:
+    """Largest or smallest entry of (N,) or (N, M), with its time and the name of its column."""
+    values, sign = values if values.ndim == 2 else values[:, None], 1.0 if largest else -1.0
+    if not np.isfinite(values).any():
+        return Extreme(math.nan)
+    filled = np.where(np.isfinite(values), sign * values, -np.inf)
+    row, column = divmod(int(filled.argmax()), values.shape[1])
+    return Extreme(float(values[row, column]), float(time[row]), names[column] if names else "")
 
 
 def _rms_columns(values: Array) -> tuple[float, ...]:

@@ -60,9 +60,9 @@ class Metric:
     section: str = ""
 
     def __post_init__(self) -> None:
-        """Complete the label; refuse a bad name, an unknown kind or nature, a tolerance that is no number."""
+        """Complete the label; refuse a bad name, an unknown kind or nature, a tolerance of no number."""
         if not (isinstance(self.name, str) and self.name.isidentifier()):
-            raise InputError(f"metric name {self.name!r} is no identifier; use letters, digits and '_'.")
+            raise InputError(f"metric name {self.name!r} is not an identifier; use letters, digits and '_'.")
         object.__setattr__(self, "label", self.label or spaced(self.name))
         for value, known in ((self.kind, _KINDS), (self.nature, _NATURES)):
             if value not in known:

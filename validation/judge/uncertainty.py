@@ -101,8 +101,8 @@ def load_uncertainty(path: Path) -> Uncertainty:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
         raise InputError(
-            f"--uncertainty {file} is no convergence study ({where}{': ' if where else ''}{first['msg']}); "
-            f"give the {FILE} that 'ampm convergence --out' writes."
+            f"--uncertainty {file} is not a convergence study ({where}{': ' if where else ''}{first['msg']});"
+            f" give the {FILE} that 'ampm convergence --out' writes."
         ) from None
     if not found.values:
         raise InputError(f"--uncertainty {file} holds no metrics: its walk did not complete; study again.")

@@ -66,24 +66,15 @@ _APART = 0.05  # of two ways to one quantity: more is an error, as a share of th
 
 @dataclass(frozen=True)
 class Log(Brief):
-    """Signals of a log without its gaps: the rows in which force or ZMP are not known.
+    """Signals of a log without its gaps: the rows in which force or ZMP are not known."""
 
-    Attributes:
-        name: for people.
-        time: shape (K,) [s].
-        signals: quantity to array, (K, n), or (K,) of a single column; NaN where not measured. ``force`` is
-            always there.
-        time_step: median time from row to row [s].
-        gaps: lengths of the gaps [s].
-        weight: of the body that it is compared with [N].
-    """
-
-    name: str
-    time: Array
+    name: str  # for people
+    time: Array  # shape (K,) [s]
+    # quantity to array, (K, n), or (K,) of a single column; NaN where not measured; `force` is always there
     signals: Mapping[str, Array]
-    time_step: float
-    gaps: tuple[float, ...]
-    weight: float
+    time_step: float  # median time from row to row [s]
+    gaps: tuple[float, ...]  # lengths of the gaps [s]
+    weight: float  # of the body that it is compared with [N]
 
     def rows(self, rows: NDArray[np.bool_]) -> "Log":
         """Some of the rows, (K,)."""
@@ -97,12 +88,13 @@ class Log(Brief):
         return replace(self, signals={**self.signals, **places})
 
 
-def read_log(table: Mapping[str, Any], weight: float, name: str = "the log") -> Log:
+def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the log") -> Log:
     """Read a log, and find force and ZMP.
 
     Args:
         table: columns by name, shape (K,) each.
-        weight: of the body that it is to be compared with [N].
+        weight: of the body that it is to be compared with [N]; None takes the mean size of the forces, which
+            is somewhat more than the weight.
         name: for people.
 
     Raises:
@@ -126,6 +118,7 @@ def read_log(table: Mapping[str, Any], weight: float, name: str = "the log") -> 
         for key in PLACES & signals.keys():
             signals[key][:, 0] += signals["belt_way"]
     try:
+        weight = _mean_force(signals) if weight is None else weight
         _add_force(signals, weight)
     except KeyError as error:
         raise InputError(f"{name} has no {error.args[0]}; it needs {NEEDED}; it has {have}.") from None
@@ -142,22 +135,6 @@ def read_log(table: Mapping[str, Any], weight: float, name: str = "the log") -> 
     apart = np.diff(time[known])
     gaps = tuple((apart[apart > 1.5 * step] - step).tolist())
     return Log(name, time, signals, step, gaps, weight).rows(known)
-
-
-def rough_weight(table: Mapping[str, Any], name: str = "the log") -> float:
-    """Mean size of the forces on both feet [N]: somewhat more than the weight.
-
-    Raises:
-        InputError: there is no force, or it is not of numbers.
-    """
-    for keys in (("force",), *([f"{foot}_{kind}" for foot in FEET] for kind in ("force", "sensor_force"))):
-        if "time" in table and all(f"{key}_{axis}" in table for key in keys for axis in "xyz"):
-            parts = [_numbers(table, f"{key}_{axis}", name) for key in keys for axis in "xyz"]
-            forces = np.stack(parts).reshape(len(keys), 3, -1)
-            return float(np.nanmean(np.linalg.norm(forces, axis=1).sum(axis=0)))
-    raise InputError(
-        f"{name} has no time and force; it needs {NEEDED}; it has {', '.join(map(str, table)) or 'none'}."
-    )
 
 
 def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
@@ -192,6 +169,17 @@ def _step(time: Array, name: str) -> float:
             f"{name} has a row every {step:.4g} s, and needs one every {_SLOWEST:g} s; give time in seconds."
         )
     return step
+
+
+def _mean_force(signals: Mapping[str, Array]) -> float:
+    """Mean size of the forces on both feet [N].
+
+    Raises:
+        KeyError: of a quantity that is missing.
+    """
+    feet = next((kind for kind in ("force", "sensor_force") if f"left_{kind}" in signals), "")
+    names = ["force"] if "force" in signals or not feet else [f"{foot}_{feet}" for foot in FEET]
+    return float(np.nanmean(sum(np.linalg.norm(signals[name], axis=1) for name in names)))
 
 
 def _add_force(signals: dict[str, Array], weight: float) -> None:
@@ -274,12 +262,9 @@ def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) ->
 
 
 def measure_log(log: Log, mass: float, gravity: float) -> MeasuredGait:
-    """The measurement of a log; NaN is what it does not have.
+    """The measurement of a log on the clock of its plan; NaN is what it does not have.
 
-    Args:
-        log: on the clock of its plan.
-        mass: of the body [kg].
-        gravity: g [m/s^2].
+    The body has this mass [kg], and gravity is in m/s^2.
     """
     rows, nan = log.time.size, float("nan")
 
@@ -312,15 +297,13 @@ def measure_log(log: Log, mass: float, gravity: float) -> MeasuredGait:
 
 
 def log_record(log: Log, measured: MeasuredGait, steps: int) -> SimulationRecord:
-    """The record of a log: a body without joints and sole points; NaN is what it does not have.
+    """The record of a log that covers some walking steps; NaN is what it does not have.
 
-    Args:
-        log: on the clock of its plan.
-        measured: its measurement.
-        steps: that it covers.
+    Its body has no joints and no sole points.
     """
     end = float(log.time[-1] + log.time_step)
-    sizes = {"K+1": log.time.size + 1, "K": log.time.size, "F": 2, "T": 1, "L": 1}
+    rows = log.time.size
+    sizes = {"K+1": rows + 1, "R": rows + 1, "K": rows, "R-1": rows, "F": 2, "T": 1, "L": 1}
     sizes |= dict.fromkeys(("nq", "nv", "nu", "P", "S"), 0)
     arrays: dict[str, Any] = {
         name: np.full(shape_of(name, sizes), 0 if name in INTEGERS else np.nan) for name in SHAPES
@@ -329,6 +312,7 @@ def log_record(log: Log, measured: MeasuredGait, steps: int) -> SimulationRecord
     states = {name: getattr(measured, name) for name in ("com", "angular_momentum", "foot_position")}
     ends = {name: np.concatenate([values, values[-1:]]) for name, values in states.items()}
     times = {"time": np.append(log.time, end), "tick_time": np.zeros(1), "floor": np.zeros(1)}
+    times["state_rows"] = np.arange(rows + 1)
     return SimulationRecord(
         **{**arrays, **commands, **ends, **times},
         outcome=Outcome(OutcomeName.COMPLETED, end, "", steps),

@@ -6,12 +6,14 @@ no force and no acceleration of the simulator, so the two disagree as soon as on
 log.
 """
 
+from collections import defaultdict
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
@@ -19,7 +21,6 @@ from ampm.geometry import Array, polygon_margin
 from validation.measure.equations import Equations, ToPinocchio, check_equations
 from validation.trial.passive import PassiveJoints
 from validation.trial.record import SimulationRecord, support_height
-from validation.trial.spill import blocks
 
 LEAST_SUPPORT = 0.01
 """Share of body weight below which there is no ZMP: the quotient of two vanishing numbers is meaningless."""
@@ -130,18 +131,13 @@ def measure(
     least = LEAST_SUPPORT * weight
 
     soles = _soles(record)
-    force, torque = soles.force.sum(axis=1), soles.torque.sum(axis=1)
-    zmp = centre_of_pressure(force, torque, least, soles.floor)
+    floor, contact = soles["floor"], soles["point_contact"]
+    force, torque = soles["foot_force"].sum(axis=1), soles["foot_torque"].sum(axis=1)
+    zmp = centre_of_pressure(force, torque, least, floor)
 
     com_pin, com_velocity, momentum = _centroidal(model, to_pinocchio, record.q, record.qd)
-    first = _step_back(record.q[:1], record.qd[:1], dt)
-    starts = [
-        _centroidal(model, to_pinocchio, q, qd)
-        for q, qd in ((first, record.qd[:1]), (record.q[:-1], record.qd[1:]))
-    ]
-    departing_velocity, departing_momentum = (
-        np.concatenate(parts) for parts in tuple(zip(*starts, strict=True))[1:]
-    )
+    departed = np.concatenate([_step_back(record.q[:1], record.qd[:1], dt), record.q[:-1]])
+    _, departing_velocity, departing_momentum = _centroidal(model, to_pinocchio, departed, record.qd)
     com_acceleration = np.diff(departing_velocity, axis=0) / dt
     momentum_rate = np.diff(departing_momentum, axis=0) / dt
     momentum_force = mass * (com_acceleration + np.array([0.0, 0.0, gravity]))
@@ -152,6 +148,7 @@ def measure(
         moments = record.external_moment + np.cross(lever, record.external_force)
         momentum_force, momentum_rate = momentum_force - pushes, momentum_rate - moments.sum(axis=1)
         lifted = pushes[:, 2].sum() * dt
+    moment = momentum_rate + np.cross(com_pin[:-1], momentum_force)  # about the origin
     impulse = force[:, 2].sum() * dt
     gained = mass * (com_velocity[-1, 2] - com_velocity[0, 2])
     checks = SelfChecks(
@@ -165,14 +162,12 @@ def measure(
         else check_equations(record, model, passive, to_pinocchio),
     )
     return MeasuredGait(
+        **soles,
         time=record.time[:-1],
-        foot_force=soles.force,
-        foot_torque=soles.torque,
         force=force,
         torque=torque,
         zmp=zmp,
-        zmp_momentum=zmp_from_momentum(com_pin[:-1], momentum_force, momentum_rate, least, soles.floor),
-        floor=soles.floor,
+        zmp_momentum=centre_of_pressure(momentum_force, moment, least, floor),
         com=record.com[:-1],
         com_pin=com_pin[:-1].copy(),
         com_velocity=com_velocity[:-1].copy(),
@@ -180,12 +175,8 @@ def measure(
         momentum_force=momentum_force,
         angular_momentum=record.angular_momentum[:-1],
         angular_momentum_rate=momentum_rate,
-        foot_contact=soles.foot_contact,
-        point_contact=soles.point_contact,
         foot_position=record.foot_position[:-1],
-        slip=soles.slip,
-        penetration=soles.penetration,
-        polygon_margin=_polygon_margin(record, soles.point_contact, zmp),
+        polygon_margin=polygon_margin(record.point_position[:, :, :2], contact, zmp),
         mass=mass,
         gravity=gravity,
         time_step=dt,
@@ -193,97 +184,41 @@ def measure(
     )
 
 
-def zmp_from_momentum(
-    com: Array, force: Array, angular_momentum_rate: Array, least: float, floor: Array | float = 0.0
-) -> Array:
-    """ZMP on a level floor from momentum rates, shape (N, 2) [m]; NaN where ``force_z < least``.
-
-    ``p_x = x - (z F_x + M_y) / F_z`` and ``p_y = y - (z F_y - M_x) / F_z`` hold for any motion whose only
-    external forces are gravity and the floor's, with F the net ground force and M the rate of angular
-    momentum about the COM; the moment of any other force is to be subtracted from it.
-
-    Args:
-        com: shape (N, 3) [m].
-        force: net ground force m (a + g e_z), shape (N, 3) [N].
-        angular_momentum_rate: about the COM, shape (N, 2) or (N, 3) [N m].
-        least: smallest vertical force for which there is a ZMP [N].
-        floor: its height, from which z counts, shape (N,) [m].
-    """
-    z = com[:, 2] - floor
-    vertical = np.where(force[:, 2] >= least, force[:, 2], np.nan)
-    x = com[:, 0] - (z * force[:, 0] + angular_momentum_rate[:, 1]) / vertical
-    y = com[:, 1] - (z * force[:, 1] - angular_momentum_rate[:, 0]) / vertical
-    return np.stack([x, y], axis=1)
-
-
 def _step_back(q: Array, qd: Array, dt: float) -> Array:
     """Configurations one step of ``qd`` before ``q``, both MuJoCo's with a free root first."""
     back = q.copy()
     back[:, :3] -= dt * qd[:, :3]
     back[:, 7:] -= dt * qd[:, 6:]
-    turn = -dt * qd[:, 3:6]  # rotation vector in the root's axes
-    angle = np.linalg.norm(turn, axis=1)
-    cosine, sine = np.cos(0.5 * angle), np.sin(0.5 * angle)
-    x, y, z = (turn * np.where(angle > 0.0, sine / np.where(angle > 0.0, angle, 1.0), 0.5)[:, None]).T
-    w0, x0, y0, z0 = q[:, 3:7].T
-    back[:, 3] = w0 * cosine - x0 * x - y0 * y - z0 * z
-    back[:, 4] = w0 * x + x0 * cosine + y0 * z - z0 * y
-    back[:, 5] = w0 * y - x0 * z + y0 * cosine + z0 * x
-    back[:, 6] = w0 * z + x0 * y - y0 * x + z0 * cosine
+    turn = Rotation.from_rotvec(-dt * qd[:, 3:6])  # in the root's axes
+    back[:, 3:7] = (Rotation.from_quat(q[:, 3:7], scalar_first=True) * turn).as_quat(scalar_first=True)
     return back
 
 
-class _Soles(NamedTuple):
-    """What the sole points tell, see :class:`MeasuredGait`; ``force`` and ``torque`` are of each foot."""
-
-    force: Array
-    torque: Array
-    floor: Array
-    foot_contact: NDArray[np.bool_]
-    point_contact: NDArray[np.bool_]
-    penetration: Array
-    slip: Array
-
-
-def _soles(record: SimulationRecord) -> _Soles:
-    """Forces, contacts and motion of the sole points, some steps at a time."""
-    steps = record.steps
-    force, torque = np.empty((steps, 2, 3)), np.empty((steps, 2, 3))
-    floor, penetration, slip_speed = np.empty(steps), np.empty((steps, 2)), np.empty((steps, 2))
-    foot_contact = np.empty((steps, 2), dtype=bool)
-    point_contact = np.empty((steps, len(record.point_foot)), dtype=bool)
-    for part in blocks(steps):
-        position, point_force = record.point_position[part], record.point_force[part]
-        point_torque = np.cross(position, point_force)
-        surface = position[:, :, 2] + record.point_penetration[part]
-        floor[part] = support_height(record.floor, surface, point_force[:, :, 2])
-        contact = point_contact[part] = point_force[:, :, 2] > 0.0
-        depth = np.where(contact, record.point_penetration[part], 0.0)
-        load = np.where(contact, point_force[:, :, 2], 0.0)
-        moved = np.diff(record.point_place[part.start : part.stop + 1, :, :2], axis=0)
-        speed = np.hypot(moved[:, :, 0], moved[:, :, 1]) / record.time_step
-        for foot in (0, 1):
-            mine = record.point_foot == foot
-            force[part, foot] = point_force[:, mine].sum(axis=1)
-            torque[part, foot] = point_torque[:, mine].sum(axis=1)
-            foot_contact[part, foot] = contact[:, mine].any(axis=1)
-            penetration[part, foot] = depth[:, mine].max(axis=1, initial=0.0)
-            total = load[:, mine].sum(axis=1)
-            weighted = (load[:, mine] * speed[:, mine]).sum(axis=1)
-            slip_speed[part, foot] = weighted / np.where(total > 0.0, total, 1.0)
-    travelled = np.cumsum(slip_speed, axis=0) * record.time_step
+def _soles(record: SimulationRecord) -> dict[str, Any]:
+    """What the sole points tell: some fields of :class:`MeasuredGait`."""
+    position, point_force = record.point_position, record.point_force
+    point_torque, vertical = np.cross(position, point_force), point_force[:, :, 2]
+    contact = vertical > 0.0
+    load, depth = (np.where(contact, values, 0.0) for values in (vertical, record.point_penetration))
+    moved = np.diff(record.point_place[:, :, :2], axis=0)
+    speed = np.hypot(moved[:, :, 0], moved[:, :, 1]) / record.time_step
+    feet: dict[str, list[Any]] = defaultdict(list)
+    for foot in (0, 1):
+        mine = record.point_foot == foot
+        total = load[:, mine].sum(axis=1)
+        weighted = (load[:, mine] * speed[:, mine]).sum(axis=1)
+        feet["foot_force"].append(point_force[:, mine].sum(axis=1))
+        feet["foot_torque"].append(point_torque[:, mine].sum(axis=1))
+        feet["foot_contact"].append(contact[:, mine].any(axis=1))
+        feet["penetration"].append(depth[:, mine].max(axis=1, initial=0.0))
+        feet["slip"].append(weighted / np.where(total > 0.0, total, 1.0))
+    found = {name: np.stack(values, axis=1) for name, values in feet.items()}
+    travelled = np.cumsum(found["slip"], axis=0) * record.time_step
     # In the air the speed is zero, so the travel of the last unloaded row is where this stance began.
-    at_lift = np.maximum.accumulate(np.where(foot_contact, 0.0, travelled), axis=0)
-    slip = np.where(foot_contact, travelled - at_lift, 0.0)
-    return _Soles(force, torque, floor, foot_contact, point_contact, penetration, slip)
-
-
-def _polygon_margin(record: SimulationRecord, contact: NDArray[np.bool_], zmp: Array) -> Array:
-    """Distance of the ZMP to the edge of the loaded points' convex hull, shape (K,) [m]."""
-    margin = np.empty(record.steps)
-    for part in blocks(record.steps):
-        margin[part] = polygon_margin(record.point_position[part, :, :2], contact[part], zmp[part])
-    return margin
+    at_lift = np.maximum.accumulate(np.where(found["foot_contact"], 0.0, travelled), axis=0)
+    found["slip"] = np.where(found["foot_contact"], travelled - at_lift, 0.0)
+    surface = position[:, :, 2] + record.point_penetration
+    return {**found, "floor": support_height(record.floor, surface, vertical), "point_contact": contact}
 
 
 def _centroidal(
@@ -291,19 +226,24 @@ def _centroidal(
 ) -> tuple[Array, Array, Array]:
     """COM, its velocity and the angular momentum about it for every row of MuJoCo's, each shape (N, 3)."""
     data = model.createData()
-    rows = q.shape[0]
-    com, velocity, momentum = np.empty((rows, 3)), np.empty((rows, 3)), np.empty((rows, 3))
-    for part in blocks(rows):
-        for row, state in enumerate(zip(*to_pinocchio(q[part], qd[part]), strict=True), part.start):
-            about_com = pin.computeCentroidalMomentum(model, data, *state)
-            com[row] = data.com[0]
-            velocity[row] = data.vcom[0]
-            momentum[row] = about_com.angular
+    com, velocity, momentum = np.empty((3, len(q), 3))
+    for row, state in enumerate(zip(*to_pinocchio(q, qd), strict=True)):
+        momentum[row] = pin.computeCentroidalMomentum(model, data, *state).angular
+        com[row], velocity[row] = data.com[0], data.vcom[0]
     return com, velocity, momentum
 
 
 def centre_of_pressure(force: Array, torque: Array, least: float, floor: Array | float = 0.0) -> Array:
-    """Where the net force meets a level floor, of a height [m], without horizontal moment, (..., 2) [m]."""
+    """Where a net force meets a level floor without horizontal moment, shape (..., 2) [m].
+
+    ``p_x = (h F_x - M_y) / F_z`` and ``p_y = (h F_y + M_x) / F_z``; NaN where ``F_z`` is below ``least`` [N].
+
+    Args:
+        force: F, shape (..., 3) [N].
+        torque: M about the world origin, shape (..., 3) [N m].
+        least: smallest vertical force for which there is such a point [N].
+        floor: its height h, shape (...) [m].
+    """
     vertical = np.where(force[..., 2] >= least, force[..., 2], np.nan)
     x, y = floor * force[..., 0] - torque[..., 1], floor * force[..., 1] + torque[..., 0]
     return np.stack([x / vertical, y / vertical], axis=-1)

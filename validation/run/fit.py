@@ -25,7 +25,7 @@ from validation.judge.fit import (
     scores,
 )
 from validation.measure.columns import map_columns
-from validation.measure.log import read_log, rough_weight
+from validation.measure.log import read_log
 from validation.run.judge_log import log_columns
 from validation.show.fit import fit_page
 from validation.store.folders import check_target
@@ -174,8 +174,8 @@ def fit_log(
         signals, name = map_columns(_of_run(Path(table)), columns or {}), Path(table).name
     else:
         signals, name = log_columns(table, columns)
-    weight = rough_weight(signals, name) if mass is None else mass * GRAVITY
-    strides, others = cut_strides(read_log(signals, weight, name), com_height, mass)
+    log = read_log(signals, None if mass is None else mass * GRAVITY, name)
+    strides, others = cut_strides(log, com_height, mass)
     low, high = (f"{share:.1%}" for share in np.quantile(strides.upward / strides.weight, (0.0, 1.0)))
     notes = [
         f"{name}: {len(strides)} strides alike, {others} others left out.",

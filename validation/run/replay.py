@@ -27,15 +27,14 @@ from validation.measure.equations import Equations, check_equations
 from validation.measure.measure import MeasuredGait, measure
 from validation.progress import Progress
 from validation.store.environment import describe_environment
-from validation.store.record import MODEL_FILE, StoredRecord
+from validation.store.record import MODEL_FILE, load_model, load_record, stored_columns
 from validation.store.saved import ENVIRONMENT_FILE, RUN_FILE, check_files, load_description
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
-from validation.trial import spill
 from validation.trial.bridge import passive_joints, to_pinocchio
 from validation.trial.log import RunLog
 from validation.trial.physics import Physics, quiet_mujoco
 from validation.trial.plan import Body
-from validation.trial.record import JOINTS_FILE, SimulationRecord
+from validation.trial.record import JOINTS_FILE, STORED, SimulationRecord
 from validation.trial.step import keep_step
 
 _Table = tuple[str, list[str], Array, NDArray[Any], NDArray[Any]]
@@ -94,9 +93,9 @@ def replay(directory: str | Path, *, equations: bool = False, progress: Progress
     directory, progress = Path(directory), progress or Progress()
     if not directory.is_dir():
         raise InputError(f"there is no folder {directory}; give the folder of a run.")
-    record = StoredRecord(directory)
     check_files(directory)
-    physics = _physics(record)
+    record = load_record(directory)
+    physics = _physics(directory, record)
     passive, twin = passive_joints(physics.model), physics.robot.model
     if equations and passive.friction.any():
         raise InputError(
@@ -107,21 +106,20 @@ def replay(directory: str | Path, *, equations: bool = False, progress: Progress
         again = step_again(physics, record, stage.advance)
     with progress.stage("measurement"):
         measured = measure(again, twin, to_pinocchio)
-        found = _first_difference(record, again, measured)
+        found = _first_difference(directory, record, again, measured)
         if equations:
             steps = np.arange(again.steps)
             found = replace(found, equations=check_equations(again, twin, passive, to_pinocchio, steps))
     return found if found.identical else replace(found, note=_note(directory / ENVIRONMENT_FILE))
 
 
-def _physics(record: StoredRecord) -> Physics:
+def _physics(folder: Path, record: SimulationRecord) -> Physics:
     """The simulation that made a record.
 
     Raises:
         InputError: a file that describes it is missing or damaged, or of another body.
     """
-    record.model()  # refuses a model of another body
-    folder = record.directory
+    load_model(folder, record)  # refuses a model of another body
     xml, description = (folder / MODEL_FILE).read_text(encoding="utf-8"), load_description(folder)
     if record.point_sites != tuple(site for _, _, site in description.sole_points()):
         raise InputError(f"{folder} has sole points of two bodies; give the folder of one run.")
@@ -146,7 +144,7 @@ def step_again(
     log, segments = RunLog(record.steps, physics), record.external_segments
     keep = bound(keep_step, (log.handle,), 0, 0, data.efc_force)
     pushed = [physics.model.body(name).id for name in segments]
-    log.external = {name: spill.zeros((record.steps, 9)) for name in segments}
+    log.external = {name: np.zeros((record.steps, 9)) for name in segments}
     with quiet_mujoco():
         for row, (start, end) in enumerate(pairwise(record.state_rows.tolist()), 1):
             for k, torque in enumerate(record.torque_at(range(start, end)), start):
@@ -164,18 +162,21 @@ def step_again(
             recorded = np.concatenate([record.q[row], record.qd[row]])
             if _differ(recorded, np.concatenate([body.qpos, body.qvel])).any():
                 break
-            if row % 50 == 0:
-                spill.release()
-                if advance is not None:
-                    advance(end, record.steps)
+            if row % 50 == 0 and advance is not None:
+                advance(end, record.steps)
     said = {name: getattr(record, name) for name in ("floor", "changes", "controller", "disturbances")}
-    return replace(log.close(done, record.outcome), **said)
+    again = log.close(done, record.outcome)
+    ticks = slice(len(again.tick_time))
+    said |= {name: getattr(record, name)[ticks] for name in ("tick_torque", "torque_rate")}
+    return replace(again, **said)
 
 
-def _first_difference(record: StoredRecord, again: SimulationRecord, measured: MeasuredGait) -> Replay:
+def _first_difference(
+    folder: Path, record: SimulationRecord, again: SimulationRecord, measured: MeasuredGait
+) -> Replay:
     """The earliest number on disk that the repeated steps do not have."""
     first = Replay(record.steps)
-    for file, columns, times, recorded, replayed in _tables(record, again, measured):
+    for file, columns, times, recorded, replayed in _tables(folder, record, again, measured):
         differ = np.argwhere(_differ(recorded, replayed))
         if len(differ):
             row, column = differ[0].tolist()
@@ -191,7 +192,9 @@ def _differ(recorded: NDArray[Any], replayed: NDArray[Any]) -> NDArray[np.bool_]
     return (one.view(np.int64) != two.view(np.int64)) & ~(np.isnan(one) & np.isnan(two))
 
 
-def _tables(record: StoredRecord, again: SimulationRecord, measured: MeasuredGait) -> Iterator[_Table]:
+def _tables(
+    folder: Path, record: SimulationRecord, again: SimulationRecord, measured: MeasuredGait
+) -> Iterator[_Table]:
     """All that is on disk and was repeated, up to where the replay ends.
 
     Yields:
@@ -200,20 +203,21 @@ def _tables(record: StoredRecord, again: SimulationRecord, measured: MeasuredGai
     then, now = (np.array([[getattr(item, name) for name in _CONSTANTS]]) for item in (record, again))
     yield JOINTS_FILE, list(_CONSTANTS), np.zeros(1), then, now
     pushes = ("external_force", "external_moment", "external_position") if record.external_segments else ()
+    stored_as = stored_columns(vars(record))
     for name in ("q", "qd", "point_force", "point_position", *pushes):
-        file, columns = record.columns(name)
+        file, columns = STORED[name], stored_as[name][0]
         recorded, replayed = getattr(record, name), getattr(again, name)
         rows = np.arange(record.steps) if name in pushes else record.state_rows
         rows = rows[rows < len(replayed)]
         shape = len(rows), len(columns)
         recorded, replayed = recorded[: len(rows)].reshape(shape), replayed[rows].reshape(shape)
         yield file, columns, again.time[rows], recorded, replayed
-    stored = load_signals(record.directory / SIGNALS_FILE)
+    stored = load_signals(folder / SIGNALS_FILE)
     every = kept_rows(record.steps, record.time_step)
     if len(stored) != (count := len(range(record.steps)[every])):
         raise InputError(f"{SIGNALS_FILE} is damaged: it has not {count} rows; walk the gait again.")
     time = measured.time[every]
-    held = {"time": time, **measured_columns(measured, every)}
+    held = measured_columns(measured, every)
     recorded = np.column_stack([stored[name][: len(time)].astype(np.float64) for name in held])
     yield SIGNALS_FILE, list(held), time, recorded, np.column_stack(list(held.values()))
     if not record.changes:

@@ -7,7 +7,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from ampm.brief import text_of
 from ampm.parameters import RunParameters
 from ampm.run_file import dump_run
 from ampm.walk import WalkPlan
@@ -73,12 +72,12 @@ class Trial(Tabled):
 
     def __str__(self) -> str:
         """The sentence, the RMS errors of the ZMP, and what is out of tolerance."""
-        rows = [
-            (item.label, item.against)
+        shown = [
+            f"  {item.label}: {item.against}"
             for item in self.verdict.judged
             if item.name in _KEY_METRICS or item.passed is False
         ]
-        return text_of(self.sentence, rows)
+        return "\n".join([self.sentence, *shown])
 
     @property
     def sentence(self) -> str:

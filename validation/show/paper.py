@@ -43,7 +43,7 @@ def parse_width(text: str) -> float:
     found = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(mm|cm|in|pt|m)\s*", text)
     width = float(found[1]) * _UNITS[found[2]] if found else 0.0
     if not NARROWEST <= width <= WIDEST:
-        what = f"is {width:g} mm" if found else "is no length"
+        what = f"is {width:g} mm" if found else "is not a length"
         raise InputError(
             f"--width {text} {what}; give {NARROWEST:g} to {WIDEST:g} mm, such as 88mm, 3.5in or 252pt."
         )

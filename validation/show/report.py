@@ -48,7 +48,7 @@ def write_report(run: str | Path | SavedRun) -> Path:
         Path of the report.
 
     Raises:
-        InputError: the folder is no run folder.
+        InputError: the folder is not a run folder.
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path = saved.directory / REPORT_FILE

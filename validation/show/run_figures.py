@@ -295,7 +295,7 @@ class RunFigures:
     def clearance(self) -> Picture:
         """Least distance of two parts of the body over the whole run, with its limit."""
         (chart,) = charts = new_charts(2.3)
-        shapes = Shapes(self.saved.record.model())
+        shapes = Shapes(self.saved.model())
         time, gaps = clearance_over_time(self.saved.record, shapes)
         chart.line(*decimate(time, 1e3 * gaps.distance), MEASURED, 0.9)
         limit = 1e3 * CLEARANCE

@@ -52,7 +52,7 @@ def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> list[C
     if record.outcome.name not in (OutcomeName.COMPLETED, OutcomeName.INTERRUPTED):
         stride = slice(int(np.searchsorted(signals.time, record.outcome.time - LAST)), len(signals))
     chosen = np.unique(np.abs(rows - rows_shown(signals, stride)[:, None]).argmin(axis=1))
-    model = saved.record.model()
+    model = saved.model()
     wide, charts = 2 * 72 * WIDTH / len(chosen), list[Chart]()
     for state, row in zip(states[chosen], rows[chosen], strict=True):
         time = float(signals.time[row])

@@ -106,10 +106,8 @@ def _defaults() -> Mapping[str, Any]:
 def run_key(values: Mapping[str, Any]) -> str:
     """Hash of the parameters that differ from their defaults.
 
-    A new parameter in the code changes no key, so runs of two revisions can be matched.
-
-    Args:
-        values: namespaced key to value, see :func:`parameter_values`.
+    A new parameter in the code changes no key, so runs of two revisions can be matched. The values are those
+    of :func:`parameter_values`.
     """
     changed = {key: value for key, value in sorted(values.items()) if value != _defaults().get(key)}
     return hashlib.sha256(json.dumps(changed).encode()).hexdigest()[:_DIGITS]

@@ -104,11 +104,8 @@ def _probe(target: Path) -> None:
 def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
     """Write a run folder atomically: the body of the ``with`` fills a partial folder.
 
-    A target that exists and is empty (such as a mounted volume) is filled in place.
-
-    Args:
-        target: the folder that the run is to have.
-        force: whether an earlier run there may be replaced.
+    A target that exists and is empty (such as a mounted volume) is filled in place. An earlier run is
+    replaced only with ``force``.
 
     Yields:
         The folder to write into; it is renamed to ``target`` at the end. On an exception it is kept if it
@@ -202,11 +199,14 @@ def check_output_file(target: Path, *, force: bool) -> None:
     _probe(target.parent)
 
 
-def check_folder_of(target: Path) -> None:
-    """Refuse a file whose folder does not exist: it is probably a typing error.
+def check_new_file(target: Path, *suffixes: str, force: bool = True) -> None:
+    """Refuse a file for a result before anything is computed.
 
     Raises:
-        InputError: there is no such folder.
+        InputError: it has another suffix, its folder does not exist, or it must not be written.
     """
-    if not target.parent.is_dir():
+    if target.suffix not in suffixes:
+        raise InputError(f"{target} must end in {' or '.join(suffixes)}; the suffix chooses the format.")
+    if not target.parent.is_dir():  # probably a typing error
         raise InputError(f"there is no folder {target.parent} for {target}; create it, or give another file.")
+    check_output_file(target, force=force)

@@ -1,4 +1,4 @@
-"""A record on disk: its arrays as columns of Parquet files, its constants in the header of one of them.
+"""A record on disk: its arrays as columns of Parquet files, its constants in the header of each.
 
 ``joints.parquet`` has the state every 10 ms, ``contacts.parquet`` the contact forces at the same instants,
 ``ticks.parquet`` torques and solver of every control tick, and ``external.parquet`` the forces of
@@ -9,10 +9,10 @@ on beside the model, see :mod:`validation.run.replay`. Nothing is pickled or rou
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import chain, product
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,7 +21,6 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
-from ampm.geometry import Array
 from validation.store.json import json_ready
 from validation.trial.outcome import Outcome
 from validation.trial.record import (
@@ -36,56 +35,41 @@ from validation.trial.record import (
     SimulationRecord,
     stored_rows,
 )
-from validation.trial.spill import blocks
 
 RECORD_FILES = (JOINTS_FILE, CONTACTS_FILE, TICKS_FILE)
 MODEL_FILE = "model.xml"
 """The model that was simulated."""
 
 _FORMAT = 6
-_GROUP = 65_536  # rows written at a time
 _HEADER = b"ampm_record"
 _ROOT_Q = ("root_x", "root_y", "root_z", "root_qw", "root_qx", "root_qy", "root_qz")
 _ROOT_V = ("root_x", "root_y", "root_z", "root_wx", "root_wy", "root_wz")
 
 
-class _Field(NamedTuple):
-    """An array on disk: the columns of its scalars, and its shape without the rows."""
+def stored_columns(about: Mapping[str, Any]) -> dict[str, tuple[list[str], tuple[int, ...]]]:
+    """Columns of the scalars of every array on disk, and its shape without the rows.
 
-    columns: list[str]
-    shape: tuple[int, ...]
-
-
-def _files(header: Mapping[str, Any]) -> dict[str, dict[str, _Field]]:
-    """The fields in every file of the record that has this header."""
-    joints = header["joint_names"]
+    Args:
+        about: constants of the record, by name.
+    """
+    joints = about["joint_names"]
     labels: dict[str, Sequence[Any]] = {
-        "nq": _coordinate_names(header["nq"], _ROOT_Q, joints),
-        "nv": _coordinate_names(header["nv"], _ROOT_V, joints),
+        "nq": [*_ROOT_Q, *joints] if joints else (),  # a log has no coordinates
+        "nv": [*_ROOT_V, *joints] if joints else (),
         "nu": joints,
-        "P": header["point_sites"] or range(len(header["point_foot"])),
-        "S": header["external_segments"],
+        "P": about["point_sites"] or range(len(about["point_foot"])),
+        "S": about["external_segments"],
         "3": "xyz",
     }
-    files: dict[str, dict[str, _Field]] = {}
+    found = {}
     for name, file in STORED.items():
-        if (file == EXTERNAL_FILE and not labels["S"]) or (name == "tick_plan" and not header["changes"]):
+        if (file == EXTERNAL_FILE and not labels["S"]) or (name == "tick_plan" and not about["changes"]):
             continue
         word = re.sub("^(point|external|tick)_", "", name)
         parts = [labels[symbol] for symbol in SHAPES[name].split()[1:]]
         columns = ["_".join([word, *map(str, part)]) for part in product(*parts)]
-        files.setdefault(file, {})[name] = _Field(columns, tuple(map(len, parts)))
-    return files
-
-
-def _coordinate_names(count: int, root: tuple[str, ...], joints: Sequence[str]) -> list[str]:
-    """Names of coordinates: a free root and the hinges, or plain numbers for any other body."""
-    if count == len(root) + len(joints):
-        return [*root, *joints]
-    return [str(index) for index in range(count)]
-
-
-# -------------------------------------------------------------------------------------------------- writing
+        found[name] = columns, tuple(map(len, parts))
+    return found
 
 
 def save_record(record: SimulationRecord, directory: str | Path) -> None:
@@ -96,193 +80,89 @@ def save_record(record: SimulationRecord, directory: str | Path) -> None:
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    header = json_ready(
-        {
-            "format": _FORMAT,
-            "steps": record.steps,
-            "substeps": record.substeps,
-            "nq": record.q.shape[1],
-            "nv": record.qd.shape[1],
-            **{name: getattr(record, name) for name in CONSTANTS},
-        }
-    )
-    rows = _rows(record.steps, record.time_step, record.substeps)
-    for file, fields in _files(header).items():
-        columns = {"time": record.time[rows[file]]}
-        for name, field in fields.items():
-            array = getattr(record, name)
-            if not SHAPES[name].startswith("T"):
-                array = array[rows[file]]
-            columns.update(zip(field.columns, array.reshape(len(array), len(field.columns)).T, strict=True))
-        _write_columns(columns, directory / file, json.dumps(header, allow_nan=False))
-
-
-def _rows(steps: int, time_step: float, substeps: int) -> dict[str, slice | NDArray[np.intp]]:
-    """Instants, or steps that begin there, of every file's rows."""
-    states = stored_rows(steps, time_step)
-    return {
-        JOINTS_FILE: states,
-        CONTACTS_FILE: states[:-1],
-        TICKS_FILE: slice(0, steps, substeps),
-        EXTERNAL_FILE: slice(0, steps),
+    constants = {name: getattr(record, name) for name in CONSTANTS}
+    known = {"format": _FORMAT, "steps": record.steps, "substeps": record.substeps, **constants}
+    header = json.dumps(json_ready(known), allow_nan=False).encode()
+    states = stored_rows(record.steps, record.time_step)
+    kept = np.searchsorted(record.state_rows, states)
+    rows = {"R": kept, "R-1": kept[:-1]}
+    times = {
+        JOINTS_FILE: record.time[states],
+        CONTACTS_FILE: record.time[states[:-1]],
+        TICKS_FILE: record.time[: record.steps : record.substeps],
+        EXTERNAL_FILE: record.time[:-1],
     }
+    files: dict[str, dict[str, NDArray[Any]]] = {}
+    for name, (columns, _) in stored_columns(constants).items():
+        array = getattr(record, name)
+        array = array[rows.get(SHAPES[name].split()[0], slice(None))]
+        table = files.setdefault(STORED[name], {"time": times[STORED[name]]})
+        table.update(zip(columns, array.reshape(len(array), len(columns)).T, strict=True))
+    for file, table in files.items():
+        write_table(pa.table(table).replace_schema_metadata({_HEADER: header}), directory / file)
 
 
-def _write_columns(columns: Mapping[str, NDArray[Any]], path: Path, header: str) -> None:
-    """Write columns of numbers, some rows at a time, to bound the memory."""
-
-    def table(part: slice) -> pa.Table:
-        arrays = {name: pa.array(column[part]) for name, column in columns.items()}
-        return pa.table(arrays).replace_schema_metadata({_HEADER: header.encode()})
-
-    rows = len(columns["time"])
-    write_tables(map(table, blocks(rows, _GROUP) if rows else [slice(0)]), path)
+def write_table(table: pa.Table, path: Path) -> None:
+    """Write a table: floats with zstd over split bytes and without a dictionary, which suits them best."""
+    floats = [item.name for item in table.schema if pa.types.is_floating(item.type)]
+    other = [name for name in table.column_names if name not in floats]
+    pq.write_table(
+        table, path, compression="zstd", use_byte_stream_split=floats, use_dictionary=other or False
+    )
 
 
-def write_tables(tables: Iterable[pa.Table], path: Path) -> None:
-    """Write tables of the same columns, one below the other.
+def load_record(directory: str | Path) -> SimulationRecord:
+    """Read the record of a folder: all that :func:`save_record` wrote.
 
-    Floats are written with zstd over split bytes and without a dictionary, which suits them best.
+    Raises:
+        InputError: there is no record, one of another format, or a file or column is missing or damaged.
     """
-    rest = iter(tables)
-    first = next(rest)
-    split = [item.name for item in first.schema if pa.types.is_floating(item.type)]
-    other = [item.name for item in first.schema if not pa.types.is_floating(item.type)]
-    how = {"compression": "zstd", "use_byte_stream_split": split, "use_dictionary": other or False}
-    with pq.ParquetWriter(path, first.schema, **how) as file:
-        for table in chain([first], rest):
-            file.write_table(table)
+    directory = Path(directory)
+    header = read_header(directory)
+    try:
+        constants = _constants(header)
+        steps, substeps, dt = int(header["steps"]), int(header["substeps"]), constants["time_step"]
+        time = np.arange(steps + 1, dtype=np.float64) * dt
+        tick_time = np.arange(-(-steps // substeps), dtype=np.float64) * (substeps * dt)
+        states = stored_rows(steps, dt)
+        stored = stored_columns(constants)
+    except (ArithmeticError, AttributeError, KeyError, MemoryError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{directory / JOINTS_FILE} is damaged: its description is ({error}); walk the gait again."
+        ) from error
+    counts = {"R": len(states), "R-1": len(states) - 1, "T": len(tick_time), "K": steps}
+    arrays: dict[str, Any] = {name: None for name in SHAPES if name not in constants}
+    tables = {file: read_table(directory / file) for file in dict.fromkeys(STORED[name] for name in stored)}
+    for name, (columns, shape) in stored.items():
+        table, path = tables[STORED[name]], directory / STORED[name]
+        if missing := sorted(set(columns) - set(table.column_names)):
+            raise InputError(f"{path} is damaged: it has no column {missing[0]!r}; walk the gait again.")
+        rows, kind = counts[SHAPES[name].split()[0]], np.dtype(INTEGERS.get(name, np.float64))
+        found = [table[column].to_numpy() for column in columns]
+        if table.num_rows != rows or any(column.dtype != kind for column in found):
+            raise InputError(
+                f"{path} is damaged: {columns[0]!r} has not {rows} numbers; walk the gait again."
+            )
+        # A log has no columns.
+        arrays[name] = (np.column_stack(found) if found else np.zeros((rows, 0), kind)).reshape(rows, *shape)
+        arrays[name].setflags(write=False)
+    arrays |= {"time": time, "tick_time": tick_time, "state_rows": states}
+    return SimulationRecord(**arrays, **constants)
 
 
-# -------------------------------------------------------------------------------------------------- reading
-
-
-class StoredRecord(SimulationRecord):
-    """A record in a folder. Its arrays are read when they are first used, at the rates of their files.
-
-    - ``q`` and ``qd`` have a row for each of ``state_rows`` only, shape (R + 1, ...),
-    - ``point_force`` and ``point_position`` one for each of these but the last, shape (R, P, 3),
-    - ``tick_torque`` one for each control tick, shape (T, nu), from which ``torque`` is made.
-
-    What the folder lacks is no attribute.
+def read_header(directory: Path) -> dict[str, Any]:
+    """Description of the recorded run of a folder.
 
     Raises:
         InputError: there is no record, or one of another format.
     """
-
-    directory: Path
-    coordinates: tuple[int, int]
-    _files: dict[str, dict[str, _Field]]
-
-    def __init__(self, directory: Path) -> None:
-        header = _read_header(directory / JOINTS_FILE)
-        own = vars(self)  # assignments are closed
-        own["directory"] = directory
-        try:
-            own["_files"] = _files(header)
-            own.update(_constants(header))
-            own["coordinates"] = int(header["nq"]), int(header["nv"])
-            steps, substeps = int(header["steps"]), int(header["substeps"])
-            own["time"] = np.arange(steps + 1, dtype=np.float64) * self.time_step
-            own["tick_time"] = np.arange(-(-steps // substeps), dtype=np.float64) * (
-                substeps * self.time_step
-            )
-        except (ArithmeticError, AttributeError, KeyError, MemoryError, TypeError, ValueError) as error:
-            raise InputError(
-                f"{directory / JOINTS_FILE} is damaged: its description is ({error}); walk the gait again."
-            ) from error
-        for name in ("time", "tick_time"):
-            own[name].setflags(write=False)
-
-    @property
-    def state_rows(self) -> NDArray[np.intp]:
-        """Instants of the rows of ``q`` and ``qd``."""
-        return stored_rows(self.steps, self.time_step)
-
-    def __getattr__(self, name: str) -> NDArray[Any]:
-        """Read an array and keep it.
-
-        Raises:
-            InputError: its file or one of its columns is missing or damaged.
-        """
-        of = "torque" if name == "tick_torque" else name
-        for file, fields in vars(self).get("_files", {}).items():
-            if of in fields:
-                rows = len(np.arange(self.steps + 1)[_rows(self.steps, self.time_step, self.substeps)[file]])
-                kind = np.dtype(INTEGERS.get(of, np.float64))
-                array = _read_array(self.directory / file, fields[of], rows, kind)
-                array.setflags(write=False)
-                vars(self)[name] = array
-                return array
-        if name == "tick_plan":  # of a plan that did not move
-            return np.zeros(len(self.tick_time), np.int32)
-        raise AttributeError(f"a stored record has no field {name!r}")
-
-    def columns(self, name: str) -> tuple[str, list[str]]:
-        """File of an array, and the columns of its scalars."""
-        return next((file, fields[name].columns) for file, fields in self._files.items() if name in fields)
-
-    @property
-    def torque(self) -> Array:
-        """Torque of every step, shape (K, nu) [N m]."""
-        return self.torque_at(range(self.steps))
-
-    def torque_at(self, rows: Sequence[int] | NDArray[np.intp]) -> Array:
-        """Torques of some steps, shape (n, nu) [N m]."""
-        tick, since = np.divmod(np.minimum(np.asarray(rows, dtype=np.intp), self.steps - 1), self.substeps)
-        torque = self.tick_torque[tick]
-        if since.any():  # as end_step of validation.trial.step does it
-            rate, limit = self.torque_rate[tick], self.torque_limit
-            moved = np.clip(torque + (since * self.time_step)[:, None] * rate, -limit, limit)
-            torque = np.where(np.isnan(rate) | (since == 0)[:, None], torque, moved)
-        return torque
-
-    def model(self) -> mujoco.MjModel:
-        """The model that was simulated.
-
-        Raises:
-            InputError: its file is missing or damaged, or of another body, or the record is of a log.
-        """
-        if not self.joint_names:
-            raise InputError(f"{self.directory} is of a log, which has no joints; give the folder of a walk.")
-        path = self.directory / MODEL_FILE
-        try:
-            model = mujoco.MjModel.from_xml_string(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path} cannot be read ({error}); give the folder of a run.") from error
-        shape, recorded = (model.nq, model.nv, model.nu), (*self.coordinates, len(self.joint_names))
-        if shape != recorded:
-            raise InputError(
-                f"{path} has (nq, nv, nu) = {shape}, the record {recorded}; "
-                "the files are of two runs, give the folder of one."
-            )
-        return model
-
-
-def _read_array(path: Path, field: _Field, rows: int, kind: np.dtype[Any]) -> NDArray[Any]:
-    """One array from its file, shape (rows, *field.shape)."""
-    table = read_table(path, field.columns)
-    missing = sorted(set(field.columns) - set(table.column_names))
-    if missing:
-        raise InputError(f"{path} is damaged: it has no column {missing[0]!r}; walk the gait again.")
-    columns = [table.column(name).to_numpy() for name in field.columns]
-    if table.num_rows != rows or any(column.dtype != kind for column in columns):
-        raise InputError(
-            f"{path} is damaged: {field.columns[0]!r} has not {rows} numbers; walk the gait again."
-        )
-    if not columns:  # of a log
-        return np.zeros((rows, *field.shape), kind)
-    return np.column_stack(columns).reshape(rows, *field.shape)
-
-
-def _read_header(path: Path) -> dict[str, Any]:
-    """The description of a recorded run."""
+    path = directory / JOINTS_FILE
     raw = (_readable(path, pq.read_schema).metadata or {}).get(_HEADER)
     try:
         header: dict[str, Any] = json.loads(raw or "")
         written = header["format"]
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path} is no recorded run: it carries no description of the run.") from error
+        raise InputError(f"{path} is not a recorded run: it carries no description of the run.") from error
     if written != _FORMAT:
         raise InputError(
             f"{path} has record format {written}, this version reads {_FORMAT}; "
@@ -297,8 +177,8 @@ def _constants(header: Mapping[str, Any]) -> dict[str, Any]:
     for name in CONSTANTS:
         value = header[name]
         if name in SHAPES:
-            found[name] = np.array(value, dtype=INTEGERS.get(name, np.float64))
-            found[name].setflags(write=False)
+            shape = map(int, SHAPES[name].split()[1:])
+            found[name] = np.array(value, dtype=INTEGERS.get(name, np.float64)).reshape(-1, *shape)
         elif name in ("mass", "gravity", "time_step", "friction"):
             found[name] = math.nan if value is None else float(value)
         else:
@@ -306,23 +186,41 @@ def _constants(header: Mapping[str, Any]) -> dict[str, Any]:
     return found | {"outcome": Outcome(**header["outcome"])}
 
 
-def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read a file of a run, or some of its columns; those that are absent are left out.
+def load_model(directory: Path, record: SimulationRecord) -> mujoco.MjModel:
+    """The model that was simulated for a record.
+
+    Raises:
+        InputError: its file is missing or damaged, or of another body, or the record is of a log.
+    """
+    if not record.joint_names:
+        raise InputError(f"{directory} is of a log, which has no joints; give the folder of a walk.")
+    path = directory / MODEL_FILE
+    try:
+        model = mujoco.MjModel.from_xml_string(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} cannot be read ({error}); give the folder of a run.") from error
+    shape = model.nq, model.nv, model.nu
+    recorded = record.q.shape[1], record.qd.shape[1], len(record.joint_names)
+    if shape != recorded:
+        raise InputError(
+            f"{path} has (nq, nv, nu) = {shape}, the record {recorded}; "
+            "the files are of two runs, give the folder of one."
+        )
+    return model
+
+
+def read_table(path: Path) -> pa.Table:
+    """Read a file of a run.
 
     Raises:
         InputError: it is missing or cannot be read.
     """
-
-    def read(path: Path) -> pa.Table:
-        with pq.ParquetFile(path) as file:
-            return file.read(columns=None if columns is None else list(columns))
-
-    return _readable(path, read)
+    return _readable(path, lambda path: pq.read_table(path, partitioning=None))
 
 
 def _readable(path: Path, read: Callable[[Path], Any]) -> Any:
     if not path.is_file():  # to open a pipe would wait for its writer
-        what = "is no regular file" if path.exists() else "is missing"
+        what = "is not a regular file" if path.exists() else "is missing"
         raise InputError(f"{path} {what}; give the folder of a recorded run.")
     try:
         return read(path)

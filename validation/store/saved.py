@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
@@ -25,10 +26,11 @@ from validation.store.folders import RUN_FILES
 from validation.store.json import dump_json
 from validation.store.metric_table import metric_table, summary_title
 from validation.store.record import MODEL_FILE as MODEL_FILE
-from validation.store.record import RECORD_FILES, StoredRecord
+from validation.store.record import RECORD_FILES, load_model, load_record, read_header
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
 from validation.store.summary import Summary, read_json
 from validation.table import Table, Tabled
+from validation.trial.record import SimulationRecord
 
 _DESCRIPTION = TypeAdapter(BodyDescription)
 
@@ -39,6 +41,7 @@ SUMMARY_FILE = "summary.json"
 RECORDING_FILE = "recording.rrd"
 REPORT_FILE = "report.html"
 EXPLANATION = "explain.json"
+_WALK_AGAIN = "walk the gait again"
 _NEEDED = (RUN_FILE, MODEL_FILE, BODY_FILE, SIGNALS_FILE, SUMMARY_FILE)
 
 
@@ -50,7 +53,7 @@ class SavedRun(Tabled):
     parameters: RunParameters  # the resolved parameters
     model_xml: str  # the compiled model's source (MJCF)
     body: BodyDescription  # which joint, sole and segment of it is what
-    record: StoredRecord  # states, contact forces and torques, read when used
+    record: SimulationRecord  # states and contact forces every 10 ms, torques of every tick
     signals: Signals  # plan, command and measurement on the common clock
     summary: Mapping[str, Any]  # `summary.json`
 
@@ -58,6 +61,10 @@ class SavedRun(Tabled):
         """Folder, gait, steps, outcome and verdict."""
         said, outcome = self.summary, self.record.outcome
         return f"SavedRun({self.directory}: {said.get('gait')}, {outcome.summary}, {said.get('verdict')})"
+
+    def model(self) -> mujoco.MjModel:
+        """The simulated model, see :func:`validation.store.record.load_model`."""
+        return load_model(self.directory, self.record)
 
     @property
     def signal_steps(self) -> NDArray[np.intp]:
@@ -131,18 +138,16 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
     missing = [name for name in _NEEDED if not (directory / name).is_file()]
     if missing:
         raise InputError(f"{directory} has no {', '.join(missing)}; give the folder of a finished run.")
-    record = StoredRecord(directory)  # refuses another format
-    summary = _load_summary(directory / SUMMARY_FILE)
     if check:
-        check_files(directory, summary)
+        check_files(directory)
     return SavedRun(
         directory=directory,
         parameters=load_run(directory / RUN_FILE, ()),
         model_xml=(directory / MODEL_FILE).read_text(encoding="utf-8"),
         body=load_description(directory),
-        record=record,
+        record=load_record(directory),
         signals=load_signals(directory / SIGNALS_FILE),
-        summary=summary,
+        summary=read_json(directory / SUMMARY_FILE, Summary, _WALK_AGAIN),
     )
 
 
@@ -162,17 +167,19 @@ def load_description(directory: Path) -> BodyDescription:
     except (OSError, ValueError) as error:
         why = " ".join(str(error).split())
         raise InputError(
-            f"{directory / BODY_FILE} is no description of a body ({why}); walk again."
+            f"{directory / BODY_FILE} is not a description of a body ({why}); walk again."
         ) from None
 
 
-def check_files(directory: Path, summary: Mapping[str, Any] | None = None) -> None:
+def check_files(directory: Path) -> None:
     """Compare all files of a run with the digests in its summary.
 
     Raises:
-        InputError: a file is missing, has no digest, or has changed since the run was judged.
+        InputError: the record has another format; a file is missing, has no digest, or has changed since the
+            run was judged.
     """
-    summary = summary or _load_summary(directory / SUMMARY_FILE)
+    read_header(directory)
+    summary = read_json(directory / SUMMARY_FILE, Summary, _WALK_AGAIN)
     written, found = summary["files"], digests(directory, summary)
     for name in sorted({*_NEEDED, *RECORD_FILES, *written, *found}):
         if name not in found:
@@ -190,7 +197,7 @@ def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
     """SHA-256 of all files of a run, except those drawn from the others; of the summary without ``files``.
 
     Raises:
-        InputError: one of them is no regular file.
+        InputError: one of them is not a regular file.
     """
     rest = {name: value for name, value in summary.items() if name != "files"}
     found = {SUMMARY_FILE: hashlib.sha256(dump_json(rest).encode()).hexdigest()}
@@ -200,13 +207,8 @@ def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
             with path.open("rb") as file:
                 found[name] = hashlib.file_digest(file, "sha256").hexdigest()
         elif path.exists():  # to open a pipe would wait for its writer
-            raise InputError(f"{path} is no regular file; give the folder of a finished run.")
+            raise InputError(f"{path} is not a regular file; give the folder of a finished run.")
     return found
-
-
-def _load_summary(path: Path) -> dict[str, Any]:
-    """Read ``summary.json``."""
-    return read_json(path, Summary, "walk the gait again")
 
 
 def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:

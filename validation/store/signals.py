@@ -9,7 +9,9 @@ import csv
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,35 +21,33 @@ from numpy.typing import NDArray
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from validation.store.record import read_table, write_tables
+from validation.store.record import read_table, write_table
 
 SIGNALS_FILE = "signals.parquet"
 
 
-class SignalColumn(NamedTuple):
-    """Columns of one kind."""
+class SignalKind(NamedTuple):
+    """Columns of one kind: a row of ``signals.csv``."""
 
-    pattern: str  # regular expression of their names
+    columns: str  # their names: `(left|right)` and `[xyz]` stand for each of several
     unit: str  # SI unit, empty for labels and flags
     frame: str  # in which vectors are written, empty for anything else
+    source: str  # where :mod:`validation.judge.signals` finds the values, a thing and its attribute
     meaning: str  # one phrase
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns, the last choice changing fastest."""
+        parts = re.findall(r"\((.*?)\)|\[(.*?)\]|([^(\[]+)", self.columns)
+        choices = (words.split("|") if words else axes or [text] for words, axes, text in parts)
+        return list(map("".join, product(*choices)))
 
 
 with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as _file:
-    COLUMNS = tuple(SignalColumn(**row) for row in csv.DictReader(_file))
+    KINDS = tuple(SignalKind(**row) for row in csv.DictReader(_file))
 """All kinds of columns, in order."""
-
-
-def column_of(name: str) -> SignalColumn:
-    """Description of a column.
-
-    Raises:
-        KeyError: no such column belongs into the file.
-    """
-    for column in COLUMNS:
-        if re.fullmatch(column.pattern, name):
-            return column
-    raise KeyError(name)
+COLUMNS: Mapping[str, SignalKind] = MappingProxyType({name: kind for kind in KINDS for name in kind.names})
+"""Kind of every column."""
 
 
 @dataclass(frozen=True)
@@ -92,10 +92,7 @@ class Signals(Brief):
         return int(starts[2]) if len(starts) > 2 else len(self)
 
     def vector(self, name: str, axes: str = "xyz") -> Array:
-        """Stack ``{name}_{axis}`` of the given axes.
-
-        Returns:
-            (N, len(axes)), in the unit of the columns.
+        """Stack ``{name}_{axis}`` of the given axes, shape (N, len(axes)), in the unit of the columns.
 
         Raises:
             InputError: a column is missing.
@@ -107,17 +104,17 @@ def save_signals(table: pa.Table, path: str | Path) -> None:
     """Write the table, with unit, frame and meaning of every column."""
     fields = []
     for field in table.schema:
-        column = column_of(field.name)
-        known = {"unit": column.unit, "frame": column.frame, "meaning": column.meaning}
+        kind = COLUMNS[field.name]
+        known = {"unit": kind.unit, "frame": kind.frame, "meaning": kind.meaning}
         fields.append(field.with_metadata({key: text for key, text in known.items() if text}))
-    write_tables([table.cast(pa.schema(fields))], Path(path))
+    write_table(table.cast(pa.schema(fields)), Path(path))
 
 
 def load_signals(path: str | Path) -> Signals:
     """Read the table.
 
     Raises:
-        InputError: the file is missing or is no table of signals.
+        InputError: the file is missing or is not a table of signals.
     """
     path = Path(path)
     table = read_table(path)

@@ -138,24 +138,11 @@ class Summary(_Entry):
     files: Mapping[str, str]
 
 
-class Baseline(_Entry):
-    """A baseline of the pytest plugin."""
-
-    outcome: str
-    steps_completed: int
-    metrics: Mapping[str, float | None]
-
-
 def read_json(path: Path, kind: type[BaseModel], way_out: str) -> dict[str, Any]:
     """Contents of a file of JSON as they are, if all that is read of them has the right types.
 
-    Args:
-        path: of the file.
-        kind: the types.
-        way_out: from a damaged file, for the message.
-
     Raises:
-        InputError: it is missing, no JSON, or damaged; names the first entry of another type.
+        InputError: it is missing, no JSON, or damaged; names the first entry of another type and the way out.
     """
     try:
         found = json.loads(read_text(path))
@@ -166,7 +153,7 @@ def read_json(path: Path, kind: type[BaseModel], way_out: str) -> dict[str, Any]
         what = first["msg"].lower().removeprefix("input ")
         raise InputError(f"{path} is damaged: {where}: {what}; {way_out}.") from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no JSON ({error}); {way_out}.") from None
+        raise InputError(f"{path} is not JSON ({error}); {way_out}.") from None
     except OSError:
         raise InputError(f"{path} is missing; {way_out}.") from None
     return dict(found)

@@ -1,6 +1,5 @@
 """Plans and motions as tables, and tables as CSV or Parquet."""
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,14 +21,10 @@ FEET = ("left", "right")
 
 
 def sample_times(duration: float, rate: float) -> NDArray[np.float64]:
-    """Times k / rate that lie within a plan.
-
-    Args:
-        duration: of the plan [s].
-        rate: samples per second [Hz].
+    """Times k / rate [Hz] that lie within the duration of a plan [s].
 
     Raises:
-        InputError: the rate is no positive finite number, or gives too many samples.
+        InputError: the rate is not a positive finite number, or gives too many samples.
     """
     if not (math.isfinite(rate) and rate > 0):
         raise InputError(f"--rate {rate:g} Hz must be a positive number; give for example 200.")
@@ -83,29 +78,18 @@ def plan_table(plan: CentroidalPlan, times: NDArray[np.float64]) -> dict[str, ND
 
 
 def write_columns(columns: Mapping[str, NDArray[Any]], path: Path) -> None:
-    """Write columns as CSV or Parquet, by the path's suffix; floats keep every bit.
+    """Write columns (N,) as CSV or Parquet, by the path's suffix; floats keep every bit.
 
-    Args:
-        columns: name to array (N,); NaN is written as an empty cell or null.
-        path: ends in ``.csv`` or ``.parquet``.
-
-    Raises:
-        InputError: another suffix.
+    NaN is written as an empty cell or null. Raises :class:`InputError` for another suffix.
     """
     # Imported here: 'ampm plan' writes nothing by default, and starts faster without.
     import pyarrow as pa
+    import pyarrow.csv
     import pyarrow.parquet as pq
 
     check_suffix(path)
-    arrays = {
-        name: pa.array(column.tolist() if column.dtype == object else column, from_pandas=True)
-        for name, column in columns.items()
-    }
+    table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
     if path.suffix == ".parquet":
-        pq.write_table(pa.table(arrays), path, compression="zstd")
-        return
-    flags = {name: array.cast(pa.string()) for name, array in arrays.items() if array.type == pa.bool_()}
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(arrays)
-        writer.writerows(zip(*(array.to_pylist() for array in (arrays | flags).values()), strict=True))
+        pq.write_table(table, path, compression="zstd")
+    else:
+        pyarrow.csv.write_csv(table, path)

@@ -4,11 +4,9 @@ Factors and checks are those of ``factors.csv``, after ASME V&V 40 and NASA-STD-
 Unit of Assurance (https://uofa.net).
 """
 
-import csv
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +21,7 @@ from validation.store.folders import RUN_FILES, check_output_file, output_file
 from validation.store.saved import SavedRun, digests, load_saved_run
 from validation.study.compare.report import NUMBERS, load_comparison
 from validation.study.robustness.result import RESULT, load_robustness
-from validation.table import Table
+from validation.table import Table, own_rows
 
 USE = (
     "To decide whether a body with a real distribution of mass, unilateral contact, friction and limited "
@@ -43,14 +41,10 @@ def write_evidence(
 ) -> Path:
     """Write page, JSON-LD and small files of a run into a zip file; the run is replayed for it.
 
-    Args:
-        folder: of the run.
-        target: the file; an earlier one is replaced.
-        studies: folders of a robustness study, of a comparison, of judged logs.
-        progress: where to report the replay.
+    ``studies`` are folders of a robustness study, of a comparison, of judged logs.
 
     Raises:
-        InputError: no run, another suffix, a folder that is no study, or the file cannot be written.
+        InputError: no run, another suffix, a folder that is not a study, or the file cannot be written.
     """
     if target.suffix != ".zip":
         raise InputError(f"--evidence {target} must end in .zip.")
@@ -59,8 +53,7 @@ def write_evidence(
     found = _found(saved) | dict(map(_study, studies))
     if not saved.is_log:
         found["replay"] = f"replay: {replay(folder, progress=progress)}"
-    text = files("validation").joinpath("study/factors.csv").read_text("utf-8")
-    factors = list(csv.DictReader(text.splitlines()))
+    factors = own_rows("study/factors.csv")
     for row in factors:
         checks = row["checks"].split()
         said = [found.get(check, f"{check}: not done") for check in checks]

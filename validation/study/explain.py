@@ -6,12 +6,10 @@ its metrics exceed their limits by, as shares of the limits; that of a fall is l
 earlier it falls.
 """
 
-import csv
 import math
-from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from importlib.resources import files
 from importlib.util import find_spec
 from itertools import combinations
 from pathlib import Path
@@ -22,20 +20,19 @@ import numpy as np
 
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN, NO_PLAN, OPEN_KEYS, OPTION_TABLES, RunParameters, keys
-from ampm.planner.newton import newton_residual
 from ampm.presets import PRESETS
 from ampm.run_file import load_run
 from validation.judge import profiles
 from validation.judge.margins import SATURATED
 from validation.run.walk import walk_planned
 from validation.show.explanation import explanation_table
+from validation.show.text import format_value
 from validation.store.folders import output_file
 from validation.store.json import json_ready, write_json
 from validation.store.saved import EXPLANATION, RUN_FILE, load_saved_run
 from validation.study.many import Execution, Search, Task, open_study, walk_many
 from validation.study.row_file import Row
-from validation.study.walk_options import users_classes
-from validation.table import Table, Tabled
+from validation.table import Table, Tabled, own_rows
 from validation.trial.disturbances import Disturbance, Recorded
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Body, PlannedWalk, Request, load_request, plan_walk
@@ -50,7 +47,7 @@ BEST = 3
 REPLACED = frozenset({"contact law", "controller", "planner"})
 """Layers of which another one is tried; the others are made ideal."""
 RESIDUAL = 1e-3
-"""Contradiction within a plan, or of plan and posture, from which it is told [m]."""
+"""Distance of the planned posture from its plan from which it is told [m]."""
 _FALL, _MOST_USED = 1e4, 100.0  # excess of a fall; most that a limit counts as used [1]
 _SAMPLES, _SHOWN = 500, 3  # instants of a plan that are checked; keys of a change that are named
 
@@ -85,12 +82,6 @@ def other_plan(run: RunParameters) -> Values:
     return other | {key: nearest.value(key) for key in (*shape, *OPEN_KEYS)}
 
 
-_ANOTHER: Mapping[str, Callable[[RunParameters], Values]] = {
-    "controller": other_controller,
-    "planner": other_plan,
-}
-
-
 @dataclass(frozen=True)
 class Change:
     """One layer made ideal, or another one in its place: a row of ``layers.csv``."""
@@ -99,14 +90,13 @@ class Change:
     text: str  # what is changed; "it passes" may follow
     keys: str  # that change, and sections, separated by spaces
     value: str  # `default`, a factor such as `x0.5`, `another`, or the value itself
-    drops: str  # which of a user's `controller`, `planner`, `estimator` and `pushes` is left out
 
     def values(self, run: RunParameters) -> Values:
         """New values by key, of a run."""
         wanted = self.keys.split()
         changed = [key for key in keys() if key in wanted or key.partition(".")[0] in wanted]
         if self.value == "another":
-            return _ANOTHER[self.layer](run)
+            return other_plan(run) if self.layer == "planner" else other_controller(run)
         if self.value == "drake":
             return dict.fromkeys(changed if find_spec("pydrake") else [], self.value)
         if self.value == "default":
@@ -116,13 +106,10 @@ class Change:
         return dict.fromkeys(changed, float(self.value))
 
 
-CHANGES = tuple(
-    Change(**row)
-    for row in csv.DictReader(
-        files("validation").joinpath("study/layers.csv").read_text("utf-8").splitlines()
-    )
-)
+CHANGES = tuple(Change(**row) for row in own_rows("study/layers.csv"))
 """Every change that is tried."""
+Pair = tuple[Change, ...]
+"""One change, or two that are made together."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +118,6 @@ class Case:
 
     request: Request  # complete
     profile: str  # name of the tolerances
-    users: Values  # classes of a user, see `users_classes`
     pushes: tuple[Disturbance, ...] = ()  # forces on the body beside those of the run
     strained: str = ""  # motor that reaches its limit; empty if none does
     lifted: bool = False  # whether there are no limits
@@ -152,23 +138,19 @@ class Case:
         return replace(
             self,
             request=replace(self.request, run=run),
-            users={role: users for role, users in self.users.items() if role != change.drops},
-            pushes=() if change.drops == "pushes" else self.pushes,
+            pushes=() if change.layer == "pushes" else self.pushes,
             lifted=self.lifted or (change.layer == "motors" and bool(self.strained)),
         )
 
     def text(self, change: Change) -> str:
         """What is changed, with the keys if they are few."""
         old, new = self.request.run, self.changed(change).request.run
-        changed = [key for key in (*keys(), *OPTION_TABLES) if old.value(key) != new.value(key)]
+        values = {key: (old.value(key), new.value(key)) for key in (*keys(), *OPTION_TABLES)}
+        changed = {key: pair for key, pair in values.items() if pair[0] != pair[1]}
         if change.layer == "motors" and not changed:
             return f"without the limit of {self.strained}"
-        shown = ", ".join(f"{key} {_said(old.value(key))} to {_said(new.value(key))}" for key in changed)
+        shown = ", ".join(f"{key} {' to '.join(map(format_value, pair))}" for key, pair in changed.items())
         return f"{change.text} ({shown})" if 0 < len(changed) <= _SHOWN else change.text
-
-
-def _said(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def walk_case(case: Case) -> Row:
@@ -179,14 +161,12 @@ def walk_case(case: Case) -> Row:
         ``tightest``, the largest used share of a limit; ``metrics``: of every judged one the ``label``, the
         ``text`` of its value, and ``used``, its share of the limit, 2 of an exceeded limit of zero.
     """
-    planned = plan_walk(case.request, planner=case.users.get("planner"))
+    planned = plan_walk(case.request)
     if case.lifted:
         planned = replace(planned, body=_stronger(planned.body))
     trial = walk_planned(
         planned,
         profiles.profile(case.profile),
-        controller=case.users.get("controller"),
-        estimator=case.users.get("estimator"),
         disturbances=case.pushes,
     )
     end, torque = trial.record.outcome, trial.comparison.costs["margins"]["torque"]
@@ -213,11 +193,6 @@ def walk_case(case: Case) -> Row:
     }
 
 
-def row_of(case: Case, both: Sequence[Change], row: Row) -> Row:
-    """The row of a walk with the changes of a case."""
-    return {"layers": [item.layer for item in both], "text": " and ".join(map(case.text, both)), **row}
-
-
 def _stronger(body: Body) -> Body:
     """The body with motors whose limits no walk reaches, which the controller knows."""
     root = ElementTree.fromstring(body.model.xml)
@@ -228,22 +203,20 @@ def _stronger(body: Body) -> Body:
     return Body(model, make_robot(model.compile(), model.description, body.shapes), body.shapes)
 
 
-def residuals_of(planned: PlannedWalk) -> dict[str, float]:
-    """What a plan contradicts, in its first ten seconds [m].
+def posture_error(planned: PlannedWalk) -> float:
+    """Largest distance of COM and soles of the planned posture from the plan, in its first ten seconds [m].
 
-    Returns:
-        ``plan``, see :func:`ampm.planner.newton.newton_residual`; ``motion``, the largest distance of COM and
-        soles of the planned posture from the plan, 0 of a posture that stays in place.
+    It is 0 of a posture that stays in place, of which the joints are found while walking.
     """
     plan, robot = planned.plan, planned.body.robot
     times = np.linspace(0.0, min(plan.duration, 10.0), _SAMPLES, endpoint=False)
-    q, off = plan.posture.sample(times).q, 0.0
-    if np.ptp(q[:, :2], axis=0).any():  # else joints are found while walking
-        wanted = [plan.sample(times).com, *(foot.position for foot in plan.feet.sample(times))]
-        terms = [robot.jacobian(row) for row in q]
-        away = np.array([[term.com, *term.sole] for term in terms]) - np.stack(wanted, axis=1)
-        off = float(np.linalg.norm(away, axis=-1).max())
-    return {"plan": newton_residual(plan, times).size, "motion": off}
+    q = plan.posture.sample(times).q
+    if not np.ptp(q[:, :2], axis=0).any():
+        return 0.0
+    wanted = [plan.sample(times).com, *(foot.position for foot in plan.feet.sample(times))]
+    terms = [robot.jacobian(row) for row in q]
+    away = np.array([[term.com, *term.sole] for term in terms]) - np.stack(wanted, axis=1)
+    return float(np.linalg.norm(away, axis=-1).max())
 
 
 @dataclass(frozen=True)
@@ -255,7 +228,7 @@ class Explanation(Tabled):
     said: str  # the sentence
     trial: Row  # the trial itself, see `walk_case`
     changes: tuple[Row, ...]  # the same of every change and pair, with its `layers` and its `text`
-    residuals: Mapping[str, float]  # see `residuals_of`
+    posture_error: float  # see :func:`posture_error` [m]
 
     @property
     def sentence(self) -> str:
@@ -271,17 +244,11 @@ class Explanation(Tabled):
         return [explanation_table(self.as_dict())]
 
 
-_OFF = {
-    "plan": "The plan contradicts Newton's law by {:.3g} mm of its ZMP.",
-    "motion": "COM or soles of the planned posture are up to {:.3g} mm off the plan.",
-}
-
-
-def answer(trial: Row, changes: Sequence[Row], residuals: Mapping[str, float]) -> tuple[tuple[str, ...], str]:
+def answer(trial: Row, changes: Sequence[Row], posture_error: float) -> tuple[tuple[str, ...], str]:
     """The layers that are to blame, and the sentence that says so.
 
     Of the changes that restore the pass the one counts whose tightest limit is used least; a layer made ideal
-    before one in whose place another came. If none does, it is a contradiction within the plan, and then the
+    before one in whose place another came. If none does, it is a posture that is off its plan, and then the
     change that leaves the least excess.
     """
     walked = [row for row in changes if "metrics" in row]
@@ -294,23 +261,29 @@ def answer(trial: Row, changes: Sequence[Row], residuals: Mapping[str, float]) -
             return (), "It passes, and no layer costs margin."
         shares = f"{after:.0%} of the tightest limit is used instead of {before:.0%}"
         return (), f"It passes. The {best['layers'][0]} costs most of the margin: {best['text']} {shares}."
-    best = min(walked, key=_rank)
+    # Walks that pass come first, then single changes, then layers that are made ideal.
+    best = min(
+        walked,
+        key=lambda row: (
+            not row["passed"],
+            len(row["layers"]),
+            row["passed"] and not REPLACED.isdisjoint(row["layers"]),
+            row["excess"],
+            row["tightest"],
+        ),
+    )
     layers, text = tuple(best["layers"]), best["text"]
-    off = {name: f" {_OFF[name].format(1e3 * size)}" for name, size in residuals.items() if size > RESIDUAL}
-    notes, left = "".join(off.values()), best["excess"] / trial["excess"]
+    is_off = posture_error > RESIDUAL
+    off = (
+        f" COM or soles of the planned posture are up to {1e3 * posture_error:.3g} mm off the plan." * is_off
+    )
     if best["passed"]:
-        return layers, f"The {' and the '.join(layers)}: {text} it passes.{notes}"
-    if off:
-        layer = "planner" if "plan" in off else "motion"
-        return (layer,), f"The {layer}: no other layer restores the pass.{notes}"
+        return layers, f"The {' and the '.join(layers)}: {text} it passes.{off}"
+    if is_off:
+        return ("motion",), f"The motion: no other layer restores the pass.{off}"
+    left = best["excess"] / trial["excess"]
     said = f"Nothing restores the pass; {text} {left:.0%} of the excess is left."
     return (layers, f"The {layers[0]}. {said}") if left <= MOST else ((), said)
-
-
-def _rank(row: Row) -> tuple[float, ...]:
-    """Of a walk that completed or not, the best first."""
-    replaced = row["passed"] and not REPLACED.isdisjoint(row["layers"])
-    return not row["passed"], len(row["layers"]), replaced, row["excess"], row["tightest"]
 
 
 def explain(
@@ -337,7 +310,7 @@ def explain(
     if folder is None:
         request = load_request(str(run) if isinstance(run, Path) else run, settings)
         profile = profiles.own_profile(request.name, request.run, disturbances).name
-        given = Case(request, profile, {}, tuple(disturbances))
+        given = Case(request, profile, tuple(disturbances))
     elif settings or disturbances:
         raise InputError(
             f"{folder} is repeated as it was walked; for changes give {folder / RUN_FILE} instead."
@@ -345,21 +318,22 @@ def explain(
     else:
         given = _saved_case(folder)
     planned = plan_walk(given.request, pool.get("progress"))
-    case = replace(given, request=planned.request, users=users_classes(planned.run))
+    case = replace(given, request=planned.request)
     trial = walk_case(case)
     case = replace(case, strained=trial["motor"] if trial["strained"] else "")
-    changes, found = list(possible(case)), dict[tuple[Change, ...], Row]()
-    searches = [_search(case, trial, changes, change, found) for change in changes]
+    changes, found = list(possible(case)), dict[Pair, Row]()
+    walks: list[Task | Search] = [_search(case, trial, changes, change, found) for change in changes]
     label = f"{planned.name}: layers"
-    for _ in walk_many(searches, target, label=label, unit="changes", **pool):
+    for _ in walk_many(walks, target, label=label, unit="changes", **pool):
         pass
-    rows = tuple(
+    rows = []
+    for both in sorted(found, key=lambda both: (len(both), *map(changes.index, both))):
         # Without limits the motor shows that needs more than its own.
-        row_of(replace(case, strained=found[both].get("motor", case.strained)), both, found[both])
-        for both in sorted(found, key=lambda both: (len(both), *map(changes.index, both)))
-    )
-    residuals = residuals_of(planned)
-    result = Explanation(planned.request.title, *answer(trial, rows, residuals), trial, rows, residuals)
+        told = replace(case, strained=found[both].get("motor", case.strained))
+        text = " and ".join(map(told.text, both))
+        rows.append({"layers": [item.layer for item in both], "text": text, **found[both]})
+    off = posture_error(planned)
+    result = Explanation(planned.request.title, *answer(trial, rows, off), trial, tuple(rows), off)
     for place in filter(None, (target, folder)):
         with output_file(place / EXPLANATION) as path:
             write_json(path, result.as_dict())
@@ -372,17 +346,15 @@ def _saved_case(folder: Path) -> Case:
     request, record, made = load_request(str(folder / RUN_FILE)), saved.record, saved.summary.get("planner")
     if saved.is_log:
         raise InputError(f"{folder} is a log, which cannot be walked again; give the folder of a run.")
-    if request.run.gait.planner == "ampm" and made not in (
-        None,
-        "footsteps" if request.run.footsteps else "",
-    ):
+    ours = (None, "footsteps" if request.run.footsteps else "")
+    if request.run.gait.planner == "ampm" and made not in ours:
         raise InputError(f"{folder} lacks its planner {made}, an object; name its class by gait.planner.")
     if not record.external_segments:
-        return Case(request, saved.summary["profile"], {})
+        return Case(request, saved.summary["profile"])
     force, moment = record.external_force, record.external_moment
     pushes = (Recorded(tuple(record.external_segments), force, moment, record.time_step),)
     run = request.run.replace({f"disturbance.push_{axis}": 0.0 for axis in "xyz"})
-    return Case(replace(request, run=run), saved.summary["profile"], {}, pushes)
+    return Case(replace(request, run=run), saved.summary["profile"], pushes)
 
 
 def possible(case: Case) -> Iterator[Change]:
@@ -398,21 +370,18 @@ def possible(case: Case) -> Iterator[Change]:
 
 
 def _search(
-    case: Case,
-    trial: Row,
-    changes: Sequence[Change],
-    change: Change,
-    found: MutableMapping[tuple[Change, ...], Row],
+    case: Case, trial: Row, changes: Sequence[Change], change: Change, found: MutableMapping[Pair, Row]
 ) -> Search:
     """Walk with one change. The last one goes on with pairs of the best, if none restores the pass."""
-
-    def task(*both: Change) -> Task:
-        return Task(" and ".join(map(case.text, both)), walk_case, {"case": reduce(Case.changed, both, case)})
-
-    found[(change,)] = yield task(change)
-    if len(found) < len(changes) or trial["passed"] or any(row.get("passed") for row in found.values()):
+    found[(change,)] = yield _task(case, change)
+    if len(found) < len(changes) or any(row.get("passed") for row in (trial, *found.values())):
         return
-    ranked = sorted(found, key=lambda both: -found[both].get("excess", math.inf))
-    best = {both[0].layer: both[0] for both in ranked}  # of each layer its best, the last
-    for pair in combinations(sorted(best.values(), key=lambda item: -ranked.index((item,)))[:BEST], 2):
-        found[pair] = yield task(*pair)
+    best: dict[str, Change] = {}
+    for item in sorted(changes, key=lambda item: found[(item,)].get("excess", math.inf)):
+        best.setdefault(item.layer, item)
+    for pair in combinations(list(best.values())[:BEST], 2):
+        found[pair] = yield _task(case, *pair)
+
+
+def _task(case: Case, *both: Change) -> Task:
+    return Task(" and ".join(map(case.text, both)), walk_case, {"case": reduce(Case.changed, both, case)})

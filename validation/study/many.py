@@ -30,7 +30,7 @@ from validation.store.json import write_json
 from validation.store.machine import cores
 from validation.study.pool import open_pool, users_file
 from validation.study.row_file import ROWS, Row, RowFile
-from validation.study.walk_options import users_files
+from validation.study.walk_options import own_classes, users_files
 from validation.table import markdown_page
 
 
@@ -63,8 +63,8 @@ Search = Generator[Task, Row, None]
 def _identity(value: Any) -> str:
     """Text that is equal for equal values, in every process."""
     if isinstance(value, BaseModel):  # with the keys that count as given
-        files = _identity(users_files(value)) if isinstance(value, RunParameters) else ""
-        return f"{value.model_dump_json()}{value.model_dump_json(exclude_unset=True)}{files}"
+        own = (users_files(value), own_classes(value)) if isinstance(value, RunParameters) else ""
+        return f"{value.model_dump_json()}{value.model_dump_json(exclude_unset=True)}{_identity(own)}"
     if isinstance(value, Path) and value.is_file():
         return f"{value} {hashlib.sha256(value.read_bytes()).hexdigest()}"
     if isinstance(value, np.ndarray):
@@ -143,12 +143,8 @@ def open_study(execution: Execution) -> tuple[Path | None, Pool]:
 def study_folder(out: str | Path | None, *, resume: bool) -> Path | None:
     """Folder of a study, checked before anything is walked; None if nothing is to be written.
 
-    Args:
-        out: the folder.
-        resume: whether to go on with the study that is there.
-
     Raises:
-        InputError: there is no study to go on with, or the folder is used otherwise.
+        InputError: there is no study to resume, or the folder is used otherwise.
     """
     if out is None:
         if resume:
@@ -173,6 +169,7 @@ def walk_many(
     tasks: Iterable[Task | Search],
     folder: Path | None = None,
     *,
+    count: int = 0,
     limit: float | None = None,
     label: str = "walks",
     unit: str = "runs",
@@ -186,6 +183,7 @@ def walk_many(
     Args:
         tasks: runs and searches, taken one by one as workers get free.
         folder: of the rows; None keeps them in a temporary file.
+        count: tasks and searches of an iterator, for the progress.
         limit: wall-clock time of a run [s]; none in this very process.
         label: what is done, for the progress.
         unit: what the tasks and searches are, likewise.
@@ -202,7 +200,7 @@ def walk_many(
         raise InputError(f"--workers {workers} must not be negative; give the number of processes.")
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler exclude each other: a scheduler has its own workers.")
-    total = len(tasks) if isinstance(tasks, Sized) else 0
+    total = len(tasks) if isinstance(tasks, Sized) else count
     if scheduler is None and total:  # no process without a walk
         workers = min(cores() if workers is None else workers, total)
     rows = RowFile(folder)
@@ -256,6 +254,10 @@ def walk_many(
                         yield from refill()
                     interruption.check()
                     report.show(waiting=not processes.size())
+    except KeyboardInterrupt as error:
+        if folder is not None:
+            error.add_note(f"finished runs are kept in {folder}; go on by the same command with --resume")
+        raise
     except OSError as error:
         if disk_is_full(error):
             raise StudyStopped(f"the disk is full ({error})", "free some space") from error
@@ -270,16 +272,7 @@ def _single(task: Task) -> Search:
 
 
 class _Report:
-    """Progress of a study: how its runs ended.
-
-    Args:
-        stage: where to report.
-        total: number of tasks and searches; 0 if it is not known.
-
-    Attributes:
-        done: tasks and searches that have ended.
-        outcomes: of the runs.
-    """
+    """Progress of a study: how its runs ended, and how many tasks of a total, 0 if it is not known."""
 
     def __init__(self, stage: Stage, total: int) -> None:
         self._stage, self._total, self.done = stage, total, 0

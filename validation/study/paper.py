@@ -18,9 +18,9 @@ from validation.study.compare.report import (
     load_comparison,
     write_comparison,
 )
-from validation.study.sweep.figures import LABELS, parallel, scatter, static_svg
-from validation.study.sweep.report import cite_sweep, metric_table, run_data_of, write_sweep_report
-from validation.study.sweep.table import SweepTable, is_sweep, read_sweep
+from validation.study.sweep.figures import LABEL, run_data, scatter, static_svg
+from validation.study.sweep.report import cite_sweep, metric_table, write_sweep_report
+from validation.study.sweep.table import is_sweep, read_sweep
 from validation.table import Table
 
 
@@ -33,11 +33,11 @@ class Paper(NamedTuple):
 
 
 class SweepFigure(NamedTuple):
-    """A picture of a sweep's page without its choices, alike a :class:`validation.show.chart.Picture`."""
+    """The picture of a sweep's page without its choices, alike a :class:`validation.show.chart.Picture`."""
 
     spec: Any
-    label: str
-    number: int
+    label: str = LABEL
+    number: int = 1
     wide: bool = False
 
     @property
@@ -61,7 +61,11 @@ def load_paper(folder: Path) -> Paper:
         InputError: it holds no run, comparison of walks, or sweep; or it is damaged.
     """
     if is_sweep(folder):
-        return _of_sweep(read_sweep(folder))
+        sweep, figures = read_sweep(folder), []
+        if sweep.varied:
+            figures = [SweepFigure({**scatter(sweep), "data": {"values": run_data(sweep)}})]
+        tables = [metric_table(sweep), *sweep.tables()]
+        return Paper(figures, _noted(tables, studied=False), [cite_sweep(sweep)])
     if is_comparison(folder):
         found = load_comparison(folder)
         tables, studied = found.tables(), all(side.study for side in found.sides)
@@ -69,18 +73,9 @@ def load_paper(folder: Path) -> Paper:
         return Paper(draw_walks(found.sides)[1], _noted(tables, studied=studied), citations)
     saved = load_saved_run(folder)
     sections = RunFigures(saved, saved.plan()).sections() if len(saved.signals) > 1 else {}
-    figures = [picture for pictures in sections.values() for picture in pictures]
+    pictures = [picture for pictures in sections.values() for picture in pictures]
     tables = [saved.table(), cost_table(saved.summary), split_table(saved.summary["zmp_error_split"])]
-    return Paper(figures, _noted(tables, studied="uncertainty" in saved.summary), [cite_run(saved)])
-
-
-def _of_sweep(sweep: SweepTable) -> Paper:
-    figures: list[SweepFigure] = []
-    if sweep.varied:
-        data = {"values": run_data_of(sweep)}
-        specs = enumerate((scatter(sweep), parallel(sweep)))
-        figures = [SweepFigure({**spec, "data": data}, LABELS[k], k + 1) for k, spec in specs]
-    return Paper(figures, _noted([metric_table(sweep), sweep.result()], studied=False), [cite_sweep(sweep)])
+    return Paper(pictures, _noted(tables, studied="uncertainty" in saved.summary), [cite_run(saved)])
 
 
 def _noted(tables: Sequence[Table], *, studied: bool) -> list[Table]:

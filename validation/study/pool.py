@@ -34,7 +34,8 @@ from validation.store.environment import code_hash
 from validation.store.folders import disk_is_full
 from validation.store.machine import HIDDEN_FILE, cores, hidden_main
 from validation.study.row_file import Row
-from validation.trial.users import UsersError
+from validation.study.walk_options import own_classes
+from validation.trial.users import SENT, UsersError
 
 STARTED = "ampm-run-started"
 """Topic of dask's events by which a worker says that it begins a run."""
@@ -67,12 +68,7 @@ Options = Mapping[str, Any]
 
 
 def call(data: bytes, limit: float | None, client_code: str) -> Row:
-    """Walk one run on a worker.
-
-    Args:
-        data: cloudpickle's bytes of work, options and added metrics.
-        limit: wall-clock time after which the process is ended [s]; None for no limit.
-        client_code: hash of the client's code, which this process must have, too.
+    """Walk one run on a worker: cloudpickle's bytes of work, options and metrics, and a limit of time [s].
 
     Raises:
         StudyStopped: the run cannot be walked here: other code, missing modules, a full disk.
@@ -94,10 +90,11 @@ def call(data: bytes, limit: float | None, client_code: str) -> Row:
 
 
 def _unpacked(data: bytes) -> tuple[Work, Options]:
-    """Work and options of a run; the user's metrics are added to those of this process."""
+    """Work and options of a run; the user's metrics and classes are added to those of this process."""
     try:
-        work, options, metrics = cloudpickle.loads(data)
+        work, options, metrics, classes = cloudpickle.loads(data)
         add_metrics(metrics)
+        SENT.update(classes)
     except Exception as error:
         raise StudyStopped(
             f"a worker cannot load a class or module of yours ({type(error).__name__}: {error})",
@@ -160,14 +157,15 @@ def users_file(module: Any) -> str | None:
 
 
 def _packed(work: Work, options: Options) -> bytes:
-    """Work, options and added metrics.
+    """Work, options, added metrics, and classes that the options name.
 
     Users' modules are sent by value: workers started elsewhere cannot import them by name.
     """
+    classes = own_classes(options)  # imports their modules
     for name, module in list(sys.modules.items()):
         if name != "__main__" and users_file(module):
             cloudpickle.register_pickle_by_value(module)
-    return bytes(cloudpickle.dumps((work, dict(options), added_metrics())))
+    return bytes(cloudpickle.dumps((work, dict(options), added_metrics(), classes)))
 
 
 # ------------------------------------------------------------------------------------------ in the client
@@ -196,10 +194,7 @@ class ThisProcess:
 class Workers:
     """Workers of a dask client, one run each at a time.
 
-    Args:
-        client: of dask.
-        limit: wall-clock time of a run [s].
-        patience: time without any worker after which the study stops [s].
+    A run has a limit of wall-clock time [s]. The study stops after a patience without any worker [s].
     """
 
     def __init__(self, client: Any, limit: float | None, patience: float) -> None:
@@ -286,12 +281,7 @@ class Workers:
 def open_pool(
     workers: int | None, scheduler: str | None, limit: float | None
 ) -> Iterator[ThisProcess | Workers]:
-    """Workers of this machine, of a scheduler, or this very process.
-
-    Args:
-        workers: processes, None for one a core, 0 for this very process.
-        scheduler: address of a dask scheduler, or its scheduler file.
-        limit: wall-clock time of a run [s].
+    """Processes of this machine, 0 for this very one and None for one a core, or workers of a dask scheduler.
 
     Raises:
         InputError: nothing answers at that address.
@@ -361,7 +351,7 @@ def _remote(address: str) -> Iterator[Any]:
     try:
         if "scheduler_file" in where:
             if not isinstance(json.loads(read_text(Path(address)))["address"], str):  # a client would wait
-                raise ValueError("its address is no text")
+                raise ValueError("its address is not a text")
         else:
             resolve_address(address)  # with an invalid address a client waits for a minute
         client = Client(**where, timeout=_CONNECT, set_as_default=False)

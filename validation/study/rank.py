@@ -14,11 +14,11 @@ share a rank.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,65 +35,49 @@ from validation.trial.users import SUFFIXES
 
 SHORT = {"planner": PLANNER_KEY, "controller": CONTROLLER_KEY}
 """Short names of keys."""
-CONFIDENCE = 0.95
-"""Of the intervals of survival and of medians."""
 FILES = (".toml", *SUFFIXES)
 """Endings of gaits and tables, which are named without them."""
-_DEVIATES = 1.959963984540054  # of a normal distribution, for 95 %
 EFFORT = "energy_cost_of_transport"
 """Metric of the effort."""
 
 
 def wilson(successes: int, trials: int) -> tuple[float, float]:
     """Interval of a share by Wilson's score, at 95 %; 0 to 1 without any trial."""
+    from scipy.stats import binomtest  # slow to load
+
     if not trials:
         return 0.0, 1.0
-    z2, share = _DEVIATES**2 / trials, successes / trials
-    middle, half = share + 0.5 * z2, math.sqrt(z2 * (share * (1.0 - share) + 0.25 * z2))
-    return max(0.0, (middle - half) / (1.0 + z2)), min(1.0, (middle + half) / (1.0 + z2))
+    interval = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def median_interval(values: NDArray[np.float64]) -> tuple[float, float]:
     """Interval of a median by order statistics, at 95 % or more; infinite for less than six values."""
-    # Imported here because SciPy is slow to load.
-    from scipy.stats import binom
+    from scipy.stats import quantile_test  # slow to load
 
-    outside = int(binom.ppf(0.5 * (1.0 - CONFIDENCE), len(values), 0.5)) if len(values) else 0
-    if not outside:
+    if len(values) < 6:
         return -math.inf, math.inf
-    ordered = np.sort(values)
-    return float(ordered[outside - 1]), float(ordered[-outside])
+    interval = quantile_test(values, p=0.5).confidence_interval(0.95)
+    return float(interval.low), float(interval.high)
 
 
 @dataclass(frozen=True)
 class Cell:
-    """All walks of a planner in a task.
+    """All walks of a planner in a task."""
 
-    Attributes:
-        task: name of the gait.
-        name: of the planner.
-        runs: that should have walked; those that were refused are not counted.
-        survived: walks that completed.
-        error: median of the ZMP's RMS error ahead over the completed walks, NaN without any [m].
-        effort: median of their mechanical cost of transport [1].
-        notes: how runs ended otherwise, with the sentence of the first of each kind.
-        best: completed run with the least error; None without any.
-        worst: the run that ended first, or else that with the largest error; None if none walked.
-        errors: by the other varied values of each completed walk [m].
-    """
-
-    task: str
-    name: str
-    runs: int
-    survived: int
-    error: float
-    effort: float
-    notes: tuple[str, ...]
-    best: int | None
-    worst: int | None
+    task: str  # name of the gait
+    name: str  # of the planner
+    runs: int  # that should have walked; those that were refused are not counted
+    survived: int  # walks that completed
+    error: float  # median of the ZMP's RMS error ahead over the completed walks, NaN without any [m]
+    effort: float  # median of their mechanical cost of transport [1]
+    notes: tuple[str, ...]  # how runs ended otherwise, with the sentence of the first of each kind
+    best: int | None  # completed run with the least error; None without any
+    worst: int | None  # the run that ended first, or else that with the largest error; None if none walked
+    # by the other varied values of each completed walk [m]
     errors: Mapping[tuple[Any, ...], float] = field(repr=False)
 
-    @property
+    @cached_property
     def interval(self) -> tuple[float, float]:
         """Of the survival, at 95 % [1]."""
         return wilson(self.survived, self.runs)
@@ -105,23 +89,14 @@ class Cell:
 
 @dataclass(frozen=True)
 class Ranking(Tabled):
-    """Ranks in every task.
+    """Ranks in every task."""
 
-    Attributes:
-        by: key that is ranked.
-        ahead: how long before an instant the plan stood that it is compared with [s].
-        cells: of every task and planner.
-        engines: place of the engine among the values of a replica; None if the sweep has one engine.
-        planned: runs of the sweep.
-        found: those with a result.
-    """
-
-    by: str
-    ahead: float
-    cells: tuple[Cell, ...]
-    engines: int | None
-    planned: int
-    found: int
+    by: str  # key that is ranked
+    ahead: float  # how long before an instant the plan stood that it is compared with [s]
+    cells: tuple[Cell, ...]  # of every task and planner
+    engines: int | None  # place of the engine among the values of a replica; None if there is one engine
+    planned: int  # runs of the sweep
+    found: int  # those with a result
 
     def better(self, one: Cell, other: Cell) -> bool:
         """Whether it is decided that one is better than the other in their task."""
@@ -144,46 +119,53 @@ class Ranking(Tabled):
         return numerical + float(np.abs(medians - whole).max())
 
     @cached_property
+    def wins(self) -> list[tuple[Cell, Cell]]:
+        """Pairs of cells of a task of which the first is better."""
+        walked = [cell for cell in self.cells if cell.runs]
+        pairs = [(one, other) for one in walked for other in walked if one.task == other.task]
+        return [(one, other) for one, other in pairs if one is not other and self.better(one, other)]
+
+    @cached_property
     def ranks(self) -> dict[tuple[str, str], int]:
         """Rank by task and planner; those without a walk have none."""
-        walked = [cell for cell in self.cells if cell.runs]
+        lost = [other for _, other in self.wins]
         return {
-            (cell.task, cell.name): 1 + sum(self.better(o, cell) for o in walked if o.task == cell.task)
-            for cell in walked
+            (cell.task, cell.name): 1 + sum(other is cell for other in lost)
+            for cell in self.cells
+            if cell.runs
         }
-
-    @property
-    def tasks(self) -> tuple[str, ...]:
-        """Tasks, in the order of the sweep."""
-        return tuple(dict.fromkeys(cell.task for cell in self.cells))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What is ranked, in the order of the sweep."""
-        return tuple(dict.fromkeys(cell.name for cell in self.cells))
 
     @property
     def sentence(self) -> str:
         """How many differences are decided."""
-        walked = [cell for cell in self.cells if cell.runs]
-        pairs = [(a, b) for a in walked for b in walked if a.task == b.task and a.name < b.name]
-        decided = sum(self.better(a, b) or self.better(b, a) for a, b in pairs)
+        walked = [cell.task for cell in self.cells if cell.runs]
+        pairs = sum(math.comb(walked.count(task), 2) for task in set(walked))
         missing = f" {self.planned - self.found} runs have no result yet." * (self.found < self.planned)
-        return f"{decided} of {len(pairs)} differences of two in a task are decided.{missing}"
+        return f"{len(self.wins)} of {pairs} differences of two in a task are decided.{missing}"
 
     def tables(self) -> list[Table]:
         """Ranks of all tasks, then each task."""
-        ranks = [
-            (name, *(str(self.ranks.get((task, name), ABSENT)) for task in self.tasks)) for name in self.names
-        ]
+        tasks, names = (
+            list(dict.fromkeys(getattr(cell, what) for cell in self.cells)) for what in ("task", "name")
+        )
         head = self.by.rpartition(".")[2]
-        overview = Table("ranks", (head, *(f">{task}" for task in self.tasks)), ranks, [self._note()])
+        ranks = [(name, *(str(self.ranks.get((task, name), ABSENT)) for task in tasks)) for name in names]
+        spread = "the spread between the engines"
+        if self.engines is None:
+            spread = "the spread of the contact, which one engine does not show"
+        note = (
+            f"Error: median of the ZMP's RMS distance from the plan as it stood {self.ahead:g} s before. "
+            f"Ranks are shared where the replicas (95 % interval), numerical uncertainty "
+            f"({100.0 * SHARE:g} %) and {spread} leave the difference open."
+        )
         columns = (">rank", head, ">error [mm]", ">survived", ">95 % [%]", ">cost of transport", "not walked")
-        return [overview, *(Table(task, columns, self._rows(task)) for task in self.tasks)]
+        overview = Table("ranks", (head, *(f">{task}" for task in tasks)), ranks, [note])
+        return [overview, *(Table(task, columns, self._rows(task)) for task in tasks)]
 
     def _rows(self, task: str) -> list[tuple[str, ...]]:
+        """Rows of a task, the best first."""
         cells = [cell for cell in self.cells if cell.task == task]
-        order = {cell.name: self.ranks.get((task, cell.name), len(cells) + 1) for cell in cells}
+        order = {cell.name: self.ranks.get((task, cell.name), math.inf) for cell in cells}
         cells.sort(key=lambda cell: (order[cell.name], np.nan_to_num(cell.error, nan=np.inf)))
         return [
             (
@@ -198,26 +180,13 @@ class Ranking(Tabled):
             for cell in cells
         ]
 
-    def _note(self) -> str:
-        spread = "the spread between the engines"
-        if self.engines is None:
-            spread = "the spread of the contact, which one engine does not show"
-        return (
-            f"Error: median of the ZMP's RMS distance from the plan as it stood {self.ahead:g} s before. "
-            f"Ranks are shared where the replicas (95 % interval), numerical uncertainty "
-            f"({100.0 * SHARE:g} %) and {spread} leave the difference open."
-        )
-
     def as_dict(self) -> dict[str, Any]:
         """Plain values in SI units."""
-        cells = [
-            {
-                **{name: value for name, value in asdict(cell).items() if name != "errors"},
-                "interval": cell.interval,
-                "rank": self.ranks.get((cell.task, cell.name)),
-            }
-            for cell in self.cells
-        ]
+        cells = []
+        for cell in self.cells:
+            rank = self.ranks.get((cell.task, cell.name))
+            cells.append({**asdict(cell), "interval": cell.interval, "rank": rank})
+            del cells[-1]["errors"]
         head = {"by": self.by, "ahead": self.ahead, "runs": self.planned, "found": self.found}
         return dict(json_ready({**head, "cells": cells}))
 
@@ -244,62 +213,46 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
             f"{table.source} has no error {ahead:g} s ahead; take one of {known} s.", value=ahead
         )
     others = [name for name in varied if name != key]
-    places = zip(_short(table.words("gait")), _short(table.words(key)), strict=True)
-    groups: dict[tuple[str, str], list[_Run]] = {}
-    for place, run in zip(places, _runs(table, others, ahead), strict=True):
-        groups.setdefault(place, []).append(run)
-    cells = tuple(_cell(*place, runs) for place, runs in groups.items())
-    engines = others.index(ENGINE_KEY) if ENGINE_KEY in others else None
-    return Ranking(key, ahead, cells, engines, table.planned, len(table))
-
-
-class _Run(NamedTuple):
-    """One run of the sweep: its number, replica and end; errors in m, times in s."""
-
-    number: int
-    replica: tuple[Any, ...]
-    state: State
-    cause: str
-    time: float
-    error: float
-    effort: float
-
-
-def _runs(table: SweepTable, others: Sequence[str], ahead: float) -> Iterator[_Run]:
-    columns = [table.values(name).tolist() for name in others]
-    error = np.hypot(*(table.numbers(ahead_column(name, ahead)) for name in AHEAD))
-    number, cause, effort = table.table["run"].to_pylist(), table.words("cause"), table.numbers(EFFORT)
-    time = table.numbers("outcome_time")
-    for row in range(len(table)):
-        replica = tuple(values[row] for values in columns)
-        yield _Run(
-            number[row], replica, table.state(row), cause[row], time[row], float(error[row]), effort[row]
+    replicas = list(zip(*(table.values(name).tolist() for name in others), strict=True)) or [()] * len(table)
+    errors = np.hypot(*(table.numbers(ahead_column(name, ahead)) for name in AHEAD))
+    groups: dict[tuple[str, str], list[int]] = {}
+    for row, place in enumerate(zip(_short(table.words("gait")), _short(table.words(key)), strict=True)):
+        groups.setdefault(place, []).append(row)
+    cells = []
+    for place, found in groups.items():
+        rows = np.array(found)
+        walked = rows[~table.is_state(State.REFUSED)[rows]]
+        done = walked[table.measured[walked]]
+        done = done[np.argsort(errors[done], kind="stable")]
+        lost = walked[table.is_state(*LOST)[walked]]
+        lost = lost[np.argsort(table.numbers("outcome_time")[lost], kind="stable")]
+        worst = [*lost[:1], *done[-1:]]
+        cells.append(
+            Cell(
+                *place,
+                runs=len(walked),
+                survived=len(done),
+                error=_median(errors[done]),
+                effort=_median(table.numbers(EFFORT)[done]),
+                notes=tuple(_notes(table, rows)),
+                best=int(table.numbers("run")[done[0]]) if done.size else None,
+                worst=int(table.numbers("run")[worst[0]]) if worst else None,
+                errors={replicas[row]: float(errors[row]) for row in done},
+            )
         )
+    engines = others.index(ENGINE_KEY) if ENGINE_KEY in others else None
+    return Ranking(key, ahead, tuple(cells), engines, table.planned, len(table))
 
 
-def _cell(task: str, name: str, runs: Sequence[_Run]) -> Cell:
-    """The walks of one task and planner."""
-    walked = [run for run in runs if run.state is not State.REFUSED]
-    measured = (run for run in walked if run.state in (State.PASS, State.OUT_OF_TOLERANCE))
-    done = sorted(measured, key=lambda run: run.error)
-    lost = sorted((run for run in walked if run.state in LOST), key=lambda run: run.time)
-    worst = lost[:1] or done[-1:]
-    notes = []
-    for state in (State.REFUSED, *BROKEN):
-        ended = [run for run in runs if run.state is state]
-        notes += [f"{len(ended)} {state.label}: {ended[0].cause}"] if ended else []
-    return Cell(
-        task,
-        name,
-        runs=len(walked),
-        survived=len(done),
-        error=float(np.median([run.error for run in done])) if done else math.nan,
-        effort=float(np.median([run.effort for run in done])) if done else math.nan,
-        notes=tuple(notes),
-        best=done[0].number if done else None,
-        worst=worst[0].number if worst else None,
-        errors={run.replica: run.error for run in done},
-    )
+def _median(values: NDArray[np.float64]) -> float:
+    return float(np.median(values)) if values.size else math.nan
+
+
+def _notes(table: SweepTable, rows: NDArray[np.intp]) -> list[str]:
+    """How many runs were refused or broke, with the first sentence of each."""
+    causes = table.words("cause")
+    ends = [(state, rows[table.is_state(state)[rows]]) for state in (State.REFUSED, *BROKEN)]
+    return [f"{len(ended)} {state.label}: {causes[ended[0]]}" for state, ended in ends if ended.size]
 
 
 def _short(names: Sequence[str]) -> list[str]:

@@ -6,7 +6,7 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +27,6 @@ class RowFile:
     A row is found by its key and its digest, so rows of other parameters or other code do not count. Only
     the places of the lines are kept in memory.
 
-    Args:
-        folder: of the study; None for a temporary file.
-
     Raises:
         InputError: another program has the folder open, or its file is damaged.
     """
@@ -45,29 +42,22 @@ class RowFile:
         self._file = (folder / ROWS).open("a+b", buffering=0)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._read(folder / ROWS)
         except BlockingIOError:
             self._file.close()
             raise InputError(f"another program is writing {folder}; wait until it has ended.") from None
-        try:
-            self._read(folder / ROWS)
         except InputError:
             self._file.close()
             raise
 
     def _read(self, path: Path) -> None:
-        start = 0
-        with path.open("rb") as lines:
-            for number, line in enumerate(lines, start=1):
-                if not line.endswith(b"\n"):  # cut off by a kill or a full disk
-                    self._file.truncate(start)
-                    return
-                row = _parsed(line, number, path)
-                place = row["key"], row["digest"]
-                if row.get("outcome") in UNFINISHED:
-                    self._lines.pop(place, None)
-                else:
-                    self._lines[place] = start, len(line)
-                start += len(line)
+        for start, length, row in _lines(path):
+            if row is None:
+                self._file.truncate(start)
+            elif row.get("outcome") in UNFINISHED:
+                self._lines.pop((row["key"], row["digest"]), None)
+            else:
+                self._lines[row["key"], row["digest"]] = start, length
 
     def get(self, key: str, digest: str) -> Row | None:
         """The row of a task, None if it has not finished."""
@@ -104,24 +94,23 @@ class RowFile:
         self._file.close()
 
 
-def crash_notes(rows: Iterable[Row]) -> list[str]:
-    """Task and cause of every run that an error of the program or the machine ended."""
-    return [
-        f"{row['key']}: {row['cause']}" for row in rows if row["outcome"] == "crashed" and "reason" in row
-    ]
-
-
 def read_rows(folder: Path) -> Iterator[Row]:
     """Whole rows of a folder, as they were written; a later row of a key replaces an earlier one.
 
     Raises:
-        InputError: the file is no regular one, or damaged.
+        InputError: the file is not a regular one, or damaged.
     """
     check_regular(folder / ROWS)
-    with (folder / ROWS).open("rb") as lines:
+    return (row for _, _, row in _lines(folder / ROWS) if row is not None)
+
+
+def _lines(path: Path) -> Iterator[tuple[int, int, Row | None]]:
+    """Begin, length and row of every line; no row of one that a kill or a full disk cut off."""
+    start = 0
+    with path.open("rb") as lines:
         for number, line in enumerate(lines, start=1):
-            if line.endswith(b"\n"):
-                yield _parsed(line, number, folder / ROWS)
+            yield start, len(line), _parsed(line, number, path) if line.endswith(b"\n") else None
+            start += len(line)
 
 
 def _parsed(line: bytes, number: int, path: Path) -> Row:

@@ -1,41 +1,45 @@
 """The walk of a study on a worker, with what a user adds to it: classes, sent by value, and files."""
 
 import os
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from ampm.walk import Planner
-from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.profiles import profile as find_profile
 from validation.run.trial import Trial
 from validation.run.walk import timed, walk_planned
+from validation.study.row_file import Row
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, plan_walk
-from validation.trial.users import CONTROLLER, ESTIMATOR, PLANNER, load_planner
+from validation.trial.users import CONTROLLER, ESTIMATOR, PLANNER, SUFFIXES, load_planner
 
 
-def users_classes(run: RunParameters) -> dict[str, Any]:
-    """Controller, planner and estimator of a run that are not the project's own; empty if all are.
-
-    Returns:
-        ``controller``: what makes the controller, as :func:`walk_request` takes it.
-        ``planner``: the planner, as :func:`walk_request` takes it; of a table its rows.
-        ``estimator``: what makes the estimator, as :func:`walk_request` takes it.
+def own_classes(value: Any) -> dict[str, Any]:
+    """Classes and tables of a user's own that the runs in a value name, by these names.
 
     Raises:
         InputError: there is no such controller, planner or estimator.
     """
-    found: dict[str, Any] = {}
-    if run.controller.name not in CONTROLLER.known:
-        found["controller"] = CONTROLLER.find(run.controller.name, run.controller.options)
-    if run.gait.planner not in PLANNER.known:
-        found["planner"] = load_planner(run.gait.planner, run.planner.options)
-    if run.sensors.estimator not in ESTIMATOR.known:
-        found["estimator"] = ESTIMATOR.find(run.sensors.estimator, run.sensors.options)
-    return found
+    if isinstance(value, RunParameters):
+        found = {}
+        for role, name, options in (
+            (PLANNER, value.gait.planner, value.planner.options),
+            (CONTROLLER, value.controller.name, value.controller.options),
+            (ESTIMATOR, value.sensors.estimator, value.sensors.options),
+        ):
+            if Path(name).suffix in SUFFIXES:
+                found[name] = load_planner(name)
+            elif name not in role.known:
+                found[name] = role.find(name, options)
+        return found
+    if is_dataclass(value):
+        value = vars(value)
+    items = value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ()
+    return {name: thing for item in items for name, thing in own_classes(item).items()}
 
 
 def users_files(run: RunParameters) -> list[Path]:
@@ -51,25 +55,23 @@ def users_files(run: RunParameters) -> list[Path]:
     return files
 
 
-def walk_request(
-    request: Request, profile: Profile | str = DEFAULT, *, planner: Planner | None = None, **users: Any
-) -> Trial:
+def walk_request(request: Request, profile: str = "default") -> Trial:
     """Plan, walk and judge one run of a study.
-
-    Args:
-        request: parameters and name.
-        profile: tolerances, or their name.
-        planner: of a user's own; that of the run by default.
-        users: other classes of a user, see :func:`users_classes`, and disturbances.
 
     Raises:
         KeyboardInterrupt: Ctrl-C in this very process: no result.
     """
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
-        planned = plan_walk(request, planner=planner)
-    profile = profile if isinstance(profile, Profile) else find_profile(profile)
-    trial = walk_planned(planned, profile, seconds=seconds, **users)
+        planned = plan_walk(request)
+    trial = walk_planned(planned, find_profile(profile), seconds=seconds)
     if trial.record.outcome.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
     return trial
+
+
+def keep_run(folder: str, **options: Any) -> Row:
+    """Walk one run and write its folder as ``ampm validate`` does; the same options give the same bits."""
+    trial = walk_request(**options)
+    trial.save(folder, force=True)
+    return {"outcome": str(trial.record.outcome.name)}

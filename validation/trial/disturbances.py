@@ -1,4 +1,4 @@
-"""Forces on a walking body besides its own motors and the floor, faults of motors, and a start off the plan.
+"""Forces on a walking body besides its own motors and the floor, and faults of motors.
 
 What else disturbs a walk is in :mod:`validation.trial.scene` (world and body) and
 :mod:`validation.trial.readings` (sensors).
@@ -28,11 +28,6 @@ class Plant:
     """Interface of the simulated body for disturbances, at the start of a step; vectors in world.
 
     Segments have their names in the model; ``chest`` is the trunk, ``com`` the body at its centre of mass.
-
-    Args:
-        model: compiled.
-        data: its state.
-        description: of the body.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, description: BodyDescription) -> None:
@@ -71,20 +66,15 @@ class Plant:
     def push(self, segment: str, force: ArrayLike, moment: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Push a segment during this step; pushes add up.
 
-        Args:
-            segment: name.
-            force: at the segment's centre of mass, shape (3,) [N].
-            moment: shape (3,) [N m].
+        The force acts at its centre of mass, shape (3,) [N]; the moment has shape (3,) [N m].
 
         Raises:
-            InputError: there is no such segment, or a number is not finite.
-            ValueError: force or moment are not three real numbers.
+            InputError: there is no such segment.
+            ValueError: force or moment are not three finite numbers.
         """
-        body = self.segment(segment)
-        parts = (("force", force), ("moment", moment))
-        wrench = np.concatenate([real_numbers(name, value, (3,)) for name, value in parts], dtype=np.float64)
-        if not np.isfinite(wrench).all():
-            raise InputError(f"a push of {wrench} on {segment} is not finite; give finite numbers.")
+        body, parts = self.segment(segment), {"force": force, "moment": moment}.items()
+        wrench = np.concatenate([real_numbers(name, value, (3,), finite=True) for name, value in parts])
+        wrench = wrench.astype(np.float64)
         if segment == "com":  # acts on the root, with the moment of the same force at the centre of mass
             wrench[3:] += np.cross(self.position("com") - self._data.xipos[body], wrench[:3])
         self._data.xfrc_applied[body] += wrench
@@ -101,12 +91,7 @@ class Disturbance(Protocol):
     """Anything that pushes the body."""
 
     def apply(self, time: float, plant: Plant) -> None:
-        """Push the body during the step that begins now; called before every step of the physics.
-
-        Args:
-            time: [s].
-            plant: the body.
-        """
+        """Push the body during the step that begins at a time [s]; every step of the physics calls it."""
         ...
 
 
@@ -165,7 +150,7 @@ def parse_push(text: str) -> Push:
     """A push from ``SEGMENT,FX,FY,FZ,AT,DURATION``.
 
     Raises:
-        InputError: the text is no push.
+        InputError: the text is not a push.
     """
     segment, *parts = (part.strip() for part in text.split(","))
     try:
@@ -207,18 +192,13 @@ def pushes_of(disturbance: DisturbanceParameters) -> list[Push]:
 
 
 class MotorFaults:
-    """Motors that act late and with a bias; controllers get no information on it.
-
-    Args:
-        run: its section ``disturbance``, and the control frequency.
-        torque_limit: of the motors, shape (nu,) [N m].
-    """
+    """Motors with limits (nu,) [N m] that act late and with a bias; controllers get no information on it."""
 
     def __init__(self, run: RunParameters, torque_limit: Array) -> None:
         fault, self._limit = run.disturbance, torque_limit
         signs = np.random.default_rng([fault.seed, 1])
         self._bias = fault.torque_bias * signs.choice([-1.0, 1.0], len(torque_limit))
-        late = fault.ticks_late(run.controller.frequency)
+        late = run.counts.ticks_late
         self._commanded: deque[tuple[Array, Array | None]] = deque(maxlen=1 + late)
 
     def act(self, output: ControlOutput) -> ControlOutput:
@@ -229,12 +209,3 @@ class MotorFaults:
         if self._bias.any():
             torque = np.clip(torque + self._bias, -self._limit, self._limit)
         return output._replace(torque=torque, rate=rate)
-
-
-def started(velocity: Array, fault: DisturbanceParameters) -> Array:
-    """Velocities at the start of a walk, shape (nv,): the plan's, with an error of the root's [m/s]."""
-    if not fault.start_velocity:
-        return velocity
-    error = np.zeros(len(velocity))
-    error[:3] = fault.start_velocity * np.random.default_rng([fault.seed, 2]).standard_normal(3)
-    return velocity + error

@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 
 from ampm.exceptions import InputError
-from ampm.physics_parameters import DrakeParameters
+from ampm.parameters import RunParameters, field_of
+from ampm.physics_parameters import ContactParameters, DrakeParameters
 
 
 class Engine(Protocol):
@@ -38,15 +39,24 @@ class MujocoEngine:
         self.step2 = partial(mujoco.mj_step2, model, data)
 
 
-def check_drake(model: mujoco.MjModel | None = None) -> None:
-    """Refuse what Drake cannot step.
+_ONLY_MUJOCO = (
+    *(f"contact.{name}" for name in ContactParameters.model_fields if name != "friction"),
+    "simulation.integrator",
+    "disturbance.softness_factor",
+)
 
-    Args:
-        model: of the body, if it is known already.
+
+def check_drake(run: RunParameters | None = None, model: mujoco.MjModel | None = None) -> None:
+    """Refuse what Drake cannot step, of a run and a model that are known already.
 
     Raises:
-        InputError: Drake is not installed, or a joint has dry friction, which Drake does not have.
+        InputError: a key has a meaning for MuJoCo alone, Drake is not installed, or a joint has dry friction,
+            which Drake does not have.
     """
+    for key in _ONLY_MUJOCO:
+        if run and run.value(key) != (default := field_of(key).default):
+            rule = f"is of MuJoCo alone, and simulation.engine = drake needs its default, {default}"
+            raise run.refusal(key, rule, "set the keys of drake instead, or walk with --engine mujoco")
     if find_spec("pydrake") is None:
         raise InputError(
             "simulation.engine = drake needs Drake, which is not installed; run pip install -e '.[drake]' in "
@@ -68,7 +78,7 @@ def make_engine(model: mujoco.MjModel, data: mujoco.MjData, drake: DrakeParamete
     """The engine that steps these data: Drake with this contact, or MuJoCo."""
     if drake is None:
         return MujocoEngine(model, data)
-    check_drake(model)
+    check_drake(model=model)
     from validation.trial.drake import DrakeEngine  # imported here: an extra, and slow to load
 
     return DrakeEngine(model, data, drake)

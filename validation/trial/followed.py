@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -38,13 +37,13 @@ class Followed:
 
     plans: tuple[FrozenPlan, ...]  # of the planner, the first one first
     since: tuple[float, ...] = (0.0,)  # first tick of each of them [s]
-    stepped: tuple[SteppedTick, ...] = ()  # states of the stabiliser, a tick each, in turn
+    stepped: Stepped | None = None  # states of the stabiliser; None if it never stepped off the plan
     tick: float = 0.0  # control period [s]
 
     @property
     def moved(self) -> bool:
         """Whether there was any plan after the first one."""
-        return len(self.plans) > 1 or bool(self.stepped)
+        return len(self.plans) > 1 or self.stepped is not None
 
     @property
     def lead(self) -> float:
@@ -55,15 +54,15 @@ class Followed:
     def changes(self) -> int:
         """Number of plans after the first one; the stabiliser's counts once each time that it leaves."""
         left = 0
-        if self.stepped:
-            left = 1 + int(np.count_nonzero(np.diff(self._steps.time) > 1.5 * self.tick))
+        if self.stepped is not None:
+            left = 1 + int(np.count_nonzero(np.diff(self.stepped.time) > 1.5 * self.tick))
         return len(self.plans) - 1 + left
 
     def numbers(self, times: Array) -> NDArray[np.int32]:
         """Number of the plan valid at times, 0 the first one, :data:`STEPPING` the stabiliser's; (N,)."""
         number = self._planner(times)
-        if self.stepped:
-            ticks, row = self._steps.time, self._steps.tick_of(times)
+        if self.stepped is not None:
+            ticks, row = self.stepped.time, self.stepped.tick_of(times)
             number[(row >= 0) & (times + _SAME < ticks[row] + self.tick)] = STEPPING
         return number.astype(np.int32)
 
@@ -80,8 +79,8 @@ class Followed:
         parts = []
         for start, end in pairwise([0, *changes.tolist(), len(times)]):
             plan = self.plans[planner[start] if end > start else 0]
-            if end > start and number[start] == STEPPING:
-                parts.append(self._steps.at(times[start:end], made[start:end], plan))
+            if self.stepped is not None and end > start and number[start] == STEPPING:
+                parts.append(self.stepped.at(times[start:end], made[start:end], plan))
             else:
                 parts.append(plan.rows.at(times[start:end]))
         return PlanRows.joined(parts)
@@ -89,10 +88,6 @@ class Followed:
     def _planner(self, times: Array) -> NDArray[np.intp]:
         """Number of the planner's last plan at times, shape (N,)."""
         return np.searchsorted(self.since, times + _SAME, side="right") - 1
-
-    @cached_property
-    def _steps(self) -> Stepped:
-        return Stepped.of(self.stepped)
 
 
 @dataclass(frozen=True)
@@ -110,8 +105,10 @@ class Stepped:
     walker: Any  # see entries of `SteppingState`, shape (N,)
 
     @classmethod
-    def of(cls, ticks: Sequence[SteppedTick]) -> Stepped:
-        """Ticks as arrays."""
+    def of(cls, ticks: Sequence[SteppedTick]) -> Stepped | None:
+        """Ticks as arrays; None if there are none."""
+        if not ticks:
+            return None
         time, index, walker = zip(*ticks, strict=True)
         return cls(np.array(time), np.array(index), np.array(walker))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -18,7 +18,6 @@ from ampm.planner.contacts import footprint
 from ampm.planner.newton import ALLOWED, newton_residual
 from ampm.planner.support import StepPlan
 from ampm.walk import WalkPlan
-from validation.trial import spill
 
 _SAME = 1e-9  # time before a row that counts as the row [s]
 _SAMPLED = tuple(item.name for item in fields(PlanSample))
@@ -38,19 +37,20 @@ class PlanRows:
 
     @classmethod
     def of(cls, plan: WalkPlan, times: Array) -> PlanRows:
-        """Sample a plan, a block at a time; a plan that has ended stays at its end."""
-        columns: dict[str, NDArray[Any]] = {}
-        for rows in spill.blocks(len(times)) if times.size else [slice(0)]:
-            part = _sampled(plan, np.minimum(times[rows], plan.duration))
-            for name, values in part.items():
-                if len(values) == len(times):
-                    columns[name] = values
-                    continue
-                if name not in columns:
-                    columns[name] = spill.zeros((len(times), *values.shape[1:]), values.dtype)
-                columns[name][rows] = values
-        columns["time"] = times.copy()
-        return cls(columns)
+        """Sample a plan; one that has ended stays at its end."""
+        at = np.minimum(times, plan.duration)
+        sample, feet = plan.sample(at), plan.feet.sample(at)
+        return cls(
+            {
+                **{name: np.array(getattr(sample, name)) for name in _SAMPLED},
+                "time": times.copy(),
+                "feet": np.hstack([foot.position for foot in feet]),
+                "headings": np.column_stack([foot.heading for foot in feet]),
+                "momentum_z": np.array(plan.posture.sample(at).angular_momentum_z),
+                "points": np.concatenate([foot.sole_points[:, :, :2] for foot in feet], axis=1),
+                "contact": np.concatenate([foot.contact.repeat(2, axis=1) for foot in feet], axis=1),
+            }
+        )
 
     def __post_init__(self) -> None:
         for values in self.columns.values():
@@ -69,9 +69,7 @@ class PlanRows:
     @cached_property
     def zmp_margin(self) -> Array:
         """See :meth:`StepPlan.zmp_margin`; NaN where the support is not planned."""
-        margin = np.empty(len(self.time))
-        for rows in spill.blocks(len(margin)):
-            margin[rows] = polygon_margin(self.points[rows], self.contact[rows], self.zmp[rows])
+        margin = polygon_margin(self.points, self.contact, self.zmp)
         margin = np.where(self.contact.any(axis=1), margin, -np.inf)
         return np.where(np.isnan(self.points[:, 0, 0]), np.nan, margin)
 
@@ -110,22 +108,8 @@ class PlanRows:
         """Rows one after another."""
         if len(parts) == 1:
             return parts[0]
-        return PlanRows(
-            {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns}
-        )
-
-
-def _sampled(plan: WalkPlan, times: Array) -> dict[str, NDArray[Any]]:
-    """Columns of :class:`PlanRows`."""
-    sample, feet = plan.sample(times), plan.feet.sample(times)
-    return {
-        **{name: np.array(getattr(sample, name)) for name in _SAMPLED},
-        "feet": np.hstack([foot.position for foot in feet]),
-        "headings": np.column_stack([foot.heading for foot in feet]),
-        "momentum_z": np.array(plan.posture.sample(times).angular_momentum_z),
-        "points": np.concatenate([foot.sole_points[:, :, :2] for foot in feet], axis=1),
-        "contact": np.concatenate([foot.contact.repeat(2, axis=1) for foot in feet], axis=1),
-    }
+        names = parts[0].columns
+        return PlanRows({name: np.concatenate([part.columns[name] for part in parts]) for name in names})
 
 
 @dataclass(frozen=True)
@@ -140,12 +124,9 @@ class FrozenPlan:
 
     @classmethod
     def of(cls, plan: WalkPlan, times: Array, *, exact: bool = True) -> FrozenPlan:
-        """Sample a plan and check it.
+        """Sample a plan at ascending times (N,) [s], and check it.
 
-        Args:
-            plan: as it is handed over.
-            times: ascending, shape (N,) [s].
-            exact: whether its least margin is wanted, which lies between the instants.
+        ``exact`` asks for its least margin, which lies between the instants.
 
         Raises:
             InputError: it contradicts itself.
@@ -164,10 +145,6 @@ class FrozenPlan:
         margin = plan.least_zmp_margin(until) if exact else None
         return cls(plan, PlanRows.of(plan, times), found.size, margin)
 
-    def until(self, end: float) -> FrozenPlan:
-        """Only what it said up to a time [s]."""
-        return replace(self, rows=self.rows.until(end))
-
 
 NEXT = 3
 """Phases of a plan made on the way that are checked, in 1 ms; later ones are checked when they come near."""
@@ -181,16 +158,13 @@ _POINTS = [0, 5, 1, 4, 2, 3]  # corners of a footprint in the order of a foot's 
 def check_contacts(
     plan: StepPlan, after: float = 0.0, phases: int | None = None, outside: float = _OUTSIDE
 ) -> None:
-    """Refuse a plan whose feet or ZMP contradict its contacts in the middle of a phase.
+    """Raise ValueError for a plan whose feet or ZMP contradict its contacts in the middle of a phase.
 
     Args:
         plan: centroidal motion, feet and contacts.
         after: what comes before is not checked [s].
         phases: how many are checked; all by default.
         outside: how far the ZMP may be outside the support [m].
-
-    Raises:
-        ValueError: they do.
     """
     ahead = [phase for phase in plan.contacts.phases if phase.start + phase.duration > after][:phases]
     times = np.array([0.5 * (max(phase.start, after) + phase.start + phase.duration) for phase in ahead])

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections import namedtuple
 from collections.abc import Mapping
-from copy import copy
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +13,6 @@ from ampm.compiled import compiled, refer
 from ampm.geometry import Array
 from ampm.reference import reference_type
 from ampm.vectors import put, vector
-from validation.trial import spill
 from validation.trial.outcome import Outcome
 from validation.trial.physics import BodyState, Physics
 from validation.trial.record import INTEGERS, LOGGED, SHAPES, SimulationRecord, shape_of
@@ -68,11 +65,8 @@ def keep_instant(log: StepLog, k: int) -> None:
 class RunLog:
     """The arrays of a record of K steps at most. Memory is allocated when it is written.
 
-    Args:
-        steps: K.
-        physics: of the walk, placed at its start.
-
     Attributes:
+        steps: K.
         record: the arrays; rows beyond the steps done have no meaning.
         row: what the controller follows at a tick, see :func:`ampm.reference.reference_type`, shape (1,).
         command: of the last tick.
@@ -99,31 +93,23 @@ class RunLog:
             planned_trunk=self.row["trunk"][0, :, 2],
             planned_soles=self.row["foot_position"][0],
         )
+        self.external: dict[str, Array] = {}  # pushes of every segment that was pushed, shape (K, 9)
+        points = len(physics.point_sites)
+        self.touching, self.normal_force = np.zeros(points, dtype=bool), np.zeros(points)
         self._allocate(steps)
         self.record.q[0], self.record.qd[0] = physics.data.qpos, physics.data.qvel
 
     def _allocate(self, steps: int) -> None:
         """Make the arrays for K steps."""
-        physics = self.physics
-        model, points = physics.model, len(physics.point_sites)
-        sizes = {
-            "K": steps,
-            "K+1": steps + 1,
-            "T": -(-steps // self.substeps),
-            "P": points,
-            "F": 2,
-            "nq": model.nq,
-            "nv": model.nv,
-            "nu": model.nu,
-        }
+        model, self.steps = self.physics.model, steps
+        sizes = {"P": len(self.touching), "F": 2, "nq": model.nq, "nv": model.nv, "nu": model.nu}
+        sizes |= self._rows(steps)
         self.record: Any = Recorded(
-            *(spill.zeros(shape_of(name, sizes), INTEGERS.get(name, np.float64)) for name in LOGGED)
+            *(np.zeros(shape_of(name, sizes), INTEGERS.get(name, np.float64)) for name in LOGGED)
         )
-        self.external: dict[str, Array] = {}  # pushes of every segment that was pushed, shape (K, 9)
-        self.touching, self.normal_force = np.zeros(points, dtype=bool), np.zeros(points)
         self.parts = StepLog(
             record=self.record,
-            body=physics.body,
+            body=self.physics.body,
             command=self.command,
             stance=self.stance,
             normal_force=self.normal_force,
@@ -132,22 +118,26 @@ class RunLog:
         )
         self.handle = refer(self.parts)
 
+    def _rows(self, steps: int) -> dict[str, int]:
+        """Numbers of rows of a walk of some steps, whose states are all kept."""
+        ticks = -(-steps // self.substeps)
+        return {"K": steps, "R-1": steps, "K+1": steps + 1, "R": steps + 1, "T": ticks}
+
     def keep_pushes(self, k: int, pushes: Mapping[str, Array]) -> None:
         """Copy force, moment and point of every segment that is pushed in step k, shape (9,)."""
         for segment, push in pushes.items():
-            self.external.setdefault(segment, spill.zeros((len(self.record.torque), 9)))[k] = push
+            if segment not in self.external:
+                self.external[segment] = np.zeros((self.steps, 9))
+            self.external[segment][k] = push
 
-    def extended(self, steps: int) -> RunLog:
-        """The log with room for more steps, twice as many as now or more."""
-        log = copy(self)
-        log._allocate(max(steps, 2 * len(self.record.torque)))
-        log.external = {segment: spill.zeros((len(log.record.torque), 9)) for segment in self.external}
-        arrays = [*zip(log.record, self.record, strict=True)]
-        arrays += [(log.external[segment], push) for segment, push in self.external.items()]
-        arrays += [(log.touching, self.touching), (log.normal_force, self.normal_force)]
-        for array, before in arrays:
+    def extend(self, steps: int) -> None:
+        """Make room for more steps, twice as many as now or more."""
+        record = self.record
+        self._allocate(max(steps, 2 * self.steps))
+        for array, before in zip(self.record, record, strict=True):
             array[: len(before)] = before
-        return log
+        for segment, push in self.external.items():
+            self.external[segment] = np.concatenate([push, np.zeros((self.steps - len(push), 9))])
 
     def close(self, done: int, outcome: Outcome) -> SimulationRecord:
         """Add the instant at which the last step ends, and return the record.
@@ -157,14 +147,10 @@ class RunLog:
             the ticks that began in them. An incomplete step has no tick either.
         """
         physics, data, record = self.physics, self.physics.data, self.record
-        # The same whatever ended the walk: no push, the last torques, and no warm start.
         data.qpos[:], data.qvel[:] = record.q[done], record.qd[done]
-        data.xfrc_applied[:], data.qacc_warmstart[:] = 0.0, 0.0
-        data.ctrl[:] = record.torque[done - 1] if done else 0.0
-        mujoco.mj_forward(physics.model, data)
+        physics.engine.step1()
         keep_instant(self.handle, done)
-        ticks = -(-done // self.substeps)
-        rows, kept = {"K+1": done + 1, "K": done, "T": ticks}, dict[str, Any]()
+        rows, kept = self._rows(done), dict[str, Any]()
         for name, array in zip(LOGGED, record, strict=True):
             array.setflags(write=False)
             kept[name] = array[: rows[SHAPES[name].split()[0]]]
@@ -179,7 +165,8 @@ class RunLog:
             time=np.arange(done + 1, dtype=np.float64) * dt,
             point_foot=robot.point_foot,
             point_group=robot.point_group,
-            tick_time=np.arange(ticks, dtype=np.float64) * (self.substeps * dt),
+            state_rows=np.arange(done + 1),
+            tick_time=np.arange(rows["T"], dtype=np.float64) * (self.substeps * dt),
             outcome=outcome,
             mass=robot.mass,
             gravity=robot.gravity,

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from ampm.exceptions import InputError
-
 
 class OutcomeName(StrEnum):
     """How a run ended."""
@@ -39,11 +37,7 @@ class Outcome:
     steps_completed: int  # whole steps walked, 0 or more
 
     def __post_init__(self) -> None:
-        try:
-            object.__setattr__(self, "name", OutcomeName(self.name))
-        except ValueError:
-            known = ", ".join(OutcomeName)
-            raise InputError(f"outcome '{self.name}' is unknown; use one of {known}.") from None
+        object.__setattr__(self, "name", OutcomeName(self.name))
 
     @property
     def summary(self) -> str:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
-from ampm.physics_parameters import steps_per_tick
 from validation.trial.bridge import to_mujoco
 from validation.trial.engine import make_engine
 from validation.trial.outcome import Outcome, OutcomeName
@@ -71,7 +70,7 @@ class Physics:
         run: engine, time step and control frequency.
 
     Raises:
-        InputError: the control period is no multiple of the time step, or the engine cannot step the body.
+        InputError: the engine cannot step the body.
     """
 
     def __init__(self, body: Body, run: RunParameters) -> None:
@@ -80,7 +79,7 @@ class Physics:
         self.engine = make_engine(model, data, run.drake if run.simulation.engine == "drake" else None)
         self.robot = robot = body.robot
         self.time_step = float(model.opt.timestep)
-        self.substeps = steps_per_tick(run.controller.frequency, self.time_step)
+        self.substeps = run.counts.steps_per_tick
         description = robot.description
         self.point_sites = names = tuple(site for _, _, site in description.sole_points())
         soles = [leg.sole_frame for leg in description.legs]

@@ -6,6 +6,7 @@ Every trial plans its gait here.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -30,6 +31,7 @@ from validation.trial.users import (
     check_planner,
     load_planner,
     planner_problem,
+    real_numbers,
 )
 
 if TYPE_CHECKING:
@@ -47,8 +49,7 @@ class Request:
 
     name: str  # preset, or stem of the file
     run: RunParameters  # everything that describes the run
-    # key to value of what settings changed in the preset or file, except the number of steps
-    changed: Mapping[str, Any] = field(default_factory=dict)
+    changed: Mapping[str, Any] = field(default_factory=dict)  # by settings, without the number of steps
 
     @property
     def title(self) -> str:
@@ -208,12 +209,9 @@ def load_requests(
         MathematicalRefusal: a gait has no plan.
     """
     resolved = [load_request(gait, settings, as_is=as_is, sections=sections) for gait in gaits]
-    names = [item.name for item in resolved]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(
-                f"{names.count(name)} gaits are named {name!r}; give every gait once, by its own name."
-            )
+    name, count = Counter(item.name for item in resolved).most_common(1)[0]
+    if count > 1:
+        raise InputError(f"{count} gaits are named {name!r}; give every gait once, by its own name.")
     for item in resolved:
         check_formula(item)
     return resolved
@@ -267,12 +265,11 @@ def make_body(run: RunParameters) -> Body:
     """
     # Imported here: simulator and Pinocchio take a second to load.
     from models.build import build_body
+    from validation.trial.engine import check_drake
 
     model = build_body(run.body, run.contact, run.simulation)
     if run.simulation.engine == "drake":
-        from validation.trial.engine import check_drake  # as above
-
-        check_drake(model.compile())
+        check_drake(run, model.compile())
     return Body.of(model)
 
 
@@ -287,10 +284,7 @@ def plan_walk(
     another body than the human gets values found, those of its own gait. Any other planner gets the request
     unchanged.
 
-    Args:
-        request: the gait.
-        progress: where to report stages.
-        planner: that of the run by default; for footsteps :class:`ampm.planners.FootstepPlanner`.
+    The planner is that of the run by default, and for footsteps :class:`ampm.planners.FootstepPlanner`.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met, or a user's planner fails.
@@ -299,7 +293,6 @@ def plan_walk(
     # Imported here: Pinocchio is slow to load.
     from ampm.planners import FootstepPlanner
     from ampm.walk import WalkPlan
-    from validation.trial.frozen_plan import check_contacts
     from validation.trial.references import replan_period
 
     if planner is None and run.footsteps and run.gait.planner == "ampm":
@@ -344,11 +337,13 @@ def plan_walk(
         if not isinstance(plan, WalkPlan):
             raise TypeError(f"it made {planner_problem(plan)}")
         if not checked:
-            _check_posture(plan, body.robot)
-            check_contacts(plan)
-            _check_slope(plan, run)
-            if "gait.steps" in says.get("gait_keys", ("gait.steps",)):
-                _check_steps(plan, run)
+            _check_plan(plan, run, body.robot)
+            if "gait.steps" in says.get("gait_keys", ("gait.steps",)) and not run.footsteps:
+                planned, asked = plan.contacts.steps, run.gait.steps
+                if planned < asked:
+                    raise ValueError(
+                        f"it plans {planned} steps, and gait.steps asks for {asked}; plan run.gait.steps"
+                    )
     if run.footsteps and not checked:
         _check_footsteps(plan, run, name)
     goes_on: Any = planner if replan_period(planner) < math.inf else None
@@ -367,8 +362,15 @@ def _check_footsteps(plan: WalkPlan, run: RunParameters, planner: str) -> None:
             )
 
 
-def _check_slope(plan: WalkPlan, run: RunParameters) -> None:
-    """Refuse a plan for a floor with another slope."""
+def _check_plan(plan: WalkPlan, run: RunParameters, robot: Robot) -> None:
+    """Refuse a plan that does not fit model and floor, or contradicts its contacts."""
+    from validation.trial.frozen_plan import check_contacts  # imported here as plan_walk's
+
+    state = plan.table([0.0])[0]
+    shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}
+    for name, shape in shapes.items():
+        real_numbers(f"'{name}' of its posture at 0 s", getattr(state, name), shape, finite=True)
+    check_contacts(plan)
     for key, planned, floor in zip(
         ("slope", "cross_slope"), plan.contacts.slope, run.gait.slopes, strict=True
     ):
@@ -379,34 +381,10 @@ def _check_slope(plan: WalkPlan, run: RunParameters) -> None:
             )
 
 
-def _check_steps(plan: WalkPlan, run: RunParameters) -> None:
-    """Refuse a plan of fewer steps than its run asks for."""
-    planned, asked = plan.contacts.steps, run.gait.steps
-    if planned < asked and not run.footsteps:
-        raise ValueError(f"it plans {planned} steps, and gait.steps asks for {asked}; plan run.gait.steps")
-
-
-def _check_posture(plan: WalkPlan, robot: Robot) -> None:
-    """Refuse a posture whose first state does not fit the model."""
-    state = plan.table([0.0])[0]
-    shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}
-    for name, shape in shapes.items():
-        values = getattr(state, name)
-        if np.shape(values) != shape or not np.isfinite(values).all():
-            size = " x ".join(map(str, shape))
-            raise ValueError(f"'{name}' of its posture at 0 s must be {size} finite numbers")
-
-
 def tune_walk(request: Request, progress: Progress | None = None, *, advise: bool = True) -> PlannedWalk:
     """Find the values that a request leaves open, changed or not; given values are kept.
 
-    Args:
-        request: the gait.
-        progress: where to report stages and the values found.
-        advise: whether a refusal tells ways out, which costs further searches.
-
-    Returns:
-        The walk with the values found; its ``tuned`` is there.
+    A refusal tells ways out if it is to ``advise``, which costs further searches.
 
     Raises:
         InputError: nothing is open.
@@ -441,20 +419,16 @@ def complete(request: Request, progress: Progress | None = None) -> Request:
 
 def _summary(run: RunParameters, tuned: Tuned) -> str:
     """One line: the values found, with the values before in brackets."""
+    from ampm.tune.first_gait import EASY_KEYS  # imported here: it loads more than a plan needs
 
     def text(value: float | str) -> str:
         return value if isinstance(value, str) else f"{value:.3g}"
 
-    from ampm.tune.first_gait import EASY_KEYS  # imported here: it loads more than a plan needs
-
-    own = [] if run.body.source == HUMAN else [key for key in EASY_KEYS if key not in run.given]
-    items = [
-        f"{key} {text(value)} ({text(run.value(key))})"
-        for key, value in tuned.values.items()
-        if value != run.value(key)
-    ]
-    if not items:
+    new = {key: value for key, value in tuned.values.items() if value != run.value(key)}
+    if not new:
         return "what is left open fits as it is"
-    found = f"found {', '.join(items)}; --as-is keeps the values in brackets"
+    items = ", ".join(f"{key} {text(value)} ({text(run.value(key))})" for key, value in new.items())
+    found = f"found {items}; --as-is keeps the values in brackets"
+    own = [] if run.body.source == HUMAN else [key for key in EASY_KEYS if key not in run.given]
     sized = ", ".join(f"{key} {text(run.value(key))}" for key in own)
     return f"of the body's size {sized}; {found}" if own else found

@@ -19,7 +19,7 @@ from ampm.vectors import cross, from_quaternion, minus, plus, times, turned, vec
 from ampm.walk import State, Touch
 from validation.trial.bridge import to_pinocchio
 from validation.trial.log import RunLog, StepLog
-from validation.trial.users import ESTIMATOR, UsersCode
+from validation.trial.users import ESTIMATOR, UsersCode, real_numbers
 
 _HINGES = 6  # velocities of the free root come first
 _DRAWN = 64  # ticks whose noise is drawn at once
@@ -34,7 +34,8 @@ def read_true(
     The acceleration is the mean since the step ``first``, and forces are those of the step before: of sole
     points, or with wrenches of the feet, and then their moments, in world axes.
     """
-    q, v, hinges, points = log.record.q, log.record.qd, log.record.torque.shape[1], log.record.point_force
+    record = log.record
+    q, v, points, hinges = record.q, record.qd, record.point_force, record.tick_torque.shape[1]
     turn = np.empty((3, 3))
     for j in range(hinges):
         values[j] += q[i, 7 + j]
@@ -53,10 +54,7 @@ def read_true(
     if i and wrenches:
         for p in range(points.shape[1]):
             foot = 2 * p // points.shape[1]
-            sole, at = (
-                vector(log.record.foot_position[i - 1, foot]),
-                vector(log.record.point_position[i - 1, p]),
-            )
+            sole, at = vector(record.foot_position[i - 1, foot]), vector(record.point_position[i - 1, p])
             force, moments = vector(points[i - 1, p]), values[2 * hinges + 12 :]
             moment = cross(minus(at, sole), force)
             for axis in range(3):
@@ -70,21 +68,17 @@ def read_true(
 class Sensors:
     """From the simulated body to the state that a controller gets.
 
-    Args:
-        run: its section ``sensors``.
-        log: of the walk.
-        gravity: [m/s^2].
-        estimator: that makes the state; None for the true state, but for what is read.
+    The estimator makes it; None stands for the true state, but for what is read.
     """
 
-    def __init__(self, run: RunParameters, log: RunLog, gravity: float, estimator: Estimator | None) -> None:
-        self._estimator, self._users_code = estimator, UsersCode("estimator", estimator)
+    def __init__(self, run: RunParameters, log: RunLog, estimator: Estimator | None) -> None:
+        self._log, self._estimator, self._users_code = log, estimator, UsersCode("estimator", estimator)
         self.parameters = sensors = run.sensors
         self._time_step = dt = run.simulation.time_step
-        self._late, self._apart = sensors.steps_late(dt), sensors.steps_per_reading(dt)
+        self._late, self._apart = run.counts.steps_late, run.counts.steps_per_reading
         self._span = max(log.substeps, self._apart)  # of the mean acceleration
-        self._steps_per_fix = log.substeps * sensors.ticks_per_fix(run.controller.frequency)
-        hinges, points = log.record.torque.shape[1], log.record.point_force.shape[1]
+        self._steps_per_fix = log.substeps * run.counts.ticks_per_fix
+        hinges, points = log.physics.robot.nu, log.record.point_force.shape[1]
         self._wrenches = sensors.force_sensor == WRENCH
         forces = {"force": 6, "moment": 6} if self._wrenches else {"force": points}
         sizes = {"angle": hinges, "rate": hinges, "gyro": 3, "accelerometer": 3} | forces
@@ -106,8 +100,8 @@ class Sensors:
         drift = spread("drift")
         self._drift = self._drawn(drift, np.random.default_rng([sensors.seed, 5])) if drift.any() else None
         self._fixes = np.random.default_rng([sensors.seed, 4])
-        self._true = bound(read_true, (), log.handle, gravity, dt, 0, 0, True, noise)
-        self._gravity, self._robot = gravity, log.physics.robot
+        self._robot = log.physics.robot
+        self._true = bound(read_true, (), log.handle, self._robot.gravity, dt, 0, 0, True, noise)
         self._soles = SoleForces(self._robot, run) if self._wrenches else None
         self._held: tuple[int, Array] = -1, noise  # step and values of the last readings
         self._closed = np.zeros(points, dtype=bool)
@@ -126,15 +120,15 @@ class Sensors:
         i = max(k - self._late, 0)
         return i - i % self._apart if self._apart else i
 
-    def read(self, log: RunLog, k: int) -> Readings:
+    def read(self, k: int) -> Readings:
         """Readings for the control tick of step k, from the true values of the log."""
         i = self.sampled(k)
         if not self._apart or i != self._held[0]:
-            self._held = i, self._sampled(log, i)
+            self._held = i, self._sampled(i)
         angles, rates, gyro, accelerometer, force, *moment = [self._held[1][part] for part in self._parts]
         position = None
         if self._steps_per_fix and k % self._steps_per_fix == 0:
-            position = log.record.q[i, :3] + self.parameters.fix_noise * self._fixes.standard_normal(3)
+            position = self._log.record.q[i, :3] + self.parameters.fix_noise * self._fixes.standard_normal(3)
         return Readings(
             time=k * self._time_step,
             age=(k - i) * self._time_step,
@@ -143,17 +137,17 @@ class Sensors:
             gyro=gyro,
             accelerometer=accelerometer,
             force=np.zeros(len(self._closed)) if moment else np.maximum(force, 0.0, out=force),
-            contact=self._switches(log, i, k, force),
+            contact=self._switches(i, k, force),
             position=position,
             wrench=np.hstack([force.reshape(2, 3), moment[0].reshape(2, 3)]) if moment else None,
         )
 
-    def _sampled(self, log: RunLog, i: int) -> Array:
+    def _sampled(self, i: int) -> Array:
         """All numbers that are read at the begin of step i, one part after the other."""
         values, first = self._bias.copy(), max(i - self._span, 0)
-        self._true(log.handle, self._gravity, self._time_step, i, first, self._wrenches, values)
+        self._true(self._log.handle, self._robot.gravity, self._time_step, i, first, self._wrenches, values)
         if self._distorted:
-            values = self._bias + self._distort(log, i, values - self._bias)
+            values = self._bias + self._distort(i, values - self._bias)
         values += next(self._noise)
         if self._drift is not None:
             steps = i - max(self._held[0], 0)
@@ -163,55 +157,50 @@ class Sensors:
             angles[:] = step * np.rint(angles / step)
         return values
 
-    def _distort(self, log: RunLog, i: int, values: Array) -> Array:
+    def _distort(self, i: int, values: Array) -> Array:
         """True values of step i as sensors that are turned, or of another scale, read them."""
         for part in self._parts[2:4]:
             values[part] = self._imu @ values[part]
         if self._wrenches:
             body = self._robot.rigid_body
-            body.place(to_pinocchio(log.record.q[max(i - 1, 0)], log.record.qd[0])[0])
+            body.place(to_pinocchio(self._log.record.q[max(i - 1, 0)], self._log.record.qd[0])[0])
             turns = body.places(body.soles)[1]
             for part in self._parts[4:]:
                 values[part] = np.einsum("fij,fi->fj", turns, values[part].reshape(2, 3)).ravel()
         values[self._parts[4].start :] *= self._scale
         return values
 
-    def _switches(self, log: RunLog, i: int, k: int, force: Array) -> NDArray[np.bool_]:
+    def _switches(self, i: int, k: int, force: Array) -> NDArray[np.bool_]:
         """Which sole points touch, at step k by what was read at step i; none with wrenches."""
         if self._wrenches:
             return np.zeros(len(self._closed), dtype=bool)
         if least := self.parameters.contact_threshold:
             self._closed = force > np.where(self._closed, 0.5, 1.0) * least
             return self._closed
-        return log.record.point_penetration[i] > 0.0 if i < k else log.touching.copy()
+        return self._log.record.point_penetration[i] > 0.0 if i < k else self._log.touching.copy()
 
-    def update(self, log: RunLog, k: int, commanded: Array | None) -> tuple[State, Touch]:
-        """State and touch for the control tick of step k.
+    def update(self, k: int, commanded: Array | None) -> tuple[State, Touch]:
+        """State and touch for the control tick of step k, by the true values of the log.
 
-        Args:
-            log: keeps the true values.
-            k: step.
-            commanded: accelerations of the last tick, see :class:`~ampm.sensors.readings.Estimator`.
+        The accelerations commanded at the last tick are those of :class:`~ampm.sensors.readings.Estimator`.
         """
-        readings = self.read(log, k)
+        readings = self.read(k)
         if self._estimator is None:
-            return self._state(log, k, readings)
+            return self._state(k, readings)
         with self._users_code:
             match self._estimator.update(readings, commanded):
                 case (State() as state, Touch() as touch):
                     pass
                 case _:
                     raise TypeError("it returned no State with a Touch")
-            for name, size in (("q", log.record.q.shape[1]), ("v", log.record.qd.shape[1])):
-                value = np.asarray(getattr(state, name), dtype=np.float64)
-                if value.shape != (size,) or not math.isfinite(value @ value):
-                    raise ValueError(f"'{name}' of its state must be {size} finite numbers")
+            for name, size in (("q", self._robot.nq), ("v", self._robot.nv)):
+                real_numbers(f"'{name}' of its state", getattr(state, name), (size,), finite=True)
         return state, touch
 
-    def _state(self, log: RunLog, k: int, readings: Readings) -> tuple[State, Touch]:
+    def _state(self, k: int, readings: Readings) -> tuple[State, Touch]:
         """The true state of the root, and the rest as read; of their delay nothing is known."""
         i = self.sampled(k)
-        q, v = to_pinocchio(log.record.q[i], log.record.qd[i])
+        q, v = to_pinocchio(self._log.record.q[i], self._log.record.qd[i])
         q[_HINGES + 1 :], v[_HINGES:], v[3:_HINGES] = readings.angles, readings.rates, readings.gyro
         contact, force = readings.contact, readings.force
         if self._soles is not None and readings.wrench is not None:
@@ -223,13 +212,9 @@ class Sensors:
 def make_estimator(
     run: RunParameters, robot: Robot, start: State, factory: EstimatorFactory | None = None
 ) -> Estimator | None:
-    """The estimator of a walk; None for ``exact``.
+    """The estimator of a walk that is planned to start in a state; None for ``exact``.
 
-    Args:
-        run: its section ``sensors``.
-        robot: the body, as the estimator knows it.
-        start: state in which the walk is planned to start.
-        factory: makes it; the one that the run names by default.
+    The factory is the one that the run names by default.
 
     Raises:
         InputError: there is none, or it cannot be made.

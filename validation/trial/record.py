@@ -1,13 +1,13 @@
-"""Record of a simulation: one frozen :class:`SimulationRecord`."""
+"""Record of a simulation: one frozen :class:`SimulationRecord`, in memory or from a folder."""
 
 # ruff: noqa: RUF009, since what is called makes a field
 
 from __future__ import annotations
 
 import math
-import mmap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,14 +33,9 @@ EXTERNAL_FILE = "external.parquet"
 def _array(
     shape: str, kind: Any = np.float64, *, logged: bool = False, file: str = "", optional: bool = False
 ) -> Any:
-    """Field of an array.
+    """Field of an array of a shape in symbols, the first of which is its rate.
 
-    Args:
-        shape: in symbols; the first one is its rate in memory.
-        kind: of its numbers.
-        logged: whether it is filled step by step.
-        file: that holds it on disk, at the rate of the file.
-        optional: whether it is zero if it is left out.
+    It may be filled step by step, be in a file on disk, and be zero if it is left out.
     """
     metadata = {"shape": shape, "kind": kind, "logged": logged, "file": file, "optional": optional}
     return field(metadata=metadata, default_factory=lambda: None) if optional else field(metadata=metadata)
@@ -76,19 +71,24 @@ class SimulationRecord:
 
     The first argument of an array is its shape: T control ticks, nq and nv of MuJoCo's state, nu hinges, F
     feet, left first, S segments that anything but the floor pushed, L surfaces of the floor.
+
+    States and contacts have a row for each of R instants, ``state_rows``, contacts without the last one.
+    These are all instants, or in a folder one every 10 ms. What a folder lacks is None.
     """
 
     time: Array = _array("K+1")  # t_k [s]
+    state_rows: NDArray[np.int64] = _array("R", np.int64)  # instants of the states, ascending
     # MuJoCo `qpos`, root position [m], root quaternion wxyz, hinges [rad]
-    q: Array = _array("K+1 nq", logged=True, file=JOINTS_FILE)
+    q: Array = _array("R nq", logged=True, file=JOINTS_FILE)
     # MuJoCo `qvel`, root velocity in world [m/s], root angular velocity in the root [rad/s], hinges [rad/s]
-    qd: Array = _array("K+1 nv", logged=True, file=JOINTS_FILE)
-    torque: Array = _array("K nu", logged=True, file=TICKS_FILE)  # applied joint torque, actuator order [N m]
+    qd: Array = _array("R nv", logged=True, file=JOINTS_FILE)
+    # joint torque with which a tick begins, within the motors' limits, actuator order [N m]
+    tick_torque: Array = _array("T nu", logged=True, file=TICKS_FILE)
     # rate at which the torques of a tick go on until the next one, NaN where they are held [N m/s]
     torque_rate: Array = _array("T nu", logged=True, file=TICKS_FILE)
     # force of the floor on the body at each sole point [N]
-    point_force: Array = _array("K P 3", logged=True, file=CONTACTS_FILE)
-    point_position: Array = _array("K P 3", logged=True, file=CONTACTS_FILE)  # where it acts [m]
+    point_force: Array = _array("R-1 P 3", logged=True, file=CONTACTS_FILE)
+    point_position: Array = _array("R-1 P 3", logged=True, file=CONTACTS_FILE)  # where it acts [m]
     point_penetration: Array = _array("K P", logged=True)  # depth under the floor, >= 0 [m]
     point_place: Array = _array("K+1 P 3", logged=True)  # the sole points themselves [m]
     point_foot: NDArray[np.int8] = _array("P", np.int8)  # foot of each point, 0 left, 1 right
@@ -138,6 +138,8 @@ class SimulationRecord:
         sizes = {
             "K+1": len(self.time),
             "K": len(self.time) - 1,
+            "R": len(self.state_rows),
+            "R-1": len(self.state_rows) - 1,
             "nq": self.q.shape[1],
             "nv": self.qd.shape[1],
             "P": len(self.point_foot),
@@ -151,6 +153,8 @@ class SimulationRecord:
             shape, given = shape_of(name, sizes), getattr(self, name)
             if name in OPTIONAL and (given is None or not np.size(given)):
                 given = np.zeros(shape)
+            elif given is None and name not in STORED:
+                continue
             value = _frozen(given, INTEGERS.get(name, np.float64))
             if value.shape != shape:
                 raise InputError(f"record: {name} has shape {value.shape}, expected {symbols} = {shape}.")
@@ -168,47 +172,44 @@ class SimulationRecord:
     @property
     def substeps(self) -> int:
         """Steps of a control tick."""
-        return (
-            round(float(self.tick_time[1]) / self.time_step)
-            if len(self.tick_time) > 1
-            else max(self.steps, 1)
-        )
+        if len(self.tick_time) < 2:
+            return max(self.steps, 1)
+        return round(float(self.tick_time[1]) / self.time_step)
 
-    @property
-    def state_rows(self) -> NDArray[np.intp]:
-        """Instants of the rows of ``q`` and ``qd``: all of them."""
-        return np.arange(self.time.size)
+    @cached_property
+    def torque(self) -> Array:
+        """Torque of every step, shape (K, nu) [N m]."""
+        torque = self.torque_at(np.arange(self.steps))
+        torque.setflags(write=False)
+        return torque
 
     def torque_at(self, rows: Sequence[int] | NDArray[np.intp]) -> Array:
         """Torques of some steps, shape (n, nu) [N m]."""
-        return self.torque[np.asarray(rows, dtype=np.intp)]
-
-    @property
-    def hinge_q(self) -> NDArray[np.float64]:
-        """Hinge angles in actuator order, shape (K + 1, nu) [rad]: the last columns of ``q``."""
-        return self.q[:, self.q.shape[1] - len(self.joint_names) :]
-
-    @property
-    def hinge_qd(self) -> NDArray[np.float64]:
-        """Hinge rates in actuator order, shape (K + 1, nu) [rad/s]."""
-        return self.qd[:, self.qd.shape[1] - len(self.joint_names) :]
+        tick, since = np.divmod(np.minimum(np.asarray(rows, dtype=np.intp), self.steps - 1), self.substeps)
+        torque = self.tick_torque[tick]
+        if since.any():  # as end_step of validation.trial.step does it
+            rate, limit = self.torque_rate[tick], self.torque_limit
+            moved = np.clip(torque + (since * self.time_step)[:, None] * rate, -limit, limit)
+            torque = np.where(np.isnan(rate) | (since == 0)[:, None], torque, moved)
+        return torque
 
 
 _ARRAYS = {item.name: item.metadata for item in fields(SimulationRecord) if item.metadata}
 SHAPES: dict[str, str] = {name: of["shape"] for name, of in _ARRAYS.items()}
-"""Shape of every array: K steps, P sole points, T control ticks, S pushed segments."""
+"""Shape of every array, in symbols of :class:`SimulationRecord`."""
 INTEGERS: dict[str, Any] = {name: of["kind"] for name, of in _ARRAYS.items() if of["kind"] is not np.float64}
 """Types of the arrays that are not float64."""
 LOGGED = tuple(name for name, of in _ARRAYS.items() if of["logged"])
 """Arrays that are filled step by step."""
 STORED = {name: of["file"] for name, of in _ARRAYS.items() if of["file"]}
-"""File of every array on disk."""
+"""File of every array that is on disk."""
 OPTIONAL = frozenset(name for name, of in _ARRAYS.items() if of["optional"])
 """Arrays that are zero if they are left out."""
+_RATES = ("K", "K+1", "R", "R-1", "T")
 CONSTANTS = tuple(
     item.name
     for item in fields(SimulationRecord)
-    if item.name != "followed" and SHAPES.get(item.name, "").partition(" ")[0] not in ("K", "K+1", "T")
+    if item.name != "followed" and SHAPES.get(item.name, "").partition(" ")[0] not in _RATES
 )
 """Fields of a :class:`SimulationRecord` without a rate of their own."""
 
@@ -239,7 +240,7 @@ def _frozen(value: Any, dtype: Any) -> NDArray[Any]:
         owner: Any = value
         while isinstance(owner, np.ndarray) and not owner.flags.writeable:
             owner = owner.base
-        if owner is None or isinstance(owner, mmap.mmap):  # of validation.trial.spill
+        if owner is None:
             return value
     array: NDArray[Any] = np.array(value, dtype=dtype, order="C")
     array.setflags(write=False)

@@ -2,20 +2,21 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.parameters import RunParameters
 from ampm.reference import Reference, ReferenceTable, Timing
 from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
-from validation.trial import spill
 from validation.trial.followed import LEADS
 from validation.trial.frozen_plan import NEXT, PUSHED_OUTSIDE, FrozenPlan, check_contacts
+from validation.trial.physics import Physics
 from validation.trial.users import UsersCode, planner_problem
 
-_BLOCK = 16_384  # ticks of a table that are made at once; the last digits depend on it
+_CHECKED = ("com", "com_velocity", "com_acceleration", "foot_position", "q", "v", "acceleration")
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]
 
 
@@ -38,30 +39,38 @@ class References(Course):
 
     Args:
         plan: the first one.
-        timing: look-ahead of the references.
-        time_step: of the physics [s].
-        substeps: steps of a control tick.
+        run: its section ``controller``.
+        physics: of the walk, with its time step and substeps.
         steps: walking steps asked for; None: all of the plan then valid.
         planner: goes on planning, at its period, from what the controller senses.
-        controller: gets every plan of the planner, if it has ``follow``.
+        controller: gets every plan, if it has ``follow``.
 
     Attributes:
+        timing: look-ahead of the references.
         plans: all of them so far, as they were handed over; the last one is followed from the next tick on.
         since: first tick of each.
+        table: references of all ticks of the plan followed last.
     """
+
+    table: ReferenceTable
 
     def __init__(
         self,
         plan: WalkPlan,
-        timing: Timing,
+        run: RunParameters,
+        physics: Physics,
         *,
-        time_step: float,
-        substeps: int,
         steps: int | None = None,
         planner: Replanner | None = None,
         controller: Controller | None = None,
     ) -> None:
-        self.timing, self.time_step, self.substeps = timing, time_step, substeps
+        self.time_step, self.substeps, gains = physics.time_step, physics.substeps, run.controller
+        self.timing = Timing(
+            lead=gains.touchdown_lead,
+            early=gains.touchdown_window,
+            hold=(self.substeps - 1) * self.time_step,
+            slope=self.substeps * self.time_step if gains.hold == "first-order" else 0.0,
+        )
         self.steps, self.planner, self.controller = steps, planner, controller
         self.period, self._due = replan_period(planner), 0.0
         self.plans: list[FrozenPlan] = []
@@ -70,11 +79,6 @@ class References(Course):
         self._last: Reference | None = None
         self.references = self._walk()
         self.follow(plan)
-
-    @property
-    def table(self) -> ReferenceTable:
-        """References of all ticks of the plan followed last."""
-        return self._table
 
     def follow(self, plan: WalkPlan) -> None:
         """Go on with another plan from the next tick on."""
@@ -85,13 +89,17 @@ class References(Course):
         if not ticks.size:  # the walk ends here
             return
         with UsersCode("planner", self.planner or type(plan.posture)):
-            self._table = self._sampled(plan, ticks)
+            self.table = self._sampled(plan, ticks)
             instants = ticks if self.plans else np.arange(total)
             frozen = FrozenPlan.of(plan, instants * self.time_step, exact=not self.plans)
         if len(self.plans) > 1:  # the first one is compared with the others to the end
-            self.plans[-1] = self.plans[-1].until(self._tick * self.substeps * self.time_step + max(LEADS))
+            end = self._tick * self.substeps * self.time_step + max(LEADS)
+            self.plans[-1] = replace(self.plans[-1], rows=self.plans[-1].rows.until(end))
         self.plans.append(frozen)
         self.since.append(self._tick)
+        if self.controller is not None and hasattr(self.controller, "follow"):
+            with UsersCode("controller", self.controller):
+                self.controller.follow(plan, self.timing)
 
     def replan(self, time: float, state: State, touch: Touch) -> None:
         """After a tick: ask the planner where it is due, and follow what it makes from the next tick on."""
@@ -119,34 +127,27 @@ class References(Course):
                 )
             check_contacts(plan, time, NEXT, PUSHED_OUTSIDE)
         self.follow(plan)
-        if self.controller is not None and hasattr(self.controller, "follow"):
-            self.controller.follow(plan, self.timing)
 
     def _walk(self) -> Iterator[Reference]:
         """The references, as long as the plan then valid goes on."""
         while self._tick * self.substeps < self.total:
-            self._last = self._table[self._tick - self.since[-1]]
+            self._last = self.table[self._tick - self.since[-1]]
             self._tick += 1
             yield self._last
 
     def _sampled(self, plan: WalkPlan, ticks: NDArray[np.intp]) -> ReferenceTable:
-        """References of some ticks, given as steps of the physics; refused if one is no number."""
-        rows: NDArray[Any] | None = None
-        for part in spill.blocks(len(ticks), _BLOCK):
-            # Rates of change need the ticks on both sides.
-            first, end = max(ticks[part][0] - self.substeps, 0), ticks[part][-1] + self.substeps + 1
-            steps = np.arange(first, min(end, ticks[-1] + 1), self.substeps)
-            table = plan.table(steps * self.time_step, self.timing)
-            _check_numbers(table, steps[0] * self.time_step)
-            before = int(steps[0] < ticks[part][0])
-            if self._last is not None and part.start == 0 and _jumps(table[0], self._last):
-                table = table.replace(jumps=np.r_[False, True, table.jumps[2:]])
-            table = table.part(before, before + len(ticks[part]))
-            if len(table) == len(ticks):
-                return table
-            rows = spill.zeros((len(ticks),), table.row.dtype) if rows is None else rows
-            rows[part] = table.row
-        return ReferenceTable(rows)
+        """References of some ticks, given as steps of the physics; refused if one is not a number."""
+        first = max(ticks[0] - self.substeps, 0)  # rates of change need the tick before
+        steps = np.arange(first, ticks[-1] + 1, self.substeps)
+        table = plan.table(steps * self.time_step, self.timing)
+        for name in _CHECKED:
+            if not np.isfinite(table.row[name]).all():
+                raise ValueError(
+                    f"'{name}' of its plan from {table[0].time:g} s on has an entry that is not a number"
+                )
+        if self._last is not None and _jumps(table[0], self._last):
+            table = table.replace(jumps=np.r_[False, True, table.jumps[2:]])
+        return table.part(len(steps) - len(ticks), len(steps))
 
 
 def replan_period(planner: Any) -> float:
@@ -166,10 +167,3 @@ def _jumps(new: Reference, old: Reference) -> bool:
         np.abs(new.row[name] - old.row[name]).max() > _SAME_ACCELERATION
         for name in ("com_acceleration", "foot_acceleration", "acceleration")
     )
-
-
-def _check_numbers(table: ReferenceTable, time: float) -> None:
-    """Refuse references that are no numbers."""
-    for name in ("com", "com_velocity", "com_acceleration", "foot_position", "q", "v", "acceleration"):
-        if not np.isfinite(table.row[name]).all():
-            raise ValueError(f"'{name}' of its plan from {time:g} s on has an entry that is no number")

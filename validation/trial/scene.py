@@ -37,10 +37,7 @@ class _Tile(NamedTuple):
 def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> BodyModel:
     """The body in its world as it is simulated; ``body`` itself if the run does not change them.
 
-    Args:
-        body: as planner and controller know it.
-        run: its section ``disturbance``.
-        contacts: of the plan: a change of the floor is at a footstep, and the floor as high as the footsteps.
+    The floor is as high as the footsteps of the plan's contacts; a step of the floor is at one of them.
 
     Raises:
         InputError: there is no such segment or footstep, or a disturbance needs a level floor.
@@ -87,7 +84,7 @@ def _change_masses(root: ElementTree.Element, body: BodyModel, wanted: Disturban
         if item is None:
             known = ", ".join(["all", "chest", *segments])
             raise InputError(
-                f"disturbance.mass_segment = {name!r} is no segment of the body; take some of {known}.",
+                f"disturbance.mass_segment = {name!r} is not a segment of the body; take some of {known}.",
                 key="disturbance.mass_segment",
                 value=name,
             )
@@ -186,7 +183,7 @@ def _box(
 def _footstep(contacts: Contacts, number: int) -> Footstep:
     if number > len(contacts.footsteps):
         raise InputError(
-            f"disturbance.step_number = {number} is no footstep of the plan, which has "
+            f"disturbance.step_number = {number} is not a footstep of the plan, which has "
             f"{len(contacts.footsteps)}; take one of them, or raise gait.steps.",
             key="disturbance.step_number",
             value=number,

@@ -23,20 +23,9 @@ from ampm.reference import Reference
 from ampm.sensor_parameters import EXACT
 from ampm.sensors.readings import Estimator, EstimatorFactory, Steady
 from ampm.stepping.tracker import SteppedTick
-from ampm.walk import (
-    LIMITED,
-    SOLVED,
-    UNSOLVED,
-    Controller,
-    ControllerFactory,
-    ControlOutput,
-    State,
-    Timing,
-    Touch,
-)
-from validation.trial import spill
-from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, describe, pushes_of, started
-from validation.trial.followed import Followed
+from ampm.walk import LIMITED, SOLVED, UNSOLVED, Controller, ControllerFactory, ControlOutput, State, Touch
+from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, describe, pushes_of
+from validation.trial.followed import Followed, Stepped
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, explained, quiet_mujoco
@@ -91,23 +80,13 @@ def simulate(
             f"take 1 ... {plan.contacts.steps} or raise gait.steps."
         )
     physics = Physics(planned.scene, run)
-    timing = timing_of(run, physics)
     factory = controller or CONTROLLER.find(run.controller.name, run.controller.options)
     known = planned.body.again()
     with UsersCode("controller", factory):
         follower = factory(known, run.undisturbed, **run.controller.options)
-        if hasattr(follower, "follow"):
-            follower.follow(plan, timing)
-    course = References(
-        plan,
-        timing,
-        time_step=physics.time_step,
-        substeps=physics.substeps,
-        steps=steps,
-        planner=replanner,
-        controller=follower,
-    )
-    forces = forces_of(run, disturbances, physics, math.inf if replanner else course.total)
+    course = References(plan, run, physics, steps=steps, planner=replanner, controller=follower)
+    end = math.inf if replanner else course.total * physics.time_step
+    forces = forces_of(run, disturbances, end)
     estimating = None
     if run.sensors.stand and run.sensors.estimator != EXACT:
         estimating = stand(planned, physics, estimator)
@@ -120,18 +99,18 @@ def simulate(
     record = loop.run(progress)
     tick = physics.substeps * physics.time_step
     since = tuple(first * tick for first in course.since)
-    followed = Followed(tuple(course.plans), since, tuple(loop.stepped), tick)
-    outcome, named = record.outcome, ""
+    followed = Followed(tuple(course.plans), since, Stepped.of(loop.stepped), tick)
+    outcome, ours = record.outcome, factory is TrackingController
     if plan.command is not None:
         outcome = replace(outcome, steps_completed=Supports.of(record).steps)
-    if factory is not TrackingController:
-        named = CONTROLLER.name_of(factory)
-    elif run.controller.stabilizer == "fixed" and (forces or run.disturbance != DisturbanceParameters()):
-        outcome = _with_way_out(outcome)
+    disturbed = bool(forces) or run.disturbance != DisturbanceParameters()
+    if outcome.name is OutcomeName.FELL and ours and disturbed and run.controller.stabilizer == "fixed":
+        way_out = "--set controller.stabilizer=stepping may survive this disturbance"
+        outcome = replace(outcome, cause=f"{outcome.cause}; {way_out}")
     record = replace(
         record,
         outcome=outcome if outcome.completed else explained(outcome, physics.model),
-        controller=named,
+        controller="" if ours else CONTROLLER.name_of(factory),
         disturbances="; ".join(map(describe, forces)),
         followed=followed,
         changes=followed.changes,
@@ -156,9 +135,8 @@ def stand(planned: PlannedWalk, physics: Physics, factory: EstimatorFactory | No
     still = {"gait.planner": NO_PLAN, "controller.stabilizer": "fixed", "command.settling": 0.0}
     run = planned.run.replace({**still, "command.duration": planned.run.sensors.stand}, footsteps=())
     plan = StandingPlanner().plan(run.undisturbed, robot)
-    timing, controller = timing_of(run, physics), TrackingController(robot, run.undisturbed)
-    controller.follow(plan, timing)
-    course = References(plan, timing, time_step=physics.time_step, substeps=physics.substeps)
+    controller = TrackingController(robot, run.undisturbed)
+    course = References(plan, run, physics, controller=controller)
     start = place(physics, run, course.table[0])
     estimator = make_estimator(run, robot, start, factory)
     if not hasattr(estimator, "begin"):
@@ -171,35 +149,15 @@ def stand(planned: PlannedWalk, physics: Physics, factory: EstimatorFactory | No
     return cast("Steady", estimator)
 
 
-def timing_of(run: RunParameters, physics: Physics) -> Timing:
-    """Look-ahead of the references of a walk."""
-    dt, gains = physics.time_step, run.controller
-    return Timing(
-        lead=gains.touchdown_lead,
-        early=gains.touchdown_window,
-        hold=(physics.substeps - 1) * dt,
-        slope=physics.substeps * dt if gains.hold == "first-order" else 0.0,
-    )
-
-
-def forces_of(
-    run: RunParameters, disturbances: Sequence[Disturbance], physics: Physics, steps: float
-) -> list[Disturbance]:
-    """The push of a run and further forces.
-
-    Raises:
-        InputError: a push begins after ``steps`` steps of the physics, or the body has no such segment.
-    """
-    forces, end = [*pushes_of(run.disturbance), *disturbances], steps * physics.time_step
-    plant = Plant(physics.model, physics.data, physics.robot.description)
+def forces_of(run: RunParameters, disturbances: Sequence[Disturbance], end: float) -> list[Disturbance]:
+    """The push of a run and further forces; raises InputError if one begins after the walk's end [s]."""
+    forces = [*pushes_of(run.disturbance), *disturbances]
     for push in forces:
         if isinstance(push, Push) and push.at >= end:
             raise InputError(
                 f"a push at {push.at:g} s comes after the walk, which ends at {end:.3g} s; "
                 "push earlier, or walk more steps."
             )
-        if isinstance(push, Push):  # before the walk, not when it is pushed
-            plant.position(push.segment)
     return forces
 
 
@@ -209,10 +167,12 @@ def place(physics: Physics, run: RunParameters, start: Reference) -> State:
     Returns:
         The state as controller and estimator know it.
     """
-    q, off = start.q.copy(), run.disturbance
+    q, v, off = start.q.copy(), start.v.copy(), run.disturbance
+    if off.start_velocity:
+        v[:3] += off.start_velocity * np.random.default_rng([off.seed, 2]).standard_normal(3)
     # The soles carry weight from the first instant.
     q[2] += off.floor_height - run.simulation.start_depth
-    physics.place(q, started(start.v, off))
+    physics.place(q, v)
     q[2] -= off.floor_height  # is not known
     return State(0.0, q, start.v, 0.5 * physics.time_step)
 
@@ -229,14 +189,6 @@ def _on_floor(record: SimulationRecord, floor: Array) -> SimulationRecord:
     height = np.repeat(support_height(floor, at, load), record.substeps)[: record.steps]
     along = record.command_force[:, :2] / record.command_force[:, 2:]
     return replace(record, floor=floor, command_zmp=record.command_zmp + height[:, None] * along)
-
-
-def _with_way_out(outcome: Outcome) -> Outcome:
-    """The end of a disturbed walk, and what may survive it."""
-    if outcome.name is not OutcomeName.FELL:
-        return outcome
-    way_out = "--set controller.stabilizer=stepping may survive this disturbance"
-    return replace(outcome, cause=f"{outcome.cause}; {way_out}")
 
 
 class ClosedLoop:
@@ -268,7 +220,9 @@ class ClosedLoop:
     ) -> None:
         self.disturbances = [(item, UsersCode("disturbance", item)) for item in disturbances]
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
-        self.plant.segment(run.disturbance.push_segment)  # refused also without a force
+        pushes = [item for item in disturbances if isinstance(item, Push)]
+        for segment in (run.disturbance.push_segment, *(push.segment for push in pushes)):
+            self.plant.segment(segment)  # refused before the walk, the run's also without a force
         self.physics, self.controller, self.course = physics, controller, course
         self.users_code = UsersCode("controller", controller)
         self.done, self.stepped = 0, list[SteppedTick]()
@@ -283,24 +237,21 @@ class ClosedLoop:
         self._parts = [(name, (part := getattr(self.command, name)), part.shape) for name in names]
         planned = run.gait.planner != NO_PLAN
         self.watch = Watch(self.log.stance, run.controller.unsolved_limit, robot.description.scale, planned)
+        self._touch = Touch(self.log.touching, self.log.normal_force, physics.time_step)
         self.sensors = None
         if not run.sensors.perfect:
-            self.sensors = Sensors(run, self.log, robot.gravity, estimator)
+            self.sensors = Sensors(run, self.log, estimator)
         self._bind()
 
     def _bind(self) -> None:
         """Bind the compiled functions to the log."""
         log = self.log.handle
-        self._touch = Touch(self.log.touching, self.log.normal_force, self.physics.time_step)
         self._sense = bound(sense, (log,), 0)
         self._act = bound(act, (log,), 0, 0, 0.0, 0, 0.0)
         self._end_step = bound(end_step, (log,), 0, 0, self.physics.data.efc_force)
 
     def run(self, progress: Callable[[int, int], None] | None = None) -> SimulationRecord:
         """Walk to the end of the course; an interrupt or a user's error ends it, and the record is kept.
-
-        Args:
-            progress: called with (simulation steps done, all) now and then.
 
         Raises:
             InputError: a user's class fails in the first step, or for lack of memory or files.
@@ -328,13 +279,11 @@ class ClosedLoop:
             end = End(OutcomeName.CRASHED, error.fault if isinstance(error, UsersError) else str(error))
         except KeyboardInterrupt:
             end = End(OutcomeName.INTERRUPTED, "the run was interrupted by the user")
-        return self.log.close(self.done, self._outcome(end))
-
-    def _outcome(self, end: End | None) -> Outcome:
-        time, step_ends = self.done * self.physics.time_step, self.course.step_ends
-        if end is None:
-            return Outcome(OutcomeName.COMPLETED, time, "", len(step_ends))
-        return Outcome(end.name, time, end.cause, int(np.searchsorted(step_ends, time + 1e-6)))
+        time, step_ends = self.done * self.physics.time_step, course.step_ends
+        outcome = Outcome(OutcomeName.COMPLETED, time, "", len(step_ends))
+        if end is not None:
+            outcome = Outcome(end.name, time, end.cause, int(np.searchsorted(step_ends, time + 1e-6)))
+        return self.log.close(self.done, outcome)
 
     def sense(self) -> tuple[State, Touch, Reference]:
         """Begin a control tick; what the controller gets."""
@@ -353,29 +302,24 @@ class ClosedLoop:
 
     def _begin_step(self) -> None:
         self.physics.engine.step1()
-        if self.disturbances:
-            self._disturb(self.done, self.done * self.physics.time_step)
+        if not self.disturbances:
+            return
+        self.plant.release()
+        for disturbance, users_code in self.disturbances:
+            with users_code:
+                disturbance.apply(self.done * self.physics.time_step, self.plant)
+        self.log.keep_pushes(self.done, self.plant.pushes)
 
     def _finish_step(self, end: End | None) -> End | None:
         """End a step of the physics; whether the walk is over, as it is if its tick said so."""
         physics, k = self.physics, self.done
         data, time = physics.data, k * physics.time_step
         physics.engine.step2()
-        if k % spill.ROWS == 0:
-            spill.release()
         goes_on = self._end_step(k, data.ncon, data.efc_force)
         if not goes_on and physics.body.warnings.any():
             return self.watch.blown_up(time)
         self.done += 1
         return end if goes_on else self.watch.check(time, SOLVED)
-
-    def _disturb(self, k: int, time: float) -> None:
-        """Push the body during step k."""
-        self.plant.release()
-        for disturbance, users_code in self.disturbances:
-            with users_code:
-                disturbance.apply(time, self.plant)
-        self.log.keep_pushes(k, self.plant.pushes)
 
     def read(self) -> tuple[State, Touch, Reference]:
         """What the sensors of this tick read, and what the walk follows."""
@@ -387,7 +331,7 @@ class ClosedLoop:
             self._sensed = State(k * physics.time_step, body.q, body.v, 0.5 * body.time_step), self._touch
         else:
             commanded = getattr(self.controller, "acceleration", None)
-            self._sensed = self.sensors.update(self.log, k, commanded)
+            self._sensed = self.sensors.update(k, commanded)
         return *self._sensed, self._reference
 
     def apply(self, output: ControlOutput) -> End | None:
@@ -408,12 +352,15 @@ class ClosedLoop:
         if self._steps is not None and self._steps.stepped is not None:
             self.stepped.append(self._steps.stepped)
         self.course.replan(float(reference.time), *self._sensed)
-        if self.course.total > len(self.log.record.torque):
-            self.log = self.log.extended(self.course.total)
+        if self.course.total > self.log.steps:
+            self.log.extend(self.course.total)
             self._bind()
-        limit = self._worst_joint() if status == LIMITED else ""
-        time = k * self.physics.time_step
-        return self.watch.check(time, status, residual=residual, limit=limit)
+        limit = ""
+        if status == LIMITED:
+            share = np.abs(self.command.torque) / self.physics.robot.torque_limit
+            worst = int(np.argmax(share))
+            limit = f"{self.physics.robot.joint_names[worst]} at {share[worst]:.0%} of its torque"
+        return self.watch.check(k * self.physics.time_step, status, residual=residual, limit=limit)
 
     def _take(self, output: ControlOutput) -> None:
         """Copy a controller's output; NaN for what it does not say.
@@ -441,10 +388,3 @@ class ClosedLoop:
                 joint = int(wrong.argmax())
                 return f"{what} of {names[joint]} is {getattr(command, what)[joint]}"
         return f"the COM of its reference is {command.com}"
-
-    def _worst_joint(self) -> str:
-        """The joint closest to its torque limit."""
-        robot = self.physics.robot
-        share = np.abs(self.command.torque) / robot.torque_limit
-        worst = int(np.argmax(share))
-        return f"{robot.joint_names[worst]} at {share[worst]:.0%} of its torque"

@@ -36,15 +36,9 @@ def sense(log: StepLog, contacts: int) -> None:
 
 @compiled
 def act(log: StepLog, k: int, status: int, residual: float, iterations: int, seconds: float) -> bool:
-    """Let the torque of a tick act, within the motors' limits, and keep its command.
+    """Let the torque of a tick act, within the motors' limits, and keep its command from step k on.
 
-    Args:
-        log: of the run.
-        k: step.
-        status: of the tick, as the three that follow see :class:`~ampm.walk.ControlOutput`.
-        residual: of its optimisation.
-        iterations: of its optimisation.
-        seconds: of its optimisation [s].
+    Status, residual, iterations and seconds are those of :class:`~ampm.walk.ControlOutput`.
 
     Returns:
         False if nothing acts, as a torque, a rate or the COM of the reference is not finite.
@@ -60,13 +54,13 @@ def act(log: StepLog, k: int, status: int, residual: float, iterations: int, sec
             return False
     for j in range(len(limit)):
         ctrl[j] = torque[j] = min(max(torque[j], -limit[j]), limit[j])
-    for i in range(k, min(k + log.substeps, len(record.torque))):
+    for i in range(k, min(k + log.substeps, len(record.command_com))):
         put(record.command_com[i], vector(command.com))
         record.command_zmp[i, 0], record.command_zmp[i, 1] = command.zmp[0], command.zmp[1]
         put(record.command_force[i], vector(command.force))
         put(record.command_angular_momentum[i], vector(command.angular_momentum))
     tick = k // log.substeps
-    record.torque_rate[tick] = rate
+    record.tick_torque[tick], record.torque_rate[tick] = torque, rate
     record.qp_status[tick], record.qp_residual[tick] = status, residual
     record.qp_iterations[tick], record.qp_time[tick] = iterations, seconds
     return True
@@ -74,14 +68,13 @@ def act(log: StepLog, k: int, status: int, residual: float, iterations: int, sec
 
 @compiled
 def keep_step(log: StepLog, k: int, contacts: int, efc_force: Array) -> None:
-    """Copy places, contacts and torques of step k, and the state after it."""
+    """Copy places and contacts of step k, and the state after it."""
     keep_instant(log, k)
     record, body, normal_force = log.record, log.body, log.normal_force
     of_geom, frame = body.point_of_geom, body.contact_frame
     force, position, place = record.point_force[k], record.point_position[k], record.point_place[k]
     for p in range(len(place)):
         put(position[p], vector(place[p]))
-    record.torque[k] = body.ctrl
     normal_force[:] = 0.0
     for i in range(contacts):
         p, first = point_of(body.contact_geom[i], of_geom), body.contact_address[i]

@@ -14,15 +14,10 @@ SHORTEST = 0.05
 
 
 class Supports(NamedTuple):
-    """What stands at K steps of the physics.
+    """What stands at K steps of the physics."""
 
-    Attributes:
-        stance: 0 left, 1 right, 2 both; in flight that of before, shape (K,), int8.
-        steps: number of times that a foot touched down.
-    """
-
-    stance: NDArray[np.int8]
-    steps: int
+    stance: NDArray[np.int8]  # 0 left, 1 right, 2 both; in flight that of before, shape (K,)
+    steps: int  # number of times that a foot touched down
 
     @classmethod
     def of(cls, record: SimulationRecord) -> Self:

@@ -66,23 +66,25 @@ class UsersCode:
             ) from error
 
 
-def real_numbers(name: str, value: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+def real_numbers(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = False) -> NDArray[Any]:
     """Array of a value that a user's code returned, of any type of real numbers.
 
-    Args:
-        name: of the value, for the message.
-        value: finite or not.
-        shape: that it must have.
-
     Raises:
-        ValueError: another shape, or no real numbers.
+        ValueError: another shape, no real numbers, or a number that is not finite and must be; ``name`` is
+            that of the value.
     """
     array = np.asarray(value)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape} and must have {shape}")
     if array.dtype.kind not in "fiu":
         raise ValueError(f"{name} holds {array.dtype} values and must hold real numbers")
+    if finite and (wrong := array[~np.isfinite(array)]).size:
+        raise ValueError(f"{name} holds {wrong[0]} and must be finite")
     return array
+
+
+SENT: dict[str, Any] = {}
+"""Classes and plans that a study sent to this process, by the texts that name them."""
 
 
 def load_object(option: str, text: str) -> Any:
@@ -91,6 +93,8 @@ def load_object(option: str, text: str) -> Any:
     Raises:
         InputError: there is no such module, or no such name in it.
     """
+    if text in SENT:
+        return SENT[text]
     module, colon, name = text.partition(":")
     if not (module and colon and name):
         raise InputError(f"{option} {text!r} must be MODULE:CLASS, for example mine:Controller.")
@@ -113,18 +117,12 @@ class Role:
     name: str  # of the part; installed packages add classes by entry points of the group `ampm.NAMEs`
     key: str  # of the run's parameters, that names the class
     options: str  # table of the parameters with the class's options
-    # the project's own names and what they stand for, `module:Class`, or empty for what is no class of its
-    # own
-    known: Mapping[str, str]
+    known: Mapping[str, str]  # the project's names, and their `module:Class`; empty for what is no class
     arguments: int  # number of arguments that a class gets before its options
     otherwise: str = "MODULE:CLASS"  # what may stand in the place of a name, for messages
 
     def find(self, text: str, options: Mapping[str, Option] = MappingProxyType({})) -> Any:
         """Import the class or function of a name: ours, an installed package's, or ``module:Class``.
-
-        Args:
-            text: the name.
-            options: that it has to take.
 
         Returns:
             The class; None where a name of ours stands for none.
@@ -132,11 +130,6 @@ class Role:
         Raises:
             InputError: nothing has this name, it cannot be imported, or an option is unknown or missing.
         """
-        factory = self._load(text)
-        self.check_options(text, factory, options)
-        return factory
-
-    def _load(self, text: str) -> Any:
         known = dict(self.known)
         if ":" not in text and text not in known:
             known |= {item.name: item.value for item in entry_points(group=f"ampm.{self.name}s")}
@@ -148,7 +141,9 @@ class Role:
                     value=text,
                 )
         place = known.get(text, text)
-        return load_object(self.key, place) if place else None
+        factory = load_object(self.key, place) if place else None
+        self.check_options(text, factory, options)
+        return factory
 
     def check(self, text: str, options: Mapping[str, Option]) -> None:
         """Refuse a name and options as :meth:`find` does, before anything is planned.
@@ -161,15 +156,9 @@ class Role:
     def check_options(
         self, text: str, factory: Callable[..., Any] | None, options: Mapping[str, Option]
     ) -> None:
-        """Refuse options that a class does not take, and the lack of one that it needs.
+        """Refuse options that a class or function does not take, and the lack of one that it needs.
 
-        Args:
-            text: name of the class.
-            factory: the class or function; None if it takes no options.
-            options: by name.
-
-        Raises:
-            InputError: an option is unknown or missing.
+        None takes no options. Raises :class:`InputError`.
         """
         try:
             signature = inspect.signature(factory or (lambda: None))
@@ -239,7 +228,7 @@ def load_planner(text: str, options: Mapping[str, Option] = MappingProxyType({})
     path = Path(text)
     if path.suffix in SUFFIXES:
         PLANNER.check_options(text, None, options)
-        return TablePlanner(read_columns(path), path.name)
+        return SENT.get(text) or TablePlanner(read_columns(path), path.name)
     factory = PLANNER.find(text, options)
     if factory is None:
         return PeriodicPlanner(text)
@@ -249,7 +238,7 @@ def load_planner(text: str, options: Mapping[str, Option] = MappingProxyType({})
 
 
 def check_planner(text: str, options: Mapping[str, Option]) -> None:
-    """Refuse a name that is no planner, and options that it does not take, before anything is planned.
+    """Refuse a name that is not a planner, and options that it does not take, before anything is planned.
 
     A user's planner is not made for it.
     """

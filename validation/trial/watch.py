@@ -157,15 +157,18 @@ class Watch:
         distance = float(np.linalg.norm(error))
         lean = float(np.arccos(np.clip(stance.trunk @ stance.planned_trunk, -1.0, 1.0)))
         at = f"at {time:.3f} s"
+        sign = ""
         if status == UNSOLVED:
-            self._note(time, f"an unsolved QP {at} (residual {residual:.2g})")
+            sign = f"an unsolved QP {at} (residual {residual:.2g})"
         elif distance > self._off:
             axis = "xyz"[int(np.abs(error).argmax())]
-            self._note(time, f"a COM {distance * 1e3:.0f} mm off the plan, mostly along {axis}, {at}")
+            sign = f"a COM {distance * 1e3:.0f} mm off the plan, mostly along {axis}, {at}"
         elif lean > FIRST_TILT:
-            self._note(time, f"a trunk {math.degrees(lean):.0f} degrees off the motion's {at}")
+            sign = f"a trunk {math.degrees(lean):.0f} degrees off the motion's {at}"
         elif status == LIMITED:
-            self._note(time, f"a torque or joint limit {at} ({limit})")
+            sign = f"a torque or joint limit {at} ({limit})"
+        if sign:
+            self._first_sign, self._last_sign = self._first_sign or sign, time
         elif time - self._last_sign > CALM:
             self._first_sign = ""
         if not math.isfinite(distance + lean):
@@ -175,29 +178,20 @@ class Watch:
             return self._end(OutcomeName.DIVERGED, what)
         if fallen := stance.fallen(self._scale):
             return self._end(OutcomeName.FELL, f"{fallen} {at}")
-        return self._check_unsolved(time, status, distance <= self._off and lean <= FIRST_TILT)
-
-    def blown_up(self, time: float) -> End:
-        """The end of a walk whose accelerations the simulator refused to integrate."""
-        return self._end(OutcomeName.DIVERGED, f"the accelerations left all bounds at {time:.3f} s")
-
-    def _note(self, time: float, sign: str) -> None:
-        """Keep the first sign of a failure, and the time of the last one."""
-        self._first_sign = self._first_sign or sign
-        self._last_sign = time
-
-    def _check_unsolved(self, time: float, status: int, on_plan: bool) -> End | None:
-        """The end by a QP that stayed unsolved too long; None otherwise."""
         if status != UNSOLVED:
             self._unsolved = None
             return None
         if self._unsolved is None:
-            limit = self._unsolved_limit
-            self._unsolved = time, limit if on_plan else max(limit, FALL_TIME)
+            on_plan, allowed = distance <= self._off and lean <= FIRST_TILT, self._unsolved_limit
+            self._unsolved = time, allowed if on_plan else max(allowed, FALL_TIME)
         since, allowance = self._unsolved
         if time - since < allowance - 1e-9:
             return None
         return self._end(OutcomeName.INFEASIBLE, f"the QP stayed unsolved from {since:.3f} to {time:.3f} s")
+
+    def blown_up(self, time: float) -> End:
+        """The end of a walk whose accelerations the simulator refused to integrate."""
+        return self._end(OutcomeName.DIVERGED, f"the accelerations left all bounds at {time:.3f} s")
 
     def _end(self, name: OutcomeName, what: str) -> End:
         return End(name, f"{what}; the first sign was {self._first_sign}" if self._first_sign else what)

@@ -27,7 +27,7 @@ def read_chunks(path: Path) -> list[Chunk]:
     """Read one recording.
 
     Raises:
-        InputError: the file is no recording of a walk.
+        InputError: the file is not a recording of a walk.
     """
     try:
         chunks = list(RrdReader(path).stream())
@@ -49,7 +49,7 @@ def merge(sources: Sequence[tuple[str, str, Path]], path: Path) -> None:
         path: of the file; an existing one is replaced.
 
     Raises:
-        InputError: too many, or one that is no recording of a walk.
+        InputError: too many, or one that is not a recording of a walk.
     """
     if len(sources) > len(RUN_COLORS):
         raise InputError(

@@ -122,7 +122,7 @@ def write_recording(run: str | Path | SavedRun) -> Path:
         Path of the recording.
 
     Raises:
-        InputError: the folder is no run folder.
+        InputError: the folder is not a run folder.
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path = saved.directory / RECORDING_FILE
@@ -134,7 +134,7 @@ def write_recording(run: str | Path | SavedRun) -> Path:
         log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
         if not saved.is_log:
-            _log_body(log, saved.record.model(), frames)
+            _log_body(log, saved.model(), frames)
         if len(frames.time):
             _log_ground(log, saved, frames, saved.plan())
             for entity, (values, lines) in curves.items():

@@ -31,8 +31,7 @@ from validation.store.json import json_ready
 from validation.store.saved import SavedRun, load_saved_run
 from validation.study.many import Execution, Task, open_study, walk_many
 from validation.study.robustness.result import Robustness, load_robustness
-from validation.study.row_file import Row
-from validation.study.walk_options import users_classes, walk_request
+from validation.study.walk_options import keep_run
 from validation.table import USED, Table, Tabled, format_share, short_unit, with_uncertainty
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, load_request, plan_walk
@@ -85,18 +84,6 @@ class Side(Brief):
         return str(self.run.summary["outcome"])
 
     @property
-    def ending(self) -> str:
-        """How the walk ended, in words."""
-        if self.outcome == OutcomeName.COMPLETED:
-            return "walked to the end"
-        return f"did not walk to the end ({self.outcome} after {self.run.summary['end']['time']:.2f} s)"
-
-    @property
-    def scales(self) -> Mapping[str, float]:
-        """Sizes of the body: ``body_weight`` [N] and ``foot_length`` [m]."""
-        return dict(self.run.summary["scales"])
-
-    @property
     def timing(self) -> dict[str, float]:
         """Mean durations and speed that the planner chose, by labels with units."""
         signals, found = self.run.signals, {}
@@ -111,18 +98,17 @@ class Side(Brief):
             found["planned speed [m/s]"] = float(np.linalg.norm(way)) / seconds
         return found
 
-    def entry(self, name: str) -> Mapping[str, Any]:
-        """What ``summary.json`` says of a metric; empty if it says nothing."""
-        if name in METRICS and METRICS[name].section:
-            found = cost_entry(self.run.summary, METRICS[name])
-            entry = dict(found) if isinstance(found, Mapping) else {"value": found}
-            return entry | {"tolerance": cost_limit(self.run.summary, name)}
-        return dict(self.run.summary["metrics"].get(name, {}))
-
     def number(self, name: str, key: str = "value") -> float:
         """Value or tolerance of a metric in SI units; NaN if the walk has none."""
-        value = self.entry(name).get(key)
-        return math.nan if value is None else float(value)
+        summary = self.run.summary
+        if name not in COSTS:
+            found = summary["metrics"].get(name, {}).get(key)
+        elif key == "tolerance":
+            found = cost_limit(summary, name)
+        else:
+            found = cost_entry(summary, METRICS[name])
+            found = found["value"] if isinstance(found, Mapping) else found
+        return math.nan if found is None else float(found)
 
     def doubt(self, name: str, unit: str) -> float:
         """Change of a metric for numerical reasons, in SI units; infinite without a bound."""
@@ -187,11 +173,13 @@ class WalkComparison(Tabled):
         """What the doubt is."""
         if all(side.study for side in self.sides):
             return "the numerical uncertainty"
-        feedback, margin = SHARES["margin_friction"], SHARES["margin_measured_polygon"]
-        return (
-            f"{SHARE:.0%} of the smaller value, {feedback:.0%} of feedback and friction, {margin:.0%} of the "
-            f"measured ZMP margin, {SHARE_OF_ERRORS:.0%} of largest errors"
-        ).replace("%", " %")
+        shares = {
+            "the smaller value": SHARE,
+            "feedback and friction": SHARES["margin_friction"],
+            "the measured ZMP margin": SHARES["margin_measured_polygon"],
+            "largest errors": SHARE_OF_ERRORS,
+        }
+        return ", ".join(f"{100.0 * share:g} % of {what}" for what, share in shares.items())
 
     @property
     def parameters(self) -> dict[str, tuple[Any, ...]]:
@@ -206,9 +194,13 @@ class WalkComparison(Tabled):
 
         Of walks that did not complete, one that says so.
         """
-        if {side.outcome for side in self.sides} != {OutcomeName.COMPLETED}:
-            return f"{', '.join(f'{side.label} {side.ending}' for side in self.sides)}."
-        return f"{self._tracking()}. {self._spending()}; {self._limits()}."
+        if all(side.outcome == OutcomeName.COMPLETED for side in self.sides):
+            return f"{self._tracking()}. {self._spending()}; {self._limits()}."
+        said = []
+        for side in self.sides:
+            ended = f"did not walk to the end ({side.outcome} after {side.run.summary['end']['time']:.2f} s)"
+            said.append(f"{side.label} {'walked to the end' if side.outcome == 'completed' else ended}")
+        return f"{', '.join(said)}."
 
     def _tracking(self) -> str:
         """Who tracks the ZMP best, with the errors."""
@@ -271,8 +263,12 @@ class WalkComparison(Tabled):
             f"A difference counts if it is larger than the doubt: {self.basis}. Smaller is better, except "
             "for margins, distances and flexion.",
             "The first step is left out. Measured values are compared with the own plan of each walk.",
-            *self._warnings(),
         )
+        if self.unlike:
+            notes += (
+                "The bodies differ in size: lengths are shares of the foot, forces of the weight, momenta of "
+                "m√(gL³) with the length L of the foot. A robot's gait of another shape still differs.",
+            )
         tables = [Table("the walks", heads, list(self._facts()), notes)]
         for group in (JUDGED, COST, OWN):
             shown = [] if group == OWN else [USED]
@@ -309,8 +305,10 @@ class WalkComparison(Tabled):
     def shown(self, name: str, unit: str, side: Side) -> tuple[float, str]:
         """Factor from a metric's SI unit, and the unit in which tables show it: a share if bodies differ."""
         if self.unlike and unit in _SIZES:
-            return 100.0 / float(size_in_si(_SIZES[unit][0], side.scales)), short_unit(_SIZES[unit][1])
-        weight = side.scales["body_weight"]
+            return 100.0 / float(size_in_si(_SIZES[unit][0], side.run.summary["scales"])), short_unit(
+                _SIZES[unit][1]
+            )
+        weight = side.run.summary["scales"]["body_weight"]
         scale, unit = cost_unit(METRICS[name], weight) if name in COSTS else display_unit(unit, weight)
         return scale, short_unit(unit)
 
@@ -320,16 +318,8 @@ class WalkComparison(Tabled):
         return any(
             max(sizes) > 1.01 * min(sizes)
             for name in ("body_weight", "foot_length")
-            if (sizes := [side.scales[name] for side in self.sides])
+            if (sizes := [side.run.summary["scales"][name] for side in self.sides])
         )
-
-    def _warnings(self) -> Iterator[str]:
-        """What makes the values of the walks hard to compare."""
-        if self.unlike:
-            yield (
-                "The bodies differ in size: lengths are shares of the foot, forces of the weight, momenta of "
-                "m√(gL³) with the length L of the foot. A robot's gait of another shape still differs."
-            )
 
     def _facts(self) -> Iterator[tuple[str, ...]]:
         """How the walks ended, and in what they differ; a walk from Python may have more than its keys."""
@@ -390,15 +380,13 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
         entries.setdefault(name, {"label": METRICS[name].label, "unit": METRICS[name].unit, "kind": "cost"})
     for name, entry in entries.items():
         shown = [result.shown(name, entry["unit"], side) for side in sides]
-        values, limits = (
-            tuple(scale * side.number(name, key) for side, (scale, _) in zip(sides, shown, strict=True))
-            for key in ("value", "tolerance")
-        )
+        pairs = [(side, scale) for side, (scale, _) in zip(sides, shown, strict=True)]
+        values = tuple(scale * side.number(name) for side, scale in pairs)
+        limits = tuple(scale * side.number(name, "tolerance") for side, scale in pairs)
         judged = name not in COSTS and not all(map(math.isnan, limits))
         group = JUDGED if judged else COST if name in COSTS else OWN
         if entry["kind"] == "instrument" or (group == OWN and name in built_in):
             continue
-        pairs = [(side, scale) for side, (scale, _) in zip(sides, shown, strict=True)]
         doubts = [scale * side.doubt(name, entry["unit"]) for side, scale in pairs]
         known = tuple(scale * side.studied(name) for side, scale in pairs)
         studied = not any(map(math.isnan, known))
@@ -407,34 +395,24 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
     return replace(result, rows=tuple(row for group in rows.values() for row in group))
 
 
-CHOICES = {
-    "planner": "gait.planner",
-    "body": "body.source",
-    "controller": "controller.name",
-    "engine": "simulation.engine",
-}
-"""Options of which one may be given for each walk, and their keys."""
-
-
 def compare_runs(
     folders: Sequence[str | Path],
     labels: Sequence[str] = (),
     uncertainty: Sequence[Path] = (),
     robustness: Sequence[Path] = (),
 ) -> WalkComparison:
-    """Compare two or more finished runs.
+    """Compare two or more finished runs; their labels are the names of their folders by default.
 
-    Args:
-        folders: of the runs.
-        labels: names in tables; those of the folders by default.
-        uncertainty: ``convergence.json`` of all gaits; a bound takes the place of an assumed change.
-        robustness: ``robustness.json`` of each walk, in their order, or none.
+    ``uncertainty`` has ``convergence.json`` of all gaits, ``robustness`` one ``robustness.json`` for each
+    walk, or none.
 
     Raises:
         InputError: a folder cannot be used, or no study is of one of the gaits.
     """
     known = [load_uncertainty(file) for file in uncertainty]
-    labels = _distinct(labels or [Path(folder).resolve().name for folder in folders])
+    labels = labels or [Path(folder).resolve().name for folder in folders]
+    if len(set(labels)) < len(labels):
+        labels = [f"{label} ({number})" for number, label in enumerate(labels, start=1)]
     if len(robustness) not in (0, len(labels)):
         raise InputError(f"--robustness is given {len(robustness)} times; give it once for each walk.")
     sides = []
@@ -458,87 +436,58 @@ def compare_gaits(
     """Walk two or more gaits and compare them.
 
     Args:
-        gaits: presets or TOML files. A single one is compared with `ipm`, or walked with every value of the
-            option that has several; if none, it is `normal` or the own gait of another body.
-        settings: ``key=value`` texts for all gaits.
-        choices: option of :data:`CHOICES` to its value for all walks, or to one value for each; behind a
-            comma a planner or controller has its own options, ``mine:Planner,gain=2``.
+        gaits: presets or TOML files, one for all walks or one for each; a single walk is compared with
+            `ipm`. If none, it is `normal` or the own gait of another body.
+        settings: ``key=value`` texts for all walks.
+        choices: key to its value for all walks, or to one value for each; behind a comma a planner or
+            controller has its own options, ``mine:Planner,gain=2``.
         as_is: find nothing that the gaits leave open.
         uncertainty: as in :func:`compare_runs`.
         robustness: likewise.
         execution: workers and folder, see :class:`validation.study.many.Execution`.
 
     Raises:
-        InputError, MathematicalRefusal, BodilyRefusal: a gait cannot be walked.
-        StudyStopped: a full disk, or workers that cannot work; finished runs are kept.
-        KeyboardInterrupt: Ctrl-C; finished runs are kept.
+        InputError, RefusedGait: a gait cannot be walked.
         UsersError: a user's class failed.
         RuntimeError: a walk crashed.
+        StudyStopped: see :func:`validation.study.many.walk_many`.
     """
     folder, pool = open_study(execution)
-    texts: list[str | None] = list(gaits) or [None]
-    varied = _varied(choices, len(texts))
-    if len(texts) == 1:
-        texts = texts * len(choices[varied]) if varied else [*texts, "ipm"]
-    chosen_ones = [
-        {name: given[min(place, len(given) - 1)] for name, given in choices.items() if given}
-        for place in range(len(texts))
-    ]
-    requests, labels = [], []
-    for text, chosen in zip(texts, chosen_ones, strict=True):
-        own = [f"{CHOICES[name]}={json.dumps(_absolute(value))}" for name, value in chosen.items()]
+    given: dict[str, Sequence[str | None]] = {"WALK": gaits or [None], **choices}
+    count = max(map(len, given.values()))
+    if count == 1:
+        given["WALK"], count = [*given["WALK"], "ipm"], 2
+    if {*map(len, given.values())} - {1, count}:
+        times = ", ".join(f"{name} {len(values)} times" for name, values in given.items() if len(values) > 1)
+        raise InputError(f"{times}: give each once, for all walks, or once for each of the {count} walks.")
+    alike, requests, labels = len(set(given["WALK"])) == 1, [], []
+    for walk in range(count):
+        text, *chosen = (values[walk % len(values)] for values in given.values())
+        own = [f"{key}={json.dumps(_absolute(str(name)))}" for key, name in zip(choices, chosen, strict=True)]
         request = load_request(text, [*own, *settings], as_is=as_is)
         # With the values that are found; a refused gait is named before the first walk.
         requests.append(plan_walk(request, pool.get("progress")).request)
-        alike = varied and len(set(texts)) == 1
-        labels.append(Path(chosen[varied]).name if alike else request.name)
+        varied = [Path(values[walk]).name for values in choices.values() if alike and len(values) > 1]
+        labels.append(", ".join(varied) or request.name)
     known = [load_uncertainty(file) for file in uncertainty]
     for request in requests if known else ():
         matching(known, request)
     with nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="ampm-compare-") as home:
         place = Path(home).resolve()
-        folders = [str(place / f"walk-{number}") for number in range(1, len(requests) + 1)]
-        titles = {path: request.title for path, request in zip(folders, requests, strict=True)}
-        tasks = [
-            Task(path, walk_gait, {"request": request, "folder": path, **users_classes(request.run)})
-            for path, request in zip(folders, requests, strict=True)
-        ]
+        walks = {str(place / f"walk-{number}"): request for number, request in enumerate(requests, start=1)}
+        tasks = []
+        for path, request in walks.items():
+            profile = own_profile(request.name, request.run).name
+            options = {"folder": path, "request": request, "profile": profile}
+            tasks.append(Task(path, keep_run, options))
         for row in walk_many(tasks, place, **pool):
             if "reason" in row:
                 kinds = {"refused": InputError, UsersError.__name__: UsersError}
                 kind = kinds.get(row["outcome"], kinds.get(row["reason"], RuntimeError))
-                raise kind(f"{titles[row['key']]}: {row['cause']}")
-        return compare_runs(folders, labels, uncertainty, robustness)
-
-
-def _distinct(labels: Sequence[str]) -> Sequence[str]:
-    """Labels with their numbers, unless all differ."""
-    if len(set(labels)) == len(labels):
-        return labels
-    return [f"{label} ({number})" for number, label in enumerate(labels, start=1)]
-
-
-def _varied(choices: Mapping[str, Sequence[str]], walks: int) -> str:
-    """The option that has a value for each walk; empty if there is none.
-
-    Raises:
-        InputError: there are two, or it has not one value for each of several walks.
-    """
-    several = {option: len(values) for option, values in choices.items() if len(values) > 1}
-    if len(several) > 1 or (walks > 1 and any(count != walks for count in several.values())):
-        times = ", ".join(f"--{option} is given {count} times" for option, count in several.items())
-        of = f" of the {walks} walks" if walks > 1 else " walk"
-        raise InputError(f"{times}; give one option once for each{of}, and any other once, for all.")
-    return next(iter(several), "")
+                raise kind(f"{walks[row['key']].title}: {row['cause']}")
+        return compare_runs(list(walks), labels, uncertainty, robustness)
 
 
 def _absolute(value: str) -> str:
     """The value of an option; a file's path is absolute."""
     return str(Path(value).resolve()) if Path(value).is_file() else value
-
-
-def walk_gait(request: Request, folder: str, **users: Any) -> Row:
-    """Walk one gait, on a worker, and keep the run in a folder."""
-    trial = walk_request(request, own_profile(request.name, request.run), **users)
-    trial.save(folder, force=True)
-    return {"outcome": str(trial.record.outcome.name)}

@@ -14,7 +14,7 @@ from validation.judge.uncertainty import Uncertainty
 from validation.run.trial import draw_run
 from validation.show.chart import DASHED, Picture, decimate, new_charts, numbered
 from validation.show.page import render_page
-from validation.show.paper import Citation, cite_run
+from validation.show.paper import cite_run
 from validation.show.run_figures import middle, shade_double_support
 from validation.show.style import INK, PARTS
 from validation.store.folders import output_file
@@ -66,11 +66,10 @@ def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> 
     """Write numbers and page into a folder, and report and recording of every walk that lacks them."""
     folder.mkdir(parents=True, exist_ok=True)
     numbers = result.as_dict()
-    if isinstance(result, WalkComparison):
-        for side, entry in zip(result.sides, numbers["walks"], strict=True):
-            entry["run"] = os.path.relpath(side.run.directory, folder)
-            if not all((side.run.directory / name).is_file() for name in (REPORT_FILE, RECORDING_FILE)):
-                draw_run(side.run.directory, side.label)
+    for side, entry in zip(_sides(result), numbers.get("walks", ()), strict=True):
+        entry["run"] = os.path.relpath(side.run.directory, folder)
+        if not all((side.run.directory / name).is_file() for name in (REPORT_FILE, RECORDING_FILE)):
+            draw_run(side.run.directory, side.label)
     write_json(folder / NUMBERS, numbers)
     with output_file(folder / REPORT) as work:
         work.write_text(render(result, folder), encoding="utf-8")
@@ -78,14 +77,7 @@ def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> 
 
 def render(result: WalkComparison | SweepComparison, folder: Path) -> str:
     """The page for a folder; of walks with their curves, and links to their reports and recordings."""
-    keys: list[tuple[str, str]] = []
-    pictures: list[Picture] = []
-    links: list[str] = []
-    citations: list[Citation] = []
-    if isinstance(result, WalkComparison):
-        keys, pictures = draw_walks(result.sides)
-        citations = [cite_run(side.run) for side in result.sides]
-        links = [os.path.relpath(side.run.directory, folder) for side in result.sides]
+    keys, pictures = draw_walks(_sides(result))
     return render_page(
         "comparison.html.j2",
         result.title,
@@ -93,10 +85,15 @@ def render(result: WalkComparison | SweepComparison, folder: Path) -> str:
         sentence=result.sentence,
         tables=result.tables(),
         keys=keys,
-        links=links,
+        links=[os.path.relpath(side.run.directory, folder) for side in _sides(result)],
         pictures=pictures,
-        citations=citations,
+        citations=[cite_run(side.run) for side in _sides(result)],
     )
+
+
+def _sides(result: WalkComparison | SweepComparison) -> tuple[Side, ...]:
+    """The walks; none of two sweeps."""
+    return result.sides if isinstance(result, WalkComparison) else ()
 
 
 _COLORS = (*PARTS, INK)
@@ -106,12 +103,7 @@ _CURVES = ("angular_momentum_x", "angular_momentum_y")
 
 
 def draw_walks(sides: Sequence[Side]) -> tuple[list[tuple[str, str]], list[Picture]]:
-    """Errors of the ZMP, COM and angular momentum of all walks.
-
-    Returns:
-        Label of every walk, and the colour of its curves; the pictures, without those of
-        signals that no walk has.
-    """
+    """Label of every walk and the colour of its curves; pictures of the signals that a walk has."""
     keys = list(zip([side.label for side in sides], cycle(_COLORS), strict=False))
     pictures = [
         _draw(sides, name)

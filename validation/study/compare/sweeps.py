@@ -26,8 +26,8 @@ Rows = NDArray[np.intp]
 
 TOLERANCE = 0.1
 """Share of its limit by which a metric may grow before that is a regression [1]."""
-KINDS = ("newly failing", "worse", "newly passing", "better")
-"""Changes of a run; the first two are regressions."""
+KINDS = ("newly failing", "worse", "missing", "newly passing", "better")
+"""Changes of a run; the first three are regressions."""
 _SHOWN = 100
 """Rows of the table of runs."""
 
@@ -55,7 +55,6 @@ class SweepComparison(Tabled):
     missing: tuple[str, ...]  # names of runs that only the first has
     changes: tuple[RunChange, ...]  # runs that changed, in the order of `KINDS`
     notes: tuple[str, ...]  # conditions of the comparison
-    require_all: bool = False  # whether missing runs are regressions
 
     @property
     def title(self) -> str:
@@ -64,26 +63,22 @@ class SweepComparison(Tabled):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of runs by the kind of their change."""
+        """Number of runs by the kind of their change; missing ones among the regressions."""
         found = Counter(change.kind for change in self.changes)
+        found["missing"] = len(self.missing)
         return {kind: found[kind] for kind in KINDS if found[kind]}
 
     @property
     def regressions(self) -> list[str]:
         """Reasons why the comparison fails; empty if it passes."""
-        found = [f"{number:,} {kind}" for kind, number in self.counts.items() if kind in KINDS[:2]]
-        return [*found, f"{len(self.missing):,} missing"] if self.require_all and self.missing else found
+        return [f"{number:,} {kind}" for kind, number in self.counts.items() if kind in KINDS[:3]]
 
     @property
     def sentence(self) -> str:
         """The result in one sentence."""
-        gains = [f"{number:,} {kind}" for kind, number in self.counts.items() if kind in KINDS[2:]]
-        found = ", ".join([*self.regressions, *gains])
-        lacking = f"; B lacks {len(self.missing):,} runs of A" if self.missing else ""
-        return (
-            f"{'Regression' if self.regressions else 'No regression'} in {self.matched:,} matched "
-            f"run{'' if self.matched == 1 else 's'}{': ' if found else ''}{found}{lacking}."
-        )
+        found = ", ".join(f"{number:,} {kind}" for kind, number in self.counts.items())
+        runs = f"{self.matched:,} matched run{'' if self.matched == 1 else 's'}"
+        return f"{'Regression' if self.regressions else 'No regression'} in {runs}{found and ': '}{found}."
 
     def tables(self) -> list[Table]:
         """The runs that changed."""
@@ -102,14 +97,9 @@ class SweepComparison(Tabled):
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain data."""
-        table = {
-            "sentence": self.sentence,
-            "regressions": self.regressions,
-            "counts": self.counts,
-            **vars(self),
-            "changes": [change._asdict() for change in self.changes],
-        }
-        return dict(json_ready(table))
+        said = {name: getattr(self, name) for name in ("sentence", "regressions", "counts")}
+        changes = [change._asdict() for change in self.changes]
+        return dict(json_ready({**said, **vars(self), "changes": changes}))
 
 
 def compare_sweeps(
@@ -118,16 +108,14 @@ def compare_sweeps(
     *,
     tolerance: float = TOLERANCE,
     uncertainty: Path | Uncertainty | None = None,
-    require_all: bool = False,
 ) -> SweepComparison:
     """Compare two sweeps, the first of which is the reference.
 
     Args:
         a: folder or table of the reference.
-        b: folder or table of the sweep that is compared with it.
+        b: the same of the sweep that is compared with it.
         tolerance: share of its limit by which a metric may grow [1].
         uncertainty: ``convergence.json``; its numerical uncertainty counts where it exceeds rounding.
-        require_all: whether a run that the second sweep lacks is a regression.
 
     Raises:
         InputError: no two sweeps, no common run, or a bad tolerance.
@@ -138,8 +126,9 @@ def compare_sweeps(
         )
     a, b = (side if isinstance(side, SweepTable) else read_sweep(side) for side in (a, b))
     known = load_uncertainty(uncertainty) if isinstance(uncertainty, Path) else uncertainty
-    rows_a, rows_b, notes = join(a, b)
-    metrics = [name for name in a.metrics if METRIC + name in b and (name in a.limits or name in b.limits)]
+    rows_a, rows_b = join(a, b)
+    judged = dict.fromkeys((*a.judged, *b.judged))
+    metrics = [name for name in judged if METRIC + name in a and METRIC + name in b]
     worse, better, crossed, counts = np.zeros((4, len(metrics), len(rows_a)), dtype=bool)
     completed = a.measured[rows_a] & b.measured[rows_b]
     for number, name in enumerate(metrics):
@@ -171,14 +160,14 @@ def compare_sweeps(
         RunChange(
             kind=str(kinds[run]),
             run=names[rows_a[run]],
-            before=a.state(rows_a[run]).label,
-            after=b.state(rows_b[run]).label,
+            before=a.states[rows_a[run]].label,
+            after=b.states[rows_b[run]].label,
             metrics=tuple(compress(labels, (better if kinds[run] == "better" else worse | crossed)[:, run])),
             parameters={key: a.table.column(key)[int(rows_a[run])].as_py() for key in varied},
         )
         for run in np.flatnonzero(kinds != "")
     ]
-    notes += _notes(a, b)
+    notes = list(_notes(a, b))
     if known is not None:
         notes.append(f"noise: numerical uncertainty of {known.gait}, taken for all gaits of the sweeps")
     return SweepComparison(
@@ -188,46 +177,45 @@ def compare_sweeps(
         missing=tuple(np.delete(names, rows_a).tolist()),
         changes=tuple(sorted(changes, key=lambda change: (KINDS.index(change.kind), change.run))),
         notes=tuple(notes),
-        require_all=require_all,
     )
 
 
-def join(a: SweepTable, b: SweepTable) -> tuple[Rows, Rows, list[str]]:
-    """Rows of the runs that both sweeps have, in the order of the first, and notes on how they differ.
-
-    Runs with the same key are the same: it hashes the parameters that differ from the defaults. Where a
-    parameter was changed for all runs no key is the same; runs are then matched by the varied values.
+def join(a: SweepTable, b: SweepTable) -> tuple[Rows, Rows]:
+    """Rows of the runs that both sweeps have, in the order of the first: either varies nothing else.
 
     Raises:
         InputError: no run is in both.
     """
-    varied = list(dict.fromkeys((*a.varied, *b.varied)))
-    notes = []
-    _, rows_a, rows_b = np.intersect1d(a.words("key"), b.words("key"), return_indices=True)
-    if not len(rows_a) and varied and all(key in sweep for key in varied for sweep in (a, b)):
-        values_a, values_b = ([str(row) for row in side.table.select(varied).to_pylist()] for side in (a, b))
-        _, rows_a, rows_b = np.intersect1d(values_a, values_b, return_indices=True)
-        for key in (key for key in a.parameters if len(rows_a) and key in b and key not in varied):
-            one, two = (sweep.table.column(key)[0].as_py() for sweep in (a, b))
-            if one != two:
-                notes.append(f"{key} is {one} in all runs of A, {two} in those of B")
+    varied = list(dict.fromkeys(key for side in (a, b) for key in side.metadata["varied"]))
+    if any(len(side.table.column("gait").unique()) > 1 for side in (a, b)):
+        varied.append("gait")
+    rows_a = rows_b = np.array([], dtype=np.intp)
+    if all(key in side for key in varied for side in (a, b)):
+        values = ([str(row) for row in side.table.select(varied).to_pylist()] for side in (a, b))
+        _, rows_a, rows_b = np.intersect1d(*values, return_indices=True)
     if not len(rows_a):
-        ranges = " and ".join(", ".join(sorted(sweep.varied)) or "nothing" for sweep in (a, b))
+        ranges = " and ".join(", ".join(sorted(side.metadata["varied"])) for side in (a, b))
         raise InputError(
             f"no run of {a.source} is in {b.source} (they have {len(a)} and {len(b)} runs, and vary "
             f"{ranges}); give two sweeps of the same definition."
         )
     order = np.argsort(rows_a)
-    return rows_a[order], rows_b[order], notes
+    return rows_a[order], rows_b[order]
 
 
 def _notes(a: SweepTable, b: SweepTable) -> Iterator[str]:
     """Warnings about the comparison of two sweeps."""
+    for key in a.parameters:
+        if key in b and key not in (*a.varied, *b.varied):
+            one, two = (side.table.column(key)[0].as_py() for side in (a, b))
+            if one != two:
+                yield f"{key} is {one} in all runs of A, {two} in those of B"
     for name, side in (("A", a), ("B", b)):
         if side.planned > len(side):
             yield f"{name} is not finished: {len(side):,} of {side.planned:,} runs"
-    if a.profile != b.profile or a.metadata["tolerances"] != b.metadata["tolerances"]:
-        yield f"the limits differ (profiles {a.profile or '?'} and {b.profile or '?'}); those of B count"
+    limits = [(side.metadata["profile"], side.metadata["tolerances"]) for side in (a, b)]
+    if limits[0] != limits[1]:
+        yield f"the limits differ (profiles {limits[0][0]} and {limits[1][0]}); those of B count"
     if gone := [name for name in a.judged if METRIC + name not in b]:
         yield f"only A has {'; '.join(map(a.label, gone))}"
     one, two = (side.metadata["environment"] for side in (a, b))

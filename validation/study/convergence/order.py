@@ -46,40 +46,27 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Estimate:
-    """Order and uncertainty of one metric by a sequence of levels.
+    """Order and uncertainty of one metric by a sequence of levels, in the metric's unit."""
 
-    Attributes:
-        kind: asymptotic; no asymptotic range; constant, where the levels differ by rounding alone; unknown,
-            where a level has no value.
-        orders: observed order of every triplet of neighbouring levels, coarse to fine; NaN where the values
-            do not converge monotonically.
-        uncertainty: expanded numerical uncertainty of the first level's value, about 95 %, in the metric's
-            unit: the limit of vanishing steps is taken to be within value ± uncertainty. Infinite if a level
-            has no value, NaN if the first one has none.
-        finest: the same of the last level's value.
-        reason: why, as text.
-        order: that of the finest triplet, None outside the asymptotic range.
-        extrapolated: value at step zero, None outside the asymptotic range.
-    """
-
+    # asymptotic; no asymptotic range; constant, where the levels differ by rounding alone; unknown, where a
+    # level has no value
     kind: Kind
+    # observed order of every triplet of neighbouring levels, coarse to fine; NaN where the values do not
+    # converge monotonically
     orders: tuple[float, ...]
+    # expanded numerical uncertainty of the first level's value, about 95 %: the limit of vanishing steps is
+    # taken to be within value ± uncertainty; infinite if a level has no value, NaN if the first one has none
     uncertainty: float
-    finest: float
-    reason: str
-    order: float | None = None
-    extrapolated: float | None = None
+    finest: float  # the same of the last level's value
+    reason: str  # why, as text
+    order: float | None = None  # that of the finest triplet, None outside the asymptotic range
+    extrapolated: float | None = None  # value at step zero, None outside the asymptotic range
 
 
 def observed_orders(values: Sequence[float], ratio: float) -> tuple[float, ...]:
-    """Order of every triplet of neighbouring values, coarse to fine; NaN unless a triplet is monotone.
+    """Order of every triplet of neighbouring values, coarse to fine, at a ratio of their steps above 1.
 
-    Args:
-        values: coarse to fine, any unit.
-        ratio: of neighbouring steps, above 1.
-
-    Returns:
-        One order a triplet; negative where the differences grow.
+    It is NaN unless a triplet is monotone, and negative where the differences grow.
     """
     orders = []
     for coarse, middle, fine in zip(values, values[1:], values[2:], strict=False):
@@ -92,11 +79,8 @@ def observed_orders(values: Sequence[float], ratio: float) -> tuple[float, ...]:
 def estimate(levels: Iterable[float], ratio: float, *, forbidden: str = "") -> Estimate:
     """Classify a sequence and bound the error of its first value.
 
-    Args:
-        levels: three or more values of one metric, coarse to fine, the first at the run's own parameters; NaN
-            for a level that has none.
-        ratio: of neighbouring steps, above 1.
-        forbidden: why the metric must not be extrapolated whatever the values are, empty if it may be.
+    The levels are three or more values of one metric, coarse to fine, NaN for a level without any; the ratio
+    is that of neighbouring steps, above 1. ``forbidden`` says why the metric must not be extrapolated, if so.
     """
     values = [float(value) for value in levels]
     orders = observed_orders(values, ratio)

@@ -12,12 +12,13 @@ from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import MetricResult, Verdict, judge
 from validation.store.environment import describe_environment, parameter_values
-from validation.study.convergence.levels import OWN, Study
 from validation.study.convergence.order import Estimate, estimate
 from validation.study.row_file import Row
 from validation.table import Table, Tabled, format_number, short_unit
 from validation.trial.plan import Request
 
+OWN = "own"
+"""Task of the walk at the gait's own values, which all studies share."""
 _NEVER = {"count": "a count", "extreme": "an extreme, never extrapolated"}
 _ALSO = ("energy_positive_work", "energy_negative_work", "energy_cost_of_transport")
 """Integrals that the table has beside what is judged."""
@@ -27,6 +28,27 @@ _NOTES = (
     "spread: largest change by another contact law or engine.",
     "A value closer to its limit than u_num or the spread is undecided.",
 )
+
+
+@dataclass(frozen=True)
+class Study:
+    """Levels of one parameter."""
+
+    name: str  # of the study
+    key: str  # of the parameter
+    # of the key in its unit, the gait's own one first; those of a numerical study fall
+    values: tuple[Any, ...]
+    ratio: float = 0.0  # of neighbouring levels of a numerical study, 0 of a contact law or the engine
+
+    @property
+    def numerical(self) -> bool:
+        """Whether its levels approach a limit."""
+        return self.ratio > 0.0
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """Task of each level."""
+        return OWN, *(f"{self.key}={value}" for value in self.values[1:])
 
 
 @dataclass(frozen=True)
@@ -93,17 +115,8 @@ class Convergence(Tabled):
             f"Convergence of {self.request.name}: value ± numerical uncertainty, {run.gait.steps} steps a "
             f"level, control at {run.controller.frequency:g} Hz, profile {verdict.profile}"
         )
-        columns = (
-            "metric",
-            ">value ± u_num",
-            ">limit",
-            "unit",
-            "verdict",
-            ">finest step",
-            "observed order",
-            ">extrapolated",
-            ">spread",
-        )
+        numbers = (">value ± u_num", ">limit", "unit", "verdict", ">finest step", "observed order")
+        columns = ("metric", *numbers, ">extrapolated", ">spread")
         rows = [
             self._cells(item)
             for item in self.metrics.values()
@@ -140,16 +153,10 @@ class Convergence(Tabled):
 def combine(
     request: Request, profile: Profile, found: Sequence[Study], walks: Mapping[str, Row]
 ) -> Convergence:
-    """Estimates of every metric from the walks of all levels, and the verdict.
+    """Estimates of every metric from the rows of all levels, by task, and the verdict.
 
     The errors of time step, grids and tolerances are not random and may have one sign, so their bounds are
     added. Of the contact laws the one counts that changes a metric most.
-
-    Args:
-        request: the gait.
-        profile: its limits.
-        found: the studies.
-        walks: row of every task of theirs, see :func:`validation.study.convergence.levels.walk_level`.
     """
     own = walks[OWN]
     own_values: Mapping[str, float] = own.get("values", {})
@@ -185,17 +192,15 @@ def _sum_of(name: str, estimates: Mapping[str, Estimate]) -> float:
     return math.inf if math.isnan(total) else total
 
 
-def _study_metric(name: str, found: Sequence[Study], walks: Mapping[str, Row]) -> StudiedMetric:
+def _study_metric(name: str, studies: Sequence[Study], walks: Mapping[str, Row]) -> StudiedMetric:
     """Levels and estimates of one metric."""
     levels: dict[str, tuple[float, ...]] = {}
     estimates: dict[str, Estimate] = {}
     changes = [0.0]
-    for study in found:
+    for study in studies:
         rows = [walks[task] for task in study.tasks]
-        values = tuple(
-            row["values"].get(name, math.nan) if row["outcome"] == "completed" else math.nan for row in rows
-        )
-        levels[study.name] = values
+        known = [row["values"] if row["outcome"] == "completed" else {} for row in rows]
+        levels[study.name] = values = tuple(found.get(name, math.nan) for found in known)
         if study.numerical:
             forbidden = _NEVER.get(METRICS[name].nature, "")
             estimates[study.name] = estimate(values, study.ratio, forbidden=forbidden)

@@ -1,23 +1,105 @@
-"""Convergence study of a gait: which walks it takes, and the files of its result."""
+"""Convergence study of a gait: levels of one parameter at a time about the gait's own, and their walks."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from typing import Unpack
+from typing import Any, Unpack
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from ampm.physics_parameters import steps_per_tick
 from validation.judge import profiles
 from validation.judge.uncertainty import FILE
-from validation.study.convergence.levels import LEVELS, runs_of, studies, walk_level
-from validation.study.convergence.result import Convergence, combine
+from validation.store.environment import parameter_values
+from validation.study.convergence.result import OWN, Convergence, Study, combine
 from validation.study.many import Execution, Task, open_study, walk_many, write_study
-from validation.study.walk_options import users_classes
+from validation.study.row_file import Row
+from validation.study.walk_options import walk_request
+from validation.trial.engine import check_drake
 from validation.trial.plan import Request, load_request, plan_walk
 
 STEPS = 6
 """Walked at every level, by default: the gait is periodic, and a record grows as the time step shrinks."""
-PICTURE = "convergence.svg"
+LEVELS = 4
+"""Levels of a numerical study by default: two triplets, the least that can confirm an order."""
+NUMERICAL: Mapping[str, tuple[str, float]] = {
+    "time_step": ("simulation.time_step", 2.0),
+    "ik_grid": ("solver.ik_time_step", 2.0),
+    "qp_tolerance": ("solver.tolerance", 10.0),
+}
+"""Key of a step or tolerance whose limit is zero, and ratio of neighbouring levels, by study."""
+CONTACT_MODELS: Mapping[str, tuple[str, tuple[float, ...]]] = {
+    # The stiffness of MuJoCo's contact is proportional to the inverse square of the time constant.
+    "contact_stiffness": ("contact.time_constant", (2.0**0.5, 0.5**0.5)),
+    "contact_depth": ("contact.impedance_width", (2.0, 0.5)),
+    "contact_damping": ("contact.damping_ratio", (0.5, 2.0)),
+    "contact_impedance": ("contact.impedance_min", (0.5, 1.5)),
+    "drake_stiffness": ("drake.stiffness", (0.5, 2.0)),
+    "drake_dissipation": ("drake.dissipation", (0.5, 2.0)),
+}
+"""Key of a parameter of the contact law, and factors on its own value, by study.
+
+It belongs to the model: its values approach no limit, so they give a spread, and no order. MuJoCo and Drake
+have parameters of their own.
+"""
+ENGINES = ("mujoco", "drake")
+
+
+def studies(run: RunParameters, levels: int = LEVELS) -> list[Study]:
+    """Numerical studies of 3 to 6 levels, then those of contact law and, with Drake installed, engine.
+
+    Raises:
+        InputError: too few or too many levels.
+    """
+    if not 3 <= levels <= 6:
+        raise InputError(
+            f"--levels {levels}: an observed order takes 3 levels, a confirmed one 4, and beyond 6 a record "
+            "does not fit into the memory; choose 3 ... 6."
+        )
+    own, found = parameter_values(run), []
+    for name, (key, ratio) in NUMERICAL.items():
+        # Rounded, so that a tenth of 5e-5 is written as 5e-6.
+        values = tuple(float(f"{own[key] / ratio**level:.15g}") for level in range(levels))
+        found.append(Study(name, key, values, ratio))
+    for name, (key, factors) in CONTACT_MODELS.items():
+        if key.startswith("drake.") == (run.simulation.engine == "drake"):
+            found.append(Study(name, key, _possible(run, key, [factor * own[key] for factor in factors])))
+    found.append(Study("engine", "simulation.engine", _possible(run, "simulation.engine", ENGINES)))
+    return [study for study in found if len(study.values) > 1]
+
+
+def _possible(run: RunParameters, key: str, values: Sequence[Any]) -> tuple[Any, ...]:
+    """The own value of a key, and others that the model can have; of an engine those that are installed."""
+    found = [parameter_values(run)[key]]
+    for value in values:
+        with suppress(InputError):
+            changed = run.replace({key: value})
+            if changed.simulation.engine == "drake":
+                check_drake(changed)
+            found.append(value)
+    return tuple(dict.fromkeys(found))
+
+
+def runs_of(run: RunParameters, found: Sequence[Study]) -> dict[str, RunParameters]:
+    """Complete parameters of every level, by task; one thing changes at a time."""
+    levels = [(study, level) for study in found for level in range(1, len(study.values))]
+    changed = {study.tasks[level]: run.replace({study.key: study.values[level]}) for study, level in levels}
+    return {OWN: run, **changed}
+
+
+def walk_level(**options: Any) -> Row:
+    """Walk one level; the options are those of :func:`validation.study.walk_options.walk_request`.
+
+    Returns:
+        ``outcome`` and ``cause``; ``values`` of all metrics in SI units; ``scales``, reference quantities of
+        the walk.
+    """
+    trial = walk_request(**options)
+    return {
+        "outcome": str(trial.record.outcome.name),
+        "cause": trial.record.outcome.cause,
+        "values": {name: metric.value for name, metric in trial.metrics.items()},
+        "scales": dict(trial.comparison.scales),
+    }
 
 
 def convergence(
@@ -49,25 +131,18 @@ def convergence(
     request = load_request(gait, settings)
     request = replace(request, run=request.run.replace({"gait.steps": steps}))
     studies(request.run, levels)  # refuse before anything is planned
-    # Halving the time step does not correct a control period that is no multiple of it.
-    steps_per_tick(request.run.controller.frequency, request.run.simulation.time_step)
-    users = users_classes(request.run)
-    planned = plan_walk(request, pool.get("progress"), planner=users.get("planner"))
-    request = planned.request  # with all values
+    request = plan_walk(request, pool.get("progress")).request  # with all values
     found = studies(request.run, levels)
     runs = runs_of(request.run, found)
     # The finest steps take longest. Started first, they leave no worker idle at the end.
-    order = sorted(runs, key=lambda task: runs[task].simulation.time_step)
     tasks = [
-        Task(task, walk_level, {"request": Request(request.name, runs[task]), **users}) for task in order
+        Task(task, walk_level, {"request": Request(request.name, runs[task])})
+        for task in sorted(runs, key=lambda task: runs[task].simulation.time_step)
     ]
-    label = f"{request.name}: convergence"
-    rows = walk_many(tasks, folder, label=label, **pool)
-    walks = {row["key"]: row for row in rows}
+    walks = {
+        row["key"]: row for row in walk_many(tasks, folder, label=f"{request.name}: convergence", **pool)
+    }
     result = combine(request, limits, found, {task: walks[task] for task in runs})
     if folder is not None:
-        from validation.study.convergence.picture import draw  # loads matplotlib
-
-        draw(result, folder / PICTURE)
         write_study(result, folder / FILE)
     return result

@@ -11,6 +11,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.planner.contacts import Contacts
 from ampm.run_file import key_info
+from validation.table import own_rows
 
 DURATION = 0.1
 """Duration of the push [s]."""
@@ -84,36 +85,18 @@ def push_cells(quick: bool = False) -> tuple[Cell, ...]:
     return tuple(cells)
 
 
-def _degrees(*values: float) -> tuple[float, ...]:
-    return tuple(math.radians(value) for value in values)
-
-
-_LADDERS: tuple[tuple[str, str, tuple[float, ...]], ...] = (
-    ("floor higher", "disturbance.floor_height", (0.002, 0.005, 0.01, 0.02, 0.03)),
-    ("floor lower", "disturbance.floor_height", (-0.002, -0.005, -0.01, -0.02, -0.03)),
-    ("one step higher", "disturbance.step_height", (0.002, 0.005, 0.01, 0.02, 0.03, 0.05)),
-    ("one step lower", "disturbance.step_height", (-0.002, -0.005, -0.01, -0.02, -0.03, -0.05)),
-    ("slope uphill", "disturbance.slope_along", _degrees(0.5, 1, 2, 3, 5)),
-    ("slope downhill", "disturbance.slope_along", _degrees(-0.5, -1, -2, -3, -5)),
-    ("slope across, up to the left", "disturbance.slope_across", _degrees(0.5, 1, 2, 3, 5)),
-    ("slope across, up to the right", "disturbance.slope_across", _degrees(-0.5, -1, -2, -3, -5)),
-    ("friction", "disturbance.friction_factor", (0.75, 0.5, 0.375, 0.25)),
-    ("soft floor", "disturbance.softness_factor", (2.0, 4.0, 6.0, 8.0)),
-    ("delay of sensors", "sensors.delay", (0.002, 0.004, 0.008, 0.012, 0.016)),
-    ("delay of torques", "disturbance.actuation_delay", (0.002, 0.004, 0.008, 0.012)),
-    ("joint damping", "disturbance.joint_damping", (0.25, 0.5, 1.0, 2.0, 4.0)),
-    ("dry friction of joints", "disturbance.joint_friction", (0.25, 0.5, 1.0, 2.0, 4.0)),
-    ("noise of joint angles", "sensors.angle_noise", (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)),
-    ("noise of joint rates", "sensors.rate_noise", (0.01, 0.025, 0.05, 0.1, 0.2)),
-    ("bias of torques", "disturbance.torque_bias", (0.25, 0.5, 1.0, 2.0, 4.0)),
-    ("all heavier", "disturbance.mass_change", (0.05, 0.1, 0.2)),
-    ("all lighter", "disturbance.mass_change", (-0.05, -0.1, -0.2)),
-)
-
-
 def other_cells(quick: bool = False) -> tuple[Cell, ...]:
-    """All other disturbances, and errors of sensors; ``quick``: every other value."""
-    return tuple(Cell(name, key, values[1::2] if quick else values) for name, key, values in _LADDERS)
+    """All other disturbances, and errors of sensors, of ``ladders.csv``; ``quick``: every other value."""
+    cells = []
+    for row in own_rows("study/robustness/ladders.csv"):
+        values = tuple(map(_value, row["values"].split()))
+        cells.append(Cell(row["name"], row["key"], values[1::2] if quick else values))
+    return tuple(cells)
+
+
+def _value(text: str) -> float:
+    """A number, in the unit of its key or in degrees."""
+    return math.radians(float(text.removesuffix("deg"))) if text.endswith("deg") else float(text)
 
 
 def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:
@@ -126,16 +109,12 @@ def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:
     for name in only:
         if name not in kinds:
             known = ", ".join(sorted(kinds))
-            raise InputError(f"{name!r} is no kind of disturbance; take some of {known}.", value=name)
+            raise InputError(f"{name!r} is not a kind of disturbance; take some of {known}.", value=name)
     return tuple(cell for cell in cells if not only or cell.kind in only)
 
 
 def needed(replicas: int) -> int:
-    """Replicas that have to survive.
-
-    Raises:
-        InputError: there is none.
-    """
+    """Replicas that have to survive; an InputError for less than one."""
     if replicas < 1:
         raise InputError(f"--replicas {replicas}: at least one walk is needed.", value=replicas)
     return math.ceil(NEEDED * replicas - 1e-9)
@@ -144,17 +123,10 @@ def needed(replicas: int) -> int:
 def push_instant(
     contacts: Contacts, direction: Direction, phase: PushPhase, step: int, shift: float = 0.0
 ) -> tuple[float, Array]:
-    """The instant of a push in a walk.
+    """Time at which a push begins [s], and its unit vector in world, shape (2,).
 
-    Args:
-        contacts: of the walk.
-        direction: see :data:`DIRECTIONS`.
-        phase: see :data:`PUSH_PHASES`.
-        step: number of the single support, from 1.
-        shift: share of the phase by which it begins later [1].
-
-    Returns:
-        Time at which it begins [s], and its unit vector in world, shape (2,).
+    The step is the number of the single support, from 1. The shift is the share of the phase by which it
+    begins later [1].
 
     Raises:
         InputError: no single support follows this one.
@@ -167,9 +139,8 @@ def push_instant(
     time = float(during.start + (_SHARES[phase] + shift) * during.duration)
     ends = np.append(contacts.starts[1:], contacts.duration)
     after = singles[ends[singles] > time + DURATION][0]
-    side = 1.0 if contacts.phases[after].stance == "left" else -1.0
-    heading = contacts.headings[index]
-    along = np.array([np.cos(heading), np.sin(heading)])
-    over_foot = side * np.array([-along[1], along[0]])
+    along = np.array([np.cos(contacts.headings[index]), np.sin(contacts.headings[index])])
+    left = np.array([-along[1], along[0]])
+    over_foot = left if contacts.phases[after].stance == "left" else -left
     vectors = {"forward": along, "backward": -along, "narrower": over_foot, "wider": -over_foot}
     return time, vectors[direction]

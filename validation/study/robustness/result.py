@@ -84,10 +84,7 @@ class Robustness(Tabled):
 
 
 def load_robustness(path: Path) -> Robustness:
-    """Read what ``ampm robustness --out`` wrote.
-
-    Args:
-        path: ``robustness.json``, or the folder that holds it.
+    """Read ``robustness.json``, or that of the folder that holds it.
 
     Raises:
         InputError: there is no such file, or it is damaged.

@@ -1,13 +1,12 @@
 """Robustness study of a gait: what it survives with its body and controller."""
 
 import math
-from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, MutableMapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any, Unpack
 
 from ampm.parameters import RunParameters
-from ampm.walk import Planner
 from models.scene import BodyModel
 from validation.judge import profiles
 from validation.run.walk import walk_planned
@@ -28,43 +27,32 @@ from validation.study.robustness.cells import (
     push_instant,
 )
 from validation.study.robustness.result import RESULT, CellResult, Robustness
-from validation.study.row_file import Row, crash_notes
-from validation.study.walk_options import users_classes
+from validation.study.row_file import Row
 from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.shapes import Shapes
 from validation.trial.simulate import simulate
+from validation.trial.users import PLANNER
 
 CROSSED = "the legs met"
 _EVERY = 0.01  # time between two looks at the distance of the legs [s]
 
 
-# ------------------------------------------------------------------------------------------- on a worker
-
-
-def walk_replica(
-    request: Request, profile: str | None, *, planner: Planner | None = None, **users: Any
-) -> Row:
-    """Walk once.
-
-    Args:
-        request: complete, with its disturbances.
-        profile: name of the tolerances; None to leave the walk unmeasured.
-        planner: a user's, see :func:`validation.study.walk_options.users_classes`.
-        users: other classes, likewise.
+def walk_replica(request: Request, profile: str | None) -> Row:
+    """Walk a complete request once; without a profile the walk is not measured.
 
     Returns:
         ``outcome`` and ``cause``, which is empty for a walk that survived; ``passed``, whether it kept the
         tolerances; ``zmp``, the RMSE along x and y [m], NaN if it is not measured.
     """
     name, run = request.name, request.run.undisturbed
-    planned = _planned(name, run) if planner is None else plan_walk(Request(name, run), planner=planner)
+    planned = _planned(name, run) if run.gait.planner in PLANNER.known else plan_walk(Request(name, run))
     disturbed = replace(planned, request=request)
     passed, zmp = False, [math.nan, math.nan]
     if profile is None:
-        record = simulate(disturbed, **users)
+        record = simulate(disturbed)
     else:
-        trial = walk_planned(disturbed, profiles.profile(profile), **users)
+        trial = walk_planned(disturbed, profiles.profile(profile))
         record, passed = trial.record, trial.verdict.passed
         zmp = [trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy"]
     cause = cause_of(record, planned.body.model)
@@ -94,22 +82,16 @@ def _planned(name: str, run: RunParameters) -> PlannedWalk:
     return plan_walk(Request(name, run))
 
 
-# ------------------------------------------------------------------------------------------- the search
-
-
 def climb(
     cell: Cell,
     replicas: int,
     task: Callable[[Cell, float, int], Task],
     results: MutableMapping[str, CellResult],
 ) -> Search:
-    """Walk rising values of a cell up to the first that is not survived, and store the result.
+    """Walk rising values of a cell up to the first that is not survived, and store the result by its name.
 
-    Args:
-        cell: the disturbance.
-        replicas: of each value; the rest of them is not walked once too many have failed.
-        task: makes the walk of a cell, a value and a replica.
-        results: where to store, by name of the cell.
+    Replicas of a value are not walked once too many have failed. ``task`` makes the walk of a cell, a value
+    and a replica.
     """
     least, kept, found = needed(replicas), True, CellResult(cell)
     for value in cell.values:
@@ -156,15 +138,16 @@ def robustness(
     cells = chosen([*push_cells(quick), *other_cells(quick)], only)
     folder, pool = open_study(execution)
     request = load_request(run, settings)
-    users = users_classes(request.run)
     limits = profiles.own_profile(request.name, request.run) if profile is None else profiles.profile(profile)
     short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
-    planned = plan_walk(short, pool.get("progress"), planner=users.get("planner"))
-    task = partial(replica_task, planned=planned, profile=limits.name, users=users)
+    planned = plan_walk(short, pool.get("progress"))
+    task = partial(replica_task, planned=planned, profile=limits.name)
     results: dict[str, CellResult] = {}
     searches = [climb(cell, replicas, task, results) for cell in cells]
     rows = walk_many(searches, folder, label=f"{request.name}: robustness", unit="disturbances", **pool)
-    crashes = tuple(crash_notes(rows))
+    crashes = tuple(
+        f"{row['key']}: {row['cause']}" for row in rows if row["outcome"] == "crashed" and "reason" in row
+    )
     found = Robustness(
         gait=request.title,
         body=planned.run.body.source,
@@ -178,18 +161,10 @@ def robustness(
     return found
 
 
-def replica_task(
-    cell: Cell, value: float, replica: int, planned: PlannedWalk, profile: str, users: Mapping[str, Any]
-) -> Task:
+def replica_task(cell: Cell, value: float, replica: int, planned: PlannedWalk, profile: str) -> Task:
     """The walk of one replica: the first as planned, others with an error at the start, and a shift.
 
-    Args:
-        cell: the disturbance.
-        value: of the cell.
-        replica: its number, from 0.
-        planned: the gait, with at least ``PUSH_STEP + 2`` steps.
-        profile: name of the tolerances, by which walks with a push are not judged.
-        users: see :func:`validation.study.walk_options.users_classes`.
+    The plan has at least ``PUSH_STEP + 2`` steps. Walks with a push are not judged.
     """
     settings: dict[str, Any] = {
         "disturbance.seed": replica,
@@ -211,5 +186,5 @@ def replica_task(
     else:
         settings[cell.key] = value
     request = Request(planned.name, planned.run.as_is().replace(settings))
-    options = {"request": request, "profile": None if cell.is_push else profile, **users}
+    options = {"request": request, "profile": None if cell.is_push else profile}
     return Task(f"{cell.name} {value:g}, replica {replica}", walk_replica, options)

@@ -1,15 +1,15 @@
 """Definition of a sweep: one TOML file that lists the runs, independent of their execution.
 
 Several blocks are crossed: every case of the first with every one of the second; the last block changes
-fastest. Runs are numbered from 0. A case of a grid is computed from its number; only points of sampled blocks
-are stored. The same definition gives the same values on every machine with the same SciPy. ``docs/sweeps.md``
-has an example and explains every key.
+fastest. Runs are numbered from 0. The same definition gives the same values on every machine with the same
+SciPy. ``docs/sweeps.md`` has an example and explains every key.
 """
 
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -38,9 +38,6 @@ DELAY_KEY = "sensors.delay"
 
 _TABLES = ("sweep", "set", "vary", "base")
 _DIGITS = 12  # significant digits to which a grid's inner values are rounded
-
-
-# ----------------------------------------------------------------------- blocks
 
 
 class Range(Section):
@@ -86,20 +83,13 @@ class Block(Section):
         if sampled != (self.count is not None):
             verb = "needs a" if sampled else "has no"
             raise InputError(f"a {self.method} {verb} count of its own; correct it.", key="count")
-        wanted = {
-            "grid": "a list, or a range with its count: { from = ..., to = ..., count = 5 }",
-            "list": 'a list; for a range take method = "grid"',
-        }.get(
-            self.method, "a range without a count: { from = ..., to = ... }; give lists a block of their own"
-        )
-        lengths = {}
+        wanted = "a list, or a range with its count: { from = ..., to = ..., count = 5 }"
+        if sampled:
+            wanted = "a range without a count: { from = ..., to = ... }; give lists a block of their own"
         for key, value in self.keys.items():
-            if isinstance(value, Range):
-                good = self.method != "list" and sampled == (value.count is None)
-            else:
-                good, lengths[key] = not sampled, len(value)
-            if not good:
+            if sampled != (isinstance(value, Range) and value.count is None):
                 raise InputError(f"{key} in a {self.method} must be {wanted}.", key=key)
+        lengths = {key: v.count if isinstance(v, Range) else len(v) for key, v in self.keys.items()}
         if self.method == "list" and len(set(lengths.values())) > 1:
             found = ", ".join(f"{key} has {length}" for key, length in lengths.items())
             raise InputError(
@@ -108,19 +98,20 @@ class Block(Section):
             )
         return self
 
-    def columns(self, generator: np.random.Generator) -> dict[str, list[Option]]:
-        """Values of every key: the distinct ones of a grid, those of all cases otherwise."""
+    def cases(self, generator: np.random.Generator) -> list[dict[str, Option]]:
+        """Values of all keys, case by case."""
         unit = self._points(generator)
-        found = {}
+        columns = []
         for number, (key, value) in enumerate(self.keys.items()):
             is_whole = key_info(key).kind == "int"
             if not isinstance(value, Range):
-                found[key] = list(value)
+                columns.append(list(value))
             elif unit is None:
-                found[key] = _spaced(value, is_whole)
+                columns.append(_spaced(value, is_whole))
             else:
-                found[key] = _scaled(value, is_whole, unit[:, number])
-        return found
+                columns.append(_scaled(value, is_whole, unit[:, number]))
+        rows = product(*columns) if self.method == "grid" else zip(*columns, strict=True)
+        return [dict(zip(self.keys, row, strict=True)) for row in rows]
 
     def _points(self, generator: np.random.Generator) -> NDArray[np.float64] | None:
         """Points of a sampled block in 0 ... 1, shape (count, keys)."""
@@ -160,9 +151,6 @@ def _scaled(value: Range, is_whole: bool, unit: NDArray[np.float64]) -> list[Opt
     if is_whole:
         values = np.rint(values).astype(int)
     return np.clip(values, value.start, value.stop).astype(values.dtype).tolist()
-
-
-# ------------------------------------------------------------------- definition
 
 
 class SweepDefinition(Section, section="sweep"):
@@ -244,18 +232,15 @@ class SweepDefinition(Section, section="sweep"):
         return tuple(key for block in self.vary for key in block.keys)
 
     @cached_property
-    def _columns(self) -> list[dict[str, list[Option]]]:
-        """Values of the keys of every block; delays of a range are whole steps of the physics."""
-        columns = [
-            block.columns(np.random.default_rng([self.seed, number]))
-            for number, block in enumerate(self.vary)
-        ]
-        step = self.shared[0].simulation.time_step
-        for block, found in zip(self.vary, columns, strict=True):
-            if isinstance(block.keys.get(DELAY_KEY), Range):
-                steps = np.rint(np.array(found[DELAY_KEY]) / step)
-                found[DELAY_KEY] = np.round(steps * step, _DIGITS).tolist()
-        return columns
+    def _cases(self) -> list[list[dict[str, Option]]]:
+        """Cases of every block; delays of a range are whole steps of the physics."""
+        found, step = [], self.shared[0].simulation.time_step
+        for number, block in enumerate(self.vary):
+            cases = block.cases(np.random.default_rng([self.seed, number]))
+            for case in cases if isinstance(block.keys.get(DELAY_KEY), Range) else ():
+                case[DELAY_KEY] = float(np.round(np.rint(case[DELAY_KEY] / step) * step, _DIGITS))
+            found.append(cases)
+        return found
 
     def values(self, key: str) -> tuple[Option, ...]:
         """Values of a key: those listed, both ends of a range, or those of the gaits."""
@@ -280,14 +265,10 @@ class SweepDefinition(Section, section="sweep"):
         """
         if not 0 <= run < len(self):
             raise IndexError(f"there is no run {run}: the sweep has {len(self)}")
-        _, *cases = np.unravel_index(run, [len(self.base), *(block.size for block in self.vary)])
-        found = {}
-        for block, columns, case in zip(self.vary, self._columns, cases, strict=True):
-            places = (case,) * len(columns)
-            if block.method == "grid":
-                places = np.unravel_index(case, [len(values) for values in columns.values()])
-            for (key, values), place in zip(columns.items(), places, strict=True):
-                found[key] = values[place]
+        _, *places = np.unravel_index(run, [len(self.base), *map(len, self._cases)])
+        found: dict[str, Option] = {}
+        for cases, place in zip(self._cases, places, strict=True):
+            found |= cases[place]
         return found
 
     def parameters(self, run: int) -> RunParameters:
@@ -302,9 +283,6 @@ class SweepDefinition(Section, section="sweep"):
     def name_of(self, run: int) -> str:
         """Number of a run as text, with zeros in front so that names sort as numbers do."""
         return f"{run:0{len(str(len(self) - 1))}d}"
-
-
-# ---------------------------------------------------------------- from and to TOML
 
 
 def load_sweep(path: str | Path, *, finished: bool = False) -> SweepDefinition:
@@ -339,7 +317,7 @@ def _sweep_of(
 ) -> SweepDefinition:
     for word, value in table.items():
         if word in RunParameters.model_fields:
-            raise InputError(f"[{word}] is no table of a sweep; put its keys under [set].", key=word)
+            raise InputError(f"[{word}] is not a table of a sweep; put its keys under [set].", key=word)
         if word not in _TABLES:
             raise unknown(word, _TABLES)
         is_list = isinstance(value, list) and all(isinstance(item, dict) for item in value)
@@ -408,11 +386,7 @@ def _beside(folder: Path, name: str) -> str:
 
 
 def _block(table: Mapping[str, Any]) -> Block:
-    """A block of the file, with the varied keys beside the block's own keys.
-
-    Raises:
-        InputError: no valid block.
-    """
+    """A block of the file, with the varied keys beside the block's own keys."""
     own = {name: value for name, value in table.items() if name in ("method", "count")}
     found = _flat({name: value for name, value in table.items() if name not in own})
     if not found:
@@ -421,11 +395,7 @@ def _block(table: Mapping[str, Any]) -> Block:
 
 
 def _values(key: str, value: Any) -> Range | tuple[Option, ...]:
-    """Values of one key of a block.
-
-    Raises:
-        InputError: neither values nor a range of this key.
-    """
+    """Values of one key of a block."""
     if key not in keys() and not is_option(key):
         raise unknown(key, [*keys(), "method", "count"])
     info = key_info(key)

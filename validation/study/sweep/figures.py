@@ -1,4 +1,4 @@
-"""Pictures of a sweep's report in Vega-Lite: a scatter over any two quantities, and parallel coordinates.
+"""Picture of a sweep's report in Vega-Lite: a scatter over any two quantities.
 
 The page carries data, specification and the library itself (vl-convert has the script), so that it works
 offline.
@@ -6,7 +6,6 @@ offline.
 
 import copy
 import json
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,19 +15,14 @@ from markupsafe import Markup
 from ampm.geometry import Array
 from validation.show.text import format_value
 from validation.show.vector import FONT
-from validation.study.sweep.table import STATES, State, SweepTable
+from validation.study.sweep.table import REPORT, State, SweepTable
 
 Spec = dict[str, Any]
 
 MOST_POINTS = 2000
-"""Runs in a picture at most: all, or a random sample."""
-MOST_AXES = 9
-"""Axes of the parallel coordinates at most."""
-LABELS = (
-    "Runs over two quantities",
-    "Runs across all that varies, and the largest share of a tolerance used",
-)
-"""What the two pictures show."""
+"""Runs in the picture at most: all, or a random sample."""
+LABEL = "Runs over two quantities"
+"""What the picture shows."""
 _COLORS: Mapping[State, str] = {
     State.PASS: "#0072b2",
     State.OUT_OF_TOLERANCE: "#e69f00",
@@ -60,7 +54,7 @@ def quantities(sweep: SweepTable) -> dict[str, Array]:
         found[f"{key} [{unit}]" if unit else key] = values.astype(float)
     found["largest share of a tolerance [%]"] = np.minimum(100.0 * sweep.worst_used, 1000.0)
     for metric in sweep.judged:
-        values, unit = sweep.shown(metric)
+        values, _, unit = sweep.shown(metric)
         found[f"{sweep.label(metric)} [{unit}]"] = values
     return {label: values for label, values in found.items() if np.isfinite(values).any()}
 
@@ -71,21 +65,24 @@ def texts(sweep: SweepTable) -> dict[str, list[str]]:
     return {key: np.unique(found).tolist() for key, found in values.items() if found.dtype.kind == "U"}
 
 
-def run_data(sweep: SweepTable, links: Mapping[int, str]) -> list[dict[str, Any]]:
-    """Name, outcome, parameters and all quantities of the runs that are drawn.
+def links_of(sweep: SweepTable) -> dict[int, str]:
+    """Row to the address of its report, relative to the page, of every kept run."""
+    if sweep.directory is None:
+        return {}
+    addresses = {row: f"{name}/{REPORT}" for row, name in enumerate(sweep.words("recording")) if name}
+    return {row: address for row, address in addresses.items() if (sweep.directory / address).is_file()}
 
-    Args:
-        sweep: the sweep.
-        links: row to the address of its report.
-    """
+
+def run_data(sweep: SweepTable) -> list[dict[str, Any]]:
+    """Name, outcome, parameters, link and all quantities of the runs that are drawn."""
     rows = np.sort(np.random.default_rng(1).permutation(len(sweep))[:MOST_POINTS])
-    names, drawn = sweep.words("name"), quantities(sweep)
+    names, drawn, links = sweep.words("name"), quantities(sweep), links_of(sweep)
     parameters = sweep.table.select(sweep.varied).take(rows).to_pylist()
     found = []
     for row, varied in zip(rows.tolist(), parameters, strict=True):
         item = {
             "run": names[row],
-            "outcome": sweep.state(row).label,
+            "outcome": sweep.states[row].label,
             "parameters": ", ".join(f"{key} {format_value(value)}" for key, value in varied.items()),
             "link": links.get(row),
         }
@@ -131,52 +128,9 @@ def scatter(sweep: SweepTable) -> Spec:
     }
 
 
-def parallel(sweep: SweepTable) -> Spec:
-    """Parallel coordinates: a line for each run across the varied parameters and its largest share."""
-    drawn = quantities(sweep)
-    labels = list(drawn)[: len(sweep.varied) + 1][-MOST_AXES:]
-    ranges = {label: f"{np.nanmin(drawn[label]):.4g} to {np.nanmax(drawn[label]):.4g}" for label in labels}
-    ranges |= {key: " to ".join(names) for key, names in texts(sweep).items() if key in ranges}
-    axis = {
-        "labelAngle": -20,
-        "labelLimit": 300,
-        "labelExpr": "[datum.label, ranges[datum.label]]",
-        "grid": True,
-    }
-    return {
-        "params": [{"name": "ranges", "value": ranges}],
-        "transform": [
-            # In the name of a field dots and brackets would be a path.
-            {"fold": [re.sub(r"([.\[\]])", r"\\\1", label) for label in labels], "as": ["axis", "value"]},
-            {"filter": "isValid(datum.value)"},
-            {
-                "joinaggregate": [{"op": op, "field": "value", "as": op} for op in ("min", "max")],
-                "groupby": ["axis"],
-            },
-            {"calculate": "(datum.value - datum.min) / (datum.max - datum.min || 1)", "as": "share"},
-        ],
-        "mark": {"type": "line", "opacity": 0.25, "strokeWidth": 1.2},
-        "encoding": {
-            "x": {"field": "axis", "type": "nominal", "sort": labels, "title": None, "axis": axis},
-            "y": {
-                "field": "share",
-                "type": "quantitative",
-                "title": "lowest to highest value",
-                "axis": {"labels": False, "grid": False},
-            },
-            "detail": {"field": "run"},
-            "color": _color(sweep),
-            "tooltip": [{"field": field} for field in ("run", "outcome", "parameters")],
-        },
-        "width": "container",
-        "height": 320,
-        "config": _CONFIG,
-    }
-
-
 def _color(sweep: SweepTable) -> Spec:
     """Encoding of the outcome."""
-    present = [state for state in STATES if sweep.counts[state]]
+    present = [state for state in State if sweep.counts[state]]
     scale = {"domain": [state.label for state in present], "range": [_COLORS[state] for state in present]}
     return {"field": "outcome", "type": "nominal", "scale": scale}
 

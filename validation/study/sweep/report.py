@@ -4,8 +4,7 @@ All text is escaped. Pictures and scripts are in the page, see :mod:`validation.
 """
 
 import hashlib
-import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +17,8 @@ from validation.show.paper import Citation, cite
 from validation.show.text import format_value
 from validation.store.folders import output_file
 from validation.study.sweep import figures
-from validation.study.sweep.figures import texts
-from validation.study.sweep.table import BROKEN, REPORT, RESULTS, STATES, State, SweepTable, read_sweep
+from validation.study.sweep.figures import links_of, texts
+from validation.study.sweep.table import BROKEN, REPORT, RESULTS, State, SweepTable, read_sweep
 from validation.table import Table, format_number, short_unit
 
 WORST = 20
@@ -27,13 +26,7 @@ WORST = 20
 
 
 def write_sweep_report(directory: Path) -> Path:
-    """Write ``report.html`` into a sweep's folder from the table that it holds.
-
-    Args:
-        directory: folder of a sweep, finished or not; an existing report in it is replaced.
-
-    Returns:
-        Path of the report.
+    """Write ``report.html`` into the folder of a sweep, finished or not, from its table; returns its path.
 
     Raises:
         InputError: the folder holds no sweep, or no result yet.
@@ -46,17 +39,12 @@ def write_sweep_report(directory: Path) -> Path:
 
 
 def render(sweep: SweepTable) -> str:
-    """Render the report of a sweep.
-
-    Returns:
-        A complete HTML document; its only references are relative links to kept runs.
-    """
+    """The report as a complete HTML document; its only references are relative links to kept runs."""
     charts: dict[str, Markup] = {}
     if sweep.varied:
         charts = {
-            "runs": figures.as_json(run_data_of(sweep)),
+            "runs": figures.as_json(figures.run_data(sweep)),
             "scatter": figures.as_json(figures.scatter(sweep)),
-            "parallel": figures.as_json(figures.parallel(sweep)),
             "vega": figures.vega_script(),
         }
     verdict = judge_sweep(sweep)
@@ -71,24 +59,8 @@ def render(sweep: SweepTable) -> str:
         metrics=metric_table(sweep),
         worst=worst_runs(sweep),
         citation=cite_sweep(sweep),
-        labels=figures.LABELS,
+        label=figures.LABEL,
     )
-
-
-# ------------------------------------------------------------------------------------------------ runs
-
-
-def links_of(sweep: SweepTable) -> dict[int, str]:
-    """Row to the address of its report, relative to the page, of every kept run."""
-    if sweep.directory is None:
-        return {}
-    addresses = {row: f"{name}/{REPORT}" for row, name in enumerate(sweep.words("recording")) if name}
-    return {row: address for row, address in addresses.items() if (sweep.directory / address).is_file()}
-
-
-def run_data_of(sweep: SweepTable) -> list[dict[str, Any]]:
-    """What the pictures draw, see :func:`validation.study.sweep.figures.run_data`."""
-    return figures.run_data(sweep, links_of(sweep))
 
 
 def cite_sweep(sweep: SweepTable) -> Citation:
@@ -100,22 +72,19 @@ def cite_sweep(sweep: SweepTable) -> Citation:
 
 
 def worst_runs(sweep: SweepTable) -> list[dict[str, Any]]:
-    """Rows of the table of the worst runs, each with the command that walks it again."""
-    links, names, found = links_of(sweep), sweep.words("name"), []
-    gaits = sweep.words("gait")
+    """Rows of the table of the worst runs."""
+    links, names, gaits = links_of(sweep), sweep.words("name"), sweep.words("gait")
+    found = []
     for row in sweep.worst[:WORST]:
-        varied = {key: sweep.table.column(key)[row].as_py() for key in sweep.metadata["varied"]}
-        gait = {"gait": gaits[row]} if len(set(gaits)) > 1 else {}
-        command = sweep.metadata["command"].replace(" GAIT ", f" {shlex.quote(gaits[row])} ")
-        settings = [f"--set {shlex.quote(f'{key}={value}')}" for key, value in varied.items()]
+        values = {"gait": gaits[row]} if len(set(gaits)) > 1 else {}
+        values |= {key: sweep.table.column(key)[row].as_py() for key in sweep.metadata["varied"]}
         found.append(
             {
                 "name": names[row],
-                "state": sweep.state(row),
+                "state": sweep.states[row],
                 "why": _why(sweep, row),
                 "link": links.get(row, ""),
-                "parameters": {key: format_value(value) for key, value in {**gait, **varied}.items()},
-                "repeat": " ".join([command, *settings]),
+                "parameters": {key: format_value(value) for key, value in values.items()},
             }
         )
     return found
@@ -129,14 +98,10 @@ def _why(sweep: SweepTable, row: int) -> str:
         time, steps = sweep.numbers("outcome_time")[row], sweep.numbers("steps_completed")[row]
         return f"at {time:.2f} s, steps walked: {steps:.0f}: {sweep.words('cause')[row]}"
     worst = max(shares, key=lambda name: shares[name])
-    values, unit = sweep.shown(worst)
     over = sum(value > 1.0 for value in shares.values())
     more = f"; {over} of {len(shares)} over their limit" if over > 1 else ""
-    limit = _limits(sweep, worst, [row])
-    return f"{sweep.label(worst)}: {_amount(values[row], unit)}, limit {limit}{more}"
-
-
-# ---------------------------------------------------------------------------------------------- tables
+    values, limits, unit = sweep.shown(worst)
+    return f"{sweep.label(worst)}: {_amount(values[row], unit)}, limit {_amount(limits[row], unit)}{more}"
 
 
 def metric_table(sweep: SweepTable) -> Table:
@@ -159,29 +124,20 @@ def metric_table(sweep: SweepTable) -> Table:
 
 
 def _metric_rows(sweep: SweepTable, inside: NDArray[np.bool_]) -> Iterator[tuple[str, ...]]:
+    """Rows of the metrics of some runs; the limit is a range where their bodies differ."""
     for metric in sweep.judged:
-        values, unit = sweep.shown(metric)
+        values, limits, unit = sweep.shown(metric)
         known = values[np.isfinite(values) & inside]
         if known.size:
             over = f"{int((sweep.used(metric) > 1.0)[inside].sum()):,} of {known.size:,}"
             quantiles = [_amount(np.quantile(known, part), unit) for part in (0.5, 0.95, 1.0)]
-            yield sweep.label(metric), over, *quantiles, _limits(sweep, metric, np.flatnonzero(inside))
+            ends = [_amount(end(limits[inside & np.isfinite(limits)]), unit) for end in (np.min, np.max)]
+            yield sweep.label(metric), over, *quantiles, " ... ".join(dict.fromkeys(ends))
 
 
 def _amount(value: float, unit: str) -> str:
     """A number and its unit."""
     return f"{format_number(float(value), 3)} {short_unit(unit)}".rstrip()
-
-
-def _limits(sweep: SweepTable, metric: str, rows: Sequence[int] | NDArray[np.intp]) -> str:
-    """Limit of some runs: one number, or a range where their bodies differ."""
-    values, unit = sweep.shown_limits(metric)
-    known = values[rows][np.isfinite(values[rows])]
-    low, high = (_amount(value, unit) for value in (known.min(), known.max()))
-    return low if low == high else f"{low} ... {high}"
-
-
-# --------------------------------------------------------------------------------------------- verdict
 
 
 def judge_sweep(sweep: SweepTable) -> tuple[str, str, str]:
@@ -191,16 +147,15 @@ def judge_sweep(sweep: SweepTable) -> tuple[str, str, str]:
         ``pass``, ``fail`` or ``open``; a few words; a sentence.
     """
     counts, missing = sweep.counts, sweep.planned - len(sweep)
-    walked, passed = sum(counts[state] for state in STATES if state.walked), counts[State.PASS]
-    css, headline = "open", "nothing walked"
-    if passed < walked:
-        css, headline = "fail", f"{passed:,} of {walked:,} walks pass"
-    elif any(counts[state] for state in BROKEN):
-        headline = "not every run has an answer"
-    elif walked and not missing:
-        css, headline = "pass", "pass"
+    walked, passed = sum(counts[state] for state in State if state.walked), counts[State.PASS]
     sentence = f"{passed:,} of {walked:,} runs that walked met every tolerance."
     if missing:
-        headline = "unfinished"
         sentence += f" {missing:,} of {sweep.planned:,} runs are missing: 'ampm sweep --resume' walks them."
-    return css, headline, sentence
+    css = "fail" if passed < walked else "open"
+    if missing:
+        return css, "unfinished", sentence
+    if passed < walked:
+        return css, f"{passed:,} of {walked:,} walks pass", sentence
+    if any(counts[state] for state in BROKEN):
+        return css, "not every run has an answer", sentence
+    return ("pass", "pass", sentence) if walked else (css, "nothing walked", sentence)

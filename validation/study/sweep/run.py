@@ -1,20 +1,20 @@
 """A sweep from its definition to a finished folder, in one or several calls."""
 
 import math
-import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.planner.step_planners import STEP_PLANNERS
 from validation.progress import Progress
-from validation.run.walk import timed
 from validation.show.text import format_duration
 from validation.store.environment import parameter_values
 from validation.store.folders import output_file
@@ -37,12 +37,12 @@ from validation.study.sweep.table import (
     key_of,
     wrap_table,
 )
-from validation.study.walk_options import users_classes, walk_request
+from validation.study.walk_options import keep_run, own_classes, walk_request
 from validation.table import Table, Tabled
 from validation.trial.plan import Request, check_formula
 from validation.trial.users import UsersError
 
-_TRIED = 8  # runs that a dry run tries until one of them can be walked
+_CHECKED, _TRIED = 1000, 8  # runs that a dry run checks; that it tries until one of them can be walked
 
 
 def sweep(
@@ -69,7 +69,8 @@ def sweep(
         definition = load_sweep(definition)
     folder = study_folder(out, resume=resume)
     progress = pool.get("progress") or Progress()
-    rows = walk_many(_Runs(definition, folder), folder, limit=definition.wall_clock, label="sweep", **pool)
+    tasks, count, limit = _tasks(definition, folder), len(definition), definition.wall_clock
+    rows = walk_many(tasks, folder, count=count, limit=limit, label="sweep", **pool)
     found = wrap_table(build_table(definition, rows), folder, definition.name)
     if folder is None:
         return found
@@ -78,7 +79,7 @@ def sweep(
     found = replace(found, table=found.table.set_column(column, "recording", kept))
     with output_file(folder / RESULTS) as file:
         pq.write_table(found.table, file, compression="zstd")
-    write_json(folder / SUMMARY, found.summary())
+    write_json(folder / SUMMARY, found.as_dict())
     with progress.stage("report"):
         from validation.study.sweep.report import write_sweep_report  # loads Vega's JavaScript engine
 
@@ -86,27 +87,13 @@ def sweep(
     return found
 
 
-class _Runs:
-    """Tasks of a sweep, made one by one.
-
-    Args:
-        definition: of the sweep.
-        folder: where the definition is written, and the table of an earlier call removed, before the first
-            task: the engine has then locked the folder.
-    """
-
-    def __init__(self, definition: SweepDefinition, folder: Path | None) -> None:
-        self._definition, self._folder = definition, folder
-
-    def __len__(self) -> int:
-        return len(self._definition)
-
-    def __iter__(self) -> Iterator[Task]:
-        if self._folder is not None:
-            (self._folder / RESULTS).unlink(missing_ok=True)
-            (self._folder / DEFINITION).write_text(dump_sweep(self._definition), encoding="utf-8")
-        for run in range(len(self)):
-            yield task_of(self._definition, run)
+def _tasks(definition: SweepDefinition, folder: Path | None) -> Iterator[Task]:
+    """Every run; before the first, when the engine has locked the folder, the definition is written there."""
+    if folder is not None:
+        (folder / RESULTS).unlink(missing_ok=True)
+        (folder / DEFINITION).write_text(dump_sweep(definition), encoding="utf-8")
+    for run in range(len(definition)):
+        yield task_of(definition, run)
 
 
 def task_of(definition: SweepDefinition, run: int) -> Task:
@@ -114,6 +101,7 @@ def task_of(definition: SweepDefinition, run: int) -> Task:
     key = key_of(definition, run)
     try:
         options = _options(definition, run)
+        own_classes(options)
         if options["request"].run.gait.planner in STEP_PLANNERS:
             check_formula(options["request"])
     except (InputError, RefusedGait) as error:
@@ -124,7 +112,7 @@ def task_of(definition: SweepDefinition, run: int) -> Task:
 def _options(definition: SweepDefinition, run: int) -> dict[str, Any]:
     """Arguments of :func:`validation.study.walk_options.walk_request`."""
     request = Request(definition.name_of(run), definition.parameters(run), definition.varied(run))
-    return {"request": request, "profile": definition.profile, **users_classes(request.run)}
+    return {"request": request, "profile": definition.profile}
 
 
 def walk_run(**options: Any) -> Row:
@@ -134,15 +122,6 @@ def walk_run(**options: Any) -> Row:
         raise UsersError(trial.record.outcome.cause)
     requested, found = (parameter_values(run) for run in (options["request"].run, trial.run))
     return {**{key: found[key] for key in found if found[key] != requested[key]}, **walk_columns(trial)}
-
-
-# ------------------------------------------------------------------------------------------ kept folders
-
-
-def keep_run(folder: str, **options: Any) -> Row:
-    """Walk one run again, to the same bits, and write its folder as ``ampm validate`` does."""
-    walk_request(**options).save(folder, force=True)
-    return {"outcome": "kept"}
 
 
 def _keep_worst(definition: SweepDefinition, found: SweepTable, folder: Path, pool: Pool) -> list[str | None]:
@@ -158,95 +137,79 @@ def _keep_worst(definition: SweepDefinition, found: SweepTable, folder: Path, po
         for row, name in names.items()
     ]
     for row in walk_many(tasks, folder / RECORDINGS, label="recordings of the worst runs", **pool):
-        if row["outcome"] != "kept":
+        if "reason" in row:
             progress = pool.get("progress") or Progress()
             progress.say(f"ampm: {folder / row['key']} was not written ({row['cause']}).")
-    return [
-        name if name and (folder / name / REPORT).is_file() else None
-        for name in map(names.get, range(len(found)))
-    ]
-
-
-# --------------------------------------------------------------------------------------------- dry run
+    kept = {row: name for row, name in names.items() if (folder / name / REPORT).is_file()}
+    return [kept.get(row) for row in range(len(found))]
 
 
 @dataclass(frozen=True)
 class Forecast(Tabled):
     """What a sweep would walk."""
 
-    refused: SweepTable  # runs that bounds or formula refuse
-    # wall-clock time of one run, from a walk; None if the tried runs cannot be walked [s]
-    seconds: float | None
-    drawing: float  # of its report and recording [s]
-    kept: int  # runs that are walked once more at the end, at most, for their report and recording
+    planned: int  # runs of the sweep
+    checked: int  # runs of it that were checked, evenly spread
+    refused: SweepTable  # those of them that bounds or formula refuse
+    seconds: float | None  # wall-clock time of one run; None if no tried run can be walked [s]
+    kept: int  # runs that are walked once more at the end, at most
     workers: int  # processes
 
     @property
     def walking(self) -> int:
         """Runs that can walk, at most."""
-        return self.refused.planned - len(self.refused)
+        return round(self.planned * (1.0 - len(self.refused) / self.checked))
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, times in s."""
+        rounds = math.ceil(self.walking / self.workers) + math.ceil(self.kept / self.workers)
         return {
-            "runs": self.refused.planned,
-            "refused": self.refused.summary()["refusals"],
+            "runs": self.planned,
+            "checked": self.checked,
+            "refused": self.refused.as_dict()["refusals"],
             "walking": self.walking,
-            "seconds": self.seconds,
-            "wall_clock": self.seconds and self.seconds * math.ceil(self.walking / self.workers),
             "kept": self.kept,
-            "keeping": self.seconds and (self.seconds + self.drawing) * math.ceil(self.kept / self.workers),
+            "seconds": self.seconds,
+            "wall_clock": self.seconds and self.seconds * rounds,
             "workers": self.workers,
         }
 
     def tables(self) -> list[Table]:
         """Numbers of runs, with examples of the refusals."""
-        rows = [
-            ("runs", f"{self.refused.planned:,}", ""),
-            *self.refused.result().rows,
-            ("can walk, at most", f"{self.walking:,}", ""),
-        ]
+        found, rows = self.as_dict(), [("runs", f"{self.planned:,}", "")]
+        if self.checked < self.planned:
+            rows.append(("of which were checked", f"{self.checked:,}", ""))
+        rows += [*self.refused.tables()[0].rows, ("can walk, at most", f"{self.walking:,}", "")]
         note = "no run that was tried can be walked"
         if self.seconds is not None:
-            found = self.as_dict()
-            one, every, more = (format_duration(found[name]) for name in ("seconds", "wall_clock", "keeping"))
+            one, every = (format_duration(found[name]) for name in ("seconds", "wall_clock"))
             note = f"one run takes about {one}, the sweep about {every} with {self.workers} workers"
-            if self.kept:
-                note += f"; to walk {self.kept} runs again and keep them with report and recording, {more}"
+            note += f"; {self.kept} runs are walked again, and kept with report and recording" * bool(
+                self.kept
+            )
         return [Table(f"dry run of {self.refused.name}", ("", ">runs", "for example"), rows, [note])]
 
 
 def forecast(
     definition: SweepDefinition, workers: int | None = None, *, progress: Progress | None = None
 ) -> Forecast:
-    """Count runs and refusals by formula, and time one walk.
-
-    Args:
-        definition: the sweep.
-        workers: processes that it would have, one per core by default.
-        progress: where to report stages.
-    """
-    progress = progress or Progress()
-    rows: list[Row] = []
-    walking: list[Task] = []
+    """Count refusals by formula, of a large sweep in a sample, and time one walk."""
+    progress, planned = progress or Progress(), len(definition)
+    runs = np.unique(np.linspace(0, planned - 1, min(planned, _CHECKED)).astype(int)).tolist()
     with progress.stage("refusals by formula", "runs") as stage:
-        for run in range(len(definition)):
-            stage.advance(run, len(definition))
-            task = task_of(definition, run)
-            if task.known is not None:
-                rows.append({"key": task.key, **task.known})
-            elif len(walking) < _TRIED:
-                walking.append(task)
-    taken: dict[str, float] = {}
-    kept = 0 if definition.recordings == "none" else min(definition.worst, len(definition) - len(rows))
-    for task in walking:
-        with progress.stage("walk of one run, to time it"), suppress(InputError, RefusedGait):
-            with timed(taken, "walk"):
-                trial = walk_request(**task.options)
-            if kept:
-                with tempfile.TemporaryDirectory(prefix="ampm-forecast-") as folder, timed(taken, "drawing"):
-                    trial.save(folder)
-            break
+        tasks = []
+        for number, run in enumerate(runs):
+            stage.advance(number, len(runs))
+            tasks.append(task_of(definition, run))
+    rows = [{"key": task.key, **task.known} for task in tasks if task.known is not None]
     refused = wrap_table(build_table(definition, rows), None, definition.name)
-    workers = min(workers or cores(), len(definition))
-    return Forecast(refused, taken.get("walk"), taken.get("drawing", 0.0), kept, workers)
+    seconds = None
+    for task in [task for task in tasks if task.known is None][:_TRIED]:
+        with progress.stage("walk of one run, to time it"), suppress(InputError, RefusedGait):
+            start = time.perf_counter()
+            walk_request(**task.options)
+            seconds = time.perf_counter() - start
+            break
+    walking = len(tasks) - len(rows)
+    kept = 0 if definition.recordings == "none" else min(definition.worst, walking)
+    return Forecast(planned, len(runs), refused, seconds, kept, min(workers or cores(), planned))

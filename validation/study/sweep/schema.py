@@ -19,6 +19,7 @@ from ampm.run_file import describe_keys, key_info
 from ampm.section import Option
 from validation.judge.metrics import METRICS
 from validation.run.trial import Trial
+from validation.table import own_rows
 from validation.trial.followed import LEADS
 
 Kind = Literal["real", "whole", "text"]
@@ -39,61 +40,30 @@ class Column(NamedTuple):
     words: str  # meaning
 
 
-_RUN = (
-    Column("run", "whole", "1", "number of the run in the sweep, from 0"),
-    Column("name", "text", "", "the same, padded with zeros: name of the run's folder"),
-    Column("gait", "text", "", "preset, or name of the file, from which the run starts"),
-    Column(
-        "key",
-        "text",
-        "",
-        "hash of the parameters that are not at their defaults, to find it in another sweep",
-    ),
-)
-_WALK = (
-    Column("plan_step_duration", "real", "s", "duration of a step"),
-    Column("plan_duration", "real", "s", "duration of the planned walk"),
-    Column("plan_zmp_margin", "real", "m", "least distance of the planned ZMP from the edge of the support"),
-    Column("outcome", "text", "", "completed, fell, diverged, infeasible, refused, crashed, timed_out"),
-    Column("reason", "text", "", "of a refusal, its short name; of a crash, the error's type; else null"),
-    Column("cause", "text", "", "one sentence on why the run did not complete, else null"),
-    Column("traceback", "text", "", "of a crash, its last lines, else null"),
-    Column("verdict", "text", "", "pass, fail or not_measured; null for a run that did not walk"),
-    Column("failed", "text", "", "metrics out of tolerance, separated by commas; empty if none is"),
-    Column("steps_completed", "whole", "1", "whole steps walked; null for a run that did not walk"),
-    Column("outcome_time", "real", "s", "simulated time at the end of the walk"),
-    Column("foot_length", "real", "m", "length of the foot, with which limits grow"),
-    Column("recording", "text", "", "folder of the run, relative to the sweep's; null if it was not kept"),
-)
-_COST = (
-    Column("timing_total", "real", "s", "wall clock of the whole run on its worker"),
-    Column("worker", "text", "", "worker that walked it; null if none had to"),
-)
-
-
 def columns(options: Options = MappingProxyType({})) -> tuple[Column, ...]:
     """All columns, in the order of the table; a metric that is registered later adds its own.
 
     Args:
         options: of a sweep, each of which adds a column.
     """
+    own: dict[str, list[Column]] = {"run": [], "walk": [], "cost": []}
+    for row in own_rows("study/sweep/columns.csv"):
+        own[row.pop("place")].append(Column(**row))  # type: ignore[arg-type]
     keys = ((item, _KINDS[item.kind]) for item in describe_keys())
     constants = ((f"plan_{item.name}", item.metadata) for item in fields(PlanConstants))
+    ahead = ((name, lead, METRICS[f"{name}_rmse"].label) for lead in LEADS for name in AHEAD)
     return (
-        *_RUN,
+        *own["run"],
         *(Column(item.key, kind, "" if kind == "text" else item.unit, item.meaning) for item, kind in keys),
         *(Column(key, _kind(values), "", key_info(key).meaning) for key, values in options.items()),
         *(Column(name, "real", data["unit"], data["meaning"]) for name, data in constants),
-        *_WALK,
+        *own["walk"],
         *(
-            Column(
-                ahead_column(name, lead), "real", "m", f"{METRICS[f'{name}_rmse'].label}, {lead:g} s ahead"
-            )
-            for lead in LEADS
-            for name in AHEAD
+            Column(ahead_column(name, at), "real", "m", f"{label}, {at:g} s ahead")
+            for name, at, label in ahead
         ),
         *(Column(item.column, "real", item.unit, item.meaning) for item in METRICS.values()),
-        *_COST,
+        *own["cost"],
     )
 
 

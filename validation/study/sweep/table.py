@@ -5,9 +5,8 @@ sweep is not finished, its table is made from the rows that are there.
 """
 
 import json
-import shlex
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -78,7 +77,6 @@ class State(StrEnum):
         return self not in (State.REFUSED, *BROKEN)
 
 
-STATES: tuple[State, ...] = tuple(State)
 LOST = (State.FELL, State.DIVERGED, State.INFEASIBLE, State.NOT_MEASURED)
 """Walks without a verdict on their metrics."""
 BROKEN = (State.CRASHED, State.TIMED_OUT)
@@ -106,41 +104,30 @@ class SweepTable(Tabled):
         return str(self.metadata["name"])
 
     @property
-    def profile(self) -> str:
-        """Name of the tolerance profile."""
-        return str(self.metadata["profile"])
-
-    @property
     def planned(self) -> int:
         """Number of runs of the sweep; more than rows while it is not finished."""
         return max(len(self), int(self.metadata["runs"]))
 
-    # -------------------------------------------------------------------------- states
-
     @cached_property
-    def states(self) -> NDArray[np.int64]:
-        """State of every run, shape (N,), as index into :data:`STATES`."""
+    def states(self) -> tuple[State, ...]:
+        """State of every run."""
         pairs = zip(self.table["outcome"].to_pylist(), self.table["verdict"].to_pylist(), strict=True)
         try:
-            return np.array([STATES.index(State.of(*pair)) for pair in pairs], dtype=np.int64)
+            return tuple(State.of(*pair) for pair in pairs)
         except ValueError as error:
             raise InputError(
                 f"{self.source}: an outcome is unknown ({error}); use the version that wrote it."
             ) from None
 
-    def state(self, row: int) -> State:
-        """State of one run."""
-        return STATES[self.states[row]]
-
     def is_state(self, *states: State) -> NDArray[np.bool_]:
         """Rows in one of these states, shape (N,)."""
-        return np.isin(self.states, [STATES.index(state) for state in states])
+        return np.array([state in states for state in self.states], dtype=bool)
 
     @property
     def counts(self) -> Mapping[State, int]:
         """Runs in every state, zeros included."""
-        counted = np.bincount(self.states, minlength=len(STATES))
-        return dict(zip(STATES, counted.tolist(), strict=True))
+        counted = Counter(self.states)
+        return {state: counted[state] for state in State}
 
     @cached_property
     def measured(self) -> NDArray[np.bool_]:
@@ -162,8 +149,6 @@ class SweepTable(Tabled):
             *lost[np.argsort(time, kind="stable")].tolist(),
             *measured[np.argsort(-used, kind="stable")].tolist(),
         ]
-
-    # -------------------------------------------------------------------------- columns
 
     def numbers(self, name: str) -> Array:
         """A column of numbers, shape (N,); NaN where there is none, or no such column."""
@@ -199,14 +184,6 @@ class SweepTable(Tabled):
         first = [name for name in self.metadata["varied"] if name in found]
         return tuple(dict.fromkeys((*first, *found)))
 
-    # -------------------------------------------------------------------------- metrics and limits
-
-    @cached_property
-    def metrics(self) -> tuple[str, ...]:
-        """Metrics with a column, judged ones first, in the profile's order."""
-        present = [name.removeprefix(METRIC) for name in self.table.column_names if name.startswith(METRIC)]
-        return tuple(dict.fromkeys((*self.judged, *present)))
-
     @property
     def judged(self) -> tuple[str, ...]:
         """Metrics with a column and a tolerance, in the profile's order."""
@@ -217,11 +194,6 @@ class SweepTable(Tabled):
         """Tolerances by metric, in the profile's order."""
         return {name: Tolerance(name, **entry) for name, entry in self.metadata["tolerances"].items()}
 
-    @cached_property
-    def weight(self) -> Array:
-        """Body weight of every run, shape (N,) [N]."""
-        return self.numbers("body.mass") * GRAVITY
-
     def label(self, metric: str) -> str:
         """Readable name of a metric, as it was when the sweep walked."""
         return str(self.metadata.get("labels", {}).get(metric) or metric_label(metric))
@@ -230,7 +202,8 @@ class SweepTable(Tabled):
         """A metric's limit in the unit of its column, shape (N,); NaN if it is not judged."""
         if metric not in self.limits:
             return np.full(len(self), np.nan)
-        scales = {"body_weight": self.weight, "foot_length": self.numbers("foot_length")}
+        weight = self.numbers("body.mass") * GRAVITY
+        scales = {"body_weight": weight, "foot_length": self.numbers("foot_length")}
         return self.limits[metric].limit_for(scales) + np.zeros(len(self))
 
     def used(self, metric: str) -> Array:
@@ -248,67 +221,55 @@ class SweepTable(Tabled):
         """Largest share of a tolerance that any judged metric of a run used, shape (N,); NaN unmeasured."""
         return np.fmax.reduce([np.full(len(self), np.nan), *map(self.used, self.judged)])
 
-    def shown(self, metric: str) -> tuple[Array, str]:
-        """A metric of the completed runs in display units, shape (N,), NaN elsewhere; the unit."""
-        scale, unit = display_unit(self.unit(METRIC + metric), self.weight)
-        return scale * np.where(self.measured, self.numbers(METRIC + metric), np.nan), unit
+    def shown(self, metric: str) -> tuple[Array, Array, str]:
+        """A metric of the completed runs in display units, and its limits, shape (N,) each; the unit.
 
-    def shown_limits(self, metric: str) -> tuple[Array, str]:
-        """Limits of a metric in display units, by run, shape (N,), NaN where it is not judged; the unit."""
-        scale, unit = display_unit(self.unit(METRIC + metric), self.weight)
-        return scale * self.limit_values(metric), unit
-
-    # -------------------------------------------------------------------------- the whole sweep
+        NaN where a run did not complete, or is not judged.
+        """
+        scale, unit = display_unit(self.unit(METRIC + metric), self.numbers("body.mass") * GRAVITY)
+        values = np.where(self.measured, self.numbers(METRIC + metric), np.nan)
+        return scale * values, scale * self.limit_values(metric), unit
 
     def tables(self) -> list[Table]:
-        """How many runs ended how."""
-        return [self.result()]
-
-    def result(self) -> Table:
         """How many runs ended how, with an example of every reason why one did not walk."""
         names, causes, rows = self.words("name"), self.words("cause"), []
-        for state, count in self.counts.items():
-            if count and state.walked:
-                rows.append((state.label, f"{count:,}", ""))
-            for reason, (number, row) in self._reasons(state).items():
-                example = f"run {names[row]}: {causes[row]}"
-                rows.append((f"{state.label}: {reason.replace('_', ' ')}", f"{number:,}", example))
-        notes = []
-        summary = self.summary()
+        for (state, reason), found in self.endings.items():
+            label = ": ".join([state.label, reason.replace("_", " ")]).removesuffix(": ")
+            example = "" if state.walked else f"run {names[found[0]]}: {causes[found[0]]}"
+            rows.append((label, f"{len(found):,}", example))
+        notes, summary = [], self.as_dict()
         if summary["failed"]:
             words = "; ".join(f"{self.label(name)} ({n:,})" for name, n in summary["failed"].items())
             notes.append(f"out of tolerance: {words}")
         if summary["unfinished"]:
             notes.append(f"runs without a result: {summary['unfinished']:,}; --resume walks them again")
-        return Table(f"sweep {self.name}", ("state", ">runs", "for example"), rows, notes)
+        return [Table(f"sweep {self.name}", ("state", ">runs", "for example"), rows, notes)]
 
-    def _reasons(self, state: State) -> dict[str, tuple[int, int]]:
-        """Why runs in this state did not walk: how many, and the first of them; the most frequent first."""
-        if state.walked:
-            return {}
-        reasons = np.array(self.words("reason"))
-        rows = np.flatnonzero(self.is_state(state))
-        counted = Counter(reasons[rows].tolist()).most_common()
-        return {reason: (count, int(rows[reasons[rows] == reason][0])) for reason, count in counted}
+    @cached_property
+    def endings(self) -> dict[tuple[State, str], list[int]]:
+        """State, and reason of runs that did not walk, to rows; in each state the most frequent first."""
+        found: dict[tuple[State, str], list[int]] = {}
+        for row, (state, reason) in enumerate(zip(self.states, self.words("reason"), strict=True)):
+            found.setdefault((state, "" if state.walked else reason), []).append(row)
+        order = list(State)
+        return dict(sorted(found.items(), key=lambda item: (order.index(item[0][0]), -len(item[1]))))
 
-    def summary(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """Contents of ``sweep.json``."""
         failed = Counter(name for words in self.words("failed") for name in words.split(",") if name)
         broken = sum(self.counts[state] for state in BROKEN)
+        refused = {why: len(rows) for (end, why), rows in self.endings.items() if end is State.REFUSED}
         return {
             "name": self.name,
-            "profile": self.profile,
+            "profile": self.metadata["profile"],
             "runs": self.planned,
             "states": {state.value: count for state, count in self.counts.items() if count},
-            "refusals": {reason: count for reason, (count, _) in self._reasons(State.REFUSED).items()},
+            "refusals": refused,
             "failed": dict(failed.most_common()),
             "unfinished": broken + self.planned - len(self),
             "environment": self.metadata["environment"],
             "computing_time": {"value": float(np.nansum(self.numbers("timing_total"))), "unit": "s"},
         }
-
-
-# ------------------------------------------------------------------------------------------ from rows
 
 
 def key_of(definition: SweepDefinition, run: int) -> str:
@@ -325,33 +286,28 @@ def _values(definition: SweepDefinition, run: int) -> dict[str, Any]:
 def build_table(definition: SweepDefinition, rows: Iterable[Row]) -> pa.Table:
     """Table of a sweep, sorted by run, from the rows of the engine; a batch of them at a time in memory."""
     names, source, batches = schema(definition.options), iter(rows), []
-    while batch := list(islice(source, _BATCH)):
-        found = [_table_row(definition, row) for row in batch]
-        for key in definition.options:
-            if pa.types.is_string(names.field(key).type):
-                for row in found:
-                    row[key] = toml_text(row[key])
-        batches.append(pa.RecordBatch.from_pylist(found, schema=names))
+    texts = [key for key in definition.options if pa.types.is_string(names.field(key).type)]
+    while batch := [_table_row(definition, row, texts) for row in islice(source, _BATCH)]:
+        batches.append(pa.RecordBatch.from_pylist(batch, schema=names))
     table = pa.Table.from_batches(batches, names).sort_by("run").combine_chunks()
     return table.replace_schema_metadata({TABLE_METADATA: json.dumps(table_metadata(definition)).encode()})
 
 
-def _table_row(definition: SweepDefinition, row: Row) -> dict[str, Any]:
-    """A row of the engine with the parameters of its run."""
+def _table_row(definition: SweepDefinition, row: Row, texts: Sequence[str]) -> dict[str, Any]:
+    """A row of the engine with the parameters of its run; values of some options become texts."""
     name = row["key"].partition("-")[0]
     run = int(name)
     values, gait = _values(definition, run), definition.gaits[definition.gait_of(run)]
-    return {**values, **row, "run": run, "name": name, "gait": gait, "key": run_key(values)}
+    found = {**values, **row, "run": run, "name": name, "gait": gait, "key": run_key(values)}
+    return {**found, **{key: toml_text(found[key]) for key in texts}}
 
 
 def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
     """Description of a table, JSON-ready.
 
-    ``definition`` (TOML), ``name``, ``runs``, ``varied`` (keys), ``profile``, ``command`` (that walks a run,
-    if it is told the varied keys, and of several gaits the run's in the place of ``GAIT``),
-    ``tolerances`` (metric to ``limit``, ``unit`` and ``reason``; forces in body weights), ``labels`` (metric
-    to readable name), ``columns`` (name to ``unit`` and ``words``) and ``environment`` (versions, platform,
-    and the hash of the code).
+    ``definition`` (TOML), ``name``, ``runs``, ``varied`` (keys), ``profile``, ``tolerances`` (metric to
+    ``limit``, ``unit`` and ``reason``; forces in body weights), ``labels`` (metric to readable name),
+    ``columns`` (name to ``unit`` and ``words``) and ``environment`` (versions, platform, hash of the code).
     """
     profile = find_profile(definition.profile)
     return {
@@ -360,7 +316,6 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
         "runs": len(definition),
         "varied": list(definition.keys),
         "profile": profile.name,
-        "command": _command(definition),
         "tolerances": {
             item.metric: {"limit": item.limit, "unit": item.unit, "reason": item.reason}
             for item in profile.tolerances
@@ -373,68 +328,48 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
     }
 
 
-def _command(definition: SweepDefinition) -> str:
-    """Command that walks a run, but for the varied keys; ``GAIT`` is its gait if there are several."""
-    words = ["ampm", "validate", "--profile", definition.profile]
-    if definition.steps is not None:
-        words[2:2] = ["--steps", str(definition.steps)]
-    if len(definition.gaits) > 1:
-        words.insert(2, "GAIT")
-    elif definition.gaits[0] != Path(definition.base[0].body.source).stem:  # else it is the body's own gait
-        words.insert(2, definition.gaits[0])
-    for key, value in definition.set.items():
-        words += ["--set", f"{key}={toml_text(value)}"]
-    return shlex.join(words if definition.tune else [*words, "--as-is"])
-
-
-# -------------------------------------------------------------------------------------------- reading
-
-
 def is_sweep(folder: Path) -> bool:
     """Whether a folder is one of a sweep."""
     return (folder / DEFINITION).is_file()
 
 
 def read_sweep(path: Path | str) -> SweepTable:
-    """Read a sweep, finished or not.
-
-    Args:
-        path: a sweep's folder, or its table.
+    """Read a sweep, finished or not, from its folder or its table.
 
     Raises:
         InputError: there is none, it has no row yet, or it is not the table of a sweep.
     """
-    path = Path(path)
-    if not path.exists():
-        raise InputError(f"there is no {path}; give the folder of a sweep, or its {RESULTS}.")
-    if not path.is_dir():
-        return wrap_table(_read_table(path), None, str(path))
-    if not is_sweep(path):
-        raise InputError(f"{path} holds no sweep; give the --out folder of one, or its {RESULTS}.")
-    if (path / RESULTS).is_file():
-        return wrap_table(_read_table(path / RESULTS), path)
-    definition = load_sweep(path / DEFINITION, finished=True)
-    rows = {row["key"]: row for row in (read_rows(path) if (path / ROWS).is_file() else ())}
+    path, file = Path(path), Path(path)
+    if path.is_dir():
+        if not is_sweep(path):
+            raise InputError(f"{path} holds no sweep; give the --out folder of one, or its {RESULTS}.")
+        file = path / RESULTS
+        if not file.is_file():
+            return wrap_table(_unfinished(path), path)
+    try:
+        table = pq.read_table(file, use_threads=False)
+    except FileNotFoundError:
+        raise InputError(f"there is no {path}; give the folder of a sweep, or its {RESULTS}.") from None
+    except (pa.ArrowException, OSError) as error:
+        line = str(error).partition("\n")[0]
+        raise InputError(f"{file} is not a Parquet file that can be read ({line}).") from error
+    if TABLE_METADATA not in (table.schema.metadata or {}):
+        raise InputError(f"{file} is not a table of a sweep: it has no metadata {TABLE_METADATA.decode()!r}.")
+    return wrap_table(table, path if path.is_dir() else None, str(path))
+
+
+def _unfinished(folder: Path) -> pa.Table:
+    """Table of the rows that are there.
+
+    Raises:
+        InputError: there is none yet.
+    """
+    definition = load_sweep(folder / DEFINITION, finished=True)
+    rows = {row["key"]: row for row in (read_rows(folder) if (folder / ROWS).is_file() else ())}
     keys = (key_of(definition, run) for run in range(len(definition)))
     table = build_table(definition, (rows[key] for key in keys if key in rows))
     if not table.num_rows:
-        raise InputError(f"the sweep in {path} has no result yet; wait for its first rows.")
-    return wrap_table(table, path)
-
-
-def _read_table(path: Path) -> pa.Table:
-    """A sweep's Parquet table.
-
-    Raises:
-        InputError: it cannot be read, or is no table of a sweep.
-    """
-    try:
-        table = pq.read_table(path, use_threads=False)
-    except (pa.ArrowException, OSError) as error:
-        line = str(error).partition("\n")[0]
-        raise InputError(f"{path} is no Parquet file that can be read ({line}).") from error
-    if TABLE_METADATA not in (table.schema.metadata or {}):
-        raise InputError(f"{path} is no table of a sweep: it lacks the metadata {TABLE_METADATA.decode()!r}.")
+        raise InputError(f"the sweep in {folder} has no result yet; wait for its first rows.")
     return table
 
 

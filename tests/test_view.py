@@ -1,6 +1,5 @@
-"""Several recordings in one: verified, aligned on the gait's phase, chosen from sweeps, without a screen."""
+"""Several recordings in one: verified, aligned on the gait's phase, without a screen."""
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,6 @@ from rerun.chunk import RrdReader
 
 from ampm.exceptions import InputError
 from tests.saved_run import make_run
-from tests.sweep_table import make_table, replaced, write_sweep
 from tests.test_rerun_log import assert_rrd
 from validation.cli.app import Status, call
 from validation.cli.view import choose
@@ -18,7 +16,6 @@ from validation.show.rerun.record import SINGLE_SUPPORT, write_recording
 from validation.show.rerun.views import PHASE
 from validation.store.saved import load_saved_run
 from validation.store.signals import load_signals
-from validation.study.sweep.table import read_sweep
 from validation.trial.outcome import Outcome, OutcomeName
 
 COARSE = ("simulation.time_step=0.002",)  # as many samples recorded as measured
@@ -126,50 +123,6 @@ def test_one_target_is_saved_as_it_is_and_an_existing_file_is_kept(walks, tmp_pa
     assert save(walks["one"], "--save", tmp_path / "copy.mp4") == Status.REFUSED
 
 
-# ---------------------------------------------------------------------------------------------- sweeps
-
-
-@pytest.fixture(scope="module")
-def sweep(walks, tmp_path_factory):
-    """Sixty rows of which six have a recording; the worst of all has none."""
-    folder = tmp_path_factory.mktemp("sweep") / "sweep"
-    table = make_table(60, recordings=False)
-    kept = [run for run in range(60) if table["outcome"][run].as_py() == "completed"][3:9]
-    names = [f"recordings/{run:04d}" if run in kept else None for run in range(60)]
-    write_sweep(folder, replaced(table, "recording", names))
-    for number, run in enumerate(kept):
-        source = walks["one"] if number % 2 else walks["slow"]
-        shutil.copyfile(source / "recording.rrd", folder / f"recordings/{run:04d}" / "recording.rrd")
-    return folder, kept
-
-
-def test_chosen_runs_of_a_sweep_stand_side_by_side(sweep, tmp_path):
-    folder, kept = sweep
-    target = tmp_path / "some.rrd"
-    assert save(folder, "--runs", f"{kept[0]},{kept[2]},{kept[1]}", "--save", target) == Status.PASS
-    assert_rrd("verify", target)
-    prefixes = {name.split("/")[1] for name in entities(target)}
-    assert prefixes == {f"run_{kept[i]}" for i in (0, 1, 2)}
-
-
-def test_worst_and_median_are_shown_by_default(sweep):
-    folder, kept = sweep
-    ranked = [run for run in read_sweep(folder).worst[:60] if run in kept]  # rows are runs
-    prefixes = [source.prefix for source in choose([folder], None)]
-    assert prefixes == [f"run_{ranked[0]}", f"run_{ranked[len(ranked) // 2]}"]
-
-
-def test_runs_that_cannot_be_shown_are_named(sweep, walks):
-    folder, kept = sweep
-    missing = next(run for run in range(60) if run not in kept)
-    for targets, runs, why in (
-        ([folder], "400", "run 400 .* has no recording"),
-        ([folder], str(missing), f"run {missing} .* has no recording"),
-        ([folder, walks["one"]], None, "a sweep is shown alone"),
-    ):
-        with pytest.raises(InputError, match=why):
-            choose(targets, runs)
-    bare = folder.parent / "bare"
-    write_sweep(bare, make_table(10, recordings=False))
-    with pytest.raises(InputError, match="recording"):
-        choose([bare], None)
+def test_the_folder_of_a_sweep_has_no_recording_of_its_own(walks):
+    with pytest.raises(InputError, match="such as recordings/NAME of a sweep"):
+        choose([walks["one"].parent])
