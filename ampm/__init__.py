@@ -9,8 +9,4 @@ from ampm.lazy import public_names
 
 __version__ = "0.1.0"
 
-__all__, __getattr__ = public_names(__name__, __file__)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__all__, __getattr__, __dir__ = public_names(__name__, __file__)

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 
-def public_names(package: str, file: str) -> tuple[list[str], Callable[[str], Any]]:
-    """Names that a package's stub imports, and its ``__getattr__``."""
+def public_names(package: str, file: str) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
+    """Names that a package's stub imports, its ``__getattr__`` and its ``__dir__``."""
     stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
     lines = re.findall(r"^from (\S+) import (\w+) as (\w+)$", stub, re.MULTILINE)
     homes = {name: (module, original) for module, original, name in lines}
@@ -26,4 +26,4 @@ def public_names(package: str, file: str) -> tuple[list[str], Callable[[str], An
         setattr(sys.modules[package], name, value)
         return value
 
-    return sorted(homes), read
+    return sorted(homes), read, lambda: sorted({*vars(sys.modules[package]), *homes})

@@ -114,6 +114,16 @@ class BodyParameters(Section, section="body"):
     height: Real = parameter(1.70, "stature; another body has its own", "m", ge=0.2, le=3)
     mass: Real = parameter(60.0, "total mass; another body has its own", "kg", ge=1, le=1000)
     lean: Open = parameter(0.0, "mean pitch of the trunk, forward positive", "rad", ge=-0.5, le=0.5)
+    pelvis_list: Open = parameter(
+        0.0, "most by which the hip of the swing leg drops at rest, in mid step", "rad", ge=-0.5, le=0.5
+    )
+    pelvis_rotation: Open = parameter(
+        0.0,
+        "most by which the pelvis turns the hip of the front leg forward at rest, when a foot lifts",
+        "rad",
+        ge=-0.5,
+        le=0.5,
+    )
     arm_abduction: Open = parameter(
         0.1, "angle by which the arms are spread sideways at rest; 0: they hang", "rad", ge=0, le=1.2
     )

@@ -118,9 +118,9 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
 
 def unknown(name: str, known: Iterable[str], what: str = "key", **details: Any) -> InputError:
     """Error about an unknown name, with the nearest of the known ones, or all, of keys if they are few."""
-    known = tuple(known)
+    name, known = str(name), tuple(known)
     similar = nearest(name, known)
-    hint = way_out = f"known are {', '.join(known)}."
+    hint = way_out = f"known: {', '.join(known)}."
     if similar:
         hint, way_out = f"did you mean {similar!r}?", f"write {similar}"
     elif what == "key" and len(known) > _MOST_LISTED:

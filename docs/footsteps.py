@@ -43,15 +43,52 @@ def walks(length: float, width: float, climb: float) -> dict[str, list[Footstep]
         "turn in place": routes.turn(8, turn, width),
         "sidestep": routes.sidestep(10, length / 3.0, width),
         "backward": routes.straight(8, -length / 2.0, width),
-        "slalom": routes.slalom(20, 2.0 / 3.0 * length, 0.4, 8, width),
+        "slalom": slalom(20, 2.0 / 3.0 * length, 0.4, 8, width),
     }
     for name, height, last in (("up", 0.05, None), ("down", -0.05, None), ("up and down", 0.05, 5)):
         found[f"5 cm {name}"] = routes.platform(8, climb, width, height, last=last)
     for seed in range(3):
-        found[f"stones {seed}"] = routes.stones(10, 5.0 / 6.0 * length, width, seed=seed)
+        found[f"stones {seed}"] = stones(10, 5.0 / 6.0 * length, width, seed=seed)
     for seed in range(2):
         found[f"tour {seed}"] = tour(50, 5.0 / 6.0 * length, width, seed=seed)
     return found
+
+
+def slalom(
+    steps: int, length: float, angle: float, period: int, width: float, *, toe_out: float = routes.TOE_OUT
+) -> list[Footstep]:
+    """A wavy line: the heading swings by ``angle`` [rad] to either side once in ``period`` steps."""
+    frames: list[routes.Frame] = [(0.0, 0.0, 0.0)]
+    for k in range(1, steps):
+        x, y, _ = frames[-1]
+        heading = angle * math.sin(2.0 * math.pi * k / period)
+        frames.append((x + length * math.cos(heading), y + length * math.sin(heading), heading))
+    return routes.route(frames, width, toe_out=toe_out)
+
+
+def stones(
+    steps: int, length: float, width: float, *, spread: float = 0.25, aside: float = 0.3, seed: int = 0
+) -> list[Footstep]:
+    """Uneven steps ahead: lengths and widths uniform about their means.
+
+    Args:
+        steps: how many.
+        length: mean of the steps' lengths [m].
+        width: mean lateral distance of the feet [m].
+        spread: largest deviation of a step's length, as a share.
+        aside: largest deviation of the width, as a share.
+        seed: of the numbers.
+    """
+    generator = np.random.default_rng(seed)
+    footsteps = routes.straight(steps, length, width)
+    x = 0.0
+    for k in range(2, len(footsteps)):
+        last = k == len(footsteps) - 1
+        x += 0.0 if last else length * (1.0 + spread * generator.uniform(-1.0, 1.0))
+        y = 0.5 * width * (1.0 + aside * generator.uniform(-1.0, 1.0))
+        foot = footsteps[k].foot
+        footsteps[k] = Footstep(foot, (float(x), float(y if foot == "left" else -y), 0.0))
+    return footsteps
 
 
 def tour(steps: int, length: float, width: float, *, seed: int = 0) -> list[Footstep]:

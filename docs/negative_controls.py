@@ -240,7 +240,7 @@ def trials(kind: Kind) -> Iterator[tuple[str, ...]]:
         name = (kind.name, ", ".join([kind.gait, *kind.settings]), shown, kind.unit)
         print(*name, file=sys.stderr, flush=True)  # noqa: T201
         try:
-            trial = val.walk(run, planner=kind.planner(run, size), profile="default")
+            trial = val.walk(run, planner=kind.planner(run, size)).judged("default")
         except ampm.AmpmError as refusal:
             yield (*name, "refused", "", "", "", "", str(refusal))
             continue

@@ -44,7 +44,7 @@ def _row(speed: float, name: str) -> tuple[str, ...]:
     settings = {"gait": {"switching_velocity": speed}}
     if name == QUICK:
         settings["controller"] = ampm.load_run("ipm").controller.model_dump()
-    trial = val.walk(ampm.load_run("normal", **settings).as_is(), planner=planner, profile="default")
+    trial = val.walk(ampm.load_run("normal", **settings).as_is(), planner=planner).judged("default")
     run, plan, summary = trial.planned.run, trial.plan, trial.summary
     start = time.process_time()
     STEP_PLANNERS[planner](run.gait, run.body.mass, run.foot, plan.feet.sole)

@@ -33,7 +33,7 @@ def walk(
     """The trial of a gait, or its refusal; ``tune`` finds the values that it leaves open."""
     run = ampm.load_run(gait, settings)
     try:
-        found = val.walk(run if tune else run.as_is(), profile=profile)
+        found = val.walk(run if tune else run.as_is()).judged(profile)
     except ampm.AmpmError as error:
         return error
     finally:

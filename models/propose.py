@@ -15,7 +15,7 @@ from ampm.geometry import Array
 from models.source import MASSLESS, compiled_source, source_path
 from models.tree import at_zero, coupled_joints, motor_limits
 
-_LATERAL = 0.8  # least share of a hinge's axis along left and right, to bend hip, knee, ankle or toes [1]
+_LATERAL = 0.8  # least share of a hinge's axis along left and right, to bend hip, knee or ankle [1]
 _LEVEL = 0.05  # largest angle between parts of one sole, or from the level [rad]
 _NO_SOLE = """
 # The model has no shape of a sole. Fill in [body.sole]: heel, front, bottom, heel_half_width,
@@ -76,11 +76,7 @@ class _Proposal:
             names = " and ".join(model.body(end).name for end in ends)
             raise InputError(f"the model has no legs: what ends at {names} has no knee; take another model.")
         self.knees = [joints[1] for joints in bends]
-        self.toes = [joint for joints in bends for joint in joints[3:]]
-        self.feet = [
-            end if len(joints) < 4 else int(model.body_parentid[model.jnt_bodyid[joints[3]]])
-            for end, joints in zip(ends, bends, strict=True)
-        ]
+        self.feet = ends
         self.legs = {joint for foot in self.feet for joint in self.chains[foot]}
         # A knee bends about the axis to the left by more than it can be stretched.
         if (self.data.xaxis[self.knees[0]] @ across) * model.jnt_range[self.knees[0]].sum() < 0.0:
@@ -135,7 +131,7 @@ class _Proposal:
             found = here if model.body_jntnum[here] else found
 
     def _locked(self) -> list[int]:
-        """Toes, and joints of no leg that are coupled, no hinges, or without motor or mass."""
+        """Joints of no leg that are coupled, no hinges, or without motor or mass."""
         model, coupled, limits = self.model, coupled_joints(self.model), motor_limits(self.model)
         others = np.flatnonzero(model.jnt_type != mujoco.mjtJoint.mjJNT_FREE).tolist()
         return [
@@ -143,8 +139,7 @@ class _Proposal:
             for joint in others
             if joint not in self.legs
             and (
-                joint in self.toes
-                or model.joint(joint).name in coupled
+                model.joint(joint).name in coupled
                 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE
                 or not 0.0 < limits.get(joint, np.inf) < np.inf
                 or not model.body_subtreemass[model.jnt_bodyid[joint]] > MASSLESS

@@ -185,17 +185,17 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
         text = path.read_text(encoding="utf-8")
         if "<robot" in text:
             tree = ET.fromstring(text)
-            speeds = _readable_urdf(tree, path)
+            speeds = _readable_urdf(tree)
             spec = mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
         else:
             spec = mujoco.MjSpec.from_file(str(path))
-            _drop_missing_meshes(spec)
             for pair in list(spec.pairs):  # only soles collide, and some name the floor of another file
                 spec.delete(pair)
+        _find_meshes(spec, path)
         for mesh in spec.meshes:
             mesh.maxhullvert = _HULL_POINTS
             if mesh.file.lower().endswith(_CONVERTED):
-                _read_mesh(spec, mesh)
+                _read_mesh(mesh)
         spec.compiler.balanceinertia |= balance
         _bound_inertia(spec)
         for geom in spec.geoms:
@@ -265,19 +265,9 @@ def _check_numbers(model: mujoco.MjModel) -> None:
                 raise ValueError(f"{quantity} of the {what} {thing.name!r} is {getattr(thing, quantity)}")
 
 
-def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:
-    """Find the meshes, drop those that MuJoCo cannot read, say how it is to read the rest; speed limits."""
+def _readable_urdf(tree: ET.Element) -> dict[str, float]:
+    """Check a URDF, and say how MuJoCo is to read it; speed limits."""
     _check_urdf(tree)
-    for link in tree.iter("link"):
-        for element in [*link.findall("visual"), *link.findall("collision")]:
-            mesh = element.find("geometry/mesh")
-            if mesh is None:
-                continue
-            file = _mesh_path(mesh.get("filename", ""), path)
-            if file is None or not file.name.lower().endswith(_MESHES + _CONVERTED):
-                link.remove(element)
-            else:
-                mesh.set("filename", str(file))
     for kind in ("link", "joint"):
         names = [element.get("name", "") for element in tree.findall(kind)]
         if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -292,38 +282,36 @@ def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:
     }
 
 
-def _mesh_path(name: str, path: Path) -> Path | None:
-    """File of a mesh of a URDF: of a ROS package, that of a folder above the URDF; None if there is none."""
-    plain = name.removeprefix("file://")
-    if not plain.startswith("package://"):
-        file = path.parent / plain
-        return file.resolve() if file.is_file() else None
-    package, _, rest = plain.removeprefix("package://").partition("/")
-    for folder in path.resolve().parents:
-        for file in (folder / package / rest, folder / rest):
-            if file.is_file():
-                return file
-    return None
-
-
-def _drop_missing_meshes(spec: mujoco.MjSpec) -> None:
-    """Drop meshes whose files are not there: some packages have models without them."""
-    missing = [mesh for mesh in spec.meshes if mesh.file and not _mesh_file(spec, mesh).is_file()]
-    names = {mesh.name or Path(mesh.file).stem for mesh in missing}
+def _find_meshes(spec: mujoco.MjSpec, path: Path) -> None:
+    """Give meshes their files; drop those of other formats, and those that are missing in some packages."""
+    folder = Path(spec.modelfiledir or path.parent, spec.meshdir or "")
+    lost = set[str]()
+    for mesh in [mesh for mesh in spec.meshes if mesh.file]:
+        file = _mesh_file(mesh.file, folder, path)
+        if file is not None and file.name.lower().endswith(_MESHES + _CONVERTED):
+            mesh.file = str(file)
+        else:
+            lost.add(mesh.name or Path(mesh.file).stem)
+            spec.delete(mesh)
     for geom in list(spec.geoms):
-        if geom.meshname in names:
+        if geom.meshname in lost:
             spec.delete(geom)
-    for mesh in missing:
-        spec.delete(mesh)
 
 
-def _mesh_file(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> Path:
-    return Path(spec.modelfiledir or ".", spec.meshdir or "", mesh.file)
+def _mesh_file(name: str, folder: Path, path: Path) -> Path | None:
+    """File of a mesh, of a ROS package that of a folder above the URDF; None if there is none."""
+    plain = name.removeprefix("file://")
+    folders, names = [folder], [plain]
+    if plain.startswith("package://"):
+        package, _, rest = plain.removeprefix("package://").partition("/")
+        folders, names = list(path.resolve().parents), [f"{package}/{rest}", rest]
+    found = ((place / name).resolve() for place in folders for name in names)
+    return next((file for file in found if file.is_file()), None)
 
 
-def _read_mesh(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> None:
+def _read_mesh(mesh: mujoco.MjsMesh) -> None:
     """Read the points of a COLLADA file, or of an STL of text; MuJoCo reads the other formats."""
-    file = _mesh_file(spec, mesh)
+    file = Path(mesh.file)
     content = file.read_bytes()
     if file.suffix.lower() == ".stl" and not (content.startswith(b"solid") and b"vertex" in content):
         return

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from validation.judge.profiles import DEFAULT
 from validation.judge.uncertainty import Uncertainty
 from validation.run.walk import walk_planned
 from validation.store.json import write_json
@@ -43,7 +44,7 @@ def make_run(
     for joint, angle in angles.items():
         q[:, 7 + record.joint_names.index(joint)] = angle
     with patch("validation.run.walk.simulate", lambda *_, **__: replace(record, q=q)):
-        trial = walk_planned(planned, uncertainty=uncertainty)
+        trial = walk_planned(planned).judged(DEFAULT, uncertainty)
     return trial.save(directory, recording=False)
 
 

@@ -8,12 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import InputError
 from ampm.parameters import BodyParameters, RunParameters
 from models.build import build_body
 from models.scene import BodyModel
 from models.source import body_path, compiled_source, read_body_file, source_path
-from validation.run import body_check
 from validation.show.rerun.body import mesh_of
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
@@ -281,21 +280,3 @@ def test_hulls_are_in_the_recording(tmp_path: Path) -> None:
     points = np.array(drawn.vertex_positions.as_arrow_array().to_pylist())
     assert points.shape == (36, 3)
     assert sorted(np.ptp(points, axis=0)) == pytest.approx([0.2, 0.4, 0.6])
-
-
-def test_reach_grows_until_nothing_walks(monkeypatch: pytest.MonkeyPatch) -> None:
-    tried = []
-
-    def tune(request, _, **__):
-        gait = request.run.gait
-        tried.append((gait.step_length, gait.switching_velocity))
-        if gait.step_length > 0.33 or gait.switching_velocity > 0.8:
-            raise BodilyRefusal("no", reason="torque", value=1.0, limit=1.0, unit="1", way_out="less")
-
-    monkeypatch.setattr(body_check, "tune_walk", tune)
-    own = {"step_length": 0.243, "switching_velocity": 0.479}
-    found = body_check._reach(str(EXAMPLES / "biped.toml"), ("gait.steps=2",), own, body_check.Progress())
-    assert found["step_length"] == pytest.approx(0.243 * 1.2 * 1.2**0.5)
-    assert found["switching_velocity"] == pytest.approx(0.479 * 1.2**2 * 1.2**0.5)
-    assert tried[0] == pytest.approx((1.2 * 0.243, 1.2 * 0.479))
-    assert tried[-1][0] == pytest.approx(0.243, abs=1e-9)

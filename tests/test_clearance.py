@@ -88,5 +88,5 @@ def test_a_walk_that_passes_through_itself_fails(tmp_path):
     assert judged["pass"] is False
     assert clearance["where"] in render(saved)
     (chart,) = RunFigures(saved, None).clearance().charts
-    drawn = np.asarray(chart.marks[0].shape.points)[:, 1]
+    drawn = chart.marks[0].points[:, 1]
     assert 1e-3 * drawn.min() == pytest.approx(clearance["value"])

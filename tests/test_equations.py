@@ -92,7 +92,7 @@ def test_dry_friction_is_not_recorded(tmp_path):
     assert 'name="left_knee_pitch"' in text
     model.write_text(text.replace('name="left_knee_pitch"', 'frictionloss="1" name="left_knee_pitch"', 1))
     with (
-        patch("validation.run.replay.check_files", lambda *_: None),
+        patch("validation.store.saved.check_files", lambda *_: None),
         pytest.raises(InputError, match="dry friction"),
     ):
         replay(folder, equations=True)

@@ -19,7 +19,7 @@ from ampm.planner.support import plan_steps
 from ampm.planner.swings import plan_swings
 from tests import properties
 from tests.test_footsteps import turned
-from tests.walk import assert_follows, stop_and_go
+from tests.walk import assert_follows, stones, stop_and_go
 from validation.store.saved import load_saved_run
 from validation.trial.plan import load_request, make_body, plan_walk
 
@@ -35,7 +35,7 @@ WALKS = {
     "arc": routes.arc(7, 0.4, -1.0, WIDTH),
     "turn": routes.turn(7, 2.0, WIDTH),
     "sidestep": routes.sidestep(6, 0.2, WIDTH),
-    "stones": routes.stones(8, 0.5, WIDTH, seed=2),
+    "stones": stones(8, 0.5, WIDTH, seed=2),
 }
 
 

@@ -300,7 +300,7 @@ def test_columns_have_other_names_units_and_signs(folder, table, tmp_path, ampm)
     assert "there is no column 'nothing' for com_x" in ampm("judge", log, *lean, "--out", tmp_path / "b").err
     for names, message in (
         ({"com_w": "Fz"}, "unknown column of a log 'com_w'; did you mean"),
-        ({"com_x": "Fz[furlong]"}, "unknown unit 'furlong'; known are s, ms"),
+        ({"com_x": "Fz[furlong]"}, "unknown unit 'furlong'; known: s, ms"),
     ):
         with pytest.raises(InputError, match=message):
             val.judge_log(other, folder, columns=names)

@@ -33,7 +33,7 @@ def controls():
 
 def walked(make, size, gait="normal", steps=3):
     run = ampm.load_run(gait, gait={"steps": steps}).as_is()
-    return val.walk(run, planner=make(run, size), profile="default")
+    return val.walk(run, planner=make(run, size)).judged("default")
 
 
 def test_the_same_ways_of_planning_pass_without_a_falsehood(controls):

@@ -141,7 +141,7 @@ CHANGES = {
     "a table that is cut": ("signals.parquet", lambda path: os.truncate(path, 99), "has changed"),
     "another gait": ("run.toml", lambda path: path.write_text(path.read_text() + "\n"), "has changed"),
     "a list for a summary": ("summary.json", lambda path: path.write_text("[]"), "is damaged|no JSON"),
-    "a pipe": ("ticks.parquet", pipe, "no regular file"),
+    "a pipe": ("ticks.parquet", pipe, "not a regular file"),
 }
 
 

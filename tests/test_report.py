@@ -179,7 +179,7 @@ def test_the_walker_is_drawn_from_saved_joint_angles_forces_and_zmps(run_dir):
     for pose in poses:
         row = int(np.searchsorted(signals.time, float(pose.title.split()[0]) - 0.006))
         near = slice(row, row + 8)  # the title is rounded
-        shapes = [mark.shape for mark in pose.marks]
+        shapes = pose.marks
         (zmp,) = [shape.points[0, 0] for shape in shapes if shape.stroke == MEASURED and shape.round]
         offsets = (signals["measured_zmp_x"] - signals["measured_com_x"])[near]
         assert np.abs(offsets - zmp).min() < 1e-3

@@ -180,7 +180,7 @@ def test_a_turning_walk_as_a_table(tmp_path):
         assert (b_step.foot, b_step.heading) == (a_step.foot, pytest.approx(a_step.heading, abs=1e-12))
         assert b_step.position == pytest.approx(a_step.position, abs=1e-12)
     assert found.contacts.footsteps[-1].heading > 1.0
-    trial = val.walk(run, planner=str(path), profile="footsteps")
+    trial = val.walk(run, planner=str(path)).judged("footsteps")
     assert trial.verdict.passed, trial.verdict.reason
     for axis in "xy":
         expected = own.metrics[f"zmp_{axis}_rmse"].value

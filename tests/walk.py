@@ -9,6 +9,7 @@ import numpy as np
 from ampm.body.robot import Gaps
 from ampm.description import SoleGeometry
 from ampm.planner import routes
+from ampm.planner.contacts import Footstep
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.support import plan_steps
@@ -180,3 +181,15 @@ def without_point(record: SimulationRecord, index: int | None = None) -> Simulat
     force = record.point_force.copy()
     force[:, index] = 0.0
     return replace(record, point_force=force)
+
+
+def stones(steps: int, length: float, width: float, seed: int) -> list[Footstep]:
+    """Steps ahead whose lengths and widths differ by up to a quarter and a third."""
+    generator = np.random.default_rng(seed)
+    footsteps = routes.straight(steps, length, width)
+    shares = generator.uniform(-1.0, 1.0, (len(footsteps), 2)) * (0.25, 0.3) + 1.0
+    x = np.cumsum(np.r_[0.0, 0.0, length * shares[2:-1, 0], 0.0])
+    return [
+        step._replace(position=(float(x[k]), float(step.position[1] * (shares[k, 1] if k > 1 else 1.0)), 0.0))
+        for k, step in enumerate(footsteps)
+    ]

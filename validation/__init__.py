@@ -5,8 +5,4 @@ Public interface: ``import ampm, validation as val``. ``__init__.pyi`` lists its
 
 from ampm.lazy import public_names
 
-__all__, __getattr__ = public_names(__name__, __file__)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__all__, __getattr__, __dir__ = public_names(__name__, __file__)

@@ -81,18 +81,9 @@ def assert_within(request: pytest.FixtureRequest) -> Callable[..., None]:
 
     def check(profile: Profile | str | None = None, *trials: Trial) -> None:
         __tracebackhide__ = True
-        # Imported here: loads NumPy.
-        from validation.judge.profiles import Profile
-        from validation.judge.profiles import profile as find_profile
-        from validation.judge.verdict import judge
-
         wrong = []
         for trial in trials or _walks_of(request):
-            verdict = trial.verdict
-            if profile is not None:
-                found = profile if isinstance(profile, Profile) else find_profile(profile)
-                ended = trial.record.outcome.ending
-                verdict = judge(trial.metrics, found, trial.comparison.scales, trial.uncertainty, ended=ended)
+            verdict = (trial if profile is None else trial.judged(profile)).verdict
             if not verdict.passed:
                 wrong.append(
                     f"{_title(trial)}: {verdict.name.replace('_', ' ')} ({verdict.profile}). {verdict.reason}"

@@ -77,7 +77,8 @@ class InverseKinematics:
         inside = np.minimum(ARM_BEND, 0.5 * (robot.upper - robot.lower))
         self.rest = np.zeros(robot.nu)
         self.rest[arms] = np.clip(0.0, (robot.lower + inside)[arms], (robot.upper - inside)[arms])
-        self.spread_arms(run)
+        self.pelvis = np.zeros(2)
+        self.set_rest(run)
         for joint, angle in robot.description.rest:
             self.rest[robot.velocity_indices((joint,)) - 6] = angle
         free = np.ones(robot.nu, dtype=bool)
@@ -97,12 +98,14 @@ class InverseKinematics:
             weight=robot.by_group(POSTURE_WEIGHTS),
             rest=self.rest,
             free=free,
+            pelvis=self.pelvis,
             stiffness=run.body.posture_stiffness,
             damping=run.body.posture_damping,
         )
 
-    def spread_arms(self, run: RunParameters) -> None:
-        """Spread the arms' rest posture by a run's abduction."""
+    def set_rest(self, run: RunParameters) -> None:
+        """Set the rest of pelvis and arms of a run."""
+        self.pelvis[:] = run.body.pelvis_list, run.body.pelvis_rotation
         spread = run.body.arm_abduction + run.body.arm_abduction_roll * (1.0 - run.gait.c_y) ** 2
         for joint, sign in self.robot.description.spread:
             self.rest[self.robot.velocity_indices((joint,)) - 6] = sign * min(spread, WIDEST)

@@ -42,6 +42,7 @@ class Kinematics(NamedTuple):
     weight: Array  # W of the coordinates, shape (nv,)
     rest: Array  # angles of the hinges at rest, shape (nu,) [rad]
     free: NDArray[np.bool_]  # hinges with a posture, those that are not of the legs, shape (nu,)
+    pelvis: Array  # list and rotation of the pelvis at rest, see `posture`, shape (2,) [rad]
     stiffness: float  # k [1/s^2]
     damping: float  # d [1/s]
 
@@ -103,13 +104,28 @@ def limited(change: Array, most: float) -> Array:
 
 
 @compiled
-def posture(body: Kinematics, q: Array, v: Array) -> Array:
-    """Desired acceleration of the posture: -k (q - q0) - d qd (Eq. 12, sign corrected), shape (nv,)."""
+def posture(body: Kinematics, q: Array, v: Array, phase: float, rate: float) -> Array:
+    """Desired acceleration of the posture: -k (q - q0) - d qd (Eq. 12, sign corrected), shape (nv,).
+
+    The pelvis lists towards the swing foot by a sine, and turns the hip of the front foot forward by a cosine of
+    the phase, which goes from 0 to pi in a step.
+
+    Args:
+        body: supplies q0, k and d.
+        q: shape (nq,).
+        v: shape (nv,).
+        phase: of the step [rad].
+        rate: of the phase; 0 where the body stands [rad/s].
+    """
     wanted = np.zeros(len(v))
     vector_part = q[3:6]
     size = math.sqrt((vector_part**2).sum())
     angle_over_size = 2.0 * math.atan2(size, q[6]) / size if size > 1e-12 else 2.0
-    wanted[3:6] = -body.stiffness * angle_over_size * vector_part - body.damping * v[3:6]
+    sine, cosine = body.pelvis[0] * math.sin(phase), body.pelvis[1] * math.cos(phase)
+    rest = np.array([sine, 0.0, -cosine])
+    turning = np.array([body.pelvis[0] * math.cos(phase), 0.0, body.pelvis[1] * math.sin(phase)])
+    away = angle_over_size * vector_part - rest
+    wanted[3:6] = -(rate**2) * rest - body.stiffness * away - body.damping * (v[3:6] - rate * turning)
     wanted[6:] = body.free * (-body.stiffness * (q[7:] - body.rest) - body.damping * v[6:])
     return wanted
 
@@ -154,7 +170,7 @@ def upright(body: Kinematics, tasks: StepReference, k: int, q: Array) -> Array:
     still = np.zeros(len(body.weight))
     for _ in range(60):
         place(body, tasks, k, q)
-        change = nearest(body, body.position_rows, posture(body, q, still) / body.stiffness, body.miss)
+        change = nearest(body, body.position_rows, posture(body, q, still, 0.0, 0.0) / body.stiffness, body.miss)
         q = moved(q, limited(change, 0.2))
         if np.abs(change).max() < 1e-6:
             break
@@ -162,7 +178,7 @@ def upright(body: Kinematics, tasks: StepReference, k: int, q: Array) -> Array:
 
 
 @compiled
-def accelerate(body: Kinematics, wanted: Array, q: Array, v: Array) -> Array:
+def accelerate(body: Kinematics, wanted: Array, q: Array, v: Array, phase: float, rate: float) -> Array:
     """Accelerations that meet the tasks and are closest to the posture's.
 
     Eqs. 8-12: minimise ``1/2 || a - p ||^2_W`` subject to ``J a = wanted - dJ/dt v``, p the posture's.
@@ -172,10 +188,12 @@ def accelerate(body: Kinematics, wanted: Array, q: Array, v: Array) -> Array:
         wanted: task accelerations, shape (R,).
         q: shape (nq,).
         v: shape (nv,).
+        phase: see :func:`posture`.
+        rate: likewise.
     """
     drift = np.zeros(len(wanted))
     task_drift(body.tree, body.link, body.soles, v, v, np.zeros(len(v)), drift)
-    return nearest(body, body.rows, posture(body, q, v), (wanted - drift)[body.rows])
+    return nearest(body, body.rows, posture(body, q, v, phase, rate), (wanted - drift)[body.rows])
 
 
 @compiled
@@ -197,6 +215,7 @@ def follow(body: Kinematics, tasks: StepReference, step: StepTrajectory) -> int:
         Number of nodes that were reached; a leg does not reach at the next one.
     """
     last = len(tasks.time) - 1
+    rate = math.pi / tasks.time[last]
     for k in range(last + 1):
         if k > 0:
             advance(step, tasks.time, k - 1)
@@ -204,7 +223,7 @@ def follow(body: Kinematics, tasks: StepReference, step: StepTrajectory) -> int:
         tolerance, far = EXACT if k in (0, last) else CORRECTED, _FAR if k else np.inf
         if not correct(body, tasks, k, q, v, tolerance, far):
             return k
-        step.acceleration[k] = accelerate(body, tasks.acceleration[k], q, v)
+        step.acceleration[k] = accelerate(body, tasks.acceleration[k], q, v, rate * tasks.time[k], rate)
         step.angular_momentum_z[k] = body.link[0].mass * (body.columns[:, _L_Z] * v).sum()
         axis = turned(body.link[body.trunk[0].joint].turn, column(body.trunk[0].turn, 2))
         step.trunk_pitch[k] = math.atan2(axis[0], axis[2])

@@ -195,6 +195,8 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
         run.replace(
             {
                 "body.angular_momentum_z": "free",
+                "body.pelvis_list": 0.0,
+                "body.pelvis_rotation": 0.0,
                 "body.posture_stiffness": min(max(gains.posture_stiffness, 1.0), _FASTEST**2),
                 "body.posture_damping": min(max(gains.posture_damping, 1.0), _FASTEST),
             }

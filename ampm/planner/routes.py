@@ -12,8 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ampm.exceptions import InputError
 from ampm.files import check_columns, read_text
 from ampm.parameters import FootstepParameters, RunParameters
@@ -101,43 +99,6 @@ def sidestep(steps: int, length: float, width: float) -> list[Footstep]:
     """Steps to the left, to the right with a negative length [m]: one foot goes, the other one follows."""
     frames = [(0.0, ((k + 1) // 2) * length, 0.0) for k in range(steps)]
     return route(frames, width, "left" if length > 0.0 else "right")
-
-
-def slalom(
-    steps: int, length: float, angle: float, period: int, width: float, *, toe_out: float = TOE_OUT
-) -> list[Footstep]:
-    """A wavy line: the heading swings by ``angle`` [rad] to either side once in ``period`` steps."""
-    frames: list[Frame] = [(0.0, 0.0, 0.0)]
-    for k in range(1, steps):
-        x, y, _ = frames[-1]
-        heading = angle * math.sin(2.0 * math.pi * k / period)
-        frames.append((x + length * math.cos(heading), y + length * math.sin(heading), heading))
-    return route(frames, width, toe_out=toe_out)
-
-
-def stones(
-    steps: int, length: float, width: float, *, spread: float = 0.25, aside: float = 0.3, seed: int = 0
-) -> list[Footstep]:
-    """Uneven steps ahead: lengths and widths uniform about their means.
-
-    Args:
-        steps: how many.
-        length: mean of the steps' lengths [m].
-        width: mean lateral distance of the feet [m].
-        spread: largest deviation of a step's length, as a share.
-        aside: largest deviation of the width, as a share.
-        seed: of the numbers.
-    """
-    generator = np.random.default_rng(seed)
-    footsteps = straight(steps, length, width)
-    x = 0.0
-    for k in range(2, len(footsteps)):
-        last = k == len(footsteps) - 1
-        x += 0.0 if last else length * (1.0 + spread * generator.uniform(-1.0, 1.0))
-        y = 0.5 * width * (1.0 + aside * generator.uniform(-1.0, 1.0))
-        foot = footsteps[k].foot
-        footsteps[k] = Footstep(foot, (float(x), float(y if foot == "left" else -y), 0.0))
-    return footsteps
 
 
 def visit(

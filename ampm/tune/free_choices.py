@@ -49,6 +49,8 @@ CHOICES = (
     Choice("height", "gait.com_height", 0.43, 0.535, 0.02, 0.505, scaled=True),
     Choice("width", "gait.step_width", 0.062, 0.13, 0.012, 0.18 / _STATURE, scaled=True),
     Choice("lean", "body.lean", -0.15, 0.3, 0.1, 0.0),
+    Choice("list", "body.pelvis_list", -0.3, 0.3, 0.1, 0.0),
+    Choice("rotation", "body.pelvis_rotation", -0.1, 0.4, 0.1, 0.0),
     Choice("spread", "body.arm_abduction", 0.0, 0.8, 0.1, 0.1),
     Choice("toe_off", "foot.toe_off_angle", 0.0, 1.15, 0.15, 0.45),  # the guess is of a step of middle length
     # Rate at toe off over the mean rate:
@@ -70,6 +72,8 @@ _SPREAD = {
     "width": (-0.45, 0.05),
     "toe_off": (-0.05, 0.45),
     "strike": (-0.05, 0.4),
+    "list": (-0.4, 0.4),
+    "rotation": (0.0, 0.6),
 }
 """Where other starts lie about the guess, as shares of a choice's range: mostly where the legs reach."""
 _RANGE = {choice.name: choice for choice in CHOICES}
@@ -140,6 +144,8 @@ class FreeChoices:
                 **self._timing(choice),
                 "gait.step_width": choice["width"] * h * self.wide,
                 "body.lean": choice["lean"],
+                "body.pelvis_list": choice["list"],
+                "body.pelvis_rotation": choice["rotation"],
                 "body.arm_abduction": choice["spread"],
                 "foot.swing_height": choice["lift"] * h,
                 "foot.swing_lag": choice["lag"],

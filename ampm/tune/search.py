@@ -38,7 +38,7 @@ _DIFFERENCE = 0.015  # step of finite differences, as a share of a choice's rang
 _PULL = 0.06  # weight of the distance to the guess
 _TRIES = 30  # steps after which a search ends
 _RADIUS, _LEAST_RADIUS = 0.3, 0.02  # trust region at first, and that at which slopes are renewed [slacks]
-_ENOUGH_ORBITS = 8  # of starts that are spread over the ranges
+_ENOUGH_ORBITS = 12  # of starts that are spread over the ranges
 _LITTLE = 0.02  # share of the residuals' squares that is worth another step
 _PROGRESS = 0.8  # what must be left of them at most to compute the slopes again
 
@@ -69,7 +69,7 @@ class RoughOrbits:
         Raises:
             Unreachable: there is none, or none was found.
         """
-        self.ik.spread_arms(run)
+        self.ik.set_rest(run)
         reference = step_reference(plan, phase_grid(plan, *self.nodes))
         step_map = StepMap(self.ik, reference, plan.contacts, run.body.lean)
         if near is None:

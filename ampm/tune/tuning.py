@@ -42,12 +42,13 @@ _SPARE = 0.4  # margin with which the values that there are stay
 _HOPELESS = -1.0  # margin below which no search with small margins follows
 _CHOICES = 100  # of the search and all searches for a way out
 _STARTS = 64  # spread over the ranges, where the search from the guess finds nothing
-_FROM_STARTS, _USEFUL = 40, 20  # choices of all searches from starts, and the fewest that one begins with
+_FROM_STARTS, _USEFUL = 80, 20  # choices of all searches from starts, and the fewest that one begins with
 _FOR_WAYS_OUT = 40  # choices of all searches for a way out, at least
 _OF_A_WAY_OUT = 0.1  # margin that is enough for a way out
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
 _LOST = 0.4  # least share of a torque limit that dampers, springs and dry friction take to be told of [1]
 _L_Z = "body.angular_momentum_z"
+_PELVIS = {"body.pelvis_list", "body.pelvis_rotation"}  # choices of searches from other starts alone
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def _tuned(run: RunParameters, robot: Robot, report: Report, effort: Effort) -> 
     """
     if not run.gait.c_y > 0.0:
         plan_gait(run.gait, run.body.mass)  # refuses it, with a better message than a failed search
-    space = FreeChoices(run, run.given, robot.description)
+    space = FreeChoices(run, run.given | _PELVIS, robot.description)
     _check_pace(space)
     present = _present(space, robot)
     if present is not None and present.worst() >= _SPARE:
@@ -203,29 +204,29 @@ def _searches(
 
     The first begins with the guess. Where that would twist the feet and the body has arms, L_z is held at
     zero: the arms then balance the legs about the vertical, which takes from the feet's twisting moment.
-    Where it finds nothing, others begin with starts that are spread over the ranges.
+    Where it finds nothing, others begin with starts that are spread over the ranges, and list and rotation of
+    the pelvis are free, too.
     """
     search = _begun(space, robot, report, effort)
-    first, tried = search.candidates[-1], 0
+    first, left = search.candidates[-1], effort.choices
     twist = first.margins().get("twist", math.inf)
     if robot.description.has_arms and _L_Z not in space.fixed and twist < Effort().enough:
         still = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description)
         balanced = _begun(still, robot, report, effort)
         if balanced.candidates[-1].orbit is not None:
             yield balanced, balanced.candidates[-1]
-            tried = len(balanced.candidates)
-            left = (_CHOICES - tried) // 2
-            if not effort.starts or left < _USEFUL:
+            if not effort.starts:
                 return
+            left = (_CHOICES - len(balanced.candidates)) // 2
             search.effort = replace(effort, choices=left)
-    yield search, first
-    tried += len(search.candidates)
-    left = min(_FROM_STARTS, (_CHOICES - tried) // 2)
-    if not effort.starts or not space.names or left < _USEFUL:
+    if not effort.starts or left >= _USEFUL:
+        yield search, first
+    if not effort.starts or not space.names:
         return
-    search = ChoiceSearch(space, RoughOrbits(robot, space.run), report, effort)
+    wide = FreeChoices(space.run, space.run.given, robot.description)
+    search = ChoiceSearch(wide, RoughOrbits(robot, space.run), report, effort)
     found = search.spread(effort.starts)
-    search.effort = replace(effort, choices=len(search.candidates) + left)
+    search.effort = replace(effort, choices=len(search.candidates) + _FROM_STARTS)
     for start in found or search.candidates[-1:]:
         if search.effort.choices - len(search.candidates) >= _USEFUL:
             yield search, start
@@ -327,5 +328,7 @@ def _keys_that_help(reason: str, robot: Robot, step: StepTrajectory) -> str:
 
 def _none(tried: int) -> str:
     """What was found of so many choices that were tried, in words."""
-    none = "no choice" if tried == 1 else f"none of {tried} choices"
-    return f"{none} of timing, heights and angles lets this body walk the gait"
+    choices = "of timing, heights and angles"
+    if tried == 1:
+        return f"no choice {choices} lets this body walk the gait"
+    return f"found none in {tried} choices {choices} with which this body walks the gait"

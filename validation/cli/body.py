@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import Json, Settings, Status, option
+from validation.cli.options import Json, Settings, Status
 from validation.show.text import format_value, print_line
 from validation.table import Table, format_number, print_tables
 
@@ -55,9 +56,6 @@ def new(
 def check(
     body: Annotated[str, typer.Argument(help="Name or description of a body.", metavar="NAME|FILE.toml")],
     settings: Settings = None,
-    reach: Annotated[
-        bool, option("--reach", "Also find the largest step and the highest speed; half a minute.")
-    ] = False,
     as_json: Json = False,
 ) -> int:
     """Check a body: its model, its torques, what it can walk.
@@ -67,9 +65,9 @@ def check(
     from validation.run.body_check import check as check_body
 
     source = str(Path(body).resolve()) if Path(body).is_file() else body
-    found = check_body(source, tuple(settings or ()), Narrator(), reach=reach)
+    found = check_body(source, tuple(settings or ()), Narrator())
     if as_json:
-        print_json(found.as_dict())
+        print_json(asdict(found))
     else:
         print_check(found)
     return Status.REFUSED if found.refusal else Status.PASS
@@ -94,6 +92,3 @@ def print_check(found: BodyCheck) -> None:
         print_line(f"  It can walk: {gait}.")
         values = ", ".join(f"{key} {format_value(value)}" for key, value in found.found.items())
         print_line(f"  Found for it: {values}. 'ampm validate --body {found.name}' walks it.")
-    if found.reach:
-        step, speed = found.reach["step_length"], found.reach["switching_velocity"]
-        print_line(f"  Largest step found {step:.3g} m, highest speed at a switch {speed:.3g} m/s.")

@@ -1,16 +1,12 @@
-"""``ampm fit``: constants of the AMPM from a measured walk.
+"""``ampm fit``: constants of the AMPM from a measured walk."""
 
-Commands import what they run: NumPy and SciPy take long to load.
-"""
-
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import Columns, Force, Json, Status, option
+from validation.cli.options import Columns, Json, Result, Status, grouped, option
 from validation.show.text import print_line
 from validation.table import print_tables
 
@@ -20,6 +16,7 @@ app = typer.Typer()
 @app.command(
     epilog="Exit status: 0 fitted, 2 bad input or too few strides, 4 crash of ampm itself, 130 interrupted."
 )
+@grouped
 def fit(
     log: Annotated[
         Path, typer.Argument(help="Table of a measured walk, or the folder of a run.", metavar="LOG")
@@ -33,10 +30,7 @@ def fit(
         float | None,
         option("--com-height", "Mean height of the COM over the floor, of a log without COM.", "M"),
     ] = None,
-    out: Annotated[
-        Path | None, option("--out", "Folder of the result. runs/fit-LOG-TIME if not given.", "DIR")
-    ] = None,
-    force: Force = False,
+    result: Result,
     as_json: Json = False,
 ) -> int:
     """Fit the AMPM to a measured walk, and say how much of it the AMPM explains.
@@ -55,15 +49,12 @@ def fit(
     ampm fit plates.csv --com-height 0.92 --mass 71
     """
     from validation.measure.columns import read_mapping
-    from validation.run.fit import FIT_FILES, fit_log
-    from validation.run.validate import RUNS
-    from validation.store.folders import check_target
+    from validation.run.fit import fit_log
 
-    target = out or RUNS / f"fit-{log.stem}-{datetime.now():%Y%m%d-%H%M%S-%f}"
-    check_target(target, FIT_FILES, force=force, what="fit", marks=("fit.json",))
+    target = result.folder(f"fit-{log.stem}")
     with Narrator().stage("fit and report"):
         found = fit_log(log, columns=read_mapping(columns or ()), mass=mass, com_height=com_height)
-        found.save(target, force=force)
+        found.save(target, force=result.force)
     if as_json:
         print_json({**found.summary, "directory": str(target)})
         return Status.PASS

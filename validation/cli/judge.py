@@ -1,7 +1,7 @@
 """``ampm judge``: a log of measured signals against a plan."""
 
 from collections.abc import Mapping
-from datetime import datetime
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,9 +11,9 @@ from validation.cli.console import Narrator, print_json
 from validation.cli.options import (
     Body,
     Columns,
-    Force,
     Json,
     Judging,
+    Result,
     Settings,
     Steps,
     grouped,
@@ -30,13 +30,10 @@ EPILOG = (
 )
 
 
-@app.command(epilog=EPILOG)
-@grouped
-def judge(
-    log: Annotated[
-        Path, typer.Argument(help="Table of measured signals, or the folder of a run.", metavar="LOG")
-    ],
-    *,
+@dataclass(frozen=True)
+class Comparing:
+    """The plan, and how a log is laid on it."""
+
     plan: Annotated[
         str | None,
         option(
@@ -44,29 +41,36 @@ def judge(
             "Preset (normal if not given), TOML file, folder of a run, or a table of COM, ZMP and footsteps.",
             "GAIT|DIR|FILE.csv|.parquet",
         ),
-    ] = None,
-    columns: Columns = None,
-    settings: Settings = None,
-    steps: Steps = None,
-    body: Body = None,
+    ] = None
+    columns: Columns = None
+    settings: Settings = None
+    steps: Steps = None
+    body: Body = None
     start: Annotated[
         float | None, option("--start", "Time in the log at which the plan begins; found if not given.", "S")
-    ] = None,
+    ] = None
     place: Annotated[
         tuple[float, float] | None,
         option("--place", "Move the log by so much [m]; to the plan's mean ZMP if not given.", "X Y"),
-    ] = None,
-    strides: Annotated[
-        bool, option("--strides", "Compare the mean stride with that of a periodic plan.")
-    ] = False,
+    ] = None
+    strides: Annotated[bool, option("--strides", "Compare the mean stride with that of a periodic plan.")] = (
+        False
+    )
+
+
+@app.command(epilog=EPILOG)
+@grouped
+def judge(
+    log: Annotated[
+        Path, typer.Argument(help="Table of measured signals, or the folder of a run.", metavar="LOG")
+    ],
+    *,
+    comparing: Comparing,
     judging: Judging,
-    out: Annotated[
-        Path | None, option("--out", "Folder of the result. runs/LOG-TIME if not given.", "DIR")
-    ] = None,
-    force: Force = False,
+    result: Result,
     as_json: Json = False,
 ) -> int:
-    """Judge a log of measured signals by a plan.
+    r"""Judge a log of measured signals by a plan.
 
     The log is of a robot, another simulator or a person; metrics, limits, report and recording are those of
     'ampm validate'. LOG is a CSV or Parquet file with a row per instant, in SI units, x forward, y left, z
@@ -83,55 +87,48 @@ def judge(
     The folder of a run is judged again by the metrics that it holds, which are of the plans that it followed.
 
     ampm judge walk.csv --plan gait.toml
-    ampm judge robot.csv --columns time=t[ms] --columns force_z=Fz_total
+
+    ampm judge robot.csv --columns time=t\[ms] --columns force_z=Fz_total
+
     ampm judge person.csv --plan normal --set body.mass=72 --strides
+
     ampm judge runs/walk --profile strict
     """
     from ampm.exceptions import InputError
     from validation.measure.columns import read_mapping
     from validation.run.judge_log import judge_log, judge_run
-    from validation.run.validate import RUNS
     from validation.store.folders import check_run_folder
-    from validation.store.json import json_ready
 
-    def show(summary: Mapping[str, Any], folder: Path) -> None:
+    def show(summary: Mapping[str, Any], folder: Path) -> int:
         if as_json:
-            print_json({**json_ready(summary), "directory": str(folder)})
+            print_json({**summary, "directory": str(folder)})
         else:
             print_result(summary, folder)
-
-    profile = judging.load()
-    if log.is_dir():
-        own = plan is None or (Path(plan).is_dir() and Path(plan).samefile(log))
-        others: dict[str, Any] = {
-            "--columns": columns,
-            "--set": settings,
-            "--steps": steps,
-            "--body": body,
-            "--start": start,
-            "--place": place,
-        }
-        others |= {"--plan": None if own else plan, "--strides": strides or None, "--out": out}
-        if used := ", ".join(name for name, value in others.items() if value is not None):
-            raise InputError(f"{log} is a folder, judged by what it holds; {used} is for a table of signals.")
-        summary = dict(judge_run(log, profile).summary)
-        show(summary, log)
         return status_of(summary)
+
+    profile, given = judging.load(), {**vars(comparing), "out": result.out}
+    if log.is_dir():
+        if comparing.plan and Path(comparing.plan).is_dir() and Path(comparing.plan).samefile(log):
+            given["plan"] = None
+        used = [name for name, value in given.items() if not (value is None or value is False)]
+        if used:
+            said = ", ".join(f"--{name}" for name in used).replace("settings", "set")
+            raise InputError(f"{log} is a folder, judged by what it holds; {said} is for a table of signals.")
+        return show(judge_run(log, profile).summary, log)
     narrator = Narrator()
-    target = out or RUNS / f"{log.stem}-{datetime.now():%Y%m%d-%H%M%S-%f}"
-    check_run_folder(target, force=force)
+    target = result.folder(log.stem)
+    check_run_folder(target, force=result.force)
     trial = judge_log(
         log,
-        plan or "normal",
-        columns=read_mapping(columns or ()),
-        settings=with_short(settings, steps=steps, body=body),
-        profile=profile,
-        start=start,
-        place=place,
-        strides=strides,
+        comparing.plan or "normal",
+        columns=read_mapping(comparing.columns or ()),
+        settings=with_short(comparing.settings, steps=comparing.steps, body=comparing.body),
+        start=comparing.start,
+        place=comparing.place,
+        strides=comparing.strides,
         progress=narrator,
     )
+    trial = trial if profile is None else trial.judged(profile)
     with narrator.stage("recording and report"):
-        trial.save(target, force=force)
-    show(trial.summary, target)
-    return status_of(trial.summary)
+        trial.save(target, force=result.force)
+    return show(trial.summary, target)

@@ -211,6 +211,27 @@ class Execution:
 
 
 @dataclass(frozen=True)
+class Result:
+    """Folder of a result."""
+
+    out: Annotated[
+        Path | None,
+        option(
+            "--out",
+            "Folder of the result; of several gaits, one sub-folder each. runs/NAME-TIME if not given.",
+            "DIR",
+        ),
+    ] = None
+    force: Force = False
+
+    def folder(self, name: str) -> Path:
+        """The folder of one result."""
+        from validation.run.validate import new_folder  # loads the simulator
+
+        return self.out or new_folder(name)
+
+
+@dataclass(frozen=True)
 class Disturbing:
     """Disturbances beside those of the keys."""
 

@@ -12,10 +12,10 @@ from validation.cli.errors import describe_error, explain
 from validation.cli.options import (
     Disturbing,
     Footsteps,
-    Force,
     Gaits,
     Json,
     Judging,
+    Result,
     RunFolder,
     Status,
     Steps,
@@ -48,15 +48,7 @@ def validate(
     disturbing: Disturbing,
     judging: Judging,
     uncertainty: Uncertainty = None,
-    out: Annotated[
-        Path | None,
-        option(
-            "--out",
-            "Folder of the run; with several gaits, one sub-folder each. runs/GAIT-TIME if not given.",
-            "DIR",
-        ),
-    ] = None,
-    force: Force = False,
+    result: Result,
     as_json: Json = False,
 ) -> int:
     """Plan, walk, measure and judge gaits: the trial.
@@ -88,7 +80,7 @@ def validate(
     for request in requests if known else ():  # before any walks
         if not leaves_open(request.run):
             matching(known, request)
-    targets = run.targets(requests, out, force=force)
+    targets = run.targets(requests, result.out, force=result.force)
     narrator = Narrator()
     answers: list[dict[str, Any]] = []
     statuses = [Status.PASS]
@@ -99,7 +91,7 @@ def validate(
                 request,
                 target,
                 judge,
-                force=force,
+                force=result.force,
                 disturbances=disturbances,
                 uncertainty=matching(known, request) if known else None,
                 progress=narrator,

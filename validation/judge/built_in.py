@@ -179,12 +179,8 @@ COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
 def recovery_time(walk: Comparison, limits: Mapping[str, float]) -> float | None:
     """Time from the end of the last push until every error stays within its limits for one step [s].
 
-    Args:
-        walk: beside its plan.
-        limits: of the RMS and largest error over a step, by the names of the metrics in SI units.
-
-    Returns:
-        Infinite if the errors do not; None if nothing pushed the body.
+    Infinite if they do not; None if nothing pushed the body. Limits are of the RMS and largest error over a
+    step, by the names of the metrics, in SI units.
     """
     record = walk.record
     pushed = np.flatnonzero(record.external_force.any(axis=(1, 2)) | record.external_moment.any(axis=(1, 2)))

@@ -56,23 +56,14 @@ _SCALES = {"m": "foot_length", "N": "body_weight", "N m s": "mass_height_velocit
 
 
 class Signal(NamedTuple):
-    """One component of a measured vector, and its reference.
+    """One component of a measured vector, and its reference."""
 
-    Attributes:
-        group: vector that it belongs to, such as ``zmp`` or ``left_foot``.
-        axis: ``x``, ``y`` or ``z``.
-        unit: SI unit.
-        quantity: what the vector is, in words.
-        meaning: of the error.
-        reference: ``plan``, or ``motion`` for quantities that the plan does not have.
-    """
-
-    group: str
-    axis: str
-    unit: str
-    quantity: str
-    meaning: str
-    reference: str
+    group: str  # vector that it belongs to, such as `zmp` or `left_foot`
+    axis: str  # x, y or z
+    unit: str  # SI unit
+    quantity: str  # what the vector is, in words
+    meaning: str  # of the error
+    reference: str  # `plan`, or `motion` for quantities that the plan does not have
 
     @property
     def direction(self) -> str:
@@ -143,20 +134,13 @@ class ZmpErrorSplit:
     - ``vertical_force``: ``-mean(N) du``
     - ``instrument``: contact ZMP minus momentum ZMP, which belongs to the measurement and not to the walk
 
-    Lateral: F_y for F_x and -M_x for M_y. The split is symmetric in plan and measurement: it does not depend
-    on an order of the causes.
-
-    Attributes:
-        parts: part name to shape (K, 2) [m].
-        residual: largest deviation of the sum of parts from the error [m].
-        rmse: part name to RMS over the run, x and y [m].
-        share: part name to its share of the squared error over the run, x and y [1]; shares add up to 1 and
-            may be negative, where a part compensates others.
+    Lateral: F_y for F_x and -M_x for M_y. The split does not depend on an order of the causes.
     """
 
-    parts: Mapping[str, Array]
-    residual: float
-    rmse: Mapping[str, tuple[float, ...]]
+    parts: Mapping[str, Array]  # part to its values, shape (K, 2) [m]
+    residual: float  # largest deviation of the sum of parts from the error [m]
+    rmse: Mapping[str, tuple[float, ...]]  # part to its RMS over the run, x and y [m]
+    # part to its share of the squared error, x and y [1]: they add up to 1; negative where it compensates
     share: Mapping[str, tuple[float, ...]]
 
 
@@ -259,13 +243,13 @@ def compare(
     command = plan.command
     if command is not None:
         planned = valid = planned.without_plan(Supports.of(record).stance)
-    sample = planned.sample
+    phase = planned.sample.phase
     run, feet = time >= plan.judged_from - 1e-9, measured.foot_contact.sum(axis=1)
     rows = {
         RUN: run,
         FIRST_STEP: ~run,
-        "single_support": run & (sample.phase == 0),
-        "double_support": run & (sample.phase == 1),
+        "single_support": run & (phase == 0),
+        "double_support": run & (phase == 1),
         "measured_single_support": run & (feet == 1),
         "measured_double_support": run & (feet == 2),
         "measured_flight": run & (measured.force[:, 2] <= 0.0),
@@ -283,7 +267,6 @@ def compare(
         "margins": margins(followed, record, measured, description, shapes),
         "energy": energy(record, run),
     }
-
     if command is not None:
         late = time >= 0.5 * (command.settling + command.duration)
         mean = heading_velocity(record)[late].mean(axis=0) if late.any() else np.full(3, np.nan)
@@ -291,25 +274,17 @@ def compare(
 
     def errors(planned: PlanRows, windows: Mapping[str, Rows]) -> dict[str, Mapping[str, Statistics]]:
         """Errors of all signals in some windows."""
-        pairs = signal_pairs(planned, measured, record)
-        return {
-            name: MappingProxyType(
-                {
-                    window: statistics(
-                        (value - reference)[w], reference[w], scales[_SCALES[SIGNALS[name].unit]]
-                    )
-                    for window, w in windows.items()
-                }
-            )
-            for name, (value, reference) in pairs.items()
-        }
+        found: dict[str, Mapping[str, Statistics]] = {}
+        for name, (value, reference) in signal_pairs(planned, measured, record).items():
+            error, scale = value - reference, scales[_SCALES[SIGNALS[name].unit]]
+            of = {window: statistics(error[w], reference[w], scale) for window, w in windows.items()}
+            found[name] = MappingProxyType(of)
+        return found
 
-    def rmse(lead: float) -> Mapping[str, float]:
-        found = errors(followed.at(time, lead), {RUN: run})
-        return MappingProxyType({name: windows[RUN].rmse for name, windows in found.items()})
-
-    signals = errors(planned, rows)
-    same = MappingProxyType({name: windows[RUN].rmse for name, windows in signals.items()})
+    signals, ahead = errors(planned, rows), {}
+    for lead in LEADS:
+        judged = errors(followed.at(time, lead), {RUN: run}) if followed.moved else signals
+        ahead[lead] = MappingProxyType({name: of[RUN].rmse for name, of in judged.items()})
     return Comparison(
         plan=plan,
         record=record,
@@ -318,11 +293,11 @@ def compare(
         rows=MappingProxyType(rows),
         scales=MappingProxyType(scales),
         signals=MappingProxyType(signals),
-        zmp_split=_split_zmp_error(sample, measured, run),
+        zmp_split=_split_zmp_error(planned.sample, measured, run),
         costs=MappingProxyType(costs),
         followed=followed,
         valid=valid.sample,
-        ahead=MappingProxyType({lead: rmse(lead) if followed.moved else same for lead in LEADS}),
+        ahead=MappingProxyType(ahead),
         first=first,
     )
 
@@ -344,8 +319,9 @@ def signal_pairs(
     }
     found = {}
     for name, signal in SIGNALS.items():
-        value, reference = (values[:, "xyz".index(signal.axis)] for values in vectors[signal.group])
-        found[name] = value, reference
+        k = "xyz".index(signal.axis)
+        value, reference = vectors[signal.group]
+        found[name] = value[:, k], reference[:, k]
     return found
 
 
@@ -375,12 +351,9 @@ def _along(vectors: Array, heading: Array) -> Array:
 
 
 def statistics(error: Array, reference: Array, scale: float) -> Statistics:
-    """Statistics of an error in one window.
+    """Statistics of an error in one window, shape (n,), NaN where not measured, from a reference (n,).
 
-    Args:
-        error: shape (n,); NaN where not measured.
-        reference: what it is an error from, shape (n,).
-        scale: a reference whose spread is negligible on it counts as constant.
+    A reference whose spread is negligible on ``scale`` counts as constant.
     """
     known = np.isfinite(error)
     unmeasured = int(error.size - np.count_nonzero(known))
@@ -401,41 +374,34 @@ def statistics(error: Array, reference: Array, scale: float) -> Statistics:
 
 def _split_zmp_error(sample: PlanSample, measured: MeasuredGait, rows: Rows) -> ZmpErrorSplit:
     """Split the ZMP error into its causes; RMS and shares over ``rows``, shape (K,)."""
-    parts = {name: np.empty_like(measured.zmp) for name in PARTS}
-    z_plan = sample.com[:, 2] - sample.floor
-    z = measured.com_pin[:, 2] - measured.floor  # the COM that zmp_momentum was computed with
-    supported = np.isfinite(measured.zmp_momentum[:, 0])
-    u_plan, u = 1.0 / sample.force[:, 2], 1.0 / np.where(supported, measured.momentum_force[:, 2], np.nan)
-    mean_u, mean_z = 0.5 * (u_plan + u), 0.5 * (z_plan + z)
-    moments = (
-        (sample.moment[:, 1], measured.angular_momentum_rate[:, 1]),
-        (-sample.moment[:, 0], -measured.angular_momentum_rate[:, 0]),
-    )
-    for axis, (moment_plan, moment) in enumerate(moments):
-        force_plan, force = sample.force[:, axis], measured.momentum_force[:, axis]
-        total_plan, total = z_plan * force_plan + moment_plan, z * force + moment
-        mean_force = 0.5 * (force_plan + force)
-        shift = measured.com_pin[:, axis] - sample.com[:, axis]
-        parts["com_position"][:, axis] = shift - mean_u * mean_force * (z - z_plan)
-        parts["com_acceleration"][:, axis] = -mean_u * mean_z * (force - force_plan)
-        parts["momentum_rate"][:, axis] = -mean_u * (moment - moment_plan)
-        parts["vertical_force"][:, axis] = -0.5 * (total_plan + total) * (u - u_plan)
-    parts["instrument"][:] = measured.zmp - measured.zmp_momentum
+    com, z = measured.com_pin, (measured.com_pin[:, 2] - measured.floor)[:, None]  # as of zmp_momentum
+    z_plan = (sample.com[:, 2] - sample.floor)[:, None]
+    supported = np.isfinite(measured.zmp_momentum[:, :1])
+    u_plan, u = 1.0 / sample.force[:, 2:], 1.0 / np.where(supported, measured.momentum_force[:, 2:], np.nan)
+    force_plan, force = sample.force[:, :2], measured.momentum_force[:, :2]
+    moments = sample.moment, measured.angular_momentum_rate
+    moment_plan, moment = (values[:, 1::-1] * [1.0, -1.0] for values in moments)
+    mean_u, mean_z, mean_force = 0.5 * (u_plan + u), 0.5 * (z_plan + z), 0.5 * (force_plan + force)
+    total = z_plan * force_plan + moment_plan + (z * force + moment)
+    parts = {
+        "com_position": com[:, :2] - sample.com[:, :2] - mean_u * mean_force * (z - z_plan),
+        "com_acceleration": -mean_u * mean_z * (force - force_plan),
+        "momentum_rate": -mean_u * (moment - moment_plan),
+        "vertical_force": -0.5 * total * (u - u_plan),
+        "instrument": measured.zmp - measured.zmp_momentum,
+    }
     error = measured.zmp - sample.zmp
     for array in parts.values():
         array.setflags(write=False)
     gap = np.abs(sum(parts.values()) - error)
     used = rows & np.isfinite(error).all(axis=1)
-    squares = np.sum(error[used] ** 2, axis=0)
+    squares, rmse, share = np.sum(error[used] ** 2, axis=0), {}, {}
     with np.errstate(invalid="ignore", divide="ignore"):
-        rmse = {name: np.sqrt(np.sum(part[used] ** 2, axis=0) / used.sum()) for name, part in parts.items()}
-        share = {name: np.sum(part[used] * error[used], axis=0) / squares for name, part in parts.items()}
-    return ZmpErrorSplit(
-        parts=MappingProxyType(parts),
-        residual=float(np.nanmax(gap)) if np.isfinite(gap).any() else math.nan,
-        rmse=MappingProxyType({name: tuple(pair.tolist()) for name, pair in rmse.items()}),
-        share=MappingProxyType({name: tuple(pair.tolist()) for name, pair in share.items()}),
-    )
+        for name, part in parts.items():
+            rmse[name] = tuple(np.sqrt(np.sum(part[used] ** 2, axis=0) / used.sum()).tolist())
+            share[name] = tuple((np.sum(part[used] * error[used], axis=0) / squares).tolist())
+    residual = float(np.nanmax(gap)) if np.isfinite(gap).any() else math.nan
+    return ZmpErrorSplit(MappingProxyType(parts), residual, MappingProxyType(rmse), MappingProxyType(share))
 
 
 def statistics_table(comparison: Comparison) -> dict[str, dict[str, dict[str, Any]]]:

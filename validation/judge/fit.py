@@ -8,9 +8,8 @@ measured COM, or make the stride periodic if there is none.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import NamedTuple
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import Legendre
@@ -23,25 +22,28 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import GRAVITY
-from validation.judge.log import left_share, take_overs
+from validation.judge.log import left_share, take_overs, whole_strides
 from validation.measure.log import Log
 
 SUPPORTS: Mapping[str, list[int]] = {"single": [0, 2], "double": [1, 3]}
 """Phases of a stride by support; it begins with the single support on the left foot."""
 MODELS = ("pendulum", "rolling", "ampm")
 """c = 1 and a ZMP that rests under a foot, and is below the COM in double support; c = 1; a, b and c free."""
-LEAST_STRIDES = 3
+EXPLAINED = ("zmp_x", "zmp_y", "force_x", "force_y", "force_z", "momentum_x", "momentum_y")
+"""Signals that the models explain [m, N, N m s]; momentum is that about the COM, see :func:`_closed`."""
 CONFIDENCE = 0.95
+_LEAST_STRIDES = 3
 _POINTS = 50  # of a phase
+_MARGIN = 0.25  # of a stride, before and after it, that is needed, too [1]
 _DEGREE = 9  # of the polynomial between integrated and measured COM: in 1.5 strides
 _ALIKE = 0.1, 0.15  # strides' durations and lengths from their medians, over these [1]
 _SHORTEST = 0.05  # stride [m]: below it nothing walks
 _UNSEEN = 0.1  # longest gap in a measured COM, over the stride [1]
 _STILL = 1e-3  # of a signal that rests: over H, weight or m H sqrt(g H) [1]
+_TURN = np.array([[1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [1.0, 1.0]])[:, None]  # y to the next stance foot
 Scores = dict[str, dict[str, dict[str, dict[str, float]]]]
 """By signal, model, and ``single``, ``double`` or ``stride``: ``share`` of the variance that is accounted for
 [1], and ``rmse`` [unit of the signal]."""
-_TURN = np.array([[1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [1.0, 1.0]])[:, None]  # y to the next stance foot
 
 
 class Constant(NamedTuple):
@@ -55,34 +57,18 @@ class Constant(NamedTuple):
 
 @dataclass(frozen=True)
 class Strides(Brief):
-    """N strides at P equal shares of their four phases; arrays of shape (N, 4, P, axes) where not said.
+    """N strides at P equal shares of their four phases."""
 
-    Attributes:
-        switches: starts of the phases, and end of the last, shape (N, 5) [s].
-        com: over the floor, x, y, z [m].
-        zmp: x, y [m].
-        force: without the sensors' offset, x, y, z [N].
-        momentum: about the COM, as :func:`_closed` has it, x, y [N m s].
-        way, speed: of the COM along x at the switches, (N, 5) [m], [m/s].
-        width: way of the ZMP from foot to foot, (N,) [m].
-        timing: error of a switch, by sampling and misfit of the ZMP, (N,) [s].
-        com_error: RMS of integrated and measured COM, (N,) [m]; NaN without a measured one.
-        upward: mean vertical force as measured, (N,) [N].
-        weight: of the body [N].
-    """
-
-    switches: Array
-    com: Array
-    zmp: Array
-    force: Array
-    momentum: Array
-    way: Array
-    speed: Array
-    width: Array
-    timing: Array
-    com_error: Array
-    upward: Array
-    weight: float
+    switches: Array  # starts of the phases, and end of the last, (N, 5) [s]
+    com: Array  # over the floor, (N, 4, P, 3) [m]
+    signals: Array  # `EXPLAINED`, forces without the sensors' offset, (N, 4, P, 7)
+    way: Array  # of the COM along x at the switches, (N, 5) [m]
+    speed: Array  # likewise, (N, 5) [m/s]
+    width: Array  # way of the lateral ZMP from foot to foot, (N,) [m]
+    timing: Array  # error of a switch, by sampling and misfit of the ZMP, (N,) [s]
+    com_error: Array  # RMS of integrated and measured COM, (N,) [m]; NaN without a measured one
+    upward: Array  # mean vertical force as measured, (N,) [N]
+    weight: float  # of the body [N]
 
     def __len__(self) -> int:
         return len(self.switches)
@@ -91,11 +77,6 @@ class Strides(Brief):
     def durations(self) -> Array:
         """Of the phases, (N, 4) [s]."""
         return np.diff(self.switches, axis=1)
-
-    @property
-    def measured(self) -> dict[str, Array]:
-        """The signals that are explained, by name."""
-        return {"zmp": self.zmp, "force": self.force, "momentum": self.momentum}
 
 
 def cut_strides(log: Log, com_height: float | None = None, mass: float | None = None) -> tuple[Strides, int]:
@@ -122,78 +103,73 @@ def cut_strides(log: Log, com_height: float | None = None, mass: float | None = 
     elif len(left) > 1:
         strides_only = (log.time >= left[0]) & (log.time < left[-1])
         log = replace(log, weight=float(log.signals["force"][strides_only, 2].mean()))
-    holes = log.time[:-1][np.diff(log.time) > 1.5 * log.time_step]
     found = []
-    for begin, end in pairwise(left):
-        middle, quarter = right[(right > begin) & (right < end)], 0.25 * (end - begin)
-        first, last = begin - quarter, end + quarter
-        whole = log.time[0] <= first and last <= log.time[-1] and not ((holes > first) & (holes < last)).any()
-        if whole and len(middle) == 1:
-            part = log.rows((log.time >= first) & (log.time <= last))
-            found += _stride(part, np.array([begin, middle[0], end]), com_height)
+    for begin, end in whole_strides(log, left, _MARGIN):
+        middle, margin = right[(right > begin) & (right < end)], _MARGIN * (end - begin)
+        if len(middle) == 1:
+            part = log.rows((log.time >= begin - margin) & (log.time <= end + margin))
+            if stride := _stride(part, np.array([begin, middle[0], end]), com_height):
+                found.append(stride)
     sizes = np.array([[np.ptp(stride["switches"]), np.ptp(stride["way"])] for stride in found]).reshape(-1, 2)
     middles = np.median(sizes, axis=0) if found else np.ones(2)
     alike = (np.abs(sizes / middles - 1.0) <= _ALIKE).all(axis=1) & (sizes[:, 1] >= _SHORTEST)
     chosen = [stride for stride, kept in zip(found, alike, strict=True) if kept]
-    if len(chosen) < LEAST_STRIDES:
+    if len(chosen) < _LEAST_STRIDES:
         raise InputError(
             f"{log.name} has {len(chosen)} whole strides alike in length and duration, and a fit needs "
-            f"{LEAST_STRIDES}; the left foot takes half of the weight at {len(left)} instants in "
+            f"{_LEAST_STRIDES}; the left foot takes half of the weight at {len(left)} instants in "
             f"{np.ptp(log.time):.3g} s. Give a longer log of steady walking along x, without gaps."
         )
-    arrays = {name: np.array([stride[name] for stride in chosen]) for name in chosen[0]}
+    arrays = {item.name: np.array([stride[item.name] for stride in chosen]) for item in fields(Strides)[:-1]}
     return Strides(**arrays, weight=log.weight), len(found) - len(chosen)
 
 
-def _stride(log: Log, taken: Array, height: float | None) -> list[dict[str, Array | float]]:
-    """One stride, by the arrays of :class:`Strides`; empty if its phases are not found.
+def _stride(log: Log, taken: Array, height: float | None) -> dict[str, Any] | None:
+    """One stride, by the arrays of :class:`Strides`; None if its phases are not found.
 
     Args:
-        log: of the stride, and a quarter of it before and after.
+        log: of the stride with its margin.
         taken: when left, right and left foot take half of the weight, shape (3,) [s].
         height: of the COM over the floor [m], if it was not measured.
     """
-    time, mass = log.time, log.weight / GRAVITY
+    time, mass, signals = log.time, log.weight / GRAVITY, log.signals
     if height is None:
-        seen = time[np.isfinite(log.signals["com"]).all(axis=1)]
+        seen = time[np.isfinite(signals["com"]).all(axis=1)]
         if np.diff([time[0], *seen, time[-1]]).max() > _UNSEEN * (taken[2] - taken[0]):
-            return []
-    floor = np.broadcast_to(log.signals.get("floor", 0.0), time.shape)
-    known = np.isfinite(log.signals["zmp"]).all(axis=1)
-    zmp = _at(time, time[known], log.signals["zmp"][known])
+            return None
+    floor = np.broadcast_to(signals.get("floor", 0.0), time.shape)
+    known = np.isfinite(signals["zmp"]).all(axis=1)
+    zmp = _at(time, time[known], signals["zmp"][known])
     com, velocity, offset, com_error = _integrated(log, zmp, floor, taken, height)
-    force = log.signals["force"] + mass * offset
+    force = signals["force"] + mass * offset
     supports = []
     for at in taken:
-        rows = np.abs(time - at) <= 0.25 * (taken[2] - taken[0])
+        rows = np.abs(time - at) <= _MARGIN * (taken[2] - taken[0])
         supports.append(_double_support(time[rows], com[rows, 1], zmp[rows, 1]))
     begins, ends, widths, errors = np.array(supports).T
     switches = np.array([ends[0], begins[1], ends[1], begins[2], ends[2]])
     if not (np.diff(switches) > 0.0).all():  # also of NaN
-        return []
+        return None
     com[:, 2] -= floor
-    momentum = log.signals.get("angular_momentum", np.full((1, 3), np.nan))[:, :2]
+    momentum = signals.get("angular_momentum", np.full((1, 3), np.nan))[:, :2]
     if not np.isfinite(momentum).all():
-        arm = zmp - com[:, :2]
-        lever = (force[:, 2:] * arm + com[:, 2:] * force[:, :2])[:, ::-1] * [1.0, -1.0]
-        momentum = cumulative_trapezoid(lever, time, axis=0, initial=0.0)
+        lever = force[:, 2:] * (zmp - com[:, :2]) + com[:, 2:] * force[:, :2]
+        momentum = cumulative_trapezoid(lever[:, ::-1] * [1.0, -1.0], time, axis=0, initial=0.0)
     instants = switches[:-1, None] + np.diff(switches)[:, None] * (np.arange(_POINTS) + 0.5) / _POINTS
+    explained = _at(instants, time, np.hstack([zmp, force, momentum]))
+    explained[..., 5:] = _closed(explained[..., 5:], np.diff(switches))
     inside = (time >= taken[0]) & (time < taken[2])
-    return [
-        {
-            "switches": switches,
-            "com": _at(instants, time, com),
-            "zmp": _at(instants, time, zmp),
-            "force": _at(instants, time, force),
-            "momentum": _closed(_at(instants, time, momentum), np.diff(switches)),
-            "way": np.interp(switches, time, com[:, 0]),
-            "speed": np.interp(switches, time, velocity[:, 0]),
-            "width": widths.mean(),
-            "timing": math.hypot(math.sqrt(np.mean(errors**2)), log.time_step / math.sqrt(12.0)),
-            "com_error": com_error,
-            "upward": log.signals["force"][inside, 2].mean(),
-        }
-    ]
+    return {
+        "switches": switches,
+        "com": _at(instants, time, com),
+        "signals": explained,
+        "way": np.interp(switches, time, com[:, 0]),
+        "speed": np.interp(switches, time, velocity[:, 0]),
+        "width": widths.mean(),
+        "timing": math.hypot(math.sqrt(np.mean(errors**2)), log.time_step / math.sqrt(12.0)),
+        "com_error": com_error,
+        "upward": signals["force"][inside, 2].mean(),
+    }
 
 
 def _at(times: Array, time: Array, values: Array) -> Array:
@@ -220,7 +196,7 @@ def _integrated(
         added, drift = (np.column_stack([fit.deriv(n)(time) for fit in fits]) for n in (0, 1))
         lacking = np.diff(_at(ends, time, drift), axis=0)[0] / duration
         return place + added, speed + drift, lacking, math.sqrt(np.nanmean((gap - added)[:, :2] ** 2))
-    around = duration * np.linspace(-0.25, 0.25, _POINTS)
+    around = duration * np.linspace(-_MARGIN, _MARGIN, _POINTS)
     way = np.append((_at(around + duration, time, zmp) - _at(around, time, zmp)).mean(axis=0), 0.0)
     lacking = -np.diff(_at(ends, time, speed), axis=0)[0] / duration
     rate = (way - np.diff(_at(ends, time, place), axis=0)[0]) / duration - 0.5 * duration * lacking
@@ -266,48 +242,20 @@ def _closed(values: Array, durations: Array) -> Array:
     return (flat - (flat * weights).sum(axis=-2, keepdims=True)).reshape(values.shape)
 
 
-class _Laws(NamedTuple):
-    """ZMP and force over the COM: slopes [1], and values [m] at its mean in a phase, (N, 4, 2) each."""
+def _laws(strides: Strides) -> tuple[Array, Array, Array, Array]:
+    """ZMP, and force times H over the weight, as linear functions of the COM; y is to the next stance foot.
 
-    zmp_slope: Array
-    force_slope: Array
-    zmp: Array
-    force: Array
-
-
-def _lengths(strides: Strides) -> tuple[Array, Array, Array]:
-    """COM, ZMP, and force times H over the weight, from the mean COM of a phase, (N, 4, P, 2) [m].
-
-    y counts towards the next stance foot.
+    Returns:
+        COM from its mean in a phase, (N, 4, P, 2) [m]; both from there, (2, N, 4, P, 2) [m]; their slopes,
+        one for both phases of a support [1], and their means [m], (2, N, 4, 2) each.
     """
     middle = strides.com[..., :2].mean(axis=2, keepdims=True)
     scale = strides.com[..., 2].mean(axis=(1, 2))[:, None, None, None] / strides.weight
-    return (
-        _TURN * (strides.com[..., :2] - middle),
-        _TURN * (strides.zmp - middle),
-        _TURN * scale * strides.force[..., :2],
-    )
-
-
-def _laws(com: Array, zmp: Array, force: Array) -> _Laws:
-    """Laws of every stride, with one slope for both phases of a support."""
-
-    def slope(values: Array) -> Array:
-        over, under = ((com * other).sum(axis=2) for other in (values, com))
-        return np.tile((over[:, :2] + over[:, 2:]) / (under[:, :2] + under[:, 2:]), (1, 2, 1))
-
-    return _Laws(slope(zmp), slope(force), zmp.mean(axis=2), force.mean(axis=2))
-
-
-def _nearest(laws: _Laws, model: str) -> _Laws:
-    """The laws of a model that are nearest; with c = 1 and b = 0 ZMP and force add to the COM."""
-    if model == "ampm":
-        return laws
-    slope, zmp = 0.5 * (laws.zmp_slope + 1.0 - laws.force_slope), 0.5 * (laws.zmp - laws.force)
-    if model == "pendulum":
-        double = np.array([0.0, 1.0, 0.0, 1.0])[:, None]
-        slope, zmp = double + 0.0 * slope, (1.0 - double) * zmp
-    return _Laws(slope, 1.0 - slope, zmp, -zmp)
+    com = _TURN * (strides.com[..., :2] - middle)
+    both = _TURN * np.stack([strides.signals[..., :2] - middle, scale * strides.signals[..., 2:4]])
+    over, under = (com * both).sum(axis=3), (com * com).sum(axis=2)
+    slopes = (over[:, :, :2] + over[:, :, 2:]) / (under[:, :2] + under[:, 2:])
+    return com, both, np.tile(slopes, (1, 1, 2, 1)), both.mean(axis=3)
 
 
 def constants(strides: Strides) -> dict[str, Constant]:
@@ -326,36 +274,32 @@ def constants(strides: Strides) -> dict[str, Constant]:
     late = student.ppf(0.5 + 0.5 * CONFIDENCE, np.inf) * math.sqrt(np.mean(strides.timing**2))
     travel = np.diff(strides.way, axis=1)
     length, speed = 0.5 * travel.sum(axis=1), strides.speed.mean(axis=1)
-    braking = GRAVITY * np.abs(strides.force[:, :, [0, -1], 0]).mean() / strides.weight
+    braking = GRAVITY * np.abs(strides.signals[:, :, [0, -1], 2]).mean() / strides.weight
     single, double = (strides.durations[:, rows].mean(axis=1) for rows in SUPPORTS.values())
     share = 0.5 * travel[:, SUPPORTS["single"]].sum(axis=1) / length
+    late_zmp, late_way = late * strides.width.mean() / double.mean(), late * speed.mean() / length.mean()
     height = strides.com[..., 2]
     add("com_height", height.mean(axis=(1, 2)), height.std(axis=(1, 2)).mean(), "m", "height of the COM, H")
     add("single_support", single, late, "s", "duration of a single support, T_SS")
     add("double_support", double, late, "s", "duration of a double support, T_DS")
     add("step_length", length, 0.0, "m", "step length, S")
-    late_zmp = late * strides.width.mean() / double.mean()
     add("step_width", strides.width, late_zmp, "m", "lateral way of the ZMP, 2 (s + beta)")
     add("switching_velocity", speed, late * braking, "m/s", "speed of the COM at a switch, v0")
-    late_way = late * speed.mean() / length.mean()
     add("single_support_ratio", share, late_way, "1", "share of single support in S")
-    com, zmp, force = _lengths(strides)
-    laws = _laws(com, zmp, force)
-    gaps = (
-        zmp - laws.zmp[:, :, None] - laws.zmp_slope[:, :, None] * com,
-        force - laws.force[:, :, None] - laws.force_slope[:, :, None] * com,
-    )
+    com, both, slopes, means = _laws(strides)
+    gap = both - means[:, :, :, None] - slopes[:, :, :, None] * com
+    noise = gap.var(axis=1, ddof=1) / len(strides)
+    misfit = (gap.mean(axis=1) ** 2 - noise).mean(axis=2)  # of the mean stride, without its noise
+    squares = np.stack([(com**2).mean(axis=(0, 2)), *misfit])
     weighed = strides.upward / strides.weight
     weight_error = abs(weighed.mean() - 1.0) + np.ptp(weighed)
-    squares = [(com**2).mean(axis=(0, 2))]
-    for gap in gaps:  # that of the mean stride, without its noise
-        squares.append((gap.mean(axis=0) ** 2 - gap.var(axis=0, ddof=1) / len(gap)).mean(axis=1))
     for support, rows in SUPPORTS.items():
         for k, axis in enumerate("xy"):
-            wide, off_zmp, off_force = (math.sqrt(max(of[rows, k].mean(), 0.0)) for of in squares)
-            s, bracket = laws.zmp_slope[:, rows[0], k], laws.force_slope[:, rows[0], k]
-            u = laws.force[:, rows, k].mean(axis=1) / bracket  # mean COM from where it does not accelerate
-            b, far = laws.zmp[:, rows, k].mean(axis=1) + (1.0 - s) * u, float(u.mean()) / wide
+            wide, off_zmp, off_force = np.sqrt(np.maximum(squares[:, rows, k].mean(axis=1), 0.0))
+            s, bracket = slopes[:, :, rows[0], k]
+            mean_zmp, mean_force = means[:, :, rows, k].mean(axis=2)
+            u = mean_force / bracket  # mean COM from where it does not accelerate
+            b, far = mean_zmp + (1.0 - s) * u, float(u.mean()) / wide
             off_u = off_force / bracket.mean() * math.hypot(1.0, far)
             off_b = math.hypot(off_zmp, far * off_zmp, (1.0 - s.mean()) * off_u)
             off_s = math.hypot(off_zmp / wide, weight_error * s.mean())
@@ -367,59 +311,59 @@ def constants(strides: Strides) -> dict[str, Constant]:
     return found
 
 
-def explained(strides: Strides) -> dict[str, dict[str, Array]]:
-    """What each model says of each stride, given its COM, by the constants of the other strides.
+def explained(strides: Strides) -> dict[str, Array]:
+    """By model what it says of each stride, given its COM, by the constants of the other strides.
 
-    Returns:
-        By model: ``zmp``, ``force`` and ``momentum`` as :class:`Strides` has them.
+    Shapes are that of :attr:`Strides.signals`.
     """
-    com, zmp, force = _lengths(strides)
-    laws, count = _laws(com, zmp, force), len(strides)
-    others = _Laws(*((values.sum(axis=0) - values) / (count - 1) for values in laws))
-    height = strides.com[..., 2].mean(axis=(1, 2))[:, None, None, None]
+    com, _, *laws = _laws(strides)
+    slopes, means = ((law.sum(axis=1, keepdims=True) - law) / (len(strides) - 1) for law in laws)
+    # With c = 1 and b = 0 ZMP and force add to the COM: the nearest such laws.
+    slope, mean = 0.5 * (slopes[0] + 1.0 - slopes[1]), 0.5 * (means[0] - means[1])
+    double = np.array([0.0, 1.0, 0.0, 1.0])[:, None]
+    resting = double + 0.0 * slope
+    nearest = {
+        "pendulum": ([resting, 1.0 - resting], [(1.0 - double) * mean, (double - 1.0) * mean]),
+        "rolling": ([slope, 1.0 - slope], [mean, -mean]),
+        "ampm": (slopes, means),
+    }
     middle = strides.com[..., :2].mean(axis=2, keepdims=True)
+    scale = strides.weight / strides.com[..., 2].mean(axis=(1, 2))[:, None, None, None]
     steps = strides.durations[:, :, None, None] / _POINTS
     found = {}
     for model in MODELS:
-        law = _Laws(*(values[:, :, None] for values in _nearest(others, model)))
-        zmp, force = law.zmp + law.zmp_slope * com, law.force + law.force_slope * com
-        lever = _TURN * (zmp + force - com)
-        moment = steps * strides.weight * lever[..., ::-1] * [1.0, -1.0]
-        total = moment.reshape(count, -1, 2).cumsum(axis=1).reshape(moment.shape) - 0.5 * moment
+        rises, levels = (np.asarray(part)[:, :, :, None] for part in nearest[model])
+        zmp, force = levels + rises * com
+        moment = steps * strides.weight * (_TURN * (zmp + force - com))[..., ::-1] * [1.0, -1.0]
+        momentum = moment.reshape(len(strides), -1, 2).cumsum(axis=1).reshape(moment.shape) - 0.5 * moment
         upward = np.full_like(force[..., :1], strides.weight)
-        found[model] = {
-            "zmp": middle + _TURN * zmp,
-            "force": np.concatenate([_TURN * force * strides.weight / height, upward], axis=-1),
-            "momentum": _closed(total, strides.durations),
-        }
+        parts = middle + _TURN * zmp, _TURN * force * scale, upward, _closed(momentum, strides.durations)
+        found[model] = np.concatenate(parts, axis=-1)
     return found
 
 
-def scores(strides: Strides, told: Mapping[str, Mapping[str, Array]]) -> Scores:
-    """How well models tell every signal, ``zmp_x`` and others.
+def scores(strides: Strides, told: Mapping[str, Array]) -> Scores:
+    """How well models tell every signal.
 
     The variance of a ZMP is about its mean in the phase, that of horizontal forces and momenta about 0, of
     the vertical force about the weight. The share is NaN where a signal rests.
     """
-    middle = strides.zmp.mean(axis=2, keepdims=True)
-    about = {"zmp": middle, "force": [0.0, 0.0, strides.weight], "momentum": 0.0}
+    about = np.where(np.arange(7) < 2, strides.signals.mean(axis=2, keepdims=True), 0.0)
+    about[..., EXPLAINED.index("force_z")] = strides.weight
     height = float(strides.com[..., 2].mean())
     pace = strides.weight * math.sqrt(height**3 / GRAVITY)  # m H sqrt(g H)
-    sizes = {"zmp": height, "force": strides.weight, "momentum": pace}
-    found: Scores = {}
-    for group, values in strides.measured.items():
-        for support, rows in {**SUPPORTS, "stride": [0, 1, 2, 3]}.items():
-            weights = strides.durations[:, rows, None, None] / strides.durations[:, rows].sum()
+    sizes = np.repeat([height, strides.weight, pace], (2, 3, 2))
+    found: Scores = {name: {model: {} for model in told} for name in EXPLAINED}
+    for support, rows in {**SUPPORTS, "stride": [0, 1, 2, 3]}.items():
+        weights = strides.durations[:, rows, None, None] / strides.durations[:, rows].sum()
 
-            def root(gap: Array) -> Array:
-                return np.sqrt((weights * gap[:, rows] ** 2).mean(axis=2).sum(axis=(0, 1)))  # noqa: B023
+        def root(gap: Array) -> Array:
+            return np.sqrt((weights * gap[:, rows] ** 2).mean(axis=2).sum(axis=(0, 1)))  # noqa: B023
 
-            size = root(values - about[group])
-            known = np.where(size > _STILL * sizes[group], size, np.nan)
-            for model in told:
-                error = root(values - told[model][group])
-                share = 1.0 - (error / known) ** 2
-                for k, axis in enumerate("xyz"[: len(error)]):
-                    of = found.setdefault(f"{group}_{axis}", {}).setdefault(model, {})
-                    of[support] = {"share": float(share[k]), "rmse": float(error[k])}
+        size = root(strides.signals - about)
+        known = np.where(size > _STILL * sizes, size, np.nan)
+        for model, values in told.items():
+            error = root(strides.signals - values)
+            for name, share, rmse in zip(EXPLAINED, 1.0 - (error / known) ** 2, error, strict=True):
+                found[name][model][support] = {"share": float(share), "rmse": float(rmse)}
     return found

@@ -116,8 +116,7 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     if times[-1] + stride > plan.duration or np.ptp(two, axis=0).max() > _REPEATED * plan.weight:
         raise InputError("the plan has no two equal strides; give a periodic gait of 5 steps or more.")
     taken = take_overs(log.time, left_share(log))
-    holes = log.time[:-1][np.diff(log.time) > 1.5 * log.time_step]
-    bounds = [(a, b) for a, b in pairwise(taken) if not ((holes > a) & (holes < b)).any()]
+    bounds = whole_strides(log, taken)
     if not bounds:
         raise InputError(
             f"{log.name} has no whole stride without a gap: the left foot takes half of the weight at "
@@ -154,6 +153,16 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     facts = {"count": len(bounds), "duration": duration, "speed": speed, "correlation": correlation}
     facts["spread"] = np.sqrt(variance.mean(axis=0)).tolist()
     return replace(log, time=times, signals=signals, time_step=stride / PHASES), facts
+
+
+def whole_strides(log: Log, taken: Array, margin: float = 0.0) -> list[tuple[float, float]]:
+    """Strides from one instant to the next [s] that a log has without a gap, with a share of them around."""
+    holes, found = log.time[:-1][np.diff(log.time) > 1.5 * log.time_step], []
+    for begin, end in pairwise(taken.tolist()):
+        first, last = begin - margin * (end - begin), end + margin * (end - begin)
+        if log.time[0] <= first and last <= log.time[-1] and not ((holes > first) & (holes < last)).any():
+            found.append((begin, end))
+    return found
 
 
 def left_share(log: Log) -> Array:

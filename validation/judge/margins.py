@@ -39,10 +39,8 @@ def tilt_warnings(tilt: float | None, where: str) -> list[str]:
     """A sentence on a pelvis or trunk that tilts far [rad]; none if it does not."""
     if tilt is None or not tilt > _TILTED:
         return []
-    return [
-        f"The segment {where} tilts by {tilt:.2f} rad, as it balances the legs: try a smaller gait.c_s, or "
-        "shorter steps."
-    ]
+    why = "as it balances the legs: try a smaller gait.c_s, or shorter steps."
+    return [f"The segment {where} tilts by {tilt:.2f} rad, {why}"]
 
 
 def largest_tilt(q: Array, time: Array, description: BodyDescription, shapes: Shapes) -> Extreme:
@@ -57,13 +55,12 @@ def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Rows) ->
     Returns:
         Components of ``force`` [N], ``angular_momentum`` [N m s] and ``zmp`` [m].
     """
-    return {
-        "force": _rms_columns((record.command_force - sample.force)[rows]),
-        "angular_momentum": _rms_columns(
-            (record.command_angular_momentum[:, :2] - sample.angular_momentum)[rows]
-        ),
-        "zmp": _rms_columns((record.command_zmp - sample.zmp)[rows]),
+    gaps = {
+        "force": record.command_force - sample.force,
+        "angular_momentum": record.command_angular_momentum[:, :2] - sample.angular_momentum,
+        "zmp": record.command_zmp - sample.zmp,
     }
+    return {name: _rms_columns(gap[rows]) for name, gap in gaps.items()}
 
 
 def margins(
@@ -75,24 +72,17 @@ def margins(
 ) -> dict[str, Any]:
     """Distances to the limits of body and floor, over the whole record, first step included.
 
-    Args:
-        followed: the plans that were walked, one after another.
-        record: the run.
-        measured: its measurement.
-        description: names the knees; without it ``knee`` is NaN.
-        shapes: the body's; without them ``clearance`` is NaN.
-
     Returns:
-        :class:`Extreme` values, the share ``saturated``, the largest share of each motor's limit
-        ``torque_by_joint`` [1], and the floor's coefficient ``friction_available`` [1]; ``speed``, a share of
-        a joint's limit [1], of a body with speed limits only; ``tilt`` of pelvis or trunk [rad], NaN without
-        shapes.
+        :class:`Extreme` values, ``knee`` NaN without a description, ``clearance`` and ``tilt`` of pelvis or
+        trunk [rad] NaN without shapes, ``speed`` of a body with speed limits only; the share ``saturated``,
+        the largest share of each motor's limit ``torque_by_joint`` [1], and the floor's coefficient
+        ``friction_available`` [1].
     """
     time, joints, feet = measured.time, record.joint_names, ("left", "right")
     use, (low, high) = np.abs(record.torque) / record.torque_limit, record.joint_range.T
     angles, rates = record.q[:, 7:], record.qd[:, 6:]  # of the hinges
     saturated = int(np.count_nonzero((use >= SATURATED).any(axis=1)))
-    legs = () if description is None else [leg for leg in description.legs if leg.knee in joints]
+    legs = [] if description is None else [leg for leg in description.legs if leg.knee in joints]
     knees = np.empty((record.time.size, len(legs)))
     for column, leg in enumerate(legs):
         knees[:, column] = leg.knee_sign * (angles[:, joints.index(leg.knee)] - leg.straight_knee)
@@ -116,8 +106,7 @@ def margins(
     }
     if description is not None and shapes:
         found["tilt"] = largest_tilt(*_postures(record), description, shapes)
-    fastest = {} if description is None else dict(description.speed_limits)
-    if fastest:
+    if fastest := dict(() if description is None else description.speed_limits):
         columns, limits = [joints.index(name) for name in fastest], np.array(list(fastest.values()))
         found["speed"] = _extreme(
             np.abs(rates[:, columns]) / limits, record.time, list(fastest), largest=True
@@ -164,9 +153,8 @@ def clearance_over_time(record: SimulationRecord, shapes: Shapes) -> tuple[Array
 
 def _postures(record: SimulationRecord) -> tuple[Array, Array]:
     """Configurations of states :data:`CLEARANCE_ROWS` apart, and their instants [s]."""
-    instants = record.state_rows
-    rows = instants % (CLEARANCE_ROWS * state_steps(record.time_step)) == 0
-    return record.q[rows], np.asarray(instants[rows] * record.time_step, dtype=np.float64)
+    rows = record.state_rows % (CLEARANCE_ROWS * state_steps(record.time_step)) == 0
+    return record.q[rows], np.asarray(record.state_rows[rows] * record.time_step, dtype=np.float64)
 
 
 def _clearance(record: SimulationRecord, shapes: Shapes | None) -> Extreme:

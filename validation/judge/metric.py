@@ -8,13 +8,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from numbers import Real
 from types import MappingProxyType
-from typing import Any, Literal, overload
+from typing import Any, Literal
 
 import numpy as np
 
 from ampm.exceptions import InputError
-from ampm.geometry import Array
 from ampm.parameters import GRAVITY
+from ampm.section import unknown
 from validation.judge.compare import Comparison
 
 _KINDS, _NATURES = ("walk", "instrument", "cost"), ("mean", "extreme", "count")
@@ -66,7 +66,7 @@ class Metric:
         object.__setattr__(self, "label", self.label or spaced(self.name))
         for value, known in ((self.kind, _KINDS), (self.nature, _NATURES)):
             if value not in known:
-                raise InputError(f"metric '{self.name}' is no {value!r}; take one of {', '.join(known)}.")
+                raise unknown(value, known, f"kind of the metric '{self.name}'")
         for limit in self.tolerances.values():
             if not isinstance(limit, Real) or math.isnan(limit):
                 raise InputError(f"metric '{self.name}' has the tolerance {limit!r}; give a number.")
@@ -96,17 +96,8 @@ def spaced(name: str) -> str:
     return name.replace("_", " ")
 
 
-@overload
-def display_unit(unit: str, weight: float) -> tuple[float, str]: ...
-@overload
-def display_unit(unit: str, weight: Array) -> tuple[Array | float, str]: ...
-def display_unit(unit: str, weight: Array | float) -> tuple[Array | float, str]:
-    """Factor and unit for display: millimetres, percent of body weight.
-
-    Args:
-        unit: SI unit.
-        weight: of the body [N], or of several.
-    """
+def display_unit(unit: str, weight: Any) -> tuple[Any, str]:
+    """Factor and unit in which an SI unit is shown, of a body with a weight [N], or of several."""
     if unit == "m":
         return 1e3, "mm"
     if unit == "N":

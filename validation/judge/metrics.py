@@ -22,6 +22,7 @@ Call it before the walk. Worker processes of sweeps and studies get it, too.
 
 import csv
 import math
+from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
@@ -32,7 +33,6 @@ from typing import Any
 
 from ampm.exceptions import InputError, words_of
 from validation.judge.built_in import COMPUTED, recovery_time
-from validation.judge.built_in import has_qp as has_qp
 from validation.judge.built_in import rms as rms
 from validation.judge.compare import FIRST_STEP, SIGNALS, Comparison
 from validation.judge.metric import Metric as Metric
@@ -41,19 +41,11 @@ from validation.judge.metric import display_unit as display_unit
 from validation.judge.metric import limit_in_si, share_of_default, spaced
 from validation.trial.users import load_object
 
-_METRICS: dict[str, Metric] = {}
-METRICS: Mapping[str, Metric] = MappingProxyType(_METRICS)
-"""All metrics by name: first what the profiles judge, in the order of reports, then what is only reported."""
-_ADDED: list[str] = []
-_LISTED = (
-    "strict",
-    "default",
-    "jumps",
-    "footsteps",
-    "odometry",
-    "pushed",
-    "free",
-)  # profiles with limits of their own
+_ADDED: dict[str, Metric] = {}
+_BUILT_IN: dict[str, Metric] = {}
+METRICS: Mapping[str, Metric] = MappingProxyType(ChainMap(_ADDED, _BUILT_IN))
+"""All metrics by name: first what the profiles judge, in the order of reports, then what is only reported,
+last what :func:`register` added."""
 
 
 def register(metric: Metric) -> Metric:
@@ -62,14 +54,13 @@ def register(metric: Metric) -> Metric:
     Raises:
         InputError: its name is taken, or it has a tolerance without a reason.
     """
-    if metric.name in _METRICS:
+    if metric.name in METRICS:
         raise InputError(f"metric '{metric.name}' exists; choose another name.")
     if metric.tolerances and not metric.reason:
         raise InputError(
             f"metric '{metric.name}' has a tolerance and no reason; give the reason for its value."
         )
-    _METRICS[metric.name] = metric
-    _ADDED.append(metric.name)
+    _ADDED[metric.name] = metric
     return metric
 
 
@@ -81,19 +72,18 @@ def unregister(name: str) -> None:
     """
     if name not in _ADDED:
         raise InputError(f"no metric '{name}' was registered; registered are: {', '.join(_ADDED) or 'none'}.")
-    _ADDED.remove(name)
-    del _METRICS[name]
+    del _ADDED[name]
 
 
 def added_metrics() -> list[Metric]:
     """The metrics that :func:`register` added."""
-    return [_METRICS[name] for name in _ADDED]
+    return list(_ADDED.values())
 
 
 def add_metrics(metrics: Iterable[Metric]) -> None:
     """Register metrics of another process, unless this one has them."""
     for metric in metrics:
-        if metric.name not in _METRICS:
+        if metric.name not in METRICS:
             register(metric)
 
 
@@ -110,12 +100,7 @@ def load_metric(text: str) -> Metric:
 
 
 def evaluate(walk: Comparison, metrics: Iterable[Metric] | None = None) -> dict[str, MetricValue]:
-    """Value of every metric that the walk has, by name.
-
-    Args:
-        walk: beside its plan.
-        metrics: all registered ones by default.
-    """
+    """Value of every metric that the walk has, by name; of all registered ones by default."""
     first = replace(walk, window=FIRST_STEP)
     found = {}
     for metric in METRICS.values() if metrics is None else metrics:
@@ -200,7 +185,11 @@ def _with_limits(metrics: Mapping[str, Metric]) -> Iterator[Metric]:
     for row in rows:
         metric = metrics[row["metric"]]
         unit = row["grows_with"] or metric.unit
-        limits = {name: share_of_default(float(row[name]), unit) for name in _LISTED if row[name]}
+        limits = {
+            name: share_of_default(float(text), unit)
+            for name, text in row.items()
+            if text and name not in ("metric", "grows_with", "reason")
+        }
         yield replace(metric, tolerances=limits, tolerance_unit=unit, reason=row["reason"])
     judged = {row["metric"] for row in rows}
     yield from (metric for name, metric in metrics.items() if name not in judged)
@@ -240,4 +229,4 @@ def cost_entry(costs: Mapping[str, Any], metric: Metric) -> Any:
     return section.get(name)  # a summary of an older version may lack it
 
 
-_METRICS.update((item.name, item) for item in _with_limits({item.name: item for item in _built_in()}))
+_BUILT_IN.update((item.name, item) for item in _with_limits({item.name: item for item in _built_in()}))

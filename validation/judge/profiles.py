@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Self
 
-from ampm.exceptions import InputError
 from ampm.parameters import NO_PLAN, RunParameters
 from ampm.section import unknown
 from validation.judge.compare import SIGNALS
@@ -29,11 +28,7 @@ class Tolerance:
     reason: str  # why this number, one or two sentences
 
     def limit_for(self, scales: Mapping[str, Any]) -> Any:
-        """The limit in the metric's own unit, for one body or several.
-
-        Args:
-            scales: ``body_weight`` [N] and ``foot_length`` [m], as :class:`Comparison.scales` has them.
-        """
+        """The limit in the metric's own unit; see :func:`limit_in_si`."""
         return limit_in_si(self.limit, self.unit, scales)
 
 
@@ -45,7 +40,6 @@ class Profile:
     """A named set of tolerances, read from the registry of metrics."""
 
     name: str  # as given to `--profile`
-    description: str  # what it is for, one sentence
     base: Self | None = None  # profile whose limit holds for a metric that names none for this one
     factor: float = 1.0  # on the limits of `base` that judge the walk, not its instrument
     leaves_out: tuple[str, ...] = ()  # metrics that it does not judge
@@ -80,63 +74,34 @@ class Profile:
         return Tolerance(found.metric, self.factor * found.limit, found.unit, reason)
 
 
-DEFAULT = Profile(
-    "default",
-    "For every gait of the paper, induced angular momentum included (preset `momentum`: c_s 1.2, c_y 0.4)."
-    " The trunk then swings to carry the momentum, and every change of contact disturbs more inertia: the "
-    "limits are a quarter to a half above those of `strict`, those on single instants two and a half times.",
-)
-STRICT = Profile(
-    "strict", "For walks without induced angular momentum (preset `normal`: c_s = c_y = 1).", base=DEFAULT
-)
-WIDE = Profile(
-    "wide",
-    "For gaits with much angular momentum and speed (preset `pitch`) and for sweeps far from the presets "
-    "(c_y 0.2 ... 1.2, c_s 0.8 ... 1.4): twice `default` on the walk; the instrument has to be as good "
-    "as ever.",
-    base=DEFAULT,
-    factor=2.0,
-)
-# The ZMP of `ipm` jumps by J = 0.24 m along x and 0.08 m along y twice in a step of D = 0.775 s. With torques
-# held for T = 2 ms each jump comes up to T/2 early or late, an RMSE of J (T/2D)^1/2 = 8.6 and 2.9 mm.
-JUMPS = Profile(
-    "jumps",
-    "For plans whose acceleration jumps (preset `ipm`): a torque is held for a tick and cannot jump within "
-    "it, so the ZMP is on the wrong side of each jump for up to half a tick.",
-    base=DEFAULT,
-)
-# What keeps a trunk upright while legs and arms swing is 0.47 N m s for `normal`.
-FOOTSTEPS = Profile(
-    "footsteps",
-    "For walks over footsteps: no motion is solved before them, so the angular momentum that keeps the trunk "
-    "upright is found while walking; that may be 0.5 N m s off, all else is as in `default`.",
-    base=DEFAULT,
-)
-ODOMETRY = Profile(
-    "odometry",
-    "For walks whose state comes from an estimator without fixes of the position: the ZMP is judged from the "
-    "standing foot (`zmp_foot_x`, `zmp_foot_y`) and not in the world, which drifts; all else is as in "
-    "`default`.",
-    base=DEFAULT,
-    leaves_out=tuple(f"zmp_{axis}_{statistic}" for axis in "xy" for statistic in ("rmse", "maximum")),
-)
-PUSHED = Profile(
-    "pushed",
-    "For walks that something pushes: the errors of ZMP, force and angular momentum have to be within the "
-    "limits again soon after the push, and no parts of the body may meet.",
-    base=DEFAULT,
-    leaves_out=(
-        *(f"{signal}_{statistic}" for signal in SIGNALS for statistic in ("rmse", "maximum")),
-        "slip_maximum",
-    ),
-)
-FREE = Profile(
-    "free",
-    "For walks without a plan: mean velocity, slip, clearance, speed of the joints and the checks of the "
-    "measurement, with the limits of `default`; a walk may fly.",
-    base=DEFAULT,
-    leaves_out=("plan_newton_residual", "unsupported_instants"),
-)
+# For every gait of the paper, induced angular momentum included (preset `momentum`: c_s 1.2, c_y 0.4). The
+# trunk then swings to carry the momentum, and every change of contact disturbs more inertia: the limits are a
+# quarter to a half above those of `strict`, those on single instants two and a half times.
+DEFAULT = Profile("default")
+# For walks without induced angular momentum (preset `normal`: c_s = c_y = 1).
+STRICT = Profile("strict", DEFAULT)
+# For gaits with much angular momentum and speed (preset `pitch`), and for sweeps far from the presets (c_y
+# 0.2 ... 1.2, c_s 0.8 ... 1.4): twice `default` on the walk; the instrument has to be as good as ever.
+WIDE = Profile("wide", DEFAULT, factor=2.0)
+# For plans whose acceleration jumps (preset `ipm`): a torque is held for a tick and cannot jump within it, so
+# the ZMP is on the wrong side of each jump for up to half a tick. That of `ipm` jumps by J = 0.24 m along x
+# and 0.08 m along y twice in a step of D = 0.775 s. With torques held for T = 2 ms each jump comes up to T/2
+# early or late, an RMSE of J (T/2D)^1/2 = 8.6 and 2.9 mm.
+JUMPS = Profile("jumps", DEFAULT)
+# For walks over footsteps: no motion is solved before them, so the angular momentum that keeps the trunk
+# upright while legs and arms swing, 0.47 N m s for `normal`, is found while walking.
+FOOTSTEPS = Profile("footsteps", DEFAULT)
+# For walks whose state comes from an estimator without fixes of the position: the ZMP is judged from the
+# standing foot and not in the world, which drifts.
+_IN_THE_WORLD = tuple(f"zmp_{axis}_{statistic}" for axis in "xy" for statistic in ("rmse", "maximum"))
+ODOMETRY = Profile("odometry", DEFAULT, leaves_out=_IN_THE_WORLD)
+# For walks that something pushes: the errors of ZMP, force and angular momentum have to be within the limits
+# again soon after the push, and no parts of the body may meet.
+_ERRORS = tuple(f"{signal}_{statistic}" for signal in SIGNALS for statistic in ("rmse", "maximum"))
+PUSHED = Profile("pushed", DEFAULT, leaves_out=(*_ERRORS, "slip_maximum"))
+# For walks without a plan: mean velocity, slip, clearance, speed of the joints and the checks of the
+# measurement; a walk may fly.
+FREE = Profile("free", DEFAULT, leaves_out=("plan_newton_residual", "unsupported_instants"))
 PROFILES: Mapping[str, Profile] = MappingProxyType(
     {item.name: item for item in (DEFAULT, STRICT, WIDE, JUMPS, FOOTSTEPS, ODOMETRY, PUSHED, FREE)}
 )
@@ -165,13 +130,14 @@ def own_profile(
     return FOOTSTEPS if run is not None and run.footsteps else PROFILES[OWN.get(gait, DEFAULT.name)]
 
 
-def profile(name: str) -> Profile:
-    """Look up a profile.
+def profile(name: Profile | str) -> Profile:
+    """Look up a profile, unless it is one.
 
     Raises:
         InputError: there is none of this name.
     """
-    try:
-        return PROFILES[name]
-    except KeyError:
-        raise InputError(f"profile '{name}' is unknown; use one of {', '.join(PROFILES)}") from None
+    if isinstance(name, Profile):
+        return name
+    if name not in PROFILES:
+        raise unknown(name, PROFILES, "profile")
+    return PROFILES[name]

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, NonNegativeFloat, ValidationError
+from pydantic import BaseModel, NonNegativeFloat
 
 from ampm.exceptions import InputError
-from ampm.files import read_file
 from ampm.geometry import Array
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready
+from validation.store.summary import read_json
 from validation.trial.plan import Request
 
 FILE = "convergence.json"
@@ -36,33 +36,21 @@ ABSOLUTE_FLOOR: Mapping[str, float] = {
 
 
 def rounding(size: Array | float, unit: str) -> Any:
-    """Difference between two values that may be rounding.
-
-    Args:
-        size: of the values, in SI units.
-        unit: SI unit.
-    """
+    """Difference between two values of a size in an SI unit that may be rounding."""
     return np.fmax(RELATIVE_FLOOR * np.abs(size), ABSOLUTE_FLOOR.get(unit, 0.0))
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Numerical uncertainty of a gait's metrics.
+    """Numerical uncertainty of a gait's metrics."""
 
-    Attributes:
-        gait: name.
-        steps: walked at every level.
-        values: metric to uncertainty in its SI unit; infinite where there is no bound.
-        spreads: metric to its largest change by another contact law or engine, in its SI unit; infinite where
-            a walk with one did not complete.
-        parameters: of the run, by key.
-    """
-
-    gait: str
-    steps: int
-    values: Mapping[str, NonNegativeFloat]
+    gait: str  # name
+    steps: int  # walked at every level
+    values: Mapping[str, NonNegativeFloat]  # by metric in its SI unit; infinite where there is no bound
+    # by metric its largest change by another contact law or engine, in its SI unit; infinite where a walk
+    # with one did not complete
     spreads: Mapping[str, NonNegativeFloat] = field(default_factory=dict)
-    parameters: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)  # of the run, by key
 
     def difference(self, request: Request) -> str:
         """First key in which a run differs from the studied one, with both values; empty if none does."""
@@ -82,28 +70,14 @@ class _File(BaseModel):
 
 
 def load_uncertainty(path: Path) -> Uncertainty:
-    """Read what ``ampm convergence`` wrote.
-
-    Args:
-        path: ``convergence.json``, or the folder that holds it.
+    """Read the ``convergence.json`` that ``ampm convergence`` wrote, or that of a folder.
 
     Raises:
         InputError: there is no such file, or it holds no convergence study.
     """
     file = path / FILE if path.is_dir() else path
-    try:
-        found = _File.model_validate_json(read_file(file)).uncertainty
-    except OSError as error:
-        raise InputError(
-            f"--uncertainty {file} cannot be read ({error.strerror}); give the {FILE} of 'ampm convergence'."
-        ) from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        raise InputError(
-            f"--uncertainty {file} is not a convergence study ({where}{': ' if where else ''}{first['msg']});"
-            f" give the {FILE} that 'ampm convergence --out' writes."
-        ) from None
+    table = read_json(file, _File, f"give --uncertainty the {FILE} that 'ampm convergence --out' writes")
+    found = _File.model_validate(table).uncertainty
     if not found.values:
         raise InputError(f"--uncertainty {file} holds no metrics: its walk did not complete; study again.")
     return found

@@ -1,7 +1,7 @@
 """Verdict: metrics compared with a tolerance profile, and the summary of a run."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -102,11 +102,8 @@ class MetricResult:
 
     def as_dict(self) -> dict[str, Any]:
         """For ``summary.json``."""
-        display: dict[str, Any] = {
-            "value": self.displayed(self.value),
-            "unit": self.display_unit,
-            "tolerance": self.displayed(self.tolerance),
-        }
+        value, limit = self.displayed(self.value), self.displayed(self.tolerance)
+        display: dict[str, Any] = {"value": value, "unit": self.display_unit, "tolerance": limit}
         entry: dict[str, Any] = {
             "label": self.label,
             "kind": METRICS[self.name].kind,
@@ -128,20 +125,14 @@ class MetricResult:
 
 @dataclass(frozen=True)
 class Verdict(Brief):
-    """Metrics of a run compared with a profile.
+    """Metrics of a run compared with a profile."""
 
-    Attributes:
-        name: pass only if every tolerance was judged and met; undecided if all decided tolerances pass,
-            but some are undecided; partial if all pass that a log has, but it lacks some.
-        profile: name of the profile.
-        reason: one sentence.
-        metrics: judged ones first, in the profile's order, then those only reported.
-    """
-
+    # pass only if every tolerance was judged and met; undecided if all decided tolerances pass, but some are
+    # undecided; partial if all pass that a log has, but it lacks some
     name: VerdictName
-    profile: str
-    reason: str
-    metrics: tuple[MetricResult, ...] = field(repr=False)
+    profile: str  # name of the profile
+    reason: str  # one sentence
+    metrics: tuple[MetricResult, ...] = field(repr=False)  # judged ones first, in the profile's order
 
     @property
     def passed(self) -> bool:
@@ -171,7 +162,7 @@ def judge(
     uncertainty: Uncertainty | None = None,
     *,
     ended: str = "",
-    may_lack: Collection[str] = (),
+    is_log: bool = False,
 ) -> Verdict:
     """Compare metrics with a profile; those of a walk that did not complete are reported, not judged.
 
@@ -182,14 +173,14 @@ def judge(
         uncertainty: numerical uncertainty of the metrics, and their spread over contact laws. A metric whose
             distance to its tolerance is below either is undecided: neither met nor missed. A metric that is
             not named is judged by its value.
-        may_lack: metrics without which a log of another instrument may pass; what it lacks is named.
         ended: how the walk ended, see :attr:`validation.trial.outcome.Outcome.ending`; empty if it completed.
+        is_log: whether another instrument measured, which may lack some signals: they are named. It checks no
+            measurement by another.
     """
     limits = {item.metric: item for item in profile.tolerances if item.metric in metrics}
-    names = [*limits, *(name for name in metrics if name not in limits)]
     known = uncertainty or Uncertainty("", 0, {})
     results = []
-    for name in names:
+    for name in dict.fromkeys([*limits, *metrics]):
         of, limit = metrics[name], limits.get(name)
         factor, unit = display_unit(of.unit, scales["body_weight"])
         results.append(
@@ -205,22 +196,16 @@ def judge(
                 judged=limit is not None and not ended and not math.isnan(of.value),
             )
         )
-    missing = [name for name in limits if math.isnan(metrics[name].value)]
     if ended:
-        name, reason = VerdictName.NOT_MEASURED, ended
-    else:
-        lacking = [name for name in missing if name not in may_lack]
-        name, reason = _conclude(results, lacking, len(limits) - len(missing), is_log=bool(may_lack))
-        if name is VerdictName.NOT_MEASURED and not may_lack:
-            reason += " A run must last longer than its first step."
-        if checks := len(missing) - len(lacking):
-            reason += f" {checks} checks of the measurement were not made."
-    return Verdict(name, profile.name, reason, tuple(results))
-
-
-def _by_contact(item: MetricResult) -> bool:
-    """Whether it is the contact law that leaves a metric undecided."""
-    return (item.spread or 0.0) > (item.uncertainty or 0.0)
+        return Verdict(VerdictName.NOT_MEASURED, profile.name, ended, tuple(results))
+    missing = [name for name in limits if math.isnan(metrics[name].value)]
+    lacking = [name for name in missing if not (is_log and METRICS[name].kind == "instrument")]
+    verdict, reason = _conclude(results, lacking, len(limits) - len(missing), is_log=is_log)
+    if verdict is VerdictName.NOT_MEASURED and not is_log:
+        reason += " A run must last longer than its first step."
+    if checks := len(missing) - len(lacking):
+        reason += f" {checks} checks of the measurement were not made."
+    return Verdict(verdict, profile.name, reason, tuple(results))
 
 
 def _conclude(
@@ -231,10 +216,14 @@ def _conclude(
     def against(item: MetricResult) -> str:
         return f"{item.label}: {item.against}"
 
+    def by_contact(item: MetricResult) -> bool:
+        return (item.spread or 0.0) > (item.uncertainty or 0.0)
+
+    passed = [item for item in results if item.passed]
     failed = [item for item in results if item.passed is False]
     undecided = [item for item in results if item.undecided]
     why = "closer to the limit than the numerical uncertainty"
-    if any(_by_contact(item) for item in undecided):
+    if any(map(by_contact, undecided)):
         why += ", or than another contact law may move them"
     signals = dict.fromkeys(METRICS[name].label.partition(",")[0] for name in missing)
     unknown = f" Not measured: {', '.join(signals)}." if missing else ""
@@ -243,35 +232,32 @@ def _conclude(
         reason = f"{len(failed)} of {limits} tolerances not met; the furthest is {against(worst)}."
         reason += f" {len(undecided)} undecided: {why}." if undecided else ""
         return VerdictName.FAIL, reason + unknown
+    if missing and is_log and passed and not undecided:
+        what = f"{' and '.join(signals)} {'was' if len(signals) == 1 else 'were'} not measured"
+        return VerdictName.PARTIAL, f"Pass on {len(passed)} of {limits + len(missing)}; {what}."
     if missing:
-        passed = sum(item.passed is True for item in results)
-        if is_log and passed and not undecided:
-            what = f"{' and '.join(signals)} {'was' if len(signals) == 1 else 'were'} not measured"
-            return VerdictName.PARTIAL, f"Pass on {passed} of {limits + len(missing)}; {what}."
-        return VerdictName.NOT_MEASURED, f"{passed} of {limits} measured tolerances met.{unknown}"
+        return VerdictName.NOT_MEASURED, f"{len(passed)} of {limits} measured tolerances met.{unknown}"
     if undecided:
         least = max(undecided, key=lambda item: item.bound / (item.tolerance or math.inf))
         reason = (
             f"{len(undecided)} of {limits} tolerances undecided, {why}; the least certain is {against(least)}"
         )
-        if _by_contact(least):
+        if by_contact(least):
             spread = format_number(least.displayed(least.spread), 2).replace("inf", "∞")
             reason += f", which changes by up to {spread} {least.display_unit}".rstrip()
         return VerdictName.UNDECIDED, f"{reason}."
-    met = (item for item in results if item.tolerance and item.passed)
-    tight = min(met, key=lambda item: item.margin or 0.0)
+    tight = min((item for item in passed if item.tolerance), key=lambda item: item.margin or 0.0)
     return VerdictName.PASS, f"All {limits} tolerances met; the tightest is {against(tight)}."
 
 
 def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> dict[str, Any]:
     """Contents of ``summary.json``: plain JSON values in SI units, None if undefined.
 
-    Args:
-        comparison: of the walk with its plan.
-        verdict: of a profile.
-        entries: further top-level entries, such as ``timing`` [s], ``environment`` or the gait's name.
+    Further top-level entries are for example ``timing`` [s], ``environment`` or the gait's name.
     """
     outcome, split = comparison.record.outcome, comparison.zmp_split
+    planned = [name for name, signal in SIGNALS.items() if signal.reference == "plan"]
+    ahead = {name: [found[name] for found in comparison.ahead.values()] for name in planned}
     summary = {
         "outcome": outcome.name,
         "steps_completed": outcome.steps_completed,
@@ -285,15 +271,7 @@ def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> d
             "share": split.share,
             "unit": "m",
         },
-        "ahead": {
-            "judged": comparison.followed.lead,
-            "lead": list(comparison.ahead),
-            "rmse": {
-                name: [found[name] for found in comparison.ahead.values()]
-                for name, signal in SIGNALS.items()
-                if signal.reference == "plan"
-            },
-        },
+        "ahead": {"judged": comparison.followed.lead, "lead": list(comparison.ahead), "rmse": ahead},
         **comparison.costs,
         "self_checks": comparison.measured.self_checks,
         "solver": _solver(comparison.record),
@@ -315,9 +293,7 @@ def _entries(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def judge_summary(
-    summary: Mapping[str, Any], profile: Profile, *, ended: str = "", may_lack: Collection[str] = ()
-) -> dict[str, Any]:
+def judge_summary(summary: Mapping[str, Any], profile: Profile, ended: str = "") -> dict[str, Any]:
     """A run's summary, its metrics judged again as they are by a profile.
 
     Raises:
@@ -326,25 +302,21 @@ def judge_summary(
     entries = summary["metrics"]
     if unknown := [name for name in entries if name not in METRICS]:
         raise InputError(f"metric '{unknown[0]}' is not known here; register it, or name it with --metric.")
+
+    def of(key: str) -> dict[str, float]:
+        """Numbers of the summary, in which infinity is a word."""
+        return {name: float(item[key]) for name, item in entries.items() if item.get(key) is not None}
+
+    values = of("value")
     metrics = {
-        name: MetricValue(_number(item["value"]), item["unit"], item["first_step"])
+        name: MetricValue(values.get(name, math.nan), item["unit"], item["first_step"])
         for name, item in entries.items()
     }
     known = None
     if study := summary.get("uncertainty"):
-
-        def of(key: str) -> dict[str, float]:
-            found = {name: item.get(key) for name, item in entries.items()}
-            return {name: float(value) for name, value in found.items() if value is not None}
-
         known = Uncertainty(study["gait"], study["steps"], of("uncertainty"), of("spread"))
-    verdict = judge(metrics, profile, summary["scales"], known, ended=ended, may_lack=may_lack)
+    verdict = judge(metrics, profile, summary["scales"], known, ended=ended, is_log="log" in summary)
     return dict(json_ready({**summary, **_entries(verdict)}))
-
-
-def _number(value: float | str | None) -> float:
-    """A number of a summary: null is NaN, and infinity a word."""
-    return math.nan if value is None else float(value)
 
 
 def _solver(record: SimulationRecord) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ampm.exceptions import InputError, MathematicalRefusal
-from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
 from ampm.planner.periodic import plan
 from ampm.run_file import dump_run, load_run
@@ -24,18 +23,16 @@ from validation.judge.fit import (
     explained,
     scores,
 )
-from validation.measure.columns import map_columns
 from validation.measure.log import read_log
 from validation.run.judge_log import log_columns
-from validation.show.fit import fit_page
+from validation.show.fit import LABELS, fit_page, shown_in
 from validation.store.folders import check_target
 from validation.store.json import write_json
 from validation.store.saved import load_saved_run
 from validation.table import Table, Tabled, format_number
 from validation.trial.record import FEET
 
-FIT_FILES = ("fit.json", "gait.toml", "report.html")
-_LABELS = {"zmp": "ZMP along", "force": "ground force along", "momentum": "angular momentum about"}
+_FILES = ("fit.json", "gait.toml", "report.html")
 _STATURE = 1.70 / 0.865
 """Of the human body, over the height of its COM [1]."""
 
@@ -48,8 +45,7 @@ class Fit(Tabled):
         name: of the log.
         strides: of the walk.
         constants: by name, see :func:`validation.judge.fit.constants`.
-        told: what every model says of every stride, see :func:`validation.judge.fit.explained`.
-        scores: how well, see :func:`validation.judge.fit.scores`.
+        scores: of the models, see :func:`validation.judge.fit.scores`.
         gait: with these constants, None if there is no such gait.
         notes: sentences on log and gait.
     """
@@ -57,7 +53,6 @@ class Fit(Tabled):
     name: str
     strides: Strides = field(repr=False)
     constants: Mapping[str, Constant]
-    told: Mapping[str, Mapping[str, Array]] = field(repr=False)
     scores: Scores = field(repr=False)
     gait: RunParameters | None = field(repr=False)
     notes: Sequence[str]
@@ -88,32 +83,23 @@ class Fit(Tabled):
             [name, format_number(item.value), f"± {format_number(item.interval, 2)}", item.unit, item.meaning]
             for name, item in self.constants.items()
         ]
-        units = {
-            "zmp": (1e3, "mm"),
-            "force": (100.0 / self.strides.weight, "% BW"),
-            "momentum": (1.0, "N m s"),
-        }
         told = []
         for signal, models in self.scores.items():
-            group, axis = signal.split("_")
-            factor, unit = units[group]
+            factor, unit = shown_in(signal, self.strides.weight)
             for support in models["ampm"]:
                 cells = []
                 for model in MODELS:
                     share, rmse = models[model][support].values()
                     cells.append("< 0" if share < -0.005 else format_number(100.0 * round(share, 6), 3))
                     cells.append(format_number(factor * rmse, 3))
-                told.append([f"{_LABELS[group]} {axis}", support, *cells, unit])
+                told.append([LABELS[signal], support, *cells, unit])
         heads = [head for name in ("pendulum", "rolling ZMP", "AMPM") for head in (f">{name}: %", ">RMSE")]
-        note = (
-            "%: share of the variance; a dash: the signal rests. All three take the weight as vertical force."
-        )
-        interval = f">{CONFIDENCE:.0%} interval"
+        note = "%: share of the variance; a dash: the signal rests. The vertical force is the weight in all."
+        columns = ["constant", ">value", f">{CONFIDENCE:.0%} interval", "unit", "meaning"]
+        heads = ["signal", "of", *heads, "unit"]
         return [
-            Table("Constants", ["constant", ">value", interval, "unit", "meaning"], rows, self.notes),
-            Table(
-                "Explained, of strides that were not fitted", ["signal", "of", *heads, "unit"], told, [note]
-            ),
+            Table("Constants", columns, rows, self.notes),
+            Table("Explained, of strides that were not fitted", heads, told, [note]),
         ]
 
     @property
@@ -137,13 +123,13 @@ class Fit(Tabled):
             InputError: the folder must not be written.
         """
         target = Path(directory)
-        check_target(target, FIT_FILES, force=force, what="fit", marks=("fit.json",))
+        check_target(target, _FILES, force=force, what="fit", marks=("fit.json",))
         target.mkdir(parents=True, exist_ok=True)
         (target / "gait.toml").unlink(missing_ok=True)  # of an earlier fit
         write_json(target / "fit.json", self.summary)
         if self.gait is not None:
             (target / "gait.toml").write_text(dump_run(self.gait), encoding="utf-8")
-        page = fit_page(self.name, self.sentence, self.strides, self.told, self.tables())
+        page = fit_page(self.name, self.sentence, self.strides, self.tables())
         (target / "report.html").write_text(page, encoding="utf-8")
         return target
 
@@ -169,28 +155,24 @@ def fit_log(
     for what, value in (("mass", mass), ("com_height", com_height)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{what} = {value:g} must be a finite number greater than 0.")
-    signals: Mapping[str, Any]
-    if isinstance(table, str | Path) and Path(table).is_dir():
-        signals, name = map_columns(_of_run(Path(table)), columns or {}), Path(table).name
-    else:
-        signals, name = log_columns(table, columns)
+    folder = Path(table) if isinstance(table, str | Path) and Path(table).is_dir() else None
+    signals, name = log_columns(table if folder is None else _of_run(folder), columns)
+    name = name if folder is None else folder.name
     log = read_log(signals, None if mass is None else mass * GRAVITY, name)
     strides, others = cut_strides(log, com_height, mass)
-    low, high = (f"{share:.1%}" for share in np.quantile(strides.upward / strides.weight, (0.0, 1.0)))
+    least, most = (f"{force / strides.weight:.1%}" for force in (strides.upward.min(), strides.upward.max()))
+    error = 1e3 * float(np.sqrt(np.mean(strides.com_error**2)))
     notes = [
         f"{name}: {len(strides)} strides alike, {others} others left out.",
-        f"The body has {strides.weight / GRAVITY:.4g} kg; the mean vertical force of a stride is {low} to "
-        f"{high} of its weight.",
+        f"The body has {strides.weight / GRAVITY:.4g} kg; the mean vertical force of a stride is {least} to "
+        f"{most} of its weight.",
+        "The COM is the double integral of the force, in strides that are taken to be periodic."
+        if com_height
+        else f"The double integral of the force is {error:.2g} mm from the measured COM (RMS).",
     ]
-    if com_height is None:
-        error = 1e3 * float(np.sqrt(np.mean(strides.com_error**2)))
-        notes.append(f"The double integral of the force is {error:.2g} mm from the measured COM (RMS).")
-    else:
-        notes.append("The COM is the double integral of the force, in strides that are taken to be periodic.")
     found = constants(strides)
     gait, why = _gait(found, strides.weight / GRAVITY)
-    told = explained(strides)
-    return Fit(name, strides, found, told, scores(strides, told), gait, [*notes, *why])
+    return Fit(name, strides, found, scores(strides, explained(strides)), gait, [*notes, *why])
 
 
 def _of_run(folder: Path) -> Mapping[str, Any]:

@@ -13,10 +13,10 @@ from ampm.parameters import RunParameters
 from ampm.walk import WalkPlan
 from validation.judge.compare import compare
 from validation.judge.log import find_place, find_start, mean_stride
-from validation.judge.metrics import METRICS, evaluate
+from validation.judge.metrics import evaluate
 from validation.judge.profiles import Profile, own_profile
 from validation.judge.profiles import profile as find_profile
-from validation.judge.verdict import judge, judge_summary
+from validation.judge.verdict import judge_summary
 from validation.measure.columns import map_columns
 from validation.measure.log import Log, log_record, measure_log, read_log
 from validation.measure.readers import reader_of
@@ -27,9 +27,6 @@ from validation.store.saved import RUN_FILE, SavedRun, load_saved_run
 from validation.trial.plan import Request, load_request, plan_walk
 from validation.trial.users import SUFFIXES, read_columns
 
-_CHECKS = frozenset(item.name for item in METRICS.values() if item.kind == "instrument")
-"""Metrics that a log may lack: they check one measurement by another."""
-
 
 def judge_log(
     table: str | Path | Mapping[str, Any],
@@ -37,13 +34,12 @@ def judge_log(
     *,
     columns: Mapping[str, str] | None = None,
     settings: Sequence[str] = (),
-    profile: Profile | str | None = None,
     start: float | None = None,
     place: tuple[float, float] | None = None,
     strides: bool = False,
     progress: Progress | None = None,
 ) -> Trial:
-    """Compare a log of measured signals with a plan, by the metrics and limits of a walk.
+    """Compare a log of measured signals with a plan, by the metrics and limits of a walk of its preset.
 
     Args:
         table: CSV or Parquet file, or columns by name; see :mod:`validation.measure.log`.
@@ -51,7 +47,6 @@ def judge_log(
         columns: sources of columns that have other names or units, see
             :func:`validation.measure.columns.map_columns`.
         settings: ``key=value`` texts that change the plan, not with parameters.
-        profile: tolerances, or the name of a profile; by default that of the preset.
         start: time in the log at which the plan begins [s]; found if None.
         place: what to add to x and y of the log [m]; if None its mean ZMP becomes the plan's.
         strides: compare the mean stride with that of a periodic plan.
@@ -70,9 +65,6 @@ def judge_log(
             f"start {start} and place {place} must be finite numbers; leave them out to find them."
         )
     request = _request(plan, settings)
-    if not isinstance(profile, Profile):
-        own = own_profile(request.name, request.run)
-        profile = own if profile is None else find_profile(profile)
     signals, name = log_columns(table, columns)
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress)
@@ -83,10 +75,9 @@ def judge_log(
         record = log_record(log, measured, _steps(log, walked))
         comparison = compare(walked, record, measured)
         metrics = MappingProxyType(evaluate(comparison))
-        verdict = judge(metrics, profile, comparison.scales, may_lack=_CHECKS)
     planned = replace(planned, request=replace(planned.request, name=f"{log.name} on {planned.name}"))
-    extra = {"log": facts, **({"planner": planned.planner} if planned.planner else {})}
-    return Trial(planned, record, comparison, metrics, verdict, MappingProxyType(seconds), extra=extra)
+    extra = {"log": facts} | ({"planner": planned.planner} if planned.planner else {})
+    return Trial(planned, comparison, metrics, own_profile(request.name, request.run), seconds, extra)
 
 
 def judge_run(directory: str | Path, profile: Profile | str | None = None) -> SavedRun:
@@ -106,11 +97,8 @@ def judge_run(directory: str | Path, profile: Profile | str | None = None) -> Sa
         InputError: not a run folder, or the profile or one of the metrics is not known.
     """
     saved = load_saved_run(directory)
-    if not isinstance(profile, Profile):
-        profile = find_profile(profile or saved.summary["profile"])
-    may_lack = _CHECKS if saved.is_log else ()
-    ended = saved.record.outcome.ending
-    return replace(saved, summary=judge_summary(saved.summary, profile, ended=ended, may_lack=may_lack))
+    limits = find_profile(profile or saved.summary["profile"])
+    return replace(saved, summary=judge_summary(saved.summary, limits, saved.record.outcome.ending))
 
 
 def log_columns(
@@ -157,10 +145,8 @@ def _aligned(
         "of the plan's weight."
     ]
     if log.gaps:
-        notes.append(
-            f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s, are "
-            "left out."
-        )
+        gaps = f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s"
+        notes.append(f"{gaps}, are left out.")
     if strides:
         log, mean = mean_stride(log, plan)
         facts["strides"] = mean
@@ -188,9 +174,7 @@ def _aligned(
             f"s of the plan, which begins at {facts.get('start', 0.0):.6g} s; give a longer log, or another "
             "start (--start)."
         )
-    by, mean_of = np.array(place or (0.0, 0.0)), ""
-    if place is None:
-        by, mean_of = find_place(judged, plan)
+    by, mean_of = (np.array(place), "") if place is not None else find_place(judged, plan)
     if mean_of:
         notes.append(
             f"The log is moved by {by[0]:.4g} m along x and {by[1]:.4g} m along y, to the mean of the plan's "

@@ -6,6 +6,7 @@ the functions of the walk itself, so that what was measured is compared as exact
 """
 
 import json
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 from ampm.compiled import bound
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from ampm.run_file import load_run
 from models.scene import BodyModel
 from validation.judge.compare import PARTS
 from validation.judge.metrics import METRICS
@@ -27,9 +27,9 @@ from validation.measure.equations import Equations, check_equations
 from validation.measure.measure import MeasuredGait, measure
 from validation.progress import Progress
 from validation.store.environment import describe_environment
-from validation.store.record import MODEL_FILE, load_model, load_record, stored_columns
-from validation.store.saved import ENVIRONMENT_FILE, RUN_FILE, check_files, load_description
-from validation.store.signals import SIGNALS_FILE, Signals, load_signals
+from validation.store.record import stored_columns
+from validation.store.saved import ENVIRONMENT_FILE, SavedRun, load_saved_run
+from validation.store.signals import SIGNALS_FILE, Signals
 from validation.trial.bridge import passive_joints, to_pinocchio
 from validation.trial.log import RunLog
 from validation.trial.physics import Physics, quiet_mujoco
@@ -50,9 +50,9 @@ class Replay:
     steps: int  # simulation steps that were recorded
     file: str | None = None  # file in which something differs; None if nothing does
     signal: str | None = None  # its first column that differs
-    time: float = float("nan")  # time of the first difference [s]
-    recorded: float = float("nan")  # the recorded value
-    replayed: float = float("nan")  # the value of the replay
+    time: float = math.inf  # time of the first difference [s]
+    recorded: float = math.nan  # the recorded value
+    replayed: float = math.nan  # the value of the replay
     note: str = ""  # a likely reason for a difference, empty if none is known
     # the equations of motion of all repeated steps; None if they were not asked for
     equations: Equations | None = None
@@ -66,8 +66,7 @@ class Replay:
     def passed(self) -> bool:
         """Whether every bit agrees, and the median defect of the equations is within its limit."""
         found = self.equations
-        holds = found is None or not found.steps or found.median <= _LIMIT * found.change
-        return self.identical and holds
+        return self.identical and (found is None or not found.steps or found.median <= _LIMIT * found.change)
 
     def __str__(self) -> str:
         if self.identical:
@@ -79,10 +78,10 @@ class Replay:
 
 
 def replay(directory: str | Path, *, equations: bool = False, progress: Progress | None = None) -> Replay:
-    """Replay a run folder.
+    """Replay the folder of a finished run.
 
     Args:
-        directory: of a finished run.
+        directory: the folder.
         equations: also hold every step to the equations of motion by Pinocchio.
         progress: where to report stages.
 
@@ -90,12 +89,11 @@ def replay(directory: str | Path, *, equations: bool = False, progress: Progress
         InputError: a file is missing, damaged, or not what the run wrote; ``equations`` of a body with dry
             friction in its joints, whose force is not recorded.
     """
-    directory, progress = Path(directory), progress or Progress()
-    if not directory.is_dir():
-        raise InputError(f"there is no folder {directory}; give the folder of a run.")
-    check_files(directory)
-    record = load_record(directory)
-    physics = _physics(directory, record)
+    saved, progress = load_saved_run(directory), progress or Progress()
+    saved.model()  # refuses a model of another body
+    if saved.record.point_sites != tuple(site for _, _, site in saved.body.sole_points()):
+        raise InputError(f"{directory} has sole points of two bodies; give the folder of one run.")
+    physics = Physics(Body.of(BodyModel(saved.model_xml, saved.body)), saved.parameters)
     passive, twin = passive_joints(physics.model), physics.robot.model
     if equations and passive.friction.any():
         raise InputError(
@@ -103,27 +101,14 @@ def replay(directory: str | Path, *, equations: bool = False, progress: Progress
             "force is not recorded; replay without --equations."
         )
     with progress.stage("replay", "steps") as stage:
-        again = step_again(physics, record, stage.advance)
+        again = step_again(physics, saved.record, stage.advance)
     with progress.stage("measurement"):
         measured = measure(again, twin, to_pinocchio)
-        found = _first_difference(directory, record, again, measured)
+        found = _first_difference(saved, again, measured)
         if equations:
             steps = np.arange(again.steps)
             found = replace(found, equations=check_equations(again, twin, passive, to_pinocchio, steps))
-    return found if found.identical else replace(found, note=_note(directory / ENVIRONMENT_FILE))
-
-
-def _physics(folder: Path, record: SimulationRecord) -> Physics:
-    """The simulation that made a record.
-
-    Raises:
-        InputError: a file that describes it is missing or damaged, or of another body.
-    """
-    load_model(folder, record)  # refuses a model of another body
-    xml, description = (folder / MODEL_FILE).read_text(encoding="utf-8"), load_description(folder)
-    if record.point_sites != tuple(site for _, _, site in description.sole_points()):
-        raise InputError(f"{folder} has sole points of two bodies; give the folder of one run.")
-    return Physics(Body.of(BodyModel(xml, description)), load_run(folder / RUN_FILE, ()))
+    return found if found.identical else replace(found, note=_note(saved.directory / ENVIRONMENT_FILE))
 
 
 def step_again(
@@ -131,10 +116,7 @@ def step_again(
 ) -> SimulationRecord:
     """Step the physics with recorded torques, up to the first recorded state of which a bit differs.
 
-    Args:
-        physics: the model that was simulated, and its engine.
-        record: start state, torques and external forces.
-        advance: called with steps done and steps in all.
+    The record has start, torques and external forces; ``advance`` is called with steps done and steps in all.
 
     Returns:
         The repeated steps, without what a controller would add.
@@ -171,18 +153,15 @@ def step_again(
     return replace(again, **said)
 
 
-def _first_difference(
-    folder: Path, record: SimulationRecord, again: SimulationRecord, measured: MeasuredGait
-) -> Replay:
+def _first_difference(saved: SavedRun, again: SimulationRecord, measured: MeasuredGait) -> Replay:
     """The earliest number on disk that the repeated steps do not have."""
-    first = Replay(record.steps)
-    for file, columns, times, recorded, replayed in _tables(folder, record, again, measured):
+    first = Replay(saved.record.steps)
+    for file, columns, times, recorded, replayed in _tables(saved, again, measured):
         differ = np.argwhere(_differ(recorded, replayed))
-        if len(differ):
-            row, column = differ[0].tolist()
-            time, values = float(times[row]), (float(recorded[row, column]), float(replayed[row, column]))
-            if first.identical or time < first.time:
-                first = Replay(record.steps, file, columns[column], time, *values)
+        if len(differ) and times[differ[0, 0]] < first.time:
+            at = tuple(differ[0])
+            values = float(times[at[0]]), float(recorded[at]), float(replayed[at])
+            first = Replay(saved.record.steps, file, columns[at[1]], *values)
     return first
 
 
@@ -192,14 +171,13 @@ def _differ(recorded: NDArray[Any], replayed: NDArray[Any]) -> NDArray[np.bool_]
     return (one.view(np.int64) != two.view(np.int64)) & ~(np.isnan(one) & np.isnan(two))
 
 
-def _tables(
-    folder: Path, record: SimulationRecord, again: SimulationRecord, measured: MeasuredGait
-) -> Iterator[_Table]:
+def _tables(saved: SavedRun, again: SimulationRecord, measured: MeasuredGait) -> Iterator[_Table]:
     """All that is on disk and was repeated, up to where the replay ends.
 
     Yields:
         A file, names of m columns, times of n rows [s], and recorded and replayed numbers, shape (n, m).
     """
+    record, stored = saved.record, saved.signals
     then, now = (np.array([[getattr(item, name) for name in _CONSTANTS]]) for item in (record, again))
     yield JOINTS_FILE, list(_CONSTANTS), np.zeros(1), then, now
     pushes = ("external_force", "external_moment", "external_position") if record.external_segments else ()
@@ -212,7 +190,6 @@ def _tables(
         shape = len(rows), len(columns)
         recorded, replayed = recorded[: len(rows)].reshape(shape), replayed[rows].reshape(shape)
         yield file, columns, again.time[rows], recorded, replayed
-    stored = load_signals(folder / SIGNALS_FILE)
     every = kept_rows(record.steps, record.time_step)
     if len(stored) != (count := len(range(record.steps)[every])):
         raise InputError(f"{SIGNALS_FILE} is damaged: it has not {count} rows; walk the gait again.")

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,11 @@ from ampm.run_file import dump_run
 from ampm.walk import WalkPlan
 from validation.judge.compare import Comparison
 from validation.judge.metrics import MetricValue
+from validation.judge.profiles import Profile
+from validation.judge.profiles import profile as find_profile
 from validation.judge.signals import kept_rows, signals_table
 from validation.judge.uncertainty import Uncertainty
-from validation.judge.verdict import Verdict, build_summary
+from validation.judge.verdict import Verdict, build_summary, judge
 from validation.measure.measure import MeasuredGait
 from validation.progress import Progress
 from validation.show.cost_table import cost_table
@@ -48,23 +50,31 @@ class Trial(Tabled):
 
     Attributes:
         planned: request, plan and body.
-        record: of the simulation.
         comparison: of measurement and plan.
         metrics: name to value of every metric of this walk, judged or not.
-        verdict: of the profile; ``verdict.passed`` is whether every tolerance is met.
+        profile: tolerances.
         seconds: wall-clock time of ``simulation``, ``measurement`` and, if it was planned here, ``planning``.
-        uncertainty: of the metrics, from a convergence study.
         extra: entries of the summary beside the usual ones, such as the name of a controller.
+        uncertainty: of the metrics, from a convergence study.
+        verdict: of the profile; ``verdict.passed`` is whether every tolerance is met.
     """
 
     planned: PlannedWalk
-    record: SimulationRecord
     comparison: Comparison
     metrics: Mapping[str, MetricValue]
-    verdict: Verdict
+    profile: Profile
     seconds: Mapping[str, float]
+    extra: Mapping[str, Any]
     uncertainty: Uncertainty | None = None
-    extra: Mapping[str, Any] = field(default_factory=dict)
+    verdict: Verdict = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Judge the metrics."""
+        scales, ended = self.comparison.scales, self.record.outcome.ending
+        found = judge(
+            self.metrics, self.profile, scales, self.uncertainty, ended=ended, is_log="log" in self.extra
+        )
+        object.__setattr__(self, "verdict", found)
 
     def __repr__(self) -> str:
         """Gait, steps, outcome and verdict."""
@@ -88,6 +98,11 @@ class Trial(Tabled):
     def tables(self) -> list[Table]:
         """What was judged; effort and margins."""
         return [self.table(), cost_table(self.summary)]
+
+    @property
+    def record(self) -> SimulationRecord:
+        """Of the simulation."""
+        return self.comparison.record
 
     @property
     def plan(self) -> WalkPlan:
@@ -114,11 +129,35 @@ class Trial(Tabled):
     @cached_property
     def summary(self) -> dict[str, Any]:
         """Contents of ``summary.json``, without entries that only a folder has."""
-        return results_of(self, describe_environment())
+        known = self.uncertainty
+        return build_summary(
+            self.comparison,
+            self.verdict,
+            timing=self.timing,
+            environment=describe_environment(),
+            gait=self.planned.name,
+            changed=self.planned.request.changed,
+            motion=self.plan.posture.report(),
+            memory_peak={"value": memory_peak(), "unit": "MB"},
+            **({} if known is None else {"uncertainty": {"gait": known.gait, "steps": known.steps}}),
+            **self.extra,
+        )
 
     def table(self) -> Table:
         """Every judged metric with its limit."""
         return metric_table(self.summary)
+
+    def judged(self, profile: Profile | str, uncertainty: Uncertainty | None = None) -> "Trial":
+        """The same walk, judged again.
+
+        Args:
+            profile: tolerances, or the name of a profile.
+            uncertainty: of the metrics, from a convergence study; None keeps what is known.
+
+        Raises:
+            InputError: there is no such profile.
+        """
+        return replace(self, profile=find_profile(profile), uncertainty=uncertainty or self.uncertainty)
 
     def save(self, folder: str | Path, *, force: bool = False, recording: bool = True) -> Path:
         """Keep the trial in a folder, as ``ampm validate`` does.
@@ -136,8 +175,7 @@ class Trial(Tabled):
         """
         target = Path(folder)
         with run_folder(target, force=force) as work:
-            environment = describe_environment()
-            write_inputs(work, self.planned, environment)
+            environment = write_inputs(work, self.planned)
             save_record(self.record, work)
             write_results(work, self, environment)
             if recording:
@@ -145,48 +183,32 @@ class Trial(Tabled):
         return target
 
 
-def write_inputs(folder: Path, planned: PlannedWalk, environment: Mapping[str, Any]) -> None:
-    """Write the inputs of a run: parameters, simulated model, description of the body, environment."""
+def write_inputs(folder: Path, planned: PlannedWalk) -> dict[str, Any]:
+    """Write the inputs of a run: parameters, simulated model, description of the body, and environment.
+
+    Returns:
+        The environment, see :func:`validation.store.environment.describe_environment`.
+    """
+    environment = describe_environment()
     (folder / RUN_FILE).write_text(dump_run(planned.run), encoding="utf-8")
     (folder / MODEL_FILE).write_text(planned.scene.model.xml, encoding="utf-8")
     save_description(planned.body.model.description, folder)
     write_json(folder / ENVIRONMENT_FILE, environment)
+    return environment
 
 
 def write_results(folder: Path, trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Write signals and, last, the summary with the digests of all files.
-
-    Args:
-        folder: of the run; inputs and record are there already.
-        trial: the run.
-        environment: where it ran.
+    """Write signals and, last, the summary with the digests of all files, beside inputs and record.
 
     Returns:
         The contents of ``summary.json``.
     """
     rows = kept_rows(trial.record.steps, trial.record.time_step)
     save_signals(signals_table(trial.comparison, rows), folder / SIGNALS_FILE)
-    summary = results_of(trial, environment)
+    summary = {**trial.summary, "environment": environment}
     summary["files"] = digests(folder, summary)
     write_json(folder / SUMMARY_FILE, summary)
     return summary
-
-
-def results_of(trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Contents of ``summary.json`` that need no folder."""
-    known = trial.uncertainty
-    return build_summary(
-        trial.comparison,
-        trial.verdict,
-        timing=trial.timing,
-        environment=environment,
-        gait=trial.planned.name,
-        changed=trial.planned.request.changed,
-        motion=trial.plan.posture.report(),
-        memory_peak={"value": memory_peak(), "unit": "MB"},
-        **({} if known is None else {"uncertainty": {"gait": known.gait, "steps": known.steps}}),
-        **trial.extra,
-    )
 
 
 def draw_run(folder: Path, name: str = "", progress: Progress | None = None) -> None:

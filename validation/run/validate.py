@@ -5,6 +5,7 @@ record as soon as it ends, then signals and summary, last the pictures, which ca
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,6 @@ from validation.judge.uncertainty import Uncertainty
 from validation.progress import Progress, interruption
 from validation.run.trial import draw_run, write_inputs, write_results
 from validation.run.walk import timed, walk_planned
-from validation.store.environment import describe_environment
 from validation.store.folders import check_run_folder, run_folder
 from validation.store.record import save_record
 from validation.trial.disturbances import Disturbance
@@ -25,6 +25,11 @@ from validation.trial.record import SimulationRecord
 
 RUNS = Path("runs")
 """Default folder of runs."""
+
+
+def new_folder(name: str) -> Path:
+    """Default folder of a result."""
+    return RUNS / f"{name}-{datetime.now():%Y%m%d-%H%M%S-%f}"
 
 
 def targets(requests: Sequence[Request], out: Path | None, *, force: bool) -> list[Path]:
@@ -37,12 +42,10 @@ def targets(requests: Sequence[Request], out: Path | None, *, force: bool) -> li
         InputError: a folder must not be written.
     """
     if out is None:
-        folders = [RUNS / f"{item.name}-{datetime.now():%Y%m%d-%H%M%S-%f}" for item in requests]
+        folders = [new_folder(item.name) for item in requests]
     elif len(requests) == 1:
         folders = [out]
     else:
-        if out.exists() and not out.is_dir():
-            raise InputError(f"{out} is a file, not a folder; give another folder.")
         if (out / "run.toml").exists():
             raise InputError(f"{out} is itself the folder of a run; give another folder.")
         folders = [out / item.name for item in requests]
@@ -89,10 +92,9 @@ def validate(
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress)
-    environment = describe_environment()
     late: BaseException | None = None
     with run_folder(target, force=force) as folder:
-        write_inputs(folder, planned, environment)
+        environment = write_inputs(folder, planned)
 
         def keep(record: SimulationRecord) -> None:
             if record.outcome.name == OutcomeName.INTERRUPTED:
@@ -102,15 +104,8 @@ def validate(
             save_record(record, folder)
 
         try:
-            trial = walk_planned(
-                planned,
-                profile,
-                disturbances=disturbances,
-                uncertainty=uncertainty,
-                progress=progress,
-                seconds=seconds,
-                keep=keep,
-            )
+            trial = walk_planned(planned, profile, disturbances=disturbances, progress=progress, keep=keep)
+            trial = replace(trial, uncertainty=uncertainty, seconds={**seconds, **trial.seconds})
             summary = write_results(folder, trial, environment)
             del trial  # drawing needs the memory
         finally:

@@ -1,12 +1,11 @@
 """The trial of one gait: plan, walk, measure, compare, judge."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from ampm.body.orbit import solve_motion
 from ampm.compiled import compilation, folder
@@ -18,12 +17,9 @@ from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
 from ampm.sensors.readings import EstimatorFactory
 from ampm.walk import ControllerFactory, Planner
-from validation.judge import profiles
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
-from validation.judge.profiles import DEFAULT, Profile
-from validation.judge.uncertainty import Uncertainty
-from validation.judge.verdict import judge
+from validation.judge.profiles import DEFAULT, Profile, own_profile
 from validation.measure.measure import measure
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
@@ -42,15 +38,13 @@ def walk(
     planner: Planner | str | None = None,
     disturbances: Sequence[Disturbance] = (),
     footsteps: Sequence[Footstep] | None = None,
-    profile: Profile | str | None = None,
-    uncertainty: Uncertainty | None = None,
     name: str | None = None,
     progress: Progress | None = None,
 ) -> Trial:
-    """Plan a gait, walk it in MuJoCo, measure it and judge it; nothing is written.
+    """Plan a gait, walk it in MuJoCo, measure it and judge it by its own profile; nothing is written.
 
-    What a changed gait leaves open is found, ``trial.run`` has it; ``ampm.load_run(...).as_is()`` walks as it
-    is.
+    :meth:`Trial.judged` judges it by another one. What a changed gait leaves open is found, ``trial.run`` has
+    it; ``ampm.load_run(...).as_is()`` walks as it is.
 
     Args:
         run: parameters from :func:`ampm.load_run`, or a preset or TOML file.
@@ -60,59 +54,41 @@ def walk(
             run by default.
         disturbances: external forces, such as :class:`validation.Push`, beside those of the run.
         footsteps: places to walk over from rest to rest, see :func:`ampm.plan_footsteps`.
-        profile: tolerances, or the name of a profile; by default that of the preset if ``run`` is its name,
-            and ``pushed`` with a push.
-        uncertainty: numerical uncertainty of the metrics, from a convergence study.
         name: of the gait, for reports; that of preset or file by default.
         progress: where to report stages.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk, or a user's class fails.
     """
-    for value, good, wanted in (
-        (
-            controller,
-            controller is None or isinstance(controller, str) or callable(controller),
-            "controller; give a class or function that makes one, or a name",
-        ),
-        (planner, not isinstance(planner, type), "planner; give an object of this class"),
-        (disturbances, isinstance(disturbances, list | tuple), "disturbances; give a list of them"),
-    ):
-        if not good:
-            raise InputError(f"{value!r} cannot be the {wanted}.")
+    if not (controller is None or isinstance(controller, str) or callable(controller)):
+        wanted = "controller; give a class or function that makes one, or a name"
+        raise InputError(f"{controller!r} cannot be the {wanted}.")
+    if isinstance(planner, type):
+        raise InputError(f"{planner!r} cannot be the planner; give an object of this class.")
+    if not isinstance(disturbances, list | tuple):
+        raise InputError(f"{disturbances!r} cannot be the disturbances; give a list of them.")
+    if footsteps is not None and not len(footsteps):
+        raise InputError("footsteps holds none; leave it out to walk the gait's own, or give at least 4.")
     request = load_request(run if isinstance(run, RunParameters) else str(run))
-    request = replace(request, name=name or request.name)
-    if footsteps is not None:
-        if not len(footsteps):
-            raise InputError("footsteps holds none; leave it out to walk the gait's own, or give at least 4.")
-        request = replace(request, run=request.run.replace({}, footsteps=as_rows(footsteps)))
     names = {"gait.planner": planner, "controller.name": controller}
-    named = {key: name for key, name in names.items() if isinstance(name, str)}
-    request = replace(request, run=request.run.replace(named))
-    options = request.run.controller.options
-    factory = controller if callable(controller) else CONTROLLER.find(request.run.controller.name, options)
+    sections = {} if footsteps is None else {"footsteps": as_rows(footsteps)}
+    chosen = request.run.replace({k: text for k, text in names.items() if isinstance(text, str)}, **sections)
+    options = chosen.controller.options
+    factory = controller if callable(controller) else CONTROLLER.find(chosen.controller.name, options)
     if isinstance(planner, str):
-        check_planner(request.run.gait.planner, request.run.planner.options)
+        check_planner(chosen.gait.planner, chosen.planner.options)
         planner = None
     name_of_class = CONTROLLER.name_of(factory)
     CONTROLLER.check_options(name_of_class, factory, options)
     if controller is not None:
-        request = replace(request, run=request.run.replace({"controller.name": name_of_class}))
-    if not isinstance(profile, Profile):
-        own = profiles.own_profile(request.name, request.run, disturbances)
-        profile = own if profile is None else profiles.profile(profile)
+        chosen = chosen.replace({"controller.name": name_of_class})
+    request = replace(request, name=name or request.name, run=chosen)
+    profile = own_profile(request.name, chosen, disturbances)
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress, planner=planner)
-    return walk_planned(
-        planned,
-        profile,
-        controller=factory,
-        disturbances=disturbances,
-        uncertainty=uncertainty,
-        progress=progress,
-        seconds=seconds,
-    )
+    trial = walk_planned(planned, profile, controller=factory, disturbances=disturbances, progress=progress)
+    return replace(trial, seconds={**seconds, **trial.seconds})
 
 
 def walk_planned(
@@ -122,9 +98,7 @@ def walk_planned(
     controller: ControllerFactory | None = None,
     estimator: EstimatorFactory | None = None,
     disturbances: Sequence[Disturbance] = (),
-    uncertainty: Uncertainty | None = None,
     progress: Progress | None = None,
-    seconds: Mapping[str, float] | None = None,
     keep: Callable[[SimulationRecord], None] = lambda record: None,
 ) -> Trial:
     """Walk a plan and judge the walk.
@@ -135,13 +109,11 @@ def walk_planned(
         controller: makes the controller from robot and run; the one that the run names by default.
         estimator: makes the estimator; the one that the run names by default.
         disturbances: external forces.
-        uncertainty: numerical uncertainty of the metrics.
         progress: where to report stages.
-        seconds: wall-clock time of earlier stages.
         keep: called with the record before it is measured.
     """
     run, body, progress = planned.run, planned.body, progress or Progress()
-    taken = dict(seconds or {})
+    taken = dict[str, float]()
     with timed(taken, "simulation"), progress.stage(f"{planned.name}: simulation", "steps") as stage:
 
         def advance(done: int, total: int) -> None:
@@ -158,18 +130,13 @@ def walk_planned(
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
         metrics = MappingProxyType(evaluate(comparison))
-        verdict = judge(metrics, profile, comparison.scales, uncertainty, ended=record.outcome.ending)
-    extra: dict[str, Any] = {}
-    if record.controller:
-        extra["controller"] = record.controller
-    if planned.planner:
-        extra["planner"] = planned.planner
     unusual = run.disturbance.model_dump(exclude_defaults=True)
     sensors = run.sensors.model_dump(exclude_defaults=True)
     unusual |= {f"sensors.{key}": value for key, value in sensors.items()}
-    if texts := [f"{key} = {value!r}" for key, value in unusual.items()] + list(map(describe, disturbances)):
-        extra["disturbances"] = texts
-    return Trial(planned, record, comparison, metrics, verdict, MappingProxyType(taken), uncertainty, extra)
+    texts = [f"{key} = {value!r}" for key, value in unusual.items()] + list(map(describe, disturbances))
+    known = {"controller": record.controller, "planner": planned.planner, "disturbances": texts}
+    extra = {name: value for name, value in known.items() if value}
+    return Trial(planned, comparison, metrics, profile, taken, extra)
 
 
 def compile_once() -> None:

@@ -6,7 +6,6 @@ from base64 import b64encode
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
-from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -29,13 +28,6 @@ _BUCKETS = 420
 """Buckets over a curve: each keeps its smallest and largest sample, so that spikes remain."""
 
 
-class Mark(NamedTuple):
-    """A curve or an area."""
-
-    shape: Shape  # how it is drawn; points are in the units of the axes, infinity is the chart's edge
-    label: str = ""  # in the legend; empty for none
-
-
 @dataclass
 class Chart:
     """Curves and areas about two axes."""
@@ -47,19 +39,20 @@ class Chart:
     title: str = ""  # above
     xlabel: str = ""  # of the axis
     ylabel: str = ""  # of the axis
-    xlim: tuple[float, float] | None = None  # of the field; None fits what is drawn
-    ylim: tuple[float | None, float | None] = (None, None)  # likewise, either end
+    xlim: tuple[float | None, float | None] = (None, None)  # ends of the field; None fits what is drawn
+    ylim: tuple[float | None, float | None] = (None, None)  # likewise
     equal: bool = False  # whether both axes have one scale; the field then shows more of one
     yticks: dict[str, float] = field(default_factory=dict)  # texts at heights, instead of numbers
     frame: bool = True  # whether axes, grid and numbers are drawn
-    marks: list[Mark] = field(default_factory=list)  # what is drawn, the lowest first
+    # what is drawn, the lowest first; points are in the units of the axes, infinity is the chart's edge
+    marks: list[Shape] = field(default_factory=list)
 
     def line(
         self, x: ArrayLike, y: ArrayLike, color: str, width: float = 1.0, *, dash: str = "", label: str = ""
     ) -> None:
         """Draw a curve through points, shape (N,), of a width [pt]; NaN interrupts it."""
         lengths = tuple(float(part) * width for part in dash.split())
-        self.marks.append(Mark(Shape(_points(x, y), color, width, dash=lengths), label))
+        self.marks.append(Shape(_points(x, y), color, width, dash=lengths, label=label))
 
     def area(
         self,
@@ -73,16 +66,25 @@ class Chart:
         below: bool = False,
     ) -> None:
         """Fill a polygon with corners, shape (N,), maybe with an edge, or below what is drawn so far."""
-        mark = Mark(Shape(_points(x, y), edge, fill=color, opacity=opacity), label)
+        mark = Shape(_points(x, y), edge, fill=color, opacity=opacity, label=label)
         self.marks.insert(0 if below else len(self.marks), mark)
 
     def band(self, x: Array, low: Array, high: Array, color: str, *, opacity: float, label: str = "") -> None:
         """Fill what is between two curves without gaps."""
         self.area([*x, *x[::-1]], [*low, *high[::-1]], color, opacity=opacity, label=label)
 
+    def shade(self, begin: float, end: float, color: str) -> None:
+        """Fill what is between two instants, from edge to edge, below what is drawn so far."""
+        corners = [begin, begin, end, end], [-np.inf, np.inf, np.inf, -np.inf]
+        self.area(*corners, color, below=True)
+
     def level(self, y: float, color: str, width: float = 0.7, *, dash: str = "", label: str = "") -> None:
         """Draw a horizontal line from edge to edge."""
         self.line([-np.inf, np.inf], [y, y], color, width, dash=dash, label=label)
+
+    def name(self, title: str, ylabel: str, xlabel: str = "time [s]") -> None:
+        """Give the chart its title, and the axes their labels."""
+        self.title, self.xlabel, self.ylabel = title, xlabel, ylabel
 
     def instant(self, x: float, color: str, width: float = 0.7, *, dash: str = "") -> None:
         """Draw a vertical line from edge to edge."""
@@ -91,13 +93,13 @@ class Chart:
     def dots(self, x: ArrayLike, y: ArrayLike, color: str, size: float) -> None:
         """Draw dots of a diameter [pt]."""
         for at in _points(x, y):
-            self.marks.append(Mark(Shape(np.array([at, at]), color, size, round=True)))
+            self.marks.append(Shape(np.array([at, at]), color, size, round=True))
 
     def limits(self) -> tuple[Array, Array]:
         """Lower and upper ends of both axes."""
-        points = np.concatenate([np.zeros((0, 2)), *(mark.shape.points for mark in self.marks)])
+        points = np.concatenate([np.zeros((0, 2)), *(mark.points for mark in self.marks)])
         ends = []
-        for axis, given in enumerate((self.xlim or (None, None), self.ylim)):
+        for axis, given in enumerate((self.xlim, self.ylim)):
             values = points[np.isfinite(points[:, axis]), axis]
             low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
             size = max(abs(low), abs(high), 1e-3)
@@ -129,9 +131,8 @@ class Chart:
                 yield Word(x - 4, place + 3, text, 8.0, "end")
         window = (x, self.top, self.width, self.height)
         for mark in self.marks:
-            points = mark.shape.points
-            points = np.where(np.isinf(points), np.clip(points, low, high), points)
-            yield mark.shape._replace(points=(points - low) * unit + (x, y), window=window)
+            points = np.where(np.isinf(mark.points), np.clip(mark.points, low, high), mark.points)
+            yield mark._replace(points=(points - low) * unit + (x, y), window=window)
         if self.frame:
             sides = np.array([(x, self.top), (x, y), (x + self.width, y)])
             yield Shape(sides, FAINT, 0.7)
@@ -139,9 +140,9 @@ class Chart:
             yield Word(9.0, self.top + self.height / 2, self.ylabel, anchor="middle", turned=True)
         yield from self._heading()
 
-    def _legend(self) -> list[list[tuple[float, Mark]]]:
+    def _legend(self) -> list[list[tuple[float, Shape]]]:
         """Lines of the legend: marks with their places."""
-        lines: list[list[tuple[float, Mark]]] = []
+        lines: list[list[tuple[float, Shape]]] = []
         room = math.inf
         for mark in self.marks:
             needed = 22 + _LETTER * len(mark.label)
@@ -162,10 +163,9 @@ class Chart:
         y = self.top - 5.0
         for entry in reversed(self._legend()):
             for at, mark in entry:
-                x, shape = self.left + at, mark.shape
-                color, width = shape.fill or shape.stroke, 5.0 if shape.fill else min(3.0, 1.5 * shape.width)
+                x, width = self.left + at, 5.0 if mark.fill else min(3.0, 1.5 * mark.width)
                 points = np.array([(x, y - 3), (x + 10, y - 3)])
-                yield Shape(points, color, width, dash=shape.dash, opacity=shape.opacity)
+                yield Shape(points, mark.fill or mark.stroke, width, dash=mark.dash, opacity=mark.opacity)
                 yield Word(x + 13, y, mark.label, 8.0)
             y -= 13
         if self.title:
@@ -204,9 +204,9 @@ class Picture:
         return pgf(*_drawn(_fitted(self.charts, width)))
 
 
-def numbered(pictures: Iterable[Picture], first: int = 1) -> list[Picture]:
+def numbered(pictures: Iterable[Picture]) -> list[Picture]:
     """Pictures with their numbers, in their order."""
-    return [replace(item, number=number) for number, item in enumerate(pictures, start=first)]
+    return [replace(item, number=number) for number, item in enumerate(pictures, start=1)]
 
 
 def _drawn(charts: Sequence[Chart]) -> tuple[list[Shape | Word], float, float]:
@@ -262,14 +262,9 @@ def new_charts(
     left: float = 0.62,
     ratios: Sequence[float] | None = None,
 ) -> list[Chart]:
-    """Charts of a picture, one above the other.
+    """Charts of a picture of this height and width [in], in rows of relative heights.
 
-    Args:
-        height: of the picture [in].
-        rows: number of charts.
-        width: of the picture [in].
-        left: room for the labels of the vertical axis [in].
-        ratios: relative heights of the charts.
+    ``left`` is the room for the labels of the vertical axis [in].
     """
     shares = np.array(ratios or [1.0] * rows) / sum(ratios or [1.0] * rows)
     heights = shares * (72 * height - _TOP - _BOTTOM - _GAP * (rows - 1))
@@ -281,16 +276,7 @@ def new_charts(
 
 
 def decimate(time: Array, value: Array, buckets: int = _BUCKETS) -> tuple[Array, Array]:
-    """Thin a curve for drawing without losing its extremes.
-
-    Args:
-        time: shape (N,).
-        value: shape (N,); NaN where undefined.
-        buckets: each yields its smallest and its largest sample.
-
-    Returns:
-        Times and values, at most ``2 * buckets`` of each.
-    """
+    """Thin a curve, shape (N,), NaN where undefined: of each bucket stay the smallest and largest sample."""
     count = len(time)
     if count <= 2 * buckets:
         return time, value

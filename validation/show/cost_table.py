@@ -1,6 +1,6 @@
 """The tables of what a walk cost, and of all that is not judged, made from its ``summary.json``."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from validation.judge.margins import tilt_warnings
@@ -30,15 +30,7 @@ _SMALL = 0.01
 
 
 def cost_table(summary: Mapping[str, Any]) -> Table:
-    """Effort of a walk, and what was left to its limits, beside which agreement must be read.
-
-    Args:
-        summary: contents of ``summary.json``.
-    """
-    rows = [_row(summary, METRICS[name]) for name in COSTS]
-    if "log" in summary or "velocity" in summary:
-        rows = [row for row in rows if row[1] != ABSENT]
-    columns = ("cost", ">value", ">limit", "unit", USED, "where")
+    """Effort of a walk, and what was left to its limits, beside which agreement must be read."""
     notes = [_sentence(summary)]
     margin = summary["margins"]["plan_polygon"]["value"]
     if margin is not None and 0.0 <= margin < _SMALL:
@@ -48,7 +40,8 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
         )
     if summary["outcome"] == "completed" and (tilt := summary["margins"].get("tilt")):
         notes += tilt_warnings(tilt["value"], tilt["where"])
-    return Table("effort and margins", columns, rows, notes)
+    rows = _measured(summary, [_row(summary, METRICS[name]) for name in COSTS])
+    return Table("effort and margins", ("cost", ">value", ">limit", "unit", USED, "where"), rows, notes)
 
 
 def reported_table(summary: Mapping[str, Any]) -> Table:
@@ -58,13 +51,15 @@ def reported_table(summary: Mapping[str, Any]) -> Table:
         for item in summary["metrics"].values()
         if item["tolerance"] is None
     ]
-    rest: Iterable[Metric] = (item for item in METRICS.values() if item.section and item.name not in COSTS)
-    for metric in rest:
-        label, value, _, unit, _, where = _row(summary, metric)
-        rows.append((label, value, unit, where))
-    if "log" in summary or "velocity" in summary:
-        rows = [row for row in rows if row[1] != ABSENT]
-    return Table("", ("", ">value", "unit", "where"), rows)
+    rest = [item for item in METRICS.values() if item.section and item.name not in COSTS]
+    rows += [(row[0], row[1], row[3], row[5]) for row in (_row(summary, metric) for metric in rest)]
+    return Table("", ("", ">value", "unit", "where"), _measured(summary, rows))
+
+
+def _measured(summary: Mapping[str, Any], rows: Sequence[Sequence[str]]) -> list[Sequence[str]]:
+    """Rows that have a value; of a walk with plan and joints all."""
+    partial = "log" in summary or "velocity" in summary
+    return [row for row in rows if row[1] != ABSENT or not partial]
 
 
 def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
@@ -76,15 +71,10 @@ def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
     scale, unit = cost_unit(metric, summary["scales"]["body_weight"])
     limit = cost_limit(summary, metric.name)
     if value is None:
-        return metric.label, format_number(None), "", "", "", where
-    return (
-        metric.label,
-        format_number(scale * value, 3),
-        "" if limit is None else format_number(scale * limit),
-        short_unit(unit),
-        format_share(value, limit),
-        where,
-    )
+        return metric.label, ABSENT, "", "", "", where
+    shown = "" if limit is None else format_number(scale * limit)
+    used = format_share(value, limit)
+    return metric.label, format_number(scale * value, 3), shown, short_unit(unit), used, where
 
 
 def cost_limit(summary: Mapping[str, Any], name: str) -> float | None:

@@ -1,83 +1,72 @@
 """The page of a fit: measured and explained curves of the mean stride, and the tables."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from ampm.geometry import Array
-from validation.judge.fit import Strides
+from validation.judge.fit import EXPLAINED, Strides, explained
+from validation.judge.metric import display_unit
 from validation.show.chart import DASHED, Picture, new_charts, numbered
 from validation.show.page import render_page
 from validation.show.style import COMMAND, FAINT, MEASURED, PLAN, SHADE
-from validation.table import Table
+from validation.table import Table, short_unit
 
+LABELS = {
+    **{f"zmp_{axis}": f"ZMP along {axis}" for axis in "xy"},
+    **{f"force_{axis}": f"ground force along {axis}" for axis in "xyz"},
+    **{f"momentum_{axis}": f"angular momentum about {axis}" for axis in "yx"},
+}
+"""Signals in the order of the page."""
+_LESS = {"zmp_x": "the COM's mean motion", "zmp_y": "the COM's mean"}
+_LESS |= dict.fromkeys(("momentum_x", "momentum_y"), "its mean")
 _MODELS = {"pendulum": ("plain pendulum", FAINT), "rolling": ("rolling ZMP", COMMAND), "ampm": ("AMPM", PLAN)}
-_CURVES = (
-    ("zmp", 0, "ZMP along x, less the COM's mean motion"),
-    ("zmp", 1, "ZMP along y, less the COM's mean"),
-    ("force", 0, "ground force along x"),
-    ("force", 1, "ground force along y"),
-    ("force", 2, "ground force along z"),
-    ("momentum", 1, "angular momentum about y, less its mean"),
-    ("momentum", 0, "angular momentum about x, less its mean"),
-)
-"""Signal, axis and title."""
 
 
-def fit_page(
-    name: str,
-    sentence: str,
-    strides: Strides,
-    told: Mapping[str, Mapping[str, Array]],
-    tables: Sequence[Table],
-) -> str:
-    """A complete HTML document.
+def shown_in(signal: str, weight: float) -> tuple[float, str]:
+    """Factor and unit in which a signal of a body with a weight [N] is shown."""
+    factor, unit = display_unit({"z": "m", "f": "N", "m": "N m s"}[signal[0]], weight)
+    return factor, short_unit(unit)
 
-    Args:
-        name: of the log.
-        sentence: what was found.
-        strides: measured.
-        told: what every model says of them.
-        tables: below the pictures.
-    """
+
+def fit_page(name: str, sentence: str, strides: Strides, tables: Sequence[Table]) -> str:
+    """A complete HTML document on a log: what was found in a sentence, pictures, and tables below them."""
+    told = explained(strides)
     return render_page(
         "fit.html.j2",
         f"AMPM fitted to {name}",
         styles=["report.css"],
         sentence=sentence,
         keys=[("measured", MEASURED), *_MODELS.values()],
-        pictures=numbered(_picture(strides, told, *curve) for curve in _CURVES),
+        pictures=numbered(_picture(strides, told, signal) for signal in LABELS),
         tables=tables,
     )
 
 
-def _picture(
-    strides: Strides, told: Mapping[str, Mapping[str, Array]], group: str, k: int, title: str
-) -> Picture:
-    """One signal over the mean stride."""
-    units = {"zmp": (1e3, "mm"), "force": (100.0 / strides.weight, "% BW"), "momentum": (1.0, "N m s")}
-    scale, unit = units[group]
+def _picture(strides: Strides, told: dict[str, Array], signal: str) -> Picture:
+    """One signal over the mean stride, measured and by all models."""
+    column, (scale, unit) = EXPLAINED.index(signal), shown_in(signal, strides.weight)
     ends = np.append(0.0, np.cumsum(strides.durations.mean(axis=0)))
-    points = strides.zmp.shape[2]
+    points = strides.com.shape[2]
     time = (ends[:-1, None] + np.diff(ends)[:, None] * (np.arange(points) + 0.5) / points).ravel()
     motion = np.zeros((len(strides), time.size))
-    if group == "zmp":
-        motion += strides.com[..., k].mean(axis=(1, 2))[:, None]
-    if group == "zmp" and k == 0:
+    if signal.startswith("zmp"):
+        motion += strides.com[..., column].mean(axis=(1, 2))[:, None]
+    if signal == "zmp_x":
         motion += (np.ptp(strides.way, axis=1) / ends[-1])[:, None] * (time - time.mean())
 
     def drawn(values: Array) -> Array:
-        return scale * (values[..., k].reshape(len(strides), -1) - motion)
+        return scale * (values[..., column].reshape(len(strides), -1) - motion)
 
+    title = ", less ".join(filter(None, (LABELS[signal], _LESS.get(signal))))
     chart = new_charts(2.6)[0]
-    chart.title, chart.xlabel, chart.ylabel = title, "time from the start of left single support [s]", unit
-    curves = drawn(strides.measured[group])
-    low, high = np.quantile(curves, (0.025, 0.975), axis=0)
+    chart.name(title, unit, "time from the start of left single support [s]")
+    measured = drawn(strides.signals)
+    low, high = np.quantile(measured, (0.025, 0.975), axis=0)
     chart.band(time, low, high, MEASURED, opacity=0.25)
-    chart.line(time, curves.mean(axis=0), MEASURED, 2.2)
+    chart.line(time, measured.mean(axis=0), MEASURED, 2.2)
     for model, (_, color) in _MODELS.items():
-        dash = "" if model == "ampm" else DASHED
-        chart.line(time, drawn(told[model][group]).mean(axis=0), color, 1.2, dash=dash)
+        chart.line(time, drawn(told[model]).mean(axis=0), color, 1.2, dash="" if model == "ampm" else DASHED)
     for double in (ends[1:3], ends[3:5]):
-        chart.area(np.repeat(double, 2), (-np.inf, np.inf, np.inf, -np.inf), SHADE, below=True)
+        chart.shade(*double, SHADE)
     return Picture([chart], title)

@@ -13,14 +13,7 @@ _ENVIRONMENT = Environment(
 
 
 def render_page(template: str, title: str, *, styles: Sequence[str], **context: Any) -> str:
-    """Render a self-contained page.
-
-    Args:
-        template: name of its content among the templates.
-        title: of the page.
-        styles: names of style sheets among the templates, in order.
-        context: further variables of the template.
-    """
+    """Render a self-contained page from the names of its template and style sheets, and further variables."""
     css = Markup("".join(_LOADER.get_source(_ENVIRONMENT, name)[0] for name in styles))
     page = _ENVIRONMENT.get_template("page.html.j2")
     return page.render(template=template, title=title, css=css, **context)

@@ -51,13 +51,7 @@ def parse_width(text: str) -> float:
 
 
 def cite(what: str, environment: Mapping[str, Any], digest: str) -> Citation:
-    """How to cite a result.
-
-    Args:
-        what: was computed, with body and gait.
-        environment: of its run, see :func:`validation.store.environment.describe_environment`.
-        digest: SHA-256 of its files.
-    """
+    """How to cite what was computed, in this environment, with the SHA-256 of its files."""
     version = environment.get("versions", {}).get("ampm") or "of unknown version"
     commit = str(environment.get("revision") or "unknown")[:12]
     changed = ", with changes" if environment.get("modified") else ""
@@ -98,7 +92,7 @@ def write_paper(
     form: str = "pdf",
     width: float = 88.0,
     table_form: str | None = None,
-) -> list[Path]:
+) -> None:
     """Write everything into a folder, where equal names are replaced.
 
     Args:
@@ -110,29 +104,28 @@ def write_paper(
         width: of a column [mm]; wide figures span two.
         table_form: of the tables, one of :data:`TABLES`; None for none.
 
-    Returns:
-        The files.
-
     Raises:
         InputError: the folder is a file, or cannot be written.
     """
     check_target(folder, None, force=True)
-    files: dict[str, str | bytes] = {}
+    two = max(width, min(2.0 * width + GUTTER, _TEXT_WIDTH))
+    texts = {
+        "captions.txt": "".join(f"{figure.text}\n\n" for figure in figures),
+        "cite.txt": "".join(f"{item.text}\n" for item in citations),
+        "cite.bib": "\n".join(item.bibtex for item in citations),
+    }
+    if table_form:
+        texts[f"tables.{table_form}"] = as_text(tables, table_form)
+    files = {name: text.encode() for name, text in texts.items()}
     for figure in figures:
         slug = re.sub(r"\W+", "-", figure.label.lower()).strip("-")[:40].strip("-")
-        two = max(width, min(2.0 * width + GUTTER, _TEXT_WIDTH))
         points = (two if figure.wide else width) / _POINT
         drawn = figure.pgf(points) if form == "pgf" else figure.svg(points)
-        files[f"figure-{figure.number:02d}-{slug}.{form}"] = _pdf(drawn) if form == "pdf" else drawn
-    files["captions.txt"] = "".join(f"{figure.text}\n\n" for figure in figures)
-    if table_form:
-        files[f"tables.{table_form}"] = as_text(tables, table_form)
-    files["cite.txt"] = "".join(f"{item.text}\n" for item in citations)
-    files["cite.bib"] = "\n".join(item.bibtex for item in citations)
+        content = _pdf(drawn) if form == "pdf" else drawn.encode()
+        files[f"figure-{figure.number:02d}-{slug}.{form}"] = content
     for name, content in files.items():
         with output_file(folder / name) as work:
-            work.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return [folder / name for name in files]
+            work.write_bytes(content)
 
 
 def as_text(tables: Sequence[Table], form: str) -> str:

@@ -1,5 +1,6 @@
 """Pictures of a plan."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -19,30 +20,19 @@ _ABOVE: Any = {"loc": "lower left", "bbox_to_anchor": (-0.01, 1.0), "ncols": 5}
 """Place of a legend: above the axes, because curves fill them."""
 _ROUNDING = 1e-9
 _BEYOND = 0.7  # of the path of the COM, in which footsteps are drawn [m]
-_COLORS = {
-    "COM": "#1f77b4",
-    "DCM": "#5b6270",
-    "ZMP": "#2ca02c",
-    "x": "#1f77b4",
-    "y": "#d62728",
-    "z": "#5b6270",
-}
+_COLORS = {"COM": "#1f77b4", "DCM": "#5b6270", "ZMP": "#2ca02c"}
+_COLORS |= {"x": "#1f77b4", "y": "#d62728", "z": "#5b6270"}
 
 
 @style()
 def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
     """Draw a plan: COM, ZMP, ground force, moment and angular momentum over time, and the top view.
 
-    Of a periodic gait the first steps are drawn, as the others repeat them; of footsteps all.
-
-    Args:
-        plan: with soles if it is a :class:`StepPlan`.
-        path: of the picture; the suffix chooses the format.
-        title: heading, usually the gait's name.
+    Of a periodic gait the first steps are drawn, as the others repeat them; of footsteps all. The suffix of
+    the path chooses the format.
     """
     is_whole = plan.contacts.phases[0].kind == "double_support"  # it begins at rest
-    shown = plan.duration if is_whole else _SHOWN_STEPS * plan.constants.step_duration
-    duration = min(plan.duration, shown)
+    duration = min(plan.duration, math.inf if is_whole else _SHOWN_STEPS * plan.constants.step_duration)
     times = np.linspace(0.0, duration, _POINTS)
     sample = plan.sample(times)
     paths = {"COM": sample.com, "DCM": sample.dcm, "ZMP": sample.zmp}

@@ -4,7 +4,7 @@ Agreement and cost are shown together, because either alone is misleading. All t
 inline SVG.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -64,9 +64,9 @@ def render(saved: SavedRun) -> str:
     lost = outcome.name not in (OutcomeName.COMPLETED, OutcomeName.INTERRUPTED)
     headline = "out of tolerance" if verdict == "fail" else verdict.replace("_", " ")
     headline = headline if outcome.completed else f"{outcome.name}, {headline}"
-    pictures = {}
-    if len(saved.signals) > 1:
-        pictures = RunFigures(saved, plan).sections()
+    pictures = RunFigures(saved, plan).sections() if len(saved.signals) > 1 else {}
+    # Without touch-downs and lift-offs.
+    events = [(f"{time:.3f} s", text) for time, level, text in sorted(run_events(saved)) if level != "DEBUG"]
     return render_page(
         "report.html.j2",
         f"{saved.title}: {headline}",
@@ -86,13 +86,13 @@ def render(saved: SavedRun) -> str:
         cost=cost_table(summary),
         limits=_limits(summary),
         reported=reported_table(summary),
-        windows=Table("", _WINDOW_COLUMNS, list(_window_rows(summary))),
+        windows=_windows(summary),
         split=split_table(summary["zmp_error_split"]),
         parameters=dump_run(saved.parameters),
         others=dump_json({name: summary[name] for name in _OTHERS}),
         pictures=pictures,
         citation=cite_run(saved),
-        events=_events(saved),
+        events=Table("", ("time", "event"), events),
     )
 
 
@@ -142,27 +142,21 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
 
 def _limits(summary: Summary) -> Table:
     """Every judged metric with its first step, which is not judged, and the reason of its tolerance."""
-    judged = [item for item in summary["metrics"].values() if item["tolerance"] is not None]
     rows = []
-    for item in judged:
-        values = [_displayed(summary, item, key) for key in ("value", "first_step", "tolerance")]
-        rows.append((item["label"], *values, item["reason"] or ""))
+    for item in summary["metrics"].values():
+        if item["tolerance"] is not None:
+            scale, unit = display_unit(item["unit"], summary["scales"]["body_weight"])
+            values = (item[key] for key in ("value", "first_step", "tolerance"))
+            cells = [
+                f"{_scaled(v, scale, 4)} {short_unit(unit)}".rstrip() if v is not None else "" for v in values
+            ]
+            rows.append((item["label"], *cells, item["reason"] or ""))
     return Table("", ("metric", ">value", ">first step", ">tolerance", "reason of the tolerance"), rows)
 
 
-def _displayed(summary: Summary, metric: Summary, key: str) -> str:
-    """An SI value of a metric in the unit of reports; empty where there is none."""
-    if metric[key] is None:
-        return ""
-    scale, unit = display_unit(metric["unit"], summary["scales"]["body_weight"])
-    return f"{_scaled(metric[key], scale, 4)} {short_unit(unit)}".rstrip()
-
-
-_WINDOW_COLUMNS = ("signal", "window", ">RMSE", ">largest", ">bias", "unit", ">R²")
-
-
-def _window_rows(summary: Summary) -> Iterator[tuple[str, ...]]:
+def _windows(summary: Summary) -> Table:
     """Statistics of every signal by planned phase and by measured contact."""
+    rows = []
     for name, windows in summary["statistics"].items():
         label = SIGNALS[name].label
         if SIGNALS[name].reference != "plan":
@@ -172,8 +166,9 @@ def _window_rows(summary: Summary) -> Iterator[tuple[str, ...]]:
             if entry["count"]:
                 scale, unit = display_unit(entry["unit"], summary["scales"]["body_weight"])
                 values = [_scaled(entry[key], scale) for key in ("rmse", "maximum", "bias")]
-                yield label, words, *values, short_unit(unit), format_number(entry["r2"], 5)
+                rows.append((label, words, *values, short_unit(unit), format_number(entry["r2"], 5)))
                 label = ""
+    return Table("", ("signal", "window", ">RMSE", ">largest", ">bias", "unit", ">R²"), rows)
 
 
 def _scaled(value: float | str | None, scale: float, digits: int = 3) -> str:
@@ -182,19 +177,10 @@ def _scaled(value: float | str | None, scale: float, digits: int = 3) -> str:
 
 def split_table(split: Summary) -> Table:
     """Causes of the ZMP error; shares are of the squared error."""
-    rows = [
-        (
-            label,
-            *(_scaled(value, 1e3) for value in split["rmse"][part]),
-            *(_scaled(value, 100.0, 2) for value in split["share"][part]),
-        )
-        for part, label in PARTS.items()
-    ]
+    rows = []
+    for part, label in PARTS.items():
+        rms, shares = split["rmse"][part], split["share"][part]
+        cells = [_scaled(value, 1e3) for value in rms] + [_scaled(value, 100.0, 2) for value in shares]
+        rows.append((label, *cells))
     columns = ("cause", ">RMS x [mm]", ">RMS y [mm]", ">share x [%]", ">share y [%]")
     return Table("causes of the ZMP error", columns, rows)
-
-
-def _events(saved: SavedRun) -> Table:
-    """What happened, but for touch-downs and lift-offs."""
-    events = [(f"{time:.3f} s", text) for time, level, text in sorted(run_events(saved)) if level != "DEBUG"]
-    return Table("", ("time", "event"), events)

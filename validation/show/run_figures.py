@@ -17,7 +17,7 @@ from validation.judge.compare import SIGNALS
 from validation.judge.margins import clearance_over_time
 from validation.judge.metrics import display_unit
 from validation.show.chart import DASHED, WIDTH, Chart, Picture, decimate, new_charts, numbered
-from validation.show.curves import CURVES, DIFFERENCES, VELOCITIES, Curve, Difference
+from validation.show.curves import CURVES, DIFFERENCES, VELOCITIES, Curve
 from validation.show.style import BAD, COMMAND, FAINT, GOOD, INK, LEFT, MEASURED, PARTS, PLAN, RIGHT, SHADE
 from validation.show.walker import draw_walker
 from validation.store.saved import SavedRun
@@ -30,15 +30,6 @@ _KINDS = (("plan", PLAN, 2.4, ""), ("command", COMMAND, 1.1, DASHED), ("measured
 """Kind, colour, width and dashes of a curve, told apart in grey, too; the plan is below the others."""
 _DASHES = ("", DASHED, "1 2")
 """Dashes of the components of a vector."""
-_UPWARD = (-np.inf, np.inf, np.inf, -np.inf)
-"""Heights of the corners of an area from edge to edge."""
-_SECTIONS = {
-    "zmp": ("zmp_x", "zmp_y"),
-    "force": ("force_x", "force_y", "force_z"),
-    "momentum": ("angular_momentum_x", "angular_momentum_y", "angular_momentum_z"),
-}
-"""Section of the page to its curves."""
-_DIFFERENCES = {"com": "residual/com", "check": "selfcheck/zmp", "cost": "feedback/zmp"}
 
 
 def strides(signals: Signals) -> list[slice]:
@@ -62,52 +53,36 @@ def shade_double_support(chart: Chart, signals: Signals, window: slice, *, from_
         a, b = max(a, window.start), min(b, window.stop)
         if a < b and signals["phase"][a] == "double_support":
             begin = float(signals.time[a]) - first
-            ends = [begin, begin + (b - a) * step]
-            chart.area(np.repeat(ends, 2), _UPWARD, SHADE, below=True)
+            chart.shade(begin, begin + (b - a) * step, SHADE)
 
 
 class RunFigures:
-    """Draws the pictures of one run; what was not measured has none.
-
-    Attributes:
-        saved: the run.
-        plan: evaluated again, None if that cannot be done.
-        signals: of the run.
-        window: rows of the stride that is shown.
-        weight: of the body [N].
-    """
+    """Draws the pictures of one run; what was not measured has none, what was not planned is not drawn."""
 
     def __init__(self, saved: SavedRun, plan: StepPlan | None) -> None:
         self.saved, self.plan, self.signals = saved, plan, saved.signals
-        self.window = middle(self.signals)
-        self.weight = saved.record.mass * saved.record.gravity
+        self.window = middle(self.signals)  # rows of the stride that is shown
+        self.weight = saved.record.mass * saved.record.gravity  # [N]
 
     def sections(self) -> dict[str, list[Picture]]:
         """All pictures with their numbers, by section, in the order of the page."""
-        found: dict[str, list[Picture]] = {"walker": []}
-        for section, columns in _SECTIONS.items():
-            curves = [CURVES[name] for name in columns]
-            found[section] = [
-                self.tracking(curve) for curve in curves if self._has(f"measured_{curve.column}")
-            ]
-            if section == "zmp":
-                if self.saved.summary.get("ahead", {}).get("judged"):
-                    found["zmp"].append(self.ahead())
-                found["above"] = [self.top_view()]
-                alone = self.saved.is_log or self.saved.is_free
-                found["split"] = [] if alone else [self.causes(axis) for axis in "xy"]
-            elif section == "force":
-                found["contact"] = [] if self.saved.is_log else [self.contact_timeline()]
-        for section, entity in _DIFFERENCES.items():
-            gap = DIFFERENCES[entity]
-            there = self._has(f"{gap.minuend}_x") and self._has(f"{gap.subtrahend}_x")
-            found[section] = [self.difference(gap)] if there else []
-        if self.saved.is_free:
-            found["velocity"] = [self.velocity()]
-        if not self.saved.is_log:
-            poses = draw_walker(self.saved, self.plan, self.window)
-            found["walker"] = [self.walker(poses)] if poses else []
-            found["cost"] = [self.torque_use(), self.clearance(), *found["cost"]]
+        is_log, is_free = self.saved.is_log, self.saved.is_free
+        poses = [] if is_log else draw_walker(self.saved, self.plan, self.window)
+        moved = self.saved.summary.get("ahead", {}).get("judged")
+        found = {
+            "walker": [self.walker(poses)] if poses else [],
+            "zmp": self.tracked("zmp", "xy") + ([self.ahead()] if moved else []),
+            "above": [self.top_view()],
+            "split": [] if is_log or is_free else [self.causes(axis) for axis in "xy"],
+            "force": self.tracked("force", "xyz"),
+            "contact": [] if is_log else [self.contact_timeline()],
+            "momentum": self.tracked("angular_momentum", "xyz"),
+            "com": self.differing("residual/com"),
+            "check": self.differing("selfcheck/zmp"),
+            "cost": [] if is_log else [self.torque_use(), self.clearance()],
+            "velocity": [self.velocity()] if is_free else [],
+        }
+        found["cost"] += self.differing("feedback/zmp")
         every = iter(numbered(item for pictures in found.values() for item in pictures))
         return {section: [next(every) for _ in pictures] for section, pictures in found.items()}
 
@@ -130,8 +105,13 @@ class RunFigures:
                 chart.line(*decimate(self.signals.time, values), color, 1.3, label=kind)
             low, high = (float(ends[1]) for ends in chart.limits())
             chart.ylim = min(low, -0.1), max(high, 0.1)  # rounding is no velocity
-            _finish(chart, title, f"[{unit}]")
+            chart.name(title, f"[{unit}]")
         return Picture(charts, "Commanded and measured velocity", wide=True)
+
+    def tracked(self, name: str, axes: str) -> list[Picture]:
+        """The components of a signal that were measured."""
+        columns = [f"{name}_{axis}" for axis in axes]
+        return [self.tracking(CURVES[column]) for column in columns if self._has(f"measured_{column}")]
 
     def tracking(self, curve: Curve) -> Picture:
         """Error over one stride, large; below it plan and measurement, and the error over the whole run.
@@ -154,11 +134,9 @@ class RunFigures:
         self._signal(lower, curve, curve.title)
         shade_double_support(large, signals, rows)
         title = f"Error of {SIGNALS[name].label}"
-        _finish(large, f"{title}, two steps", f"[{short_unit(unit)}]")
+        large.name(f"{title}, two steps", f"[{short_unit(unit)}]")
         self._finish_run(whole, f"{title}, whole run", f"[{short_unit(unit)}]")
-        caption = (
-            "Of the whole-body motion, as the AMPM does not plan it." if curve.reference == "motion" else ""
-        )
+        caption = "Of the whole-body motion, as the AMPM does not plan it." * (curve.reference == "motion")
         return Picture(charts, f"{curve.title}: error, plan and measurement", caption)
 
     def _signal(self, chart: Chart, curve: Curve, title: str) -> Chart:
@@ -176,7 +154,7 @@ class RunFigures:
                 values, label = curve.values(signals, kind)[rows], kind.replace("_", " ")
                 chart.line(*decimate(time, values), color, width, dash=dash, label=label)
         shade_double_support(chart, signals, rows)
-        _finish(chart, title, f"[{curve.unit}]")
+        chart.name(title, f"[{curve.unit}]")
         return chart
 
     def ahead(self) -> Picture:
@@ -189,19 +167,22 @@ class RunFigures:
             chart.dots(ahead["lead"], values, color, 5.0)
         chart.instant(ahead["judged"], FAINT, dash=DASHED)
         chart.ylim = (0.0, None)
-        _finish(chart, "ZMP, RMS error from the plan as it stood before", "[mm]", "age of the plan [s]")
+        chart.name("ZMP, RMS error from the plan as it stood before", "[mm]", "age of the plan [s]")
         caption = "Dashed: the age by which this walk is judged."
         return Picture(charts, "RMS error of the ZMP by the age of the plan", caption)
 
-    def difference(self, gap: Difference) -> Picture:
-        """Difference of two vectors, over the whole run."""
+    def differing(self, entity: str) -> list[Picture]:
+        """Difference of two vectors, over the whole run; none where one was not measured."""
+        gap = DIFFERENCES[entity]
+        if not (self._has(f"{gap.minuend}_x") and self._has(f"{gap.subtrahend}_x")):
+            return []
         (chart,) = charts = new_charts(2.3)
         chart.level(0.0, FAINT)
         values = gap.values(self.signals, self.weight)
         for name, part, color, dash in zip(gap.axes, values.T, PARTS, _DASHES, strict=False):
             chart.line(*decimate(self.signals.time, part), color, 0.9, dash=dash, label=name)
         self._finish_run(chart, gap.title, f"[{short_unit(gap.unit)}]")
-        return Picture(charts, gap.title)
+        return [Picture(charts, gap.title)]
 
     def causes(self, axis: str) -> Picture:
         """Causes of the ZMP error over one stride, stacked, with the error itself as a line."""
@@ -217,7 +198,7 @@ class RunFigures:
                 chart.band(time, tops[k] - half[k], tops[k], color, opacity=1.0, label=label)
         chart.line(time, parts.sum(axis=0), INK, 1.1, label="error")
         shade_double_support(chart, self.signals, self.window)
-        _finish(chart, "", f"error along {axis} [mm]")
+        chart.name("", f"error along {axis} [mm]")
         return Picture(charts, f"Causes of the ZMP error along {axis}, stacked")
 
     def top_view(self, steps: int = 4) -> Picture:
@@ -246,7 +227,7 @@ class RunFigures:
                 x, y = self.signals.vector(f"{kind}_com", "xy")[rows].T
                 chart.line(x, y, color, dash="1 2", label=f"COM, {kind}")
         chart.equal = True
-        _finish(chart, "", "y, left [m]", "x, forward [m]")
+        chart.name("", "y, left [m]", "x, forward [m]")
         caption = "The whole walk." if is_whole else "Four steps from the middle of the run."
         return Picture(charts, "ZMP and COM over the footprints, seen from above", caption, wide=True)
 
@@ -271,7 +252,7 @@ class RunFigures:
                     _draw_bars(chart, time, planned[foot].contact[:, group], at, 0.07, INK)
         shade_double_support(chart, self.signals, self.window)
         chart.ylim = (min(chart.yticks.values(), default=0.0) - 0.5, 0.5)
-        _finish(chart, "", "")
+        chart.name("", "")
         caption = "Bars: measured." if planned is None else "Bars: measured; thin lines: planned."
         return Picture(charts, "Contact of heel, ball and tip of both feet", caption)
 
@@ -289,7 +270,7 @@ class RunFigures:
         chart.yticks = {record.joint_names[index]: -row for row, index in enumerate(order)}
         chart.xlim = (0.0, max(100.0, 1.05 * float(peak.max())))
         chart.instant(100.0, BAD, 0.9, dash=DASHED)
-        _finish(chart, "The busiest motors", "", "torque [% of the motor's limit]")
+        chart.name("The busiest motors", "", "torque [% of the motor's limit]")
         return Picture(charts, "Torque of the busiest motors")
 
     def clearance(self) -> Picture:
@@ -300,7 +281,7 @@ class RunFigures:
         chart.line(*decimate(time, 1e3 * gaps.distance), MEASURED, 0.9)
         limit = 1e3 * CLEARANCE
         chart.level(limit, BAD, 0.9, dash=DASHED, label=f"limit, {limit:g} mm")
-        chart.ylim = (min(0.0, 1.1e3 * float(gaps.distance.min())), None)
+        chart.ylim = min(0.0, 1.1e3 * float(gaps.distance.min())), None
         self._finish_run(chart, "Least distance of two parts of the body", "[mm]")
         closest = gaps.parts[int(gaps.distance.argmin())]
         caption = f"Arms, legs and trunk; {1e3 * REACH:g} mm where nothing is nearer."
@@ -328,12 +309,7 @@ class RunFigures:
         end = 0 if self.saved.from_rest else self.signals.first_step()
         if 0 < end < len(self.signals):
             chart.instant(float(self.signals.time[end]), FAINT, 0.8, dash="1 2")
-        _finish(chart, title, ylabel)
-
-
-def _finish(chart: Chart, title: str, ylabel: str, xlabel: str = "time [s]") -> None:
-    """Labels of a chart."""
-    chart.title, chart.xlabel, chart.ylabel = title, xlabel, ylabel
+        chart.name(title, ylabel)
 
 
 def _draw_bars(

@@ -17,15 +17,10 @@ def print_line(text: str | Text = "", style: str = "") -> None:
     )
 
 
-def judged(verdict: str) -> Text:
-    """The word of a verdict in its colour: green, red, or yellow if undecided."""
-    return Text(verdict, COLORS.get(verdict.lower(), "yellow" if verdict else ""))
-
-
 def print_verdict(name: str, verdict: str, reason: str) -> None:
-    """Print a verdict on one line, with its reason."""
-    word = f"{name}: {verdict.replace('_', ' ').upper()}"
-    print_line(Text.assemble((word, f"bold {judged(verdict).style}"), f"  {reason}"))
+    """Print a verdict in its colour on one line, with its reason."""
+    word, color = f"{name}: {verdict.replace('_', ' ').upper()}", COLORS.get(verdict, "yellow")
+    print_line(Text.assemble((word, f"bold {color}"), f"  {reason}"))
 
 
 def format_value(value: Any) -> str:

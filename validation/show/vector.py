@@ -28,6 +28,7 @@ class Shape(NamedTuple):
     opacity: float = 1.0  # [1]
     round: bool = False  # whether ends are round, as of a dot
     window: tuple[float, ...] = ()  # left, top, width, height [pt], beyond which nothing is drawn
+    label: str = ""  # in the legend of a chart; empty for none
 
 
 class Word(NamedTuple):
@@ -42,14 +43,7 @@ class Word(NamedTuple):
 
 
 def svg(items: Iterable[Shape | Word], width: float, height: float, *, embed: bool = False) -> str:
-    """A picture as SVG.
-
-    Args:
-        items: the lowest first.
-        width: [pt].
-        height: [pt].
-        embed: whether the letters that it needs are in it, for a file that is read anywhere.
-    """
+    """A picture of a width and height [pt] as SVG, the lowest item first; ``embed`` puts its letters in."""
     items = list(items)
     parts = []
     for number, (window, inside) in enumerate(groupby(items, lambda item: getattr(item, "window", ()))):

@@ -9,11 +9,7 @@ from ampm.exceptions import InputError
 
 
 def show_recording(recording: Path, *, web: bool = False) -> int:
-    """Open one recording and wait until the viewer is closed.
-
-    Args:
-        recording: file to open.
-        web: show it in a web browser instead of a window.
+    """Open one recording, with ``web`` in a browser; wait until the viewer is closed.
 
     Returns:
         The viewer's exit status.
@@ -22,11 +18,7 @@ def show_recording(recording: Path, *, web: bool = False) -> int:
 
 
 def viewer_command(recording: Path, *, web: bool = False) -> list[str]:
-    """Command line of the viewer.
-
-    Args:
-        recording: file to open.
-        web: serve it to browsers of this machine.
+    """Command line of the viewer, with ``web`` for browsers of this machine.
 
     Raises:
         InputError: there is no display for the viewer's window.

@@ -89,15 +89,9 @@ def _phase(signals: Signals, row: int) -> str:
 def _draw_pose(
     chart: Chart, model: mujoco.MjModel, q: Array, signals: Signals, axes: Array, floor: float
 ) -> None:
-    """What is seen of one instant by someone on the right of the body, about the COM.
+    """What is seen of one instant by someone on the right of the body, about the COM; forward, upward [m].
 
-    Args:
-        chart: to draw into; forward [m], upward [m].
-        model: the body.
-        q: its configuration.
-        signals: one row, of this instant.
-        axes: forward and left, by columns, shape (2, 2).
-        floor: height of the floor [m].
+    The signals have one row. Axes are forward and left by columns, shape (2, 2), the floor is a height [m].
     """
     plane = np.stack([[*axes[:, 0], 0.0], [0.0, 0.0, 1.0]])
     com = signals.vector("measured_com")[0]
@@ -140,17 +134,7 @@ def _colors(model: mujoco.MjModel) -> list[str]:
 
 
 def outline(model: mujoco.MjModel, data: mujoco.MjData, geom: int, plane: Array) -> Array:
-    """Outline of a shape in a plane: its farthest points in many directions.
-
-    Args:
-        model: the body.
-        data: its pose.
-        geom: the shape.
-        plane: axes of the plane (2, 3).
-
-    Returns:
-        Corners (n, 2) [m].
-    """
+    """Corners (n, 2) [m] of a shape in a plane with axes (2, 3): its farthest points in many directions."""
     centre, turned = data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3)
     size, kind = model.geom_size[geom], model.geom_type[geom]
     local = _OUTLINE @ plane @ turned  # the directions in the shape's axes

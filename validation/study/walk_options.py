@@ -3,7 +3,7 @@
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -64,10 +64,10 @@ def walk_request(request: Request, profile: str = "default") -> Trial:
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
         planned = plan_walk(request)
-    trial = walk_planned(planned, find_profile(profile), seconds=seconds)
+    trial = walk_planned(planned, find_profile(profile))
     if trial.record.outcome.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
-    return trial
+    return replace(trial, seconds={**seconds, **trial.seconds})
 
 
 def keep_run(folder: str, **options: Any) -> Row:

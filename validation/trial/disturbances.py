@@ -18,6 +18,7 @@ from ampm.description import BodyDescription
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import DisturbanceParameters, RunParameters
+from ampm.section import unknown
 from ampm.walk import ControlOutput
 from validation.trial.users import UsersCode, load_object, real_numbers
 
@@ -45,9 +46,7 @@ class Plant:
             InputError: there is no such segment.
         """
         if segment not in self._segments:
-            raise InputError(
-                f"the body has no segment {segment!r} to push; take one of {', '.join(self._segments)}."
-            )
+            raise unknown(segment, self._segments, "segment to push")
         return self._segments[segment]
 
     def position(self, segment: str) -> Array:

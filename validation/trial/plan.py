@@ -32,6 +32,7 @@ from validation.trial.users import (
     load_planner,
     planner_problem,
     real_numbers,
+    replan_period,
 )
 
 if TYPE_CHECKING:
@@ -293,7 +294,6 @@ def plan_walk(
     # Imported here: Pinocchio is slow to load.
     from ampm.planners import FootstepPlanner
     from ampm.walk import WalkPlan
-    from validation.trial.references import replan_period
 
     if planner is None and run.footsteps and run.gait.planner == "ampm":
         planner = FootstepPlanner()

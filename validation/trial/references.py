@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
 from validation.trial.followed import LEADS
 from validation.trial.frozen_plan import NEXT, PUSHED_OUTSIDE, FrozenPlan, check_contacts
 from validation.trial.physics import Physics
-from validation.trial.users import UsersCode, planner_problem
+from validation.trial.users import UsersCode, planner_problem, replan_period
 
 _CHECKED = ("com", "com_velocity", "com_acceleration", "foot_position", "q", "v", "acceleration")
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]
@@ -148,17 +147,6 @@ class References(Course):
         if self._last is not None and _jumps(table[0], self._last):
             table = table.replace(jumps=np.r_[False, True, table.jumps[2:]])
         return table.part(len(steps) - len(ticks), len(steps))
-
-
-def replan_period(planner: Any) -> float:
-    """Time from one call of a planner's ``replan`` to the next; infinite if there is none [s]."""
-    if not hasattr(planner, "replan"):
-        return math.inf
-    with UsersCode("planner", planner):
-        period = float(getattr(planner, "replan_period", 0.0))
-        if not period >= 0.0:
-            raise ValueError(f"its replan_period is {period} s; give a number of seconds, 0 or more")
-    return period
 
 
 def _jumps(new: Reference, old: Reference) -> bool:

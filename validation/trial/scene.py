@@ -18,6 +18,7 @@ from ampm.geometry import Array
 from ampm.parameters import DisturbanceParameters, RunParameters
 from ampm.planner.contacts import LEVEL, Contacts, Footstep, footprint
 from ampm.planner.heights import Ground, uneven
+from ampm.section import unknown
 from models.scene import BodyModel
 
 _FAR = 1e3  # half the size of the floor of a scene with edges [m]
@@ -82,12 +83,8 @@ def _change_masses(root: ElementTree.Element, body: BodyModel, wanted: Disturban
     for name in names:
         item = segments.get(body.description.trunk_segment if name == "chest" else name)
         if item is None:
-            known = ", ".join(["all", "chest", *segments])
-            raise InputError(
-                f"disturbance.mass_segment = {name!r} is not a segment of the body; take some of {known}.",
-                key="disturbance.mass_segment",
-                value=name,
-            )
+            known, key = ["all", "chest", *segments], "disturbance.mass_segment"
+            raise unknown(name, known, f"segment in {key}", key=key, value=name)
         for inertial in item.iterfind("inertial"):
             for key in ("mass", "diaginertia", "fullinertia"):
                 _scale(inertial, key, 1.0 + wanted.mass_change, all_of_it=True)

@@ -2,6 +2,7 @@
 
 import inspect
 import io
+import math
 import sys
 import traceback
 from collections.abc import Callable, Mapping
@@ -117,7 +118,7 @@ class Role:
     name: str  # of the part; installed packages add classes by entry points of the group `ampm.NAMEs`
     key: str  # of the run's parameters, that names the class
     options: str  # table of the parameters with the class's options
-    known: Mapping[str, str]  # the project's names, and their `module:Class`; empty for what is no class
+    known: Mapping[str, str]  # the project's names, and their `module:Class`; empty for what is not a class
     arguments: int  # number of arguments that a class gets before its options
     otherwise: str = "MODULE:CLASS"  # what may stand in the place of a name, for messages
 
@@ -259,6 +260,17 @@ def planner_problem(made: Any) -> str:
             "plan of your own by ampm.make_plan"
         )
     return text
+
+
+def replan_period(planner: Any) -> float:
+    """Time from one call of a planner's ``replan`` to the next; infinite if there is none [s]."""
+    if not hasattr(planner, "replan"):
+        return math.inf
+    with UsersCode("planner", planner):
+        period = float(getattr(planner, "replan_period", 0.0))
+        if not period >= 0.0:
+            raise ValueError(f"its replan_period is {period} s; give a number of seconds, 0 or more")
+    return period
 
 
 def read_columns(path: Path) -> dict[str, NDArray[Any]]:

@@ -18,11 +18,7 @@ def segment_entity(model: mujoco.MjModel, body: int) -> str:
 
 
 def segment_poses(model: mujoco.MjModel, q: Array) -> tuple[Array, Array]:
-    """Where the segments are, by forward kinematics.
-
-    Args:
-        model: compiled model.
-        q: configurations, shape (N, nq).
+    """Where the segments are, by forward kinematics of configurations, shape (N, nq).
 
     Returns:
         Positions (N, nbody, 3) [m], and quaternions x, y, z, w (N, nbody, 4).

@@ -16,13 +16,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import compress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from ampm.geometry import Array, convex_hull
 from ampm.planner.contacts import footprint
@@ -69,47 +68,8 @@ _AXES: dict[str, Color] = {"x": (255, 99, 99, 255), "y": (120, 220, 120, 255), "
 _FEET = {"left": LEFT, "right": RIGHT}
 
 
-class _Log:
-    """One recording stream with the project's conventions: column-wise data on both timelines."""
-
-    def __init__(self, stream: rr.RecordingStream, saved: SavedRun) -> None:
-        self.stream = stream
-        self.pace = _gait_phase(saved.signals, saved.record.outcome.time)
-
-    def static(self, entity: str, *archetypes: Any) -> None:
-        for archetype in archetypes:
-            self.stream.log(entity, archetype, static=True)
-
-    def columns(self, entity: str, times: Array, columns: Iterable[Any]) -> None:
-        # Rounded: the SDK cuts seconds off to nanoseconds, and 2.05 s would become 2.049999999 s.
-        indexes = [
-            rr.TimeColumn(name, duration=np.round(1e9 * np.asarray(at)).astype("timedelta64[ns]"))
-            for name, at in ((TIMELINE, times), (PHASE, np.interp(times, *self.pace)))
-        ]
-        self.stream.send_columns(entity, indexes=indexes, columns=columns)
-
-    def shapes(
-        self, entity: str, times: Array, kind: Any, color: Color, radius: float, **parts: Array
-    ) -> None:
-        """Send one shape per picture; none where it is not defined."""
-        self.static(entity, kind.from_fields(colors=[color], radii=[radius]))
-        there = np.logical_and.reduce([np.isfinite(part).all(axis=1) for part in parts.values()])
-        shown = kind.columns(**{name: part[there] for name, part in parts.items()})
-        self.columns(entity, times, shown.partition(there.astype(int)))
-
-    def series(self, entity: str, times: Array, values: Array, lines: Mapping[str, Color]) -> None:
-        """Send ``values`` (N, k) as one wide entity: a third of the size of k narrow ones.
-
-        Args:
-            entity: name.
-            times: shape (N,) [s].
-            values: a gap is a NaN, which the plots leave out.
-            lines: name and colour of every column.
-        """
-        # The plan is a broad line below the others, to stay visible where they agree.
-        widths = [4.0 if name == "plan" else 1.5 for name in lines]
-        self.static(entity, rr.SeriesLines(names=list(lines), colors=list(lines.values()), widths=widths))
-        self.columns(entity, times, rr.Scalars.columns(scalars=np.ascontiguousarray(values)))
+Lines = Mapping[str, Color]
+"""Name to colour of the columns of an entity."""
 
 
 def write_recording(run: str | Path | SavedRun) -> Path:
@@ -126,20 +86,19 @@ def write_recording(run: str | Path | SavedRun) -> Path:
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path = saved.directory / RECORDING_FILE
-    frames = _pictures(saved)
-    times, curves = _curves(saved) if len(frames.time) else (np.zeros(0), {})
+    times, curves = _curves(saved) if len(saved.signals) else (np.zeros(0), {})
     ranges = {entity: axis_range(values) for entity, (values, _) in curves.items()}
     with open_stream("ampm", "ampm-run", path, run_blueprint(ranges)) as stream:
         log = _Log(stream, saved)
         log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
         if not saved.is_log:
-            _log_body(log, saved.model(), frames)
-        if len(frames.time):
-            _log_ground(log, saved, frames, saved.plan())
+            log.body(saved.model())
+        if len(log.times):
+            log.ground(saved.plan())
             for entity, (values, lines) in curves.items():
                 log.series(entity, times, values, lines)
-            _log_states(log, saved.signals)
+            log.lanes()
         instants, levels, texts = zip(*sorted(run_events(saved), key=lambda event: event[0]), strict=True)
         words = rr.TextLog.columns(text=[plain_text(text) for text in texts], level=levels)
         log.columns("events", np.array(instants), words)
@@ -163,6 +122,162 @@ def open_stream(name: str, key: str, path: Path, blueprint: rrb.Blueprint) -> It
         work.write_bytes(memory.drain_as_bytes())
 
 
+class _Log:
+    """A recording stream: column-wise data of one run on both timelines; N pictures at ``times`` [s]."""
+
+    def __init__(self, stream: rr.RecordingStream, saved: SavedRun) -> None:
+        self.stream, self.saved, self.record = stream, saved, saved.record
+        self.pace = _gait_phase(saved.signals, saved.record.outcome.time)
+        least = max(1.0 / PICTURE_RATE, saved.record.outcome.time / MOST_PICTURES)
+        if saved.is_log:
+            self.states = np.zeros(0, np.intp)
+            rows = np.arange(0, len(saved.signals), _stride(saved.record.time_step, least))
+        else:  # of which the folder has state and signals; the signals have no row at the end
+            states = saved.record.state_rows[:-1]
+            steps, drawn, rows = np.intersect1d(states, saved.signal_steps, return_indices=True)
+            part = slice(None, None, _stride(steps[1:2].sum() * saved.record.time_step, least))
+            self.states, rows = drawn[part], rows[part]
+        self.signals = saved.signals.take(rows)
+        self.times = saved.signals.time[rows]
+
+    def static(self, entity: str, *archetypes: Any) -> None:
+        for archetype in archetypes:
+            self.stream.log(entity, archetype, static=True)
+
+    def columns(self, entity: str, times: Array, columns: Iterable[Any]) -> None:
+        # Rounded: the SDK cuts seconds off to nanoseconds, and 2.05 s would become 2.049999999 s.
+        indexes = [
+            rr.TimeColumn(name, duration=np.round(1e9 * np.asarray(at)).astype("timedelta64[ns]"))
+            for name, at in ((TIMELINE, times), (PHASE, np.interp(times, *self.pace)))
+        ]
+        self.stream.send_columns(entity, indexes=indexes, columns=columns)
+
+    def shapes(self, entity: str, kind: Any, color: Color, radius: float, **parts: Array) -> None:
+        """Send one shape per picture; none where it is not defined."""
+        self.static(entity, kind.from_fields(colors=[color], radii=[radius]))
+        there = np.logical_and.reduce([np.isfinite(part).all(axis=1) for part in parts.values()])
+        shown = kind.columns(**{name: part[there] for name, part in parts.items()})
+        self.columns(entity, self.times, shown.partition(there.astype(int)))
+
+    def arrow(self, entity: str, origin: Array, force: Array, color: Color, radius: float) -> None:
+        """Send one force [N] per picture."""
+        self.shapes(entity, rr.Arrows3D, color, radius, origins=origin, vectors=force * FORCE_SCALE)
+
+    def series(self, entity: str, times: Array, values: Array, lines: Lines) -> None:
+        """Send ``values`` (N, k) as one wide entity, a third of the size of k narrow ones; NaN is a gap."""
+        # The plan is a broad line below the others, to stay visible where they agree.
+        widths = [4.0 if name == "plan" else 1.5 for name in lines]
+        self.static(entity, rr.SeriesLines(names=list(lines), colors=list(lines.values()), widths=widths))
+        self.columns(entity, times, rr.Scalars.columns(scalars=np.ascontiguousarray(values)))
+
+    def body(self, model: mujoco.MjModel) -> None:
+        """Segments of the model, moved by forward kinematics of the recorded q."""
+        for entity, parts in segment_shapes(model).items():
+            self.static(entity, *parts)
+        position, quaternion = segment_poses(model, self.record.q[self.states])
+        for body in range(1, model.nbody):
+            poses = rr.Transform3D.columns(translation=position[:, body], quaternion=quaternion[:, body])
+            self.columns(segment_entity(model, body), self.times, poses)
+
+    def ground(self, plan: StepPlan | None) -> None:
+        """Soles, support polygon, ZMPs, forces and COM."""
+        signals, times = self.signals, self.times
+        # The views follow this frame, so that the body stays in view and the floor moves.
+        follow = signals.vector("plan_com") * (1.0, 0.0, 0.0)
+        if self.saved.is_free:
+            follow = signals.vector("measured_com") * (1.0, 1.0, 0.0)
+        self.columns("world/follow", times, rr.Transform3D.columns(translation=follow))
+        floor = np.zeros(len(times)) if self.saved.is_log else self.soles()
+        zmp = {kind: _on_floor(signals.vector(f"{kind}_zmp", "xy"), floor) for kind in SERIES}
+        # Concentric from above: the smaller ones are higher.
+        sizes = (0.016, 0.01), (0.011, 0.03), (0.007, 0.05)
+        for (kind, color), (size, lift) in zip(SERIES.items(), sizes, strict=True):
+            place = zmp[kind] + (0.0, 0.0, lift)
+            self.shapes(f"world/floor/zmp/{kind}", rr.Points3D, color, size, positions=place)
+        # The plan's arrow is thin and a third longer, to stay visible where both agree.
+        for kind, scale, width, size, lift in (
+            ("plan", 1.33, 0.006, 0.004, 0.0),
+            ("measured", 1.0, 0.013, 0.002, 0.002),
+        ):
+            color, path = SERIES[kind], signals.vector(f"{kind}_com")
+            self.arrow(
+                f"world/force/{kind}", zmp[kind], scale * signals.vector(f"{kind}_force"), color, width
+            )
+            # From above everything is drawn on the floor: nearer objects would hide the ZMP.
+            shadow, rise = _on_floor(path[:, :2], floor), np.array([0.0, 0.0, lift])
+            self.shapes(f"world/com/{kind}", rr.Points3D, color, 0.03, positions=path)
+            self.shapes(f"world/floor/com/{kind}", rr.Points3D, color, 0.007, positions=shadow)
+            self.static(f"world/com/{kind}/trail", _line(path, color, size))
+            self.static(f"world/floor/com/{kind}/trail", _line(shadow + rise, color, 0.4 * size))
+            self.static(f"world/floor/zmp/{kind}/trail", _line(zmp[kind] + rise, color, size))
+        if plan is not None:
+            steps, slope = plan.contacts.footsteps, plan.contacts.slope
+            prints = [_on_floor(footprint(plan.feet.sole, step), step.position[2] - 0.001) for step in steps]
+            for outline in prints:
+                outline[:, 2] += outline[:, :2] @ slope
+            outlines = rr.LineStrips3D(prints, colors=[FAINT] * len(steps), radii=0.002)
+            self.static("world/plan/footprints", outlines)
+            if "first_plan_zmp_x" not in signals:  # the polygon is that of the first plan
+                self.polygon(plan)
+
+    def soles(self) -> Array:
+        """Soles, contact points and forces of both feet; height of the floor under them, shape (N,) [m]."""
+        record, times = self.record, self.times
+        force, point = record.point_force[self.states], record.point_position[self.states]
+        floor = support_height(record.floor, point[:, :, 2], force[:, :, 2])
+        for foot, (name, color) in enumerate(_FEET.items()):
+            mine = np.flatnonzero(record.point_foot == foot)
+            sole, contact = f"world/feet/{name}/sole", f"world/feet/{name}/contact"
+            self.static(sole, rr.LineStrips3D.from_fields(colors=[color], radii=[0.004]))
+            # Along the left edge, back along the right one.
+            around = mine[[*range(0, len(mine), 2), *range(len(mine) - 1, 0, -2), 0]]
+            self.columns(sole, times, rr.LineStrips3D.columns(strips=point[:, around].astype(np.float32)))
+            # The area of a point's disc is its share of the load.
+            load = force[:, mine, 2]
+            radius = 0.028 * np.sqrt(np.clip(load, 0.0, None) / (record.mass * record.gravity))
+            self.static(contact, rr.Points3D.from_fields(colors=[color]))
+            discs = rr.Points3D.columns(positions=point[:, mine].reshape(-1, 3), radii=radius.ravel())
+            self.columns(contact, times, discs.partition(np.full(len(times), len(mine))))
+            total = load.sum(axis=1)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                centre = np.einsum("np,npd->nd", load, point[:, mine]) / total[:, None]
+            centre[total < 1.0] = np.nan
+            origin = _on_floor(centre[:, :2], floor)
+            self.arrow(f"world/force/{name}", origin, force[:, mine].sum(axis=1), color, 0.005)
+        return floor
+
+    def polygon(self, plan: StepPlan) -> None:
+        """Support polygon of the points planned in contact: sent when it changes."""
+        feet = plan.feet.sample(np.minimum(self.times, plan.duration))
+        contact = np.concatenate([foot.contact for foot in feet], axis=1)
+        change = changes(contact)
+        points = np.concatenate([foot.sole_points[change, :, :2] for foot in feet], axis=1)
+        loaded = contact[change].repeat(2, axis=1)
+        floor = plan.sample(np.minimum(self.times[change], plan.duration)).floor
+        rows = zip(points, loaded, floor.tolist(), strict=True)
+        polygons = [_on_floor(convex_hull(mine[here]), height) for mine, here, height in rows]
+        strips = [np.vstack([polygon, polygon[:1]]).astype(np.float32) for polygon in polygons]
+        self.static("world/plan/polygon", rr.LineStrips3D.from_fields(colors=[PLAN], radii=[0.004]))
+        self.columns("world/plan/polygon", self.times[change], rr.LineStrips3D.columns(strips=strips))
+
+    def lanes(self) -> None:
+        """Phase of the plan and contact of the feet."""
+        signals = self.saved.signals
+        stances = ["both feet" if stance == "both" else f"{stance} foot" for stance in signals["stance"]]
+        planned = "planned" if np.isfinite(signals["plan_com_x"]).any() else "measured"
+        lanes = {f"{planned}_stance": np.array(stances, dtype=object)}
+        for foot in _FEET:
+            lanes[f"{foot}_foot_on_the_floor"] = np.where(signals[f"{foot}_contact"], foot, "")
+        feet = {"left foot": LEFT, "right foot": RIGHT, **_FEET}
+        colors: dict[str, Color] = {"both feet": (*FAINT[:3], 255), **feet}
+        style = rr.StateConfiguration(values=list(colors), colors=list(colors.values()))
+        for name, states in lanes.items():
+            self.static(f"phase/{name}", style)
+            change = changes(states)
+            begun = [str(state) for state in states[change]]
+            self.columns(f"phase/{name}", signals.time[change], rr.StateChange.columns(state=begun))
+
+
 def _gait_phase(signals: Signals, end: float) -> tuple[Array, Array]:
     """Times at which the planned phases begin, and their places on ``gait_phase``; last of all the end."""
     begun = signals.switches()
@@ -176,27 +291,6 @@ def _gait_phase(signals: Signals, end: float) -> tuple[Array, Array]:
     usual = float(np.median(length)) if len(length) else max(left, 1e-9)
     share = 1.0 - SINGLE_SUPPORT if both[-1] else SINGLE_SUPPORT
     return np.append(starts, starts[-1] + left), np.append(phases, phases[-1] + share * left / usual)
-
-
-class _Pictures(NamedTuple):
-    """Instants that are drawn, N of them."""
-
-    states: NDArray[np.intp]  # rows of the states and of the contacts
-    signals: NDArray[np.intp]  # rows of the signals
-    q: Array  # configurations, shape (N, nq)
-    time: Array  # [s]
-
-
-def _pictures(saved: SavedRun) -> _Pictures:
-    """Instants of which the folder has state and signals."""
-    least = max(1.0 / PICTURE_RATE, saved.record.outcome.time / MOST_PICTURES)
-    if saved.is_log:
-        drawn = np.arange(0, len(saved.signals), _stride(saved.record.time_step, least))
-        return _Pictures(np.zeros(0, np.intp), drawn, np.zeros((len(drawn), 0)), saved.signals.time[drawn])
-    states = saved.record.state_rows[:-1]  # the signals have no row at the end
-    steps, rows, signals = np.intersect1d(states, saved.signal_steps, return_indices=True)
-    part = slice(None, None, _stride(steps[1:2].sum() * saved.record.time_step, least))
-    return _Pictures(rows[part], signals[part], saved.record.q[rows[part]], saved.signals.time[signals[part]])
 
 
 def _stride(step: float, least: float) -> int:
@@ -225,100 +319,6 @@ def plain_text(text: str) -> str:
     return text.encode("latin-1", errors="replace").decode("latin-1")
 
 
-# ----------------------------------------------------------------------------------------------- body
-
-
-def _log_body(log: _Log, model: mujoco.MjModel, frames: _Pictures) -> None:
-    """Segments of the model, moved by forward kinematics of the recorded q."""
-    for entity, parts in segment_shapes(model).items():
-        log.static(entity, *parts)
-    position, quaternion = segment_poses(model, frames.q)
-    for body in range(1, model.nbody):
-        poses = rr.Transform3D.columns(translation=position[:, body], quaternion=quaternion[:, body])
-        log.columns(segment_entity(model, body), frames.time, poses)
-
-
-# --------------------------------------------------------------------------------------------- ground
-
-
-def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | None) -> None:
-    """Soles, support polygon, ZMPs, forces and COM."""
-    signals, times = saved.signals.take(frames.signals), frames.time
-
-    def dot(entity: str, position: Array, color: Color, radius: float) -> None:
-        log.shapes(entity, times, rr.Points3D, color, radius, positions=position)
-
-    def arrow(entity: str, origin: Array, force: Array, color: Color, radius: float) -> None:
-        log.shapes(entity, times, rr.Arrows3D, color, radius, origins=origin, vectors=force * FORCE_SCALE)
-
-    # The views follow this frame, so that the body stays in view and the floor moves.
-    follow = signals.vector("plan_com") * (1.0, 0.0, 0.0)
-    if saved.is_free:
-        follow = signals.vector("measured_com") * (1.0, 1.0, 0.0)
-    log.columns("world/follow", times, rr.Transform3D.columns(translation=follow))
-
-    floor = np.zeros(len(times)) if saved.is_log else _log_soles(log, saved, frames)
-    zmp = {kind: _on_floor(signals.vector(f"{kind}_zmp", "xy"), floor) for kind in SERIES}
-    # Concentric from above: the smaller ones are higher.
-    for (kind, color), size, lift in zip(
-        SERIES.items(), (0.016, 0.011, 0.007), (0.01, 0.03, 0.05), strict=True
-    ):
-        dot(f"world/floor/zmp/{kind}", zmp[kind] + (0.0, 0.0, lift), color, size)
-    # The plan's arrow is thin and a third longer, to stay visible where both agree.
-    for kind, scale, width, size, lift in (
-        ("plan", 1.33, 0.006, 0.004, 0.0),
-        ("measured", 1.0, 0.013, 0.002, 0.002),
-    ):
-        color, path = SERIES[kind], signals.vector(f"{kind}_com")
-        arrow(f"world/force/{kind}", zmp[kind], scale * signals.vector(f"{kind}_force"), color, width)
-        # From above everything is drawn on the floor: nearer objects would hide the ZMP.
-        shadow, rise = _on_floor(path[:, :2], floor), np.array([0.0, 0.0, lift])
-        dot(f"world/com/{kind}", path, color, 0.03)
-        dot(f"world/floor/com/{kind}", shadow, color, 0.007)
-        log.static(f"world/com/{kind}/trail", _line(path, color, size))
-        log.static(f"world/floor/com/{kind}/trail", _line(shadow + rise, color, 0.4 * size))
-        log.static(f"world/floor/zmp/{kind}/trail", _line(zmp[kind] + rise, color, size))
-
-    if plan is not None:
-        steps, slope = plan.contacts.footsteps, plan.contacts.slope
-        prints = [_on_floor(footprint(plan.feet.sole, step), step.position[2] - 0.001) for step in steps]
-        for outline in prints:
-            outline[:, 2] += outline[:, :2] @ slope
-        outlines = rr.LineStrips3D(prints, colors=[FAINT] * len(steps), radii=0.002)
-        log.static("world/plan/footprints", outlines)
-        if "first_plan_zmp_x" not in signals:  # the polygon is that of the first plan
-            _log_polygon(log, plan, times)
-
-
-def _log_soles(log: _Log, saved: SavedRun, frames: _Pictures) -> Array:
-    """Soles, contact points and forces of both feet; height of the floor under them, shape (N,) [m]."""
-    record, times = saved.record, frames.time
-    force, point = record.point_force[frames.states], record.point_position[frames.states]
-    floor = support_height(record.floor, point[:, :, 2], force[:, :, 2])
-    for foot, (name, color) in enumerate(_FEET.items()):
-        mine = np.flatnonzero(record.point_foot == foot)
-        sole, contact = f"world/feet/{name}/sole", f"world/feet/{name}/contact"
-        log.static(sole, rr.LineStrips3D.from_fields(colors=[color], radii=[0.004]))
-        # Along the left edge, back along the right one.
-        around = mine[[*range(0, len(mine), 2), *range(len(mine) - 1, 0, -2), 0]]
-        outline = point[:, around].astype(np.float32)
-        log.columns(sole, times, rr.LineStrips3D.columns(strips=outline))
-        # The area of a point's disc is its share of the load.
-        load = force[:, mine, 2]
-        radius = 0.028 * np.sqrt(np.clip(load, 0.0, None) / (record.mass * record.gravity))
-        log.static(contact, rr.Points3D.from_fields(colors=[color]))
-        discs = rr.Points3D.columns(positions=point[:, mine].reshape(-1, 3), radii=radius.ravel())
-        log.columns(contact, times, discs.partition(np.full(len(times), len(mine))))
-        total = load.sum(axis=1)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            centre = np.einsum("np,npd->nd", load, point[:, mine]) / total[:, None]
-        centre[total < 1.0] = np.nan
-        on_floor, net = _on_floor(centre[:, :2], floor), force[:, mine].sum(axis=1)
-        parts = {"origins": on_floor, "vectors": FORCE_SCALE * net}
-        log.shapes(f"world/force/{name}", times, rr.Arrows3D, color, 0.005, **parts)
-    return floor
-
-
 def _on_floor(xy: Array, floor: Array | float = 0.0) -> Array:
     """Points (N, 2) on a floor of a height [m], lifted slightly above its lines."""
     return np.column_stack([xy, np.full(len(xy), 0.002) + floor])
@@ -327,29 +327,6 @@ def _on_floor(xy: Array, floor: Array | float = 0.0) -> Array:
 def _line(path: Array, color: Color, radius: float) -> rr.LineStrips3D:
     path = path[np.isfinite(path).all(axis=1)]
     return rr.LineStrips3D([path[::2]], colors=[(*color[:3], 110)], radii=radius)
-
-
-def _log_polygon(log: _Log, plan: StepPlan, times: Array) -> None:
-    """Support polygon of the points planned in contact: sent when it changes."""
-    feet = plan.feet.sample(np.minimum(times, plan.duration))
-    contact = np.concatenate([foot.contact for foot in feet], axis=1)
-    change = changes(contact)
-    points = np.concatenate([foot.sole_points[change, :, :2] for foot in feet], axis=1)
-    loaded = contact[change].repeat(2, axis=1)
-    floor = plan.sample(np.minimum(times[change], plan.duration)).floor
-    rows = zip(points, loaded, floor.tolist(), strict=True)
-    polygons = [_on_floor(convex_hull(mine[here]), height) for mine, here, height in rows]
-    entity = "world/plan/polygon"
-    log.static(entity, rr.LineStrips3D.from_fields(colors=[PLAN], radii=[0.004]))
-    strips = [np.vstack([polygon, polygon[:1]]).astype(np.float32) for polygon in polygons]
-    log.columns(entity, times[change], rr.LineStrips3D.columns(strips=strips))
-
-
-# ------------------------------------------------------------------------------------------ time series
-
-
-Lines = Mapping[str, Color]
-"""Name to colour of the columns of an entity."""
 
 
 def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Lines]]]:
@@ -384,29 +361,9 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Lines]]]:
     if not saved.is_log:
         use = np.abs(saved.record.torque_at(saved.signal_steps[rows])) / saved.record.torque_limit
         found["effort/torque"] = 100 * use.max(axis=1)[:, None], {"torque": MEASURED}
-    return signals.time, dict(_known(found))
-
-
-def _known(curves: Mapping[str, tuple[Array, Lines]]) -> Iterator[tuple[str, tuple[Array, Lines]]]:
-    """Curves without columns that have no value: those of the plan, if there is none."""
-    for entity, (values, lines) in curves.items():
-        there: list[bool] = np.atleast_1d(np.isfinite(values).any(axis=0)).tolist()
+    known: dict[str, tuple[Array, Lines]] = {}  # without columns that have no value, as of a missing plan
+    for entity, (values, lines) in found.items():
+        there: list[bool] = np.isfinite(values).any(axis=0).tolist()
         if any(there):
-            yield entity, (values[:, there], dict(compress(lines.items(), there)))
-
-
-def _log_states(log: _Log, signals: Signals) -> None:
-    """Phase of the plan and contact of the feet as lanes."""
-    stances = ["both feet" if stance == "both" else f"{stance} foot" for stance in signals["stance"]]
-    planned = "planned" if np.isfinite(signals["plan_com_x"]).any() else "measured"
-    lanes = {f"{planned}_stance": np.array(stances, dtype=object)}
-    for foot in _FEET:
-        lanes[f"{foot}_foot_on_the_floor"] = np.where(signals[f"{foot}_contact"], foot, "")
-    feet = {"left foot": LEFT, "right foot": RIGHT, **_FEET}
-    colors: dict[str, Color] = {"both feet": (*FAINT[:3], 255), **feet}
-    style = rr.StateConfiguration(values=list(colors), colors=list(colors.values()))
-    for name, states in lanes.items():
-        log.static(f"phase/{name}", style)
-        change = changes(states)
-        begun = [str(state) for state in states[change]]
-        log.columns(f"phase/{name}", signals.time[change], rr.StateChange.columns(state=begun))
+            known[entity] = values[:, there], dict(compress(lines.items(), there))
+    return signals.time, known

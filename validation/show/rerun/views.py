@@ -77,11 +77,8 @@ def axis_range(values: Array) -> tuple[float, float]:
 
 def run_blueprint(ranges: Ranges) -> rrb.Blueprint:
     """Of one run: body and ZMP from above on the left; verdict and curves on the right."""
-    left = rrb.Vertical(
-        _body_view("Plan blue, command green, measured orange, left foot pink, right foot yellow", ""),
-        _above_view("From above: ZMP, COM, soles and planned support", ""),
-        row_shares=[3, 2],
-    )
+    colors = "Plan blue, command green, measured orange, left foot pink, right foot yellow"
+    left = _scenes("", colors, "From above: ZMP, COM, soles and planned support")
     right = rrb.Vertical(
         rrb.Horizontal(_verdict_view("Verdict", ""), _events_view("Events", ""), column_shares=[3, 2]),
         _tabs([""], ranges),
@@ -93,10 +90,7 @@ def run_blueprint(ranges: Ranges) -> rrb.Blueprint:
 
 def several_blueprint(runs: Labels, ranges: Ranges) -> rrb.Blueprint:
     """Of several runs: bodies side by side, curves over each other, all at the same phase of the gait."""
-    columns = [
-        rrb.Vertical(_body_view(label, at), _above_view(f"{label} from above", at), row_shares=[3, 2])
-        for at, label in runs.items()
-    ]
+    columns = [_scenes(at, label, f"{label} from above") for at, label in runs.items()]
     lanes = [f"{at}/phase/{kind}_stance" for at in runs for kind in ("planned", "measured")]
     title = "Stance; a second on this timeline is a step"
     below = rrb.Horizontal(
@@ -142,33 +136,28 @@ def _tabs(runs: Sequence[str], ranges: Ranges) -> rrb.Tabs:
     return rrb.Tabs(*tabs, active_tab=0)
 
 
-def _body_view(name: str, at: str) -> rrb.Spatial3DView:
-    """The body from the side; the view moves with it."""
-    world = f"{at}/world"
-    contents = [f"{world}/**", f"- {world}/floor/**", f"- {world}/feet/**", f"+ {world}/feet/+/contact"]
-    eye = rrb.EyeControls3D(position=(1.0, -1.85, 1.15), look_target=(0.05, 0.0, 0.82), eye_up=(0, 0, 1))
-    grid = rrb.LineGrid3D(visible=True, spacing=0.2, color=(90, 98, 110, 120))
-    return _scene(name, at, contents, grid, eye)
-
-
-def _above_view(name: str, at: str) -> rrb.Spatial3DView:
-    """Soles and ZMP from above."""
-    contents = [f"{at}/world/{part}" for part in ("follow", "feet/**", "floor/**", "plan/**")]
-    eye = rrb.EyeControls3D(position=(0, 0, 0.85), look_target=(0, 0, 0), eye_up=(0, 1, 0))
-    return _scene(name, at, contents, rrb.LineGrid3D(visible=False), eye)
-
-
-def _scene(
-    name: str, at: str, contents: Sequence[str], grid: rrb.LineGrid3D, eye: rrb.EyeControls3D
-) -> rrb.Spatial3DView:
-    return rrb.Spatial3DView(
-        name=name,
-        origin=f"{at}/world/follow",
-        contents=contents,
-        background=rrb.Background(color=GROUND[:3]),
-        line_grid=grid,
-        eye_controls=eye,
+def _scenes(at: str, side: str, above: str) -> rrb.Vertical:
+    """The body from the side, and soles and ZMP from above, under these names; the views move with it."""
+    world, color = f"{at}/world", rrb.Background(color=GROUND[:3])
+    body = rrb.Spatial3DView(
+        name=side,
+        origin=f"{world}/follow",
+        contents=[f"{world}/**", f"- {world}/floor/**", f"- {world}/feet/**", f"+ {world}/feet/+/contact"],
+        background=color,
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.2, color=(90, 98, 110, 120)),
+        eye_controls=rrb.EyeControls3D(
+            position=(1.0, -1.85, 1.15), look_target=(0.05, 0.0, 0.82), eye_up=(0, 0, 1)
+        ),
     )
+    soles = rrb.Spatial3DView(
+        name=above,
+        origin=f"{world}/follow",
+        contents=[f"{world}/{part}" for part in ("follow", "feet/**", "floor/**", "plan/**")],
+        background=color,
+        line_grid=rrb.LineGrid3D(visible=False),
+        eye_controls=rrb.EyeControls3D(position=(0, 0, 0.85), look_target=(0, 0, 0), eye_up=(0, 1, 0)),
+    )
+    return rrb.Vertical(body, soles, row_shares=[3, 2])
 
 
 def _verdict_view(name: str, at: str) -> rrb.TextDocumentView:

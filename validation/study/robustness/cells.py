@@ -11,6 +11,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.planner.contacts import Contacts
 from ampm.run_file import key_info
+from ampm.section import unknown
 from validation.table import own_rows
 
 DURATION = 0.1
@@ -108,8 +109,7 @@ def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:
     kinds = {cell.kind for cell in cells}
     for name in only:
         if name not in kinds:
-            known = ", ".join(sorted(kinds))
-            raise InputError(f"{name!r} is not a kind of disturbance; take some of {known}.", value=name)
+            raise unknown(name, sorted(kinds), "kind of disturbance", value=name)
     return tuple(cell for cell in cells if not only or cell.kind in only)
 
 
