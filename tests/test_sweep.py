@@ -272,7 +272,7 @@ def test_folders_and_files_that_are_no_sweep_are_named(tmp_path):
     for path, words in (
         (tmp_path / "none", "there is no"),
         (tmp_path, "holds no sweep"),
-        (tmp_path / "x.parquet", "no Parquet file"),
+        (tmp_path / "x.parquet", "not a Parquet file"),
     ):
         with pytest.raises(InputError, match=words):
             read_sweep(path)

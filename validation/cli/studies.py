@@ -65,7 +65,7 @@ def sweep(
 
         expected = forecast(load_sweep(file), execution.workers, progress=Narrator())
         answer(expected, as_json=as_json)
-        return Status.PASS if expected.walking else Status.REFUSED
+        return Status.PASS if expected.found["walking"] else Status.REFUSED
     if execution.out is None:
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
     found = walk_sweep(file, **vars(execution), progress=Narrator())

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -148,45 +148,24 @@ def _keep_worst(definition: SweepDefinition, found: SweepTable, folder: Path, po
 class Forecast(Tabled):
     """What a sweep would walk."""
 
-    planned: int  # runs of the sweep
-    checked: int  # runs of it that were checked, evenly spread
-    refused: SweepTable  # those of them that bounds or formula refuse
-    seconds: float | None  # wall-clock time of one run; None if no tried run can be walked [s]
-    kept: int  # runs that are walked once more at the end, at most
-    workers: int  # processes
-
-    @property
-    def walking(self) -> int:
-        """Runs that can walk, at most."""
-        return round(self.planned * (1.0 - len(self.refused) / self.checked))
+    refused: SweepTable  # runs that bounds or formula refuse, of those that were checked
+    found: Mapping[str, Any]  # numbers of runs, and times [s]; None if no tried run can be walked
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, times in s."""
-        rounds = math.ceil(self.walking / self.workers) + math.ceil(self.kept / self.workers)
-        return {
-            "runs": self.planned,
-            "checked": self.checked,
-            "refused": self.refused.as_dict()["refusals"],
-            "walking": self.walking,
-            "kept": self.kept,
-            "seconds": self.seconds,
-            "wall_clock": self.seconds and self.seconds * rounds,
-            "workers": self.workers,
-        }
+        return {**self.found, "refused": self.refused.as_dict()["refusals"]}
 
     def tables(self) -> list[Table]:
         """Numbers of runs, with examples of the refusals."""
-        found, rows = self.as_dict(), [("runs", f"{self.planned:,}", "")]
-        if self.checked < self.planned:
-            rows.append(("of which were checked", f"{self.checked:,}", ""))
-        rows += [*self.refused.tables()[0].rows, ("can walk, at most", f"{self.walking:,}", "")]
+        found = self.found
+        rows: list[Sequence[str]] = [(name, f"{found[name]:,}", "") for name in ("runs", "checked")]
+        rows += [*self.refused.tables()[0].rows, ("can walk, at most", f"{found['walking']:,}", "")]
         note = "no run that was tried can be walked"
-        if self.seconds is not None:
+        if found["seconds"] is not None:
             one, every = (format_duration(found[name]) for name in ("seconds", "wall_clock"))
-            note = f"one run takes about {one}, the sweep about {every} with {self.workers} workers"
-            note += f"; {self.kept} runs are walked again, and kept with report and recording" * bool(
-                self.kept
-            )
+            note = f"one run takes about {one}, the sweep about {every} with {found['workers']} workers"
+            if found["kept"]:
+                note += f"; {found['kept']} runs are walked again, and kept with report and recording"
         return [Table(f"dry run of {self.refused.name}", ("", ">runs", "for example"), rows, [note])]
 
 
@@ -210,6 +189,10 @@ def forecast(
             walk_request(**task.options)
             seconds = time.perf_counter() - start
             break
-    walking = len(tasks) - len(rows)
+    walking = round(planned * (1.0 - len(rows) / len(tasks)))
     kept = 0 if definition.recordings == "none" else min(definition.worst, walking)
-    return Forecast(planned, len(runs), refused, seconds, kept, min(workers or cores(), planned))
+    workers = min(workers or cores(), planned)
+    rounds = math.ceil(walking / workers) + math.ceil(kept / workers)
+    numbers = {"runs": planned, "checked": len(tasks), "walking": walking, "kept": kept, "workers": workers}
+    times = {"seconds": seconds, "wall_clock": seconds and seconds * rounds}
+    return Forecast(refused, numbers | times)
