@@ -163,8 +163,8 @@ def predict_joints(f: Filter, commanded: Array, period: float, factor: float) ->
 def predict_root(f: Filter, commanded: Array, period: float, factor: float) -> Vector:
     """Attitude by the gyro, velocity and place by the accelerometer.
 
-    The rate leans on the commanded acceleration, too. It is not what turns the root: a body whose COM is a
-    millimetre off goes on to turn otherwise than commanded, and the mean of the rate would be wrong.
+    The filtered rate does not turn the root: a body whose COM is a millimetre off turns otherwise than
+    commanded, and the mean of that rate is wrong.
 
     Returns:
         Acceleration less gravity, in world axes [m/s^2].
@@ -254,8 +254,7 @@ def correct(f: Filter, period: float, has_fix: bool) -> None:
 def weigh(f: Filter, period: float) -> None:
     """Correct by the angular momentum about the COM, which the wrenches of the feet change.
 
-    Where the encoders put the COM beside its place over the foot, the force has a moment that the body does
-    not follow.
+    Where encoders put the COM beside its place over the foot, the body turns otherwise than by the force.
     """
     s, first = f.soles, f.spin
     sum_inertia(f.tree, f.link)
@@ -276,9 +275,7 @@ def weigh(f: Filter, period: float) -> None:
     v[3:6], v[6:] = f.rate, f.joint_rate
     move_links(f.tree, v, np.zeros(len(v)), 0.0, f.link)
     spin = angular_momentum(f.tree, f.link)
-    known = True
-    for foot in range(2):
-        known = known and (s.tared[foot] or not s.loaded[foot])
+    known = (s.tared[0] or not s.loaded[0]) and (s.tared[1] or not s.loaded[1])
     for axis in range(3):
         e = first + axis
         if known:

@@ -115,10 +115,8 @@ class Kalman:
         handle = refer(f)
         self._update = bound(update, (handle,), self._none, 0.0, 0.0, 0.0, True, self._q, self._v)
         self._turn_root = bound(turn_root, (handle,), ZERO)
-        self._start, self._constant = (
-            start_errors**2,
-            np.r_[9:15, POINTS + 3 * points : len(growth) - len(spin)],
-        )
+        self._constant = np.r_[9:15, POINTS + 3 * points : len(growth) - len(spin)]
+        self._start = start_errors**2
         self._hinge = max(1e-8, sensors.angle_bias**2), 0.0, 1e-4
         self.begin(start)
 

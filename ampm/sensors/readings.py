@@ -43,7 +43,11 @@ class Readings(NamedTuple):
 
 
 class Estimator(Protocol):
-    """Makes the state of the body from readings, once before every control tick."""
+    """Makes the state of the body from readings, once before every control tick.
+
+    One with a method ``begin(start)`` may watch the body stand (``sensors.stand``). At the walk's start
+    it goes on from that state with what it found of the sensors.
+    """
 
     def update(self, readings: Readings, commanded: "Array | None") -> tuple[State, Touch]:
         """State and touch at the time of a tick.
@@ -54,14 +58,6 @@ class Estimator(Protocol):
                 (nv,) [m/s^2, rad/s^2]: its ``acceleration``; None at the first tick, and of a controller
                 without it.
         """
-        ...
-
-
-class Steady(Estimator, Protocol):
-    """An estimator that may watch the body stand before its walk (``sensors.stand``)."""
-
-    def begin(self, start: State) -> None:
-        """Go on from the state in which the walk is planned to start, with what was found of the sensors."""
         ...
 
 

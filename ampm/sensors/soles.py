@@ -15,7 +15,9 @@ from ampm.vectors import ZERO, Vector, cross, dot, minus, multiply, plus, put, t
 YIELD = 3e-3
 """Height over the lowest point of its foot at which a point takes half of what it would take there [m]."""
 LEVEL = 0.1
-"""A line of a loaded foot is on the floor up to :data:`YIELD` times the root of this [1]."""
+"""A line that touches stays on the floor up to :data:`YIELD` times the root of this [1]."""
+FIRST = 0.15
+"""Share of the threshold from which a line touches at the height of the lowest point [1]."""
 TIP = 2
 """Line of a foot's points, after those of heel and ball."""
 TIP_SHARE = 0.05
@@ -108,8 +110,8 @@ def spread_wrenches(s: Soles, link: Any, points: Any, force: Array, contact: Any
         spread(arm, wanted if s.loaded[foot] else ZERO, here)
         for group in range(s.touching.shape[1]):
             total, level = here[line == group].sum(), 0.5 * height[line == group].sum()
-            least = (0.5 if s.touching[foot, group] else 1.0) * s.threshold * (min(1.0, level) - LEVEL)
-            s.touching[foot, group] = s.loaded[foot] and total > least
+            least = 0.5 * (min(1.0, level) - LEVEL) if s.touching[foot, group] else min(1.0, level + FIRST)
+            s.touching[foot, group] = s.loaded[foot] and total > s.threshold * least
         for i in range(count):
             contact[first + i] = s.touching[foot, line[i]]
 

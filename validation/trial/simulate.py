@@ -9,7 +9,7 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from ampm.parameters import NO_PLAN, DisturbanceParameters, RunParameters
 from ampm.planners import StandingPlanner
 from ampm.reference import Reference
 from ampm.sensor_parameters import EXACT
-from ampm.sensors.readings import Estimator, EstimatorFactory, Steady
+from ampm.sensors.readings import Estimator, EstimatorFactory
 from ampm.stepping.tracker import SteppedTick
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, Controller, ControllerFactory, ControlOutput, State, Touch
 from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, describe, pushes_of
@@ -120,7 +120,7 @@ def simulate(
     return record if np.array_equal(floor, [0.0]) else _on_floor(record, floor)
 
 
-def stand(planned: PlannedWalk, physics: Physics, factory: EstimatorFactory | None) -> Steady:
+def stand(planned: PlannedWalk, physics: Physics, factory: EstimatorFactory | None) -> Any:
     """Stand before a walk with its sensors, on two soles side by side.
 
     Returns:
@@ -146,7 +146,7 @@ def stand(planned: PlannedWalk, physics: Physics, factory: EstimatorFactory | No
         raise InputError(
             f"the body does not stand before its walk: {outcome.cause}; lower errors, {way_out}."
         )
-    return cast("Steady", estimator)
+    return estimator
 
 
 def forces_of(run: RunParameters, disturbances: Sequence[Disturbance], end: float) -> list[Disturbance]:
