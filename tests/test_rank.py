@@ -119,6 +119,9 @@ def test_tables_json_and_errors():
     assert (cell["task"], cell["name"], cell["rank"], cell["survived"]) == ("normal", "ampm", 1, 8)
     assert cell["error"] == pytest.approx(1.05e-3, rel=0.1)
     assert "of 12 differences" in found.sentence
+    lipm = [cell for cell in found.cells if cell.name == "lipm"]
+    assert found.extremes["lipm-best"] == next(cell.best for cell in lipm if cell.task == "normal")
+    assert found.extremes["lipm-worst"] == next(cell.worst for cell in lipm if cell.task == "flat")  # it fell
     with pytest.raises(InputError, match=r"does not vary 'body.mass'; rank by one of gait.planner, "):
         rank(league(2), "body.mass")
     with pytest.raises(InputError, match=r"no error 0.3 s ahead; take one of 0, 0.05, 0.1, 0.2, 0.4 s"):

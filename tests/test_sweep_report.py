@@ -19,7 +19,7 @@ from validation.store.saved import REPORT_FILE
 from validation.study.sweep import figures
 from validation.study.sweep.figures import links_of
 from validation.study.sweep.report import judge_sweep, metric_table, render
-from validation.study.sweep.table import State, read_sweep
+from validation.study.sweep.table import RunState, read_sweep
 from validation.table import is_heading
 
 GRID: dict[str, Any] = {
@@ -156,7 +156,7 @@ def test_worst_runs_come_first(folder):
     lost = [row for row in sweep.worst if not sweep.measured[row]]
     furthest = [row for row in sweep.worst if sweep.measured[row]]
     assert sweep.worst == [*lost, *furthest]
-    assert {sweep.states[row] for row in lost} == {State.FELL, State.DIVERGED}
+    assert {sweep.states[row] for row in lost} == {RunState.FELL, RunState.DIVERGED}
     used = sweep.worst_used[furthest]
     assert (np.diff(used) <= 0).all()
     assert used[0] == np.nanmax(sweep.worst_used)

@@ -75,16 +75,16 @@ def sweep(
 
 def _sweep_status(found: SweepTable) -> int:
     """Exit status of a sweep: the worst of its runs."""
-    from validation.study.sweep.table import State
+    from validation.study.sweep.table import RunState
 
     ended = {state for state, count in found.counts.items() if count}
-    if State.CRASHED in ended:
+    if RunState.CRASHED in ended:
         return Status.CRASH
-    if ended - {State.PASS, State.OUT_OF_TOLERANCE, State.NOT_MEASURED, State.REFUSED}:
+    if ended - {RunState.PASS, RunState.OUT_OF_TOLERANCE, RunState.NOT_MEASURED, RunState.REFUSED}:
         return Status.NOT_COMPLETED
-    if ended == {State.REFUSED}:
+    if ended == {RunState.REFUSED}:
         return Status.REFUSED
-    return Status.PASS if ended <= {State.PASS, State.REFUSED} else Status.OUT_OF_TOLERANCE
+    return Status.PASS if ended <= {RunState.PASS, RunState.REFUSED} else Status.OUT_OF_TOLERANCE
 
 
 @app.command(epilog="Exit status: 0 ranked, 2 bad input.")
@@ -99,6 +99,10 @@ def rank(
         float, option("--ahead", "How long before an instant the plan stood: 0, .05, .1, .2 or .4 s.", "S")
     ] = 0.1,
     out: Annotated[Path | None, option("--out", "Write the tables as Markdown.", "FILE.md")] = None,
+    recordings: Annotated[
+        Path | None,
+        option("--recordings", "Walk the best and worst run of each planner again, into folders.", "DIR"),
+    ] = None,
     as_json: Json = False,
 ) -> int:
     """Rank the planners of a sweep.
@@ -111,6 +115,12 @@ def rank(
     if out is not None:
         check_output_file(out, force=True)
     found = ranked(folder, by, ahead=ahead)
+    if recordings is not None:
+        from validation.study.sweep.design import load_sweep
+        from validation.study.sweep.run import keep_runs
+        from validation.study.sweep.table import DEFINITION
+
+        keep_runs(load_sweep(folder / DEFINITION), found.extremes, recordings, progress=Narrator())
     if out is not None:
         with output_file(out) as file:
             file.write_text(markdown_page(found.tables()), encoding="utf-8")

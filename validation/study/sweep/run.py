@@ -31,7 +31,7 @@ from validation.study.sweep.table import (
     REPORT,
     RESULTS,
     SUMMARY,
-    State,
+    RunState,
     SweepTable,
     build_table,
     key_of,
@@ -126,22 +126,30 @@ def walk_run(**options: Any) -> Row:
 
 def _keep_worst(definition: SweepDefinition, found: SweepTable, folder: Path, pool: Pool) -> list[str | None]:
     """Keep the folders of the worst runs, or of the worst failures; returns the column ``recording``."""
-    passed, numbers = found.is_state(State.PASS), found.table["run"].to_pylist()
+    passed, numbers = found.is_state(RunState.PASS), found.table["run"].to_pylist()
     rows = [row for row in found.worst if definition.recordings == "worst" or not passed[row]]
     rows = [] if definition.recordings == "none" else rows[: definition.worst]
-    names = {row: f"{RECORDINGS}/{definition.name_of(numbers[row])}" for row in rows}
-    if not names:
-        return [None] * len(found)
+    names = {row: definition.name_of(numbers[row]) for row in rows}
+    runs = {name: numbers[row] for row, name in names.items()}
+    kept = keep_runs(definition, runs, folder / RECORDINGS, **pool)
+    return [f"{RECORDINGS}/{names[row]}" if names.get(row) in kept else None for row in range(len(found))]
+
+
+def keep_runs(
+    definition: SweepDefinition, runs: Mapping[str, int], folder: Path, **pool: Unpack[Pool]
+) -> list[str]:
+    """Walk runs of a sweep again, each into a folder of its name with report and recording; those written."""
+    if not runs:
+        return []
     tasks = [
-        Task(name, keep_run, {"folder": str(folder.resolve() / name), **_options(definition, numbers[row])})
-        for row, name in names.items()
+        Task(name, keep_run, {"folder": str(folder.resolve() / name), **_options(definition, run)})
+        for name, run in runs.items()
     ]
-    for row in walk_many(tasks, folder / RECORDINGS, label="recordings of the worst runs", **pool):
+    for row in walk_many(tasks, folder, label="recordings", **pool):
         if "reason" in row:
             progress = pool.get("progress") or Progress()
             progress.say(f"ampm: {folder / row['key']} was not written ({row['cause']}).")
-    kept = {row: name for row, name in names.items() if (folder / name / REPORT).is_file()}
-    return [kept.get(row) for row in range(len(found))]
+    return [name for name in runs if (folder / name / REPORT).is_file()]
 
 
 @dataclass(frozen=True)
