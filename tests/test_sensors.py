@@ -14,7 +14,7 @@ from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
 from ampm.run_file import load_run
 from ampm.sensors.filters import ACCELEROMETER, GYRO, TURN, VELOCITY
-from ampm.sensors.kalman import Kalman, _hinges
+from ampm.sensors.kalman import Kalman
 from ampm.sensors.soles import SoleForces
 from ampm.walk import State, Touch
 from tests.records import first_difference
@@ -81,6 +81,10 @@ class Mine(Kalman):
         super().__init__(robot, run, start)
         self.run = run
         self.made.append(self)
+
+    def begin(self, start):
+        self.found = self.filter.x[self.filter.imu :].copy()  # before the walk
+        super().begin(start)
 
 
 class Tuned(Kalman):
@@ -256,13 +260,54 @@ def test_the_angles_of_the_imu_are_found_and_cost_nothing():
     np.testing.assert_allclose(np.abs(f.x[f.imu : f.imu + 2]), 0.01, atol=2e-3)
 
 
-def test_a_walk_with_offsets_of_encoders_is_better_for_knowing_of_them(monkeypatch):
-    sensors = {"estimator": "kalman", "angle_bias": 1e-3, "seed": 11, **NOISE}
-    known = relative(**sensors)
-    monkeypatch.setattr("ampm.sensors.kalman._hinges", lambda robot, worn: _hinges(robot, False))
+def test_offsets_of_encoders_are_borne():
+    """A body whose COM is a millimetre off turns otherwise than commanded; the gyro alone tells how."""
+    assert (relative(estimator="kalman", angle_bias=1e-3, **NOISE) < [2.6, 2.4]).all()
+
+
+def test_wrenches_tell_where_the_com_is_over_the_foot(monkeypatch):
+    found, plain, robot = [], Kalman.update, walk_of().robot
+
+    def kept(self, readings, commanded):
+        result = plain(self, readings, commanded)
+        found.append((result[0].q.copy(), self.filter.soles.loaded.copy()))
+        return result
+
+    monkeypatch.setattr(Kalman, "update", kept)
     walked.cache_clear()
-    assert (known < 0.8 * relative(**sensors)).all()
+    record = walked(estimator="kalman", angle_bias=1e-3, seed=11, **NOISE | FORCE_TORQUE).record
+    off = []
+    for k in range(len(found) // 2, len(found), 10):
+        (q, loaded), row = found[k], k * record.substeps
+        here, true = (robot.jacobian(q_) for q_ in (q, to_pinocchio(record.q[row], record.qd[row])[0]))
+        levers = [(item.com - item.sole).copy() for item in (here, true)]
+        if loaded.sum() == 1:
+            off.append((levers[0] - levers[1])[loaded.argmax(), :2])
+    assert np.sqrt(np.mean(np.square(off), axis=0)).max() < 0.9e-3  # [m], 2.5 mm by the offsets alone
     walked.cache_clear()
+
+
+def test_a_stand_before_the_walk_finds_how_the_imu_is_turned():
+    walked(estimator="tests.test_sensors:Mine", stand=1.0, imu_angle_bias=0.01, seed=11, **NOISE)
+    from tests.test_sensors import Mine as Loaded
+
+    np.testing.assert_allclose(np.abs(Loaded.made[-1].found[:2]), 0.01, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        (
+            ["sensors.estimator=tests.test_sensors:Naive"],
+            "Naive has no method begin; add it, or sensors.stand = 0",
+        ),
+        (["sensors.estimator=kalman", "gait.slope=0.02"], "sensors.stand needs a level floor"),
+    ],
+    ids=["no begin", "slope"],
+)
+def test_a_stand_that_cannot_be_is_refused(settings, told):
+    with pytest.raises(InputError, match=told):
+        simulated("sensors.stand=0.5", *settings, steps=1)
 
 
 def test_without_errors_of_sensors_a_walk_keeps_its_bits():
@@ -334,7 +379,7 @@ def test_an_estimated_walk_keeps_its_place_relative_to_the_foot_and_with_fixes_i
     assert 0.2e-3 < trial.metrics["drift_per_step"].value < 1.5e-3
     fixed = walked(estimator="kalman", fix_rate=100, **NOISE)
     assert fixed.verdict.profile == "default"
-    assert fixed.metrics["drift_per_step"].value < 0.1e-3
+    assert fixed.metrics["drift_per_step"].value < 0.15e-3
     assert fixed.metrics["zmp_x_rmse"].value < 0.6 * trial.metrics["zmp_x_rmse"].value
 
 
