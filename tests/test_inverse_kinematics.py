@@ -13,21 +13,27 @@ from tests.solved import COARSE, motion_of, walk_of
 NODES = (0, 40, 90, 120, 150)
 
 
-@pytest.fixture(scope="module", params=["free", "zero"])
+PELVIS = ("body.pelvis_list=0.1", "body.pelvis_rotation=0.15")
+
+
+@pytest.fixture(scope="module", params=[("free",), ("zero",), ("free", *PELVIS)])
 def solved(request):
-    """Inverse kinematics, reference and periodic step of one gait, with L_z free and held at zero."""
-    settings = (f"body.angular_momentum_z={request.param}", "gait.c_y=0.7", COARSE)
+    """Inverse kinematics, reference and step of a gait: L_z free, held at zero, a pelvis that moves."""
+    momentum, *pelvis = request.param
+    settings = (f"body.angular_momentum_z={momentum}", "gait.c_y=0.7", *pelvis, COARSE)
     run, plan, robot = walk_of(*settings)
     motion = motion_of(*settings)
     return InverseKinematics(robot, run), step_reference(plan, motion.time), motion
 
 
-def posture(ik, q, v):
+def posture(ik, q, v, phase, rate):
     """-k (q - q0) - d qd, written down anew (Eq. 12 with the sign that holds the body upright)."""
     robot, k, d = ik.robot, ik.body.stiffness, ik.body.damping
     wanted = -d * v
     wanted[:3] = 0.0
     wanted[3:6] -= k * pin.log3(pin.Quaternion(q[3:7]).toRotationMatrix())
+    rest = np.exp(1j * phase) * np.array([-1j * ik.pelvis[0], 0.0, -ik.pelvis[1]])
+    wanted[3:6] += np.real(k * rest + d * 1j * rate * rest - rate**2 * rest)
     wanted[6:] -= k * (q[7:] - ik.rest)
     for leg in robot.leg_joints:
         wanted[leg] = 0.0
@@ -45,7 +51,8 @@ def test_acceleration_meets_the_constraints_and_is_the_minimiser(solved, node):
     m, n = jacobian.shape
     weight = ik.body.weight
     kkt = np.block([[np.diag(weight), jacobian.T], [jacobian, np.zeros((m, m))]])
-    right = np.concatenate([weight * posture(ik, q, v), wanted])
+    rate = np.pi / motion.time[-1]
+    right = np.concatenate([weight * posture(ik, q, v, rate * motion.time[node], rate), wanted])
     exact = np.linalg.solve(kkt, right)[:n]
     np.testing.assert_allclose(motion.acceleration[node], exact, atol=1e-8 * np.abs(exact).max())
 

@@ -4,6 +4,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from markupsafe import Markup
@@ -14,6 +15,7 @@ from validation.judge.uncertainty import Uncertainty
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import load_saved_run
+from validation.study.compare import comparison
 from validation.study.compare.comparison import JUDGED, SHARE, SHARE_OF_ERRORS, MetricRow, Side, comparison_of
 from validation.study.compare.report import NUMBERS, REPORT, load_comparison, render
 from validation.study.robustness.cells import Cell
@@ -66,6 +68,24 @@ def test_a_table_beside_our_planner_is_walked_once(tmp_path, ampm, monkeypatch):
     assert (out / "walk-2" / REPORT).is_file()
     monkeypatch.setattr("validation.study.walk_options.walk_request", lambda *_, **__: pytest.fail("walked"))
     assert ampm(*command, "--resume").json == first.json
+
+
+@pytest.mark.parametrize(
+    ("gaits", "choices", "labels"),
+    [
+        ([], {}, ["normal", "ipm"]),
+        (["flat"], {"gait.planner": ["dcm"]}, ["flat", "ipm"]),
+        (["flat"], {"gait.planner": ["ampm", "dcm"], "controller.name": ["ampm"]}, ["ampm", "dcm"]),
+        (["flat"], {"gait.planner": ["ampm", "dcm"], "controller.name": ["ampm", "joint-pd"]}, None),
+        (["flat", "normal"], {"gait.planner": ["ampm", "dcm"]}, ["flat", "normal"]),
+    ],
+)
+def test_options_may_vary_together(monkeypatch, gaits, choices, labels):
+    monkeypatch.setattr(comparison, "walk_many", lambda *_, **__: ())
+    monkeypatch.setattr(comparison, "plan_walk", lambda request, _: SimpleNamespace(request=request))
+    monkeypatch.setattr(comparison, "compare_runs", lambda folders, labels, *_: labels)
+    found = comparison.compare_gaits(gaits, choices=choices)
+    assert found == (labels or ["ampm, ampm", "dcm, joint-pd"])
 
 
 def test_bodies_of_two_sizes_are_told_and_compared_in_shares_of_their_size(sides):

@@ -115,3 +115,6 @@ def test_tables_and_json():
     assert (cell["task"], cell["name"], cell["rank"], cell["survived"]) == ("normal", "ampm", 1, 8)
     assert cell["error"] == pytest.approx(1.05e-3, rel=0.1)
     assert "of 12 differences" in found.sentence
+    lipm = [cell for cell in found.cells if cell.name == "lipm"]
+    assert found.extremes["lipm-best"] == next(cell.best for cell in lipm if cell.task == "normal")
+    assert found.extremes["lipm-worst"] == next(cell.worst for cell in lipm if cell.task == "flat")  # it fell

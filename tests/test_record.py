@@ -92,9 +92,14 @@ def rewritten(path, change):
     pq.write_table(change(table), path)
 
 
-def older(table):
-    header = table.schema.metadata[b"ampm_record"]
-    return table.replace_schema_metadata({"ampm_record": header.replace(b'"format": 6', b'"format": 5')})
+def described(**changes):
+    """Change constants in a table's description of the run."""
+
+    def change(table):
+        header = json.loads(table.schema.metadata[b"ampm_record"]) | changes
+        return table.replace_schema_metadata({"ampm_record": json.dumps(header)})
+
+    return change
 
 
 CHANGES = {
@@ -122,7 +127,14 @@ def test_a_folder_that_was_changed_is_neither_read_nor_replayed(folder, tmp_path
 @pytest.mark.parametrize(
     ("name", "change", "words"),
     [
-        ("joints", older, "format 5, this version reads 6; walk the gait again"),
+        ("joints", described(format=5), "format 5, this version reads 6; walk the gait again"),
+        (
+            "joints",
+            described(torque_limit=[1.0]),
+            "joints.parquet is damaged: record: torque_limit has shape",
+        ),
+        ("joints", described(outcome="fell"), "joints.parquet is damaged: its description is"),
+        ("joints", lambda table: table.replace_schema_metadata(), "no description"),
         ("joints", lambda table: table.slice(0, 3), "has not"),
         ("contacts", lambda table: table.drop_columns(table.column_names[3]), "no column"),
         ("ticks", lambda table: table.set_column(1, table.column_names[1], [["x"] * len(table)]), "has not"),

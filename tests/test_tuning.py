@@ -124,7 +124,7 @@ def test_what_is_named_stays():
 def test_an_infeasible_gait_is_refused_with_the_limit_and_the_best_that_was_found():
     run, robot = body_of("gait.com_height=0.8", "gait.steps=2")  # the ankle bends too far
     run = run.giving(set(keys()) - {"body.lean", "foot.swing_lag"})
-    with pytest.raises(NoFeasibleChoice, match=r"none of \d+ choices .* ankle") as refusal:
+    with pytest.raises(NoFeasibleChoice, match=r"none in \d+ choices .* ankle") as refusal:
         tune(run, robot)
     error = refusal.value
     assert error.reason == "joint_limits"

@@ -107,8 +107,8 @@ def limited(change: Array, most: float) -> Array:
 def posture(body: Kinematics, q: Array, v: Array, phase: float, rate: float) -> Array:
     """Desired acceleration of the posture: -k (q - q0) - d qd (Eq. 12, sign corrected), shape (nv,).
 
-    The pelvis lists towards the swing foot by a sine, and turns the hip of the front foot forward by a cosine of
-    the phase, which goes from 0 to pi in a step.
+    The pelvis lists towards the swing foot by a sine of the phase, which goes from 0 to pi in a step, and
+    turns the hip of the front foot forward by its cosine.
 
     Args:
         body: supplies q0, k and d.
@@ -170,7 +170,9 @@ def upright(body: Kinematics, tasks: StepReference, k: int, q: Array) -> Array:
     still = np.zeros(len(body.weight))
     for _ in range(60):
         place(body, tasks, k, q)
-        change = nearest(body, body.position_rows, posture(body, q, still, 0.0, 0.0) / body.stiffness, body.miss)
+        change = nearest(
+            body, body.position_rows, posture(body, q, still, 0.0, 0.0) / body.stiffness, body.miss
+        )
         q = moved(q, limited(change, 0.2))
         if np.abs(change).max() < 1e-6:
             break

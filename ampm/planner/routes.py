@@ -19,8 +19,6 @@ from ampm.planner.contacts import Footstep, Side
 
 Frame = tuple[float, float, float]
 """Middle between two feet that stand beside each other, and their heading: (x, y) [m], [rad]."""
-
-
 TOE_OUT = 0.1
 """Angle by which the feet of the turning walks are turned out, so that the legs pass each other [rad]."""
 
@@ -148,10 +146,8 @@ def _way(start: Frame, target: Frame, number: int, limits: tuple[float, float, f
 
 def footsteps_of(run: RunParameters) -> tuple[list[Footstep], list[float | None]]:
     """Footsteps of a run, and when each is reached [s], None where the run leaves it open."""
-    rows = run.footsteps
-    return [Footstep(row.foot, (row.x, row.y, row.z), row.heading) for row in rows], [
-        row.time for row in rows
-    ]
+    footsteps = [Footstep(row.foot, (row.x, row.y, row.z), row.heading) for row in run.footsteps]
+    return footsteps, [row.time for row in run.footsteps]
 
 
 def as_rows(

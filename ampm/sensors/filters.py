@@ -63,7 +63,6 @@ class Filter(NamedTuple):
     points: Any  # frames of the sole points
     wrenches: bool  # whether force and contact are those that the wrenches of the feet give
     joint_error: Array  # of the commanded accelerations of the hinges, (nu,) [rad/s^2]
-    command_error: Array  # more of it, as a share of each, (nu,) [1]
     variance: Array  # of angles, rates, gyro and fixes as read, (4,)
     growth: Array  # of the variances of x in a tick, (X,)
     levels: Array  # heights of the floor's surfaces [m]
@@ -142,7 +141,7 @@ def predict_joints(f: Filter, commanded: Array, period: float, factor: float) ->
     for j in range(len(f.joint_rate)):
         a, start, covariance = commanded[6 + j], f.joint_rate[j], f.joint_covariance[j]
         angle, rate = f.q[7 + j] + period * start + shift * a, start + period * a
-        error = (factor * (f.joint_error[j] + f.command_error[j] * abs(a))) ** 2
+        error = (factor * f.joint_error[j]) ** 2
         aa = covariance[0] + period * (2.0 * covariance[1] + period * covariance[2]) + error * shift * shift
         ar = covariance[1] + period * covariance[2] + error * shift * period
         rr = covariance[2] + error * period * period

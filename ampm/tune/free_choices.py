@@ -86,15 +86,24 @@ class FreeChoices:
         run: the request.
         fixed: keys that may not be changed.
         description: the body.
+        held: open keys that keep the guess.
     """
 
-    def __init__(self, run: RunParameters, fixed: Collection[str], description: BodyDescription) -> None:
+    def __init__(
+        self,
+        run: RunParameters,
+        fixed: Collection[str],
+        description: BodyDescription,
+        held: Collection[str] = (),
+    ) -> None:
         self.run, self.fixed, self.description = run, frozenset(fixed), description
+        self.held = frozenset(held)
         self.sole = description.sole
         self.flat = run.foot.schedule == "flat"
         self.useless = (_ROLLING if self.flat else set()) | (set() if description.spread else {"spread"})
         names = {choice.name for choice in CHOICES} - self.useless
-        free = [choice for choice in CHOICES if choice.name in names and choice.key not in self.fixed]
+        kept = self.fixed | self.held
+        free = [choice for choice in CHOICES if choice.name in names and choice.key not in kept]
         self.names = [choice.name for choice in free]
         self.lower = np.array([choice.lower for choice in free])
         self.upper = np.array([choice.upper for choice in free])

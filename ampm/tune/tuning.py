@@ -38,6 +38,7 @@ from ampm.walk import WalkPlan
 Report = Callable[[str], None]
 
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
+_SURE = 0.2  # margin below which a search from another start follows: walks with less often fail
 _SPARE = 0.4  # margin with which the values that there are stay
 _HOPELESS = -1.0  # margin below which no search with small margins follows
 _CHOICES = 100  # of the search and all searches for a way out
@@ -118,7 +119,7 @@ def _tuned(run: RunParameters, robot: Robot, report: Report, effort: Effort) -> 
     """
     if not run.gait.c_y > 0.0:
         plan_gait(run.gait, run.body.mass)  # refuses it, with a better message than a failed search
-    space = FreeChoices(run, run.given | _PELVIS, robot.description)
+    space = FreeChoices(run, run.given, robot.description, _PELVIS)
     _check_pace(space)
     present = _present(space, robot)
     if present is not None and present.worst() >= _SPARE:
@@ -163,13 +164,13 @@ def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
 
 
 def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> Tuned:
-    """The best choice of the first search that finds one, with its plan over all steps and its motion.
+    """The best choice of the first search that is sure of one, with its plan over all steps and its motion.
 
     Raises:
         MathematicalRefusal: there is no guess.
         NoFeasibleChoice: none finds one, or its motion is refused.
     """
-    searches = list[ChoiceSearch]()
+    searches, accepted = list[ChoiceSearch](), list[Tuned]()
     refusal = None
     for search, start in _searches(space, robot, report, effort):
         searches += [] if search in searches else [search]
@@ -182,7 +183,11 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) 
             values, refusal = best.values, error
         else:
             found = search.space.values(best.run)
-            return Tuned(best.run.as_is(), plan, found, best.values, len(search.candidates))
+            accepted.append(Tuned(best.run.as_is(), plan, found, best.values, len(search.candidates)))
+            if best.worst() >= _SURE:
+                break
+    if accepted:
+        return max(accepted, key=Tuned.worst)
     tried = sum(len(search.candidates) for search in searches)
     if refusal is None:
         raise no_feasible_choice(max(searches, key=lambda search: search.best().worst()), tried)
@@ -211,7 +216,7 @@ def _searches(
     first, left = search.candidates[-1], effort.choices
     twist = first.margins().get("twist", math.inf)
     if robot.description.has_arms and _L_Z not in space.fixed and twist < Effort().enough:
-        still = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description)
+        still = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description, _PELVIS)
         balanced = _begun(still, robot, report, effort)
         if balanced.candidates[-1].orbit is not None:
             yield balanced, balanced.candidates[-1]
@@ -223,7 +228,7 @@ def _searches(
         yield search, first
     if not effort.starts or not space.names:
         return
-    wide = FreeChoices(space.run, space.run.given, robot.description)
+    wide = FreeChoices(space.run, space.fixed, robot.description)
     search = ChoiceSearch(wide, RoughOrbits(robot, space.run), report, effort)
     found = search.spread(effort.starts)
     search.effort = replace(effort, choices=len(search.candidates) + _FROM_STARTS)

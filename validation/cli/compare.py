@@ -71,14 +71,6 @@ def compare(
         list[Path] | None,
         option("--robustness", "robustness.json of a walk, from 'ampm robustness'; once for each.", "FILE"),
     ] = None,
-    tolerance: Annotated[
-        float | None,
-        option(
-            "--tolerance",
-            "Of sweeps: by which share of its limit a metric may grow, 0.1 if not given.",
-            "SHARE",
-        ),
-    ] = None,
     execution: Execution,
     as_json: Json = False,
 ) -> int:
@@ -106,16 +98,13 @@ def compare(
             f"{done[0]} is finished; compare it with other finished ones, without options of a gait "
             "('ampm validate --out DIR' keeps the run of a gait)."
         )
-    if tolerance is not None and not sweeps:
-        raise InputError("--tolerance is of sweeps; leave it out.")
     found: WalkComparison | SweepComparison
     if sweeps:
         if len(sweeps) != 2 or sweeps != walks:
             raise InputError(f"{sweeps[0]} is a sweep; compare it with one other sweep.")
         if len(studies) > 1:
             raise InputError("--uncertainty: of two sweeps one convergence study is enough; give one.")
-        limits = {} if tolerance is None else {"tolerance": tolerance}
-        found = compare_sweeps(*sweeps, uncertainty=studies[0] if studies else None, **limits)
+        found = compare_sweeps(*sweeps, uncertainty=studies[0] if studies else None)
         status = Status.OUT_OF_TOLERANCE if found.regressions else Status.PASS
     else:
         if done:

@@ -65,7 +65,7 @@ def sweep(
 
         expected = forecast(load_sweep(file), execution.workers, progress=Narrator())
         answer(expected, as_json=as_json)
-        return Status.PASS if expected.walking else Status.REFUSED
+        return Status.PASS if expected.found["walking"] else Status.REFUSED
     if execution.out is None:
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
     found = walk_sweep(file, **vars(execution), progress=Narrator())
@@ -99,6 +99,10 @@ def rank(
         float, option("--ahead", "How long before an instant the plan stood: 0, .05, .1, .2 or .4 s.", "S")
     ] = 0.1,
     out: Annotated[Path | None, option("--out", "Write the tables as Markdown.", "FILE.md")] = None,
+    recordings: Annotated[
+        Path | None,
+        option("--recordings", "Walk the best and worst run of each planner again, into folders.", "DIR"),
+    ] = None,
     as_json: Json = False,
 ) -> int:
     """Rank the planners of a sweep.
@@ -111,6 +115,12 @@ def rank(
     if out is not None:
         check_output_file(out, force=True)
     found = ranked(folder, by, ahead=ahead)
+    if recordings is not None:
+        from validation.study.sweep.design import load_sweep
+        from validation.study.sweep.run import keep_runs
+        from validation.study.sweep.table import DEFINITION
+
+        keep_runs(load_sweep(folder / DEFINITION), found.extremes, recordings, progress=Narrator())
     if out is not None:
         with output_file(out) as file:
             file.write_text(markdown_page(found.tables()), encoding="utf-8")

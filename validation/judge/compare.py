@@ -6,35 +6,27 @@ Nothing is shifted, fitted or masked; the first step, which includes the transie
 separately.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ampm.brief import Brief
+from ampm.description import BodyDescription
 from ampm.exceptions import InputError
-from validation.judge.margins import energy, feedback_effort, margins
+from ampm.geometry import Array
+from ampm.planner.centroidal import PlanSample
+from ampm.walk import WalkPlan
+from validation.judge.margins import Rows, energy, feedback_effort, margins
+from validation.measure.measure import MeasuredGait
 from validation.trial.followed import LEADS, Followed
 from validation.trial.frozen_plan import FrozenPlan, PlanRows
+from validation.trial.record import SimulationRecord
+from validation.trial.shapes import Shapes
 from validation.trial.unplanned import Supports, heading_velocity
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.description import BodyDescription
-    from ampm.geometry import Array
-    from ampm.planner.centroidal import PlanSample
-    from ampm.walk import WalkPlan
-    from validation.measure.measure import MeasuredGait
-    from validation.trial.record import SimulationRecord
-    from validation.trial.shapes import Shapes
-
-    Rows = NDArray[np.bool_]
 
 RUN = "run"
 """The window that is judged: the run without its first step, or all of it if it begins at rest."""

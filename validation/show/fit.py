@@ -67,6 +67,6 @@ def _picture(strides: Strides, told: dict[str, Array], signal: str) -> Picture:
     chart.line(time, measured.mean(axis=0), MEASURED, 2.2)
     for model, (_, color) in _MODELS.items():
         chart.line(time, drawn(told[model]).mean(axis=0), color, 1.2, dash="" if model == "ampm" else DASHED)
-    for double in (ends[1:3], ends[3:5]):
-        chart.shade(*double, SHADE)
+    for begin in (1, 3):  # of the double supports
+        chart.shade(ends[begin], ends[begin + 1], SHADE)
     return Picture([chart], title)

@@ -147,7 +147,10 @@ def load_record(directory: str | Path) -> SimulationRecord:
         arrays[name] = (np.column_stack(found) if found else np.zeros((rows, 0), kind)).reshape(rows, *shape)
         arrays[name].setflags(write=False)
     arrays |= {"time": time, "tick_time": tick_time, "state_rows": states}
-    return SimulationRecord(**arrays, **constants)
+    try:
+        return SimulationRecord(**arrays, **constants)
+    except InputError as error:
+        raise InputError(f"{directory / JOINTS_FILE} is damaged: {error} Walk the gait again.") from None
 
 
 def read_header(directory: Path) -> dict[str, Any]:

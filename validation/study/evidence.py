@@ -131,15 +131,18 @@ def _envelope(saved: SavedRun) -> str:
 
 def _linked(saved: SavedRun, rows: Sequence[Mapping[str, str]]) -> dict[str, Any]:
     """The evidence as JSON-LD."""
-    summary = saved.summary
-    digest = digest_of(saved)
+    summary, digest = saved.summary, digest_of(saved)
     time = {"@value": summary["environment"]["time"], "@type": "http://www.w3.org/2001/XMLSchema#dateTime"}
 
     def node(kind: str, **entries: Any) -> dict[str, Any]:
         return {"@id": f"urn:sha256:{digest}:{kind}", "@type": kind, **entries}
 
-    result = {"comparedAgainst": node("Comparator"), "prov:wasGeneratedBy": node("prov:Activity")}
-    known = {"hasUncertaintyQuantification": True} if "uncertainty" in summary else {}
+    result: dict[str, Any] = {
+        "comparedAgainst": node("Comparator"),
+        "prov:wasGeneratedBy": node("prov:Activity"),
+    }
+    if "uncertainty" in summary:
+        result["hasUncertaintyQuantification"] = True
     decision = {
         "outcome": "Not decided",
         "rationale": f"The trial: {summary['verdict']}. {summary['reason']}",
@@ -167,7 +170,7 @@ def _linked(saved: SavedRun, rows: Sequence[Mapping[str, str]]) -> dict[str, Any
         "conformsToProfile": {"@id": f"{_UOFA}ProfileMinimal"},
         "bindsRequirement": {"@id": f"urn:ampm:profile:{summary['profile']}"},
         "hasContextOfUse": node("ContextOfUse", **use),
-        "hasValidationResult": node("ValidationResult", **result, **known),
+        "hasValidationResult": node("ValidationResult", **result),
         "hasCredibilityFactor": factors,
         "hasDecisionRecord": node("DecisionRecord", **decision),
         "prov:generatedAtTime": time,

@@ -136,6 +136,22 @@ class Ranking(Tabled):
         }
 
     @property
+    def extremes(self) -> dict[str, int]:
+        """Number of the best and of the worst run of each planner in all tasks, by ``NAME-best`` ..."""
+        found = {}
+        for name in dict.fromkeys(cell.name for cell in self.cells):
+            walked = [cell for cell in self.cells if cell.name == name and cell.worst is not None]
+            ends = {
+                "best": [(min(cell.errors.values()), cell.best) for cell in walked if cell.errors],
+                "worst": [
+                    (cell.survived / cell.runs, -max(cell.errors.values(), default=0.0), cell.worst)
+                    for cell in walked
+                ],
+            }
+            found |= {f"{name}-{end}": min(values)[-1] for end, values in ends.items() if values}
+        return found
+
+    @property
     def sentence(self) -> str:
         """How many differences are decided."""
         walked = [cell.task for cell in self.cells if cell.runs]
@@ -218,7 +234,7 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     groups: dict[tuple[str, str], list[int]] = {}
     for row, place in enumerate(zip(_short(table.words("gait")), _short(table.words(key)), strict=True)):
         groups.setdefault(place, []).append(row)
-    cells = []
+    cells, causes = [], table.words("cause")
     for place, found in groups.items():
         rows = np.array(found)
         walked = rows[~table.is_state(State.REFUSED)[rows]]
@@ -227,6 +243,7 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
         lost = walked[table.is_state(*LOST)[walked]]
         lost = lost[np.argsort(table.numbers("outcome_time")[lost], kind="stable")]
         worst = [*lost[:1], *done[-1:]]
+        ends = [(state, rows[table.is_state(state)[rows]]) for state in (State.REFUSED, *BROKEN)]
         cells.append(
             Cell(
                 *place,
@@ -234,7 +251,7 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
                 survived=len(done),
                 error=_median(errors[done]),
                 effort=_median(table.numbers(EFFORT)[done]),
-                notes=tuple(_notes(table, rows)),
+                notes=tuple(f"{len(at)} {end.label}: {causes[at[0]]}" for end, at in ends if at.size),
                 best=int(table.numbers("run")[done[0]]) if done.size else None,
                 worst=int(table.numbers("run")[worst[0]]) if worst else None,
                 errors={replicas[row]: float(errors[row]) for row in done},
@@ -246,13 +263,6 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
 
 def _median(values: NDArray[np.float64]) -> float:
     return float(np.median(values)) if values.size else math.nan
-
-
-def _notes(table: SweepTable, rows: NDArray[np.intp]) -> list[str]:
-    """How many runs were refused or broke, with the first sentence of each."""
-    causes = table.words("cause")
-    ends = [(state, rows[table.is_state(state)[rows]]) for state in (State.REFUSED, *BROKEN)]
-    return [f"{len(ended)} {state.label}: {causes[ended[0]]}" for state, ended in ends if ended.size]
 
 
 def _short(names: Sequence[str]) -> list[str]:

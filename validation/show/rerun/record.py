@@ -14,7 +14,6 @@ import logging
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -362,8 +361,9 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Lines]]]:
         use = np.abs(saved.record.torque_at(saved.signal_steps[rows])) / saved.record.torque_limit
         found["effort/torque"] = 100 * use.max(axis=1)[:, None], {"torque": MEASURED}
     known: dict[str, tuple[Array, Lines]] = {}  # without columns that have no value, as of a missing plan
-    for entity, (values, lines) in found.items():
-        there: list[bool] = np.isfinite(values).any(axis=0).tolist()
-        if any(there):
-            known[entity] = values[:, there], dict(compress(lines.items(), there))
+    for entity, (values, colors) in found.items():
+        there = np.flatnonzero(np.isfinite(values).any(axis=0))
+        if len(there):
+            names = list(colors)
+            known[entity] = values[:, there], {names[k]: colors[names[k]] for k in there}
     return signals.time, known

@@ -259,15 +259,15 @@ class WalkComparison(Tabled):
         """What differs, the metrics group by group, the causes of the ZMP error, and robustness."""
         labels = [side.label for side in self.sides]
         heads = ["", *(f">{label}" for label in labels)]
-        notes = (
+        notes = [
             f"A difference counts if it is larger than the doubt: {self.basis}. Smaller is better, except "
             "for margins, distances and flexion.",
             "The first step is left out. Measured values are compared with the own plan of each walk.",
-        )
+        ]
         if self.unlike:
-            notes += (
+            notes.append(
                 "The bodies differ in size: lengths are shares of the foot, forces of the weight, momenta of "
-                "m√(gL³) with the length L of the foot. A robot's gait of another shape still differs.",
+                "m√(gL³) with the length L of the foot. A robot's gait of another shape still differs."
             )
         tables = [Table("the walks", heads, list(self._facts()), notes)]
         for group in (JUDGED, COST, OWN):

@@ -4,7 +4,6 @@ Two runs of one revision on one machine have the same bits, so only a difference
 beyond the numerical uncertainty of a convergence study.
 """
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -106,7 +105,6 @@ def compare_sweeps(
     a: Path | str | SweepTable,
     b: Path | str | SweepTable,
     *,
-    tolerance: float = TOLERANCE,
     uncertainty: Path | Uncertainty | None = None,
 ) -> SweepComparison:
     """Compare two sweeps, the first of which is the reference.
@@ -114,16 +112,11 @@ def compare_sweeps(
     Args:
         a: folder or table of the reference.
         b: the same of the sweep that is compared with it.
-        tolerance: share of its limit by which a metric may grow [1].
         uncertainty: ``convergence.json``; its numerical uncertainty counts where it exceeds rounding.
 
     Raises:
-        InputError: no two sweeps, no common run, or a bad tolerance.
+        InputError: no two sweeps, or no common run.
     """
-    if not 0.0 <= tolerance < math.inf:
-        raise InputError(
-            f"--tolerance {tolerance:g}: give the share of its limit by which a metric may grow, such as 0.1."
-        )
     a, b = (side if isinstance(side, SweepTable) else read_sweep(side) for side in (a, b))
     known = load_uncertainty(uncertainty) if isinstance(uncertainty, Path) else uncertainty
     rows_a, rows_b = join(a, b)
@@ -138,7 +131,7 @@ def compare_sweeps(
         limit = b.limit_values(name)[rows_b] if name in b.limits else a.limit_values(name)[rows_a]
         bound = 0.0 if known is None else known.values.get(name, 0.0)
         noise = np.fmax(rounding(np.fmax(before, after), a.unit(METRIC + name)), bound)
-        allowed = np.fmax(noise, tolerance * limit)
+        allowed = np.fmax(noise, TOLERANCE * limit)
         is_lost = completed & np.isfinite(before) & ~np.isfinite(after)
         worse[number] = is_lost | (growth > allowed)
         better[number] = -growth > allowed
@@ -191,8 +184,8 @@ def join(a: SweepTable, b: SweepTable) -> tuple[Rows, Rows]:
         varied.append("gait")
     rows_a = rows_b = np.array([], dtype=np.intp)
     if all(key in side for key in varied for side in (a, b)):
-        values = ([str(row) for row in side.table.select(varied).to_pylist()] for side in (a, b))
-        _, rows_a, rows_b = np.intersect1d(*values, return_indices=True)
+        values_a, values_b = ([str(row) for row in side.table.select(varied).to_pylist()] for side in (a, b))
+        _, rows_a, rows_b = np.intersect1d(values_a, values_b, return_indices=True)
     if not len(rows_a):
         ranges = " and ".join(", ".join(sorted(side.metadata["varied"])) for side in (a, b))
         raise InputError(

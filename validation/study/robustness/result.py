@@ -94,4 +94,4 @@ def load_robustness(path: Path) -> Robustness:
         return TypeAdapter(Robustness).validate_json(read_file(file))
     except (OSError, ValueError) as error:
         why = " ".join(str(error).split())[:100]
-        raise InputError(f"{file} is no {RESULT} of 'ampm robustness --out' ({why}).") from None
+        raise InputError(f"{file} is not a {RESULT} of 'ampm robustness --out' ({why}).") from None

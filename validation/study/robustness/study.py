@@ -6,7 +6,8 @@ from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any, Unpack
 
-from ampm.parameters import RunParameters
+from ampm.exceptions import InputError
+from ampm.parameters import NO_PLAN, RunParameters
 from models.scene import BodyModel
 from validation.judge import profiles
 from validation.run.walk import walk_planned
@@ -138,6 +139,12 @@ def robustness(
     cells = chosen([*push_cells(quick), *other_cells(quick)], only)
     folder, pool = open_study(execution)
     request = load_request(run, settings)
+    if request.run.gait.planner == NO_PLAN and any(cell.is_push for cell in cells):
+        kinds = ", ".join(sorted({cell.kind for cell in other_cells(quick)}))
+        raise InputError(
+            "gait.planner = none plans no steps, so that a push has no phase of a step; study other "
+            f"disturbances with --only: {kinds}."
+        )
     limits = profiles.own_profile(request.name, request.run) if profile is None else profiles.profile(profile)
     short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
     planned = plan_walk(short, pool.get("progress"))

@@ -238,7 +238,7 @@ class SweepDefinition(Section, section="sweep"):
         for number, block in enumerate(self.vary):
             cases = block.cases(np.random.default_rng([self.seed, number]))
             for case in cases if isinstance(block.keys.get(DELAY_KEY), Range) else ():
-                case[DELAY_KEY] = float(np.round(np.rint(case[DELAY_KEY] / step) * step, _DIGITS))
+                case[DELAY_KEY] = float(np.round(np.rint(float(case[DELAY_KEY]) / step) * step, _DIGITS))
             found.append(cases)
         return found
 

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -129,64 +129,51 @@ def _keep_worst(definition: SweepDefinition, found: SweepTable, folder: Path, po
     passed, numbers = found.is_state(State.PASS), found.table["run"].to_pylist()
     rows = [row for row in found.worst if definition.recordings == "worst" or not passed[row]]
     rows = [] if definition.recordings == "none" else rows[: definition.worst]
-    names = {row: f"{RECORDINGS}/{definition.name_of(numbers[row])}" for row in rows}
-    if not names:
-        return [None] * len(found)
+    names = {row: definition.name_of(numbers[row]) for row in rows}
+    runs = {name: numbers[row] for row, name in names.items()}
+    kept = keep_runs(definition, runs, folder / RECORDINGS, **pool)
+    return [f"{RECORDINGS}/{names[row]}" if names.get(row) in kept else None for row in range(len(found))]
+
+
+def keep_runs(
+    definition: SweepDefinition, runs: Mapping[str, int], folder: Path, **pool: Unpack[Pool]
+) -> list[str]:
+    """Walk runs of a sweep again, each into a folder of its name with report and recording; those written."""
+    if not runs:
+        return []
     tasks = [
-        Task(name, keep_run, {"folder": str(folder.resolve() / name), **_options(definition, numbers[row])})
-        for row, name in names.items()
+        Task(name, keep_run, {"folder": str(folder.resolve() / name), **_options(definition, run)})
+        for name, run in runs.items()
     ]
-    for row in walk_many(tasks, folder / RECORDINGS, label="recordings of the worst runs", **pool):
+    for row in walk_many(tasks, folder, label="recordings", **pool):
         if "reason" in row:
             progress = pool.get("progress") or Progress()
             progress.say(f"ampm: {folder / row['key']} was not written ({row['cause']}).")
-    kept = {row: name for row, name in names.items() if (folder / name / REPORT).is_file()}
-    return [kept.get(row) for row in range(len(found))]
+    return [name for name in runs if (folder / name / REPORT).is_file()]
 
 
 @dataclass(frozen=True)
 class Forecast(Tabled):
     """What a sweep would walk."""
 
-    planned: int  # runs of the sweep
-    checked: int  # runs of it that were checked, evenly spread
-    refused: SweepTable  # those of them that bounds or formula refuse
-    seconds: float | None  # wall-clock time of one run; None if no tried run can be walked [s]
-    kept: int  # runs that are walked once more at the end, at most
-    workers: int  # processes
-
-    @property
-    def walking(self) -> int:
-        """Runs that can walk, at most."""
-        return round(self.planned * (1.0 - len(self.refused) / self.checked))
+    refused: SweepTable  # runs that bounds or formula refuse, of those that were checked
+    found: Mapping[str, Any]  # numbers of runs, and times [s]; None if no tried run can be walked
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, times in s."""
-        rounds = math.ceil(self.walking / self.workers) + math.ceil(self.kept / self.workers)
-        return {
-            "runs": self.planned,
-            "checked": self.checked,
-            "refused": self.refused.as_dict()["refusals"],
-            "walking": self.walking,
-            "kept": self.kept,
-            "seconds": self.seconds,
-            "wall_clock": self.seconds and self.seconds * rounds,
-            "workers": self.workers,
-        }
+        return {**self.found, "refused": self.refused.as_dict()["refusals"]}
 
     def tables(self) -> list[Table]:
         """Numbers of runs, with examples of the refusals."""
-        found, rows = self.as_dict(), [("runs", f"{self.planned:,}", "")]
-        if self.checked < self.planned:
-            rows.append(("of which were checked", f"{self.checked:,}", ""))
-        rows += [*self.refused.tables()[0].rows, ("can walk, at most", f"{self.walking:,}", "")]
+        found = self.found
+        rows: list[Sequence[str]] = [(name, f"{found[name]:,}", "") for name in ("runs", "checked")]
+        rows += [*self.refused.tables()[0].rows, ("can walk, at most", f"{found['walking']:,}", "")]
         note = "no run that was tried can be walked"
-        if self.seconds is not None:
+        if found["seconds"] is not None:
             one, every = (format_duration(found[name]) for name in ("seconds", "wall_clock"))
-            note = f"one run takes about {one}, the sweep about {every} with {self.workers} workers"
-            note += f"; {self.kept} runs are walked again, and kept with report and recording" * bool(
-                self.kept
-            )
+            note = f"one run takes about {one}, the sweep about {every} with {found['workers']} workers"
+            if found["kept"]:
+                note += f"; {found['kept']} runs are walked again, and kept with report and recording"
         return [Table(f"dry run of {self.refused.name}", ("", ">runs", "for example"), rows, [note])]
 
 
@@ -210,6 +197,10 @@ def forecast(
             walk_request(**task.options)
             seconds = time.perf_counter() - start
             break
-    walking = len(tasks) - len(rows)
+    walking = round(planned * (1.0 - len(rows) / len(tasks)))
     kept = 0 if definition.recordings == "none" else min(definition.worst, walking)
-    return Forecast(planned, len(runs), refused, seconds, kept, min(workers or cores(), planned))
+    workers = min(workers or cores(), planned)
+    rounds = math.ceil(walking / workers) + math.ceil(kept / workers)
+    numbers = {"runs": planned, "checked": len(tasks), "walking": walking, "kept": kept, "workers": workers}
+    times = {"seconds": seconds, "wall_clock": seconds and seconds * rounds}
+    return Forecast(refused, numbers | times)
