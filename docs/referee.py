@@ -2,12 +2,11 @@
 
     python docs/referee.py [human | g1] [GAIT ...]
 
-Minutes for a gait. It shares plan, feet and limits with the search, and nothing of its inverse kinematics or of its
-way to choose: free are all joints at the nodes of one step, whose end mirrors its start, together with timing,
-heights, and angles of the feet. Pinocchio gives kinematics, inverse dynamics and their derivatives.
-Gauss and Newton (Levenberg, Marquardt) minimise the squares of what is violated, each over its tolerance; there is no
-posture to keep. ``walks`` means that no limit is violated by more than its tolerance. A motion that was not found
-proves nothing, as the problem is not convex.
+Half a minute for a gait. Plan, feet and limits are those of the search; its inverse kinematics is not used.
+Free are all joints at the nodes of one step, whose end mirrors its start, and timing, heights and angles
+of the feet. Pinocchio gives inverse dynamics and derivatives; Gauss and Newton (Levenberg, Marquardt)
+minimise the squares of all violations over their tolerances. ``walks`` means that none is above its
+tolerance, at the nodes. ``none found`` proves nothing, as the problem is not convex.
 """
 
 import csv
@@ -157,8 +156,8 @@ class Problem:
         self.base = self.space.guess()
         self.mirror = robot.mirror_v(np.eye(robot.nv)).T
         pin.framesForwardKinematics(self.model, self.data, pin.neutral(self.model))
-        root = self.model.getFrameId(self.model.names[1])
-        self.upright = [(frame, self.data.oMf[frame].rotation[2].copy()) for frame in (root, robot.trunk_frame)]
+        frames = self.model.getFrameId(self.model.names[1]), robot.trunk_frame
+        self.upright = [(frame, self.data.oMf[frame].rotation[2].copy()) for frame in frames]
         self.fastest = np.full(robot.nu, np.inf)
         for name, speed in robot.description.speed_limits:
             self.fastest[robot.velocity_indices((name,)) - 6] = speed
@@ -186,10 +185,10 @@ class Problem:
         """Residuals of every node over their tolerances, shape (N, R), and their slopes.
 
         Returns:
-            The slopes by the configurations before, at and after each node and by the constant of L_y, a list of N
-            arrays of shape (R, 3 nv + 1).
+            The slopes by the configurations before, at and after each node and by the constant of L_y, a list
+            of N arrays of shape (R, 3 nv + 1); empty without ``slopes``.
         """
-        model, nv, way = self.model, self.robot.nv, self.way
+        model, way = self.model, self.way
         q = [self.robot.mirror_q(at.q[-1], -way), *at.q, self.robot.mirror_q(at.q[0], way)]
         h = np.diff(np.concatenate([[tasks.time[-2] - tasks.time[-1]], tasks.time]))
         rate = [pin.difference(model, a, b) / dt for a, b, dt in zip(q, q[1:], h, strict=False)]
@@ -287,7 +286,11 @@ class Problem:
         limit = robot.torque_limit
         signs = (np.sign(torque) / limit)[:, None]
         at_most("torque [1]", np.abs(torque) / limit, 1.0, signs * by_q, signs * by_v, signs * by_a)
-        term("toes [rad]", q[robot.toe_joints + 1] - tasks.toe[k, : len(robot.toe_joints)], eye[robot.toe_joints])
+        term(
+            "toes [rad]",
+            q[robot.toe_joints + 1] - tasks.toe[k, : len(robot.toe_joints)],
+            eye[robot.toe_joints],
+        )
         bent, knees = robot.knee_flexion(q), robot.knee_joints
         signs = (robot.knee_flexion(np.ones(robot.nq)) - robot.knee_flexion(np.zeros(robot.nq)))[:, None]
         at_most("knee [rad]", -bent, -KNEE_MINIMUM, -signs * eye[knees])
@@ -418,7 +421,7 @@ def judged(run: RunParameters, robot: Robot) -> tuple[Problem, Motion, dict[str,
     """The best motion of a few starts, what it violates [tolerances], and the number of its start."""
     problem, found = Problem(run, robot), []
     easy = easy_motion(run, robot)
-    spread = problem.space.spread(problem.guess, 4 * STARTS)
+    spread = problem.space.spread(problem.guess, 16)
     for number, x in enumerate([problem.guess, *spread]):
         try:
             tasks = problem.tasks(x)
@@ -435,27 +438,17 @@ def judged(run: RunParameters, robot: Robot) -> tuple[Problem, Motion, dict[str,
     return problem, motion, violated, number
 
 
-def accepted(problem: Problem, motion: Motion, run: RunParameters) -> tuple[str, RunParameters | None]:
-    """What the product says of the choices of a motion, and the run that it plans."""
-    robot, pitch = problem.robot, []
-    for turn in robot.trunk_rotations(motion.q):
-        pitch.append(np.arctan2(turn[0, 2], turn[2, 2]))
-    x = dict(zip(problem.space.names, motion.x, strict=True))
-    x["lean"] = np.mean(pitch)
-    said = ""
-    for momentum in ("free", "zero"):
-        for spread in (x.get("spread", 0.1), 0.1, 0.4):
-            changed = FreeChoices(
-                run.replace({"body.angular_momentum_z": momentum}), run.given, robot.description
-            )
-            try:
-                complete = changed.parameters({**problem.base, **x, "spread": spread})
-                PeriodicPlanner().plan(complete, robot)
-            except (RefusedGait, InputError) as error:
-                said = said or error.args[0]
-            else:
-                return "accepted", complete.as_is()
-    return said, None
+def accepted(problem: Problem, motion: Motion, run: RunParameters) -> str:
+    """What the product says of the choices of a motion, and of their walk if it plans one."""
+    pitch = [np.arctan2(turn[0, 2], turn[2, 2]) for turn in problem.robot.trunk_rotations(motion.q)]
+    x = dict(zip(problem.space.names, motion.x.tolist(), strict=True))
+    complete = problem.space.parameters({**problem.base, **x, "lean": float(np.mean(pitch))}).as_is()
+    try:
+        PeriodicPlanner().plan(complete, problem.robot)
+    except (RefusedGait, InputError) as error:
+        return str(error.args[0])
+    walked = val.walk(complete.replace({"gait.steps": 30, "simulation.time_step": 2e-3}))
+    return f"accepted; its walk: {walked.verdict.name.value}"
 
 
 def main() -> None:
@@ -473,10 +466,7 @@ def main() -> None:
             else:
                 what = max(violated, key=lambda item: violated[item])
                 seconds, walks = time.process_time() - begun, violated[what] <= 1.0
-                said, complete = accepted(problem, motion, run) if walks else ("", None)
-                if complete is not None:
-                    walked = val.walk(complete.replace({"gait.steps": 30, "simulation.time_step": 2e-3}))
-                    said = f"{said}, {walked.verdict.name.lower()}"
+                said = accepted(problem, motion, run) if walks else ""
                 value = f"{violated[what] * TOLERANCES[what]:.3g} {what}"
                 row = name, number, "walks" if walks else "none found", value, f"{violated[what]:.2f}", start
                 row = *row, f"{seconds:.0f}", said

@@ -24,7 +24,7 @@ from validation.cli.console import Narrator
 from validation.show.style import save_figure, style
 from validation.show.text import replace_between
 from validation.study.sweep.design import Block, SweepDefinition, load_sweep
-from validation.study.sweep.table import State, SweepTable
+from validation.study.sweep.table import RunState, SweepTable
 from validation.table import Table, format_number, short_unit
 
 PAGE = Path(__file__).with_suffix(".md")
@@ -174,8 +174,8 @@ def of_draw(rows: Sequence[Row], name: str) -> list[Row]:
 
 def outcomes(rows: Sequence[Row]) -> Table:
     """How many gaits of every draw ended how, and quantiles of the ZMP's errors where they were measured."""
-    first = [State.REFUSED, State.PASS, State.OUT_OF_TOLERANCE, State.FELL]
-    states = first + [state for state in State if state not in first and of_state(rows, state)]
+    first = [RunState.REFUSED, RunState.PASS, RunState.OUT_OF_TOLERANCE, RunState.FELL]
+    states = first + [state for state in RunState if state not in first and of_state(rows, state)]
     drawn = {name: of_draw(rows, name) for name in DRAWS}
     drawn[HUMAN_FIRST] = drawn[HUMAN][:IN_BOTH]
     body = []
@@ -187,7 +187,7 @@ def outcomes(rows: Sequence[Row]) -> Table:
     return Table("", ("draw", *(f">{column}" for column in columns)), body)
 
 
-def of_state(rows: Sequence[Row], *states: State) -> list[Row]:
+def of_state(rows: Sequence[Row], *states: RunState) -> list[Row]:
     """Rows in one of these states."""
     labels = [state.label for state in states]
     return [row for row in rows if row[OUTCOME] in labels]

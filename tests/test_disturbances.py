@@ -96,13 +96,6 @@ def test_a_com_push_adds_momentum_and_no_angular_momentum():
     assert speed == pytest.approx(60.0 * 0.02 / record.mass, rel=0.3)
 
 
-def test_a_push_of_the_run_file_is_that_of_the_list():
-    listed = walk(SHOVE)
-    record = disturbed(push_y=30.0, push_at=0.6)
-    np.testing.assert_array_equal(record.q, listed.q)
-    np.testing.assert_array_equal(record.external_force, listed.external_force)
-
-
 def test_a_moved_floor_has_its_contacts_at_the_new_height():
     record = disturbed(steps=1, floor_height=0.01)
     loaded = record.point_force[..., 2] > 5.0

@@ -96,17 +96,15 @@ def test_an_independent_integration_of_force_and_zmp_laws(parameters):
         np.testing.assert_allclose(s.angular_momentum - start, np.stack([lx, ly], axis=1), atol=1e-5)
 
 
-def test_the_least_speed_is_the_least_speed():
-    with pytest.raises(MathematicalRefusal) as caught:
-        plan_gait(changed(switching_velocity=0.3), MASS)
-    least = caught.value.limit
-    assert least == pytest.approx(0.21 * math.sqrt(0.95 * G / 0.88), rel=1e-15)
-    # The way out names a speed that is accepted, no more than a rounding above the least accepted one.
-    enough = float(caught.value.way_out.split(" to ")[1].split(" ")[0])
-    plan = plan_gait(changed(switching_velocity=enough), MASS)
-    slowest = plan.sample(plan.constants.single_support_duration / 2).com_velocity[0, 0]
-    assert 0.2 * enough <= slowest < 0.205 * enough
-    assert slowest == pytest.approx(math.sqrt(enough**2 - least**2))
+@pytest.mark.parametrize("offset", [0.0, 0.45])
+def test_the_mean_of_angular_momentum_y_is_the_offset(offset):
+    plan = plan_gait(GOLDEN, MASS).with_angular_momentum_offset(offset)
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    total = 0.0
+    for phase in plan.phases[:2]:
+        t = phase.start + 0.5 * phase.duration * (nodes + 1.0)
+        total += 0.5 * phase.duration * float(weights @ plan.sample(t).angular_momentum[:, 1])
+    assert total / plan.constants.step_duration == pytest.approx(offset, abs=1e-12)
 
 
 TINY = 1e-60

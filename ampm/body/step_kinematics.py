@@ -124,8 +124,8 @@ def posture(body: Kinematics, q: Array, v: Array, phase: float, rate: float) -> 
     sine, cosine = body.pelvis[0] * math.sin(phase), body.pelvis[1] * math.cos(phase)
     rest = np.array([sine, 0.0, -cosine])
     turning = np.array([body.pelvis[0] * math.cos(phase), 0.0, body.pelvis[1] * math.sin(phase)])
-    away = angle_over_size * vector_part - rest
-    wanted[3:6] = -(rate**2) * rest - body.stiffness * away - body.damping * (v[3:6] - rate * turning)
+    wanted[3:6] = -body.stiffness * angle_over_size * vector_part - body.damping * v[3:6]
+    wanted[3:6] += (body.stiffness - rate**2) * rest + body.damping * rate * turning
     wanted[6:] = body.free * (-body.stiffness * (q[7:] - body.rest) - body.damping * v[6:])
     return wanted
 

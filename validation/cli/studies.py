@@ -75,16 +75,16 @@ def sweep(
 
 def _sweep_status(found: SweepTable) -> int:
     """Exit status of a sweep: the worst of its runs."""
-    from validation.study.sweep.table import State
+    from validation.study.sweep.table import RunState
 
     ended = {state for state, count in found.counts.items() if count}
-    if State.CRASHED in ended:
+    if RunState.CRASHED in ended:
         return Status.CRASH
-    if ended - {State.PASS, State.OUT_OF_TOLERANCE, State.NOT_MEASURED, State.REFUSED}:
+    if ended - {RunState.PASS, RunState.OUT_OF_TOLERANCE, RunState.NOT_MEASURED, RunState.REFUSED}:
         return Status.NOT_COMPLETED
-    if ended == {State.REFUSED}:
+    if ended == {RunState.REFUSED}:
         return Status.REFUSED
-    return Status.PASS if ended <= {State.PASS, State.REFUSED} else Status.OUT_OF_TOLERANCE
+    return Status.PASS if ended <= {RunState.PASS, RunState.REFUSED} else Status.OUT_OF_TOLERANCE
 
 
 @app.command(epilog="Exit status: 0 ranked, 2 bad input.")

@@ -28,7 +28,7 @@ from validation.store.json import json_ready
 from validation.study.compare.comparison import SHARE
 from validation.study.sweep.design import CONTROLLER_KEY, ENGINE_KEY, PLANNER_KEY
 from validation.study.sweep.schema import AHEAD, ahead_column
-from validation.study.sweep.table import BROKEN, LOST, State, SweepTable, read_sweep
+from validation.study.sweep.table import BROKEN, LOST, RunState, SweepTable, read_sweep
 from validation.table import ABSENT, Table, Tabled, format_number
 from validation.trial.followed import JUDGED_LEAD, LEADS
 from validation.trial.users import SUFFIXES
@@ -62,7 +62,7 @@ def median_interval(values: NDArray[np.float64]) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Cell:
+class TaskResult:
     """All walks of a planner in a task."""
 
     task: str  # name of the gait
@@ -82,7 +82,7 @@ class Cell:
         """Of the survival, at 95 % [1]."""
         return wilson(self.survived, self.runs)
 
-    def pairs(self, other: "Cell") -> dict[tuple[Any, ...], float]:
+    def pairs(self, other: "TaskResult") -> dict[tuple[Any, ...], float]:
         """Error of the other one minus this one, in each replica that both completed [m]."""
         return {at: other.errors[at] - error for at, error in self.errors.items() if at in other.errors}
 
@@ -93,12 +93,12 @@ class Ranking(Tabled):
 
     by: str  # key that is ranked
     ahead: float  # how long before an instant the plan stood that it is compared with [s]
-    cells: tuple[Cell, ...]  # of every task and planner
+    cells: tuple[TaskResult, ...]  # of every task and planner
     engines: int | None  # place of the engine among the values of a replica; None if there is one engine
     planned: int  # runs of the sweep
     found: int  # those with a result
 
-    def better(self, one: Cell, other: Cell) -> bool:
+    def better(self, one: TaskResult, other: TaskResult) -> bool:
         """Whether it is decided that one is better than the other in their task."""
         if one.interval[0] > other.interval[1]:
             return True
@@ -108,7 +108,7 @@ class Ranking(Tabled):
         least = median_interval(np.array(list(pairs.values())))[0]
         return least > self.doubt(one, other, pairs)
 
-    def doubt(self, one: Cell, other: Cell, pairs: Mapping[tuple[Any, ...], float]) -> float:
+    def doubt(self, one: TaskResult, other: TaskResult, pairs: Mapping[tuple[Any, ...], float]) -> float:
         """Numerical uncertainty of the smaller error, and spread of the difference between engines [m]."""
         numerical = SHARE * min(one.error, other.error)
         if self.engines is None or not pairs:
@@ -119,7 +119,7 @@ class Ranking(Tabled):
         return numerical + float(np.abs(medians - whole).max())
 
     @cached_property
-    def wins(self) -> list[tuple[Cell, Cell]]:
+    def wins(self) -> list[tuple[TaskResult, TaskResult]]:
         """Pairs of cells of a task of which the first is better."""
         walked = [cell for cell in self.cells if cell.runs]
         pairs = [(one, other) for one in walked for other in walked if one.task == other.task]
@@ -141,14 +141,16 @@ class Ranking(Tabled):
         found = {}
         for name in dict.fromkeys(cell.name for cell in self.cells):
             walked = [cell for cell in self.cells if cell.name == name and cell.worst is not None]
-            ends = {
-                "best": [(min(cell.errors.values()), cell.best) for cell in walked if cell.errors],
-                "worst": [
-                    (cell.survived / cell.runs, -max(cell.errors.values(), default=0.0), cell.worst)
-                    for cell in walked
-                ],
-            }
-            found |= {f"{name}-{end}": min(values)[-1] for end, values in ends.items() if values}
+            best = min(walked, key=lambda cell: min(cell.errors.values(), default=math.inf), default=None)
+            if best is not None and best.best is not None:
+                found[f"{name}-best"] = best.best
+            last = min(
+                walked,
+                key=lambda cell: (cell.survived / cell.runs, -max(cell.errors.values(), default=0.0)),
+                default=None,
+            )
+            if last is not None and last.worst is not None:
+                found[f"{name}-worst"] = last.worst
         return found
 
     @property
@@ -237,15 +239,15 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     cells, causes = [], table.words("cause")
     for place, found in groups.items():
         rows = np.array(found)
-        walked = rows[~table.is_state(State.REFUSED)[rows]]
+        walked = rows[~table.is_state(RunState.REFUSED)[rows]]
         done = walked[table.measured[walked]]
         done = done[np.argsort(errors[done], kind="stable")]
         lost = walked[table.is_state(*LOST)[walked]]
         lost = lost[np.argsort(table.numbers("outcome_time")[lost], kind="stable")]
         worst = [*lost[:1], *done[-1:]]
-        ends = [(state, rows[table.is_state(state)[rows]]) for state in (State.REFUSED, *BROKEN)]
+        ends = [(state, rows[table.is_state(state)[rows]]) for state in (RunState.REFUSED, *BROKEN)]
         cells.append(
-            Cell(
+            TaskResult(
                 *place,
                 runs=len(walked),
                 survived=len(done),

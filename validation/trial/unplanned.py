@@ -13,7 +13,7 @@ SHORTEST = 0.05
 """Time up to which a contact, or a gap in it, is a bounce and no support or swing [s]."""
 
 
-class Supports(NamedTuple):
+class MeasuredSupports(NamedTuple):
     """What stands at K steps of the physics."""
 
     stance: NDArray[np.int8]  # 0 left, 1 right, 2 both; in flight that of before, shape (K,)

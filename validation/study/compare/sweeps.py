@@ -18,7 +18,7 @@ from ampm.exceptions import InputError
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, rounding
 from validation.show.text import format_value
 from validation.store.json import json_ready
-from validation.study.sweep.table import METRIC, State, SweepTable, read_sweep
+from validation.study.sweep.table import METRIC, RunState, SweepTable, read_sweep
 from validation.table import Table, Tabled
 
 Rows = NDArray[np.intp]
@@ -137,7 +137,7 @@ def compare_sweeps(
         better[number] = -growth > allowed
         crossed[number] = (a.used(name)[rows_a] > 1.0) != (b.used(name)[rows_b] > 1.0)
         counts[number] = is_lost | (np.abs(growth) > noise)
-    passed, passes = a.is_state(State.PASS)[rows_a], b.is_state(State.PASS)[rows_b]
+    passed, passes = a.is_state(RunState.PASS)[rows_a], b.is_state(RunState.PASS)[rows_b]
     # A verdict may change by a difference below the noise, which is no result.
     is_noise = crossed.any(axis=0) & ~(crossed & counts).any(axis=0)
     conditions = {

@@ -15,7 +15,7 @@ from markupsafe import Markup
 from ampm.geometry import Array
 from validation.show.text import format_value
 from validation.show.vector import FONT
-from validation.study.sweep.table import REPORT, State, SweepTable
+from validation.study.sweep.table import REPORT, RunState, SweepTable
 
 Spec = dict[str, Any]
 
@@ -23,16 +23,16 @@ MOST_POINTS = 2000
 """Runs in the picture at most: all, or a random sample."""
 LABEL = "Runs over two quantities"
 """What the picture shows."""
-_COLORS: Mapping[State, str] = {
-    State.PASS: "#0072b2",
-    State.OUT_OF_TOLERANCE: "#e69f00",
-    State.NOT_MEASURED: "#7d8590",
-    State.FELL: "#d0480f",
-    State.DIVERGED: "#a8327d",
-    State.INFEASIBLE: "#6b4226",
-    State.REFUSED: "#c3c9d1",
-    State.CRASHED: "#111418",
-    State.TIMED_OUT: "#6a51a3",
+_COLORS: Mapping[RunState, str] = {
+    RunState.PASS: "#0072b2",
+    RunState.OUT_OF_TOLERANCE: "#e69f00",
+    RunState.NOT_MEASURED: "#7d8590",
+    RunState.FELL: "#d0480f",
+    RunState.DIVERGED: "#a8327d",
+    RunState.INFEASIBLE: "#6b4226",
+    RunState.REFUSED: "#c3c9d1",
+    RunState.CRASHED: "#111418",
+    RunState.TIMED_OUT: "#6a51a3",
 }
 _CONFIG: Spec = {
     "font": "system-ui, -apple-system, Roboto, DejaVu Sans, sans-serif",
@@ -130,7 +130,7 @@ def scatter(sweep: SweepTable) -> Spec:
 
 def _color(sweep: SweepTable) -> Spec:
     """Encoding of the outcome."""
-    present = [state for state in State if sweep.counts[state]]
+    present = [state for state in RunState if sweep.counts[state]]
     scale = {"domain": [state.label for state in present], "range": [_COLORS[state] for state in present]}
     return {"field": "outcome", "type": "nominal", "scale": scale}
 

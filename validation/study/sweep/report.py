@@ -18,7 +18,7 @@ from validation.show.text import format_value
 from validation.store.folders import output_file
 from validation.study.sweep import figures
 from validation.study.sweep.figures import links_of, texts
-from validation.study.sweep.table import BROKEN, REPORT, RESULTS, State, SweepTable, read_sweep
+from validation.study.sweep.table import BROKEN, REPORT, RESULTS, RunState, SweepTable, read_sweep
 from validation.table import Table, format_number, short_unit
 
 WORST = 20
@@ -147,7 +147,7 @@ def judge_sweep(sweep: SweepTable) -> tuple[str, str, str]:
         ``pass``, ``fail`` or ``open``; a few words; a sentence.
     """
     counts, missing = sweep.counts, sweep.planned - len(sweep)
-    walked, passed = sum(counts[state] for state in State if state.walked), counts[State.PASS]
+    walked, passed = sum(counts[state] for state in RunState if state.walked), counts[RunState.PASS]
     sentence = f"{passed:,} of {walked:,} runs that walked met every tolerance."
     if missing:
         sentence += f" {missing:,} of {sweep.planned:,} runs are missing: 'ampm sweep --resume' walks them."

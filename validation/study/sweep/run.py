@@ -31,7 +31,7 @@ from validation.study.sweep.table import (
     REPORT,
     RESULTS,
     SUMMARY,
-    State,
+    RunState,
     SweepTable,
     build_table,
     key_of,
@@ -126,7 +126,7 @@ def walk_run(**options: Any) -> Row:
 
 def _keep_worst(definition: SweepDefinition, found: SweepTable, folder: Path, pool: Pool) -> list[str | None]:
     """Keep the folders of the worst runs, or of the worst failures; returns the column ``recording``."""
-    passed, numbers = found.is_state(State.PASS), found.table["run"].to_pylist()
+    passed, numbers = found.is_state(RunState.PASS), found.table["run"].to_pylist()
     rows = [row for row in found.worst if definition.recordings == "worst" or not passed[row]]
     rows = [] if definition.recordings == "none" else rows[: definition.worst]
     names = {row: definition.name_of(numbers[row]) for row in rows}

@@ -42,7 +42,7 @@ METRIC = "metric_"
 _BATCH = 1000  # rows that are turned into columns at a time
 
 
-class State(StrEnum):
+class RunState(StrEnum):
     """How a run of a sweep ended, its verdict included; in the order in which states are shown."""
 
     PASS = "pass"
@@ -74,12 +74,12 @@ class State(StrEnum):
     @property
     def walked(self) -> bool:
         """Whether the body moved, so that a failure is the gait's or the controller's."""
-        return self not in (State.REFUSED, *BROKEN)
+        return self not in (RunState.REFUSED, *BROKEN)
 
 
-LOST = (State.FELL, State.DIVERGED, State.INFEASIBLE, State.NOT_MEASURED)
+LOST = (RunState.FELL, RunState.DIVERGED, RunState.INFEASIBLE, RunState.NOT_MEASURED)
 """Walks without a verdict on their metrics."""
-BROKEN = (State.CRASHED, State.TIMED_OUT)
+BROKEN = (RunState.CRASHED, RunState.TIMED_OUT)
 """No result about the gait."""
 
 
@@ -109,30 +109,30 @@ class SweepTable(Tabled):
         return max(len(self), int(self.metadata["runs"]))
 
     @cached_property
-    def states(self) -> tuple[State, ...]:
-        """State of every run."""
+    def states(self) -> tuple[RunState, ...]:
+        """RunState of every run."""
         pairs = zip(self.table["outcome"].to_pylist(), self.table["verdict"].to_pylist(), strict=True)
         try:
-            return tuple(State.of(*pair) for pair in pairs)
+            return tuple(RunState.of(*pair) for pair in pairs)
         except ValueError as error:
             raise InputError(
                 f"{self.source}: an outcome is unknown ({error}); use the version that wrote it."
             ) from None
 
-    def is_state(self, *states: State) -> NDArray[np.bool_]:
+    def is_state(self, *states: RunState) -> NDArray[np.bool_]:
         """Rows in one of these states, shape (N,)."""
         return np.array([state in states for state in self.states], dtype=bool)
 
     @property
-    def counts(self) -> Mapping[State, int]:
+    def counts(self) -> Mapping[RunState, int]:
         """Runs in every state, zeros included."""
         counted = Counter(self.states)
-        return {state: counted[state] for state in State}
+        return {state: counted[state] for state in RunState}
 
     @cached_property
     def measured(self) -> NDArray[np.bool_]:
         """Runs whose metrics are those of a whole walk, shape (N,)."""
-        return self.is_state(State.PASS, State.OUT_OF_TOLERANCE)
+        return self.is_state(RunState.PASS, RunState.OUT_OF_TOLERANCE)
 
     @cached_property
     def worst(self) -> list[int]:
@@ -246,19 +246,19 @@ class SweepTable(Tabled):
         return [Table(f"sweep {self.name}", ("state", ">runs", "for example"), rows, notes)]
 
     @cached_property
-    def endings(self) -> dict[tuple[State, str], list[int]]:
-        """State, and reason of runs that did not walk, to rows; in each state the most frequent first."""
-        found: dict[tuple[State, str], list[int]] = {}
+    def endings(self) -> dict[tuple[RunState, str], list[int]]:
+        """RunState, and reason of runs that did not walk, to rows; in each state the most frequent first."""
+        found: dict[tuple[RunState, str], list[int]] = {}
         for row, (state, reason) in enumerate(zip(self.states, self.words("reason"), strict=True)):
             found.setdefault((state, "" if state.walked else reason), []).append(row)
-        order = list(State)
+        order = list(RunState)
         return dict(sorted(found.items(), key=lambda item: (order.index(item[0][0]), -len(item[1]))))
 
     def as_dict(self) -> dict[str, Any]:
         """Contents of ``sweep.json``."""
         failed = Counter(name for words in self.words("failed") for name in words.split(",") if name)
         broken = sum(self.counts[state] for state in BROKEN)
-        refused = {why: len(rows) for (end, why), rows in self.endings.items() if end is State.REFUSED}
+        refused = {why: len(rows) for (end, why), rows in self.endings.items() if end is RunState.REFUSED}
         return {
             "name": self.name,
             "profile": self.metadata["profile"],
