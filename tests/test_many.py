@@ -1,9 +1,11 @@
 """The engine of many walks: every task once, whatever ends a worker or the program."""
 
 import os
+import re
 import sys
 import time
 from collections.abc import Iterable
+from contextlib import nullcontext
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -13,6 +15,8 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from validation.cli import console
+from validation.progress import Progress, Stage
 from validation.store.machine import hidden_main
 from validation.study.many import Search, Task, walk_many
 from validation.study.row_file import ROWS, RowFile, read_rows
@@ -127,3 +131,36 @@ def test_digest_is_of_all_that_decides_on_a_row(tmp_path):
         after = digest(run=run)
         assert before != after
         before = after
+
+
+def test_a_log_gets_lines_with_the_count_the_time_that_is_left_and_the_note(capsys, monkeypatch):
+    monkeypatch.setattr(console, "_LINE_EVERY", -1.0)
+    with console.Narrator().stage("walks", "runs") as stage:
+        stage.note("90 completed")
+        stage.advance(90, 100)  # stored ones say nothing about the speed
+        stage.advance(95, 100)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "walks: 90 of 100 runs, 90 completed"
+    assert re.fullmatch(r"walks: 95 of 100 runs, about [\d.]+ \w+ left, 90 completed", lines[1])
+    assert re.fullmatch(r"walks: \d+\.\d s", lines[2])
+
+
+class Counted(Progress, Stage):
+    """Keeps what is reported."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[int, int]] = []
+
+    def stage(self, label, unit=""):
+        return nullcontext(self)
+
+    def advance(self, done, total):
+        self.seen.append((done, total))
+
+
+def test_a_study_counts_its_tasks_and_searches():
+    progress = Counted()
+    rows = list(walk_many([*tasks(2), doubling(1)], workers=0, progress=progress))
+    assert len(rows) > 3  # a search has many
+    assert progress.seen == sorted(progress.seen)
+    assert (progress.seen[0], progress.seen[-1]) == ((0, 3), (3, 3))

@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
 
-import validation as val
 from ampm.exceptions import InputError
-from ampm.run_file import load_run
+from tests.solved import body_of
 from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, pinocchio_model, simulate, swinging, to_pinocchio
 from tests.walk import without_point
 from validation.judge.built_in import rms
@@ -134,33 +134,30 @@ def test_another_body_is_refused(swing):
         measure(swing[0], other, to_pinocchio)
 
 
-def test_a_long_record_is_measured_in_few_blocks(swing):
-    record, many, blocks = swing[0], {}, []
-    for name, value in vars(record).items():
-        extra = len(value) - record.steps if isinstance(value, np.ndarray) else -1
-        if extra in (0, 1):
-            many[name] = np.resize(value, (10_000 + extra, *value.shape[1:]))
-    long = replace(record, **many)
-    q, v = to_pinocchio(long.q, long.qd)  # the test's own conversion is a slow loop
-
-    def convert(qpos, qvel):
-        blocks.append(len(qpos))
-        return q[: len(qpos)], v[: len(qvel)]
-
-    measure(long, pinocchio_model(), convert)
-    assert len(blocks) <= sum(blocks) / 1000.0
-
-
-def test_a_still_body_presses_with_its_weight_under_its_com():
-    trial = val.walk(load_run(gait={"planner": "none"}, command={"duration": 2.0}))
-    record, measured, model = trial.record, trial.measured, trial.planned.body.robot.model
-    rest = measured.time >= 1.5
-    force = measured.force[rest].mean(axis=0)
-    np.testing.assert_allclose(force, [0.0, 0.0, measured.weight], rtol=0.0, atol=1e-7 * measured.weight)
-    zmp, com = measured.zmp[rest].mean(axis=0), measured.com[rest].mean(axis=0)
-    np.testing.assert_allclose(zmp, com[:2], rtol=0.0, atol=1e-5)
-    assert record.outcome.completed
-    assert (record.qp_status == 0).all()
-    scaled = measure(replace(record, point_force=1.001 * record.point_force), model, bridge.to_pinocchio)
-    residual = scaled.self_checks.impulse_residual - measured.self_checks.impulse_residual
-    assert residual == pytest.approx(0.001, rel=1e-3)
+def test_flight_keeps_momentum_whatever_the_joints_do():
+    """Halving the time step halves the drift of linear and angular momentum about the COM."""
+    drifts = []
+    for time_step in (0.002, 0.001, 0.0005):
+        body = body_of(f"simulation.time_step={time_step}")
+        model = body.compile()
+        data, twin, rng = mujoco.MjData(model), bridge.pinocchio_model(model), np.random.default_rng(5)
+        data.qpos[2] += 20.0
+        data.qvel[:6] = [0.5, -0.3, 1.0, 0.4, 0.8, -0.5]
+        data.qpos[7:] = np.mean(model.jnt_range[1:], axis=1)
+        amplitude = 0.001 * model.actuator_ctrlrange[:, 1] * rng.normal(size=34)
+        phase, steps, momenta = rng.uniform(0, 6.28, 34), round(0.1 / time_step), []
+        for step in range(steps + 1):
+            if step in (0, steps):
+                q, v = bridge.to_pinocchio(data.qpos, data.qvel)
+                momenta.append(pin.computeCentroidalMomentum(twin, twin.createData(), q, v).vector.copy())
+            data.ctrl[:] = amplitude * np.sin(30.0 * step * time_step + phase)
+            mujoco.mj_step(model, data)
+        assert np.abs(data.qvel[6:]).max() > 0.5, "the joints must have moved"
+        drift = momenta[1] - momenta[0]
+        drift[2] += body.description.mass * GRAVITY * steps * time_step
+        drifts.append(np.abs(drift))
+    largest = [float(drift[3:].max()) for drift in drifts]
+    assert largest[0] < 0.05
+    assert largest[1] < 0.6 * largest[0]
+    assert largest[2] < 0.6 * largest[1]
+    assert drifts[2][:3].max() < 5.886

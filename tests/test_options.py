@@ -17,7 +17,6 @@ from validation.study.sweep.run import task_of
 from validation.study.sweep.table import build_table
 from validation.study.walk_options import own_classes
 from validation.trial.plan import load_request, plan_walk
-from validation.trial.users import load_planner
 
 QUICK: dict[str, Any] = {
     "gait": {"steps": 1},
@@ -85,13 +84,6 @@ def test_options_reach_a_class_given_in_python_and_the_saved_run_keeps_them(tmp_
         val.walk(run, controller="joint-pd")
 
 
-def test_options_reach_a_planner():
-    planner: Any = load_planner(SLOW, {"slope": 0.9})
-    assert (type(planner), planner.slope) == (Slow, 0.9)
-    run = load_run("normal", gait={"planner": SLOW}, planner={"options": {"slope": 0.9}})
-    assert own_classes([run]) == {SLOW: Slow}
-
-
 def test_a_planner_is_made_once(monkeypatch):
     made: list[float] = []
     make = Slow.__init__
@@ -135,21 +127,6 @@ def test_a_sweep_varies_an_option():
     assert found["controller.options.gain"].to_pylist() == [1.0, 0.5]
     assert found["controller.options.mode"].to_pylist() == ["plain"] * 2
     assert len(set(found["key"].to_pylist())) == 2
-
-
-@pytest.mark.parametrize(
-    ("values", "column"),
-    [("[true, false]", ["true", "false"]), ("[1, 2]", [1, 2]), ("[1, 'a']", ["1", "a"])],
-)
-def test_the_column_of_an_option_is_as_its_values(values, column):
-    definition = parse_sweep(SWEEP.replace("[1, 0.5]", values))
-    table = build_table(definition, [{"key": f"{run}-", "outcome": "refused"} for run in (0, 1)])
-    assert table["controller.options.gain"].to_pylist() == column
-
-
-def test_a_range_of_an_option_gives_numbers():
-    definition = parse_sweep(SWEEP.replace("[1, 0.5]", "{ from = 1, to = 2, count = 3 }"))
-    assert [definition.varied(run)["controller.options.gain"] for run in range(3)] == [1.0, 1.5, 2.0]
 
 
 def test_an_option_decides_on_the_digest_of_a_row():

@@ -1,7 +1,5 @@
 """The periodic step: does it return, its constant of L_y, how unstable it is, what when there is none."""
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pyarrow.parquet as pq
@@ -19,14 +17,6 @@ GAITS = {
     "momentum": (COARSE, "gait.c_y=0.4"),
     "lean": (COARSE, "body.lean=0.05"),
     "no yaw": (COARSE, "body.angular_momentum_z=zero"),
-    "flat": (
-        COARSE,
-        "foot.schedule=flat",
-        "gait.step_length=0.3",
-        "gait.switching_velocity=0.7",
-        "gait.com_height=0.885",
-        "gait.a_s=inf",
-    ),
 }
 
 
@@ -41,18 +31,12 @@ def solve(*settings, **options):
     return solve_motion(plan, run, robot, **options)
 
 
-# --------------------------------------------------------------------- the orbit
-
-
 def test_step_ends_where_its_mirror_image_begins(settings):
     robot, motion = walk_of(*settings).robot, motion_of(*settings)
     end = robot.mirror_q(motion.q[-1], -motion.step_length)
     np.testing.assert_allclose(pin.difference(robot.model, motion.q[0], end), 0.0, atol=1e-8)
     np.testing.assert_allclose(robot.mirror_v(motion.v[-1]), motion.v[0], atol=1e-8)
     assert motion.report.residual <= 1e-8
-    begin = motion.acceleration[0]
-    mirrored = robot.mirror_v(motion.acceleration[-1])
-    np.testing.assert_allclose(mirrored, begin, atol=1e-6 * np.abs(begin).max())
 
 
 def test_mean_trunk_pitch_is_the_lean(settings):
@@ -93,23 +77,9 @@ def test_body_moves_as_planned_with_the_constant_of_l_y(settings):
             assert toe == pytest.approx(feet[foot].toe[k], abs=1e-7)
 
 
-# ---------------------------------------------------------------------- the grid
-
-
-def test_halving_the_grid_moves_nothing():
-    coarse, fine = motion_of(COARSE).report, motion_of("solver.ik_time_step=0.002").report
-    assert fine.angular_momentum_y_offset == pytest.approx(coarse.angular_momentum_y_offset, abs=1e-3)
-    assert fine.knee_minimum.value == pytest.approx(coarse.knee_minimum.value, abs=1e-3)
-    np.testing.assert_allclose(fine.multipliers[:2], coarse.multipliers[:2], atol=2e-3)
-
-
-# --------------------------------------------------------------------- stability
-
-
-@pytest.mark.parametrize(("change", "slow"), [("gait.c_y=0.4", 2), ("body.angular_momentum_z=zero", 3)])
-def test_multipliers_are_eigenvalues_of_the_return_map(change, slow):
+def test_multipliers_are_eigenvalues_of_the_return_map():
     """Against the full Jacobian of the map by differences: few modes are slow, all others die in a step."""
-    settings = ("solver.ik_time_step=0.01", change)
+    settings, slow = ("solver.ik_time_step=0.01", "body.angular_momentum_z=zero"), 3
     run, plan, robot = walk_of(*settings)
     motion = motion_of(*settings)
     ik = orbit.InverseKinematics(robot, run)
@@ -137,9 +107,6 @@ def test_multipliers_are_eigenvalues_of_the_return_map(change, slow):
     assert reported[1].real < -0.9
 
 
-# ---------------------------------------------------------- search and refusals
-
-
 def test_out_of_reach_names_the_instant_and_a_height_that_works():
     with pytest.raises(BodilyRefusal, match=r"(left|right)") as caught:
         solve(COARSE, "gait.com_height=0.94")
@@ -149,9 +116,6 @@ def test_out_of_reach_names_the_instant_and_a_height_that_works():
     assert "lower gait.com_height" in str(refusal)
     lower = solve(COARSE, f"gait.com_height={refusal.limit}")
     assert lower.report.residual <= 1e-8
-
-
-# ------------------------ The tiled motion: one step and its mirror images, kept to the last bit on disk
 
 
 @pytest.fixture(scope="module")
@@ -164,22 +128,6 @@ def motion():
     return motion_of(COARSE)
 
 
-def test_every_next_step_is_the_mirror_image_moved_on(motion, robot):
-    times = np.linspace(0.0, motion.step_duration, 50, endpoint=False)
-    first = motion.sample(times, robot)
-    for step in (1, 2, 7):
-        later = motion.sample(times + step * motion.step_duration, robot)
-        q, v, acceleration, turn = first.q, first.v, first.acceleration, 1.0
-        if step % 2:
-            q, v, turn = robot.mirror_q(first.q), robot.mirror_v(first.v), -1.0
-            acceleration = robot.mirror_v(first.acceleration)
-        q = q + np.eye(robot.nq)[0] * step * motion.step_length
-        np.testing.assert_allclose(later.q, q, rtol=0.0, atol=1e-9)
-        np.testing.assert_allclose(later.v, v, atol=1e-7)
-        np.testing.assert_allclose(later.acceleration, acceleration, atol=1e-5)
-        np.testing.assert_allclose(later.angular_momentum_z, turn * first.angular_momentum_z, atol=1e-7)
-
-
 def test_velocity_is_the_rate_of_the_configuration(motion, robot):
     times, h = np.linspace(0.01, 2.5, 300), 1e-6
     low, here, high = (motion.sample(times + s, robot) for s in (-h, 0.0, h))
@@ -189,16 +137,9 @@ def test_velocity_is_the_rate_of_the_configuration(motion, robot):
         np.testing.assert_allclose(rate, here.v[k], atol=2e-3 * np.abs(here.v[k]).max())
 
 
-def test_nothing_can_be_changed(motion, robot):
-    with pytest.raises(AttributeError):
-        motion.q = motion.v
+def test_its_arrays_cannot_be_changed(motion, robot):
     held = [value for value in vars(motion).values() if isinstance(value, np.ndarray)]
-    for array in (*held, *motion.sample([0.1], robot)):
-        assert not array.flags.writeable
-    whole = np.array(motion.q)
-    frozen = replace(motion, q=whole[:])  # no view leads around the freeze
-    whole[0, 0] += 1.0
-    assert frozen.q.tobytes() == motion.q.tobytes()
+    assert not any(array.flags.writeable for array in (*held, *motion.sample([0.1], robot)))
 
 
 def test_plan_writes_one_step_of_every_joint(ampm, tmp_path):

@@ -55,12 +55,6 @@ def test_every_key_is_described():
     assert (schedule.kind, schedule.range, found["gait.steps"].kind) == ("text", "flat | roll", "int")
 
 
-def test_parameters_are_frozen():
-    run = RunParameters()
-    with pytest.raises(Exception, match="frozen"):
-        run.gait.step_length = 1.0  # type: ignore[misc]
-
-
 @pytest.mark.parametrize("value", [300 * "[" + 300 * "]", 100_000 * "[", 5000 * "9"], ids=len)
 def test_a_file_that_cannot_be_read_is_refused(value, tmp_path):
     path = tmp_path / "bad.toml"
@@ -68,11 +62,6 @@ def test_a_file_that_cannot_be_read_is_refused(value, tmp_path):
     for source in (path, tmp_path, "zero\0byte"):
         with pytest.raises(InputError):
             load_run(source)
-
-
-def test_a_description_of_a_body_is_the_source_of_one():
-    biped = Path(__file__).parents[1] / "docs/examples/biped.toml"
-    assert load_run(body={"source": str(biped)}).body.source == str(biped)
 
 
 def test_settings_are_texts_or_keywords():

@@ -1,7 +1,6 @@
 """The pytest plugin, on the example project and on small test files."""
 
 import shutil
-import tomllib
 from pathlib import Path
 
 import platformdirs
@@ -41,11 +40,6 @@ def run(pytester, monkeypatch):
         return pytester.runpytest_subprocess(*plugins, *arguments)
 
     return call
-
-
-def test_the_distribution_registers_the_plugin():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert project["entry-points"]["pytest11"] == {"ampm": "validation.pytest_plugin"}
 
 
 @pytest.mark.slow

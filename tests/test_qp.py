@@ -62,39 +62,6 @@ def test_known_solutions():
         assert solution.seconds > 0.0
 
 
-def without_point(seed):
-    """Bounds that contradict each other: the last row is a sum of others, and must exceed their largest."""
-    rng = np.random.default_rng(seed)
-    P, q, A, lower, upper, _ = problem(seed)
-    rows, weight = rng.choice(M - 2, 5, replace=False), rng.normal(size=5)
-    A[-1] = weight @ A[rows]
-    most = (weight * np.where(weight > 0.0, upper[rows], lower[rows])).sum()
-    lower[-1], upper[-1] = most + 10.0 ** rng.uniform(-1, 1), np.inf
-    return P, q, A, lower, upper
-
-
-def without_end(seed):
-    """A cost that falls for ever along a direction, which one row leaves open."""
-    rng = np.random.default_rng(seed)
-    P, q, A, lower, upper, x = problem(seed)
-    along = rng.normal(size=N)
-    along /= np.linalg.norm(along)
-    flat = np.eye(N) - np.outer(along, along)
-    A[:-1] = A[:-1] @ flat
-    A[-1] = along
-    lower[:-1], upper[:-1] = np.minimum(lower[:-1], A[:-1] @ x), np.maximum(upper[:-1], A[:-1] @ x)
-    lower[-1], upper[-1] = along @ x - 1.0, np.inf
-    return flat @ P @ flat, flat @ q - along, A, lower, upper
-
-
-@pytest.mark.parametrize("broken", [without_point, without_end])
-@pytest.mark.parametrize("tolerance", [3e-4, 1e-9])
-def test_problems_without_a_solution_are_infeasible(broken, tolerance):
-    solver = solver_of(QPSettings(tolerance, max_iterations=20_000, adaptive_rho=False))
-    for seed in range(20):
-        assert solver(*broken(seed)).status == QPStatus.INFEASIBLE
-
-
 @pytest.mark.parametrize("used", [False, True], ids=["fresh", "used"])
 def test_contradicting_bounds_are_infeasible(used):
     """OSQP's own update would keep the last bounds and call the last problem's answer solved."""

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from ampm.exceptions import InputError
 from ampm.planner.contacts import Contacts
 from ampm.planners import PeriodicPlanner, periodic_walk
+from tests.records import same_bits
 from tests.solved import COARSE, motion_of, simulate_plan, simulated, walk_of
 from tests.test_make_plan import Moved
 from validation.judge.compare import compare
@@ -21,7 +21,6 @@ from validation.measure.measure import measure
 from validation.store.record import load_record, read_table, save_record
 from validation.store.signals import COLUMNS
 from validation.trial.bridge import to_pinocchio
-from validation.trial.disturbances import Push
 from validation.trial.followed import JUDGED_LEAD, LEADS
 from validation.trial.outcome import OutcomeName
 from validation.trial.references import References
@@ -43,9 +42,9 @@ class Replanning:
         return self.change(time, plan)
 
 
-def first_difference(one, other):
-    names = ("q", "qd", "torque", "point_force", "command_com", "command_zmp", "qp_status")
-    return next((n for n in names if getattr(one, n).tobytes() != getattr(other, n).tobytes()), None)
+def assert_same(one, other):
+    for name in ("q", "qd", "torque", "point_force", "command_com", "command_zmp", "qp_status"):
+        assert same_bits(getattr(one, name), getattr(other, name)), name
 
 
 @pytest.fixture(scope="module")
@@ -53,19 +52,15 @@ def fixed():
     return simulated()
 
 
-@pytest.mark.parametrize("period", [None, 0.05])
-def test_the_planner_is_asked_at_its_period(fixed, period):
-    planner = Replanning(lambda time, plan: plan, period)
+@pytest.mark.parametrize(("period", "kept"), [(None, lambda plan: plan), (0.05, lambda plan: None)])
+def test_the_planner_is_asked_at_its_period_and_may_keep_its_plan(fixed, period, kept):
+    planner = Replanning(lambda time, plan: kept(plan), period)
     record = simulated(planner=planner)
-    assert first_difference(fixed, record) is None
+    assert_same(fixed, record)
     times = [call[0] for call in planner.calls]
     wanted = record.tick_time if period is None else np.arange(0.0, record.tick_time[-1], period)
     np.testing.assert_allclose(times, wanted, rtol=0.0, atol=1e-9)
     assert all(time == sensed and points == 12 for time, sensed, points, _ in planner.calls)
-
-
-def test_no_plan_is_kept(fixed):
-    assert first_difference(fixed, simulated(planner=Replanning(lambda time, plan: None))) is None
 
 
 @pytest.mark.parametrize(("period", "steps"), [(0.01, 1), (0.05, 2)])
@@ -193,10 +188,8 @@ def test_a_walk_is_judged_by_the_plan_as_it_stood_before(replanned):
     assert metrics["plan_moved_footsteps"].value == pytest.approx(1e-3)
     assert metrics["plan_moved_time"].value == 0.0
     assert metrics["plan_changes"].value == 1.0
-    assert metrics["plan_change_rate"].value == pytest.approx(1.0 / record.time[-1])
     table = signals_table(walk)
     np.testing.assert_array_equal(table["first_plan_zmp_y"], now.zmp[:, 1])
-    np.testing.assert_array_equal(table["plan_zmp_y"], walk.sample.zmp[:, 1])
     assert {*table.column_names} <= {*COLUMNS}
 
 
@@ -221,7 +214,7 @@ def test_what_a_plan_answers_after_it_was_handed_over_has_no_effect(fixed):
 
     plan = replace(plan, phases=phases)
     record = simulate_plan(plan, planner=Replanning(change), steps=2)
-    assert first_difference(fixed, record) is None
+    assert_same(fixed, record)
     walk = compared(plan, record)
     assert laws[0].by == 0.1
     np.testing.assert_allclose(walk.sample.zmp, plan_of(2).sample(walk.time).zmp)
@@ -239,25 +232,6 @@ def test_a_plan_that_contradicts_itself_is_refused():
     off.by = 1e-4
     walk = compared(wrong, simulate_plan(wrong))
     assert evaluate(walk)["plan_newton_residual"].value == pytest.approx(1e-4, rel=1e-3)
-
-
-def test_a_plan_made_of_the_measurement_does_not_know_what_comes(fixed):
-    """Its COM is put where it is measured at every tick: at once it is right, a while before it was not."""
-    body = walk_of(COARSE).robot
-
-    class Follows(Replanning):
-        def replan(self, time, state, touch, plan):
-            data = body.model.createData()
-            com = pin.centerOfMass(body.model, data, state.q)
-            off = com - plan.sample([time]).com[0]
-            return moved_plan(plan, float(off[1]))
-
-    push = Push("chest", (0.0, 20.0, 0.0), at=0.3, duration=0.1)
-    record = simulate_plan(plan_of(4), planner=Follows(None, 0.02), disturbances=[push], steps=2)
-    walk = compared(plan_of(4), record)
-    errors = [found["com_y"] for found in walk.ahead.values()]
-    assert errors[1] > 1.5 * errors[0]
-    assert evaluate(walk)["recovery_time"].value > 0.1
 
 
 def test_torque_is_held_where_a_plan_begins_with_another_acceleration(replanned):

@@ -56,26 +56,19 @@ FORGED = {
     "all ZMPs": ("signals", "measured_zmp_x", add(1e-3, slice(None))),
     "a ZMP that is lost": ("signals", "measured_zmp_x", lose),
     "the COM": ("signals", "measured_com_x", last_bit),
-    "a momentum": ("signals", "measured_angular_momentum_z", last_bit),
-    "the ZMP by momentum": ("signals", "measured_zmp_momentum_y", last_bit),
     "a foot's force": ("signals", "right_force_x", last_bit),
     "a contact": ("signals", "left_contact", flip),
     "slip": ("signals", "right_slip", last_bit),
-    "penetration": ("signals", "right_penetration", last_bit),
-    "a margin": ("signals", "measured_zmp_margin", last_bit),
-    "a time": ("signals", "time", last_bit),
     "a part of the ZMP error": ("signals", "zmp_error_momentum_rate_y", add(1e-9)),
     "the planned ZMP": ("signals", "plan_zmp_x", add(1e-3, slice(None))),
 }
 
 
 @pytest.mark.parametrize(("file", "column", "change"), FORGED.values(), ids=FORGED)
-def test_a_changed_number_with_a_forged_digest_is_found(pushed, tmp_path, ampm, file, column, change):
+def test_a_changed_number_with_a_forged_digest_is_found(pushed, tmp_path, file, column, change):
     column = column.format(point=val.load(pushed).record.point_sites[0])
     file = f"{file}.parquet"
     copy = forge(pushed, tmp_path / "copy", file, lambda table: with_column(table, column, change))
-    answer = ampm("replay", copy)
-    assert answer.status == 1
     found = val.replay(copy)
     assert found.file == file
     if column.startswith(("zmp_error", "plan_zmp")):
@@ -86,7 +79,6 @@ def test_a_changed_number_with_a_forged_digest_is_found(pushed, tmp_path, ampm, 
     first = 0.0 if change is FORGED["all ZMPs"][2] or column == "plan_zmp_x" else ROW * 0.002
     assert found.time == pytest.approx(rows.get(file.removesuffix(".parquet"), first))
     assert found.recorded != found.replayed
-    assert f"{found.signal} of {file} differs first, at {found.time:.6g} s" in answer.out
 
 
 def test_all_columns_but_labels_plan_and_command_are_held(pushed):

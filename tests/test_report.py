@@ -4,23 +4,20 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
-import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ampm.exceptions import InputError
 from tests.browser import look
 from tests.saved_run import make_run
-from validation.show.chart import Chart, Picture, decimate
+from validation.show.chart import decimate
 from validation.show.cost_table import cost_table, reported_table
 from validation.show.report import REPORT_FILE, render, write_report
 from validation.show.rerun.record import verdict_markdown, write_recording
 from validation.show.run_figures import middle
 from validation.show.style import MEASURED
-from validation.show.vector import Word, svg
-from validation.show.walker import INSTANTS, draw_walker, outline
+from validation.show.walker import INSTANTS, draw_walker
 from validation.store.saved import load_saved_run, run_events
 from validation.trial.outcome import Outcome, OutcomeName
 
@@ -127,12 +124,6 @@ def test_names_from_outside_are_escaped(run_dir):
     assert nasty in Page(html).text
 
 
-@pytest.mark.parametrize("write", [write_report, write_recording])
-def test_a_folder_that_is_no_run_is_refused(write, tmp_path):
-    with pytest.raises(InputError, match=r"run\.toml.*summary\.json"):
-        write(tmp_path)
-
-
 @settings(max_examples=50, deadline=None)
 @given(
     values=st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=1, max_size=3000),
@@ -185,47 +176,3 @@ def test_the_walker_is_drawn_from_saved_joint_angles_forces_and_zmps(run_dir):
         assert np.abs(offsets - zmp).min() < 1e-3
         lowest = min(shape.points[:, 1].min() for shape in shapes if shape.opacity < 1.0)
         assert lowest == pytest.approx(0.0, abs=0.01)  # the lowest shape is on the floor
-
-
-def test_outlines_are_those_of_the_shapes():
-    model = mujoco.MjModel.from_xml_string(
-        "<mujoco><asset><mesh name='m' vertex='-.1 0 0 .3 0 0 0 .2 0 0 0 .4'/></asset><worldbody>"
-        "<body pos='0 0 1' euler='0 90 0'><freejoint/><geom size='.1'/><geom type='box' size='.1 .2 .3'/>"
-        "<geom type='capsule' size='.1 .3'/><geom type='ellipsoid' size='.1 .2 .3'/>"
-        "<geom type='mesh' mesh='m'/></body></worldbody></mujoco>"
-    )
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    plane = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    # The body's z is the world's x: half the extent along x and z.
-    for geom, extent in enumerate([(0.1, 0.1), (0.3, 0.1), (0.4, 0.1), (0.3, 0.1), (0.2, 0.2)]):
-        corners = outline(model, data, geom, plane)
-        np.testing.assert_allclose(np.ptp(corners, axis=0) / 2.0, extent, atol=2e-3)
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "ticks"),
-    [
-        (-7.4, 7.6, ["\u22125", "0", "5"]),
-        (0.0, 1.1, ["0.0", "0.5", "1.0"]),
-        (0.47, 0.47 + 1e-16, ["0.46", "0.48"]),
-        (-3e-4, 2e-4, ["\u22120.0002", "0.0000", "0.0002"]),
-    ],
-)
-def test_charts_have_round_numbers(low, high, ticks):
-    chart = Chart(50.0, 20.0, 300.0, 60.0)
-    chart.line([0.0, 1.0], [low, high], "red")
-    words = [item for item in chart.items() if isinstance(item, Word)]
-    assert [word.text for word in words if word.anchor == "end"] == ticks
-
-
-def test_a_gap_interrupts_a_curve_and_infinity_is_the_edge():
-    chart = Chart(0.0, 0.0, 100.0, 100.0, "a < b")
-    chart.line([0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 1.0, np.nan, 1.0, 0.0], "red")
-    chart.instant(2.0, "blue")
-    chart.ylim = (0.0, 1.0)
-    text = svg(chart.items(), 100.0, 100.0)
-    assert 'd="M0 100L25 0M75 0L100 100" fill="none" stroke="red"' in text
-    assert 'd="M50 100L50 0" fill="none" stroke="blue"' in text
-    assert "a &lt; b" in text
-    assert Picture([chart], 'a "b"').image.startswith('<img alt="a &quot;b&quot;"')

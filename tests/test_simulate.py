@@ -2,7 +2,6 @@
 
 from functools import cache
 
-import daqp
 import mujoco
 import numpy as np
 import pytest
@@ -13,10 +12,8 @@ from ampm.qp import QPSolution, QPSolver, QPStatus
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from models.scene import BodyModel
 from tests.records import first_difference, stored
-from tests.solved import COARSE, body_of, replays, walk_of
+from tests.solved import body_of, replays
 from tests.solved import simulated as walk
-from validation.measure.measure import measure
-from validation.trial.bridge import to_pinocchio
 from validation.trial.outcome import OutcomeName
 from validation.trial.physics import Physics
 
@@ -29,31 +26,8 @@ def plain(*overrides):
     return walk(*overrides)
 
 
-def zmp_error(record):
-    """RMSE of the ZMP about the plan after the first step [m]."""
-    asked = walk_of(COARSE)
-    measured = measure(record, asked.robot.model, to_pinocchio)
-    plan = asked.plan
-    later = measured.time >= plan.constants.step_duration
-    error = (measured.zmp - plan.sample(measured.time).zmp)[later]
-    return np.sqrt((error**2).mean(axis=0))
-
-
 def interrupt(*_):
     raise KeyboardInterrupt
-
-
-class Exact:
-    """DAQP, an exact active-set solver, in place of the controller's."""
-
-    def __init__(self, problem, *_):
-        self.problem = problem
-
-    def solve(self):
-        P, q, A, lower, upper = self.problem
-        bounds, sense = (np.minimum(upper, 1e30), np.maximum(lower, -1e30)), np.zeros(len(A), dtype=np.int32)
-        x, _, flag, _ = daqp.solve(P, q, A, *bounds, sense)
-        return QPSolution(np.array(x), QPStatus.SOLVED if flag > 0 else QPStatus.UNSOLVED, 0.0, 1, 0.0)
 
 
 class Spoilt:
@@ -101,35 +75,13 @@ def infeasible(solution):
 # ------------------------------------------------------------------------------------------ what is recorded
 
 
-def test_an_exact_solver_walks_alike(monkeypatch):
-    for module in (contact_qp, limited_qp):
-        monkeypatch.setattr(module, "QPSolver", Exact)
-    other = walk()
-    monkeypatch.undo()
-    one = plain()
-    assert other.outcome == one.outcome
-    assert set(other.qp_status) == {SOLVED}
-    np.testing.assert_allclose(other.com, one.com, atol=1e-4)
-    np.testing.assert_allclose(other.q, one.q, atol=0.02)  # the arms' share of L_z is the least decided
-    np.testing.assert_allclose(zmp_error(other), zmp_error(one), atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        ("simulation.integrator=implicitfast",),
-        ("controller.frequency=250",),
-    ],
-)
-def test_walks_replay_whatever_integrator_and_clock(settings):
-    record = plain(*settings)
+def test_a_slower_clock_holds_its_torques_and_replays():
+    settings = "controller.frequency=250"
+    record = plain(settings)
     assert record.outcome.name == OutcomeName.COMPLETED
-    assert replays(record, *settings)
-    period = 0.004 if settings == ("controller.frequency=250",) else 0.002
-    np.testing.assert_allclose(np.diff(record.tick_time), period, rtol=1e-9)
-    held = round(period / record.time_step)
-    assert record.torque.shape[0] == record.steps
-    assert (np.diff(record.torque[:held], axis=0) == 0.0).all()
+    assert replays(record, settings)
+    np.testing.assert_allclose(np.diff(record.tick_time), 0.004, rtol=1e-9)
+    assert (np.diff(record.torque[:2], axis=0) == 0.0).all()
 
 
 # ----------------------------------------------------------------------------------------------- failing QPs
@@ -147,9 +99,9 @@ def test_a_few_failed_qps_are_survived_and_counted(spoil, how):
     np.testing.assert_allclose(record.com, plain().com, atol=2e-3)
 
 
-@pytest.mark.parametrize(("how", "ticks"), [(not_a_number, 25), (last_iterate, 50)])
-def test_qps_that_fail_on_and_on_end_the_run_as_infeasible(spoil, how, ticks):
-    spoil(how, range(FAIL_AT, 10_000))
+def test_qps_that_fail_on_and_on_end_the_run_as_infeasible(spoil):
+    ticks = 25
+    spoil(not_a_number, range(FAIL_AT, 10_000))
     record = walk(f"controller.unsolved_limit={0.002 * ticks}")
     assert record.outcome.name == OutcomeName.INFEASIBLE
     assert record.outcome.time == pytest.approx(0.002 * (FAIL_AT + ticks + 1))
@@ -193,12 +145,6 @@ def test_a_body_on_ice_fell():
     assert record.outcome.steps_completed == 0
     assert record.time[-1] == record.outcome.time
     assert replays(record, "contact.friction=0.05")
-
-
-def test_a_body_without_any_strength_fell():
-    """Its QPs fail long before it is down; it fell all the same."""
-    record = walk(body=weaker(0.1))
-    assert record.outcome.name == OutcomeName.FELL
 
 
 @pytest.fixture

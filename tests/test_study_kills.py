@@ -288,8 +288,7 @@ OPTIONS = """
 [sweep]
 gait = "flat"
 steps = 2
-recordings = "worst"
-worst = 1
+recordings = "none"
 
 [set]
 disturbance.push_x = 5
@@ -302,12 +301,6 @@ method = "grid"
 controller.options.gain = [1, 0.999]
 planner.options.ratio = [1.0, 1.01]
 """
-COST = ("worker", "timing_total")
-
-
-def same_walks(one: SweepTable, two: SweepTable) -> bool:
-    """Whether two sweeps have the same rows but for their cost."""
-    return one.table.drop_columns(COST).equals(two.table.drop_columns(COST))
 
 
 @pytest.mark.slow
@@ -328,7 +321,6 @@ def test_options_and_imported_modules_travel_to_workers_started_elsewhere(tmp_pa
 
     with started_elsewhere(tmp_path) as scheduler:
         far, digests = walked("far", scheduler=scheduler)
-        again, same = walked("far", scheduler=scheduler, resume=True)
         near, _ = walked("near", workers=2)
         (here / "own_factor.py").write_text("FACTOR = 0.9995\n", encoding="utf-8")
         changed, more = walked("far", scheduler=scheduler, resume=True)
@@ -337,14 +329,7 @@ def test_options_and_imported_modules_travel_to_workers_started_elsewhere(tmp_pa
     assert far.words("controller.options.held") == ["true"] * 4
     assert len(set(far.numbers("metric_zmp_x_rmse"))) == 4
     assert far.numbers("metric_highest").min() > 0.8
-    assert same_walks(far, near)
-    assert same_walks(far, again)
-    assert same == digests
+    cost = ["worker", "timing_total"]
+    assert far.table.drop_columns(cost).equals(near.table.drop_columns(cost))
     assert len({*digests, *more}) == 8
     assert not set(changed.numbers("metric_zmp_x_rmse")) & set(far.numbers("metric_zmp_x_rmse"))
-
-    (kept,) = filter(None, near.words("recording"))
-    summary = json.loads((tmp_path / "near" / kept / "summary.json").read_text(encoding="utf-8"))
-    assert summary["controller"] == "own_weak:Weak"
-    row = near.words("recording").index(kept)
-    assert summary["metrics"]["highest"]["value"] == near.numbers("metric_highest")[row]

@@ -10,7 +10,7 @@ import pytest
 import validation as val
 from ampm.exceptions import BodilyRefusal, InputError, StudyStopped
 from ampm.parameters import RunParameters
-from tests.sweep_table import make_table, write_sweep
+from tests.sweep_table import make_table
 from validation.cli.app import call
 from validation.store.environment import parameter_values, run_key
 from validation.study import walk_options
@@ -193,18 +193,17 @@ def test_a_changed_definition_walks_what_it_changes(command, out, old, new, walk
     assert load_sweep(out / "sweep.toml").keys == read_sweep(out).varied
     (out / "results.parquet").unlink()
     assert len(read_sweep(out)) == 9  # rows of the other definition do not count
+    (out / ROWS).unlink()
+    with pytest.raises(InputError, match="no result yet"):
+        read_sweep(out)
 
 
-@pytest.mark.parametrize(
-    ("error", "reason"),
-    [(MemoryError(), "MemoryError"), (ValueError("at 0x12ab in /home/x/y.py b\udcff"), "ValueError")],
-)
-def test_crashes_are_walked_again(command, out, error, reason):
-    ENDS[4] = error
+def test_crashes_are_walked_again(command, out):
+    ENDS[4] = ValueError("at 0x12ab in /home/x/y.py b\udcff")
     assert command() == 4
     row = read_sweep(out).table.to_pylist()[4]
-    assert (row["outcome"], row["reason"]) == ("crashed", reason)
-    assert reason != "ValueError" or row["cause"] == r"at 0x12ab in /home/x/y.py b\udcff"
+    assert (row["outcome"], row["reason"]) == ("crashed", "ValueError")
+    assert row["cause"] == r"at 0x12ab in /home/x/y.py b\udcff"
     assert "Traceback" in row["traceback"]
     assert command("--resume") == 4
     assert WALKED == [4]
@@ -223,9 +222,7 @@ def test_a_folder_in_use_keeps_its_definition(command, out, capsys):
 # -------------------------------------------------------------------------------------- kept recordings
 
 
-@pytest.mark.parametrize(
-    ("recordings", "kept"), [('"failures"', [4]), ('"worst"\nworst = 2', [4, 7]), ('"none"', [])]
-)
+@pytest.mark.parametrize(("recordings", "kept"), [('"failures"', [4]), ('"worst"\nworst = 2', [4, 7])])
 def test_the_worst_runs_are_kept(command, out, recordings, kept):
     ENDS.update({1: {"metric_zmp_x_rmse": 1e-3}, 4: FELL, 7: {"metric_zmp_x_rmse": 2e-3}})
     text = SWEEP.replace('"none"', recordings)
@@ -266,21 +263,6 @@ def test_the_status_is_that_of_the_worst_walk(command, capsys, ends, status):
     assert status != 5 or "--resume" in capsys.readouterr().err
 
 
-def test_folders_and_files_that_are_no_sweep_are_named(tmp_path):
-    (tmp_path / "x.parquet").write_bytes(b"PAR1 no PAR1")
-    folder = write_sweep(tmp_path / "s", make_table(3, failures=False))
-    for path, words in (
-        (tmp_path / "none", "there is no"),
-        (tmp_path, "holds no sweep"),
-        (tmp_path / "x.parquet", "not a Parquet file"),
-    ):
-        with pytest.raises(InputError, match=words):
-            read_sweep(path)
-    (folder / "results.parquet").unlink()
-    with pytest.raises(InputError, match="no result yet"):
-        read_sweep(folder)
-
-
 # ------------------------------------------------------------------------------------------- dry run
 
 
@@ -299,10 +281,6 @@ def test_a_dry_run_counts_refusals_and_times_one_walk(command, capsys, monkeypat
     assert (said["runs"], said["walking"]) == (9, 3)
     assert said["wall_clock"] >= said["seconds"] >= 0.0
     assert len(tried) == 2
-    assert command("--dry-run") == 0
-    said = capsys.readouterr().out
-    assert "gait.switching_velocity = -1 m/s" in said
-    assert "the sweep about" in said
     monkeypatch.setattr(run, "_CHECKED", 3)
     assert command("--dry-run", "--json") == 0
     said = json.loads(capsys.readouterr().out)

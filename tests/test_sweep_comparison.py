@@ -152,18 +152,3 @@ def test_command_line(folders, tmp_path, ampm):
     assert [ampm("compare", *pair).status for pair in ((b, a), (a, a))] == [0, 0]
     study = make_study(tmp_path, {"zmp_y_rmse": 1.0})
     assert ampm("compare", a, b, "--uncertainty", study).status == 0
-
-
-@pytest.mark.parametrize(
-    ("extra", "why"),
-    [
-        (["--uncertainty", "absent.json"], "absent.json"),
-        (["--planner", "dcm"], "without options of a gait"),
-        (["--out", "."], "not empty"),
-    ],
-)
-def test_bad_input(folders, extra, why, ampm):
-    found = ampm("compare", *folders, *extra)
-    assert (found.status, found.out, found.err.count("\n")) == (2, "", 1)
-    assert why in found.err
-    assert ampm("compare", folders[0], "normal").status == 2

@@ -14,8 +14,8 @@ from ampm.parameters import GRAVITY
 from ampm.planner import routes
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.sampled import NO_CONSTANTS, sampled_plan
-from ampm.planner.support import StepPlan, plan_steps
-from ampm.planner.table import closed_step, repeats, table_motion
+from ampm.planner.support import plan_steps
+from ampm.planner.table import repeats, table_motion
 from ampm.planners import TablePlanner
 from tests.solved import body_of, walk_of
 from validation.store.tables import plan_table, sample_times, write_columns
@@ -94,27 +94,6 @@ def test_a_refusal_of_the_body_names_what_the_table_can_change():
     assert "a_s" not in str(refused.value)
 
 
-def test_a_step_that_nearly_repeats_is_closed():
-    """Position, velocity, acceleration and momentum at its end are those of its start, mirrored."""
-    table = table_of(planned("momentum"), 500.0)
-    time = table["time"]
-    table["com_x"] = table["com_x"] + 1e-4 * time
-    table["com_y"] = table["com_y"] + 1e-4 * np.sin(time)
-    plan = read(table)
-    closed = closed_step(StepPlan.of(plan, feet=planned("momentum").feet))
-    end = plan.constants.step_duration
-    first, last = closed.sample(0.0), closed.sample(end)
-    turn = np.array([1.0, -1.0])
-    for name in ("com_velocity", "com_acceleration"):
-        values = getattr(first, name)[0, :2] * turn
-        np.testing.assert_allclose(getattr(last, name)[0, :2], values, rtol=0.0, atol=1e-9, err_msg=name)
-    expected = first.com[0, :2] * turn + [plan.contacts.step_length, 0.0]
-    np.testing.assert_allclose(last.com[0, :2], expected, rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(last.angular_momentum, -turn * first.angular_momentum, rtol=0.0, atol=1e-9)
-    mean = closed.sample(np.linspace(0.0, end, 4001)).angular_momentum[:, 1].mean()
-    assert mean == pytest.approx(0.0, abs=0.01)
-
-
 def exchanged(table):
     """The same walk mirrored: the right foot stands first."""
     sides = {"left": "right", "right": "left"}
@@ -131,29 +110,20 @@ def exchanged(table):
     return found
 
 
-@pytest.mark.parametrize(
-    ("name", "suffix", "within"), [("normal", "csv", 0.05), ("momentum", "parquet", 0.1)]
-)
-def test_a_file_is_walked_as_the_plan_that_wrote_it(tmp_path, name, suffix, within):
-    """The rows are those of 'ampm plan --samples' by default.
-
-    The Parquet file begins on the right foot: the mirrored walk alone changes the error by 4 %.
-    """
-    run = ampm.load_run(name, gait={"steps": STEPS})
-    own = val.walk(run)
-    table, path = table_of(own.plan), tmp_path / f"plan.{suffix}"
-    write_columns(table if suffix == "csv" else exchanged(table), path)
+def test_a_file_is_walked_as_the_plan_that_wrote_it(tmp_path):
+    """It begins on the right foot: the mirrored walk alone changes the error by 4 %."""
+    run = ampm.load_run("momentum", gait={"steps": STEPS}, simulation={"time_step": 0.002})
+    own, path = val.walk(run), tmp_path / "plan.parquet"
+    write_columns(exchanged(table_of(own.plan)), path)
     other = run.replace({"gait.com_height": 1.2})  # the table has its own
     trial = val.walk(other, planner=str(path))
     assert isinstance(trial.plan.posture, PeriodicPosture)
     assert trial.summary["planner"] == path.name
     for axis in "xy":
         expected = own.metrics[f"zmp_{axis}_rmse"].value
-        assert trial.metrics[f"zmp_{axis}_rmse"].value == pytest.approx(expected, rel=within)
-    offset = "angular_momentum_y_offset"
-    assert getattr(trial.plan.constants, offset) == pytest.approx(
-        getattr(own.plan.constants, offset), abs=0.01
-    )
+        assert trial.metrics[f"zmp_{axis}_rmse"].value == pytest.approx(expected, rel=0.1)
+    offsets = [walk.plan.constants.angular_momentum_y_offset for walk in (trial, own)]
+    assert offsets[0] == pytest.approx(offsets[1], abs=0.01)
 
 
 def test_steps_that_do_not_repeat_are_walked_with_a_constant_posture():
@@ -162,7 +132,7 @@ def test_steps_that_do_not_repeat_are_walked_with_a_constant_posture():
     table = {name: column for name, column in table_of(plan, 1000.0).items() if "acceleration" not in name}
     table["com_x"] = table["com_x"] + 5e-3 * np.exp(-math.sqrt(GRAVITY / plan.com_height) * table["time"])
     assert not repeats(read(table))
-    run = ampm.load_run("normal", gait={"steps": STEPS})
+    run = ampm.load_run("normal", gait={"steps": STEPS}, simulation={"time_step": 0.002})
     trial = val.walk(run, planner=TablePlanner(table))
     assert isinstance(trial.plan.posture, ConstantPosture)
     assert trial.record.outcome.completed
@@ -182,6 +152,3 @@ def test_a_turning_walk_as_a_table(tmp_path):
     assert found.contacts.footsteps[-1].heading > 1.0
     trial = val.walk(run, planner=str(path)).judged("footsteps")
     assert trial.verdict.passed, trial.verdict.reason
-    for axis in "xy":
-        expected = own.metrics[f"zmp_{axis}_rmse"].value
-        assert trial.metrics[f"zmp_{axis}_rmse"].value == pytest.approx(expected, rel=0.05)

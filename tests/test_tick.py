@@ -4,22 +4,16 @@ Formulas of the control law are held by the walks of ``golden.csv``; gate, hold 
 tests of their own.
 """
 
-import os
-import subprocess
-import sys
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from numba.core import config
-from scipy.spatial import ConvexHull
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.compiled import refer
-from ampm.control import sole
 from ampm.control.controller import TrackingController
 from ampm.control.tick import after, before, keep
 from ampm.control.workspace import ANGULAR, Workspace, gains_of
@@ -28,12 +22,6 @@ from validation.trial.plan import make_body
 
 BODIES = ("human", "suite-humanoid")
 TICKS = 12 if config.DISABLE_JIT else 120
-ROOT = Path(__file__).parents[1]
-PLAIN = """
-import sys, numpy
-from tests.test_tick import numbers
-numpy.savez(sys.argv[1], **numbers("human", 4))
-"""
 ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 SCALE = np.array([1.0, 1.0, 1.0, ANGULAR, ANGULAR, ANGULAR])
 
@@ -216,51 +204,3 @@ def test_torques_and_what_the_next_tick_reads(walked):
         np.testing.assert_array_equal(c.joints.last_torque, c.joints.torque)
         np.testing.assert_array_equal(c.motion.last_acceleration, c.motion.acceleration)
         np.testing.assert_array_equal(c.contact.forces, c.contact.solution)
-
-
-def test_the_point_of_the_sole_nearest_to_another():
-    """It is in the hull, and no corner is on the other's side of it, distances across counted more."""
-    rng, metric = np.random.default_rng(0), np.array([1.0, sole.ACROSS])
-    for points in rng.normal(size=(50, 6, 2)):
-        place = 1.5 * rng.normal(size=2)
-        hull = ConvexHull(points * metric)
-        found = np.array(sole.nearest(points, *place))
-        assert (hull.equations @ [*found * metric, 1.0] < 1e-9).all()
-        assert (((points - found) * metric) @ ((place - found) * metric)).max() < 1e-9
-
-
-@pytest.mark.parametrize("com_first", [False, True])
-def test_com_and_trunk_together_stay_within_the_sole(com_first):
-    for r, arm, low, high in np.random.default_rng(1).normal(size=(200, 4)) * 0.2:
-        low, high = -abs(low) - 0.01, abs(high) + 0.01
-        r_given, arm_given = sole.share_axis(r, arm, low, high, com_first)
-        assert low - 1e-12 <= r_given + arm_given <= high + 1e-12
-        if low <= r <= high and low <= r + arm <= high:
-            assert (r_given, arm_given) == (r, arm)
-        elif com_first:
-            assert r_given == np.clip(r, low, high)
-        elif abs(arm) <= sole.TRUNK_LEAST:
-            assert arm_given == arm
-
-
-def numbers(source, count):
-    """What some ticks computed, by name."""
-    return {
-        f"{k}.{name}": getattr(part, name)
-        for k, it in enumerate(ticks(source, count))
-        for part in (it.c.tasks, it.c.command, it.c.contact, it.c.problem, it.c.joints, it.c.motion)
-        for name in part._fields
-        if getattr(part, name).dtype == float
-    }
-
-
-@pytest.mark.skipif(config.DISABLE_JIT, reason="compares compiled code with plain Python")
-def test_plain_python_computes_the_same(tmp_path):
-    file, environment = tmp_path / "plain.npz", {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    command = [sys.executable, "-c", PLAIN, str(file)]
-    subprocess.run(command, cwd=ROOT, env=environment, check=True)
-    with np.load(file) as plain:
-        compiled = numbers("human", 4)
-        assert set(plain) == set(compiled)
-        for name, value in compiled.items():
-            close(plain[name], value)

@@ -1,6 +1,5 @@
 """Free choices found without a simulator: choices, limits, torques, refusals with certificates, commands."""
 
-import json
 import math
 import re
 from functools import cache
@@ -9,7 +8,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.body.feasibility import check_body
 from ampm.body.limits import LIMITS
 from ampm.exceptions import RefusedGait
 from ampm.parameters import OPEN_KEYS, keys
@@ -34,15 +32,7 @@ HUMAN_94 = (
     "body.height=1.764",
     "body.mass=87.798",
 )
-HUMAN_63 = (
-    "gait.step_length=0.453",
-    "gait.switching_velocity=0.594",
-    "gait.c_y=0.522",
-    "gait.c_s=1.757",
-    "body.height=1.701",
-    "body.mass=86.142",
-)
-"""Gaits without a periodic step from the first guess."""
+"""A gait without a periodic step from the first guess."""
 LONG = ("gait.step_length=0.7", "gait.switching_velocity=1.2", "gait.steps=3")
 
 
@@ -62,15 +52,10 @@ def plan_of(run, robot):
     return plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
 
 
-# ------------------------------------------------------------------ choices
-
-
-@pytest.mark.parametrize("step", [0.22, 0.3, 0.45, 0.6, 0.7])
-@pytest.mark.parametrize("c_s", [0.6, 1.0, 1.4])
-@pytest.mark.parametrize("height", [1.5, 1.9])
+@pytest.mark.parametrize(("step", "height"), [(0.22, 1.5), (0.45, 1.9), (0.7, 1.5)])
+@pytest.mark.parametrize("c_s", [0.6, 1.4])
 def test_the_guess_has_a_plan_whose_heel_rises_with_the_zmp_at_the_ball(step, c_s, height):
-    settings = (f"gait.step_length={step}", f"gait.c_s={c_s}", f"body.height={height}")
-    run, robot = body_of(*settings)
+    run, robot = body_of(f"gait.step_length={step}", f"gait.c_s={c_s}", f"body.height={height}")
     space = FreeChoices(run, run.given, robot.description)
     guessed = space.parameters(space.guess())
     plan = plan_of(guessed, robot)
@@ -79,9 +64,6 @@ def test_the_guess_has_a_plan_whose_heel_rises_with_the_zmp_at_the_ball(step, c_
         assert all(LIMITS[name].margin(value) > 0.0 for value in values[name])
     for key in run.given:
         assert guessed.value(key) == run.value(key)
-
-
-# ------------------------------------------------------------------ limits
 
 
 def test_torques_give_the_accelerations_of_the_step_back():
@@ -114,24 +96,8 @@ def test_torques_give_the_accelerations_of_the_step_back():
         assert walked[6:] == pytest.approx(a[6:], abs=1e-5)
 
 
-# ------------------------------------------------------------------ search
-
-
-@pytest.mark.slow
-def test_a_long_fast_step_is_found_and_keeps_every_limit():
-    found = tuned(*LONG)
-    assert 1 < found.tried < 200
-    assert all(LIMITS[name].margin(value) > 0.5 for name, value in found.margins.items())
-    assert found.margins.keys() == LIMITS.keys() - {"speed"}  # the human has no speed limits
-    knee = found.plan.posture.motion.report.knee_minimum
-    assert knee.value == pytest.approx(found.margins["knee"], abs=0.02)
-    assert found.run.gait.step_length == 0.7
-    check_body(found.plan, body_of(*LONG)[1].description)
-
-
-@pytest.mark.parametrize("settings", [HUMAN_94, HUMAN_63])
-def test_a_motion_is_found_where_the_guess_has_none(settings):
-    found = tuned(*settings, "gait.steps=2")
+def test_a_motion_is_found_where_the_guess_has_none():
+    found = tuned(*HUMAN_94, "gait.steps=2")
     assert found.worst() >= 0.0
     assert found.run.replace({}) == found.run  # the values found are within the bounds of their keys
 
@@ -166,40 +132,33 @@ def test_an_infeasible_gait_is_refused_with_the_limit_and_the_best_that_was_foun
     assert error.tried > 1
 
 
-@pytest.mark.parametrize(
-    ("speed", "tried"),
-    [(1.6, 1), pytest.param(1.4, math.inf, marks=pytest.mark.slow)],
-)
-def test_a_gait_of_too_short_steps_is_refused(speed, tried):
-    run, robot = body_of("gait.step_length=0.24", f"gait.switching_velocity={speed}", "gait.steps=2")
-    with pytest.raises(NoFeasibleChoice) as refusal:
+def test_a_gait_of_too_short_steps_is_refused_at_once():
+    run, robot = body_of("gait.step_length=0.24", "gait.switching_velocity=1.6", "gait.steps=2")
+    with pytest.raises(NoFeasibleChoice, match=r"^no choice of ") as refusal:  # it is proved
         tune(run, robot)
     assert refusal.value.values["pace"] < LIMITS["pace"].target
     assert "lower gait.switching_velocity" in refusal.value.way_out
-    assert refusal.value.tried <= tried
-    assert str(refusal.value).startswith("no choice of ") == (tried == 1)  # only then it is proved
+    assert refusal.value.tried == 1
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [
-        ("gait.step_length=0.75", "gait.switching_velocity=1.4"),
-        ("gait.step_length=0.25", "gait.switching_velocity=0.5", "gait.c_s=0.6"),
-        ("body.height=1.5", "body.mass=47.0"),
-        ("body.height=1.9", "body.mass=75.0"),
-        ("gait.c_y=0.08", "gait.step_length=0.5"),
-        HUMAN_94,  # found from another start
-        *((f"gait.step_length={step}",) for step in (0.3, 0.4, 0.5, 0.7)),
-        *((f"body.height={height}",) for height in (1.5, 1.8, 1.9)),
-        *(
-            (f"gait.switching_velocity={speed}", f"gait.step_length={0.6 * math.sqrt(speed):.3f}")
-            for speed in (0.6, 0.8, 1.15, 1.3)
-        ),
+        "gait.step_length=0.75 gait.switching_velocity=1.4",
+        "gait.step_length=0.25 gait.switching_velocity=0.5 gait.c_s=0.6",
+        "gait.step_length=0.465 gait.switching_velocity=0.6",
+        "gait.step_length=0.684 gait.switching_velocity=1.3",
+        "gait.step_length=0.3",
+        "gait.step_length=0.5 gait.c_y=0.08",
+        "body.height=1.5 body.mass=47.0",
+        "body.height=1.9",
+        " ".join(HUMAN_94),
     ],
 )
 def test_tuned_gaits_walk(settings):
-    walked = walk_planned(plan_walk(Request("test", load_run("normal", [*settings, "gait.steps=8"]))))
+    run = load_run("normal", [*settings.split(), "gait.steps=8"])
+    walked = walk_planned(plan_walk(Request("test", run)))
     assert walked.record.outcome.name == "completed", walked.record.outcome.cause
     metrics = walked.metrics
     assert math.hypot(metrics["zmp_x_rmse"].value, metrics["zmp_y_rmse"].value) < 0.004
@@ -213,28 +172,16 @@ def test_a_sweep_tunes_its_runs():
     assert "gait.step_length" not in row  # only values that were found
 
 
-# ------------------------------------------------------------------ commands
-
-
 def test_a_saved_plan_is_walked_with_the_values_found(ampm, tmp_path):
     path, out = tmp_path / "gait.toml", tmp_path / "run"
     changed = ("plan", "--set", "gait.step_length=0.5", "--steps", 2)
-    answer = ampm(*changed, "--save", path)
-    assert answer.status == Status.PASS
-    assert "gait.a_s" in answer.out
-    assert "tightest margins" in answer.out
-    planned = json.loads(ampm(*changed, "--save", path, "--force", "--json").out)
+    planned = ampm(*changed, "--save", path, "--json").json
     assert planned["found"].keys() == set(OPEN_KEYS)
     assert planned["margins"].keys() == LIMITS.keys() - {"speed"}
     assert path.read_text().startswith("# normal, gait.step_length 0.5\n")
     assert load_run(path).model_dump() == planned["parameters"]
-    for as_is in ((), ("--as-is",)):
-        assert json.loads(ampm("plan", path, *as_is, "--json").out) == {
-            **planned,
-            "gait": "gait",
-            "found": None,
-            "margins": None,
-        }
+    again = ampm("plan", path, "--json").json
+    assert again == {**planned, "gait": "gait", "found": None, "margins": None}
     answer = ampm("validate", *changed[1:], "--out", out, "--json")  # finds the same
     assert answer.status in (Status.PASS, Status.OUT_OF_TOLERANCE)
     assert answer.json["outcome"] == "completed"
@@ -257,9 +204,6 @@ def test_nothing_is_found_for_a_preset_or_a_complete_run(name):
     assert leaves_open(changed) == (name != "ipm")
     assert not set(OPEN_KEYS) & changed.given
     assert changed.replace({"body.lean": 0.1}).given == changed.given | {"body.lean"}
-
-
-# ------------------------------------------------------------------ ways out
 
 
 def advised(way_out):
@@ -290,7 +234,6 @@ def assert_each_way_out_is_accepted(settings, error):
             pytest.param(settings.split(), limit, way_out, marks=pytest.mark.slow)
             for settings, limit, way_out in (
                 ("gait.switching_velocity=0.3", 0.002, "raise gait.switching_velocity to "),
-                ("gait.step_length=0.7 gait.switching_velocity=0.5", 0.002, "raise gait.switching_velocity"),
                 ("gait.step_length=0.71 gait.c_s=1.45 gait.c_y=0.3", 0.002, "lower gait.step_length to "),
                 ("gait.step_length=0.24 gait.switching_velocity=1.6", 0.175, "lower gait.switching_velocity"),
             )
@@ -307,17 +250,7 @@ def test_a_refusal_tells_ways_out_that_are_accepted(settings, limit, way_out):
     assert_each_way_out_is_accepted(settings, error)
 
 
-@pytest.mark.slow
-def test_a_refusal_without_a_way_out_says_what_was_tried():
-    with pytest.raises(NoFeasibleChoice) as refusal:
-        tuned("gait.step_length=0.5", "controller.friction=0.02")
-    error = refusal.value
-    assert error.reason == "friction"
-    assert error.way_out.startswith("not even a gait with gait.step_length = 0.27, ")
-    assert error.way_out.endswith("was accepted; change controller.friction, or another body")
-
-
-def judged(accepted, settings=("gait.step_length=0.7", "gait.c_s=1.4", "gait.c_y=0.4"), choices=100):
+def judged(accepted, settings=("gait.step_length=0.7", "gait.c_s=1.4", "gait.c_y=0.4")):
     """Ways out by a function that accepts runs, and the runs and choices that it was asked about."""
     asked = []
 
@@ -326,13 +259,11 @@ def judged(accepted, settings=("gait.step_length=0.7", "gait.c_s=1.4", "gait.c_y
         return accepted(run), most
 
     run, robot = body_of(*settings)
-    return ways_out(run, robot.description, accepts, choices), asked
+    return ways_out(run, robot.description, accepts, 100), asked
 
 
 def test_half_of_a_change_is_told_if_it_is_enough():
-    told, asked = judged(lambda run: run.gait.c_s <= 1.2)
-    assert told == "lower gait.c_s to 1.2 (tried and accepted)"
-    assert all(run.gait.c_y == 0.4 for run, _ in asked if run.gait.c_s == 1.2)
+    assert judged(lambda run: run.gait.c_s <= 1.2)[0] == "lower gait.c_s to 1.2 (tried and accepted)"
     told, _ = judged(lambda run: run.gait.c_s <= 1.1 or run.gait.step_length <= 0.6)
     assert told == "lower gait.c_s to 1, or lower gait.step_length to 0.541 m (tried and accepted)"
 
@@ -344,9 +275,7 @@ def test_given_values_are_left_open_first():
     assert asked[0][0].gait.com_height == load_run("normal").gait.com_height
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in PRESETS if name != "ipm"])
-def test_every_preset_can_be_tuned(name):
-    run = load_run(name)
-    tuned = tune(run, make_body(run).robot)
-    assert min(LIMITS[limit].margin(value) for limit, value in tuned.margins.items()) >= -0.1
+def test_a_refusal_without_a_way_out_says_what_was_tried():
+    told, _ = judged(lambda run: False, ("gait.step_length=0.5", "controller.friction=0.02"))
+    assert told.startswith("not even a gait with gait.step_length = 0.27, ")
+    assert told.endswith("was accepted; change controller.friction, or another body")

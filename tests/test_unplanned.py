@@ -8,16 +8,14 @@ import pytest
 
 import validation as val
 from ampm import ControlOutput, load_run
-from ampm.exceptions import BodilyRefusal, InputError
-from validation import environment
 from validation.trial.unplanned import MeasuredSupports, heading_velocity
 
 QUICK = ("--planner", "none", "--set", "simulation.time_step=2e-3", "--set", "command.duration=3")
 
 
-@pytest.mark.parametrize("body", ["human", "suite-humanoid"])
-def test_with_the_projects_controller_a_body_stands(ampm, tmp_path, body):
-    answer = ampm("validate", *QUICK, "--body", body, "--steps", 4, "--out", tmp_path / "run", "--json")
+def test_with_the_projects_controller_a_body_stands(ampm, tmp_path):
+    more = ("--body", "suite-humanoid", "--steps", 4, "--out", tmp_path / "run", "--json")
+    answer = ampm("validate", *QUICK, *more)
     assert answer.status == 0
     assert "planner none does not use: gait.steps" in answer.err
     summary = answer.json
@@ -84,32 +82,9 @@ def standing(**sections):
     return load_run(gait={"planner": "none"}, simulation={"time_step": 0.002}, **sections)
 
 
-@pytest.mark.parametrize(
-    ("kind", "words", "make"),
-    [
-        (InputError, "follows no commanded velocity", lambda: val.walk(load_run(command={"vx": 0.5}))),
-        (InputError, "leave out planner none", lambda: environment.load(standing())),
-        (
-            BodilyRefusal,
-            "lower planner.options.com_height",
-            lambda: val.walk(standing(planner={"options": {"com_height": 1.2}})),
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused(kind, words, make):
-    with pytest.raises(kind, match=words):
-        make()
-
-
-def test_a_command_has_three_numbers(ampm):
-    answer = ampm("validate", "--planner", "none", "--command", "0.5,0")
-    assert answer.status == 2
-    assert "--command 0.5,0 must be three numbers VX,VY,WZ" in answer.err
-
-
-def test_sweep_and_compare_take_it(ampm, tmp_path):
+def test_a_sweep_takes_it(ampm, tmp_path):
     (tmp_path / "sweep.toml").write_text(
-        '[sweep]\ngait = "normal"\nprofile = "free"\n[set]\ngait.planner = "none"\n'
+        '[sweep]\ngait = "normal"\nprofile = "free"\nrecordings = "none"\n[set]\ngait.planner = "none"\n'
         "simulation.time_step = 0.002\ncommand.duration = 2.0\n"
         '[[vary]]\nmethod = "grid"\ncommand.vx = [0.0, 0.5]\n'
     )
@@ -118,7 +93,3 @@ def test_sweep_and_compare_take_it(ampm, tmp_path):
     rows = val.sweep(tmp_path / "sweep.toml", tmp_path / "sweep", resume=True).table.to_pylist()
     assert [row["verdict"] for row in rows] == ["pass", "fail"]
     assert rows[1]["metric_velocity_x_error"] == pytest.approx(0.5, abs=1e-6)
-    kept = tmp_path / "sweep" / rows[1]["recording"]
-    compared = ampm("compare", kept, kept, "--out", tmp_path / "both")
-    assert compared.status == 0, compared.err
-    assert "velocity forward" in compared.out

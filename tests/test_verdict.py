@@ -1,13 +1,11 @@
 """Verdicts: limits of the profiles, what passes, what fails, what nobody can say, and the summary."""
 
-import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ampm.exceptions import InputError
 from ampm.presets import preset_names
 from ampm.run_file import load_run
 from models.human import sole_geometry
@@ -17,7 +15,7 @@ from validation.judge.metric import DEFAULT_BODY
 from validation.judge.metrics import evaluate
 from validation.judge.profiles import DEFAULT, STRICT, WIDE, own_profile, profile
 from validation.judge.uncertainty import Uncertainty
-from validation.judge.verdict import VerdictName, build_summary, judge
+from validation.judge.verdict import VerdictName, judge
 from validation.trial.outcome import Outcome, OutcomeName
 
 
@@ -61,13 +59,6 @@ def test_an_error_between_the_profiles_passes_one_and_fails_the_other(walk):
     assert [item.name for item in verdict.failed] == ["zmp_x_rmse"]
     assert verdict.failed[0].margin == pytest.approx(-0.1)
     assert "ZMP, RMS error along x: 2.2 mm, limit 2." in verdict.reason
-
-
-def test_forces_are_judged_in_newton_as_share_of_the_weight(walk):
-    force = named(verdict_of(compared(walk), DEFAULT), "force_z_rmse")
-    assert force.of.unit == "N"
-    assert force.tolerance == pytest.approx(0.01 * 60.0 * 9.81)
-    assert (force.display_unit, force.displayed(force.tolerance)) == ("% of body weight", pytest.approx(1.0))
 
 
 @pytest.mark.parametrize(
@@ -130,18 +121,6 @@ def test_a_value_closer_to_its_limit_than_its_uncertainty_is_undecided(walk, shi
         assert [one.name for one in verdict.undecided] == ["zmp_x_rmse"]
 
 
-def test_without_a_study_nothing_changes(walk):
-    comparison = compared(walk, com_shift=(0.0018, 0.0, 0.0))
-    verdict = verdict_of(comparison, STRICT)
-    assert verdict == verdict_of(comparison, STRICT, {})
-    text = json.dumps(build_summary(comparison, verdict))
-    assert "uncertainty" not in text
-    assert "undecided" not in text
-
-
-# ---------------------------------------------------------------------------------------- the summary
-
-
 # ---------------------------------------------------------------------------- metrics and profiles
 
 
@@ -172,8 +151,6 @@ def test_limits_grow_with_foot_and_weight():
 
 def test_profiles_are_found_by_name_and_by_preset():
     assert profile("wide") is WIDE
-    with pytest.raises(InputError, match="default, strict, wide, jumps, footsteps, odometry"):
-        profile("lenient")
     own = {name: own_profile(name).name for name in (*preset_names(), "my-gait")}
     special = {name: found for name, found in own.items() if found != DEFAULT.name}
     assert special == {"pitch": "wide", "ipm": "jumps"}  # no other demo may take wider limits

@@ -33,9 +33,8 @@ def plan(source: str, footsteps: list[Footstep]) -> None:
     FootstepPlanner().plan(run, make_body(run).robot)
 
 
-@pytest.mark.parametrize("footsteps", [routes.straight(4, 0.45, 0.2), routes.arc(5, 0.4, -1.0, 0.2)])
-def test_followed_torques_ranges_and_distances_are_those_of_the_walk(footsteps: list[Footstep]) -> None:
-    trial = val.walk(HUMAN, footsteps=footsteps)
+def test_followed_torques_ranges_and_distances_are_those_of_the_walk() -> None:
+    trial = val.walk(HUMAN, footsteps=routes.arc(5, 0.4, -1.0, 0.2))
     robot, record = trial.planned.body.robot, trial.record
     run = HUMAN.replace({"body.arm_abduction": 0.25})
     walk = _follow(trial.plan, trial.plan.posture, run, robot)  # type: ignore[arg-type]
@@ -47,11 +46,6 @@ def test_followed_torques_ranges_and_distances_are_those_of_the_walk(footsteps: 
     np.testing.assert_allclose(np.nanmax(np.abs(walk.rate), axis=0)[knees], rates[knees], rtol=0.05)
     clearance = trial.comparison.costs["margins"]["clearance"].value
     assert walk.gap.min() == pytest.approx(clearance, abs=2e-3)
-
-
-@pytest.mark.slow
-def test_ankles_that_lack_range_ahead_are_no_reason() -> None:
-    assert_follows(val.walk(HUMAN, footsteps=routes.platform(6, 0.38, 0.2, -0.12)), 1e-3)
 
 
 def test_a_quicker_gait_whose_heels_rise_late_is_walked() -> None:
@@ -72,9 +66,8 @@ def test_arms_are_spread_further_where_hands_would_meet_thighs() -> None:
     assert trial.comparison.costs["margins"]["clearance"].value > 0.01
 
 
-@pytest.mark.parametrize("source", ["g1", "talos"])
-def test_steps_longer_than_the_gaits_are_walked(source: str) -> None:
-    run = gait_of(source)
+def test_steps_longer_than_the_gaits_are_walked() -> None:
+    run = gait_of("talos")
     length = 1.2 * run.gait.step_length
     footsteps = routes.straight(4, length, 1.1 * run.gait.step_width)
     assert_follows(val.walk(run, footsteps=footsteps), 1e-3)
