@@ -74,7 +74,15 @@ class GaitParameters(Section, section="gait"):
     slope: Real = parameter(
         0.0, "rise of the floor over the way along x; the soles are planned on it", "1", ge=-0.15, le=0.15
     )
+    cross_slope: Real = parameter(
+        0.0, "rise of the floor over the way to the left, along y", "1", ge=-0.15, le=0.15
+    )
     steps: Whole = parameter(30, "number of steps", ge=1, le=10_000)
+
+    @property
+    def slopes(self) -> tuple[float, float]:
+        """Of the floor along x and y, dz/dx and dz/dy [1]."""
+        return self.slope, self.cross_slope
 
 
 class PlannerParameters(Section, section="planner"):

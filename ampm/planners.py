@@ -49,14 +49,35 @@ class PeriodicPlanner:
             BodilyRefusal: the body cannot walk it.
             InputError: the grid is too coarse for the posture's gains.
         """
-        steps = self.steps(run.gait, run.body.mass, run.foot, robot.description.sole)
-        return periodic_walk(steps, periodic_motion(steps, run, robot), robot)
+        level = run.gait.model_copy(update={"cross_slope": 0.0})
+        steps, repeated = (
+            self.steps(gait, run.body.mass, run.foot, robot.description.sole) for gait in (run.gait, level)
+        )
+        walk = periodic_walk(steps, periodic_motion(repeated, run, robot), robot)
+        return _across(walk, steps, run, robot) if run.gait.cross_slope else walk
 
 
 def periodic_walk(steps: StepPlan, motion: WholeBodyMotion, robot: Robot) -> WalkPlan:
     """A plan of equal steps and its periodic motion as one plan."""
     steps = steps.with_angular_momentum_offset(motion.report.angular_momentum_y_offset)
     return WalkPlan.of(steps, posture=PeriodicPosture(motion, robot))
+
+
+def _across(walk: WalkPlan, steps: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:
+    """A walk across a slope: the posture is that of level ground, its start stands on the slope.
+
+    One leg is longer than the other there, so no step is the mirror image of the one before.
+
+    Raises:
+        BodilyRefusal: a leg is too short for the start.
+    """
+    from ampm.body.inverse_kinematics import InverseKinematics  # here, as it is compiled
+    from ampm.body.step_reference import step_reference
+
+    posture = walk.posture.sample(0.0)
+    reference = step_reference(steps, np.zeros(1))
+    start = InverseKinematics(robot, run).project(reference, 0, posture.q[0], posture.v[0])
+    return replace(walk, posture=replace(walk.posture, start=start))
 
 
 def periodic_motion(steps: StepPlan, run: RunParameters, robot: Robot) -> WholeBodyMotion:
@@ -132,7 +153,7 @@ def make_plan(
     """
     if not isinstance(contacts, Contacts):
         raise InputError(f"contacts are a {type(contacts).__name__}; give ampm.Contacts.in_turn(...).")
-    contacts = replace(contacts, slope=run.gait.slope)
+    contacts = replace(contacts, slope=run.gait.slopes)
     bare = CentroidalPlan(run.body.mass, GRAVITY, run.gait.com_height, 1.0, contacts, (), NO_CONSTANTS)
     plan = sampled_plan(
         replace(after, contacts=contacts) if after else bare,

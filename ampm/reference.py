@@ -98,7 +98,7 @@ class Reference:
     foot_acceleration = Field((2, 3), lambda at: at.held.both_feet("acceleration"))
     """Accelerations of these points, shape (2, 3) [m/s^2]."""
     foot_rotation = Field(
-        (2, 3, 3), lambda at: foot_rotation(at.now.both_feet("heading"), at.now.both_feet("pitch"))
+        (2, 3, 3), lambda at: foot_rotation(*map(at.now.both_feet, ("heading", "pitch", "roll")))
     )
     """Rotations of the soles to world, shape (2, 3, 3)."""
     foot_angular_velocity = Field((2, 3), lambda at: at.now.turning(0))

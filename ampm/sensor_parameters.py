@@ -89,6 +89,13 @@ class SensorParameters(Section, section="sensors"):
     fix_noise: Real = parameter(
         0.001, "standard deviation of a fix of the root's position, each axis", "m", gt=0, le=10
     )
+    stand: Real = parameter(
+        0.0,
+        "time for which the body stands before the walk, so that an estimator with begin() finds errors",
+        "s",
+        ge=0,
+        le=60,
+    )
     seed: Whole = parameter(0, "seed of noise and signs of biases", ge=0, le=2**31 - 1)
 
     @property
@@ -99,7 +106,7 @@ class SensorParameters(Section, section="sensors"):
     @property
     def perfect(self) -> bool:
         """Whether the controller gets the true state, without delay."""
-        spared = {"estimator", "options", "fix_rate", "fix_noise", "seed"}
+        spared = {"estimator", "options", "fix_rate", "fix_noise", "stand", "seed"}
         return self.estimator == EXACT and not self.model_dump(exclude=spared, exclude_defaults=True)
 
     @property

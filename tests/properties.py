@@ -100,7 +100,7 @@ def assert_feet_turn(plan, turning, h=1e-5):
         times = np.linspace(0.01, plan.duration - 0.01, 397)
         times = times[np.abs(times[:, None] - path.start).min(axis=1) > 3 * h]
         low, here, high = (plan.feet.sample(times + shift)[index] for shift in (-h, 0.0, h))
-        turned = [foot_rotation(foot.heading, foot.pitch) for foot in (low, high)]
+        turned = [foot_rotation(foot.heading, foot.pitch, foot.roll) for foot in (low, high)]
         spin = [pin.log3(two @ one.T) / (2 * h) for one, two in zip(*turned, strict=True)]
         np.testing.assert_allclose(spin, turning(here)[0], atol=1e-6)
         change = (turning(high)[0] - turning(low)[0]) / (2 * h)

@@ -5,27 +5,48 @@ import pytest
 
 import ampm
 import validation as val
+from ampm.exceptions import InputError
 from ampm.planner.newton import newton_residual
 from ampm.planners import FootstepPlanner
 from validation.trial.plan import load_request, plan_walk
 
 STEEP = 0.0524
-PLACES = [("left", 0.0), ("right", 0.0), ("left", 0.5), ("right", 1.0), ("left", 1.5), ("right", 1.5)]
-FOOTSTEPS = [{"foot": side, "x": x, "y": 0.09 if side == "left" else -0.09} for side, x in PLACES]
+FOOTSTEPS = [
+    {"foot": side, "x": x, "y": y}
+    for side, x, y in [
+        ("left", 0.0, 0.09),
+        ("right", 0.0, -0.09),
+        ("left", 0.5, 0.09),
+        ("right", 1.0, -0.09),
+        ("left", 1.5, 0.09),
+        ("right", 1.5, -0.09),
+    ]
+]
 
 
-def sloping(slope, preset="normal", *, steps=6, **sections):
-    gait = {"steps": steps, "slope": slope}
+def sloping(slope, preset="normal", *, across=0.0, steps=6, **sections):
+    gait = {"steps": steps, "slope": slope, "cross_slope": across}
     return ampm.load_run(preset, gait=gait, simulation={"time_step": 2e-3}, **sections).as_is()
 
 
-@pytest.fixture(scope="module", params=["normal", "momentum"])
+CASES = [
+    ("normal", (STEEP, 0.0)),
+    ("momentum", (STEEP, 0.0)),
+    ("normal", (0.0, STEEP)),
+    ("normal", (0.05, -0.03)),
+]
+
+
+@pytest.fixture(scope="module", params=CASES, ids=str)
 def plans(request):
-    """The same gait on level ground and uphill."""
-    return [plan_walk(load_request(sloping(k, request.param))).plan for k in (0.0, STEEP)]
+    """The same gait on level ground and on a slope."""
+    preset, (along, across) = request.param
+    runs = sloping(0.0, preset), sloping(along, preset, across=across)
+    return [plan_walk(load_request(run)).plan for run in runs]
 
 
 def test_only_heights_change_with_the_slope(plans):
+    slope = np.array(plans[1].contacts.slope)
     times = np.linspace(0.0, plans[0].duration, 1001)
     level, uphill = (plan.sample(times) for plan in plans)
     np.testing.assert_allclose(uphill.moment, level.moment, atol=1e-9)
@@ -33,20 +54,78 @@ def test_only_heights_change_with_the_slope(plans):
     momentum = uphill.angular_momentum - [0.0, constant[1] - constant[0]]
     np.testing.assert_allclose(momentum, level.angular_momentum, atol=1e-9)
     np.testing.assert_allclose(uphill.com[:, :2], level.com[:, :2], atol=1e-12)
-    np.testing.assert_allclose(uphill.com[:, 2], level.com[:, 2] + STEEP * level.com[:, 0], atol=1e-12)
-    np.testing.assert_allclose(uphill.zmp[:, 0], level.zmp[:, 0], atol=1e-12)
-    assert np.abs(uphill.zmp[:, 1] - level.zmp[:, 1]).max() < 1e-3
+    np.testing.assert_allclose(uphill.com[:, 2], level.com[:, 2] + level.com[:, :2] @ slope, atol=1e-12)
+    rise = [
+        (plan.com - np.column_stack([plan.zmp, plan.zmp @ slope]))[:, :2] @ slope for plan in (uphill, level)
+    ]
+    np.testing.assert_allclose(*rise, atol=1e-12)
+    assert np.abs(uphill.zmp - level.zmp).max() < 3e-3
     assert newton_residual(plans[1], times).size < 1e-8
 
 
-def test_footsteps_on_the_slope_that_are_stopped_pass():
-    trial = val.walk(sloping(-STEEP, footsteps=FOOTSTEPS), planner=FootstepPlanner([(1.5, None)]))
+def test_soles_lie_on_the_slope_and_move_continuously(plans):
+    uphill = plans[1]
+    times = np.linspace(0.0, uphill.duration, 4001)
+    for foot in uphill.feet.sample(times):
+        height = foot.sole_points[..., 2] - foot.sole_points[..., :2] @ uphill.contacts.slope
+        touching = np.repeat(foot.contact, 2, axis=1)
+        assert np.abs(height[touching]).max() < 1e-9
+        assert height.min() > -1e-9
+        moved = np.diff(foot.position, axis=0) / np.diff(times)[:, None]
+        mean = 0.5 * (foot.velocity[1:] + foot.velocity[:-1])
+        assert np.abs(moved - mean).max() < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("preset", "slope", "across"),
+    [
+        ("normal", STEEP, 0.0),
+        ("normal", -STEEP, 0.0),
+        ("momentum", STEEP, 0.0),
+        ("normal", 0.0, STEEP),
+        ("momentum", 0.0, -STEEP),
+        ("normal", 0.03, 0.03),
+    ],
+)
+def test_a_planned_slope_passes(preset, slope, across):
+    trial = val.walk(sloping(slope, preset, across=across))
     assert trial.verdict.passed, trial.sentence
 
 
-def off(**changed):
-    """Footsteps of which one is elsewhere."""
-    return [*FOOTSTEPS[:3], FOOTSTEPS[3] | changed, *FOOTSTEPS[4:]]
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"simulation.engine": "drake", "gait.steps": 3},
+        {"controller.stabilizer": "stepping"},
+        {"sensors.estimator": "kalman", "sensors.force_noise": 2.0, "sensors.accelerometer_noise": 0.05},
+    ],
+    ids=lambda more: next(iter(more.values())),
+)
+def test_engines_stabilisers_and_estimators_walk_uphill(more):
+    if "drake" in more.values():
+        pytest.importorskip("pydrake", reason="pip install 'ampm-testbed[drake]'")
+    trial = val.walk(sloping(STEEP).replace(more))
+    assert trial.verdict.passed, trial.sentence
+
+
+def test_a_pushed_walk_steps_on_the_slope():
+    more = {"controller": {"stabilizer": "stepping"}, "disturbance": {"push_x": 150.0, "push_at": 2.0}}
+    record = val.walk(sloping(STEEP, steps=8, **more)).record
+    assert record.outcome.completed, record.outcome.cause
+
+
+@pytest.mark.parametrize("changes", [(), [(1.5, None)]], ids=["all", "stopped"])
+def test_footsteps_on_the_slope_pass(changes):
+    run = sloping(-STEEP, footsteps=FOOTSTEPS)
+    trial = val.walk(run, planner=FootstepPlanner(changes))
+    assert trial.verdict.passed, trial.sentence
+
+
+@pytest.mark.parametrize("changed", [{"z": 0.02}, {"heading": 0.1}], ids=str)
+def test_footsteps_off_the_slope_are_refused(changed):
+    steps = [*FOOTSTEPS[:3], FOOTSTEPS[3] | changed, *FOOTSTEPS[4:]]
+    with pytest.raises(InputError, match=r"gait\.slope = 0\.0524 takes footsteps straight along x"):
+        val.walk(sloping(STEEP, footsteps=steps))
 
 
 class Level:
@@ -56,8 +135,40 @@ class Level:
         return ampm.PeriodicPlanner().plan(run.replace({"gait.slope": 0.0}), robot)
 
 
+def test_a_plan_for_another_slope_is_refused():
+    with pytest.raises(InputError, match=r"plans for a slope of 0, and gait\.slope is 0\.0524"):
+        val.walk(sloping(STEEP), planner=Level())
+
+
+@pytest.mark.parametrize(
+    "unknown", [{"slope_along": 0.0175}, {"slope_across": 0.0175}, {"step_height": 0.005}], ids=str
+)
+def test_an_unknown_floor_is_walked_beside_a_planned_slope(unknown):
+    record = val.walk(sloping(0.03, steps=8, disturbance=unknown)).record
+    assert record.outcome.completed, record.outcome.cause
+
+
+@pytest.mark.parametrize(
+    "disturbance",
+    [
+        {"slope_along": 0.035},
+        {"slope_along": -0.035},
+        {"slope_across": 0.035},
+        {"step_height": -0.01},
+        {"softness_factor": 4.0},
+    ],
+    ids=str,
+)
+def test_an_unknown_floor_is_walked(disturbance):
+    record = val.walk(sloping(0.0, steps=8, disturbance=disturbance)).record
+    assert record.outcome.completed, record.outcome.cause
+
+
 def test_the_zmp_is_measured_on_an_unknown_slope():
-    trial = val.walk(sloping(0.0, disturbance={"slope_along": 0.02}))
+    run = ampm.load_run(
+        "normal", gait={"steps": 6}, simulation={"time_step": 2e-3}, disturbance={"slope_along": 0.02}
+    )
+    trial = val.walk(run.as_is())
     measured = trial.measured
     last = measured.floor[-1]
     assert last == pytest.approx(0.02 * (measured.zmp[-1, 0] - 0.3), abs=0.01)

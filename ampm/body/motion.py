@@ -135,6 +135,7 @@ class PeriodicPosture(Brief):
 
     motion: WholeBodyMotion  # one step
     robot: Robot  # the body
+    start: tuple[Array, Array] | None = None  # configuration and velocity at time 0, if not those of the step
 
     def report(self) -> dict[str, Any]:
         """Values of the periodic motion, see :class:`MotionReport`."""
@@ -142,7 +143,12 @@ class PeriodicPosture(Brief):
 
     def sample(self, times: ArrayLike) -> PostureState:
         """States at ``times``, shape (T,) [s]; see :meth:`WholeBodyMotion.sample`."""
-        return self.motion.sample(times, self.robot)
+        state = self.motion.sample(times, self.robot)
+        if self.start is None:
+            return state
+        first = (np.atleast_1d(times) <= 0.0)[:, None]
+        q, v = (np.where(first, *pair) for pair in zip(self.start, (state.q, state.v), strict=True))
+        return state._replace(q=q, v=v)
 
 
 def _immutable(values: Array) -> Array:

@@ -190,6 +190,18 @@ def move_links(tree: Records, v: Array, qdd: Array, gravity: float, link: Record
 
 
 @compiled
+def angular_momentum(tree: Records, link: Records) -> Vector:
+    """Of the body about its COM [N m s]; the links have their inertia, places and velocities."""
+    total, com = ZERO, times(1.0 / link[0].mass, vector(link[0].first))
+    for i in range(len(tree)):
+        here, omega = link[i], vector(link[i].omega)
+        sweep = cross(omega, minus(vector(here.com), vector(here.place)))
+        momentum = times(tree[i].mass, plus(vector(here.velocity), sweep))
+        total = plus(total, plus(turned(here.own, omega), cross(minus(vector(here.com), com), momentum)))
+    return total
+
+
+@compiled
 def accelerated(acceleration: Vector, turning: Vector, omega: Vector, arm: Vector) -> Vector:
     """Acceleration of a point of a link at an arm from another one [m/s^2]."""
     return plus(acceleration, plus(cross(turning, arm), cross(omega, cross(omega, arm))))

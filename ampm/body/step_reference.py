@@ -98,7 +98,7 @@ def step_reference(plan: StepPlan, time: Array) -> StepReference:
     return StepReference(
         time=np.array(time),
         position=np.stack([sample.com, *(foot.position for foot in feet)], axis=1),
-        rotation=np.stack([foot_rotation(foot.heading, foot.pitch) for foot in feet], axis=1),
+        rotation=np.stack([foot_rotation(foot.heading, foot.pitch, foot.roll) for foot in feet], axis=1),
         toe=np.stack([foot.toe for foot in feet], axis=1),
         velocity=velocity,
         acceleration=acceleration,

@@ -121,15 +121,15 @@ def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, command: Wre
     sole = places[: open_points(body.points, com, cos, sin, places)]
     if len(sole) == 0:
         return
-    height = com[2] - state.planned_slope * com[0] - state.floor
-    down = body.gravity + wanted.com_acceleration[2] - state.planned_slope * wanted.com_acceleration[0]
+    height = over_plane(com, state.planned_slope) - state.floor
+    down = body.gravity + over_plane(wanted.com_acceleration, state.planned_slope)
     planned_r, planned_arm, r_shift, arm_shift = np.empty(2), np.empty(2), np.empty(2), np.empty(2)
     planned_arm[0] = -wanted.moment[1] / (body.mass * down)
     planned_arm[1] = wanted.moment[0] / (body.mass * down)
     arm_shift[0] = -moment[1] / force[2] - planned_arm[0]
     arm_shift[1] = moment[0] / force[2] - planned_arm[1]
     for axis in range(2):
-        lean = (wanted.com[2] - state.planned_slope * wanted.com[0] - state.floor) / down
+        lean = (over_plane(wanted.com, state.planned_slope) - state.floor) / down
         planned_r[axis] = wanted.com[axis] - lean * wanted.com_acceleration[axis]
         r_shift[axis] = com[axis] - height * force[axis] / force[2] - planned_r[axis]
     # In the axes of the foot.
@@ -157,6 +157,12 @@ def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, command: Wre
     moment[1] -= arm_change[0] * force[2]
     command.zmp[0] = com[0] - (com[2] * force[0] + moment[1]) / force[2]
     command.zmp[1] = com[1] - (com[2] * force[1] - moment[0]) / force[2]
+
+
+@compiled
+def over_plane(a: Any, slope: Array) -> float:
+    """Height of a vector (3,) over the plane with slopes along x and y through the origin."""
+    return float(a[2] - slope[0] * a[0] - slope[1] * a[1])
 
 
 @compiled

@@ -94,7 +94,7 @@ class SteppingState:
     com_first: bool  # whether the COM comes before the trunk in what the sole can give
     heading: Annotated[Array, (2,)]  # cosine and sine of the standing foot's
     floor: float  # height under the body, over the plan's floor [m]
-    planned_slope: float  # of the plan's floor: dz/dx [1]
+    planned_slope: Annotated[Array, (2,)]  # of the plan's floor: dz/dx, dz/dy [1]
     force_factor: float  # of the commanded force, which holds the COM's height [1]
     single: bool  # whether this is a single support
     stance: int  # foot that stands; in double support the one that leaves

@@ -6,7 +6,7 @@ its own residuals.
 Conventions: world x forward, y left, z up, floor z = 0 except on a slope and under footsteps of another
 height; forces and moments act on the body.
 
-On a slope the COM moves parallel to the floor. Its motion along x and y, the ZMP along x, the moments and the
+On a slope the COM moves parallel to the floor. Its motion along x and y, the moments and the
 angular momentum are those of the walk on level ground: ``z = H + k x`` gives ``F_z = m (g + k x'')``, and the
 pendulum along x keeps its law (Kajita et al., "The 3D Linear Inverted Pendulum Mode", IROS 2001).
 """
@@ -25,7 +25,7 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array, rotations
 from ampm.planner.blend import HeightLaw
-from ampm.planner.contacts import PHASE_NAMES, STANCE_NAMES, Contacts, times_within
+from ampm.planner.contacts import LEVEL, PHASE_NAMES, STANCE_NAMES, Contacts, times_within
 from ampm.planner.pendulum import LawState
 
 _SWITCH_TOLERANCE = 1e-12  # times this close before a switch belong to the phase that begins [s]
@@ -256,13 +256,14 @@ class CentroidalPlan(Brief):
             force = self.mass * (moved[2] + np.array([0.0, 0.0, self.gravity]))
             arm = (moved[0, :, 2] - floor)[:, None] * force[:, :2] + moment[:, ::-1] * np.array([1.0, -1.0])
             zmp = moved[0, :, :2] - arm / force[:, 2:]
-        if slope := self.contacts.slope:
-            # With heights that grow by the slope, the force along x, the moment and the ZMP along x remain.
-            ahead, across = (moved[0, :, :2] - zmp).T
-            moved[:, :, 2] += slope * moved[:, :, 0]
-            lateral = across * self.gravity + slope * ahead * moved[2, :, 1]
-            zmp[:, 1] = moved[0, :, 1] - lateral / (self.gravity + moved[2, :, 2])
-            floor = slope * zmp[:, 0]
+        if (slope := self.contacts.slope) != LEVEL:
+            # With heights that grow by the slopes, horizontal force, moment and rise from ZMP to COM remain.
+            away = moved[0, :, :2] - zmp
+            rise = away @ slope
+            moved[:, :, 2] += moved[:, :, :2] @ slope
+            lever = away * self.gravity + rise[:, None] * moved[2, :, :2]
+            zmp = moved[0, :, :2] - lever / (self.gravity + moved[2, :, 2])[:, None]
+            floor = zmp @ slope
         return _Motion(moved[0], moved[1], moved[2], zmp, moment, momentum, floor)
 
     @cached_property

@@ -70,6 +70,10 @@ class Phase(NamedTuple):
         return "left" if self.right is None else "both"
 
 
+LEVEL = (0.0, 0.0)
+"""Slopes of a level floor along x and y [1]."""
+
+
 @dataclass(frozen=True)
 class Contacts(Brief):
     """Footsteps and phases of a walk.
@@ -78,12 +82,12 @@ class Contacts(Brief):
         footsteps: in the order in which they are stood on; the first of each foot is where it starts from,
             which no phase needs to hold.
         phases: consecutive, from time 0.
-        slope: of the floor along x, dz/dx; heights of footsteps count from it [1].
+        slope: of the floor, dz/dx and dz/dy; heights of footsteps count from it [1].
     """
 
     footsteps: tuple[Footstep, ...]
     phases: tuple[Phase, ...]
-    slope: float = 0.0
+    slope: tuple[float, float] = LEVEL
 
     @classmethod
     def in_turn(cls, footsteps: Sequence[Footstep], switches: ArrayLike) -> "Contacts":
@@ -138,7 +142,7 @@ class Contacts(Brief):
     @property
     def step_rise(self) -> float:
         """Height by which the floor rises over :attr:`step_length` [m]."""
-        return self.slope * self.step_length
+        return self.slope[0] * self.step_length
 
     @property
     def step_width(self) -> float:
@@ -228,7 +232,7 @@ def ascending(name: str, values: ArrayLike) -> NDArray[np.float64]:
 
 
 def contacts_in_turn(
-    footsteps: Sequence[Footstep], switches: Sequence[float], slope: float = 0.0
+    footsteps: Sequence[Footstep], switches: Sequence[float], slope: tuple[float, float] = LEVEL
 ) -> Contacts:
     """As :meth:`Contacts.in_turn`, without checks: supports of extreme gaits may have no duration."""
     phases = []

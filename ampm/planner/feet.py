@@ -3,7 +3,8 @@
 :mod:`ampm.planner.stride` plans them from key-frames.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ampm.brief import Brief
 from ampm.description import SoleGeometry
 from ampm.geometry import Array
-from ampm.planner.contacts import Footstep, times_within
+from ampm.planner.contacts import LEVEL, Footstep, times_within
 
 HEEL, BALL, TIP = 0, 1, 2
 """Columns of :attr:`FootSample.contact`."""
@@ -38,6 +39,7 @@ class FootSample:
     toe_velocity: Array  # shape (N,) [rad/s]
     toe_acceleration: Array  # shape (N,) [rad/s^2]
     contact: NDArray[np.bool_]  # heel, ball and tip planned in contact, shape (N, 3), bool
+    roll: Array  # of the foot about +x, after heading and pitch; constant, shape (N,) [rad]
     sole_points: Array  # heel left/right, ball left/right, tip left/right, shape (N, 6, 3) [m]
 
     def __post_init__(self) -> None:
@@ -85,13 +87,21 @@ class FootPath:
 
 @dataclass(frozen=True)
 class FeetPlan(Brief):
-    """Both feet's paths over a whole plan, on a floor with a slope along x, dz/dx [1]."""
+    """Both feet's paths over a whole plan, on a floor with slopes along x and y, dz/dx and dz/dy [1].
+
+    The paths have axes that are turned about x by the slope across, :attr:`roll`.
+    """
 
     sole: SoleGeometry
     left: FootPath
     right: FootPath
     duration: float
-    slope: float = 0.0
+    slope: tuple[float, float] = LEVEL
+
+    @property
+    def roll(self) -> float:
+        """Angle of the floor about x [rad]."""
+        return math.atan(self.slope[1])
 
     def sample(self, times: ArrayLike) -> tuple[FootSample, FootSample]:
         """Evaluate left and right foot at ``times``, shape (N,) [s].
@@ -100,12 +110,13 @@ class FeetPlan(Brief):
             InputError: a time lies outside the plan.
         """
         t = times_within(times, self.duration)
-        return _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
+        left, right = _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
+        return (_rolled(left, self.roll), _rolled(right, self.roll)) if self.slope[1] else (left, right)
 
     def heights(self, times: ArrayLike) -> Array:
         """Height of the lowest sole point of both feet over the floor's plane, shape (N, 2) [m]."""
         points = np.stack([foot.sole_points for foot in self.sample(times)], axis=1)
-        return np.asarray((points[..., 2] - self.slope * points[..., 0]).min(axis=2))
+        return np.asarray((points[..., 2] - points[..., :2] @ self.slope).min(axis=2))
 
     def contact(self, times: Array) -> NDArray[np.bool_]:
         """Groups of both feet in contact at times (T,) [s], shape (T, 2, 3)."""
@@ -136,14 +147,35 @@ class FeetPlan(Brief):
         return until
 
 
-def foot_rotation(heading: Array, pitch: Array) -> Array:
-    """Rotation of a foot to world, (..., 3, 3), by its heading and its pitch (...) [rad]."""
+def foot_rotation(heading: Array, pitch: Array, roll: Array) -> Array:
+    """Rotation of a foot to world, (..., 3, 3), by its heading, pitch and roll (...) [rad]."""
     rotation = np.zeros((*pitch.shape, 3, 3))
     rotation[..., 0, 0] = rotation[..., 2, 2] = np.cos(pitch)
     rotation[..., 0, 2] = np.sin(pitch)
     rotation[..., 2, 0] = -rotation[..., 0, 2]
     rotation[..., 1, 1] = 1.0
-    return _turned(heading, rotation.swapaxes(-1, -2)).swapaxes(-1, -2) if heading.any() else rotation
+    if heading.any():
+        rotation = _turned(heading, rotation.swapaxes(-1, -2)).swapaxes(-1, -2)
+    return turn_about_x(roll.flat[0]) @ rotation if roll.any() else rotation
+
+
+def turn_about_x(angle: float) -> Array:
+    """Rotation about the x axis, shape (3, 3)."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def _rolled(foot: FootSample, angle: float) -> FootSample:
+    """A foot's motion turned about the world's x axis [rad]."""
+    turn = turn_about_x(angle).T
+    return replace(
+        foot,
+        position=foot.position @ turn,
+        velocity=foot.velocity @ turn,
+        acceleration=foot.acceleration @ turn,
+        roll=np.full_like(foot.pitch, angle),
+        sole_points=foot.sole_points @ turn,
+    )
 
 
 def foot_turning(foot: FootSample) -> tuple[Array, Array]:
@@ -154,6 +186,9 @@ def foot_turning(foot: FootSample) -> tuple[Array, Array]:
         acceleration[:, 0] = -foot.pitch_velocity * foot.heading_velocity  # the pitch's axis turns
         velocity, acceleration = _turned(foot.heading, velocity), _turned(foot.heading, acceleration)
         velocity[:, 2], acceleration[:, 2] = foot.heading_velocity, foot.heading_acceleration
+    if foot.roll.any():
+        turn = turn_about_x(foot.roll[0]).T
+        return velocity @ turn, acceleration @ turn
     return velocity, acceleration
 
 
@@ -208,6 +243,7 @@ def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
         toe_velocity=first[:, TOE],
         toe_acceleration=second[:, TOE],
         contact=path.contact[index],
+        roll=zero,
         sole_points=position[:, None] + _turned(yaw, _sole_points(sole, c, s, pitch + value[:, TOE])),
     )
 

@@ -142,4 +142,4 @@ def _contacts(gait: GaitParameters, t_ss: float, t_ds: float) -> Contacts:
         footsteps.append(Footstep("right", (x, -w, 0.0)) if k % 2 else Footstep("left", (x, w, 0.0)))
     for k in range(gait.steps + 1):
         switches += [k * step, k * step + t_ss]
-    return contacts_in_turn(footsteps, [*switches, switches[-1] + t_ds], gait.slope)
+    return contacts_in_turn(footsteps, [*switches, switches[-1] + t_ds], gait.slopes)

@@ -11,7 +11,7 @@ from ampm.geometry import Array
 from ampm.parameters import GRAVITY
 from ampm.planner.blend import HeightLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
-from ampm.planner.contacts import ascending, finite
+from ampm.planner.contacts import LEVEL, ascending, finite
 from ampm.planner.newton import ALLOWED, newton_residual
 from ampm.planner.pendulum import LawState
 
@@ -136,7 +136,7 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     return plan
 
 
-def _height_law(given: dict[str, Array], times: Array, slope: float) -> HeightLaw | None:
+def _height_law(given: dict[str, Array], times: Array, slope: tuple[float, float]) -> HeightLaw | None:
     """The law of a COM whose height varies; None at a constant height."""
     if given["com"].shape[1] == 2:
         return None
@@ -145,10 +145,11 @@ def _height_law(given: dict[str, Array], times: Array, slope: float) -> HeightLa
         raise InputError(f"com has the height {height.min():g} m; give heights above 0 m.")
     if np.ptp(height) <= _LEVEL:
         return None
-    if slope:
+    if slope != LEVEL:
+        key, value = ("slope", slope[0]) if slope[0] else ("cross_slope", slope[1])
         raise InputError(
-            f"com has heights from {height.min():g} to {height.max():g} m, and gait.slope is {slope:g}; give "
-            "all the same height over a slope, or leave out gait.slope."
+            f"com has heights from {height.min():g} to {height.max():g} m, and gait.{key} is {value:g}; give "
+            f"all the same height over a slope, or leave out gait.{key}."
         )
     velocity, acceleration = (
         given[name][:, 2] if given.get(name, height).shape[-1] == 3 else None

@@ -23,8 +23,20 @@ from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import FootParameters
-from ampm.planner.contacts import Contacts
-from ampm.planner.feet import HEADING, PITCH, PIVOT_BALL, PIVOT_HEEL, TOE, FeetPlan, FootPath, X, Y, Z
+from ampm.planner.contacts import LEVEL, Contacts
+from ampm.planner.feet import (
+    HEADING,
+    PITCH,
+    PIVOT_BALL,
+    PIVOT_HEEL,
+    TOE,
+    FeetPlan,
+    FootPath,
+    X,
+    Y,
+    Z,
+    turn_about_x,
+)
 
 _QUINTIC = 6  # coefficients of a quintic
 _ORDER = 9  # coefficients of a curve
@@ -148,13 +160,15 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
         InputError: the heel would rise before the foot stands alone, or after it has left.
     """
     place = np.array([step.position for step in contacts.footsteps])
-    yaw, tilt = _headings(contacts), math.atan(contacts.slope)
-    if tilt and (yaw.any() or place[:, 2].any()):
+    yaw, slope, roll_angle = _headings(contacts), contacts.slope, math.atan(contacts.slope[1])
+    if slope != LEVEL and (yaw.any() or place[:, 2].any()):
+        key, value = ("gait.slope", slope[0]) if slope[0] else ("gait.cross_slope", slope[1])
         raise InputError(
-            f"gait.slope = {contacts.slope:g} takes footsteps straight along x, all on the slope; give "
-            "footsteps of zero heading and z, or gait.slope = 0."
+            f"{key} = {value:g} takes footsteps straight along x, all on the slope; give "
+            f"footsteps of zero heading and z, or {key} = 0."
         )
-    place[:, 2] += contacts.slope * place[:, 0]
+    place[:, 2] += place[:, :2] @ slope
+    place, tilt = place @ turn_about_x(roll_angle), math.atan(slope[0] * math.cos(roll_angle))
     times = np.array([phase[:2] for phase in contacts.phases])
     first = int(contacts.kind_codes[0])  # 1: both feet stand before the first swing
     lifted, single = times[first::2].T

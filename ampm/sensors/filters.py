@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ampm.body.rigid_body import moved, place_links, place_of
+from ampm.body.rigid_body import angular_momentum, move_links, moved, place_links, place_of, sum_inertia
 from ampm.compiled import compiled
 from ampm.geometry import Array
 from ampm.sensors.soles import spread_wrenches
-from ampm.vectors import Vector, cross, from_quaternion, minus, plus, put, times, turned, vector
+from ampm.vectors import ZERO, Vector, cross, from_quaternion, minus, plus, put, times, turned, vector
 
 VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
 LOAD = 0.06  # force from which a point rests, as share of the weight; half of it to go on resting
@@ -27,6 +27,8 @@ RATE_ERROR = 0.4  # of the root's commanded angular acceleration [rad/s^2]
 POINT_ERROR = 1e-3  # standard deviation of a resting point [m]
 FLOOR_ERROR = 3e-4  # standard deviation of the height of a point that has just touched [m]
 STEP_ERROR = 5e-3  # a point that touches so far from all floors stands on something else [m]
+SPIN_ERROR = 3e-4  # of the angular momentum by the rates, over the weight [m s]
+LEVER_ERROR = 5e-4  # of the moment of the wrenches about the COM, over the weight [m s^0.5]
 CLOCK = 1e-9  # a shorter time span is rounding [s]
 
 
@@ -43,7 +45,9 @@ class Filter(NamedTuple):
     offset: Array  # of the encoders, (nu,) [rad]
     worn: Any  # hinges whose offsets are in x, (H,)
     moves: Any  # whether they move a sole point, (P, H)
+    carries: Any  # whether they carry a foot, (2, H)
     imu: int  # where its angles begin in x; 0 if it is not turned
+    spin: int  # where the angular momentum about the COM begins in x; 0 if it is not estimated
     loaded: Any  # sole points that rest, (P,)
     touched: Any  # sole points that touched at the last tick, (P,)
     quiet: Array  # time since the loaded points changed, (1,) [s]
@@ -52,6 +56,7 @@ class Filter(NamedTuple):
     angles: Array  # as read, (nu,) [rad]
     rates: Array  # as read, (nu,) [rad/s]
     gyro: Array  # as read, (3,) [rad/s]
+    gyro_before: Array  # the reading before, (3,) [rad/s]
     accelerometer: Array  # as read, (3,) [m/s^2]
     force: Array  # as read, or by the wrenches, (P,) [N]
     contact: Any  # the same, (P,)
@@ -66,7 +71,7 @@ class Filter(NamedTuple):
     variance: Array  # of angles, rates, gyro and fixes as read, (4,)
     growth: Array  # of the variances of x in a tick, (X,)
     levels: Array  # heights of the floor's surfaces [m]
-    slope: float  # of the floor: dz/dx [1]
+    slope: Array  # of the floor: dz/dx, dz/dy, (2,) [1]
     weight: float  # of the body [N]
     gravity: float  # [m/s^2]
     lag: float  # how much older velocities are than configurations [s]
@@ -95,8 +100,9 @@ def update(
     period = now - age - last if now - age - last > CLOCK else 0.0
     if period > 0.0:
         predict(f, last, period)
+    f.gyro_before[:] = f.gyro
     f.quiet[0] += period
-    correct(f, has_fix)
+    correct(f, period, has_fix)
     q[:] = f.q
     put(v[0:3], turned(f.turn.T, vector(f.x[VELOCITY:TURN])))
     put(v[3:6], vector(f.rate))
@@ -157,6 +163,9 @@ def predict_joints(f: Filter, commanded: Array, period: float, factor: float) ->
 def predict_root(f: Filter, commanded: Array, period: float, factor: float) -> Vector:
     """Attitude by the gyro, velocity and place by the accelerometer.
 
+    The filtered rate does not turn the root: a body whose COM is a millimetre off turns otherwise than
+    commanded, and the mean of that rate is wrong.
+
     Returns:
         Acceleration less gravity, in world axes [m/s^2].
     """
@@ -168,7 +177,8 @@ def predict_root(f: Filter, commanded: Array, period: float, factor: float) -> V
     read = from_imu(f, minus(vector(f.gyro), vector(f.x[GYRO:ACCELEROMETER])))
     rate = plus(rate, times(gain, minus(read, rate)))
     put(f.rate, rate)
-    mean = plus(times(0.5, plus(start, rate)), times(f.lag / period, minus(rate, start)))
+    start = from_imu(f, minus(vector(f.gyro_before), vector(f.x[GYRO:ACCELEROMETER])))
+    mean = plus(times(0.5, plus(start, read)), times(f.lag / period, minus(read, start)))
     turn_root(f, times(0.5 * period, mean))
     felt = minus(vector(f.accelerometer), vector(f.x[ACCELEROMETER:POINTS]))
     force = turned(f.turn, from_imu(f, felt))
@@ -213,11 +223,13 @@ def spread_rows(f: Filter, period: float, force: Vector, rows: Array) -> None:
 
 
 @compiled
-def correct(f: Filter, has_fix: bool) -> None:
+def correct(f: Filter, period: float, has_fix: bool) -> None:
     """Correct the root by sole points that touch or rest, and by a fix."""
     place_links(f.tree, f.q, f.link)
     if f.wrenches:
         spread_wrenches(f.soles, f.link, f.points, f.force, f.contact)
+    if f.spin:
+        weigh(f, period)
     for i in range(len(f.points)):
         update_contact(f, i, place_of(f.link, f.points[i]))
     for i in range(len(f.points)):
@@ -236,6 +248,63 @@ def correct(f: Filter, has_fix: bool) -> None:
         f.offset[f.worn[h]] += f.x[e]
         f.q[7 + f.worn[h]] -= f.x[e]
         f.x[e] = 0.0
+
+
+@compiled
+def weigh(f: Filter, period: float) -> None:
+    """Correct by the angular momentum about the COM, which the wrenches of the feet change.
+
+    Where encoders put the COM beside its place over the foot, the body turns otherwise than by the force.
+    """
+    s, first = f.soles, f.spin
+    sum_inertia(f.tree, f.link)
+    mass, moment = f.link[0].mass, ZERO
+    com = times(1.0 / mass, vector(f.link[0].first))
+    for foot in range(2):
+        lever, push = minus(place_of(f.link, s.frame[foot]), com), vector(s.felt[foot, 0:3])
+        moment = plus(moment, plus(cross(lever, push), vector(s.felt[foot, 3:6])))
+    put(f.x[first : first + 3], plus(vector(f.x[first : first + 3]), times(period, moment)))
+    for h in range(len(f.worn)):
+        turning = times(-period, moment_by(f, h, com))
+        offset = POINTS + 3 * len(f.points) + h
+        for axis in range(3):
+            f.covariance[first + axis] += turning[axis] * f.covariance[offset]
+        for axis in range(3):
+            f.covariance[:, first + axis] += turning[axis] * f.covariance[:, offset]
+    v = np.zeros(6 + len(f.joint_rate))
+    v[3:6], v[6:] = f.rate, f.joint_rate
+    move_links(f.tree, v, np.zeros(len(v)), 0.0, f.link)
+    spin = angular_momentum(f.tree, f.link)
+    known = (s.tared[0] or not s.loaded[0]) and (s.tared[1] or not s.loaded[1])
+    for axis in range(3):
+        e = first + axis
+        if known:
+            column = f.covariance[e].copy()
+            take_in(f, spin[axis] - f.x[e], column, column[e] + (SPIN_ERROR * f.weight) ** 2)
+        else:
+            f.x[e] = spin[axis]
+            f.covariance[e] = 0.0
+            f.covariance[:, e] = 0.0
+            f.covariance[e, e] = (SPIN_ERROR * f.weight) ** 2
+
+
+@compiled
+def moment_by(f: Filter, h: int, com: Vector) -> Vector:
+    """By how much the angle of a hinge changes the moment of the wrenches about the COM [N m/rad]."""
+    s, joint, total = f.soles, f.link[1 + f.worn[h]], ZERO
+    axis, place = vector(joint.axis), vector(joint.place)
+    swing = minus(vector(joint.first), times(joint.mass, place))
+    away = times(-1.0 / f.link[0].mass, cross(axis, swing))
+    for foot in range(2):
+        push, moment = vector(s.felt[foot, 0:3]), vector(s.felt[foot, 3:6])
+        shifted = away
+        if f.carries[foot, h]:
+            sole = place_of(f.link, s.frame[foot])
+            shifted = plus(away, cross(axis, minus(sole, place)))
+            turning = plus(cross(minus(sole, com), cross(axis, push)), cross(axis, moment))
+            total = plus(total, turning)
+        total = plus(total, cross(shifted, push))
+    return total
 
 
 @compiled
@@ -283,7 +352,7 @@ def part_of(f: Filter, axis: int, arm: Vector, i: int, rows: Any) -> Any:
 @compiled
 def stand(f: Filter, arm: Vector, i: int) -> None:
     """Correct by the height of a point that has just touched the floor."""
-    z = over_slope(f, arm, i, f.x) + arm[2] - f.slope * arm[0]
+    z = over_slope(f, arm, i, f.x) + arm[2] - f.slope[0] * arm[0] - f.slope[1] * arm[1]
     off = f.levels[0] - z
     for level in f.levels:
         if abs(level - z) < abs(off):
@@ -296,7 +365,8 @@ def stand(f: Filter, arm: Vector, i: int) -> None:
 @compiled
 def over_slope(f: Filter, arm: Vector, i: int, rows: Any) -> Any:
     """As :func:`part_of`, in the height over the plane of the floor."""
-    return part_of(f, 2, arm, i, rows) - f.slope * part_of(f, 0, arm, i, rows)
+    along = f.slope[0] * part_of(f, 0, arm, i, rows)
+    return part_of(f, 2, arm, i, rows) - along - f.slope[1] * part_of(f, 1, arm, i, rows)
 
 
 @compiled

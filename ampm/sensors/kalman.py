@@ -9,7 +9,7 @@ from ampm.compiled import bound, records, refer
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.sensor_parameters import WRENCH
-from ampm.sensors.filters import Filter, turn_root, update
+from ampm.sensors.filters import LEVER_ERROR, POINTS, Filter, turn_root, update
 from ampm.sensors.readings import Readings
 from ampm.sensors.soles import soles_of
 from ampm.vectors import ZERO
@@ -54,31 +54,35 @@ class Kalman:
         read = sensors.angle_noise, sensors.rate_noise, sensors.gyro_noise, sensors.fix_noise
         variance = np.maximum(read, _LEAST) ** 2
         variance[3] *= _FIX_FACTOR**2
-        worn, moves = _hinges(robot, sensors.angle_bias > 0.0)
+        worn, moves, carries = _hinges(robot, sensors.angle_bias > 0.0)
         imu = np.full(3 if sensors.imu_angle_bias else 0, sensors.imu_angle_bias)
         constant = np.append(np.full(len(worn), sensors.angle_bias), imu)
+        wrenches, weight = sensors.force_sensor == WRENCH, robot.mass * robot.gravity
+        spin = np.full(3 if wrenches and len(worn) else 0, weight)
         biases = np.repeat([0.0, 0.0, 0.0, sensors.gyro_bias, sensors.accelerometer_bias], 3)
-        start_errors = np.concatenate([np.maximum(_START, biases), np.ones(3 * points), constant])
-        walk = np.concatenate([_WALK, np.tile(_CREEP, points), np.zeros(len(constant))])
+        start_errors = np.concatenate([np.maximum(_START, biases), np.ones(3 * points), constant, spin])
+        walk = np.concatenate([_WALK, np.tile(_CREEP, points), np.zeros(len(constant)), LEVER_ERROR * spin])
         growth = walk**2 / run.controller.frequency
         drift = np.repeat([sensors.gyro_drift, sensors.accelerometer_drift], 3)
         growth[9:15] += drift**2 / run.controller.frequency
         growth[3:6] = (_ACCELERATION_ERROR / run.controller.frequency) ** 2
         growth[6:9] = variance[2] / run.controller.frequency**2
-        errors = robot.by_group(_ERRORS)
-        errors[robot.toe_joints] = _TOE_ERROR
+        commanded = robot.by_group(_ERRORS)
+        commanded[robot.toe_joints] = _TOE_ERROR
         self.filter = f = Filter(
             q=np.array(start.q),
-            joint_rate=np.array(start.v[6:]),
-            joint_covariance=np.tile([max(1e-8, sensors.angle_bias**2), 0.0, 1e-4], (nu, 1)),
-            rate=np.array(start.v[3:6]),
-            rate_variance=np.full(1, 1e-4),
+            joint_rate=np.zeros(nu),
+            joint_covariance=np.zeros((nu, 3)),
+            rate=np.zeros(3),
+            rate_variance=np.zeros(1),
             x=np.zeros(len(growth)),
             covariance=np.diag(start_errors**2),
             offset=np.zeros(nu),
             worn=worn,
             moves=moves,
-            imu=len(growth) - 3 if len(imu) else 0,
+            carries=carries,
+            imu=len(growth) - len(spin) - 3 if len(imu) else 0,
+            spin=len(growth) - 3 if len(spin) else 0,
             loaded=np.zeros(points, dtype=bool),
             touched=np.ones(points, dtype=bool),
             quiet=np.zeros(1),
@@ -87,6 +91,7 @@ class Kalman:
             angles=np.zeros(nu),
             rates=np.zeros(nu),
             gyro=np.zeros(3),
+            gyro_before=np.zeros(3),
             accelerometer=np.zeros(3),
             force=np.zeros(points),
             contact=np.zeros(points, dtype=bool),
@@ -96,21 +101,37 @@ class Kalman:
             begin=np.full(ticks + 1, start.time),
             tree=tree_of(robot.model),
             points=frames_of(robot.model, robot.point_frames),
-            wrenches=sensors.force_sensor == WRENCH,
-            joint_error=errors[6:],
+            wrenches=wrenches,
+            joint_error=commanded[6:],
             variance=variance,
             growth=growth,
             levels=np.array(sorted({step.z for step in run.footsteps}) or [0.0]),
-            slope=run.gait.slope,
-            weight=robot.mass * robot.gravity,
+            slope=np.array(run.gait.slopes),
+            weight=weight,
             gravity=robot.gravity,
             lag=start.velocity_lag,
         )
         self._q, self._v, self._none = np.array(start.q), np.array(start.v), np.zeros(robot.nv)
         handle = refer(f)
         self._update = bound(update, (handle,), self._none, 0.0, 0.0, 0.0, True, self._q, self._v)
-        bound(turn_root, (handle,), ZERO)(ZERO)
+        self._turn_root = bound(turn_root, (handle,), ZERO)
+        self._constant = np.r_[9:15, POINTS + 3 * points : len(growth) - len(spin)]
+        self._start = start_errors**2
+        self._hinge = max(1e-8, sensors.angle_bias**2), 0.0, 1e-4
+        self.begin(start)
+
+    def begin(self, start: State) -> None:
+        """Go on from a state as known as the first one, with what was found of the sensors."""
+        f = self.filter
+        f.q[:], f.rate[:], f.joint_rate[:] = start.q, start.v[3:6], start.v[6:]
+        f.joint_covariance[:], f.rate_variance[:], f.quiet[:] = self._hinge, 1e-4, 0.0
+        self._turn_root(ZERO)
         f.x[0:3], f.x[3:6] = start.q[:3], f.turn @ start.v[:3]
+        kept, found = np.diag(self._start), np.ix_(self._constant, self._constant)
+        kept[found] = f.covariance[found]
+        f.covariance[:] = kept
+        f.loaded[:], f.touched[:] = False, True
+        f.commanded[:], f.begin[:] = 0.0, start.time
         self._tick = self._read = start.time
 
     def update(self, readings: Readings, commanded: Array | None) -> tuple[State, Touch]:
@@ -132,10 +153,14 @@ class Kalman:
         return State(now, self._q, self._v, f.lag), Touch(f.contact, f.force, 2.0 * f.lag + age)
 
 
-def _hinges(robot: Robot, worn: bool) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Hinges between root and soles, (H,), and whether they move each sole point, (P, H); worn ones only."""
+def _hinges(robot: Robot, worn: bool) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Hinges between root and soles whose encoders are worn, (H,).
+
+    Also whether they move each sole point, (P, H), and carry each foot, (2, H).
+    """
     model = robot.model
-    joints = [set(model.supports[model.frames[frame].parentJoint]) for frame in robot.point_frames]
+    frames = [*robot.point_frames, *robot.sole_frames]
+    joints = [set(model.supports[model.frames[frame].parentJoint]) for frame in frames]
     hinges = sorted(set().union(*joints) - {0, 1}) if worn else []
-    moves = [[joint in support for joint in hinges] for support in joints]
-    return np.array(hinges, dtype=np.intp) - 2, np.array(moves, dtype=bool)
+    moves = np.array([[joint in support for joint in hinges] for support in joints], dtype=bool)
+    return np.array(hinges, dtype=np.intp) - 2, moves[:-2], moves[-2:]

@@ -43,7 +43,11 @@ class Readings(NamedTuple):
 
 
 class Estimator(Protocol):
-    """Makes the state of the body from readings, once before every control tick."""
+    """Makes the state of the body from readings, once before every control tick.
+
+    One with a method ``begin(start)`` may watch the body stand (``sensors.stand``). At the walk's start
+    it goes on from that state with what it found of the sensors.
+    """
 
     def update(self, readings: Readings, commanded: "Array | None") -> tuple[State, Touch]:
         """State and touch at the time of a tick.

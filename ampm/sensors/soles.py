@@ -15,7 +15,9 @@ from ampm.vectors import ZERO, Vector, cross, dot, minus, multiply, plus, put, t
 YIELD = 3e-3
 """Height over the lowest point of its foot at which a point takes half of what it would take there [m]."""
 LEVEL = 0.1
-"""A line of a loaded foot is on the floor up to :data:`YIELD` times the root of this [1]."""
+"""A line that touches stays on the floor up to :data:`YIELD` times the root of this [1]."""
+FIRST = 0.15
+"""Share of the threshold from which a line touches at the height of the lowest point [1]."""
 TIP = 2
 """Line of a foot's points, after those of heel and ball."""
 TIP_SHARE = 0.05
@@ -30,18 +32,30 @@ TARE = 0.1
 """Time constant of that offset [s]."""
 
 
+FAINT = 4.0
+"""Load, over the noise, that a foot bears on the floor if it does so at two ticks [1]."""
+SCALE = 0.3
+"""Time constant in which a foot that stands alone finds the scale of its sensor [s]."""
+
+
 class Soles(NamedTuple):
     """What is read of the feet and known of them."""
 
     frame: Any  # of both soles
     wrench: Array  # as read: forces and moments about the sole, in its axes, (2, 6) [N, N m]
     offset: Array  # of the same, found in the air, (2, 6) [N, N m]
+    scale: Array  # what of the wrenches is read, found by the weight on a foot that stands alone, (2,) [1]
+    felt: Array  # the wrenches without offset and scale, in world axes, (2, 6) [N, N m]
+    tared: Any  # whether the offsets were found, (2,)
+    pressed: Any  # ticks since its load was faint, (2,)
     unloaded: Array  # time since the foot was loaded, (2,) [s]
     loaded: Any  # feet that carry load, (2,)
     touching: Any  # their lines of points, (2, 3)
     line: Any  # of every sole point, (P,)
     threshold: float  # load at which a foot or a line touches; half of it to go on touching [N]
+    faint: float  # load at which a foot with a known offset touches at the second tick [N]
     period: float  # of a control tick [s]
+    weight: float  # of the body, if the sensors have errors of scale; else 0 [N]
 
 
 def soles_of(robot: Robot, run: RunParameters) -> Soles:
@@ -50,12 +64,18 @@ def soles_of(robot: Robot, run: RunParameters) -> Soles:
         frame=frames_of(robot.model, robot.sole_frames),
         wrench=np.zeros((2, 6)),
         offset=np.zeros((2, 6)),
+        scale=np.ones(2),
+        felt=np.zeros((2, 6)),
+        tared=np.full(2, not (run.sensors.force_bias or run.sensors.moment_bias)),
+        pressed=np.zeros(2, dtype=np.int64),
         unloaded=np.zeros(2),
         loaded=np.zeros(2, dtype=bool),
         touching=np.zeros((2, 3), dtype=bool),
         line=robot.point_group.copy(),
         threshold=run.sensors.contact_threshold,
+        faint=FAINT * max(run.sensors.force_noise, 0.5),
         period=1.0 / run.controller.frequency,
+        weight=robot.mass * robot.gravity if run.sensors.force_scale_bias else 0.0,
     )
 
 
@@ -90,23 +110,31 @@ def spread_wrenches(s: Soles, link: Any, points: Any, force: Array, contact: Any
         spread(arm, wanted if s.loaded[foot] else ZERO, here)
         for group in range(s.touching.shape[1]):
             total, level = here[line == group].sum(), 0.5 * height[line == group].sum()
-            least = (0.5 if s.touching[foot, group] else 1.0) * s.threshold * (min(1.0, level) - LEVEL)
-            s.touching[foot, group] = s.loaded[foot] and total > least
+            least = 0.5 * (min(1.0, level) - LEVEL) if s.touching[foot, group] else min(1.0, level + FIRST)
+            s.touching[foot, group] = s.loaded[foot] and total > s.threshold * least
         for i in range(count):
             contact[first + i] = s.touching[foot, line[i]]
 
 
 @compiled
 def tared(s: Soles, link: Any, foot: int) -> tuple[Vector, Vector]:
-    """Force and moment of a foot in world axes, less the offsets that it shows in the air."""
+    """Force and moment of a foot in world axes, to scale, less the offsets that it shows in the air."""
     turn, frame = np.empty((3, 3)), s.frame[foot]
     multiply(link[frame.joint].turn, frame.turn, turn)
-    load = turned(turn, vector(s.wrench[foot, 0:3] - s.offset[foot, 0:3]))
-    moment = turned(turn, vector(s.wrench[foot, 3:6] - s.offset[foot, 3:6]))
-    s.loaded[foot] = load[2] > (0.5 if s.loaded[foot] else 1.0) * s.threshold
+    share = 1.0 / s.scale[foot]
+    load = times(share, turned(turn, vector(s.wrench[foot, 0:3] - s.offset[foot, 0:3])))
+    moment = times(share, turned(turn, vector(s.wrench[foot, 3:6] - s.offset[foot, 3:6])))
+    s.pressed[foot] = s.pressed[foot] + 1 if load[2] > s.faint else 0
+    touches = s.tared[foot] and s.pressed[foot] > 1
+    s.loaded[foot] = touches or load[2] > (0.5 if s.loaded[foot] else 1.0) * s.threshold
+    if s.weight > 0.0 and s.loaded[foot] and not s.loaded[1 - foot]:
+        s.scale[foot] *= 1.0 + s.period / SCALE * (load[2] / s.weight - 1.0)
     s.unloaded[foot] = 0.0 if s.loaded[foot] else s.unloaded[foot] + s.period
     if s.unloaded[foot] > IN_AIR:
         s.offset[foot] += s.period / TARE * (s.wrench[foot] - s.offset[foot])
+        s.tared[foot] = True
+    put(s.felt[foot, 0:3], load)
+    put(s.felt[foot, 3:6], moment)
     return load, moment
 
 

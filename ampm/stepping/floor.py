@@ -60,7 +60,8 @@ def floor_under(stepper: Stepper, foot: int) -> tuple[float, float, float]:
             n, x, y, z = n + 1.0, x + dx, y + dy, z + floor
             xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
             xz, yz = xz + dx * floor, yz + dy * floor
-    height, slope = com[2] + at[2] + SINK, (-pose[0, 2] / pose[2, 2] - planned, -pose[1, 2] / pose[2, 2])
+    height = com[2] + at[2] + SINK
+    slope = -pose[0, 2] / pose[2, 2] - planned[0], -pose[1, 2] / pose[2, 2] - planned[1]
     if deepest < DEEP_IN:
         return height, slope[0], slope[1]
     x, y, z = x / n, y / n, z / n
@@ -69,7 +70,7 @@ def floor_under(stepper: Stepper, foot: int) -> tuple[float, float, float]:
     if size < 1e-8:  # of a line
         return height - SINK + deepest, slope[0], slope[1]
     dzdx, dzdy = (yy * xz - xy * yz) / size, (xx * yz - xy * xz) / size
-    return z - dzdx * x - dzdy * y, dzdx - planned, dzdy
+    return z - dzdx * x - dzdy * y, dzdx - planned[0], dzdy - planned[1]
 
 
 @compiled

@@ -126,7 +126,7 @@ class StepTracker:
         if not (again and self._goes_on):
             return min(index, len(contacts.phases) - 1), np.zeros(3)
         way = again * (contacts.placements[-1, 0] - contacts.placements[-1 - CYCLE, 0])
-        way[2] += contacts.slope * way[0]
+        way[2] += way[:2] @ contacts.slope
         return max(index - CYCLE * again, 0), way
 
     def _phase(self, index: int) -> Phase:
@@ -136,7 +136,7 @@ class StepTracker:
         """Begin on the plan; the floor is where it was."""
         floor = self._state.floor
         self._workspace.stepping[:] = 0
-        self._state.planned_slope = self.plan.contacts.slope
+        self._state.planned_slope[:] = self.plan.contacts.slope
         self._state.floor, self._state.rate, self._state.factor, self._state.choice = floor, 1.0, 1.0, -1
 
     def _enter(self, index: int) -> None:
@@ -181,8 +181,9 @@ class StepTracker:
             self._workspace.body.gravity,
             self.plan.contacts.slope,
         )
-        down = gravity + acceleration[:, 2:] - slope * acceleration[:, :1]
-        r = com[:, :2] - (com[:, 2:] - slope * com[:, :1]) / down * acceleration[:, :2]
+        height, rate = (item[:, 2] - item[:, :2] @ slope for item in (com, acceleration))
+        down = gravity + rate[:, None]
+        r = com[:, :2] - height[:, None] / down * acceleration[:, :2]
         arm = np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (mass * down)
         curves = r, com[:, :2] + velocity[:, :2] / self._stepper.omega, r + arm
         return Curves(*(np.ascontiguousarray(curve) for curve in curves))

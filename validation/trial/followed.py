@@ -155,13 +155,13 @@ class Stepped:
         if again.any():
             way = contacts.placements[-1, 0, :2] - contacts.placements[-1 - CYCLE, 0, :2]
             repeated[:, :2] = again[:, None] * way
-            repeated[:, 2] = contacts.slope * repeated[:, 0]
+            repeated[:, 2] = repeated[:, :2] @ contacts.slope
         old, new = shift[every, stance], shift[every, 1 - stance]
         done = np.where(single, 0.0, clock / duration)[:, None]
         base = repeated + old + done * (new - old)
         speed = np.where(single, 0.0, rate / duration)[:, None] * (new - old)
         target = _target(shift, stance, step)
-        target[:, 2] += contacts.slope * step[:, 0]
+        target[:, 2] += step[:, :2] @ contacts.slope
         swung = ((clock - begun) / np.maximum(duration - begun, 1e-9))[:, None]
         feet, ahead = shift.copy(), shift[:, :, :2].copy()  # of the feet, and of their next footsteps
         feet[every, 1 - stance] = np.where(single[:, None], swing + swung * (target - swing), new)

@@ -371,11 +371,14 @@ def _check_plan(plan: WalkPlan, run: RunParameters, robot: Robot) -> None:
     for name, shape in shapes.items():
         real_numbers(f"'{name}' of its posture at 0 s", getattr(state, name), shape, finite=True)
     check_contacts(plan)
-    if plan.contacts.slope != run.gait.slope:
-        raise ValueError(
-            f"it plans for a slope of {plan.contacts.slope:g}, and gait.slope is {run.gait.slope:g}; make "
-            "the plan with ampm.make_plan, which takes it from the run"
-        )
+    for key, planned, floor in zip(
+        ("slope", "cross_slope"), plan.contacts.slope, run.gait.slopes, strict=True
+    ):
+        if planned != floor:
+            raise ValueError(
+                f"it plans for a slope of {planned:g}, and gait.{key} is {floor:g}; make the plan with "
+                "ampm.make_plan, which takes it from the run"
+            )
 
 
 def tune_walk(request: Request, progress: Progress | None = None, *, advise: bool = True) -> PlannedWalk:
@@ -388,7 +391,8 @@ def tune_walk(request: Request, progress: Progress | None = None, *, advise: boo
         MathematicalRefusal, BodilyRefusal: nothing walks; :class:`ampm.tune.tuning.NoFeasibleChoice`,
             a BodilyRefusal, says which limit stayed broken.
     """
-    from ampm.tune.tuning import tune  # imported here: Pinocchio is slow to load
+    from ampm.planners import PeriodicPlanner  # imported here: Pinocchio is slow to load
+    from ampm.tune.tuning import tune
 
     run, progress = request.run, progress or Progress()
     if run.given >= set(OPEN_KEYS):
@@ -398,7 +402,11 @@ def tune_walk(request: Request, progress: Progress | None = None, *, advise: boo
         )
     with progress.stage(f"{request.name}: what is left open") as stage:
         body = make_body(run)
-        tuned = tune(run, body.robot, progress=stage.note, advise=advise)
+        level = run.replace({"gait.cross_slope": 0.0})  # legs of different length repeat no step
+        tuned = tune(level, body.robot, progress=stage.note, advise=advise)
+    if run.gait.cross_slope:
+        run = tuned.run.replace({"gait.cross_slope": run.gait.cross_slope})
+        tuned = replace(tuned, run=run, plan=PeriodicPlanner().plan(run, body.robot))
     if leaves_open(run):
         progress.say(f"{request.title}: {_summary(run, tuned)}")
     return PlannedWalk(replace(request, run=tuned.run), tuned.plan, body, tuned=tuned)

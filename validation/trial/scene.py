@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import DisturbanceParameters, RunParameters
-from ampm.planner.contacts import Contacts, Footstep, footprint
+from ampm.planner.contacts import LEVEL, Contacts, Footstep, footprint
 from ampm.planner.heights import Ground, uneven
 from ampm.section import unknown
 from models.scene import BodyModel
@@ -44,7 +44,7 @@ def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> 
         InputError: there is no such segment or footstep, or a disturbance needs a level floor.
     """
     wanted = run.disturbance
-    if wanted == DisturbanceParameters() and not uneven(contacts.footsteps) and not contacts.slope:
+    if wanted == DisturbanceParameters() and not uneven(contacts.footsteps) and contacts.slope == LEVEL:
         return body
     root = ElementTree.fromstring(body.xml)
     for contact in root.iterfind(".//default[@class='contact']/geom"):
@@ -60,7 +60,7 @@ def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> 
 
 def surfaces(wanted: DisturbanceParameters, contacts: Contacts) -> Array:
     """Heights of the level surfaces of the floor, ascending, shape (L,); empty if it slopes [m]."""
-    if wanted.slope_along or wanted.slope_across or contacts.slope:
+    if wanted.slope_along or wanted.slope_across or contacts.slope != LEVEL:
         return np.empty(0)
     levels = {step.position[2] for step in contacts.footsteps} | {wanted.step_height}
     return wanted.floor_height + np.array(sorted(levels))
@@ -100,14 +100,14 @@ def _change_floor(
     world = next(root.iter("worldbody"))
     plane = next(world.iterfind("geom[@name='floor']"))
     sloped = bool(wanted.slope_along or wanted.slope_across)
-    if (uneven(contacts.footsteps) or contacts.slope) and (sloped or wanted.step_height):
+    if uneven(contacts.footsteps) and (sloped or wanted.step_height):
         raise InputError(
-            "slopes and disturbance.step_height need a level floor; leave them out, or gait.slope and the "
-            "footsteps' z."
+            "disturbance.slope_along, slope_across and step_height need footsteps of one height; leave them "
+            "out, or the footsteps' z."
         )
-    if contacts.slope:
+    if contacts.slope != LEVEL and not (sloped or wanted.step_height):
         plane.set("pos", f"0 0 {wanted.floor_height!r}")
-        plane.set("zaxis", _text([-contacts.slope, 0.0, 1.0]))
+        plane.set("zaxis", _text([-contacts.slope[0], -contacts.slope[1], 1.0]))
         return
     if uneven(contacts.footsteps):
         _raise_floor(world, plane, Ground.under(contacts.footsteps, body.description.sole), wanted)
@@ -134,7 +134,7 @@ def _change_floor(
         tiles = [part for tile in tiles for part in _split(tile, low, high, wanted.step_height)]
     tilt = Rotation.from_euler("YX", [-wanted.slope_along, wanted.slope_across]).as_matrix()
     world.remove(plane)
-    up = np.array([0.0, 0.0, wanted.floor_height])
+    up, turn = np.array([0.0, 0.0, wanted.floor_height]), _plane(contacts.slope) @ turn
     for number, tile in enumerate(tiles):
         low_, high_ = np.array(tile.low), np.array(tile.high)
         centre = np.array([*(0.5 * (low_ + high_)), tile.height - 0.5 * _THICK])
@@ -145,6 +145,14 @@ def _change_floor(
         rotation, centre = turn @ rotation, turn @ centre + up
         name = "floor" if number == 0 else f"floor_{number}"
         world.insert(number, _box(plane, name, 0.5 * (high_ - low_), centre, rotation))
+
+
+def _plane(slope: tuple[float, float]) -> Array:
+    """Rotation of a level floor to one with slopes along x and y, shape (3, 3)."""
+    along, across = np.array([1.0, 0.0, slope[0]]), np.array([0.0, 1.0, slope[1]])
+    up = np.cross(along, across)
+    axes = np.stack([along, np.cross(up, along), up], axis=1)
+    return np.asarray(axes / np.linalg.norm(axes, axis=0))
 
 
 def _raise_floor(

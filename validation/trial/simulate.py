@@ -9,7 +9,7 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -18,7 +18,9 @@ from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.geometry import Array
 from ampm.parameters import NO_PLAN, DisturbanceParameters, RunParameters
+from ampm.planners import StandingPlanner
 from ampm.reference import Reference
+from ampm.sensor_parameters import EXACT
 from ampm.sensors.readings import Estimator, EstimatorFactory
 from ampm.stepping.tracker import SteppedTick
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, Controller, ControllerFactory, ControlOutput, State, Touch
@@ -85,8 +87,14 @@ def simulate(
     course = References(plan, run, physics, steps=steps, planner=replanner, controller=follower)
     end = math.inf if replanner else course.total * physics.time_step
     forces = forces_of(run, disturbances, end)
+    estimating = None
+    if run.sensors.stand and run.sensors.estimator != EXACT:
+        estimating = stand(planned, physics, estimator)
     start = place(physics, run, course.table[0])
-    estimating = make_estimator(run, known, start, estimator)
+    if estimating is None:
+        estimating = make_estimator(run, known, start, estimator)
+    else:
+        estimating.begin(start)
     loop = ClosedLoop(physics, follower, course, run, estimator=estimating, disturbances=forces)
     record = loop.run(progress)
     tick = physics.substeps * physics.time_step
@@ -110,6 +118,35 @@ def simulate(
     )
     floor = surfaces(run.disturbance, plan.contacts)
     return record if np.array_equal(floor, [0.0]) else _on_floor(record, floor)
+
+
+def stand(planned: PlannedWalk, physics: Physics, factory: EstimatorFactory | None) -> Any:
+    """Stand before a walk with its sensors, on two soles side by side.
+
+    Returns:
+        The run's estimator with what it found.
+
+    Raises:
+        InputError: the floor is not level, the estimator has no ``begin``, or the body does not stand.
+    """
+    robot, way_out = planned.body.again(), "or sensors.stand = 0"
+    if not np.array_equal(surfaces(planned.run.disturbance, planned.plan.contacts), [0.0]):
+        raise InputError(f"sensors.stand needs a level floor; leave out what slopes or steps, {way_out}.")
+    still = {"gait.planner": NO_PLAN, "controller.stabilizer": "fixed", "command.settling": 0.0}
+    run = planned.run.replace({**still, "command.duration": planned.run.sensors.stand}, footsteps=())
+    plan = StandingPlanner().plan(run.undisturbed, robot)
+    controller = TrackingController(robot, run.undisturbed)
+    course = References(plan, run, physics, controller=controller)
+    start = place(physics, run, course.table[0])
+    estimator = make_estimator(run, robot, start, factory)
+    if not hasattr(estimator, "begin"):
+        raise InputError(f"the estimator {run.sensors.estimator} has no method begin; add it, {way_out}.")
+    outcome = ClosedLoop(physics, controller, course, run, estimator=estimator).run().outcome
+    if not outcome.completed:
+        raise InputError(
+            f"the body does not stand before its walk: {outcome.cause}; lower errors, {way_out}."
+        )
+    return estimator
 
 
 def forces_of(run: RunParameters, disturbances: Sequence[Disturbance], end: float) -> list[Disturbance]:

@@ -213,7 +213,7 @@ class _Log:
             steps, slope = plan.contacts.footsteps, plan.contacts.slope
             prints = [_on_floor(footprint(plan.feet.sole, step), step.position[2] - 0.001) for step in steps]
             for outline in prints:
-                outline[:, 2] += slope * outline[:, 0]
+                outline[:, 2] += outline[:, :2] @ slope
             outlines = rr.LineStrips3D(prints, colors=[FAINT] * len(steps), radii=0.002)
             self.static("world/plan/footprints", outlines)
             if "first_plan_zmp_x" not in signals:  # the polygon is that of the first plan
