@@ -110,7 +110,8 @@ def spread_wrenches(s: Soles, link: Any, points: Any, force: Array, contact: Any
         spread(arm, wanted if s.loaded[foot] else ZERO, here)
         for group in range(s.touching.shape[1]):
             total, level = here[line == group].sum(), 0.5 * height[line == group].sum()
-            least = 0.5 * (min(1.0, level) - LEVEL) if s.touching[foot, group] else min(1.0, level + FIRST)
+            by_height = s.touching[foot, group] or group == TIP  # a tip bears little
+            least = 0.5 * (min(1.0, level) - LEVEL) if by_height else min(1.0, level + FIRST)
             s.touching[foot, group] = s.loaded[foot] and total > s.threshold * least
         for i in range(count):
             contact[first + i] = s.touching[foot, line[i]]
