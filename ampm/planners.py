@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
@@ -77,7 +77,7 @@ def _across(walk: WalkPlan, steps: StepPlan, run: RunParameters, robot: Robot) -
     posture = walk.posture.sample(0.0)
     reference = step_reference(steps, np.zeros(1))
     start = InverseKinematics(robot, run).project(reference, 0, posture.q[0], posture.v[0])
-    return replace(walk, posture=replace(walk.posture, start=start))
+    return replace(walk, posture=replace(cast(PeriodicPosture, walk.posture), start=start))
 
 
 def periodic_motion(steps: StepPlan, run: RunParameters, robot: Robot) -> WholeBodyMotion:

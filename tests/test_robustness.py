@@ -15,6 +15,7 @@ from validation.study.many import Task, write_study
 from validation.study.robustness import study as robustness
 from validation.study.robustness.cells import (
     Cell,
+    Direction,
     PushPhase,
     chosen,
     needed,
@@ -143,7 +144,8 @@ def test_directions_go_by_the_foot_after_the_push():
     assert contacts.phases[0].stance == "left"
     sides: dict[PushPhase, float] = {"early": 1.0, "mid": 1.0, "late": -1.0, "double": -1.0}
     for phase, side in sides.items():
-        for direction, sign in (("narrower", side), ("wider", -side)):
+        signs: dict[Direction, float] = {"narrower": side, "wider": -side}
+        for direction, sign in signs.items():
             along = push_instant(contacts, direction, phase, 1)[1]
             np.testing.assert_allclose(along, [0.0, sign], rtol=0.0, atol=1e-12)
     single = contacts.phases[0].duration
