@@ -83,6 +83,8 @@ def load(
     request = load_request(source, body=body, sections=sections)
     if request.run.gait.planner == NO_PLAN:
         raise InputError("the reward of an environment is the agreement with a plan; leave out planner none.")
+    if request.run.sensors.stand:
+        raise InputError("sensors.stand: an episode begins in the walk; leave it out.")
     held = request.run.replace({"controller.hold": "zero-order"})
     physics = WalkPhysics(plan_walk(replace(request, run=held)), disturbances)
     task = FollowPlan(physics, np.random.RandomState(seed), random_start=random_start)

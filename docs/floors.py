@@ -1,0 +1,88 @@
+"""Walk the floors of docs/footsteps.md ; rewrite its tables and data/floors.csv.
+
+    python docs/floors.py
+
+Rows that the file has are kept, so that a study that was stopped goes on: remove the file to walk all again.
+Ten minutes on an idle core.
+"""
+
+import csv
+import sys
+from pathlib import Path
+from typing import Any
+
+from trials import DATA, agreement, ending, write_rows
+
+import ampm
+import validation as val
+from validation.show.text import replace_between
+from validation.table import Table
+
+PAGE = Path(__file__).with_name("footsteps.md")
+FILE = DATA / "floors.csv"
+STEPS = 30
+STEEP, UNKNOWN = 0.0524, 0.0349  # 3 and 2 degrees
+KNOWN = {
+    "3 degrees up": {"slope": STEEP},
+    "3 degrees down": {"slope": -STEEP},
+    "3 degrees, left up": {"cross_slope": STEEP},
+    "3 degrees, left down": {"cross_slope": -STEEP},
+    "2 degrees up, 2 left up": {"slope": UNKNOWN, "cross_slope": UNKNOWN},
+}
+UNEVEN: dict[str, tuple[dict[str, float], dict[str, float]]] = {
+    "2 degrees up": ({}, {"slope_along": UNKNOWN}),
+    "2 degrees down": ({}, {"slope_along": -UNKNOWN}),
+    "2 degrees, left up": ({}, {"slope_across": UNKNOWN}),
+    "2 degrees, left down": ({}, {"slope_across": -UNKNOWN}),
+    "1 degree up on 2 known": ({"slope": UNKNOWN}, {"slope_along": 0.5 * UNKNOWN}),
+    "1 degree, left up on 2 known": ({"cross_slope": UNKNOWN}, {"slope_across": 0.5 * UNKNOWN}),
+    "stone of 1 cm": ({}, {"step_height": 0.01}),
+    "hole of 1 cm": ({}, {"step_height": -0.01}),
+    "3 times as soft": ({}, {"softness_factor": 3.0}),
+}
+COLUMNS = ("gait", "floor", "stabilizer", "ZMP RMSE x, y [mm]", "F RMSE x, y, z [% weight]", "verdict")
+
+Row = tuple[str, ...]
+
+
+def main() -> None:
+    """Walk what the file lacks, and rewrite the page's tables."""
+    cases: dict[Row, dict[str, Any]] = {
+        (gait, floor, "fixed"): {"gait": slopes}
+        for gait in ("normal", "momentum")
+        for floor, slopes in KNOWN.items()
+    }
+    for floor, (slopes, unknown) in UNEVEN.items():
+        for stabilizer in ("fixed", "stepping"):
+            cases["normal", f"unknown: {floor}", stabilizer] = {
+                "gait": slopes,
+                "disturbance": unknown,
+                "controller": {"stabilizer": stabilizer},
+            }
+    rows: dict[Row, Row] = {}
+    if FILE.exists():
+        with FILE.open(encoding="utf-8", newline="") as file:
+            rows = {tuple(row[:3]): tuple(row) for row in list(csv.reader(file))[1:]}
+    for case, sections in cases.items():
+        if case not in rows:
+            run = ampm.load_run(case[0], **sections | {"gait": {"steps": STEPS, **sections["gait"]}})
+            trial = val.walk(run).judged("default")
+            completed = trial.record.outcome.completed
+            zmp, _, force, *_ = agreement(trial.summary["metrics"]) if completed else ("", "", "")
+            rows[case] = (*case, zmp, force, ending(trial.summary))
+            print(*rows[case], sep=" | ", file=sys.stderr, flush=True)  # noqa: T201
+            write_rows("floors", [COLUMNS, *rows.values()])
+    body = [(floor, *(rows[gait, floor, "fixed"][3] for gait in ("normal", "momentum"))) for floor in KNOWN]
+    known = Table("", ("known floor", "`normal`: x, y [mm]", "`momentum`: x, y [mm]"), body)
+    body = [
+        (floor, *(" ".join(rows["normal", f"unknown: {floor}", way][3::2]) for way in ("fixed", "stepping")))
+        for floor in UNEVEN
+    ]
+    unknown_floors = Table("", ("unknown floor", "`fixed`: x, y [mm]", "`stepping`: x, y [mm]"), body)
+    page = PAGE.read_text(encoding="utf-8")
+    page = replace_between(page, "known floors", known.markdown())
+    PAGE.write_text(replace_between(page, "unknown floors", unknown_floors.markdown()), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
