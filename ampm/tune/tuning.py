@@ -38,7 +38,6 @@ from ampm.walk import WalkPlan
 Report = Callable[[str], None]
 
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
-_SURE = 0.2  # margin below which a search from another start follows: walks with less often fail
 _SPARE = 0.4  # margin with which the values that there are stay
 _HOPELESS = -1.0  # margin below which no search with small margins follows
 _CHOICES = 100  # of the search and all searches for a way out
@@ -164,13 +163,13 @@ def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
 
 
 def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> Tuned:
-    """The best choice of the first search that is sure of one, with its plan over all steps and its motion.
+    """The best choice of the first search that finds one, with its plan over all steps and its motion.
 
     Raises:
         MathematicalRefusal: there is no guess.
         NoFeasibleChoice: none finds one, or its motion is refused.
     """
-    searches, accepted = list[ChoiceSearch](), list[Tuned]()
+    searches: list[ChoiceSearch] = []
     refusal = None
     for search, start in _searches(space, robot, report, effort):
         searches += [] if search in searches else [search]
@@ -183,11 +182,7 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) 
             values, refusal = best.values, error
         else:
             found = search.space.values(best.run)
-            accepted.append(Tuned(best.run.as_is(), plan, found, best.values, len(search.candidates)))
-            if best.worst() >= _SURE:
-                break
-    if accepted:
-        return max(accepted, key=Tuned.worst)
+            return Tuned(best.run.as_is(), plan, found, best.values, len(search.candidates))
     tried = sum(len(search.candidates) for search in searches)
     if refusal is None:
         raise no_feasible_choice(max(searches, key=lambda search: search.best().worst()), tried)
