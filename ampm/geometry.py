@@ -1,5 +1,6 @@
 """The floor plane: headings, support polygons and distances to their edges."""
 
+from collections.abc import Iterator
 from functools import reduce
 
 import numpy as np
@@ -9,6 +10,11 @@ Array = NDArray[np.float64]
 
 _BLOCK = 500  # sets at a time: their (k, k, n) arrays stay in the processor's cache
 _TINY = 1e-12  # points nearer than this are one, points farther right than this are right of a line [m]
+
+
+def blocks(rows: int, size: int = 4096) -> Iterator[slice]:
+    """Slices of rows, a block after another, as intermediate results of all would need much memory."""
+    return (slice(first, min(first + size, rows)) for first in range(0, max(rows, 1), size))
 
 
 def rotations(heading: ArrayLike) -> Array:
@@ -61,8 +67,8 @@ def polygon_margin(points: Array, active: NDArray[np.bool_], query: Array) -> Ar
     for number in sorted(set(code[code > 0].tolist())):
         rows = np.flatnonzero(code == number)
         columns = np.flatnonzero(active[rows[0]])
-        for first in range(0, rows.size, _BLOCK):
-            part = rows[first : first + _BLOCK]
+        for block in blocks(rows.size, _BLOCK):
+            part = rows[block]
             margin[part] = hull_distance(points[np.ix_(part, columns)], query[part])
     return margin
 

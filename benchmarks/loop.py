@@ -83,8 +83,8 @@ def time_physics(record: SimulationRecord, body: BodyModel) -> Array:
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = record.q[0], record.qd[0]
     spans = np.empty(record.steps)
-    for k in range(record.steps):
-        data.ctrl[:] = record.torque[k]
+    for k, torque in enumerate(record.torque):
+        data.ctrl[:] = torque
         start = time.perf_counter()
         mujoco.mj_step(model, data)
         spans[k] = time.perf_counter() - start

@@ -1,18 +1,15 @@
 """The equations of motion of recorded steps, against bodies and forces that are known."""
 
 from dataclasses import replace
-from unittest.mock import patch
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.exceptions import InputError
-from tests.saved_run import make_run, walked
+from tests.saved_run import walked
 from tests.tiny import CORNERS, pinocchio_model, simulate, swinging, to_pinocchio
 from tests.walk import without_point
 from validation.measure.equations import Equations, check_equations
-from validation.run.replay import replay
 from validation.trial import bridge
 from validation.trial.passive import PassiveJoints
 
@@ -83,16 +80,3 @@ def test_a_walk_obeys_them(settings):
         assert of(record, passive._replace(implicit=False)).median > 1e-3 * found.change
         unpushed = replace(record, external_force=np.zeros_like(record.external_force))
         assert of(unpushed, passive).largest > 1e-3
-
-
-def test_dry_friction_is_not_recorded(tmp_path):
-    folder = make_run(tmp_path / "run", steps=2)
-    model = folder / "model.xml"
-    text = model.read_text(encoding="utf-8")
-    assert 'name="left_knee_pitch"' in text
-    model.write_text(text.replace('name="left_knee_pitch"', 'frictionloss="1" name="left_knee_pitch"', 1))
-    with (
-        patch("validation.store.saved.check_files", lambda *_: None),
-        pytest.raises(InputError, match="dry friction"),
-    ):
-        replay(folder, equations=True)

@@ -133,9 +133,7 @@ def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
     assert answer.json["planner"] == "footsteps"
     assert answer.json["steps_completed"] == 3
     for axis in "xy":  # everything from the first motion on
-        zmp = answer.json["metrics"][f"zmp_{axis}_rmse"]
-        assert zmp["value"] < 1.5e-3
-        assert zmp["first_step"] is None
+        assert answer.json["metrics"][f"zmp_{axis}_rmse"]["value"] < 1.5e-3
     saved = load_saved_run(out)
     assert saved.parameters.footsteps == RUN.replace({}, footsteps=routes.read_footsteps(path)).footsteps
     walk = saved.plan()

@@ -12,10 +12,12 @@ stepped by the loop of every walk, with its disturbances, sensors and engines.
 """
 
 import math
+import os
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, cast
+from unittest import mock
 
 import numpy as np
 from dm_env import specs
@@ -26,7 +28,6 @@ from ampm.parameters import NO_PLAN, RunParameters
 from ampm.walk import ControlOutput
 from validation.judge.metrics import METRICS
 from validation.judge.profiles import DEFAULT, Tolerance
-from validation.store.machine import set_variables
 from validation.trial.disturbances import Disturbance
 from validation.trial.outcome import OutcomeName
 from validation.trial.physics import Physics, quiet_mujoco
@@ -39,7 +40,7 @@ from validation.trial.watch import End
 
 # dm_control looks for an OpenGL context when it is imported, and warns or fails where there is none. MuJoCo
 # has read the variable at its own import and keeps the caller's choice.
-with set_variables({"MUJOCO_GL": "disable"}):
+with mock.patch.dict(os.environ, MUJOCO_GL="disable"):
     from dm_control.rl import control
     from dm_control.utils import rewards
 

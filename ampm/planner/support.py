@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ampm.description import SoleGeometry
-from ampm.geometry import Array, convex_hull, polygon_margin
+from ampm.geometry import Array, blocks, convex_hull, polygon_margin
 from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.contacts import times_within
@@ -18,7 +18,6 @@ from ampm.planner.stride import plan_feet
 _BESIDE_JUMP = 1e-9  # how far beside a jump of the support its two sides are evaluated [s]
 _GRID = 24  # instants between two jumps, and in every refinement
 _REFINEMENTS = 4
-_BLOCK = 4096  # instants whose polygons are held at a time
 
 
 @dataclass(frozen=True)
@@ -61,13 +60,12 @@ class StepPlan(CentroidalPlan):
         """
         time = times_within(times, self.duration)
         margin = np.empty(len(time))
-        for first in range(0, max(len(time), 1), _BLOCK):
-            block = slice(first, first + _BLOCK)
+        for block in blocks(len(time)):
             points, contact = self.points_in_contact(time[block])
             distance = polygon_margin(points, contact, self.sample(time[block]).zmp)
             margin[block] = np.where(contact.any(axis=1), distance, -np.inf)
             if progress is not None:
-                progress(min(first + _BLOCK, len(time)), len(time))
+                progress(block.stop, len(time))
         return margin
 
     def least_zmp_margin(

@@ -22,6 +22,7 @@ from ampm.planner.centroidal import PlanSample
 from ampm.walk import WalkPlan
 from validation.judge.margins import Rows, energy, feedback_effort, margins
 from validation.measure.measure import MeasuredGait
+from validation.table import own_rows
 from validation.trial.followed import LEADS, Followed
 from validation.trial.frozen_plan import FrozenPlan, PlanRows
 from validation.trial.record import SimulationRecord
@@ -30,7 +31,6 @@ from validation.trial.unplanned import MeasuredSupports, heading_velocity
 
 RUN = "run"
 """The window that is judged: the run without its first step, or all of it if it begins at rest."""
-FIRST_STEP = "first_step"
 
 PARTS: Mapping[str, str] = MappingProxyType(
     {
@@ -51,7 +51,7 @@ class Signal(NamedTuple):
     """One component of a measured vector, and its reference."""
 
     group: str  # vector that it belongs to, such as `zmp` or `left_foot`
-    axis: str  # x, y or z
+    axis: str  # x, y or z; in ``signals.csv`` all of them
     unit: str  # SI unit
     quantity: str  # what the vector is, in words
     meaning: str  # of the error
@@ -68,24 +68,11 @@ class Signal(NamedTuple):
         return f"{self.quantity} {self.direction}"
 
 
-_MINUS, _ABOUT_COM = "measured minus planned", "angular momentum about the COM"
-_FROM_FOOT = "ZMP from the standing foot in its heading, both feet weighted by their loads"
-_YAW = "angular momentum about the vertical, measured minus that of the whole-body motion"
-_VECTORS = (
-    ("zmp", "xy", "m", "ZMP", f"ZMP, {_MINUS}", "plan"),
-    ("zmp_foot", "xy", "m", "ZMP from the standing foot", f"{_FROM_FOOT}, {_MINUS}", "plan"),
-    ("force", "xyz", "N", "ground force", f"net ground force, {_MINUS}", "plan"),
-    ("angular_momentum", "xy", "N m s", "angular momentum", f"{_ABOUT_COM}, {_MINUS}", "plan"),
-    ("angular_momentum", "z", "N m s", "angular momentum", _YAW, "motion"),
-    ("com", "xyz", "m", "COM", f"COM, {_MINUS}", "plan"),
-    ("left_foot", "xyz", "m", "left foot", f"left foot's reference point, {_MINUS}", "plan"),
-    ("right_foot", "xyz", "m", "right foot", f"right foot's reference point, {_MINUS}", "plan"),
-)
 SIGNALS: Mapping[str, Signal] = MappingProxyType(
     {
-        f"{group}_{axis}": Signal(group, axis, unit, quantity, meaning, reference)
-        for group, axes, unit, quantity, meaning, reference in _VECTORS
-        for axis in axes
+        f"{row['group']}_{axis}": Signal(**row | {"axis": axis})
+        for row in own_rows("judge/signals.csv")
+        for axis in row["axis"]
     }
 )
 """All components that are compared, by name."""
@@ -93,22 +80,14 @@ SIGNALS: Mapping[str, Signal] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Statistics:
-    """Error of one signal in one window, measured minus reference.
+    """Error of one signal in one window, measured minus reference."""
 
-    Attributes:
-        count: number of instants.
-        unmeasured: instants among them that had no measurement; they are in no statistic.
-        rmse: root mean square error [unit of the signal].
-        maximum: largest absolute error.
-        bias: mean error.
-        r2: 1 - sum(error^2) / sum((reference - mean reference)^2); None where the reference does not vary.
-    """
-
-    count: int
-    unmeasured: int
-    rmse: float
-    maximum: float
-    bias: float
+    count: int  # instants
+    unmeasured: int  # of them, without a measurement; they are in no statistic
+    rmse: float  # root mean square error [unit of the signal]
+    maximum: float  # largest absolute error
+    bias: float  # mean error
+    # 1 - sum(error^2) / sum((reference - mean reference)^2); None where the reference does not vary
     r2: float | None
 
 
@@ -138,44 +117,22 @@ class ZmpErrorSplit:
 
 @dataclass(frozen=True)
 class Comparison(Brief):
-    """A walk beside its plan, from which metrics are computed.
+    """A walk beside its plan, from which metrics are computed."""
 
-    Attributes:
-        plan: that was walked, the first one if it moved.
-        record: of the simulation.
-        measured: measurement of the record, independent of the plan.
-        planned: what the plan said of the measured instants t_k, K of them, as it stood ``followed.lead``
-            before.
-        rows: window name to rows, shape (K,). Planned phases and measured contacts divide :data:`RUN`.
-        scales: sizes of body and gait: ``body_weight`` [N], ``foot_length`` [m] and
-            ``mass_height_velocity`` [N m s].
-        signals: statistics of every compared signal, by its name and the window's.
-        zmp_split: causes of the ZMP error.
-        costs: ``effort``, ``margins`` and ``energy``, see
-            :mod:`validation.judge.margins`.
-        followed: the plans one after another.
-        valid: the plan valid at these instants.
-        first: the first plan at the same instants, at its end where it has ended; None if the plan did not
-            move.
-        ahead: RMS error of every signal in the judged window, by how long before the plan stood, see
-            :data:`~validation.trial.followed.LEADS`.
-        window: name of the window that a metric is wanted for.
-    """
-
-    plan: WalkPlan
-    record: SimulationRecord
-    measured: MeasuredGait
-    planned: PlanRows
-    rows: Mapping[str, Rows]
-    scales: Mapping[str, float]
-    signals: Mapping[str, Mapping[str, Statistics]]
-    zmp_split: ZmpErrorSplit
-    costs: Mapping[str, Mapping[str, Any]]
-    followed: Followed
-    valid: PlanSample
+    plan: WalkPlan  # that was walked, the first one if it moved
+    record: SimulationRecord  # of the simulation
+    measured: MeasuredGait  # measurement of the record, independent of the plan
+    planned: PlanRows  # of the measured instants t_k, K of them, as it stood `followed.lead` before
+    rows: Mapping[str, Rows]  # window to rows, shape (K,); phases and contacts divide :data:`RUN`
+    scales: Mapping[str, float]  # `body_weight` [N], `foot_length` [m], `mass_height_velocity` [N m s]
+    signals: Mapping[str, Mapping[str, Statistics]]  # by signal and window
+    zmp_split: ZmpErrorSplit  # causes of the ZMP error
+    costs: Mapping[str, Mapping[str, Any]]  # `effort`, `margins`, `energy`, see `validation.judge.margins`
+    followed: Followed  # the plans one after another
+    valid: PlanSample  # the plan valid at these instants
+    # RMS error of every signal in the judged window, by how long before the plan stood, see `LEADS`
     ahead: Mapping[float, Mapping[str, float]]
-    first: PlanSample | None = None
-    window: str = RUN
+    first: PlanSample | None = None  # the first plan at the same instants; None if the plan did not move
 
     @property
     def sample(self) -> PlanSample:
@@ -189,8 +146,8 @@ class Comparison(Brief):
 
     @property
     def inside(self) -> Rows:
-        """Rows of the window, shape (K,)."""
-        return self.rows[self.window]
+        """Rows that are judged, shape (K,)."""
+        return self.rows[RUN]
 
 
 def compare(
@@ -201,17 +158,11 @@ def compare(
     description: BodyDescription | None = None,
     shapes: Shapes | None = None,
 ) -> Comparison:
-    """Compare a walk with its plan.
+    """Compare a walk, up to its end, with the plan that was walked.
 
-    Args:
-        plan: the plan that was walked.
-        record: the walk; one that ended early is compared up to its end.
-        measured: its measurement.
-        description: names the knees.
-        shapes: the body's, for the clearance of its parts.
-
-    Of a walk without a plan, all that is planned is NaN but the phases, which are those of the contacts; and
-    ``costs`` has its ``velocity``: ``commanded``, and the mean ``measured`` in the second half of its time.
+    The description names the knees; shapes are the body's, for the clearance of its parts. Of a walk without
+    a plan, all that is planned is NaN but the phases, which are those of the contacts; and ``costs`` has its
+    ``velocity``: ``commanded``, and the mean ``measured`` in the second half of its time.
 
     Raises:
         InputError: the walk is longer than the plan, or the measurement is of another walk.
@@ -239,7 +190,7 @@ def compare(
     run, feet = time >= plan.judged_from - 1e-9, measured.foot_contact.sum(axis=1)
     rows = {
         RUN: run,
-        FIRST_STEP: ~run,
+        "first_step": ~run,
         "single_support": run & (phase == 0),
         "double_support": run & (phase == 1),
         "measured_single_support": run & (feet == 1),

@@ -127,10 +127,8 @@ def cut_strides(log: Log, com_height: float | None = None, mass: float | None = 
 def _stride(log: Log, taken: Array, height: float | None) -> dict[str, Any] | None:
     """One stride, by the arrays of :class:`Strides`; None if its phases are not found.
 
-    Args:
-        log: of the stride with its margin.
-        taken: when left, right and left foot take half of the weight, shape (3,) [s].
-        height: of the COM over the floor [m], if it was not measured.
+    The log has a margin around it. Left, right and left foot have ``taken`` half of the weight at three
+    instants [s]; the height of the COM over the floor [m] is given if it was not measured.
     """
     time, mass, signals = log.time, log.weight / GRAVITY, log.signals
     if height is None:
@@ -245,9 +243,8 @@ def _closed(values: Array, durations: Array) -> Array:
 def _laws(strides: Strides) -> tuple[Array, Array, Array, Array]:
     """ZMP, and force times H over the weight, as linear functions of the COM; y is to the next stance foot.
 
-    Returns:
-        COM from its mean in a phase, (N, 4, P, 2) [m]; both from there, (2, N, 4, P, 2) [m]; their slopes,
-        one for both phases of a support [1], and their means [m], (2, N, 4, 2) each.
+    The COM from its mean in a phase has shape (N, 4, P, 2), both from there (2, N, 4, P, 2) [m]; their
+    slopes, one for both phases of a support [1], and their means [m] have shape (2, N, 4, 2).
     """
     middle = strides.com[..., :2].mean(axis=2, keepdims=True)
     scale = strides.com[..., 2].mean(axis=(1, 2))[:, None, None, None] / strides.weight

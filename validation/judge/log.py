@@ -26,13 +26,10 @@ _REPEATED = 1e-6  # difference of the forces of equal strides, over the weight [
 
 
 def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
-    """Where a plan begins in a log, by cross-correlation of force and lateral ZMP.
+    """Where a plan begins in a log [s], by correlation of force and lateral ZMP, and the correlation [1].
 
     Each is over its standard deviation in the plan. Of strides that fit alike the middle one is taken.
     Between the samples the difference of the ZMPs, or of the forces without a ZMP, varies least.
-
-    Returns:
-        Start on the clock of the log [s], and the correlation of log and plan from there on [1].
 
     Raises:
         InputError: the log is like the plan nowhere.
@@ -181,11 +178,9 @@ def left_share(log: Log) -> Array:
 
 
 def take_overs(time: Array, share: Array) -> Array:
-    """Instants at which the left foot takes half of the weight [s].
+    """Instants at which the left foot takes half of the weight [s], shape (n,).
 
-    Args:
-        time: shape (K,) [s].
-        share: of the weight, on the left foot, shape (K,) [1]; NaN where no foot is loaded.
+    The share of the weight on it has shape (K,) [1], NaN where no foot is loaded.
     """
     known = np.isfinite(share)
     if not known.any():

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ampm.body.motion import Extreme
 from ampm.body.robot import Gaps
 from ampm.description import BodyDescription
-from ampm.geometry import Array
+from ampm.geometry import Array, blocks
 from ampm.planner.centroidal import PlanSample
 from validation.measure.measure import MeasuredGait
 from validation.trial.followed import Followed
@@ -52,8 +52,7 @@ def largest_tilt(q: Array, time: Array, description: BodyDescription, shapes: Sh
 def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Rows) -> dict[str, Any]:
     """RMS of command minus plan over ``rows``, shape (K,): the controller's correction of the formula.
 
-    Returns:
-        Components of ``force`` [N], ``angular_momentum`` [N m s] and ``zmp`` [m].
+    It has ``force`` [N], ``angular_momentum`` [N m s] and ``zmp`` [m].
     """
     gaps = {
         "force": record.command_force - sample.force,
@@ -79,9 +78,9 @@ def margins(
         ``friction_available`` [1].
     """
     time, joints, feet = measured.time, record.joint_names, ("left", "right")
-    use, (low, high) = np.abs(record.torque) / record.torque_limit, record.joint_range.T
-    angles, rates = record.q[:, 7:], record.qd[:, 6:]  # of the hinges
-    saturated = int(np.count_nonzero((use >= SATURATED).any(axis=1)))
+    angles, rates, (low, high) = record.q[:, 7:], record.qd[:, 6:], record.joint_range.T  # of the hinges
+    room = angles - low
+    np.minimum(room, high - angles, out=room)
     legs = [] if description is None else [leg for leg in description.legs if leg.knee in joints]
     knees = np.empty((record.time.size, len(legs)))
     for column, leg in enumerate(legs):
@@ -91,12 +90,10 @@ def margins(
     normal = np.where(normal >= LOADED * measured.weight, normal, np.nan)
     friction = np.hypot(measured.foot_force[..., 0], measured.foot_force[..., 1]) / normal
     found: dict[str, Any] = {
-        "torque": _extreme(use, time, joints, largest=True),
-        "torque_by_joint": dict(zip(joints, use.max(axis=0, initial=0.0).tolist(), strict=True)),
-        "saturated": saturated / time.size if time.size and joints else math.nan,
+        **_motors(record, time),
         "friction": _extreme(friction, time, feet, largest=True),
         "friction_available": record.friction,
-        "joint": _extreme(np.minimum(angles - low, high - angles), record.time, joints),
+        "joint": _extreme(room, record.time, joints),
         "knee": _extreme(knees, record.time, [leg.knee for leg in legs]),
         "clearance": _clearance(record, shapes),
         "tilt": Extreme(math.nan),
@@ -112,6 +109,19 @@ def margins(
             np.abs(rates[:, columns]) / limits, record.time, list(fastest), largest=True
         )
     return found
+
+
+def _motors(record: SimulationRecord, time: Array) -> dict[str, Any]:
+    """Torques over their limits: largest, by joint, and how often one is saturated [1]."""
+    use, joints = record.torque, record.joint_names
+    use /= record.torque_limit
+    np.abs(use, out=use)
+    saturated = np.count_nonzero((use >= SATURATED).any(axis=1))
+    return {
+        "torque": _extreme(use, time, joints, largest=True),
+        "torque_by_joint": dict(zip(joints, use.max(axis=0, initial=0.0).tolist(), strict=True)),
+        "saturated": saturated / time.size if time.size and joints else math.nan,
+    }
 
 
 def _plan_polygon(followed: Followed, record: SimulationRecord, time: Array) -> Extreme:
@@ -135,7 +145,9 @@ def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
     if used.size == 0 or not record.joint_names:
         return dict.fromkeys(names, math.nan)
     rates = record.qd[:, 6:]  # of the hinges
-    power = record.torque[used] * (0.5 * (rates[used + 1] + rates[used]))
+    power = record.torque_at(used)
+    for part in blocks(used.size):
+        power[part] *= 0.5 * (rates[used[part] + 1] + rates[used[part]])
     positive, negative = (
         float(part(power, 0.0).sum() * record.time_step) for part in (np.maximum, np.minimum)
     )
@@ -168,11 +180,12 @@ def _clearance(record: SimulationRecord, shapes: Shapes | None) -> Extreme:
 
 def _extreme(values: Array, time: Array, names: Sequence[str] = (), *, largest: bool = False) -> Extreme:
     """Largest or smallest entry of (N,) or (N, M), with its time and the name of its column."""
-    values, sign = values if values.ndim == 2 else values[:, None], 1.0 if largest else -1.0
-    if not np.isfinite(values).any():
+    values = values if values.ndim == 2 else values[:, None]
+    known = np.isfinite(values)
+    if not known.any():
         return Extreme(math.nan)
-    filled = np.where(np.isfinite(values), sign * values, -np.inf)
-    row, column = divmod(int(filled.argmax()), values.shape[1])
+    filled = np.where(known, values, -np.inf if largest else np.inf)
+    row, column = divmod(int(filled.argmax() if largest else filled.argmin()), values.shape[1])
     return Extreme(float(values[row, column]), float(time[row]), names[column] if names else "")
 
 

@@ -41,8 +41,6 @@ class Metric:
         reason: why the tolerance is what it is, one or two sentences.
         nature: ``mean``; ``extreme``, which is never extrapolated to a vanishing time step; ``count``, which
             is exact.
-        by_window: whether ``compute`` depends on :attr:`Comparison.window`; the first step is then reported,
-            too.
         section: part of ``summary.json`` that holds the value; empty: ``metrics``.
     """
 
@@ -56,7 +54,6 @@ class Metric:
     tolerance_unit: str = ""
     reason: str = ""
     nature: Literal["mean", "extreme", "count"] = "mean"
-    by_window: bool = False
     section: str = ""
 
     def __post_init__(self) -> None:
@@ -84,11 +81,10 @@ class Metric:
 
 @dataclass(frozen=True)
 class MetricValue:
-    """Value of a metric over the run without the first step."""
+    """Value of a metric."""
 
     value: float  # NaN if it could not be measured
     unit: str  # SI unit
-    first_step: float | None = None  # the same metric for the first step, None if it has none
 
 
 def spaced(name: str) -> str:
@@ -122,10 +118,8 @@ def size_in_si(unit: str, scales: Mapping[str, Any]) -> Any:
 def limit_in_si(limit: float, unit: str, scales: Mapping[str, Any]) -> Any:
     """A limit in SI units, for one body or several.
 
-    Args:
-        limit: in ``unit``.
-        unit: one of :data:`BODY_WEIGHT`, :data:`FOOT_LENGTH`, :data:`FOOT_MOMENTUM`, else an SI unit.
-        scales: ``body_weight`` [N] and ``foot_length`` [m], as :attr:`Comparison.scales` has them.
+    Its unit is :data:`BODY_WEIGHT`, :data:`FOOT_LENGTH`, :data:`FOOT_MOMENTUM` or an SI unit; ``scales`` has
+    ``body_weight`` [N] and ``foot_length`` [m], as :attr:`Comparison.scales`.
     """
     if unit in (FOOT_LENGTH, FOOT_MOMENTUM):
         return np.round(limit * size_in_si(unit, scales), 12)  # undo the normalisation's rounding

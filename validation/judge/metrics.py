@@ -20,25 +20,24 @@ here, so one :func:`register` is enough for a new metric. Files name it by ``nam
 Call it before the walk. Worker processes of sweeps and studies get it, too.
 """
 
-import csv
 import math
 from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from numbers import Real
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from ampm.exceptions import InputError, words_of
 from validation.judge.built_in import COMPUTED, recovery_time
 from validation.judge.built_in import rms as rms
-from validation.judge.compare import FIRST_STEP, SIGNALS, Comparison
+from validation.judge.compare import RUN, SIGNALS, Comparison
 from validation.judge.metric import Metric as Metric
 from validation.judge.metric import MetricValue as MetricValue
 from validation.judge.metric import display_unit as display_unit
 from validation.judge.metric import limit_in_si, share_of_default, spaced
+from validation.table import own_rows
 from validation.trial.users import load_object
 
 _ADDED: dict[str, Metric] = {}
@@ -88,11 +87,7 @@ def add_metrics(metrics: Iterable[Metric]) -> None:
 
 
 def load_metric(text: str) -> Metric:
-    """Register the metric ``MODULE:NAME``, unless its module does that itself.
-
-    Raises:
-        InputError: it cannot be imported, is no :class:`Metric`, or cannot be registered.
-    """
+    """Register the metric ``MODULE:NAME``, unless its module does that; raises InputError if it cannot be."""
     metric = load_object("--metric", text)
     if not isinstance(metric, Metric):
         raise InputError(f"--metric {text!r} is a {type(metric).__name__}; name a val.Metric.")
@@ -101,25 +96,16 @@ def load_metric(text: str) -> Metric:
 
 def evaluate(walk: Comparison, metrics: Iterable[Metric] | None = None) -> dict[str, MetricValue]:
     """Value of every metric that the walk has, by name; of all registered ones by default."""
-    first = replace(walk, window=FIRST_STEP)
     found = {}
     for metric in METRICS.values() if metrics is None else metrics:
         value = _compute(metric, walk)
-        if value is None:
-            continue
-        start = _compute(metric, first) if metric.by_window else None
-        found[metric.name] = MetricValue(
-            value=value, unit=metric.unit, first_step=None if start is None or math.isnan(start) else start
-        )
+        if value is not None:
+            found[metric.name] = MetricValue(value, metric.unit)
     return found
 
 
 def _compute(metric: Metric, walk: Comparison) -> float | None:
-    """Value of one metric.
-
-    Raises:
-        InputError: a registered metric fails, or returns no number.
-    """
+    """Value of one metric; raises InputError if a registered one fails, or returns no number."""
     own = metric.name in _ADDED
     if own and not walk.inside.any():
         return math.nan
@@ -146,12 +132,6 @@ def metric_label(name: str) -> str:
 # ------------------------------------------------------------------------------------------- built-in metrics
 
 
-def _rows(name: str) -> list[dict[str, str]]:
-    """Rows of a table beside this file."""
-    with Path(__file__).with_name(name).open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def _built_in() -> Iterator[Metric]:
     """Errors of all signals, as :data:`validation.judge.compare.SIGNALS` has them, and ``metrics.csv``."""
     for name, signal in SIGNALS.items():
@@ -167,12 +147,11 @@ def _built_in() -> Iterator[Metric]:
                 kind="walk",
                 compute=partial(_statistic, name=name, statistic=statistic),
                 nature="mean" if statistic == "rmse" else "extreme",
-                by_window=True,
             )
     computed = {**COMPUTED, "recovery_time": _recovery_time}
-    for row in _rows("metrics.csv"):
+    for row in own_rows("judge/metrics.csv"):
         name = row["name"]
-        entries: dict[str, Any] = {**row, "by_window": bool(row["by_window"])}
+        entries: dict[str, Any] = dict(row)
         yield Metric(**entries, compute=partial(_cost, name=name) if row["section"] else computed[name])
 
 
@@ -181,7 +160,7 @@ def _with_limits(metrics: Mapping[str, Metric]) -> Iterator[Metric]:
 
     Limits are listed for the default body, in SI units and body weights.
     """
-    rows = _rows("limits.csv")
+    rows = own_rows("judge/limits.csv")
     for row in rows:
         metric = metrics[row["metric"]]
         unit = row["grows_with"] or metric.unit
@@ -198,7 +177,7 @@ def _with_limits(metrics: Mapping[str, Metric]) -> Iterator[Metric]:
 def _statistic(walk: Comparison, name: str, statistic: str) -> float | None:
     if walk.plan.command is not None:
         return None
-    return float(getattr(walk.signals[name][walk.window], statistic))
+    return float(getattr(walk.signals[name][RUN], statistic))
 
 
 def _recovery_time(walk: Comparison) -> float | None:

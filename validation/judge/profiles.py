@@ -55,11 +55,7 @@ class Profile:
         return tuple(item for item in found if item is not None)
 
     def tolerance(self, metric: Metric) -> Tolerance | None:
-        """Limit of one metric, None if it is not judged.
-
-        Raises:
-            InputError: the metric has a limit for a profile that there is not.
-        """
+        """Limit of one metric, None if it is not judged; raises InputError of an unknown profile."""
         if wrong := metric.tolerances.keys() - _NAMES - {self.name}:
             raise unknown(min(wrong), sorted(_NAMES), f"profile for a limit of '{metric.name}':")
         if metric.name in self.leaves_out:
@@ -115,10 +111,8 @@ def own_profile(
 ) -> Profile:
     """Profile of a gait, of its run over footsteps, without a plan or with an estimator, if none is given.
 
-    Args:
-        gait: name of a preset, or any other.
-        run: its parameters.
-        disturbances: beside those of the run; a :class:`Push` among them asks for ``pushed``.
+    The gait is the name of a preset, or any other; a :class:`Push` among the disturbances, which are beside
+    those of the run, asks for ``pushed``.
     """
     if run is not None and run.gait.planner == NO_PLAN:
         return FREE
@@ -131,11 +125,7 @@ def own_profile(
 
 
 def profile(name: Profile | str) -> Profile:
-    """Look up a profile, unless it is one.
-
-    Raises:
-        InputError: there is none of this name.
-    """
+    """Look up a profile, unless it is one; raises InputError if there is none of this name."""
     if isinstance(name, Profile):
         return name
     if name not in PROFILES:

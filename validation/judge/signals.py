@@ -49,10 +49,8 @@ def _columns(things: Mapping[str, Any], rows: slice) -> dict[str, NDArray[Any]]:
 def signals_table(walk: Comparison, rows: slice = ALL) -> pa.Table:
     """Build the table of all steps or of some, with the columns of :data:`validation.store.signals.KINDS`.
 
-    A row holds plan and state at t_k, force and command over [t_k, t_(k+1)]. ``plan`` is the plan that is
-    judged, and where it moved ``first_plan`` the first one. A number that was not measured is null, as the
-    ZMPs of an unsupported instant are. ``motion_angular_momentum_z`` is that of the planned posture,
-    ``zmp_error_{part}_{x,y}`` are the parts of the ZMP error. A walk without a plan has its velocity, too.
+    A row holds plan and state at t_k, force and command over [t_k, t_(k+1)]. A number that was not measured
+    is null. A walk without a plan has its velocity, too.
     """
     parts = np.stack([walk.zmp_split.parts[part] for part in PARTS], axis=1)
     things: dict[str, Any] = {

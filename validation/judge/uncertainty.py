@@ -70,10 +70,9 @@ class _File(BaseModel):
 
 
 def load_uncertainty(path: Path) -> Uncertainty:
-    """Read the ``convergence.json`` that ``ampm convergence`` wrote, or that of a folder.
+    """Read the ``convergence.json`` that ``ampm convergence`` wrote, or of a folder.
 
-    Raises:
-        InputError: there is no such file, or it holds no convergence study.
+    Raises InputError if it cannot.
     """
     file = path / FILE if path.is_dir() else path
     table = read_json(file, _File, f"give --uncertainty the {FILE} that 'ampm convergence --out' writes")
@@ -84,11 +83,7 @@ def load_uncertainty(path: Path) -> Uncertainty:
 
 
 def matching(known: Sequence[Uncertainty], request: Request) -> Uncertainty:
-    """The study of this gait.
-
-    Raises:
-        InputError: none of them is.
-    """
+    """The study of this gait; raises InputError if none of them is."""
     differences = [item.difference(request) for item in known]
     if "" in differences:
         return known[differences.index("")]

@@ -112,7 +112,6 @@ class MetricResult:
             "tolerance": self.tolerance,
             "pass": self.passed,
             "margin": self.margin,
-            "first_step": self.of.first_step,
             "display": display,
             "reason": self.reason or None,
         }
@@ -170,9 +169,8 @@ def judge(
         metrics: name to value. A tolerance on a metric that is not among them does not apply.
         profile: tolerances.
         scales: ``body_weight`` [N] and ``foot_length`` [m], as :attr:`Comparison.scales` has them.
-        uncertainty: numerical uncertainty of the metrics, and their spread over contact laws. A metric whose
-            distance to its tolerance is below either is undecided: neither met nor missed. A metric that is
-            not named is judged by its value.
+        uncertainty: a metric whose distance to its tolerance is below its numerical uncertainty, or its
+            spread over contact laws, is undecided.
         ended: how the walk ended, see :attr:`validation.trial.outcome.Outcome.ending`; empty if it completed.
         is_log: whether another instrument measured, which may lack some signals: they are named. It checks no
             measurement by another.
@@ -294,11 +292,7 @@ def _entries(verdict: Verdict) -> dict[str, Any]:
 
 
 def judge_summary(summary: Mapping[str, Any], profile: Profile, ended: str = "") -> dict[str, Any]:
-    """A run's summary, its metrics judged again as they are by a profile.
-
-    Raises:
-        InputError: it has a metric that is not registered here.
-    """
+    """A run's summary, its metrics judged again by a profile; raises InputError of an unknown one."""
     entries = summary["metrics"]
     if unknown := [name for name in entries if name not in METRICS]:
         raise InputError(f"metric '{unknown[0]}' is not known here; register it, or name it with --metric.")
@@ -308,10 +302,7 @@ def judge_summary(summary: Mapping[str, Any], profile: Profile, ended: str = "")
         return {name: float(item[key]) for name, item in entries.items() if item.get(key) is not None}
 
     values = of("value")
-    metrics = {
-        name: MetricValue(values.get(name, math.nan), item["unit"], item["first_step"])
-        for name, item in entries.items()
-    }
+    metrics = {name: MetricValue(values.get(name, math.nan), item["unit"]) for name, item in entries.items()}
     known = None
     if study := summary.get("uncertainty"):
         known = Uncertainty(study["gait"], study["steps"], of("uncertainty"), of("spread"))

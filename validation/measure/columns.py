@@ -12,18 +12,12 @@ from ampm.section import read_toml, unknown
 from validation.measure.log import COLUMNS
 
 UNITS: Mapping[str, float] = {
-    "s": 1.0,
-    "ms": 1e-3,
+    **dict.fromkeys(("s", "m", "m/s", "N", "N m"), 1.0),
+    **dict.fromkeys(("ms", "mm", "N mm"), 1e-3),
     "us": 1e-6,
     "ns": 1e-9,
-    "m": 1.0,
     "cm": 1e-2,
-    "mm": 1e-3,
-    "m/s": 1.0,
-    "N": 1.0,
     "kN": 1e3,
-    "N m": 1.0,
-    "N mm": 1e-3,
 }
 """Factor to SI by unit."""
 NAMES = (
@@ -37,8 +31,7 @@ _SOURCE = re.compile(r"(?P<sign>-?)(?P<column>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?
 def read_mapping(texts: Iterable[str]) -> dict[str, str]:
     """Texts ``NAME=COLUMN[UNIT]``, or TOML files with such lines, as a mapping.
 
-    Raises:
-        InputError: a file cannot be read, or a text is neither.
+    Other texts raise InputError.
     """
     found: dict[str, str] = {}
     for text in texts:
@@ -57,10 +50,8 @@ def read_mapping(texts: Iterable[str]) -> dict[str, str]:
 def map_columns(table: Mapping[str, Any], mapping: Mapping[str, str]) -> dict[str, Any]:
     """Add columns to a table under other names, in SI units.
 
-    Args:
-        table: columns by name.
-        mapping: ``COLUMN``, ``COLUMN[UNIT]`` or ``-COLUMN[UNIT]``, with a unit of :data:`UNITS`, by the name
-            in the log. The table may hold the column with its unit in brackets, too.
+    The mapping has ``COLUMN``, ``COLUMN[UNIT]`` or ``-COLUMN[UNIT]``, with a unit of :data:`UNITS`, by the
+    name in the log. The table may hold the column with its unit in brackets, too.
 
     Raises:
         InputError: an unknown name or unit, or a column that the table lacks.

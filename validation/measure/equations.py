@@ -38,34 +38,20 @@ class Equations(Brief):
     time: float  # of the step with the largest one [s]
     change: float  # median over the steps of the largest change of velocity, for comparison
 
-    def __str__(self) -> str:
-        return (
-            f"{self.steps} steps against the equations of motion: median defect {self.median:.2g}, largest "
-            f"{self.largest:.2g} ({self.coordinate} at {self.time:.6g} s); velocities change by "
-            f"{self.change:.2g} in a step [m/s, rad/s]"
-        )
-
 
 def check_equations(
     record: SimulationRecord,
     model: pin.Model,
     passive: PassiveJoints,
     to_pinocchio: ToPinocchio,
-    rows: NDArray[np.intp] | None = None,
 ) -> Equations:
-    """Hold steps of a record to the equations of motion.
+    """Hold a step every 10 ms, and the last one, to the equations of motion.
 
-    Args:
-        record: of the walk.
-        model: the simulated body, with armature and gravity, a free root first.
-        passive: of its coordinates.
-        to_pinocchio: turns MuJoCo's (q, qd) into Pinocchio's (q, v).
-        rows: steps to check, ascending; by default those that a run folder keeps, one every 10 ms and the
-            last.
+    The model is the simulated body, with armature and gravity, a free root first; ``to_pinocchio`` turns
+    MuJoCo's (q, qd) into Pinocchio's (q, v).
     """
-    if rows is None:
-        rows = np.minimum(stored_rows(record.steps, record.time_step), record.steps - 1)
-        rows = np.unique(rows[rows >= 0])
+    rows = np.minimum(stored_rows(record.steps, record.time_step), record.steps - 1)
+    rows = np.unique(rows[rows >= 0])
     if not len(rows):
         return Equations(0, math.nan, math.nan, "", math.nan, math.nan)
     dt, change = record.time_step, record.qd[rows + 1] - record.qd[rows]
@@ -89,10 +75,9 @@ def _defects(
     to_pinocchio: ToPinocchio,
     rows: NDArray[np.intp],
 ) -> Array:
-    """Recorded change of velocity less that by the equations of motion.
+    """Recorded change of velocity less that by the equations, shape (n, nv) [m/s, rad/s].
 
-    Returns:
-        Shape (n, nv) [m/s, rad/s], the root's in its own axes.
+    The root's are in its own axes.
     """
     dt = record.time_step
     if passive.implicit:  # (M + h D) a = ... with D v at the start of the step

@@ -22,18 +22,8 @@ from validation.measure.measure import LEAST_SUPPORT, MeasuredGait, SelfChecks, 
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import FEET, INTEGERS, SHAPES, SimulationRecord, shape_of
 
-_OF_BODY = {
-    "force": "xyz",
-    "zmp": "xy",
-    "com": "xyz",
-    "angular_momentum": "xyz",
-    "command_force": "xyz",
-    "command_zmp": "xy",
-    "command_com": "xyz",
-    "command_angular_momentum": "xyz",
-    "floor": "",
-    "belt_speed": "",
-}
+_MEASURED = {"force": "xyz", "zmp": "xy", "com": "xyz", "angular_momentum": "xyz"}
+_COMMANDED = {f"command_{name}": axes for name, axes in _MEASURED.items()}
 _OF_FOOT = {
     "force": "xyz",
     "cop": "xy",
@@ -44,7 +34,10 @@ _OF_FOOT = {
     "foot": "xyz",
 }
 COLUMNS: Mapping[str, str] = MappingProxyType(
-    _OF_BODY | {f"{foot}_{name}": axes for foot in FEET for name, axes in _OF_FOOT.items()}
+    _MEASURED
+    | _COMMANDED
+    | {"floor": "", "belt_speed": ""}
+    | {f"{foot}_{name}": axes for foot in FEET for name, axes in _OF_FOOT.items()}
 )
 """Quantities of a log, and the endings of their columns, such as ``force_x``; empty for a single one."""
 PLACES = frozenset(name for name in COLUMNS if name.endswith(("zmp", "com", "cop", "sensor", "foot")))
@@ -89,13 +82,10 @@ class Log(Brief):
 
 
 def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the log") -> Log:
-    """Read a log, and find force and ZMP.
+    """Read a log of columns (K,) by name, and find force and ZMP.
 
-    Args:
-        table: columns by name, shape (K,) each.
-        weight: of the body that it is to be compared with [N]; None takes the mean size of the forces, which
-            is somewhat more than the weight.
-        name: for people.
+    The weight is that of the body that it is to be compared with [N]; None takes the mean size of the forces,
+    which is somewhat more.
 
     Raises:
         InputError: a column is missing, or has values that cannot be.
@@ -172,11 +162,7 @@ def _step(time: Array, name: str) -> float:
 
 
 def _mean_force(signals: Mapping[str, Array]) -> float:
-    """Mean size of the forces on both feet [N].
-
-    Raises:
-        KeyError: of a quantity that is missing.
-    """
+    """Mean size of the forces on both feet [N]; raises KeyError of a quantity that is missing."""
     feet = next((kind for kind in ("force", "sensor_force") if f"left_{kind}" in signals), "")
     names = ["force"] if "force" in signals or not feet else [f"{foot}_{feet}" for foot in FEET]
     return float(np.nanmean(sum(np.linalg.norm(signals[name], axis=1) for name in names)))
@@ -185,8 +171,7 @@ def _mean_force(signals: Mapping[str, Array]) -> float:
 def _add_force(signals: dict[str, Array], weight: float) -> None:
     """Force and ZMP of both feet, from those of either foot or from wrenches at sensors.
 
-    Raises:
-        KeyError: of a quantity that is missing.
+    Raises KeyError of a quantity that is missing.
     """
     if not {"left_force", "right_force", "left_sensor_force", "right_sensor_force"} & signals.keys():
         if "force" not in signals:

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
-from ampm.geometry import Array, polygon_margin
+from ampm.geometry import Array, blocks, polygon_margin
 from validation.measure.equations import Equations, ToPinocchio, check_equations
 from validation.trial.passive import PassiveJoints
 from validation.trial.record import SimulationRecord, support_height
@@ -52,21 +52,16 @@ class MeasuredGait(Brief):
     foot_force: Array  # sum over each foot's sole points, left first, shape (K, 2, 3) [N]
     foot_torque: Array  # their moment about the world origin, shape (K, 2, 3) [N m]
     force: Array  # net ground force, shape (K, 3) [N]
-    torque: Array  # net moment about the world origin, shape (K, 3) [N m]
     zmp: Array  # from contact forces, on the level plane of height `floor`, shape (K, 2) [m]
     zmp_momentum: Array  # from momentum rates and external forces, on the same plane, shape (K, 2) [m]
     # height of the floor under the sole points, averaged by their vertical forces, shape (K,) [m]
     floor: Array
     com: Array  # the simulator's COM at t_k, shape (K, 3) [m]
     com_pin: Array  # Pinocchio's COM at t_k, shape (K, 3) [m]
-    com_velocity: Array  # Pinocchio's COM velocity at t_k, shape (K, 3) [m/s]
-    com_acceleration: Array  # forward difference of `com_velocity` over the step, shape (K, 3) [m/s^2]
-    # ground force by the rate of momentum, `m (com_acceleration + g e_z)` less what else pushed the body,
-    # shape (K, 3) [N]
+    # ground force by the rate of Pinocchio's momentum, less what else pushed the body, shape (K, 3) [N]
     momentum_force: Array
     angular_momentum: Array  # the simulator's, about the COM at t_k, shape (K, 3) [N m s]
-    # forward difference of Pinocchio's over the step, less the moment of what else pushed the body,
-    # shape (K, 3) [N m]
+    # rate of Pinocchio's over the step, less the moment of what else pushed the body, shape (K, 3) [N m]
     angular_momentum_rate: Array
     foot_contact: NDArray[np.bool_]  # any sole point of the foot carries force, shape (K, 2), bool
     point_contact: NDArray[np.bool_]  # the sole point carries force, shape (K, P), bool
@@ -126,21 +121,15 @@ def measure(
             f"the model weighs {model_mass:.9g} kg, the recorded body {mass:.9g} kg; "
             "measure with the model that was simulated"
         )
-    steps = record.steps
-    weight = mass * gravity
-    least = LEAST_SUPPORT * weight
-
+    least = LEAST_SUPPORT * (mass * gravity)
     soles = _soles(record)
-    floor, contact = soles["floor"], soles["point_contact"]
-    force, torque = soles["foot_force"].sum(axis=1), soles["foot_torque"].sum(axis=1)
-    zmp = centre_of_pressure(force, torque, least, floor)
-
+    floor, force = soles["floor"], soles["foot_force"].sum(axis=1)
+    zmp = centre_of_pressure(force, soles["foot_torque"].sum(axis=1), least, floor)
     com_pin, com_velocity, momentum = _centroidal(model, to_pinocchio, record.q, record.qd)
     departed = np.concatenate([_step_back(record.q[:1], record.qd[:1], dt), record.q[:-1]])
     _, departing_velocity, departing_momentum = _centroidal(model, to_pinocchio, departed, record.qd)
-    com_acceleration = np.diff(departing_velocity, axis=0) / dt
     momentum_rate = np.diff(departing_momentum, axis=0) / dt
-    momentum_force = mass * (com_acceleration + np.array([0.0, 0.0, gravity]))
+    momentum_force = mass * (np.diff(departing_velocity, axis=0) / dt + np.array([0.0, 0.0, gravity]))
     lifted = 0.0
     if record.external_segments:
         pushes = record.external_force.sum(axis=1)
@@ -154,8 +143,8 @@ def measure(
     checks = SelfChecks(
         com_agreement=_largest(np.linalg.norm(record.com - com_pin, axis=1)),
         angular_momentum_agreement=_largest(np.linalg.norm(record.angular_momentum - momentum, axis=1)),
-        impulse_residual=float((impulse + lifted - gained) / (weight * steps * dt) - 1.0)
-        if steps
+        impulse_residual=float((impulse + lifted - gained) / (mass * gravity * record.steps * dt) - 1.0)
+        if record.steps
         else float("nan"),
         equations=None
         if passive is None or passive.friction.any()
@@ -165,18 +154,15 @@ def measure(
         **soles,
         time=record.time[:-1],
         force=force,
-        torque=torque,
         zmp=zmp,
         zmp_momentum=centre_of_pressure(momentum_force, moment, least, floor),
         com=record.com[:-1],
         com_pin=com_pin[:-1].copy(),
-        com_velocity=com_velocity[:-1].copy(),
-        com_acceleration=com_acceleration,
         momentum_force=momentum_force,
         angular_momentum=record.angular_momentum[:-1],
         angular_momentum_rate=momentum_rate,
         foot_position=record.foot_position[:-1],
-        polygon_margin=polygon_margin(record.point_position[:, :, :2], contact, zmp),
+        polygon_margin=polygon_margin(record.point_position[:, :, :2], soles["point_contact"], zmp),
         mass=mass,
         gravity=gravity,
         time_step=dt,
@@ -196,11 +182,24 @@ def _step_back(q: Array, qd: Array, dt: float) -> Array:
 
 def _soles(record: SimulationRecord) -> dict[str, Any]:
     """What the sole points tell: some fields of :class:`MeasuredGait`."""
-    position, point_force = record.point_position, record.point_force
+    parts = [_soles_of(record, rows) for rows in blocks(record.steps)]
+    found = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    travelled = np.cumsum(found["slip"], axis=0) * record.time_step
+    # In the air the speed is zero, so the travel of the last unloaded row is where this stance began.
+    at_lift = np.maximum.accumulate(np.where(found["foot_contact"], 0.0, travelled), axis=0)
+    return {**found, "slip": np.where(found["foot_contact"], travelled - at_lift, 0.0)}
+
+
+def _soles_of(record: SimulationRecord, rows: slice) -> dict[str, Any]:
+    """The same of some steps, with the speed of slipping in place of its way."""
+    position, point_force, depth = (
+        values[rows] for values in (record.point_position, record.point_force, record.point_penetration)
+    )
     point_torque, vertical = np.cross(position, point_force), point_force[:, :, 2]
+    floor = support_height(record.floor, position[:, :, 2] + depth, vertical)
     contact = vertical > 0.0
-    load, depth = (np.where(contact, values, 0.0) for values in (vertical, record.point_penetration))
-    moved = np.diff(record.point_place[:, :, :2], axis=0)
+    load, depth = (np.where(contact, values, 0.0) for values in (vertical, depth))
+    moved = np.diff(record.point_place[rows.start : rows.stop + 1, :, :2], axis=0)
     speed = np.hypot(moved[:, :, 0], moved[:, :, 1]) / record.time_step
     feet: dict[str, list[Any]] = defaultdict(list)
     for foot in (0, 1):
@@ -213,12 +212,7 @@ def _soles(record: SimulationRecord) -> dict[str, Any]:
         feet["penetration"].append(depth[:, mine].max(axis=1, initial=0.0))
         feet["slip"].append(weighted / np.where(total > 0.0, total, 1.0))
     found = {name: np.stack(values, axis=1) for name, values in feet.items()}
-    travelled = np.cumsum(found["slip"], axis=0) * record.time_step
-    # In the air the speed is zero, so the travel of the last unloaded row is where this stance began.
-    at_lift = np.maximum.accumulate(np.where(found["foot_contact"], 0.0, travelled), axis=0)
-    found["slip"] = np.where(found["foot_contact"], travelled - at_lift, 0.0)
-    surface = position[:, :, 2] + record.point_penetration
-    return {**found, "floor": support_height(record.floor, surface, vertical), "point_contact": contact}
+    return {**found, "floor": floor, "point_contact": contact}
 
 
 def _centroidal(
@@ -227,22 +221,19 @@ def _centroidal(
     """COM, its velocity and the angular momentum about it for every row of MuJoCo's, each shape (N, 3)."""
     data = model.createData()
     com, velocity, momentum = np.empty((3, len(q), 3))
-    for row, state in enumerate(zip(*to_pinocchio(q, qd), strict=True)):
-        momentum[row] = pin.computeCentroidalMomentum(model, data, *state).angular
-        com[row], velocity[row] = data.com[0], data.vcom[0]
+    for rows in blocks(len(q)):
+        for row, state in enumerate(zip(*to_pinocchio(q[rows], qd[rows]), strict=True), rows.start):
+            momentum[row] = pin.computeCentroidalMomentum(model, data, *state).angular
+            com[row], velocity[row] = data.com[0], data.vcom[0]
     return com, velocity, momentum
 
 
 def centre_of_pressure(force: Array, torque: Array, least: float, floor: Array | float = 0.0) -> Array:
     """Where a net force meets a level floor without horizontal moment, shape (..., 2) [m].
 
-    ``p_x = (h F_x - M_y) / F_z`` and ``p_y = (h F_y + M_x) / F_z``; NaN where ``F_z`` is below ``least`` [N].
-
-    Args:
-        force: F, shape (..., 3) [N].
-        torque: M about the world origin, shape (..., 3) [N m].
-        least: smallest vertical force for which there is such a point [N].
-        floor: its height h, shape (...) [m].
+    ``p_x = (h F_x - M_y) / F_z`` and ``p_y = (h F_y + M_x) / F_z``, of the force F, shape (..., 3) [N], the
+    torque M about the world origin, shape (..., 3) [N m], and the floor's height h, shape (...) [m]; NaN
+    where ``F_z`` is below ``least`` [N].
     """
     vertical = np.where(force[..., 2] >= least, force[..., 2], np.nan)
     x, y = floor * force[..., 0] - torque[..., 1], floor * force[..., 1] + torque[..., 0]

@@ -45,15 +45,9 @@ class BodyCheck:
 
 
 def check(source: str, settings: tuple[str, ...] = (), progress: Progress | None = None) -> BodyCheck:
-    """Check a body.
+    """Check a body, by its name or description file; raises InputError if it is not usable.
 
-    Args:
-        source: name or description file.
-        settings: ``key=value`` texts, such as those of the gait that it is to walk.
-        progress: where to report stages.
-
-    Raises:
-        InputError: the description or its source is not usable.
+    The settings are ``key=value`` texts, such as those of the gait that it is to walk.
     """
     progress = progress or Progress()
     with progress.stage("body"):

@@ -39,23 +39,14 @@ _STATURE = 1.70 / 0.865
 
 @dataclass(frozen=True)
 class Fit(Tabled):
-    """Constants of the AMPM of a measured walk, and how much of the walk they explain.
+    """Constants of the AMPM of a measured walk, and how much of the walk they explain."""
 
-    Attributes:
-        name: of the log.
-        strides: of the walk.
-        constants: by name, see :func:`validation.judge.fit.constants`.
-        scores: of the models, see :func:`validation.judge.fit.scores`.
-        gait: with these constants, None if there is no such gait.
-        notes: sentences on log and gait.
-    """
-
-    name: str
+    name: str  # of the log
     strides: Strides = field(repr=False)
-    constants: Mapping[str, Constant]
-    scores: Scores = field(repr=False)
-    gait: RunParameters | None = field(repr=False)
-    notes: Sequence[str]
+    constants: Mapping[str, Constant]  # see :func:`validation.judge.fit.constants`
+    scores: Scores = field(repr=False)  # of the models, see :func:`validation.judge.fit.scores`
+    gait: RunParameters | None = field(repr=False)  # with these constants, None if there is no such gait
+    notes: Sequence[str]  # sentences on log and gait
 
     @property
     def sentence(self) -> str:
@@ -119,8 +110,7 @@ class Fit(Tabled):
     def save(self, directory: str | Path, *, force: bool = False) -> Path:
         """Write ``fit.json``, ``report.html``, and ``gait.toml`` if there is a gait.
 
-        Raises:
-            InputError: the folder must not be written.
+        Raises :class:`InputError` if the folder must not be written.
         """
         target = Path(directory)
         check_target(target, _FILES, force=force, what="fit", marks=("fit.json",))

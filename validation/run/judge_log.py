@@ -81,17 +81,10 @@ def judge_log(
 
 
 def judge_run(directory: str | Path, profile: Profile | str | None = None) -> SavedRun:
-    """Judge the folder of a run, or of a log, again by the metrics that it holds.
+    """Judge the folder of a run, or of a log, again by the metrics that it holds; nothing is written.
 
     They were measured from the plans that were followed, with the states that were recorded at every step, of
-    which the folder keeps some. Nothing is written.
-
-    Args:
-        directory: the folder.
-        profile: tolerances, or the name of a profile; by default those that it was judged by.
-
-    Returns:
-        The run with the new verdict in its summary.
+    which the folder keeps some. The profile, or its name, is by default the one by which it was judged.
 
     Raises:
         InputError: not a run folder, or the profile or one of the metrics is not known.

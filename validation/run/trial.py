@@ -40,33 +40,19 @@ from validation.table import Table, Tabled
 from validation.trial.plan import PlannedWalk
 from validation.trial.record import SimulationRecord
 
-_KEY_METRICS = ("zmp_x_rmse", "zmp_y_rmse")
-"""What ``print(trial)`` shows beside the metrics that failed."""
-
 
 @dataclass(frozen=True)
 class Trial(Tabled):
-    """One walk, judged.
+    """One walk, judged."""
 
-    Attributes:
-        planned: request, plan and body.
-        comparison: of measurement and plan.
-        metrics: name to value of every metric of this walk, judged or not.
-        profile: tolerances.
-        seconds: wall-clock time of ``simulation``, ``measurement`` and, if it was planned here, ``planning``.
-        extra: entries of the summary beside the usual ones, such as the name of a controller.
-        uncertainty: of the metrics, from a convergence study.
-        verdict: of the profile; ``verdict.passed`` is whether every tolerance is met.
-    """
-
-    planned: PlannedWalk
-    comparison: Comparison
-    metrics: Mapping[str, MetricValue]
-    profile: Profile
-    seconds: Mapping[str, float]
-    extra: Mapping[str, Any]
-    uncertainty: Uncertainty | None = None
-    verdict: Verdict = field(init=False)
+    planned: PlannedWalk  # request, plan and body
+    comparison: Comparison  # of measurement and plan
+    metrics: Mapping[str, MetricValue]  # of every metric of this walk, judged or not
+    profile: Profile  # tolerances
+    seconds: Mapping[str, float]  # wall-clock time of `simulation`, `measurement` and `planning`
+    extra: Mapping[str, Any]  # entries of the summary beside the usual ones, such as a controller's name
+    uncertainty: Uncertainty | None = None  # of the metrics, from a convergence study
+    verdict: Verdict = field(init=False)  # by the profile; `verdict.passed`: every tolerance is met
 
     def __post_init__(self) -> None:
         """Judge the metrics."""
@@ -81,13 +67,10 @@ class Trial(Tabled):
         return f"Trial({self.planned.name}, {self.record.outcome.summary}, {self.verdict.name})"
 
     def __str__(self) -> str:
-        """The sentence, the RMS errors of the ZMP, and what is out of tolerance."""
-        shown = [
-            f"  {item.label}: {item.against}"
-            for item in self.verdict.judged
-            if item.name in _KEY_METRICS or item.passed is False
-        ]
-        return "\n".join([self.sentence, *shown])
+        """The sentence, and what is out of tolerance."""
+        return "\n".join(
+            [self.sentence, *(f"  {item.label}: {item.against}" for item in self.verdict.failed)]
+        )
 
     @property
     def sentence(self) -> str:
@@ -148,27 +131,18 @@ class Trial(Tabled):
         return metric_table(self.summary)
 
     def judged(self, profile: Profile | str, uncertainty: Uncertainty | None = None) -> "Trial":
-        """The same walk, judged again.
+        """The same walk, judged again by a profile, or its name.
 
-        Args:
-            profile: tolerances, or the name of a profile.
-            uncertainty: of the metrics, from a convergence study; None keeps what is known.
-
-        Raises:
-            InputError: there is no such profile.
+        The uncertainty of the metrics is from a convergence study; None keeps what is known. Raises
+        :class:`InputError` if there is no such profile.
         """
         return replace(self, profile=find_profile(profile), uncertainty=uncertainty or self.uncertainty)
 
     def save(self, folder: str | Path, *, force: bool = False, recording: bool = True) -> Path:
-        """Keep the trial in a folder, as ``ampm validate`` does.
+        """Keep the trial in a folder, as ``ampm validate`` does, and return the folder.
 
-        Args:
-            folder: that is to hold it.
-            force: replace an earlier run there.
-            recording: write ``recording.rrd`` and ``report.html`` too.
-
-        Returns:
-            The folder.
+        ``force`` replaces an earlier run there; ``recording`` writes ``recording.rrd`` and ``report.html``,
+        too.
 
         Raises:
             InputError: the folder must not or cannot be written.
@@ -184,11 +158,7 @@ class Trial(Tabled):
 
 
 def write_inputs(folder: Path, planned: PlannedWalk) -> dict[str, Any]:
-    """Write the inputs of a run: parameters, simulated model, description of the body, and environment.
-
-    Returns:
-        The environment, see :func:`validation.store.environment.describe_environment`.
-    """
+    """Write parameters, simulated model, description of the body, and environment; return the environment."""
     environment = describe_environment()
     (folder / RUN_FILE).write_text(dump_run(planned.run), encoding="utf-8")
     (folder / MODEL_FILE).write_text(planned.scene.model.xml, encoding="utf-8")
@@ -198,11 +168,7 @@ def write_inputs(folder: Path, planned: PlannedWalk) -> dict[str, Any]:
 
 
 def write_results(folder: Path, trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Write signals and, last, the summary with the digests of all files, beside inputs and record.
-
-    Returns:
-        The contents of ``summary.json``.
-    """
+    """Write signals and, last, the summary with the digests of all files; return the summary."""
     rows = kept_rows(trial.record.steps, trial.record.time_step)
     save_signals(signals_table(trial.comparison, rows), folder / SIGNALS_FILE)
     summary = {**trial.summary, "environment": environment}

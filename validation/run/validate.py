@@ -36,10 +36,7 @@ def targets(requests: Sequence[Request], out: Path | None, *, force: bool) -> li
     """Folder of every run, all of them checked before anything runs.
 
     ``out`` itself for one gait, a folder of each gait's name in it for several; without it
-    ``runs/<gait>-<time>``.
-
-    Raises:
-        InputError: a folder must not be written.
+    ``runs/<gait>-<time>``. Raises :class:`InputError` if a folder must not be written.
     """
     if out is None:
         folders = [new_folder(item.name) for item in requests]
@@ -68,17 +65,8 @@ def validate(
     """Plan, walk, measure and judge one gait, and keep everything in a folder.
 
     A walk that is interrupted (``KeyboardInterrupt``) is measured and kept up to that time. An interruption
-    after the walk leaves out recording and report only; ``interruption.pending`` is then set.
-
-    Args:
-        request: the gait.
-        target: the run folder, see :func:`validation.store.folders.run_folder`.
-        profile: tolerances.
-        force: replace an earlier run in the same folder.
-        recording: write ``recording.rrd`` and ``report.html``; both can be written later from the folder.
-        uncertainty: of the metrics, from a convergence study; None judges the values as they are.
-        disturbances: as :func:`validation.walk` takes them.
-        progress: where to report stages.
+    after the walk leaves out recording and report only; ``interruption.pending`` is then set. Arguments are
+    those of :func:`validation.walk` and of :meth:`validation.run.trial.Trial.save`.
 
     Returns:
         The contents of ``summary.json``.

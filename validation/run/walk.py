@@ -103,14 +103,8 @@ def walk_planned(
 ) -> Trial:
     """Walk a plan and judge the walk.
 
-    Args:
-        planned: see :func:`validation.trial.plan.plan_walk`.
-        profile: tolerances.
-        controller: makes the controller from robot and run; the one that the run names by default.
-        estimator: makes the estimator; the one that the run names by default.
-        disturbances: external forces.
-        progress: where to report stages.
-        keep: called with the record before it is measured.
+    Controller and estimator are made by what the run names, if nothing else is given. ``keep`` is called with
+    the record before it is measured.
     """
     run, body, progress = planned.run, planned.body, progress or Progress()
     taken = dict[str, float]()

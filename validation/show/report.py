@@ -141,17 +141,17 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
 
 
 def _limits(summary: Summary) -> Table:
-    """Every judged metric with its first step, which is not judged, and the reason of its tolerance."""
+    """Every judged metric with the reason of its tolerance."""
     rows = []
     for item in summary["metrics"].values():
         if item["tolerance"] is not None:
             scale, unit = display_unit(item["unit"], summary["scales"]["body_weight"])
-            values = (item[key] for key in ("value", "first_step", "tolerance"))
+            values = (item[key] for key in ("value", "tolerance"))
             cells = [
                 f"{_scaled(v, scale, 4)} {short_unit(unit)}".rstrip() if v is not None else "" for v in values
             ]
             rows.append((item["label"], *cells, item["reason"] or ""))
-    return Table("", ("metric", ">value", ">first step", ">tolerance", "reason of the tolerance"), rows)
+    return Table("", ("metric", ">value", ">tolerance", "reason of the tolerance"), rows)
 
 
 def _windows(summary: Summary) -> Table:

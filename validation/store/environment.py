@@ -25,10 +25,8 @@ DISTRIBUTIONS = ("ampm", *COMPUTING, "drake", "pyarrow", "rerun-sdk", "matplotli
 def describe_environment() -> dict[str, Any]:
     """Versions, platform and source revision; no names of users or machines.
 
-    Returns:
-        JSON-ready table: ``time`` (UTC, ISO 8601), ``python``, ``versions``, ``platform``, ``processor``,
-        ``cores``, ``memory`` [GB], ``revision`` (git commit, None outside a checkout), and
-        ``modified`` (whether the checkout differs from it).
+    ``time`` is UTC (ISO 8601), ``memory`` in GB; ``revision`` is the commit, None outside a checkout, and
+    ``modified`` says whether the checkout differs from it.
     """
     revision, modified = _revision()
     return {

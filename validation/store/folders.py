@@ -52,17 +52,13 @@ def check_target(
 ) -> None:
     """Refuse a folder that must not be written, or cannot be.
 
-    Args:
-        target: the folder.
-        known: all files that a result of this kind may hold; None if files of others may stay beside it.
-        force: whether an earlier result there may be replaced, or gone on with.
-        what: the kind of result.
-        marks: files of which an earlier result has at least one.
-        way_out: the option that sets ``force``.
+    A result of a kind (``what``) holds no files but the ``known`` ones, None if others may stay beside it,
+    and at least one of the ``marks``. With ``force``, an option that ``way_out`` names, an earlier one may be
+    replaced, or gone on with.
 
     Raises:
-        InputError: the target is a file, or it is not empty and ``force`` is off or it holds something else,
-            or nothing can be written there.
+        InputError: it is a file, it is not empty and ``force`` is off or it holds something else, or nothing
+            can be written there.
     """
     if not target.is_dir():
         if target.exists() or target.is_symlink():
@@ -87,8 +83,7 @@ def check_run_folder(target: Path, *, force: bool) -> None:
 def _probe(target: Path) -> None:
     """Test early that the target can be written, by a temporary file in its folder.
 
-    Raises:
-        InputError: it cannot be created.
+    Raises InputError if not.
     """
     folder = target.absolute()
     while not folder.exists():
@@ -104,12 +99,9 @@ def _probe(target: Path) -> None:
 def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
     """Write a run folder atomically: the body of the ``with`` fills a partial folder.
 
-    A target that exists and is empty (such as a mounted volume) is filled in place. An earlier run is
-    replaced only with ``force``.
-
-    Yields:
-        The folder to write into; it is renamed to ``target`` at the end. On an exception it is kept if it
-        holds a record, and removed otherwise.
+    A target that exists and is empty (such as a mounted volume) is filled in place, any other is renamed at
+    the end. An earlier run is replaced only with ``force``. On an exception the folder is kept if it holds a
+    record.
 
     Raises:
         InputError: see :func:`check_run_folder`, or the folder cannot be created.
@@ -173,8 +165,7 @@ def disk_is_full(error: BaseException) -> bool:
 def output_file(target: Path, *, force: bool = True) -> Iterator[Path]:
     """Write a file atomically: the body of the ``with`` fills a temporary path with the same suffix.
 
-    Raises:
-        InputError: the target exists and ``force`` is off, is a folder, or cannot be created.
+    Raises :class:`InputError` as :func:`check_output_file` does.
     """
     check_output_file(target, force=force)
     work = target.with_name(f".{target.stem}-{uuid4().hex[:8]}{target.suffix}")
@@ -187,11 +178,7 @@ def output_file(target: Path, *, force: bool = True) -> Iterator[Path]:
 
 
 def check_output_file(target: Path, *, force: bool) -> None:
-    """Refuse a file that must not be written.
-
-    Raises:
-        InputError: the target exists and ``force`` is off, it is a folder, or nothing can be written there.
-    """
+    """Refuse a folder, a file that exists unless ``force`` is on, and one that cannot be written."""
     if target.is_dir():
         raise InputError(f"{target} is a folder; give the name of a file.")
     if target.exists() and not force:
@@ -200,11 +187,7 @@ def check_output_file(target: Path, *, force: bool) -> None:
 
 
 def check_new_file(target: Path, *suffixes: str, force: bool = True) -> None:
-    """Refuse a file for a result before anything is computed.
-
-    Raises:
-        InputError: it has another suffix, its folder does not exist, or it must not be written.
-    """
+    """Refuse a file of another suffix, without a folder, or that must not be written, before all work."""
     if target.suffix not in suffixes:
         raise InputError(f"{target} must end in {' or '.join(suffixes)}; the suffix chooses the format.")
     if not target.parent.is_dir():  # probably a typing error

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
@@ -42,25 +42,6 @@ def hidden_main() -> Iterator[None]:
         yield
     finally:
         main.__dict__.update({**before, HIDDEN_FILE: None})
-
-
-@contextmanager
-def set_variables(variables: Mapping[str, str]) -> Iterator[None]:
-    """Set environment variables while the body of the ``with`` runs.
-
-    Processes inherit them before they load any library. A nanny's own setting yields to a variable that the
-    shell has set, or comes when numpy is loaded already.
-    """
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 def memory_peak() -> float | None:

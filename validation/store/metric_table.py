@@ -21,11 +21,9 @@ def summary_title(summary: Mapping[str, Any]) -> str:
 
 
 def metric_table(summary: Mapping[str, Any]) -> Table:
-    """Every judged metric with its limit; those that check the measurement itself come last.
+    """Every judged metric of a ``summary.json`` with its limit; those that check the measurement come last.
 
-    Args:
-        summary: contents of ``summary.json``. Labels are read from it, as other processes may not have a
-            user's metric.
+    Labels are read from it, as other processes may not have a user's metric.
     """
     free = "velocity" in summary
     judged = [item for item in summary["metrics"].values() if item["tolerance"] is not None]
@@ -34,10 +32,8 @@ def metric_table(summary: Mapping[str, Any]) -> Table:
     if checks:
         what = "the measurement" if free else "plan and measurement"
         rows += [(f"Checks of {what}", *[""] * 5), *checks]
-    first = "" if all(item["first_step"] is None for item in judged) else ", without the first step"
     return Table(
-        f"{summary_title(summary)}: measured{'' if free else ' against plan'}{first} "
-        f"(profile {summary['profile']})",
+        f"{summary_title(summary)}: measured{'' if free else ' against plan'} (profile {summary['profile']})",
         ("metric", ">value", ">limit", "unit", USED, ""),
         rows,
         _notes(summary, rows),

@@ -47,11 +47,7 @@ _ROOT_V = ("root_x", "root_y", "root_z", "root_wx", "root_wy", "root_wz")
 
 
 def stored_columns(about: Mapping[str, Any]) -> dict[str, tuple[list[str], tuple[int, ...]]]:
-    """Columns of the scalars of every array on disk, and its shape without the rows.
-
-    Args:
-        about: constants of the record, by name.
-    """
+    """Columns of every array on disk, and its shape without the rows, from the constants of a record."""
     joints = about["joint_names"]
     labels: dict[str, Sequence[Any]] = {
         "nq": [*_ROOT_Q, *joints] if joints else (),  # a log has no coordinates
@@ -83,23 +79,25 @@ def save_record(record: SimulationRecord, directory: str | Path) -> None:
     constants = {name: getattr(record, name) for name in CONSTANTS}
     known = {"format": _FORMAT, "steps": record.steps, "substeps": record.substeps, **constants}
     header = json.dumps(json_ready(known), allow_nan=False).encode()
+    for file, table in record_tables(record).items():
+        write_table(pa.table(table).replace_schema_metadata({_HEADER: header}), directory / file)
+
+
+def record_tables(record: SimulationRecord) -> dict[str, dict[str, NDArray[Any]]]:
+    """What is on disk of a record: columns by file, the first of which is ``time``."""
     states = stored_rows(record.steps, record.time_step)
     kept = np.searchsorted(record.state_rows, states)
     rows = {"R": kept, "R-1": kept[:-1]}
-    times = {
-        JOINTS_FILE: record.time[states],
-        CONTACTS_FILE: record.time[states[:-1]],
-        TICKS_FILE: record.time[: record.steps : record.substeps],
-        EXTERNAL_FILE: record.time[:-1],
+    files: dict[str, dict[str, NDArray[Any]]] = {
+        JOINTS_FILE: {"time": record.time[states]},
+        CONTACTS_FILE: {"time": record.time[states[:-1]]},
+        TICKS_FILE: {"time": record.time[: record.steps : record.substeps]},
     }
-    files: dict[str, dict[str, NDArray[Any]]] = {}
-    for name, (columns, _) in stored_columns(constants).items():
-        array = getattr(record, name)
-        array = array[rows.get(SHAPES[name].split()[0], slice(None))]
-        table = files.setdefault(STORED[name], {"time": times[STORED[name]]})
+    for name, (columns, _) in stored_columns(vars(record)).items():
+        array = getattr(record, name)[rows.get(SHAPES[name].split()[0], slice(None))]
+        table = files.setdefault(STORED[name], {"time": record.time[:-1]})
         table.update(zip(columns, array.reshape(len(array), len(columns)).T, strict=True))
-    for file, table in files.items():
-        write_table(pa.table(table).replace_schema_metadata({_HEADER: header}), directory / file)
+    return files
 
 
 def write_table(table: pa.Table, path: Path) -> None:
@@ -112,53 +110,34 @@ def write_table(table: pa.Table, path: Path) -> None:
 
 
 def load_record(directory: str | Path) -> SimulationRecord:
-    """Read the record of a folder: all that :func:`save_record` wrote.
-
-    Raises:
-        InputError: there is no record, one of another format, or a file or column is missing or damaged.
-    """
+    """Read what :func:`save_record` wrote; raises InputError if it is missing, damaged or another format."""
     directory = Path(directory)
     header = read_header(directory)
+    files = [*RECORD_FILES, *([EXTERNAL_FILE] if header.get("external_segments") else [])]
+    tables = {file: read_table(directory / file) for file in files}
     try:
         constants = _constants(header)
         steps, substeps, dt = int(header["steps"]), int(header["substeps"]), constants["time_step"]
-        time = np.arange(steps + 1, dtype=np.float64) * dt
-        tick_time = np.arange(-(-steps // substeps), dtype=np.float64) * (substeps * dt)
-        states = stored_rows(steps, dt)
-        stored = stored_columns(constants)
-    except (ArithmeticError, AttributeError, KeyError, MemoryError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{directory / JOINTS_FILE} is damaged: its description is ({error}); walk the gait again."
-        ) from error
-    counts = {"R": len(states), "R-1": len(states) - 1, "T": len(tick_time), "K": steps}
-    arrays: dict[str, Any] = {name: None for name in SHAPES if name not in constants}
-    tables = {file: read_table(directory / file) for file in dict.fromkeys(STORED[name] for name in stored)}
-    for name, (columns, shape) in stored.items():
-        table, path = tables[STORED[name]], directory / STORED[name]
-        if missing := sorted(set(columns) - set(table.column_names)):
-            raise InputError(f"{path} is damaged: it has no column {missing[0]!r}; walk the gait again.")
-        rows, kind = counts[SHAPES[name].split()[0]], np.dtype(INTEGERS.get(name, np.float64))
-        found = [table[column].to_numpy() for column in columns]
-        if table.num_rows != rows or any(column.dtype != kind for column in found):
-            raise InputError(
-                f"{path} is damaged: {columns[0]!r} has not {rows} numbers; walk the gait again."
-            )
-        # A log has no columns.
-        arrays[name] = (np.column_stack(found) if found else np.zeros((rows, 0), kind)).reshape(rows, *shape)
-        arrays[name].setflags(write=False)
-    arrays |= {"time": time, "tick_time": tick_time, "state_rows": states}
-    try:
+        arrays: dict[str, Any] = {name: None for name in SHAPES if name not in constants}
+        arrays["time"] = np.arange(steps + 1, dtype=np.float64) * dt
+        arrays["tick_time"] = np.arange(-(-steps // substeps), dtype=np.float64) * (substeps * dt)
+        arrays["state_rows"] = stored_rows(steps, dt)
+        for name, (columns, shape) in stored_columns(constants).items():
+            table, kind = tables[STORED[name]], np.dtype(INTEGERS.get(name, np.float64))
+            found = [table[column].to_numpy() for column in columns]
+            if wrong := [column.dtype for column in found if column.dtype != kind]:
+                raise TypeError(f"{columns[0]} holds {wrong[0]} values")
+            # A log has no columns.
+            stacked = np.column_stack(found) if found else np.zeros((table.num_rows, 0), kind)
+            arrays[name] = stacked.reshape(table.num_rows, *shape)
         return SimulationRecord(**arrays, **constants)
-    except InputError as error:
-        raise InputError(f"{directory / JOINTS_FILE} is damaged: {error} Walk the gait again.") from None
+    except Exception as error:  # the header may hold anything
+        why = str(error).rstrip(".")
+        raise InputError(f"the record in {directory} is damaged: {why}; walk the gait again.") from error
 
 
 def read_header(directory: Path) -> dict[str, Any]:
-    """Description of the recorded run of a folder.
-
-    Raises:
-        InputError: there is no record, or one of another format.
-    """
+    """Description of the recorded run; raises InputError if there is none, or of another format."""
     path = directory / JOINTS_FILE
     raw = (_readable(path, pq.read_schema).metadata or {}).get(_HEADER)
     try:
@@ -192,8 +171,7 @@ def _constants(header: Mapping[str, Any]) -> dict[str, Any]:
 def load_model(directory: Path, record: SimulationRecord) -> mujoco.MjModel:
     """The model that was simulated for a record.
 
-    Raises:
-        InputError: its file is missing or damaged, or of another body, or the record is of a log.
+    Raises :class:`InputError` if it is missing, damaged or of another body, or the record is of a log.
     """
     if not record.joint_names:
         raise InputError(f"{directory} is of a log, which has no joints; give the folder of a walk.")
@@ -213,11 +191,7 @@ def load_model(directory: Path, record: SimulationRecord) -> mujoco.MjModel:
 
 
 def read_table(path: Path) -> pa.Table:
-    """Read a file of a run.
-
-    Raises:
-        InputError: it is missing or cannot be read.
-    """
+    """Read a file of a run; raises InputError if it is missing or cannot be read."""
     return _readable(path, lambda path: pq.read_table(path, partitioning=None))
 
 

@@ -123,11 +123,7 @@ class SavedRun(Tabled):
 
 
 def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
-    """Read a run folder.
-
-    Args:
-        directory: folder with ``run.toml``, ``model.xml``, ``body.json``, record, signals and summary.
-        check: compare all files with the digests in the summary.
+    """Read a run folder; ``check`` compares all files with the digests in the summary.
 
     Raises:
         InputError: the folder or one of its files is missing, damaged, or not what the run wrote.
@@ -157,11 +153,7 @@ def save_description(description: BodyDescription, directory: Path) -> None:
 
 
 def load_description(directory: Path) -> BodyDescription:
-    """Description of the body of a run, from its folder.
-
-    Raises:
-        InputError: there is none, or it is damaged.
-    """
+    """Description of the body of a run, from its folder; raises InputError if it is missing or damaged."""
     try:
         return _DESCRIPTION.validate_json((directory / BODY_FILE).read_bytes())
     except (OSError, ValueError) as error:
@@ -174,9 +166,8 @@ def load_description(directory: Path) -> BodyDescription:
 def check_files(directory: Path) -> None:
     """Compare all files of a run with the digests in its summary.
 
-    Raises:
-        InputError: the record has another format; a file is missing, has no digest, or has changed since the
-            run was judged.
+    Raises :class:`InputError` if the record has another format, or a file is missing, has no digest, or has
+    changed since the run was judged.
     """
     read_header(directory)
     summary = read_json(directory / SUMMARY_FILE, Summary, _WALK_AGAIN)
@@ -196,8 +187,7 @@ def check_files(directory: Path) -> None:
 def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
     """SHA-256 of all files of a run, except those drawn from the others; of the summary without ``files``.
 
-    Raises:
-        InputError: one of them is not a regular file.
+    Raises :class:`InputError` if one of them is not a regular file.
     """
     rest = {name: value for name, value in summary.items() if name != "files"}
     found = {SUMMARY_FILE: hashlib.sha256(dump_json(rest).encode()).hexdigest()}

@@ -5,7 +5,6 @@ Every column carries its unit, its frame and its meaning in the metadata of its 
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from validation.store.record import read_table, write_table
+from validation.table import own_rows
 
 SIGNALS_FILE = "signals.parquet"
 
@@ -43,8 +43,7 @@ class SignalKind(NamedTuple):
         return list(map("".join, product(*choices)))
 
 
-with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as _file:
-    KINDS = tuple(SignalKind(**row) for row in csv.DictReader(_file))
+KINDS = tuple(SignalKind(**row) for row in own_rows("store/signals.csv"))
 """All kinds of columns, in order."""
 COLUMNS: Mapping[str, SignalKind] = MappingProxyType({name: kind for kind in KINDS for name in kind.names})
 """Kind of every column."""
@@ -92,10 +91,9 @@ class Signals(Brief):
         return int(starts[2]) if len(starts) > 2 else len(self)
 
     def vector(self, name: str, axes: str = "xyz") -> Array:
-        """Stack ``{name}_{axis}`` of the given axes, shape (N, len(axes)), in the unit of the columns.
+        """Stack ``{name}_{axis}``, shape (N, len(axes)), in their unit.
 
-        Raises:
-            InputError: a column is missing.
+        Raises InputError if one is missing.
         """
         return np.column_stack([self[f"{name}_{axis}"] for axis in axes])
 
@@ -111,11 +109,7 @@ def save_signals(table: pa.Table, path: str | Path) -> None:
 
 
 def load_signals(path: str | Path) -> Signals:
-    """Read the table.
-
-    Raises:
-        InputError: the file is missing or is not a table of signals.
-    """
+    """Read the table; raises InputError if the file is missing or is not a table of signals."""
     path = Path(path)
     table = read_table(path)
     arrays: dict[str, NDArray[Any]] = {}

@@ -48,7 +48,6 @@ class _Metric(_Entry):  # see `validation.judge.verdict.MetricResult.as_dict`
     tolerance: Number
     passed: bool | None = Field(alias="pass")
     margin: Number
-    first_step: Number
     display: _Displayed
     reason: str | None
     uncertainty: Number = None
@@ -129,7 +128,6 @@ class Summary(_Entry):
     energy: Annotated[
         Mapping[str, Number], _has("positive_work", "negative_work", "distance", "cost_of_transport")
     ]
-    self_checks: Mapping[str, Any]
     solver: Annotated[Mapping[str, Number], _has("ticks", "unsolved", "time_median", "time_p99")]
     scales: Annotated[Mapping[str, _Positive], _has("body_weight", "foot_length", "mass_height_velocity")]
     environment: Mapping[str, Any]
@@ -141,8 +139,7 @@ class Summary(_Entry):
 def read_json(path: Path, kind: type[BaseModel], way_out: str) -> dict[str, Any]:
     """Contents of a file of JSON as they are, if all that is read of them has the right types.
 
-    Raises:
-        InputError: it is missing, no JSON, or damaged; names the first entry of another type and the way out.
+    An :class:`InputError` names the first entry of another type and the way out.
     """
     try:
         found = json.loads(read_text(path))

@@ -12,19 +12,17 @@ from ampm.description import SOLE_POINT_GROUPS
 from ampm.exceptions import InputError
 from ampm.planner.centroidal import CentroidalPlan, phase_of
 from ampm.planner.support import StepPlan
+from validation.trial.record import FEET
 from validation.trial.users import check_suffix
 
 MOST_SAMPLES = 5_000_000
 """Samples of one table at most: about 2 GB of memory."""
 
-FEET = ("left", "right")
-
 
 def sample_times(duration: float, rate: float) -> NDArray[np.float64]:
-    """Times k / rate [Hz] that lie within the duration of a plan [s].
+    """Times k / rate [Hz] within the duration of a plan [s].
 
-    Raises:
-        InputError: the rate is not a positive finite number, or gives too many samples.
+    Raises :class:`InputError` if the rate is no positive finite number, or gives too many samples.
     """
     if not (math.isfinite(rate) and rate > 0):
         raise InputError(f"--rate {rate:g} Hz must be a positive number; give for example 200.")
@@ -38,15 +36,10 @@ def sample_times(duration: float, rate: float) -> NDArray[np.float64]:
 
 
 def plan_table(plan: CentroidalPlan, times: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-    """A plan at given times, one column per scalar.
+    """A plan at given times, shape (N,) [s]: column name to array (N,), in SI units and world frame.
 
-    Args:
-        plan: any plan. Every plan has the feet's placements (of a swinging foot the next one); one with a
-            body's soles also has the motion of their reference points, pitch, toe angle and contacts.
-        times: shape (N,) [s].
-
-    Returns:
-        Column name to array (N,). SI units, world frame; undefined entries are NaN.
+    Every plan has the feet's placements (of a swinging foot the next one); one with a body's soles also has
+    the motion of their reference points, pitch, toe angle and contacts. Undefined entries are NaN.
     """
     sample = plan.sample(times)
     phase = phase_of(plan.contacts.starts, sample.time)

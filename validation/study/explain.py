@@ -351,10 +351,8 @@ def _saved_case(folder: Path) -> Case:
         raise InputError(f"{folder} lacks its planner {made}, an object; name its class by gait.planner.")
     if not record.external_segments:
         return Case(request, saved.summary["profile"])
-    force, moment = record.external_force, record.external_moment
-    pushes = (Recorded(tuple(record.external_segments), force, moment, record.time_step),)
     run = request.run.replace({f"disturbance.push_{axis}": 0.0 for axis in "xyz"})
-    return Case(replace(request, run=run), saved.summary["profile"], pushes)
+    return Case(replace(request, run=run), saved.summary["profile"], (Recorded(record),))
 
 
 def possible(case: Case) -> Iterator[Change]:

@@ -66,18 +66,13 @@ def passive_joints(model: mujoco.MjModel) -> PassiveJoints:
 
 
 def pinocchio_model(model: mujoco.MjModel) -> pin.Model:
-    """Build the Pinocchio model of a compiled body.
+    """Build the Pinocchio model of a compiled body; it shares no memory with it.
 
     One Pinocchio joint per MuJoCo joint, of the same name and in the same order, chained through hinge
     stacks; inertias from ``body_mass/ipos/iquat/inertia``; armature; gravity; limits of position and effort.
-    Frames: one per body (``BODY``), per site (``OP_FRAME``) and per joint (``JOINT``).
-
-    Args:
-        model: as :mod:`models.build` makes it: a free root, hinges without a reference angle, a motor for
-            every hinge; names of joints, bodies and sites differ.
-
-    Returns:
-        The model; it shares no memory with ``model``.
+    Frames: one per body (``BODY``), per site (``OP_FRAME``) and per joint (``JOINT``). The model is as
+    :mod:`models.build` makes it: a free root, hinges without a reference angle, a motor for every hinge;
+    names of joints, bodies and sites differ.
     """
     result = pin.Model()
     result.name = model.names[: model.names.index(b"\0")].decode() or "body"
@@ -137,14 +132,9 @@ def _rotate(quaternion_wxyz: Array, vector: Array, *, inverse: bool = False) -> 
 
 
 def to_pinocchio(qpos: ArrayLike, qvel: ArrayLike) -> tuple[Array, Array]:
-    """Convert states of a free-root body from MuJoCo to Pinocchio.
+    """Convert states of a free-root body from MuJoCo to Pinocchio, as new arrays.
 
-    Args:
-        qpos: MuJoCo positions (..., nq); unit quaternion.
-        qvel: MuJoCo velocities (..., nv).
-
-    Returns:
-        Pinocchio q (..., nq) and v (..., nv), new arrays.
+    ``qpos`` (..., nq), with a unit quaternion, and ``qvel`` (..., nv) become q and v of the same shapes.
     """
     q, v = np.array(qpos, dtype=float), np.array(qvel, dtype=float)
     v[..., :3] = _rotate(q[..., 3:7], v[..., :3], inverse=True)

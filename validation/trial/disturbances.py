@@ -20,6 +20,7 @@ from ampm.geometry import Array
 from ampm.parameters import DisturbanceParameters, RunParameters
 from ampm.section import unknown
 from ampm.walk import ControlOutput
+from validation.trial.record import SimulationRecord
 from validation.trial.users import UsersCode, load_object, real_numbers
 
 _CLOCK = 1e-9  # tolerance of the start of a push, for rounding [s]
@@ -40,11 +41,7 @@ class Plant:
         """Force, moment and point of every segment that was pushed in this step, shape (9,)."""
 
     def segment(self, segment: str) -> int:
-        """Number of a segment in the model.
-
-        Raises:
-            InputError: there is no such segment.
-        """
+        """Number of a segment in the model; raises InputError if there is no such segment."""
         if segment not in self._segments:
             raise unknown(segment, self._segments, "segment to push")
         return self._segments[segment]
@@ -63,13 +60,10 @@ class Plant:
         return result[3:]
 
     def push(self, segment: str, force: ArrayLike, moment: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """Push a segment during this step; pushes add up.
+        """Push a segment during this step at its centre of mass; pushes add up.
 
-        The force acts at its centre of mass, shape (3,) [N]; the moment has shape (3,) [N m].
-
-        Raises:
-            InputError: there is no such segment.
-            ValueError: force or moment are not three finite numbers.
+        Force [N] and moment [N m] have shape (3,). Raises InputError if there is no such segment, and
+        ValueError if they are not three finite numbers.
         """
         body, parts = self.segment(segment), {"force": force, "moment": moment}.items()
         wrench = np.concatenate([real_numbers(name, value, (3,), finite=True) for name, value in parts])
@@ -133,24 +127,19 @@ class Push:
 class Recorded:
     """The forces of an earlier walk again, at the same times."""
 
-    segments: tuple[str, ...]  # that were pushed, S names
-    force: Array  # in every step, in world, shape (N, S, 3) [N]
-    moment: Array  # likewise, shape (N, S, 3) [N m]
-    time_step: float  # of that walk [s]
+    record: SimulationRecord
 
     def apply(self, time: float, plant: Plant) -> None:
-        """Push as at this time then."""
-        step = math.floor(time / self.time_step + _CLOCK)
-        for row, segment in enumerate(self.segments if step < len(self.force) else ()):
-            plant.push(segment, self.force[step, row], self.moment[step, row])
+        """Push what was pushed at this time then."""
+        record, step = self.record, math.floor(time / self.record.time_step + _CLOCK)
+        pushed = record.external_position[step].any(axis=1) if step < record.steps else ()
+        for row in np.flatnonzero(pushed).tolist():
+            force, moment = record.external_force[step, row], record.external_moment[step, row]
+            plant.push(record.external_segments[row], force, moment)
 
 
 def parse_push(text: str) -> Push:
-    """A push from ``SEGMENT,FX,FY,FZ,AT,DURATION``.
-
-    Raises:
-        InputError: the text is not a push.
-    """
+    """A push from ``SEGMENT,FX,FY,FZ,AT,DURATION``; another text raises InputError."""
     segment, *parts = (part.strip() for part in text.split(","))
     try:
         x, y, z, at, duration = (float(part) for part in parts)
@@ -162,11 +151,7 @@ def parse_push(text: str) -> Push:
 
 
 def load_disturbance(text: str) -> Disturbance:
-    """A disturbance of a user's own, from ``MODULE:CLASS``.
-
-    Raises:
-        InputError: it cannot be imported or made, or has no method ``apply``.
-    """
+    """A disturbance of a user's own, from ``MODULE:CLASS``; raises InputError if it is none."""
     factory = load_object("--disturbance", text)
     with UsersCode("disturbance", factory):
         made: Disturbance = factory()

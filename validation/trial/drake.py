@@ -59,11 +59,9 @@ def _pose(position: Any, quaternion: Any) -> RigidTransform:
 
 
 class _Plant:
-    """A compiled model as Drake's plant.
+    """A compiled model as Drake's plant: a floating tree of hinges, each with a motor.
 
-    Args:
-        model: a floating tree of hinges, each with a motor, and sole points on planes and boxes.
-        contact: of the sole points; None for a body in the air.
+    Its sole points touch planes and boxes by a ``contact``; None is for a body in the air.
 
     Attributes:
         segments: Drake's body of every segment.

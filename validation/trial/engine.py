@@ -47,11 +47,9 @@ _ONLY_MUJOCO = (
 
 
 def check_drake(run: RunParameters | None = None, model: mujoco.MjModel | None = None) -> None:
-    """Refuse what Drake cannot step, of a run and a model that are known already.
+    """Refuse a key of MuJoCo alone, dry friction in a joint, and Drake where it is not installed.
 
-    Raises:
-        InputError: a key has a meaning for MuJoCo alone, Drake is not installed, or a joint has dry friction,
-            which Drake does not have.
+    Of run and model what is known already is checked; raises :class:`InputError`.
     """
     for key in _ONLY_MUJOCO:
         if run and run.value(key) != (default := field_of(key).default):

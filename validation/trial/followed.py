@@ -67,11 +67,9 @@ class Followed:
         return number.astype(np.int32)
 
     def at(self, times: Array, lead: float = 0.0) -> PlanRows:
-        """What the plan that was valid a while before said of ascending times.
+        """What the plan that stood ``lead`` [s] before said of ascending times (N,) [s].
 
-        Args:
-            times: shape (N,) [s].
-            lead: how long before each of them the plan stood [s]. Before the walk the first plan stands.
+        Before the walk the first plan stands.
         """
         made = np.maximum(times - lead, 0.0)
         number, planner = self.numbers(made), self._planner(made)
@@ -119,8 +117,7 @@ class Stepped:
     def at(self, times: Array, made: Array, frozen: FrozenPlan) -> PlanRows:
         """What was planned of some times by the last tick up to ``made``, both of shape (M,) [s].
 
-        A plan that walks on repeats its last two steps after its end. No support is planned: ``points`` are
-        NaN.
+        A plan that walks on repeats its last two steps after its end. No support is planned.
         """
         tick, contacts = self.tick_of(made), frozen.plan.contacts
         walker, every = self.walker[tick], np.arange(len(times))
@@ -189,7 +186,7 @@ class Stepped:
             "heading": heading,
             "feet": on_floor.reshape(-1, 6),
             "headings": np.column_stack([heading, heading]),
-            "points": np.full((len(times), 12, 2), np.nan),
+            "zmp_margin": np.full(len(times), np.nan),
         }
         return PlanRows(columns | moved)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
-from ampm.geometry import Array, polygon_margin
+from ampm.geometry import Array, blocks, polygon_margin
 from ampm.planner.centroidal import PlanSample
 from ampm.planner.contacts import footprint
 from ampm.planner.newton import ALLOWED, newton_residual
@@ -21,7 +21,7 @@ from ampm.walk import WalkPlan
 
 _SAME = 1e-9  # time before a row that counts as the row [s]
 _SAMPLED = tuple(item.name for item in fields(PlanSample))
-_HELD = ("phase", "stance", "left_placement", "right_placement", "heading", "contact")
+_HELD = ("phase", "stance", "left_placement", "right_placement", "heading")
 """Columns that hold from one row to the next; others go on along a straight line."""
 
 
@@ -30,14 +30,18 @@ class PlanRows:
     """Columns of a plan at N ascending instants."""
 
     # those of a `PlanSample` by name; `feet`, reference points of both soles, left first, shape (N, 6) [m];
-    # `headings` of both feet (N, 2) [rad]; `momentum_z`, L_z of the posture, (N,) [N m s]; `points`, all
-    # twelve sole points, (N, 12, 2) [m], and `contact`, which of them are in contact, (N, 12); NaN points
-    # where the support is not planned
+    # `headings` of both feet (N, 2) [rad]; `momentum_z`, L_z of the posture, (N,) [N m s]; `zmp_margin`, see
+    # :meth:`StepPlan.zmp_margin`, (N,) [m], NaN where the support is not planned
     columns: Mapping[str, NDArray[Any]]
 
     @classmethod
     def of(cls, plan: WalkPlan, times: Array) -> PlanRows:
         """Sample a plan; one that has ended stays at its end."""
+        return cls.joined([cls._block(plan, times[rows]) for rows in blocks(len(times))])
+
+    @classmethod
+    def _block(cls, plan: WalkPlan, times: Array) -> PlanRows:
+        """Sample some rows."""
         at = np.minimum(times, plan.duration)
         sample, feet = plan.sample(at), plan.feet.sample(at)
         return cls(
@@ -47,8 +51,7 @@ class PlanRows:
                 "feet": np.hstack([foot.position for foot in feet]),
                 "headings": np.column_stack([foot.heading for foot in feet]),
                 "momentum_z": np.array(plan.posture.sample(at).angular_momentum_z),
-                "points": np.concatenate([foot.sole_points[:, :, :2] for foot in feet], axis=1),
-                "contact": np.concatenate([foot.contact.repeat(2, axis=1) for foot in feet], axis=1),
+                "zmp_margin": plan.zmp_margin(at),
             }
         )
 
@@ -66,17 +69,9 @@ class PlanRows:
         """COM, ZMP, force and momentum."""
         return PlanSample(**{name: self.columns[name] for name in _SAMPLED})
 
-    @cached_property
-    def zmp_margin(self) -> Array:
-        """See :meth:`StepPlan.zmp_margin`; NaN where the support is not planned."""
-        margin = polygon_margin(self.points, self.contact, self.zmp)
-        margin = np.where(self.contact.any(axis=1), margin, -np.inf)
-        return np.where(np.isnan(self.points[:, 0, 0]), np.nan, margin)
-
     def without_plan(self, stance: NDArray[np.int8]) -> PlanRows:
         """NaN for all that is planned, and what stands, shape (N,), in place of the planned stance."""
-        known = {"time": self.time, "contact": self.contact, "stance": stance}
-        known["phase"] = (stance == 2).astype(np.int8)
+        known = {"time": self.time, "stance": stance, "phase": (stance == 2).astype(np.int8)}
         return PlanRows({name: np.full(v.shape, np.nan) for name, v in self.columns.items()} | known)
 
     def at(self, times: Array) -> PlanRows:
@@ -124,12 +119,9 @@ class FrozenPlan:
 
     @classmethod
     def of(cls, plan: WalkPlan, times: Array, *, exact: bool = True) -> FrozenPlan:
-        """Sample a plan at ascending times (N,) [s], and check it.
+        """Sample a plan at ascending times (N,) [s]; raises InputError if it contradicts itself.
 
         ``exact`` asks for its least margin, which lies between the instants.
-
-        Raises:
-            InputError: it contradicts itself.
         """
         if not times.size:
             return cls(plan, PlanRows.of(plan, times), math.nan)
@@ -160,11 +152,7 @@ def check_contacts(
 ) -> None:
     """Raise ValueError for a plan whose feet or ZMP contradict its contacts in the middle of a phase.
 
-    Args:
-        plan: centroidal motion, feet and contacts.
-        after: what comes before is not checked [s].
-        phases: how many are checked; all by default.
-        outside: how far the ZMP may be outside the support [m].
+    Some phases ``after`` a time [s] are checked, by default all. The ZMP may be ``outside`` the support [m].
     """
     ahead = [phase for phase in plan.contacts.phases if phase.start + phase.duration > after][:phases]
     times = np.array([0.5 * (max(phase.start, after) + phase.start + phase.duration) for phase in ahead])

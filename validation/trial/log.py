@@ -140,11 +140,10 @@ class RunLog:
             self.external[segment] = np.concatenate([push, np.zeros((self.steps - len(push), 9))])
 
     def close(self, done: int, outcome: Outcome) -> SimulationRecord:
-        """Add the instant at which the last step ends, and return the record.
+        """Add the instant at which the last step ends, and return the record without a copy of the arrays.
 
-        Returns:
-            The record, without a copy of the arrays: ``done + 1`` rows of instants, ``done`` of steps, and
-            the ticks that began in them. An incomplete step has no tick either.
+        It has ``done + 1`` rows of instants, ``done`` of steps, and the ticks that began in them. An
+        incomplete step has no tick either.
         """
         physics, data, record = self.physics, self.physics.data, self.record
         data.qpos[:], data.qvel[:] = record.q[done], record.qd[done]

@@ -63,14 +63,9 @@ class BodyState(NamedTuple):
 
 
 class Physics:
-    """One simulation: model, data, and the quantities read at every step.
+    """One simulation of a body in its world: model, data, and the quantities read at every step.
 
-    Args:
-        body: in its world.
-        run: engine, time step and control frequency.
-
-    Raises:
-        InputError: the engine cannot step the body.
+    Raises :class:`InputError` if the engine cannot step the body.
     """
 
     def __init__(self, body: Body, run: RunParameters) -> None:

@@ -80,20 +80,18 @@ class Body(Brief):
     shapes: Shapes  # that must keep apart
 
     @classmethod
-    def of(cls, model: BodyModel) -> Body:
-        """The body of a model."""
+    def of(cls, model: BodyModel, shapes: Shapes | None = None) -> Body:
+        """The body of a model, with shapes of its own."""
         # Imported here: simulator and Pinocchio take a second to load.
         from validation.trial.shapes import Shapes, make_robot
 
         compiled = model.compile()
-        shapes = Shapes(compiled)
+        shapes = shapes or Shapes(compiled)
         return cls(model, make_robot(compiled, model.description, shapes), shapes)
 
     def again(self) -> Robot:
         """A robot of its own for a controller, whose changes reach no other part of the walk."""
-        from validation.trial.shapes import make_robot  # as above
-
-        return make_robot(self.model.compile(), self.model.description, self.shapes)
+        return Body.of(self.model, self.shapes).robot
 
 
 @dataclass(frozen=True)
@@ -122,8 +120,7 @@ class PlannedWalk(Brief):
     def scene(self) -> Body:
         """The body in its world as it is simulated; ``body`` itself if the run changes neither.
 
-        Raises:
-            InputError: the run's disturbance does not fit the body or its plan.
+        Raises :class:`InputError` if the run's disturbance does not fit the body or its plan.
         """
         from validation.trial.scene import disturbed_model  # imported here because SciPy is slow to load
 
@@ -132,22 +129,13 @@ class PlannedWalk(Brief):
 
     @property
     def motion(self) -> WholeBodyMotion:
-        """The periodic whole-body step.
-
-        Raises:
-            InputError: the walk has another posture.
-        """
+        """The periodic whole-body step; raises InputError if the walk has another posture."""
         from ampm.body.motion import PeriodicPosture  # imported here because NumPy is slow to load
 
         if isinstance(self.plan.posture, PeriodicPosture):
             return self.plan.posture.motion
         kind = type(self.plan.posture).__name__
         raise InputError(f"{self.name} walks with {kind}, not with a periodic motion; plan a periodic gait.")
-
-    @cached_property
-    def zmp_margin(self) -> float:
-        """Least distance of the planned ZMP from the edge of the support polygon [m]."""
-        return self.plan.least_zmp_margin()[0]
 
 
 def load_request(
@@ -196,20 +184,12 @@ def load_request(
     return Request(name, run, {key: run.value(key) for key in keys if key not in _SHOWN})
 
 
-def load_requests(
-    gaits: Sequence[str | None],
-    settings: Sequence[str] = (),
-    *,
-    as_is: bool = False,
-    sections: Mapping[str, Any] = MappingProxyType({}),
-) -> list[Request]:
-    """Resolve several gaits with the same settings; arguments as in :func:`load_request`.
+def load_requests(gaits: Sequence[str | None], settings: Sequence[str] = (), **options: Any) -> list[Request]:
+    """Resolve gaits with the same settings, as :func:`load_request`.
 
-    Raises:
-        InputError: as :func:`load_request`, or two gaits of one name.
-        MathematicalRefusal: a gait has no plan.
+    Each has a name of its own and a plan.
     """
-    resolved = [load_request(gait, settings, as_is=as_is, sections=sections) for gait in gaits]
+    resolved = [load_request(gait, settings, **options) for gait in gaits]
     name, count = Counter(item.name for item in resolved).most_common(1)[0]
     if count > 1:
         raise InputError(f"{count} gaits are named {name!r}; give every gait once, by its own name.")
@@ -219,11 +199,7 @@ def load_requests(
 
 
 def check_formula(request: Request) -> None:
-    """Refuse a gait whose formula has no solution, unless values that it leaves open may give one.
-
-    Raises:
-        MathematicalRefusal: it has none.
-    """
+    """Refuse a gait whose formula has no solution, unless values that it leaves open may give one."""
     if not leaves_open(request.run) or request.run.gait.c_y <= 0.0:
         with _way_out(request.run):
             plan_gait(request.run.gait, request.run.body.mass)
@@ -244,11 +220,7 @@ def _way_out(run: RunParameters) -> Iterator[None]:
 
 
 def own_gait(run: RunParameters) -> RunParameters:
-    """The run with mass and height of its body; of another body than the human with a gait of its size.
-
-    Raises:
-        InputError: there is no such body.
-    """
+    """The run with mass and height of its body; of another body than the human with a gait of its size."""
     if run.body.source == HUMAN:
         return run
     # Imported here: simulator and Pinocchio take a second to load.
@@ -259,11 +231,7 @@ def own_gait(run: RunParameters) -> RunParameters:
 
 
 def make_body(run: RunParameters) -> Body:
-    """Build the body of a run.
-
-    Raises:
-        InputError: the body cannot be read, or Drake cannot step it.
-    """
+    """Build the body of a run; raises InputError if it cannot be read, or Drake cannot step it."""
     # Imported here: simulator and Pinocchio take a second to load.
     from models.build import build_body
     from validation.trial.engine import check_drake
@@ -305,7 +273,7 @@ def plan_walk(
     says = vars(type(planner))  # see ampm.walk.Planner
     tunes, checked = says.get("tunes", False), says.get("checked", False)
     name = str(getattr(planner, "name", type(planner).__name__))
-    if run.command != CommandParameters() and name != NO_PLAN and says.get("checked", False):
+    if run.command != CommandParameters() and name != NO_PLAN and checked:
         raise InputError(
             f"the planner {name or 'ampm'} follows no commanded velocity; leave out the keys command.*, or "
             "walk with --planner none.",
@@ -381,15 +349,13 @@ def _check_plan(plan: WalkPlan, run: RunParameters, robot: Robot) -> None:
             )
 
 
-def tune_walk(request: Request, progress: Progress | None = None, *, advise: bool = True) -> PlannedWalk:
+def tune_walk(request: Request, progress: Progress | None = None) -> PlannedWalk:
     """Find the values that a request leaves open, changed or not; given values are kept.
-
-    A refusal tells ways out if it is to ``advise``, which costs further searches.
 
     Raises:
         InputError: nothing is open.
-        MathematicalRefusal, BodilyRefusal: nothing walks; :class:`ampm.tune.tuning.NoFeasibleChoice`,
-            a BodilyRefusal, says which limit stayed broken.
+        MathematicalRefusal, BodilyRefusal: nothing walks; a :class:`ampm.tune.tuning.NoFeasibleChoice` says
+            which limit stayed broken.
     """
     from ampm.planners import PeriodicPlanner  # imported here: Pinocchio is slow to load
     from ampm.tune.tuning import tune
@@ -403,7 +369,7 @@ def tune_walk(request: Request, progress: Progress | None = None, *, advise: boo
     with progress.stage(f"{request.name}: what is left open") as stage:
         body = make_body(run)
         level = run.replace({"gait.cross_slope": 0.0})  # legs of different length repeat no step
-        tuned = tune(level, body.robot, progress=stage.note, advise=advise)
+        tuned = tune(level, body.robot, progress=stage.note)
     if run.gait.cross_slope:
         run = tuned.run.replace({"gait.cross_slope": run.gait.cross_slope})
         tuned = replace(tuned, run=run, plan=PeriodicPlanner().plan(run, body.robot))

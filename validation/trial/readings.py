@@ -214,10 +214,8 @@ def make_estimator(
 ) -> Estimator | None:
     """The estimator of a walk that is planned to start in a state; None for ``exact``.
 
-    The factory is the one that the run names by default.
-
-    Raises:
-        InputError: there is none, or it cannot be made.
+    The factory is the one that the run names by default. Raises :class:`InputError` if there is none, or it
+    cannot be made.
     """
     factory = factory or ESTIMATOR.find(run.sensors.estimator, run.sensors.options)
     if factory is None:

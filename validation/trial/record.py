@@ -7,14 +7,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
-from ampm.geometry import Array
+from ampm.geometry import Array, blocks
 
 if TYPE_CHECKING:
     from validation.trial.followed import Followed
@@ -176,21 +175,20 @@ class SimulationRecord:
             return max(self.steps, 1)
         return round(float(self.tick_time[1]) / self.time_step)
 
-    @cached_property
+    @property
     def torque(self) -> Array:
-        """Torque of every step, shape (K, nu) [N m]."""
-        torque = self.torque_at(np.arange(self.steps))
-        torque.setflags(write=False)
-        return torque
+        """Torque of every step, shape (K, nu) [N m]; computed anew at each call."""
+        return self.torque_at(np.arange(self.steps))
 
     def torque_at(self, rows: Sequence[int] | NDArray[np.intp]) -> Array:
         """Torques of some steps, shape (n, nu) [N m]."""
-        tick, since = np.divmod(np.minimum(np.asarray(rows, dtype=np.intp), self.steps - 1), self.substeps)
-        torque = self.tick_torque[tick]
-        if since.any():  # as end_step of validation.trial.step does it
-            rate, limit = self.torque_rate[tick], self.torque_limit
-            moved = np.clip(torque + (since * self.time_step)[:, None] * rate, -limit, limit)
-            torque = np.where(np.isnan(rate) | (since == 0)[:, None], torque, moved)
+        ticks, since = np.divmod(np.minimum(np.asarray(rows, dtype=np.intp), self.steps - 1), self.substeps)
+        torque = self.tick_torque[ticks]
+        for part in blocks(len(ticks) if since.any() else 0):  # as end_step of validation.trial.step does it
+            rate, limit = self.torque_rate[ticks[part]], self.torque_limit
+            moved = np.clip(torque[part] + (since[part] * self.time_step)[:, None] * rate, -limit, limit)
+            goes_on = ~np.isnan(rate) & (since[part] > 0)[:, None]
+            torque[part] = np.where(goes_on, moved, torque[part])
         return torque
 
 
@@ -217,13 +215,9 @@ CONSTANTS = tuple(
 def support_height(floor: Array, height: Array, load: Array) -> Array:
     """Height of the floor under points, each on the surface nearest to it, averaged by their loads.
 
-    Args:
-        floor: heights of its surfaces, ascending, shape (L,); empty if it slopes, then points are on it [m].
-        height: of the points, shape (..., P) [m].
-        load: vertical force on each, shape (..., P) [N].
-
-    Returns:
-        Shape (...) [m]; of the lowest surface, or point, where there is no load.
+    The floor has surfaces of ascending heights, shape (L,), none if it slopes: then points are on it [m].
+    Heights of the points have shape (..., P) [m], as the vertical force on each [N]. Shape (...) [m]; of the
+    lowest surface, or point, where there is no load.
     """
     if len(floor) == 1:
         return np.full(height.shape[:-1], floor[0])

@@ -34,15 +34,9 @@ class Course:
 class References(Course):
     """References of the plan then valid, one for each control tick.
 
-    A plan is sampled when it is handed over, for all of the walk, and not later.
-
-    Args:
-        plan: the first one.
-        run: its section ``controller``.
-        physics: of the walk, with its time step and substeps.
-        steps: walking steps asked for; None: all of the plan then valid.
-        planner: goes on planning, at its period, from what the controller senses.
-        controller: gets every plan, if it has ``follow``.
+    A plan is sampled when it is handed over, for all of the walk, and not later. Of None ``steps`` all of the
+    plan then valid are walked. The planner goes on planning from what the controller senses; the controller
+    gets every plan, if it has ``follow``.
 
     Attributes:
         timing: look-ahead of the references.

@@ -39,9 +39,7 @@ def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> 
     """The body in its world as it is simulated; ``body`` itself if the run does not change them.
 
     The floor is as high as the footsteps of the plan's contacts; a step of the floor is at one of them.
-
-    Raises:
-        InputError: there is no such segment or footstep, or a disturbance needs a level floor.
+    Raises :class:`InputError` if there is no such segment or footstep, or a disturbance needs a level floor.
     """
     wanted = run.disturbance
     if wanted == DisturbanceParameters() and not uneven(contacts.footsteps) and contacts.slope == LEVEL:

@@ -24,16 +24,12 @@ TRUNK = 0
 
 
 class Shapes:
-    """Shapes of a body and the pairs of them that must keep apart.
+    """Shapes of a compiled body and the pairs of them that must keep apart; ``only_legs`` those of both legs.
 
     A limb is a chain of segments to a free end, a leg one that has sole points; the rest is the trunk. Left
     out are pairs within one limb or the trunk, of segments that a joint connects, directly or by way of short
     segments between its hinges, of leg and trunk, and of shapes that are drawn into each other: they overlap
     with all joints at 0.
-
-    Args:
-        model: compiled model.
-        only_legs: pairs of both legs alone.
     """
 
     def __init__(self, model: mujoco.MjModel, *, only_legs: bool = False) -> None:

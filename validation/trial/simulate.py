@@ -55,11 +55,11 @@ def simulate(
     """Walk a plan and record everything.
 
     Args:
-        planned: plan, run, body and replanner; it starts on the plan's own posture. The run's section
-            ``disturbance`` acts, unknown to the controller.
+        planned: it starts on the plan's own posture; the disturbances of its run are unknown to the
+            controller.
         controller: makes the controller from robot and run; the one that the run names by default.
         estimator: makes the estimator; the one that the run names by default.
-        disturbances: further forces; the controller gets no information on them.
+        disturbances: further forces, likewise unknown.
         steps: walking steps; by default those of the plan, and of a planner that goes on ``gait.steps``, or
             over footsteps all.
         progress: called with (simulation steps done, all) now and then.
@@ -121,10 +121,7 @@ def simulate(
 
 
 def stand(planned: PlannedWalk, physics: Physics, factory: EstimatorFactory | None) -> Any:
-    """Stand before a walk with its sensors, on two soles side by side.
-
-    Returns:
-        The run's estimator with what it found.
+    """The run's estimator with what it found, standing on two soles side by side before the walk.
 
     Raises:
         InputError: the floor is not level, the estimator has no ``begin``, or the body does not stand.
@@ -162,11 +159,7 @@ def forces_of(run: RunParameters, disturbances: Sequence[Disturbance], end: floa
 
 
 def place(physics: Physics, run: RunParameters, start: Reference) -> State:
-    """Place the body on a reference's posture, with the run's errors of the start.
-
-    Returns:
-        The state as controller and estimator know it.
-    """
+    """Place the body on a reference's posture, with errors of the run; the state as controllers know it."""
     q, v, off = start.q.copy(), start.v.copy(), run.disturbance
     if off.start_velocity:
         v[:3] += off.start_velocity * np.random.default_rng([off.seed, 2]).standard_normal(3)
@@ -194,13 +187,8 @@ def _on_floor(record: SimulationRecord, floor: Array) -> SimulationRecord:
 class ClosedLoop:
     """Controller and physics, a control tick at a time, and the record of it.
 
-    Args:
-        physics: placed at the start.
-        controller: at its first tick; None if :meth:`act` is called with what acts.
-        course: what the walk follows and when it ends; both may change at a tick.
-        run: parameters; its section ``disturbance`` has the faults of the motors.
-        estimator: that makes the state; None for the true one, as the sensors of the run read it.
-        disturbances: external forces.
+    The physics are placed at the start. The controller is None if :meth:`act` is called with what acts, and
+    the estimator for the true state, as the sensors of the run read it.
 
     Attributes:
         command: of the last tick.
@@ -253,8 +241,7 @@ class ClosedLoop:
     def run(self, progress: Callable[[int, int], None] | None = None) -> SimulationRecord:
         """Walk to the end of the course; an interrupt or a user's error ends it, and the record is kept.
 
-        Raises:
-            InputError: a user's class fails in the first step, or for lack of memory or files.
+        Raises :class:`InputError` if a user's class fails in the first step, or for lack of memory or files.
         """
         end, course, controller = None, self.course, cast("Controller", self.controller)
         try:
@@ -363,10 +350,9 @@ class ClosedLoop:
         return self.watch.check(k * self.physics.time_step, status, residual=residual, limit=limit)
 
     def _take(self, output: ControlOutput) -> None:
-        """Copy a controller's output; NaN for what it does not say.
+        """Copy a controller's output, NaN for what it does not say.
 
-        Raises:
-            ValueError: a part has another shape, or no real numbers.
+        Raises ValueError of another shape or type.
         """
         for name, target, shape in self._parts:
             value = getattr(output, name)

@@ -38,10 +38,8 @@ def sense(log: StepLog, contacts: int) -> None:
 def act(log: StepLog, k: int, status: int, residual: float, iterations: int, seconds: float) -> bool:
     """Let the torque of a tick act, within the motors' limits, and keep its command from step k on.
 
-    Status, residual, iterations and seconds are those of :class:`~ampm.walk.ControlOutput`.
-
-    Returns:
-        False if nothing acts, as a torque, a rate or the COM of the reference is not finite.
+    Status, residual, iterations and seconds are those of :class:`~ampm.walk.ControlOutput`. False if nothing
+    acts, as a torque, a rate or the COM of the reference is not finite.
     """
     command, record = log.command, log.record
     torque, rate, limit, ctrl = command.torque, command.rate, log.body.torque_limit, log.body.ctrl

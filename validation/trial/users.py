@@ -43,11 +43,7 @@ class UsersError(InputError):
 
 
 class UsersCode:
-    """Context that turns an error of a user's class into one sentence.
-
-    Raises:
-        UsersError: anything was raised but an :class:`AmpmError`, which passes.
-    """
+    """Context that turns an error of a user's class into a :class:`UsersError`, but an :class:`AmpmError`."""
 
     def __init__(self, what: str, thing: Any) -> None:
         self.what, self.thing = what, thing
@@ -70,9 +66,8 @@ class UsersCode:
 def real_numbers(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = False) -> NDArray[Any]:
     """Array of a value that a user's code returned, of any type of real numbers.
 
-    Raises:
-        ValueError: another shape, no real numbers, or a number that is not finite and must be; ``name`` is
-            that of the value.
+    Raises ValueError, with the value's ``name``, for another shape, no real numbers, or one that is not
+    finite and must be.
     """
     array = np.asarray(value)
     if array.shape != shape:
@@ -89,10 +84,9 @@ SENT: dict[str, Any] = {}
 
 
 def load_object(option: str, text: str) -> Any:
-    """Import the object ``module:name``; modules of the working directory are found, too.
+    """Import the object ``module:name``, also of the working directory.
 
-    Raises:
-        InputError: there is no such module, or no such name in it.
+    Raises InputError if there is none.
     """
     if text in SENT:
         return SENT[text]
@@ -125,8 +119,7 @@ class Role:
     def find(self, text: str, options: Mapping[str, Option] = MappingProxyType({})) -> Any:
         """Import the class or function of a name: ours, an installed package's, or ``module:Class``.
 
-        Returns:
-            The class; None where a name of ours stands for none.
+        None is that of a name of ours that stands for no class.
 
         Raises:
             InputError: nothing has this name, it cannot be imported, or an option is unknown or missing.
@@ -188,26 +181,24 @@ CONTROLLER = Role(
     name="controller",
     key="controller.name",
     options="controller.options",
-    known=MappingProxyType(
-        {
-            "ampm": "ampm.control.controller:TrackingController",
-            "joint-pd": "ampm.control.joint_pd:JointPD",
-        }
-    ),
+    known={
+        "ampm": "ampm.control.controller:TrackingController",
+        "joint-pd": "ampm.control.joint_pd:JointPD",
+    },
     arguments=2,
 )
 ESTIMATOR = Role(
     name="estimator",
     key="sensors.estimator",
     options="sensors.options",
-    known=MappingProxyType({EXACT: "", "kalman": "ampm.sensors.kalman:Kalman"}),
+    known={EXACT: "", "kalman": "ampm.sensors.kalman:Kalman"},
     arguments=3,
 )
 PLANNER = Role(
     name="planner",
     key="gait.planner",
     options="planner.options",
-    known=MappingProxyType(dict.fromkeys(STEP_PLANNERS, "") | {NO_PLAN: "ampm.planners:StandingPlanner"}),
+    known=dict.fromkeys(STEP_PLANNERS, "") | {NO_PLAN: "ampm.planners:StandingPlanner"},
     arguments=0,
     otherwise="a table FILE.csv or FILE.parquet, or MODULE:CLASS",
 )
@@ -216,10 +207,8 @@ PLANNER = Role(
 def load_planner(text: str, options: Mapping[str, Option] = MappingProxyType({})) -> "Planner":
     """The planner that a text names.
 
-    Args:
-        text: a name of :data:`ampm.planner.step_planners.STEP_PLANNERS`, a table (``.csv`` or ``.parquet``,
-            see :mod:`ampm.planner.table`), a name of an installed package, or ``module:Class``.
-        options: keyword arguments of the class.
+    It is a name of :data:`ampm.planner.step_planners.STEP_PLANNERS`, a table (``.csv`` or ``.parquet``, see
+    :mod:`ampm.planner.table`), a name of an installed package, or ``module:Class``, made with ``options``.
 
     Raises:
         InputError: there is no such planner, the table cannot be read, or an option is unknown or missing.
@@ -274,13 +263,9 @@ def replan_period(planner: Any) -> float:
 
 
 def read_columns(path: Path) -> dict[str, NDArray[Any]]:
-    """Read a table.
+    """Columns of a table by name, shape (N,) each; an empty cell is NaN, or None among texts.
 
-    Returns:
-        Column name to array (N,); an empty cell is NaN, or None among texts.
-
-    Raises:
-        InputError: another suffix, or a file that is missing or no such table.
+    Raises :class:`InputError` if it has another suffix, or is missing or no such table.
     """
     # Imported here: pyarrow is slow to load.
     import pyarrow.csv

@@ -115,7 +115,7 @@ class End(NamedTuple):
 
 
 class Watch:
-    """Checks every control tick, and reports when the walk is over.
+    """Checks at every control tick whether the walk is over.
 
     Args:
         stance: of the body, whose numbers change.
@@ -135,16 +135,9 @@ class Watch:
         self._look = bound(look, (refer(stance), self._last_com, self._off))
 
     def check(self, time: float, status: int, *, residual: float = 0.0, limit: str = "") -> End | None:
-        """One tick.
+        """The end of the walk at a tick [s], None while it goes on.
 
-        Args:
-            time: [s].
-            status: of the controller's tick.
-            residual: of its QP.
-            limit: description of the torque or joint at its limit, if the status is ``LIMITED``.
-
-        Returns:
-            None while the walk goes on.
+        The residual is that of its QP; ``limit`` describes the torque or joint at its limit, if there is one.
         """
         stance = self.stance
         span, self._last_time = time - self._last_time, time

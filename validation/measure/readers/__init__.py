@@ -15,11 +15,7 @@ READERS: Mapping[str, str] = {".c3d": "c3d", ".mcap": "mcap"}
 
 
 def reader_of(path: Path) -> Callable[[Path], dict[str, Any]] | None:
-    """Function that reads a file as columns, None for a table.
-
-    Raises:
-        InputError: its library is not installed.
-    """
+    """Function that reads a file as columns, None for a table; raises InputError without its library."""
     if path.suffix not in READERS:
         return None
     if not path.is_file():
