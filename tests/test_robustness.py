@@ -1,6 +1,5 @@
 """A robustness study: ladders, replicas, tables, and short walks of its own."""
 
-import csv
 import json
 import math
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 
 import ampm as planner
-from docs.robustness import KEYS, keys_table
 from tests.solved import body_of, walk_of
 from validation.cli.app import Status
 from validation.study.many import Task, write_study
@@ -93,12 +91,6 @@ def test_the_cells_cover_all_pushes_and_all_keys():
     for cell in others:
         sizes = [abs(value - ("factor" in cell.key)) for value in cell.values]
         assert sizes == sorted(sizes)
-
-
-def test_the_docs_have_every_key_with_its_unit():
-    with KEYS.open(encoding="utf-8", newline="") as file:
-        written = [tuple(row) for row in csv.reader(file)]
-    assert written == keys_table()
 
 
 def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch, ampm):

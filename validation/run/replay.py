@@ -152,7 +152,7 @@ def _tables(
             yield file, table, repeated[file]
     every = kept_rows(record.steps, record.time_step)
     if len(stored) != (count := len(range(record.steps)[every])):
-        raise InputError(f"{SIGNALS_FILE} is damaged: it has not {count} rows; walk the gait again.")
+        raise InputError(f"{SIGNALS_FILE} is damaged: it should have {count} rows; walk the gait again.")
     held = measured_columns(measured, every)
     yield SIGNALS_FILE, {name: stored[name] for name in held}, held
 

@@ -32,10 +32,10 @@ class Course:
 
 
 class References(Course):
-    """References of the plan then valid, one for each control tick.
+    """References of the plan in force, one for each control tick.
 
-    A plan is sampled when it is handed over, for all of the walk, and not later. Of None ``steps`` all of the
-    plan then valid are walked. The planner goes on planning from what the controller senses; the controller
+    A plan is sampled when it is handed over, for all of the walk, and not later. Without ``steps`` all of the
+    plan in force is walked. The planner goes on planning from what the controller senses; the controller
     gets every plan, if it has ``follow``.
 
     Attributes:
@@ -122,7 +122,7 @@ class References(Course):
         self.follow(plan)
 
     def _walk(self) -> Iterator[Reference]:
-        """The references, as long as the plan then valid goes on."""
+        """The references, as long as the plan in force goes on."""
         while self._tick * self.substeps < self.total:
             self._last = self.table[self._tick - self.since[-1]]
             self._tick += 1
