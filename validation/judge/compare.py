@@ -32,14 +32,9 @@ from validation.trial.unplanned import MeasuredSupports, heading_velocity
 RUN = "run"
 """The window that is judged: the run without its first step, or all of it if it begins at rest."""
 
+_CAUSES = "com_position", "com_acceleration", "momentum_rate", "vertical_force", "instrument"
 PARTS: Mapping[str, str] = MappingProxyType(
-    {
-        "com_position": "COM position",
-        "com_acceleration": "COM acceleration",
-        "momentum_rate": "momentum rate",
-        "vertical_force": "vertical force",
-        "instrument": "instrument",
-    }
+    {name: name.replace("com_", "COM ").replace("_", " ") for name in _CAUSES}
 )
 """Parts of the ZMP error, and their labels; see :class:`ZmpErrorSplit`."""
 

@@ -1,23 +1,8 @@
 """Registry of metrics: name, readable name, unit, computation and tolerances of every judged number.
 
 Comparison, profiles, verdict, columns of a sweep, reports, recordings and convergence read their metrics
-here, so one :func:`register` is enough for a new metric. Files name it by ``name``, tables and figures by
-``label``::
-
-    register(
-        Metric(
-            name="trunk_drop",
-            unit="m",
-            label="COM, largest distance below the plan",
-            meaning="largest distance of the COM below its planned height",
-            kind="walk",
-            compute=lambda walk: float((walk.sample.com - walk.measured.com)[walk.inside, 2].max()),
-            tolerances={"default": 0.01},
-            reason="More than 1 cm is visible.",
-        )
-    )
-
-Call it before the walk. Worker processes of sweeps and studies get it, too.
+here, so one :func:`register` before the walk is enough for a new :class:`Metric`. Files name it by ``name``,
+tables and figures by ``label``. Worker processes of sweeps and studies get it, too.
 """
 
 import math

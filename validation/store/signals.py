@@ -79,11 +79,7 @@ class Signals(Brief):
 
     def switches(self) -> NDArray[np.intp]:
         """Rows at which a planned phase begins, the first row included."""
-        phase, stance = self["phase"], self["stance"]
-        if not len(phase):
-            return np.zeros(0, dtype=np.intp)
-        change = (phase[1:] != phase[:-1]) | (stance[1:] != stance[:-1])
-        return np.flatnonzero(np.r_[True, change])
+        return changes(np.column_stack([self["phase"], self["stance"]]))[: len(self)]
 
     def first_step(self) -> int:
         """Number of rows of the first step: one single and one double support."""

@@ -14,12 +14,11 @@ from ampm.exceptions import InputError
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Columns of an MCAP file of ROS 2.
+    """Columns of an MCAP file of ROS 2: every number of every topic whose messages have a header.
 
-    Returns:
-        Every number of every topic whose messages have a header, such as ``/left_ft.wrench.force.z``, and
-        ``time`` of the headers of the topic that has most wrenches, at which all others are interpolated [s];
-        NaN before the first and after the last message of a topic. ROS has SI units.
+    They are named as ``/left_ft.wrench.force.z``. ``time`` is of the headers of the topic that has most
+    wrenches [s]; all others are interpolated there, NaN before the first and after the last message of a
+    topic. ROS has SI units.
 
     Raises:
         InputError: no MCAP file of ROS 2, or one without a wrench.
