@@ -1,6 +1,5 @@
 """A robustness study: ladders, replicas, tables, and short walks of its own."""
 
-import csv
 import json
 import math
 from types import SimpleNamespace
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 
 import ampm as planner
-from docs.robustness import KEYS, keys_table
 from tests.solved import body_of, walk_of
 from validation.cli.app import Status
 from validation.study.many import Task, write_study
@@ -110,12 +108,6 @@ def test_a_replica_has_the_momentum_of_its_push_and_a_seed_of_its_own():
         momentum = np.hypot(push.push_x, push.push_y) * push.push_duration
         assert momentum == pytest.approx(0.5 * walk.plan.mass)
         assert (push.seed, run.sensors.seed, push.start_velocity > 0.0) == (seed, seed, seed > 0)
-
-
-def test_the_docs_have_every_key_with_its_unit():
-    with KEYS.open(encoding="utf-8", newline="") as file:
-        written = [tuple(row) for row in csv.reader(file)]
-    assert written == keys_table()
 
 
 def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch, ampm):
