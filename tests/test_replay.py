@@ -97,7 +97,7 @@ def test_the_header_and_missing_rows_are_noticed(pushed, tmp_path):
     found = val.replay(forge(pushed, tmp_path / "heavier", "joints.parquet", heavier))
     assert (found.file, found.signal) == ("joints.parquet", "mass")
     short = forge(pushed, tmp_path / "short", "signals.parquet", lambda table: table.slice(1))
-    with pytest.raises(InputError, match="has not 679 rows"):
+    with pytest.raises(InputError, match="should have 679 rows"):
         val.replay(short)
 
 

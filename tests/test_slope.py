@@ -122,7 +122,7 @@ def test_footsteps_on_the_slope_pass(changes):
 @pytest.mark.parametrize("changed", [{"z": 0.02}, {"heading": 0.1}], ids=str)
 def test_footsteps_off_the_slope_are_refused(changed):
     steps = [*FOOTSTEPS[:3], FOOTSTEPS[3] | changed, *FOOTSTEPS[4:]]
-    with pytest.raises(InputError, match=r"gait\.slope = 0\.0524 takes footsteps straight along x"):
+    with pytest.raises(InputError, match=r"gait\.slope = 0\.0524 needs footsteps straight along x"):
         val.walk(sloping(STEEP, footsteps=steps))
 
 

@@ -77,7 +77,7 @@ def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
     correlation = float(np.sum(one * other)) / math.sqrt(product or math.inf)
     if not correlation > _LEAST:
         raise InputError(
-            f"{log.name} is like the plan nowhere: the correlation of force and ZMP is {correlation:.2f} and "
+            f"{log.name} matches the plan nowhere: the correlation of force and ZMP is {correlation:.2f} and "
             f"must be more than {_LEAST:g}; give x forward and y left, another plan, or its start (--start)."
         )
     return start, correlation
