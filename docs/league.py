@@ -119,7 +119,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     planners = dict.fromkeys(row["planner"] for row in rows)
     looks = {
         name: {"marker": marker, "facecolors": "none", "edgecolors": f"C{k}", "linewidths": 1.6}
-        for k, (name, marker) in enumerate(zip(planners, "osD^vPXh<>8", strict=False))
+        for k, (name, marker) in enumerate(zip(planners, "osD^vPXh<>pd*8", strict=False))
     }
     for axes, task in zip(plots, tasks, strict=False):
         for row in rows:
