@@ -154,10 +154,11 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
 
 def whole_strides(log: Log, taken: Array, margin: float = 0.0) -> list[tuple[float, float]]:
     """Strides from one instant to the next [s] that a log has without a gap, with a share of them around."""
-    holes, found = log.time[:-1][np.diff(log.time) > 1.5 * log.time_step], []
+    gaps, found = np.flatnonzero(np.diff(log.time) > 1.5 * log.time_step), []
+    leaves, returns = log.time[gaps], log.time[gaps + 1]
     for begin, end in pairwise(taken.tolist()):
         first, last = begin - margin * (end - begin), end + margin * (end - begin)
-        if log.time[0] <= first and last <= log.time[-1] and not ((holes > first) & (holes < last)).any():
+        if log.time[0] <= first and last <= log.time[-1] and not ((returns > first) & (leaves < last)).any():
             found.append((begin, end))
     return found
 
