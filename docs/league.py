@@ -14,12 +14,12 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from figures import save_figure, style
 from matplotlib.figure import Figure
 from trials import DATA, write_rows
 
 import validation as val
 from validation.cli.console import Narrator
-from validation.show.style import save_figure, style
 from validation.show.text import replace_between
 from validation.study.rank import Ranking
 from validation.table import ABSENT, Table, format_number
@@ -48,7 +48,7 @@ def main() -> None:
     """Walk what is missing, write the data, and from the data page and picture."""
     if sys.argv[1:] != ["page"]:
         os.chdir(ROOT)  # the planners are examples.planners
-        val.sweep(LEAGUE, KEPT, resume=KEPT.exists(), progress=Narrator())
+        val.sweep(LEAGUE, out=KEPT, resume=KEPT.exists(), progress=Narrator())
         write_rows("league", [COLUMNS, *rows_of(val.rank(KEPT))])
     found = read()
     page = replace_between(PAGE.read_text(encoding="utf-8"), "league", overview(found).markdown())
