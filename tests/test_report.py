@@ -13,9 +13,10 @@ from tests.browser import look
 from tests.saved_run import make_run
 from validation.show.chart import decimate
 from validation.show.cost_table import cost_table, reported_table
+from validation.show.curves import CURVES
 from validation.show.report import REPORT_FILE, render, write_report
 from validation.show.rerun.record import verdict_markdown, write_recording
-from validation.show.run_figures import middle
+from validation.show.run_figures import RunFigures, middle
 from validation.show.style import MEASURED
 from validation.show.walker import INSTANTS, draw_walker
 from validation.store.saved import load_saved_run, run_events
@@ -92,6 +93,14 @@ def test_page_shows_the_tables_of_the_run(run_dir, html):
         saved, summary={**saved.summary, "changed": {"gait.c_y": 0.93, "solver.tolerance": 1e-5}}
     )
     assert f"<h1>{changed.title}" in render(changed) != html
+
+
+def test_an_error_is_drawn_as_measured_minus_planned_in_the_unit_of_its_axis(run_dir):
+    saved = load_saved_run(run_dir)
+    force = [saved.signals[f"{kind}_force_z"] for kind in ("measured", "plan")]
+    error = 100.0 * (force[0] - force[1]) / (saved.record.mass * saved.record.gravity)
+    drawn = RunFigures(saved, saved.plan()).tracking(CURVES["force_z"]).charts[2].marks[0].points[:, 1]
+    assert (drawn.min(), drawn.max()) == pytest.approx((np.nanmin(error), np.nanmax(error)))
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.9])

@@ -17,7 +17,7 @@ from validation.table import Table, format_number, print_tables
 if TYPE_CHECKING:
     from validation.run.body_check import BodyCheck
 
-group = typer.Typer(help="List the bodies that can walk, and check them.")
+group = typer.Typer(help="List bodies, describe a new one from its model, and check it.")
 app = typer.Typer()
 app.add_typer(group, name="body", rich_help_panel=options.BODIES)
 

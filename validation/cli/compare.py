@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-_NAME = "Of all walks; or once for each."
+_NAME = "Once for all walks, or once for each."
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,8 @@ def compare(
 
     Gaits are walked, sweeps compared run by run. The first line is the conclusion: who tracks the ZMP best,
     at which cost, and how near to the limits. Behind a comma a planner or controller has its own options:
-    --planner "mine:Planner,gain=2". Sweeps are matched by the parameters of their runs, the first is the
-    reference, and a regression is told by the status.
+    --planner "mine:Planner,gain=2". Of two sweeps the first is the reference: runs are matched by their
+    parameters, and the exit status tells a regression.
     """
     # Imported here because simulator and measurement are slow to load.
     from validation.study.compare.comparison import compare_gaits, compare_runs
@@ -89,7 +89,7 @@ def compare(
     done = [text for text in walks if text in sweeps or Path(text).is_dir()]
     if done and (len(done) < len(walks) or len(done) < 2 or settings or choices or steps or as_is):
         raise InputError(
-            f"{done[0]} is finished; compare it with other finished ones, without options of a gait "
+            f"{done[0]} is the folder of a run; compare it with other runs, without options of a gait "
             "('ampm validate --out DIR' keeps the run of a gait)."
         )
     found: WalkComparison | SweepComparison

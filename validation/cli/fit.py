@@ -26,11 +26,11 @@ def fit(
     *,
     columns: Columns = None,
     mass: Annotated[
-        float | None, option("--mass", "Of the body; that of the mean vertical force if not given.", "KG")
+        float | None, option("--mass", "Mass of the body; by default that of the mean vertical force.", "KG")
     ] = None,
     com_height: Annotated[
         float | None,
-        option("--com-height", "Mean height of the COM over the floor, of a log without COM.", "M"),
+        option("--com-height", "Mean height of the COM over the floor, for a log without COM.", "M"),
     ] = None,
     result: Result,
 ) -> int:

@@ -40,13 +40,13 @@ class Files:
         Path | None, option("--save", "Write the complete gait, with the values found.", "FILE.toml")
     ] = None
     force: Annotated[bool, option("--force", "Replace an earlier gait at --save.")] = False
-    samples: Annotated[
-        Path | None, option("--samples", "Write the plan's signals at k / rate.", "FILE.csv|.parquet")
-    ] = None
+    samples: Annotated[Path | None, option("--samples", "Write the plan's signals.", "FILE.csv|.parquet")] = (
+        None
+    )
     rate: Annotated[float, option("--rate", "Samples per second.", "HZ")] = RATE
     motion: Annotated[
         Path | None,
-        option("--motion", "Write every joint over one step of the whole-body motion.", "FILE.csv|.parquet"),
+        option("--motion", "Write the joints over one step of the whole-body motion.", "FILE.csv|.parquet"),
     ] = None
     plot: Annotated[Path | None, option("--plot", "Draw the plan.", "FILE.png")] = None
 
@@ -61,7 +61,7 @@ class Files:
 
         gait = request.run.gait
         if self.rate != RATE and self.samples is None:
-            raise InputError("--rate is that of the samples; give --samples FILE, too, or leave it out.")
+            raise InputError("--rate needs --samples FILE; give it, too, or leave --rate out.")
         for table in filter(None, (self.samples, self.motion)):
             check_new_file(table, ".csv", ".parquet")
         if self.samples is not None:
@@ -89,14 +89,13 @@ def plan(
 ) -> int:
     """Plan a gait without walking it: constants, motion, picture.
 
-    With a body (the default) the plan is checked against its soles, legs and joints, and the constant of L_y
-    is the one that makes the body's motion periodic. Where a preset's gait or body is changed, what it leaves
-    open is found on plan and motion alone, and printed with the tightest margins; what is given stays. It is
-    the plan that 'ampm validate' walks, refusals included.
+    This is the plan that 'ampm validate' walks, refusals included. It is checked against soles, legs and
+    joints of the body, and the constant of L_y makes the body's motion periodic. If gait or body differ from
+    a preset's, open values are found and printed with the tightest margins; given values stay.
 
     With --footsteps the gait gives height, slopes of the force line and durations of the supports. The first
-    two rows of the file are where both feet stand, the one that swings first at the head; then left and right
-    land in turn.
+    two rows of the file are where both feet stand, first the foot that swings first; then left and right land
+    in turn.
     """
     from ampm.planner.closed_form import LIPM
     from ampm.planner.periodic import plan_gait
@@ -188,9 +187,15 @@ def plan_tables(
         notes.append(f"least distance of two parts of the body: {distance}, at least {1000 * CLEARANCE:g} mm")
     tables = [Table(f"plan of {request.title}", ("constant", ">value", "unit", "meaning"), rows, notes)]
     if walk is not None and walk.tuned is not None:
-        found = [(key, format_value(value)) for key, value in walk.tuned.values.items()]
+        from ampm.run_file import key_info
+
+        units = {key: key_info(key).unit for key in walk.tuned.values}
+        found = [
+            (key, format_value(value), "" if units[key] == "1" else units[key])
+            for key, value in walk.tuned.values.items()
+        ]
         notes = ["tightest margins:", *(f"  {text}" for text in _margins(walk.tuned)[:4])]
-        tables.append(Table(f"found for {request.name}", ("key", ">value"), found, notes))
+        tables.append(Table(f"found for {request.name}", ("key", ">value", "unit"), found, notes))
     return tables
 
 

@@ -62,15 +62,13 @@ Settings = Annotated[
     list[str] | None,
     option("--set", "Change one parameter, e.g. gait.c_s=1.2; see 'ampm keys'.", "KEY=VALUE"),
 ]
-AsIs = Annotated[
-    bool, option("--as-is", "Keep the values that the gait leaves open: those of the preset, or defaults.")
-]
+AsIs = Annotated[bool, option("--as-is", "Take open values from the preset or the defaults; find none.")]
 Body = Annotated[
     str | None,
     option(
         "--body",
-        "Body that walks: human, or a name of 'ampm body list', or its description. Without a gait it walks "
-        "one of its size.",
+        "Body that walks: a name of 'ampm body list', or a description. Without GAIT it walks a gait of its "
+        "size.",
         "NAME|FILE.toml",
     ),
 ]
@@ -79,8 +77,8 @@ Uncertainty = Annotated[
     list[Path] | None,
     option(
         "--uncertainty",
-        "convergence.json of a gait, from 'ampm convergence': a value closer to its limit, or to the "
-        "value beside it, than its numerical uncertainty is undecided. Repeatable, one per gait.",
+        "convergence.json of a gait, from 'ampm convergence': a value closer to its limit, or to that of "
+        "another walk, than its numerical uncertainty is undecided. Repeatable, one per gait.",
         "FILE",
     ),
 ]
@@ -88,8 +86,8 @@ Columns = Annotated[
     list[str] | None,
     option(
         "--columns",
-        "Column of the log under another name, maybe with unit and sign: com_x=COMx[mm], force_z=-Fz; or a "
-        "TOML file of such lines. Repeatable.",
+        "A column of the log that has another name, unit or sign: com_x=COMx[mm], force_z=-Fz; or a TOML "
+        "file of such lines. Repeatable.",
         "NAME=COLUMN[UNIT]|FILE.toml",
     ),
 ]
@@ -98,7 +96,7 @@ OwnMetrics = Annotated[
     option("--metric", "A metric of your own, a val.Metric in a module. Repeatable.", "MODULE:NAME"),
 ]
 OwnProfile = Annotated[
-    str | None, option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P")
+    str | None, option("--profile", f"Tolerance profile: {PROFILES}; by default the preset's own.", "P")
 ]
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]
 
@@ -148,18 +146,20 @@ class WalkOptions:
         str | None,
         option(
             "--planner",
-            "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, your own, which may replan, or "
-            "none: the body begins standing, and its controller walks by itself.",
+            "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, or a class of your own, which "
+            "may replan. With none the body begins standing, and its controller walks by itself.",
             "NAME|FILE.csv|.parquet|MODULE:CLASS",
         ),
     ] = None
     controller: Annotated[
         str | None,
-        option("--controller", "Short for controller.name: ampm, joint-pd, your own.", "NAME|MODULE:CLASS"),
+        option(
+            "--controller",
+            "Short for controller.name: ampm, joint-pd, or a class of your own.",
+            "NAME|MODULE:CLASS",
+        ),
     ] = None
-    engine: Annotated[
-        str | None, option("--engine", "Short for simulation.engine: mujoco, or drake.", "mujoco|drake")
-    ] = None
+    engine: Annotated[str | None, option("--engine", "Short for simulation.engine.", "mujoco|drake")] = None
     command: Annotated[
         str | None,
         option(
@@ -190,7 +190,8 @@ class Length:
         Path | None,
         option(
             "--footsteps",
-            "Walk over footsteps from rest to rest: foot,x,y,heading [m, rad]; z [m], time [s] if wanted.",
+            "Walk over footsteps from rest to rest: columns foot, x, y [m], heading [rad]; optional z [m], "
+            "time [s].",
             "FILE.csv",
         ),
     ] = None
@@ -218,12 +219,17 @@ class Running:
     resume: Annotated[bool, option("--resume", "Go on with what is missing in --out.")] = False
     workers: Annotated[
         int | None,
-        option("--workers", "Processes; one per core by default, 0 to walk in this very one.", "N", least=0),
+        option(
+            "--workers",
+            "Number of processes; by default one per core; 0 walks in this process.",
+            "N",
+            least=0,
+        ),
     ] = None
     scheduler: Annotated[
         str | None,
         option(
-            "--scheduler", "Run on this dask scheduler: tcp://HOST:8786, or its --scheduler-file.", "ADDRESS"
+            "--scheduler", "Run on this dask scheduler: its address, tcp://HOST:8786, or its file.", "ADDRESS"
         ),
     ] = None
     as_json: Json = False
@@ -252,7 +258,7 @@ class Result:
         Path | None,
         option(
             "--out",
-            "Folder of the result; of several gaits, one sub-folder each. runs/NAME-TIME if not given.",
+            "Folder of the result, with a sub-folder for each of several gaits; by default runs/NAME-TIME.",
             "DIR",
         ),
     ] = None
@@ -274,14 +280,16 @@ class Disturbing:
         list[str] | None,
         option(
             "--push",
-            "Push a segment: force in N, begin and duration in s; e.g. chest,50,0,0,2,0.1. Repeatable.",
+            "Push a segment by a force [N] from a time [s] on: chest,50,0,0,2,0.1. Repeatable.",
             "SEGMENT,FX,FY,FZ,AT,DURATION",
         ),
     ] = None
     disturbance: Annotated[
         list[str] | None,
         option(
-            "--disturbance", "A disturbance of your own, made without arguments. Repeatable.", "MODULE:CLASS"
+            "--disturbance",
+            "A disturbance of your own, a class without arguments. Repeatable.",
+            "MODULE:CLASS",
         ),
     ] = None
 

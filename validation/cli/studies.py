@@ -37,7 +37,7 @@ def sweep(
 
     FILE defines the runs: grids, lists, Latin hypercubes or Sobol points over any parameter. Runs walk on
     this machine or a cluster; every finished one is on the disk at once. After a kill, a full disk or Ctrl-C,
-    --resume walks exactly what is missing, and the table is the same to the bit.
+    --resume walks only what is missing, and the table is the same to the bit.
     """
     from validation.study.sweep.run import forecast  # loads simulator and measurement
     from validation.study.sweep.run import sweep as walk_sweep
@@ -79,7 +79,8 @@ def rank(
         str, option("--by", "What is ranked: planner, controller, or a key that the sweep varies.", "KEY")
     ] = "planner",
     ahead: Annotated[
-        float, option("--ahead", "How long before an instant the plan stood: 0, .05, .1, .2 or .4 s.", "S")
+        float,
+        option("--ahead", "Compare with the plan as it stood so long before: 0, .05, .1, .2 or .4 s.", "S"),
     ] = 0.1,
     recordings: Annotated[
         Path | None,
@@ -89,8 +90,8 @@ def rank(
 ) -> int:
     """Rank the planners of a sweep.
 
-    Every gait of the sweep is a task; what else varies are replicas. Planners share a rank where survival and
-    error do not differ by more than the doubt: that of the replicas, numerical uncertainty and contact.
+    Every gait of the sweep is a task; runs that differ in other keys are replicas. Planners share a rank
+    unless survival or error differ by more than the doubt, which comes from replicas, numerics and contact.
     """
     from validation.study.rank import rank as ranked
 
@@ -116,9 +117,9 @@ def convergence(
     gait: options.Gait = None,
     *,
     walk: options.WalkOptions,
-    steps: Annotated[int, option("--steps", "Walked at every level: the gait is periodic.", "N")] = 6,
+    steps: Annotated[int, option("--steps", "Steps of every walk.", "N")] = 6,
     levels: Annotated[
-        int, option("--levels", "Of every numerical study, 3 ... 6; 4 can confirm an order.", "N")
+        int, option("--levels", "Levels of every numerical study, 3 to 6; 4 can confirm an order.", "N")
     ] = 4,
     profile: Annotated[str, option("--profile", f"Tolerance profile: {options.PROFILES}.", "P")] = "default",
     execution: options.Running,
@@ -156,23 +157,22 @@ def robustness(
     *,
     walk: options.WalkOptions,
     quick: Annotated[
-        bool, option("--quick", "Fewer pushes, and every grid coarser: a quarter of an hour on two cores.")
+        bool, option("--quick", "Fewer pushes and coarser grids: a quarter of an hour on two cores.")
     ] = False,
     only: Annotated[
         list[str] | None,
-        option("--only", "Kind: pushes, or a key of disturbance or sensors. Repeatable.", "KIND"),
+        option("--only", "Study only this: pushes, or a key of disturbance or sensors. Repeatable.", "KIND"),
     ] = None,
     replicas: Annotated[
-        int, option("--replicas", "Walks of every value, of which four fifths have to survive.", "N")
+        int, option("--replicas", "Walks for each push; four fifths have to survive.", "N")
     ] = 5,
     profile: options.OwnProfile = None,
     execution: options.Running,
 ) -> int:
     """Find the pushes and disturbances that a gait survives.
 
-    Body and controller are those of the run. Pushes of 0.1 s by direction, phase and height, and rising
-    values of the keys of disturbance and sensors. A value counts if it and
-    all smaller ones are survived.
+    Pushes of 0.1 s grow, for each direction, phase and height, and so do values of the keys of disturbance
+    and sensors. The largest value counts up to which all are survived.
     """
     from validation.study.robustness.study import robustness as study
 
@@ -203,8 +203,8 @@ def explain(
     """Say which part of a trial makes it fail.
 
     The trial is walked again with one layer made ideal at a time: sensing, motors, body, friction, floor,
-    contact law, numerics, controller, planner, pushes. What is ideal already is not walked. If no single
-    layer restores the pass, pairs of the best three are. The folder of a run gets explain.json, which 'ampm
+    contact law, numerics, controller, planner, pushes. If no single layer restores the pass, pairs of the
+    best three are tried. The folder of a run gets explain.json, which 'ampm
     report' shows.
     """
     from validation.study.explain import explain as study

@@ -43,8 +43,8 @@ def validate(
     real mass distribution, unilateral contact, friction and limited torque can realise the plan, how closely,
     and at what effort.
 
-    Where a preset's gait or body is changed, what it leaves open (heights, timing, angles of the feet) is
-    found for the change, and printed; what is given stays.
+    If gait or body differ from a preset's, open values (heights, timing, angles of the feet) are found and
+    printed; given values stay.
     """
     from ampm.run_file import leaves_open
     from validation.judge import profiles
@@ -141,19 +141,24 @@ def report(
         Path, typer.Argument(help="Folder of a run, a comparison of walks, or a sweep.", metavar="DIR")
     ],
     figures: Annotated[
-        Path | None, option("--figures", "Write the page's figures for a paper here, instead.", "DIR")
+        Path | None, option("--figures", "Write the figures of the page for a paper, not the page.", "DIR")
     ] = None,
-    form: Annotated[str, option("--format", "Of the figures.", "pdf|svg|pgf")] = "pdf",
-    width: Annotated[str, option("--width", "Of a column; wide figures span two.", "88mm")] = "88mm",
+    form: Annotated[str, option("--format", "Format of the figures.", "pdf|svg|pgf")] = "pdf",
+    width: Annotated[str, option("--width", "Width of a column; wide figures span two.", "88mm")] = "88mm",
     tables: Annotated[
-        str | None, option("--tables", "The page's tables, too; printed without --figures.", "tex|md|csv")
+        str | None,
+        option("--tables", "Write the page's tables, too; without --figures print them.", "tex|md|csv"),
     ] = None,
     evidence: Annotated[
-        Path | None, option("--evidence", "Write the evidence of a run here, instead.", "FILE.zip")
+        Path | None, option("--evidence", "Write the evidence of a run, not the page.", "FILE.zip")
     ] = None,
     study: Annotated[
         list[Path] | None,
-        option("--study", "For it: robustness, a comparison of engines, a judged log. Repeatable.", "DIR"),
+        option(
+            "--study",
+            "A study for --evidence: robustness, a comparison of engines, a judged log. Repeatable.",
+            "DIR",
+        ),
     ] = None,
 ) -> int:
     """Write the report of a run, a comparison or a sweep again from its files, or its figures for a paper.

@@ -184,7 +184,8 @@ class Picture:
     @property
     def text(self) -> str:
         """Number and caption."""
-        return f"Figure {self.number}. {self.label}. {self.caption}".rstrip()
+        label = self.label[:1].upper() + self.label[1:]
+        return f"Figure {self.number}. {label}. {self.caption}".rstrip()
 
     @property
     def image(self) -> Markup:

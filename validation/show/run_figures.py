@@ -42,6 +42,11 @@ def middle(signals: Signals) -> slice:
     return found[len(found) // 2] if found else slice(0, len(signals))
 
 
+def middle_name(signals: Signals) -> str:
+    """What :func:`middle` is, for titles."""
+    return "two steps" if strides(signals) else "whole run"
+
+
 def shade_double_support(chart: Chart, signals: Signals, window: slice, *, from_zero: bool = False) -> None:
     """Shade the planned double supports, on the clock of the walk or from 0 on."""
     first = float(signals.time[window.start]) if from_zero else 0.0
@@ -131,9 +136,11 @@ class RunFigures:
         self._signal(lower, curve, curve.title)
         shade_double_support(large, signals, rows)
         title = f"Error of {SIGNALS[name].label}"
-        large.name(f"{title}, two steps", f"[{short_unit(unit)}]")
+        large.name(f"{title}, {middle_name(signals)}", f"[{short_unit(unit)}]")
         self._finish_run(whole, f"{title}, whole run", f"[{short_unit(unit)}]")
-        caption = "Of the whole-body motion, as the AMPM does not plan it." * (curve.reference == "motion")
+        caption = "The plan is that of the whole-body motion; the AMPM does not plan it." * (
+            curve.reference == "motion"
+        )
         return Picture(charts, f"{curve.title}: error, plan and measurement", caption)
 
     def _signal(self, chart: Chart, curve: Curve, title: str) -> Chart:

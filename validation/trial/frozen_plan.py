@@ -137,10 +137,9 @@ class FrozenPlan:
         found = newton_residual(plan, np.minimum(times, plan.duration))
         if not found.size <= ALLOWED:
             raise InputError(
-                f"the plan contradicts itself at {found.time:.4g} s: its {found.what} and the rest of it are "
-                f"{1e3 * found.size:.3g} mm apart by Newton's law, as a distance of the ZMP, and at most "
-                f"{1e3 * ALLOWED:g} mm are let pass; make ZMP, COM, acceleration and momentum "
-                "agree, or leave out what ampm.make_plan derives."
+                f"the plan contradicts itself at {found.time:.4g} s: by Newton's law its {found.what} "
+                f"differs from the rest by {1e3 * found.size:.3g} mm of ZMP, more than {1e3 * ALLOWED:g} mm; "
+                "make ZMP, COM, acceleration and momentum agree, or leave out what ampm.make_plan derives."
             )
         margin = plan.least_zmp_margin(until) if exact else None
         return cls(plan, PlanRows.of(plan, times), found.size, margin)

@@ -205,16 +205,19 @@ class WalkComparison(Tabled):
     def _tracking(self) -> str:
         """Who tracks the ZMP best, with the errors."""
         rows = {row.name[4]: row for row in self.rows if row.name in ("zmp_x_rmse", "zmp_y_rmse")}
-        errors = [f"{axis} {listed(list(map(_shown, row.values)))} {row.unit}" for axis, row in rows.items()]
-        said = ", ".join(errors)
+        errors = []
+        for axis, row in rows.items():
+            values = (f"{side.label} {_shown(v)}" for side, v in zip(self.sides, row.values, strict=True))
+            errors.append(f"{axis}: {', '.join(values)} {row.unit}")
+        said = "; ".join(errors)
         best = {axis: self.sides[row.better].label for axis, row in rows.items() if row.better is not None}
         if best:
             where = {name: listed([axis for axis in best if best[axis] == name]) for name in best.values()}
             who = listed([f"{label} along {axes}" for label, axes in where.items()])
             return f"The ZMP is tracked best by {who} ({said})"
         if any(row.differs for row in rows.values()):
-            return f"Of {self.title} none tracks the ZMP best ({said})"
-        return f"{self.title} track the ZMP equally well ({said}, differences within the doubt)"
+            return f"No walk tracks the ZMP best ({said})"
+        return f"{self.title} track the ZMP equally well ({said}; the differences are within the doubt)"
 
     def _spending(self) -> str:
         """Who spends more, of the costs that differ."""
@@ -262,7 +265,7 @@ class WalkComparison(Tabled):
         notes = [
             f"A difference counts if it is larger than the doubt: {self.basis}. Smaller is better, except "
             "for margins, distances and flexion.",
-            "The first step is left out. Measured values are compared with the own plan of each walk.",
+            "The first step is left out. Each walk is compared with its own plan.",
         ]
         if self.unlike:
             notes.append(

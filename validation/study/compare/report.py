@@ -15,7 +15,7 @@ from validation.run.trial import draw_run
 from validation.show.chart import DASHED, Picture, decimate, new_charts, numbered
 from validation.show.page import render_page
 from validation.show.paper import cite_run
-from validation.show.run_figures import middle, shade_double_support
+from validation.show.run_figures import middle, middle_name, shade_double_support
 from validation.show.style import INK, PARTS
 from validation.store.folders import output_file
 from validation.store.json import write_json
@@ -131,7 +131,8 @@ def _draw(sides: Sequence[Side], name: str) -> Picture:
             chart.line(*decimate(time, plan), color, dash=DASHED)
     shade_double_support(chart, first, middle(first), from_zero=True)
     title = f"{'Error of ' if is_error else ''}{SIGNALS[name].label}"
-    chart.title, chart.xlabel, chart.ylabel = f"{title}, two steps", "time [s]", f"[{unit}]"
+    title = title[0].upper() + title[1:]
+    chart.title, chart.xlabel, chart.ylabel = f"{title}, {middle_name(first)}", "time [s]", f"[{unit}]"
     chart.top = max(chart.top, chart.heading_height() + 4.0)
     caption = "Measured minus planned." if is_error else "Measured; dashed: the plan of each."
     return Picture(charts, f"{title} of all walks", caption)

@@ -126,7 +126,7 @@ def convergence(
         StudyStopped: see :func:`validation.study.many.walk_many`.
     """
     if steps < 2:
-        raise InputError(f"--steps {steps}: the first step is in no metric; walk 2 at least.", value=steps)
+        raise InputError(f"--steps {steps}: the first step is not judged; walk 2 or more.", value=steps)
     limits, folder = profiles.profile(profile), study_folder(execution)
     request = load_request(gait, settings)
     request = replace(request, run=request.run.replace({"gait.steps": steps}))
