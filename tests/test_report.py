@@ -117,9 +117,10 @@ def test_a_fall_is_told_as_one(tmp_path, seconds):
     assert any(level == "CRITICAL" and "fell" in text for _, level, text in run_events(saved))
     assert "fell" in verdict_markdown(saved)
     if seconds:
-        poses = draw_walker(saved, saved.plan(), middle(saved.signals))
-        assert len(poses) == INSTANTS
-        assert float(poses[-1].title.split()[0]) == pytest.approx(seconds, abs=0.02)
+        (chart,) = draw_walker(saved, saved.plan(), middle(saved.signals))
+        *_, last = chart.xticks
+        assert len(chart.xticks) == INSTANTS
+        assert float(last.split()[0]) == pytest.approx(seconds, abs=0.02)
 
 
 def test_names_from_outside_are_escaped(run_dir):
@@ -170,16 +171,16 @@ def test_the_first_screen_has_verdict_contents_walker_and_gait(html, tmp_path, s
 def test_the_walker_is_drawn_from_saved_joint_angles_forces_and_zmps(run_dir):
     saved = load_saved_run(run_dir)
     signals, stride = saved.signals, middle(saved.signals)
-    poses = draw_walker(saved, saved.plan(), stride)
-    phases = [pose.title.partition("\n")[2] for pose in poses]
-    single = ["left single support"] * 2, ["right single support"] * 2
+    (chart,) = draw_walker(saved, saved.plan(), stride)
+    phases = [text.partition("\n")[2] for text in chart.xticks]
+    single = ["left support"] * 2, ["right support"] * 2
     assert phases == [*single[0], "double support", *single[1], "double support"]
-    for pose in poses:
-        row = int(np.searchsorted(signals.time, float(pose.title.split()[0]) - 0.006))
-        near = slice(row, row + 8)  # the title is rounded
-        shapes = pose.marks
-        (zmp,) = [shape.points[0, 0] for shape in shapes if shape.stroke == MEASURED and shape.round]
+    zmps = [mark.points[0, 0] for mark in chart.marks if mark.stroke == MEASURED and mark.round]
+    for (text, at), zmp in zip(chart.xticks.items(), zmps, strict=True):
+        row = int(np.searchsorted(signals.time, float(text.split()[0]) - 0.006))
+        near = slice(row, row + 8)  # the text is rounded
         offsets = (signals["measured_zmp_x"] - signals["measured_com_x"])[near]
-        assert np.abs(offsets - zmp).min() < 1e-3
-        lowest = min(shape.points[:, 1].min() for shape in shapes if shape.opacity < 1.0)
+        assert np.abs(offsets - (zmp - at)).min() < 1e-3
+        shapes = [mark for mark in chart.marks if mark.opacity < 1.0 and abs(mark.points[0, 0] - at) < 0.45]
+        lowest = min(mark.points[:, 1].min() for mark in shapes)
         assert lowest == pytest.approx(0.0, abs=0.01)  # the lowest shape is on the floor
