@@ -14,12 +14,12 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from figures import save_figure, style
 from matplotlib.figure import Figure
 from trials import DATA, write_rows
 
 import validation as val
 from validation.cli.console import Narrator
-from validation.show.style import save_figure, style
 from validation.show.text import replace_between
 from validation.study.rank import Ranking
 from validation.study.sweep.design import SweepDefinition, load_sweep
@@ -33,6 +33,8 @@ LEAGUE = "examples/league/league.toml"
 COARSE = {"simulation.time_step": 0.002}  # [s]
 TABLES = {"league": False, "league-pushed": True}
 """Tables of the page, and whether their tasks are pushed."""
+LIKE_NORMAL = ("slow", "turn", "stop", "stairs")
+"""Tasks that the page leaves out: the data file has them."""
 COLUMNS = (
     "task",
     "planner",
@@ -52,7 +54,7 @@ def main() -> None:
     """Walk what is missing, write the data, and from the data page and picture."""
     if sys.argv[1:] != ["page"]:
         os.chdir(ROOT)  # the planners are examples.planners
-        val.sweep(league(), KEPT, resume=KEPT.exists(), progress=Narrator())
+        val.sweep(league(), out=KEPT, resume=KEPT.exists(), progress=Narrator())
         write_rows("league", [COLUMNS, *rows_of(val.rank(KEPT))])
     found = read()
     page = PAGE.read_text(encoding="utf-8")
@@ -96,7 +98,7 @@ def read() -> list[Row]:
 def overview(rows: Sequence[Row], *, pushed: bool) -> Table:
     """Rank, error and survival of every planner in every task with a push, or without."""
     tasks, planners = (list(dict.fromkeys(row[name] for row in rows)) for name in ("task", "planner"))
-    tasks = [task for task in tasks if task.startswith("push") == pushed]
+    tasks = [task for task in tasks if task.startswith("push") == pushed and task not in LIKE_NORMAL]
     cells = {(row["planner"], row["task"]): row for row in rows}
 
     def text(row: Row) -> str:

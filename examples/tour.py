@@ -15,7 +15,6 @@ import numpy as np
 import ampm
 import validation as val
 from ampm.planner import routes
-from validation.study.many import study_folder
 from validation.study.robustness.study import cause_of
 from validation.trial.plan import Request, complete, load_request, plan_walk
 from validation.trial.simulate import simulate
@@ -35,6 +34,11 @@ def targets(seed, count):
         x, y = x + away * math.cos(way), y + away * math.sin(way)
         found.append((x, y, heading))
     return found
+
+
+def hinged(model):
+    """Names of the segments that a hinge moves."""
+    return [model.body(k).name for k in dict.fromkeys(model.jnt_bodyid[1:].tolist())]
 
 
 def punches(seed, share, segments, until):
@@ -82,9 +86,7 @@ def walk_tour(seed, request, count, share):
     places = targets(seed, count)
     planned = plan_tour(request, places)
     plan, body = planned.plan, planned.body.model
-    model = body.compile()
-    hinged = [model.body(k).name for k in dict.fromkeys(model.jnt_bodyid[1:].tolist())]
-    pushes = punches(seed, share, hinged, until=float(plan.contacts.step_ends[-1]))
+    pushes = punches(seed, share, hinged(body.compile()), until=float(plan.contacts.step_ends[-1]))
     record = simulate(planned, disturbances=pushes)
     off, cause = distances(places, plan, record), cause_of(record, body)  # no cause: completed
     row = {"seed": seed, "outcome": cause.partition(":")[0] or "completed", "cause": cause}
@@ -94,12 +96,11 @@ def walk_tour(seed, request, count, share):
 
 def walk_tours(gait, settings, seeds, count, share, workers=None, out=None, resume=False):
     """Walk the tours of seeds 0, 1, ... and return their rows, which a folder keeps."""
-    folder = study_folder(out, resume=resume)
     request = complete(load_request(gait, settings))
     options = {"request": request, "count": count, "share": share}
     tasks = [val.Task(f"seed {seed}", walk_tour, {"seed": seed, **options}) for seed in range(seeds)]
     rows = {}
-    for row in val.walk_many(tasks, folder, workers=workers):
+    for row in val.walk_many(tasks, workers=workers, out=out, resume=resume):
         rows[row["key"]] = row
         print(f"{row['key']}: {row['cause'] or 'completed'}, {row.get('reached', 0)} targets", flush=True)
     return [rows[task.key] for task in tasks]

@@ -135,9 +135,10 @@ def test_text_is_escaped(html, undrawn):
 
 
 def test_tables_that_are_of_no_sweep(tmp_path):
-    pq.write_table(pa.table({"a": [1]}), tmp_path / "y.parquet")
+    (tmp_path / "sweep.toml").touch()
+    pq.write_table(pa.table({"a": [1]}), tmp_path / "results.parquet")
     with pytest.raises(InputError, match="not a table of a sweep"):
-        read_sweep(tmp_path / "y.parquet")
+        read_sweep(tmp_path)
 
 
 def test_forces_are_judged_in_body_weights_and_a_tolerance_may_be_zero(undrawn):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from validation.cli import options
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import Json, Settings, Status
 from validation.show.text import format_value, print_line
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 group = typer.Typer(help="List bodies, describe a new one from its model, and check it.")
 app = typer.Typer()
-app.add_typer(group, name="body")
+app.add_typer(group, name="body", rich_help_panel=options.BODIES)
 
 
 @group.command(name="list")

@@ -11,19 +11,9 @@ import typer
 
 from ampm.exceptions import InputError
 from ampm.presets import PRESETS
+from validation.cli import options
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import (
-    Footsteps,
-    Gait,
-    Json,
-    Settings,
-    Status,
-    Steps,
-    WalkOptions,
-    grouped,
-    option,
-    with_footsteps,
-)
+from validation.cli.options import Status, grouped, option
 from validation.show.text import format_value
 from validation.store.folders import check_new_file, output_file
 from validation.table import Table, format_number, print_tables
@@ -35,6 +25,9 @@ if TYPE_CHECKING:
     from validation.trial.plan import PlannedWalk, Request
 
 app = typer.Typer()
+
+RATE = 200.0
+"""Usual samples of a plan per second."""
 
 _PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.items())
 
@@ -50,17 +43,12 @@ class Files:
     samples: Annotated[Path | None, option("--samples", "Write the plan's signals.", "FILE.csv|.parquet")] = (
         None
     )
-    rate: Annotated[float | None, option("--rate", "Samples per second; by default 200.", "HZ")] = None
+    rate: Annotated[float, option("--rate", "Samples per second.", "HZ")] = RATE
     motion: Annotated[
         Path | None,
         option("--motion", "Write the joints over one step of the whole-body motion.", "FILE.csv|.parquet"),
     ] = None
     plot: Annotated[Path | None, option("--plot", "Draw the plan.", "FILE.png")] = None
-
-    @property
-    def hertz(self) -> float:
-        """Samples per second."""
-        return 200.0 if self.rate is None else self.rate
 
     def check(self, request: Request) -> None:
         """Refuse files that cannot be written before anything is computed.
@@ -72,32 +60,31 @@ class Files:
         from validation.trial.plan import check_formula
 
         gait = request.run.gait
-        if self.rate is not None and self.samples is None:
+        if self.rate != RATE and self.samples is None:
             raise InputError("--rate needs --samples FILE; give it, too, or leave --rate out.")
         for table in filter(None, (self.samples, self.motion)):
             check_new_file(table, ".csv", ".parquet")
         if self.samples is not None:
             check_formula(request)
             count = len(request.run.footsteps) or gait.steps
-            sample_times(count * gait.step_length / gait.switching_velocity, self.hertz)
+            sample_times(count * gait.step_length / gait.switching_velocity, self.rate)
         if self.plot is not None:
             check_new_file(self.plot, ".png", ".svg", ".pdf")
         if self.save is not None:
             check_new_file(self.save, ".toml", force=self.force)
 
 
-@app.command(epilog=f"Presets.\n\n{_PRESET_LINES}")
+@app.command(rich_help_panel=options.BODIES, epilog=f"Presets.\n\n{_PRESET_LINES}")
 @grouped
 def plan(
-    gait: Gait = None,
+    gait: options.Gait = None,
     *,
-    walk: WalkOptions,
+    walk: options.WalkOptions,
     no_body: Annotated[
         bool, option("--no-body", "Closed form alone: no soles, no joints, mean L_y zero; implies --as-is.")
     ] = False,
-    steps: Steps = None,
-    footsteps: Footsteps = None,
-    as_json: Json = False,
+    length: options.Length,
+    as_json: options.Json = False,
     files: Files,
 ) -> int:
     """Plan a gait without walking it: constants, motion, picture.
@@ -116,8 +103,7 @@ def plan(
     from validation.store.tables import plan_table, sample_times, write_columns
     from validation.trial.plan import plan_walk
 
-    sections = with_footsteps(footsteps, steps)
-    request = walk.request(gait, steps, as_is=walk.as_is or no_body, sections=sections)
+    request = walk.request(gait, length.steps, as_is=walk.as_is or no_body, sections=length.sections())
     run = request.run
     files.check(request)
     if no_body and (run.gait.planner not in ("ampm", LIPM) or run.footsteps):
@@ -139,14 +125,14 @@ def plan(
             work.write_text(lines + dump_run(request.run), encoding="utf-8")
     if files.samples is not None:
         with narrator.stage("samples"), output_file(files.samples) as work:
-            write_columns(plan_table(planned, sample_times(planned.duration, files.hertz)), work)
+            write_columns(plan_table(planned, sample_times(planned.duration, files.rate)), work)
     if files.motion is not None and walked is not None:
         with output_file(files.motion) as work:
             write_columns(walked.motion.table(), work)
     if files.plot is not None:
         from validation.show.plan import plot_plan
 
-        title = f"plan of {request.title}" + ("" if footsteps is None else f" over {footsteps.name}")
+        title = f"plan of {request.title}" + (f" over {length.footsteps.name}" if length.footsteps else "")
         plot_plan(planned, files.plot, title=title)
     if as_json:
         print_json(describe_plan(request, planned, walked, margin))
@@ -226,7 +212,7 @@ def _margins(tuned: Tuned) -> list[str]:
     return [f"{LIMITS[n].what}: {LIMITS[n].quantity(value, 3)}, {LIMITS[n].rule()}" for n, value in items]
 
 
-@app.command()
+@app.command(rich_help_panel=options.BODIES)
 def keys(
     words: Annotated[
         list[str] | None, typer.Argument(help="Sections and words; all keys if none.", metavar="WORD")
@@ -234,8 +220,8 @@ def keys(
     gait: Annotated[
         str | None, option("--gait", "Show the values of this preset or TOML file; normal if none.", "GAIT")
     ] = None,
-    settings: Settings = None,
-    as_json: Json = False,
+    settings: options.Settings = None,
+    as_json: options.Json = False,
 ) -> int:
     """List parameters: all, a section's, or those with a word.
 

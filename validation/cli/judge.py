@@ -7,19 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
+from validation.cli import options
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import (
-    Body,
-    Columns,
-    Json,
-    Judging,
-    Result,
-    Settings,
-    Steps,
-    grouped,
-    option,
-    with_short,
-)
+from validation.cli.options import grouped, option
 from validation.cli.validate import print_result, status_of
 
 app = typer.Typer()
@@ -42,10 +32,10 @@ class Comparing:
             "GAIT|DIR|FILE.csv|.parquet",
         ),
     ] = None
-    columns: Columns = None
-    settings: Settings = None
-    steps: Steps = None
-    body: Body = None
+    columns: options.Columns = None
+    settings: options.Settings = None
+    steps: options.Steps = None
+    body: options.Body = None
     start: Annotated[
         float | None,
         option("--start", "Time in the log at which the plan begins; by default it is found.", "S"),
@@ -59,7 +49,7 @@ class Comparing:
     )
 
 
-@app.command(epilog=EPILOG)
+@app.command(rich_help_panel=options.CHECK, epilog=EPILOG)
 @grouped
 def judge(
     log: Annotated[
@@ -67,9 +57,8 @@ def judge(
     ],
     *,
     comparing: Comparing,
-    judging: Judging,
-    result: Result,
-    as_json: Json = False,
+    judging: options.Judging,
+    result: options.Result,
 ) -> int:
     r"""Judge a log of measured signals by a plan.
 
@@ -101,7 +90,7 @@ def judge(
     from validation.store.folders import check_run_folder
 
     def show(summary: Mapping[str, Any], folder: Path) -> int:
-        if as_json:
+        if result.as_json:
             print_json({**summary, "directory": str(folder)})
         else:
             print_result(summary, folder)
@@ -123,7 +112,7 @@ def judge(
         log,
         comparing.plan or "normal",
         columns=read_mapping(comparing.columns or ()),
-        settings=with_short(comparing.settings, steps=comparing.steps, body=comparing.body),
+        settings=options.with_short(comparing.settings, steps=comparing.steps, body=comparing.body),
         start=comparing.start,
         place=comparing.place,
         strides=comparing.strides,

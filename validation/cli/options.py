@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from validation.trial.plan import Request
 
 EXITS = "2 bad input or refused, 4 crash of ampm itself, 5 stopped and 130 interrupted: --resume goes on."
+WALK, LOOK, CHECK, BODIES = "Walk", "Look", "Check", "Bodies and gaits"
+"""Groups of commands in ``ampm --help``."""
 PROFILES = "default, strict, wide, jumps, footsteps, odometry or free"
 
 
@@ -80,41 +82,6 @@ Uncertainty = Annotated[
         "FILE",
     ),
 ]
-PlannerName = Annotated[
-    str | None,
-    option(
-        "--planner",
-        "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, or a class of your own, which may "
-        "replan. With none the body begins standing, and its controller walks by itself.",
-        "NAME|FILE.csv|.parquet|MODULE:CLASS",
-    ),
-]
-Command = Annotated[
-    str | None,
-    option(
-        "--command",
-        "With --planner none: velocity forward and to the left [m/s], and rate of the heading [rad/s].",
-        "VX,VY,WZ",
-    ),
-]
-Footsteps = Annotated[
-    Path | None,
-    option(
-        "--footsteps",
-        "Walk over footsteps from rest to rest: columns foot, x, y [m], heading [rad]; optional z [m], time "
-        "[s].",
-        "FILE.csv",
-    ),
-]
-Controller = Annotated[
-    str | None,
-    option(
-        "--controller",
-        "Short for controller.name: ampm, joint-pd, or a class of your own.",
-        "NAME|MODULE:CLASS",
-    ),
-]
-Engine = Annotated[str | None, option("--engine", "Short for simulation.engine.", "mujoco|drake")]
 Columns = Annotated[
     list[str] | None,
     option(
@@ -131,7 +98,6 @@ OwnMetrics = Annotated[
 OwnProfile = Annotated[
     str | None, option("--profile", f"Tolerance profile: {PROFILES}; by default the preset's own.", "P")
 ]
-Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")]
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]
 
 
@@ -176,10 +142,32 @@ class WalkOptions:
     settings: Settings = None
     as_is: AsIs = False
     body: Body = None
-    planner: PlannerName = None
-    controller: Controller = None
-    engine: Engine = None
-    command: Command = None
+    planner: Annotated[
+        str | None,
+        option(
+            "--planner",
+            "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, or a class of your own, which "
+            "may replan. With none the body begins standing, and its controller walks by itself.",
+            "NAME|FILE.csv|.parquet|MODULE:CLASS",
+        ),
+    ] = None
+    controller: Annotated[
+        str | None,
+        option(
+            "--controller",
+            "Short for controller.name: ampm, joint-pd, or a class of your own.",
+            "NAME|MODULE:CLASS",
+        ),
+    ] = None
+    engine: Annotated[str | None, option("--engine", "Short for simulation.engine.", "mujoco|drake")] = None
+    command: Annotated[
+        str | None,
+        option(
+            "--command",
+            "With --planner none: velocity forward and to the left [m/s], and rate of the heading [rad/s].",
+            "VX,VY,WZ",
+        ),
+    ] = None
 
     def changes(self, steps: int | None = None) -> list[str]:
         """All but ``as_is`` as ``key=value`` texts."""
@@ -194,7 +182,37 @@ class WalkOptions:
 
 
 @dataclass(frozen=True)
-class Execution:
+class Length:
+    """How many steps are walked, or which."""
+
+    steps: Steps = None
+    footsteps: Annotated[
+        Path | None,
+        option(
+            "--footsteps",
+            "Walk over footsteps from rest to rest: columns foot, x, y [m], heading [rad]; optional z [m], "
+            "time [s].",
+            "FILE.csv",
+        ),
+    ] = None
+
+    def sections(self) -> dict[str, Any]:
+        """Sections of a run with the footsteps of the file, or none.
+
+        Raises:
+            InputError: the file is not usable, or a number of steps is given, too.
+        """
+        if self.footsteps is None:
+            return {}
+        if self.steps is not None:
+            raise InputError("--steps counts the steps of a periodic gait; leave it out, or --footsteps.")
+        from ampm.planner.routes import read_footsteps  # imported here: NumPy is slow to load
+
+        return {"footsteps": read_footsteps(self.footsteps)}
+
+
+@dataclass(frozen=True)
+class Running:
     """How a study is run and kept, see :class:`validation.study.many.Execution`."""
 
     out: Annotated[Path | None, option("--out", "Folder of the result, with every walk.", "DIR")] = None
@@ -214,11 +232,27 @@ class Execution:
             "--scheduler", "Run on this dask scheduler: its address, tcp://HOST:8786, or its file.", "ADDRESS"
         ),
     ] = None
+    as_json: Json = False
+
+    def given(self) -> dict[str, Any]:
+        """All but ``as_json``, and progress on the terminal."""
+        given = {name: value for name, value in vars(self).items() if name != "as_json"}
+        return {**given, "progress": Narrator()}
+
+    def answer(self, result: Any) -> None:
+        """Print a result with ``as_dict``, ``sentence`` and ``tables``, and name the folder that holds it."""
+        if self.as_json:
+            print_json(result.as_dict())
+        else:
+            if result.sentence:
+                print_line(result.sentence, "bold")
+            print_tables(result.tables())
+        Narrator().wrote(self.out)
 
 
 @dataclass(frozen=True)
 class Result:
-    """Folder of a result."""
+    """Where a result goes."""
 
     out: Annotated[
         Path | None,
@@ -228,7 +262,8 @@ class Result:
             "DIR",
         ),
     ] = None
-    force: Force = False
+    force: Annotated[bool, option("--force", "Replace an earlier result at --out.")] = False
+    as_json: Json = False
 
     def folder(self, name: str) -> Path:
         """The folder of one result."""
@@ -314,29 +349,3 @@ def grouped(command: Callable[..., int]) -> Callable[..., int]:
     )
     call.__annotations__ = {parameter.name: parameter.annotation for parameter in taken}
     return call
-
-
-def with_footsteps(path: Path | None, steps: int | None) -> dict[str, Any]:
-    """Sections of a run with the footsteps of a file, or none.
-
-    Raises:
-        InputError: the file is not usable, or a number of steps is given, too.
-    """
-    if path is None:
-        return {}
-    if steps is not None:
-        raise InputError("--steps counts the steps of a periodic gait; leave it out, or --footsteps.")
-    from ampm.planner.routes import read_footsteps  # imported here: NumPy is slow to load
-
-    return {"footsteps": read_footsteps(path)}
-
-
-def answer(result: Any, *, as_json: bool, out: Path | None = None) -> None:
-    """Print a result with ``as_dict``, ``sentence`` and ``tables``, and name the folder that holds it."""
-    if as_json:
-        print_json(result.as_dict())
-    else:
-        if result.sentence:
-            print_line(result.sentence, "bold")
-        print_tables(result.tables())
-    Narrator().wrote(out)

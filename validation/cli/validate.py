@@ -7,24 +7,10 @@ from typing import Annotated, Any
 import typer
 
 from ampm.exceptions import InputError, RefusedGait
+from validation.cli import options
 from validation.cli.console import Narrator, print_json
 from validation.cli.errors import describe_error, explain
-from validation.cli.options import (
-    Disturbing,
-    Footsteps,
-    Gaits,
-    Json,
-    Judging,
-    Result,
-    RunFolder,
-    Status,
-    Steps,
-    Uncertainty,
-    WalkOptions,
-    grouped,
-    option,
-    with_footsteps,
-)
+from validation.cli.options import Status, grouped, option
 from validation.progress import interruption
 from validation.show.text import print_line, print_verdict
 from validation.table import print_tables
@@ -37,19 +23,17 @@ EPILOG = (
 )
 
 
-@app.command(epilog=EPILOG)
+@app.command(rich_help_panel=options.WALK, epilog=EPILOG)
 @grouped
 def validate(
-    gaits: Gaits = None,
+    gaits: options.Gaits = None,
     *,
-    walk: WalkOptions,
-    steps: Steps = None,
-    footsteps: Footsteps = None,
-    disturbing: Disturbing,
-    judging: Judging,
-    uncertainty: Uncertainty = None,
-    result: Result,
-    as_json: Json = False,
+    walk: options.WalkOptions,
+    length: options.Length,
+    disturbing: options.Disturbing,
+    judging: options.Judging,
+    uncertainty: options.Uncertainty = None,
+    result: options.Result,
 ) -> int:
     """Plan, walk, measure and judge gaits: the trial.
 
@@ -69,8 +53,9 @@ def validate(
     from validation.trial.plan import complete, load_requests
 
     profile = judging.load()
-    sections = with_footsteps(footsteps, steps)
-    requests = load_requests(gaits or [None], walk.changes(steps), as_is=walk.as_is, sections=sections)
+    requests = load_requests(
+        gaits or [None], walk.changes(length.steps), as_is=walk.as_is, sections=length.sections()
+    )
     disturbances = disturbing.load()
     judges = [
         profile or profiles.own_profile(gait, request.run, disturbances)
@@ -103,7 +88,7 @@ def validate(
             continue
         answers.append({**summary, "directory": str(target)})
         statuses.append(status_of(summary))
-        if not as_json:
+        if not result.as_json:
             print_result(summary, target)
         if interruption.pending:  # interrupted during the measurement, which is finished first
             narrator.say(f"ampm: interrupted; the run is complete in {target} but for recording and report")
@@ -111,7 +96,7 @@ def validate(
             statuses.append(Status.INTERRUPTED)
         if statuses[-1] is Status.INTERRUPTED:
             break
-    if as_json:
+    if result.as_json:
         print_json(answers[0] if len(requests) == 1 else answers)
     return max(statuses)
 
@@ -126,8 +111,8 @@ def status_of(summary: Mapping[str, Any]) -> Status:
     return statuses.get(summary["verdict"], Status.OUT_OF_TOLERANCE)
 
 
-@app.command()
-def replay(directory: RunFolder) -> int:
+@app.command(rich_help_panel=options.CHECK)
+def replay(directory: options.RunFolder) -> int:
     """Repeat a run from its recorded torques, to the bit.
 
     The engine steps again from the recorded start, without the controller. Every bit of states, contacts and
@@ -143,7 +128,7 @@ def replay(directory: RunFolder) -> int:
     return Status.PASS if result.identical else Status.OUT_OF_TOLERANCE
 
 
-@app.command()
+@app.command(rich_help_panel=options.LOOK)
 def report(
     directory: Annotated[
         Path, typer.Argument(help="Folder of a run, a comparison of walks, or a sweep.", metavar="DIR")

@@ -29,7 +29,7 @@ from validation.show.text import format_value
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import SavedRun, load_saved_run
-from validation.study.many import Execution, Task, open_study, walk_many
+from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.robustness.result import Robustness, load_robustness
 from validation.study.walk_options import keep_run
 from validation.table import USED, Table, Tabled, format_share, short_unit, with_uncertainty
@@ -455,7 +455,7 @@ def compare_gaits(
         RuntimeError: a walk crashed.
         StudyStopped: see :func:`validation.study.many.walk_many`.
     """
-    folder, pool = open_study(execution)
+    folder = study_folder(execution)
     given: dict[str, Sequence[str | None]] = {"WALK": gaits or [None], **choices}
     count = max(map(len, given.values()))
     if count == 1:
@@ -469,7 +469,7 @@ def compare_gaits(
         own = [f"{key}={json.dumps(_absolute(str(name)))}" for key, name in zip(choices, chosen, strict=True)]
         request = load_request(text, [*own, *settings], as_is=as_is)
         # With the values that are found; a refused gait is named before the first walk.
-        requests.append(plan_walk(request, pool.get("progress")).request)
+        requests.append(plan_walk(request, execution.get("progress")).request)
         varied = [Path(values[walk]).name for values in choices.values() if alike and len(values) > 1]
         labels.append(", ".join(varied) or request.name)
     known = [load_uncertainty(file) for file in uncertainty]
@@ -483,7 +483,8 @@ def compare_gaits(
             profile = own_profile(request.name, request.run).name
             options = {"folder": path, "request": request, "profile": profile}
             tasks.append(Task(path, keep_run, options))
-        for row in walk_many(tasks, place, **pool):
+        there: Execution = {**execution, "out": place}
+        for row in walk_many(tasks, **there):
             if "reason" in row:
                 kinds = {"refused": InputError, UsersError.__name__: UsersError}
                 kind = kinds.get(row["outcome"], kinds.get(row["reason"], RuntimeError))

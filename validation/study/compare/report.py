@@ -37,7 +37,7 @@ class _Walk(BaseModel):
     robustness: Robustness | None
 
 
-class _File(BaseModel):
+class _Numbers(BaseModel):
     """What is read of the numbers."""
 
     walks: list[_Walk]
@@ -54,8 +54,8 @@ def load_comparison(folder: Path) -> WalkComparison:
     Raises:
         InputError: it is damaged, of sweeps, or one of its runs is gone.
     """
-    found = read_json(folder / NUMBERS, _File, "run 'ampm compare' again; that of sweeps has no pictures")
-    walks = _File.model_validate(found).walks
+    found = read_json(folder / NUMBERS, _Numbers, "run 'ampm compare' again; that of sweeps has no pictures")
+    walks = _Numbers.model_validate(found).walks
     sides = (
         Side(item.label, load_saved_run(folder / item.run), item.study, item.robustness) for item in walks
     )
@@ -79,13 +79,14 @@ def render(result: WalkComparison | SweepComparison, folder: Path) -> str:
     """The page for a folder; of walks with their curves, and links to their reports and recordings."""
     keys, pictures = draw_walks(_sides(result))
     return render_page(
-        "comparison.html.j2",
+        "curves.html.j2",
         result.title,
         styles=["report.css"],
         sentence=result.sentence,
         tables=result.tables(),
         keys=keys,
-        links=[os.path.relpath(side.run.directory, folder) for side in _sides(result)],
+        key_note="dashed: the plan of each; grey: planned double support of the first",
+        runs=[(side.label, os.path.relpath(side.run.directory, folder)) for side in _sides(result)],
         pictures=pictures,
         citations=[cite_run(side.run) for side in _sides(result)],
     )
