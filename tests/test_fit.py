@@ -73,18 +73,19 @@ def distances(fit, gait):
 
 
 @pytest.mark.parametrize(
-    ("rate", "noise", "measured"), [(500.0, 0.0, "com"), (500.0, 1.0, "height"), (100.0, 1.0, "com")]
+    ("rate", "noise", "measured", "gaits"),
+    [(500.0, 0.0, "com", GAITS[1::3]), (500.0, 1.0, "height", GAITS), (100.0, 1.0, "com", GAITS)],
 )
-def test_ten_gaits_return_their_constants_within_their_intervals(rate, noise, measured):
+def test_gaits_return_their_constants_within_their_intervals(rate, noise, measured, gaits):
     found = []
-    for seed, changes in enumerate(GAITS):
+    for seed, changes in enumerate(gaits):
         gait = GaitParameters(**changes)
         table, height = table_of(gait, rate, noise, seed), None
         if measured == "height":
             height = gait.com_height
             table = {name: values for name, values in table.items() if not name.startswith("com")}
         found += distances(val.fit_log(table, mass=MASS, com_height=height), gait).values()
-    assert len(found) == 190
+    assert len(found) == 19 * len(gaits)
     assert np.mean(np.array(found) <= 1.0) >= 0.95
     assert max(found) < 1.5
 
@@ -115,7 +116,7 @@ def test_without_angular_momentum_a_rolling_zmp_explains_as_much():
 
 
 def test_a_simulated_walk_returns_its_plan_and_a_gait_to_walk(run_of, tmp_path, ampm):
-    folder = run_of("normal", steps=10)
+    folder = run_of("normal", {"simulation.time_step": 0.002}, steps=10)
     answer = ampm("fit", folder, "--out", tmp_path / "fit", "--json")
     assert answer.status == 0, answer.err
     fit, gait = val.fit_log(folder), load_run("normal").gait

@@ -141,4 +141,6 @@ def test_all_tasks_of_the_human_have_its_body_and_its_controller(name):
 def test_the_page_shows_the_data(monkeypatch):
     monkeypatch.syspath_prepend(LEAGUE.parents[1] / "docs")
     league = import_module("league")
-    assert league.overview(league.read()).markdown() in league.PAGE.read_text(encoding="utf-8")
+    page, rows = league.PAGE.read_text(encoding="utf-8"), league.read()
+    for pushed in league.TABLES.values():
+        assert league.overview(rows, pushed=pushed).markdown() in page

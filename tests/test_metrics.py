@@ -53,6 +53,8 @@ def drop():
 
 def test_profiles_verdict_summary_and_worker_processes(drop):
     assert [item.tolerances[-1].limit for item in (DEFAULT, STRICT, WIDE)] == [0.01, 0.01, 0.02]
+    agreement = METRICS["com_agreement_maximum"]
+    assert WIDE.tolerance(agreement) == DEFAULT.tolerance(agreement)  # the instrument is as good as ever
     comparison = compared(perfect_walk(), com_shift=(0.0, 0.0, -0.015))
     verdict = verdict_of(comparison, DEFAULT)
     assert drop.name in [item.name for item in verdict.failed]

@@ -72,7 +72,7 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     """A plan with the motion of samples.
 
     Args:
-        plan: the one then valid with new contacts, or a bare one without phases.
+        plan: the one in force with new contacts, or a bare one without phases.
         times: of the samples, shape (N,) [s].
         given: the samples, named as in :func:`ampm.planners.make_plan`; None is the same as left out.
 
@@ -82,7 +82,7 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     times, first = ascending("times", times), not plan.phases
     begin, end = float(times[0]), plan.duration
     if first and begin != 0.0:
-        raise InputError(f"times begin at {begin:g} s; begin at 0 s, or give the plan then valid as after.")
+        raise InputError(f"times begin at {begin:g} s; begin at 0 s, or give the plan in force as after.")
     if end - times[-1] > times[-1] - times[-2] + 1e-9:
         raise InputError(
             f"times end at {times[-1]:g} s and the contacts at {end:g} s; plan the COM to their end, or give "
