@@ -183,6 +183,6 @@ def check_contacts(
     worst = int(margin.argmin())
     if margin[worst] < -outside:
         raise ValueError(
-            f"at {times[worst]:.4g} s its ZMP is {-margin[worst]:.3g} m outside its support, more than the "
-            f"{outside:g} m that are let pass; keep it in the soles that stand"
+            f"at {times[worst]:.4g} s its ZMP is {-margin[worst]:.3g} m outside its support, more than "
+            f"{outside:g} m; keep it in the soles that stand"
         )
