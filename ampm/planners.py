@@ -1,7 +1,7 @@
 """Planners: from a run and a body to a complete walk."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -19,13 +19,13 @@ from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.contacts import TIME_TOLERANCE, Contacts, Footstep, Phase
 from ampm.planner.feet import FeetPlan, FootPath
 from ampm.planner.footstep_walk import plan_footstep_walk, stops, with_feet
-from ampm.planner.replan import LiveWalk, joined
+from ampm.planner.replan import joined
 from ampm.planner.sampled import NO_CONSTANTS, SampledLaw, sampled_plan
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
 from ampm.planner.table import closed_step, repeats, table_motion
-from ampm.walk import RetimedPosture, State, Touch, WalkPlan
+from ampm.walk import RetimedPosture, WalkPlan
 
 
 class PeriodicPlanner:
@@ -176,7 +176,7 @@ def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkP
     """A plan of samples with feet, and a posture that its steps allow."""
     steps = _with_feet(plan, run, robot)
     if plan.contacts.phases[0].stance == "both":
-        return _walk_over([steps], run, robot)[0]
+        return _walk_over(steps, run, robot)
     if repeats(steps):
         closed = closed_step(steps)
         momentum = closed.phases[0].angular_momentum
@@ -300,50 +300,27 @@ SPREAD_ARMS = 0.25
 
 
 class FootstepPlanner:
-    """The walk over the footsteps of a run, see :mod:`ampm.planner.footsteps`, with a constant posture.
-
-    Args:
-        changes: requests while walking, in their order: time [s], and footsteps from there on or None to
-            stop, see :meth:`ampm.planner.replan.LiveWalk.changed`. Each is met by a new plan at its time.
-    """
+    """The walk over the footsteps of a run, see :mod:`ampm.planner.footsteps`, with a constant posture."""
 
     checked = True
-
-    def __init__(self, changes: Sequence[tuple[float, Sequence[Footstep] | None]] = ()) -> None:
-        self.changes = tuple(changes)
-        requests = [f"{'stop' if ahead is None else 'changed'} at {at:g} s" for at, ahead in self.changes]
-        self.name = ", ".join(["footsteps", *requests])
-        self.replan_period = 0.0 if changes else math.inf
-        self._answers: list[tuple[float, WalkPlan]] = []
+    name = "footsteps"
 
     def plan(self, run: RunParameters, robot: Robot) -> WalkPlan:
-        """Plan the walk as it begins, and what meets the requests: they are refused before the walk.
+        """Plan the walk.
 
         Raises:
             InputError: the footsteps are not a walk.
             MathematicalRefusal: the gait has no closed form.
             BodilyRefusal: the body cannot walk them.
         """
-        if not self.changes:
-            return _walk_over([plan_footstep_walk(run, robot.description)], run, robot)[0]
-        walks = [LiveWalk.of(run, robot.description)]
-        for at, ahead in self.changes:
-            walks.append(walks[-1].changed(at, ahead))
-        first, *others = _walk_over([walk.steps for walk in walks], run, robot)
-        self._answers = [(at, plan) for (at, _), plan in zip(self.changes, others, strict=True)]
-        return first
-
-    def replan(self, time: float, state: State, touch: Touch, plan: WalkPlan) -> WalkPlan | None:
-        """The plan that meets the last request so far."""
-        due = [answer for at, answer in self._answers if at <= time + TIME_TOLERANCE]
-        return due[-1] if due else None
+        return _walk_over(plan_footstep_walk(run, robot.description), run, robot)
 
 
-def _walk_over(walks: Sequence[StepPlan], run: RunParameters, robot: Robot) -> list[WalkPlan]:
-    """Walks over footsteps with constant postures, all with the same arms.
+def _walk_over(steps: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:
+    """A walk from rest to rest with a constant posture.
 
     Raises:
-        BodilyRefusal: the body cannot walk one of them.
+        BodilyRefusal: the body cannot walk it.
     """
     # Imported here, as the inverse kinematics is compiled.
     from ampm.body.constant_posture import ConstantPosture
@@ -351,12 +328,11 @@ def _walk_over(walks: Sequence[StepPlan], run: RunParameters, robot: Robot) -> l
 
     for angle in (SPREAD_ARMS, 2.0 * SPREAD_ARMS):
         spread = run.replace({"body.arm_abduction": max(run.body.arm_abduction, angle)})
-        postures = [ConstantPosture(steps, spread, robot, stops(steps.contacts)) for steps in walks]
+        posture = ConstantPosture(steps, spread, robot, stops(steps.contacts))
         try:
-            for steps, posture in zip(walks, postures, strict=True):
-                check_walk(steps, posture, spread, robot)
+            check_walk(steps, posture, spread, robot)
             break
         except BodilyRefusal as refusal:  # hands pass thighs on wide steps if they are spread further
             if refusal.reason != "arm_collision" or angle > SPREAD_ARMS:
                 raise
-    return [WalkPlan.of(steps, posture=posture) for steps, posture in zip(walks, postures, strict=True)]
+    return WalkPlan.of(steps, posture=posture)

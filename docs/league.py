@@ -33,6 +33,8 @@ LEAGUE = "examples/league/league.toml"
 COARSE = {"simulation.time_step": 0.002}  # [s]
 TABLES = {"league": False, "league-pushed": True}
 """Tables of the page, and whether their tasks are pushed."""
+LIKE_NORMAL = ("slow", "turn", "stop", "stairs")
+"""Tasks that the page leaves out: the data file has them."""
 COLUMNS = (
     "task",
     "planner",
@@ -96,7 +98,7 @@ def read() -> list[Row]:
 def overview(rows: Sequence[Row], *, pushed: bool) -> Table:
     """Rank, error and survival of every planner in every task with a push, or without."""
     tasks, planners = (list(dict.fromkeys(row[name] for row in rows)) for name in ("task", "planner"))
-    tasks = [task for task in tasks if task.startswith("push") == pushed]
+    tasks = [task for task in tasks if task.startswith("push") == pushed and task not in LIKE_NORMAL]
     cells = {(row["planner"], row["task"]): row for row in rows}
 
     def text(row: Row) -> str:

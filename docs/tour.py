@@ -8,12 +8,15 @@ on; a hundred of one kind take half an hour on one core.
 
 import argparse
 import csv
+import re
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+import numpy as np
 from trials import DATA, write_rows
 
 from validation.table import ABSENT, Table, print_tables
@@ -25,6 +28,8 @@ TARGETS = 18
 FORCES = (0.0, 1.0 / 3.0, 1.0)
 COLUMNS = ("body", ">force [%]", ">completed [%]", ">survived [%]", ">off target [mm]")
 """Of the table; means over all tours."""
+KINDS = {"foot": "foot|toe|ankle", "leg": "shank|knee|thigh|hip", "arm": "shoulder|elbow|wrist|arm|hand"}
+"""Segments by a part of their name; all others are the trunk."""
 Row = Mapping[str, Any]
 
 
@@ -54,6 +59,7 @@ def write(found: Sequence[tuple[str, float, Sequence[Row]]]) -> None:
     ]
     write_rows("tour", [("body", "force", "stabilizer", *names), *cells])
     print_table()
+    print_endings()
 
 
 def print_table() -> None:
@@ -69,6 +75,36 @@ def print_table() -> None:
         shares = (f"{100.0 * share:.0f}" for share in (float(force), fmean(completed), fmean(lasted)))
         rows.append((body, *shares, f"{1e3 * fmean(off):.2g}" if off else ABSENT))
     print_tables([Table("tours", COLUMNS, rows)])
+
+
+def print_endings() -> None:
+    """Print how many punches of a kind were followed by another or the end of the tour, and not by a fall."""
+    from tour import hinged, punches
+
+    from models.build import build_body
+    from validation.trial.plan import complete, load_request
+
+    segments = {}
+    for body, (gait, settings) in BODIES.items():
+        run = complete(load_request(gait, settings)).run
+        segments[body] = hinged(build_body(run.body, run.contact, run.simulation).compile())
+    hits, falls = Counter[tuple[str, str, str]](), Counter[tuple[str, str, str]]()
+    with DATA.joinpath("tour.csv").open(encoding="utf-8", newline="") as file:
+        for walk in csv.DictReader(file):
+            body, force, end = walk["body"], walk["force"], float(walk["time"] or 0.0)
+            share = min(FORCES, key=lambda share: abs(share - float(force)))
+            before = punches(int(walk["seed"]), share, segments[body], end)
+            for push in before:
+                kind = next((kind for kind, part in KINDS.items() if re.search(part, push.segment)), "trunk")
+                size = f"{100 * int(np.linalg.norm(push.force) // 100)} N or more"
+                for key in (kind, size):
+                    hits[body, force, key] += 1
+                    falls[body, force, key] += walk["outcome"] in ("fell", "diverged") and push is before[-1]
+    rows = [
+        (*key, str(hits[key]), str(falls[key]), f"{100.0 * (1.0 - falls[key] / hits[key]):.0f}")
+        for key in sorted(hits)
+    ]
+    print_tables([Table("punches", ("body", ">force", "punch", ">number", ">falls", ">survived [%]"), rows)])
 
 
 def _cell(value: object) -> str:

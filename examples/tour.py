@@ -36,6 +36,11 @@ def targets(seed, count):
     return found
 
 
+def hinged(model):
+    """Names of the segments that a hinge moves."""
+    return [model.body(k).name for k in dict.fromkeys(model.jnt_bodyid[1:].tolist())]
+
+
 def punches(seed, share, segments, until):
     """Punches, one in every window up to a time [s], of half to all of a ceiling that rises."""
     generator, found = np.random.default_rng([seed, 1]), []
@@ -81,9 +86,7 @@ def walk_tour(seed, request, count, share):
     places = targets(seed, count)
     planned = plan_tour(request, places)
     plan, body = planned.plan, planned.body.model
-    model = body.compile()
-    hinged = [model.body(k).name for k in dict.fromkeys(model.jnt_bodyid[1:].tolist())]
-    pushes = punches(seed, share, hinged, until=float(plan.contacts.step_ends[-1]))
+    pushes = punches(seed, share, hinged(body.compile()), until=float(plan.contacts.step_ends[-1]))
     record = simulate(planned, disturbances=pushes)
     off, cause = distances(places, plan, record), cause_of(record, body)  # no cause: completed
     row = {"seed": seed, "outcome": cause.partition(":")[0] or "completed", "cause": cause}

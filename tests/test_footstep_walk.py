@@ -6,20 +6,15 @@ import numpy as np
 import pytest
 
 import ampm
-import validation as val
 from ampm.body.constant_posture import ConstantPosture
-from ampm.exceptions import InputError
 from ampm.planner import routes
-from ampm.planner.contacts import Footstep
 from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.footsteps import plan_footsteps
 from ampm.planner.periodic import plan_gait
-from ampm.planner.replan import LiveWalk
 from ampm.planner.support import plan_steps
 from ampm.planner.swings import plan_swings
-from tests import properties
 from tests.test_footsteps import turned
-from tests.walk import assert_follows, stones, stop_and_go
+from tests.walk import stones, stop_and_go
 from validation.store.saved import load_saved_run
 from validation.trial.plan import load_request, make_body, plan_walk
 
@@ -96,8 +91,6 @@ def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
     stand = walk.sample(np.linspace(landed[3] + REST_START, landed[3] + REST_START + 0.7, 20))
     np.testing.assert_allclose(stand.com_velocity, 0.0, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(stand.com[:, 0], 1.5, rtol=0.0, atol=1e-9)
-    with pytest.raises(InputError, match="takes no requests"):
-        LiveWalk.of(run, BODY)
 
 
 def after_a_stand(number, **change):
@@ -156,82 +149,3 @@ def test_posture_follows_the_heading_of_the_feet():
     np.testing.assert_allclose((high[1] - low[1]) / (2 * h), mid[2], atol=1e-5)
     ends = posture.heading(np.array([0.0, walk.duration]))[0]  # the mean of feet that are turned out
     np.testing.assert_allclose(ends, [0.7, 2.7], rtol=0.0, atol=1e-12)
-
-
-def live(name="straight", run=RUN):
-    return LiveWalk.of(over(WALKS[name], run), BODY)
-
-
-def assert_continues(old, new, at):
-    """The old walk until a request, to the last bit, and smooth after it."""
-    times = np.linspace(0.0, at, 150, endpoint=False)
-    here, there = old.sample(times), new.sample(times)
-    for field in ("com", "com_velocity", "com_acceleration", "zmp", "moment", "angular_momentum", "stance"):
-        np.testing.assert_array_equal(getattr(here, field), getattr(there, field))
-    for one, other in zip(old.feet.sample(times), new.feet.sample(times), strict=True):
-        for field in ("position", "velocity", "acceleration", "pitch", "heading", "toe", "contact"):
-            np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
-    assert new.residuals().largest < 1e-11
-    properties.assert_feet_move(new)
-    properties.assert_from_rest_to_rest(new, new.com_height)
-    assert new.least_zmp_margin()[0] > -0.01
-
-
-@pytest.mark.parametrize("name", WALKS)
-@pytest.mark.parametrize("share", [0.6, 1.1])  # of the third swing; the last is in double support
-def test_a_stop_continues_the_walk_bit_for_bit_and_smoothly(name, share):
-    walk = live(name)
-    swing = walk.steps.contacts.phases[5]
-    at = swing.start + share * swing.duration
-    new = walk.changed(at, None).steps
-    assert new.contacts.steps == (4 if share < 0.75 else 5)
-    assert_continues(walk.steps, new, at)
-
-
-def onward(walk, at, length):
-    """Equal steps from the next footstep that a request moves on."""
-    number = walk._swing(at) + 2
-    wanted = walk.walk.contacts.footsteps[number]
-    steps = routes.straight(4, length, WIDTH)[2:]
-    feet = [wanted.foot, {"left": "right", "right": "left"}[wanted.foot]] * 3
-    aside = {"left": 0.5 * WIDTH, "right": -0.5 * WIDTH}
-    start = wanted.position[0] - steps[0].position[0]
-    return number, [
-        Footstep(foot, (start + step.position[0], aside[foot], 0.0))
-        for foot, step in zip(feet, steps, strict=False)
-    ]
-
-
-def changed(time, part=slice(None)):
-    """A walk that is to go on over footsteps, or a part of them, from a time on."""
-    return live().changed(time, onward(live(), 2.0, 0.4)[1][part])
-
-
-def crossed():
-    """Footsteps ahead, one of which is on the other side."""
-    first, second, *rest = onward(live(), 2.0, 0.4)[1]
-    return [first, second._replace(position=(1.6, -second.position[1], 0.0)), *rest]
-
-
-def test_a_walk_goes_on_over_new_footsteps_and_others_and_stops():
-    walks, times = [live()], (2.0, 2.9, 3.8)
-    number, ahead = onward(walks[0], times[0], 0.45)
-    walks.append(walks[0].changed(times[0], ahead))
-    walks.append(walks[1].changed(times[1], onward(walks[1], times[1], 0.5)[1]))
-    walks.append(walks[2].changed(times[2], None))
-    for old, new, at in zip(walks, walks[1:], times, strict=False):
-        assert_continues(old.steps, new.steps, at)
-    landed = np.array([step.position for step in walks[1].walk.contacts.footsteps[number:]])
-    moved = landed - [step.position for step in ahead]
-    assert 0.0 < np.hypot(*moved[0, :2]) < 0.1
-    np.testing.assert_allclose(moved, moved[:1].repeat(len(moved), axis=0), rtol=0.0, atol=1e-12)
-
-
-def test_changes_in_mid_swing_are_walked():
-    run = ampm.load_run("normal", simulation={"time_step": 0.002})
-    ahead = onward(live(run=run), 2.0, 0.5)[1]
-    planner = ampm.FootstepPlanner(changes=[(2.0, ahead), (3.5, None)])
-    trial = val.walk(run, footsteps=WALKS["straight"], planner=planner)
-    assert_follows(trial, 1.2e-3)
-    assert trial.summary["planner"] == "footsteps, changed at 2 s, stop at 3.5 s"
-    assert trial.metrics["plan_changes"].value == 2.0

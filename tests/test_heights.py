@@ -9,7 +9,6 @@ from ampm.planner import routes
 from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.footsteps import plan_footsteps
 from ampm.planner.heights import Ground
-from ampm.planner.replan import LiveWalk
 from tests.test_walk_motion import gait_of
 from tests.walk import assert_follows
 from validation.trial.plan import make_body
@@ -48,10 +47,6 @@ def plan(footsteps, gait="normal"):
 
 def over(footsteps, gait="normal"):
     return RUNS[gait].replace({}, footsteps=routes.as_rows(footsteps))
-
-
-def live(footsteps):
-    return LiveWalk.of(over(footsteps), BODY)
 
 
 def steps_of(footsteps, gait="normal"):

@@ -121,10 +121,10 @@ def test_of_strides_that_fit_alike_the_middle_one_is_taken(folder, table):
 
 
 def test_strides_that_a_gap_touches_are_left_out():
-    time = np.r_[0.0:1.5:0.01, 2.25:6.005:0.01]
+    time = np.r_[0.0:1.5:0.01, 2.25:6.5:0.01]
     log: Any = SimpleNamespace(time=time, time_step=0.01)
     assert whole_strides(log, np.arange(7.0)) == [(0.0, 1.0), (3.0, 4.0), (4.0, 5.0), (5.0, 6.0)]
-    assert whole_strides(log, np.arange(7.0), 0.1) == [(3.0, 4.0), (4.0, 5.0)]
+    assert whole_strides(log, np.arange(7.0), 0.1) == [(3.0, 4.0), (4.0, 5.0), (5.0, 6.0)]
 
 
 def test_gaps_are_left_out_and_said(folder, summary, table):

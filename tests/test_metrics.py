@@ -92,7 +92,7 @@ def test_a_sweeps_table_keeps_the_readable_name_for_processes_without_the_metric
 
 
 def test_comparison(drop, tmp_path, capsys):
-    folder = str(make_run(tmp_path / "run", settings=("simulation.time_step=0.002",)))
+    folder = str(make_run(tmp_path / "run"))
     assert call(["compare", folder, folder, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["metrics"][drop.name]["label"] == drop.label
 

@@ -16,12 +16,9 @@ from validation.show.report import write_report
 COLUMN = 88.0 / 25.4 * 72.0  # [pt]
 
 
-COARSE = ("simulation.time_step=0.002",)
-
-
 @pytest.fixture(scope="module")
 def run_dir(tmp_path_factory):
-    return make_run(tmp_path_factory.mktemp("run") / "normal", settings=COARSE)
+    return make_run(tmp_path_factory.mktemp("run") / "normal")
 
 
 def _only(pattern, text):
@@ -64,7 +61,7 @@ def test_tables_have_the_uncertainty_of_a_study_or_say_that_there_is_none(run_di
     assert "ZMP, RMS error along x" in told
     assert UNSTUDIED in told
     known = Uncertainty("normal", 6, {"zmp_x_rmse": 8.3e-5})
-    studied = make_run(tmp_path / "run", settings=COARSE, uncertainty=known)
+    studied = make_run(tmp_path / "run", uncertainty=known)
     told = ampm("report", studied, "--tables", "tex").out
     assert re.search(r"ZMP, RMS error along x & 0\.\d{3} \$\\pm\$ 0\.083 & 2\.5 & mm", told)
     assert r"\toprule" in told

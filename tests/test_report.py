@@ -22,8 +22,6 @@ from validation.show.walker import INSTANTS, draw_walker
 from validation.store.saved import load_saved_run, run_events
 from validation.trial.outcome import Outcome, OutcomeName
 
-COARSE = ("simulation.time_step=0.002",)
-
 
 class Page(HTMLParser):
     """Collects what a test asks about."""
@@ -57,7 +55,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def run_dir(tmp_path_factory):
-    return make_run(tmp_path_factory.mktemp("run"), steps=6, settings=COARSE)
+    return make_run(tmp_path_factory.mktemp("run"), steps=6)
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +105,7 @@ def test_an_error_is_drawn_as_measured_minus_planned_in_the_unit_of_its_axis(run
 def test_a_fall_is_told_as_one(tmp_path, seconds):
     cause = "The <b>pelvis</b> sank & stayed \N{SKULL}."
     end = Outcome(OutcomeName.FELL, seconds, cause, 0)
-    directory = make_run(tmp_path, settings=COARSE, outcome=end)
+    directory = make_run(tmp_path, outcome=end)
     html = write_report(directory).read_text(encoding="utf-8")
     assert 'class="card verdict fail"' in html
     assert "<b>pelvis</b>" not in html

@@ -5,7 +5,7 @@ one (:mod:`ampm.planner.blend`). One banded linear solve joins them (:mod:`ampm.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -119,24 +119,14 @@ def solve_walk(
         ends=np.stack([position[:2].mean(axis=0), position[-2:].mean(axis=0)]),
         weight=body.mass * GRAVITY,
     )
-    return Walk(nominal, contacts, solve_within_limits(solve, problem, body.sole))
+    return Walk(nominal, contacts, solve_within_limits(problem, body.sole))
 
 
-def solve_within_limits(
-    solver: Callable[[Problem], Solution], problem: Problem, sole: SoleGeometry, kept: int = 0
-) -> Solution:
-    """Solve with less of ``1/a_s`` and of the slopes until the ZMP stays inside and the trunk upright.
-
-    Args:
-        solver: solves a problem.
-        problem: with the gait's ``1/a_s`` and slopes.
-        sole: outline of a sole.
-        kept: number of the first supports that stay as they are.
-    """
+def solve_within_limits(problem: Problem, sole: SoleGeometry) -> Solution:
+    """Solve with less of ``1/a_s`` and of the slopes until the ZMP stays inside and the trunk upright."""
     for _ in range(SOLVES):
-        solved = solver(problem)
+        solved = solve(problem)
         largest, share = _largest_inverse_a(solved, sole), _gentler(solved)
-        largest[:kept], share[:kept] = math.inf, 1.0
         if (problem.inverse_a * (1.0 - 1e-3) <= largest).all() and (share == 1.0).all():
             break
         problem = problem._replace(

@@ -47,10 +47,6 @@ class Problem(NamedTuple):
     slopes: Array  # (c_s, c_y) of every single support, shape (N, 2)
     ends: Array  # COM at rest before and after the walk, shape (2, 2) [m]
     weight: float  # of the body [N]
-    # (c, v, J, Theta, d) at the begin of the first single support, shape (5, 2): the walk goes on from there
-    # instead of from rest. The velocity that the begin lacks is `nodes[0, 0]` of the solution; a landing
-    # place that is free makes it zero
-    begin: Array | None = None
 
 
 class Solution(NamedTuple):
@@ -195,11 +191,6 @@ def solve(problem: Problem) -> Solution:
     half = 0.5 * float(supports.double[0]) if n > 1 else 0.0  # Theta is zero in the middle of double support
     first[8:, 6:8], first[8:, 4:6] = np.eye(2) / theta, -half / theta * np.eye(2)
     first_known = times(up[:, :2] + up[:, 18:], problem.ends[0]) + times(up[:, 8:12], begun[0])
-    entered = up[:, 12:18]
-    if problem.begin is not None:
-        # The state is given, but for the velocity that it lacks; only the first node is used.
-        first, first_known = -np.eye(10), problem.begin.ravel()[:8].copy()
-        entered = np.eye(8, 6, -2) * ([1.0] * 2 + [0.0] * 4)
     last = down[:, :8] @ move[-1] + down[:, 8:12] @ leaving[-1]
     last_known = times(down[:, :8], moved[-1]) + times(down[:, 8:12], ended[-1])
     last_known += times(down[:, 18:] - np.eye(8, 2), problem.ends[1])
@@ -208,16 +199,13 @@ def solve(problem: Problem) -> Solution:
     system = _Banded(20 * n + 20)
     offset, node = np.repeat([1.0, _OFFSET], [8, 2]), np.repeat([1.0, _NODE], [2, 4])
     row = 6 + 20 * np.arange(n + 1)
-    system.put(row[:1], [0], entered[None] * node, -first_known[None])
+    system.put(row[:1], [0], up[None, :, 12:18] * node, -first_known[None])
     system.put(row[:1], row[:1] + 10, first[None] * offset)
     system.put(row[1:-1], row[1:-1] - 10, before * offset, -known)
     system.put(row[1:-1], row[1:-1] + 10, after * offset)
     system.put(row[-1:], row[-1:] - 10, last[None] * offset, -last_known[None])
     system.put(row[-1:], row[-1:] + 8, down[None, :, 12:18] * node)
     system.diagonal((row[:-1, None] + np.array([8, 9])).ravel(), -1.0)
-    if problem.begin is not None:  # the offset is given, too
-        system.diagonal(row[:1] + np.array([8, 9]), 0.0)
-        system.right[row[0] + np.array([8, 9])] = -problem.begin[4]
     system.diagonal((row[:-1, None] + np.array([18, 19])).ravel(), 1.0)
     system.diagonal(np.array([2, 3, 4, 5, *(row[-1] + np.arange(10, 14))]), 1.0)
     x = system.solve()

@@ -155,7 +155,10 @@ def scatter_picture(sweep: SweepTable) -> Picture:
     low, high = chart.limits()
     margin = 0.05 * (high - low)[0]
     chart.xlim = float(low[0] - margin), float(high[0] + margin)
-    words = {key: dict(zip(found, range(len(found)), strict=True)) for key, found in texts(sweep).items()}
+    words = {
+        key: dict(zip(found, np.arange(float(len(found))).tolist(), strict=True))
+        for key, found in texts(sweep).items()
+    }
     chart.xticks, chart.yticks = words.get(first, {}), words.get(second, {})
     chart.name("", second, first)
     return Picture(charts, LABEL, number=1)
