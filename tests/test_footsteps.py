@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.image import imread
 
 import ampm
 from ampm.exceptions import BodilyRefusal
@@ -109,6 +110,7 @@ def test_a_plan_over_a_file_of_footsteps_and_its_picture(tmp_path, ampm):
     assert answer.status == 0
     assert answer.json["duration"] > 15.0
     assert (tmp_path / "walk.png").stat().st_size > 10_000
+    assert imread(tmp_path / "walk.png")[0, 0].tolist() == [1.0] * 4  # on white
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -208,8 +208,10 @@ class Picture:
         import vl_convert  # loads a JavaScript engine
 
         vl_convert.register_font_directory(str(font_folder()))
-        if form == "png":
-            return bytes(vl_convert.svg_to_png(text, scale=2.0))
+        if form == "png":  # on white, as a viewer's own background may be dark
+            head, end, rest = text.partition(">")
+            white = '<rect width="100%" height="100%" fill="#fff"/>'
+            return bytes(vl_convert.svg_to_png(f"{head}{end}{white}{rest}", scale=2.0))
         return bytes(vl_convert.svg_to_pdf(text.replace('pt"', '"', 2)))  # of which a pixel is a point
 
 
