@@ -28,10 +28,10 @@ validate: $(INSTALLED)  ## Plan, walk and judge normal and momentum (GAITS=... A
 	@$(BIN)/ampm validate $(GAITS) $(ARGS)
 
 test: check  ## Lint, types, documentation, and every test that is not marked slow
-	@$(BIN)/pytest -n $(JOBS) $(ARGS)
+	@$(BIN)/pytest -n $(JOBS) --dist loadfile $(ARGS)
 
 test-all: check  ## The same with every test, those marked slow included
-	@$(BIN)/pytest -n $(JOBS) -m '' $(ARGS)
+	@$(BIN)/pytest -n $(JOBS) --dist loadfile -m '' $(ARGS)
 
 check: $(INSTALLED_TEST)
 	@$(MAKE) --no-print-directory --output-sync -j $(JOBS) lint types docs

@@ -144,7 +144,7 @@ def make_plan(
         moment: of the ground force about the COM, (M_x, M_y), shape (N, 2) [N m].
         angular_momentum: about the COM at the first time, (L_x, L_y); by default that of ``after``, or 0. A
             first plan of steps that repeat gets the one that repeats [N m s].
-        after: the plan then valid.
+        after: the plan in force.
 
     Raises:
         InputError: arrays do not fit each other, end before the contacts, or contradict Newton's law by more
@@ -190,13 +190,13 @@ def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkP
 
 
 def _next_walk(after: WalkPlan, plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkPlan:
-    """A plan of samples with feet and posture that go on from those of the plan then valid."""
+    """A plan of samples with feet and posture that go on from those of the plan in force."""
     now, new, old = plan.phases[0].start, plan.contacts, after.contacts
     passed = int(np.searchsorted(old.starts, now + TIME_TOLERANCE))
     if not np.array_equal(new.stance_codes[:passed], old.stance_codes[:passed]) or (
         np.searchsorted(new.starts, now + TIME_TOLERANCE) != passed
     ):
-        raise InputError(f"the contacts up to {now:g} s are not those of the plan then valid; keep them.")
+        raise InputError(f"the contacts up to {now:g} s differ from those of the plan in force; keep them.")
     landings = new.starts[passed:][new.kind_codes[passed:] == 1]
     feet = joined(after.feet, _with_feet(plan, run, robot).feet, now, min([*landings, plan.duration]))
     posture, ahead = after.posture, slice(passed, 1 + min(len(new.starts), len(old.starts)))

@@ -212,7 +212,7 @@ class Replanner(Planner, Protocol):
     def replan(self, time: float, state: State, touch: Touch, plan: WalkPlan) -> WalkPlan | None:
         """The plan to follow from the next tick on, or None to keep the one that is valid.
 
-        The walk ends when the plan then valid has stepped as often as was asked for, or ends.
+        The walk ends when the plan in force has stepped as often as was asked for, or ends.
 
         Args:
             time: of this tick on the walk's clock, which all plans share [s].

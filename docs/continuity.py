@@ -35,12 +35,13 @@ Side = tuple[str, SavedRun]
 COLOURS = ("#0072b2", "#d55e00", "#5b6270")
 """Of both sides and of the plan."""
 SWITCHES = ("single to double support", "double to single support")
-CURVES = (
-    "COM acceleration x\n[m/s²]",
-    "ZMP error x\n[mm]",
-    "ZMP error y, to\nthe stance foot [mm]",
-    "torque rate\n[N m/ms]",
-)
+CURVES = {
+    "COM acceleration x\n[m/s²]": (-3.5, 3.5),
+    "ZMP error x\n[mm]": (-40, 60),
+    "ZMP error y, to\nthe stance foot [mm]": (-30, 25),
+    "torque rate\n[N m/ms]": (0, 25),
+}
+"""Label and range of each curve; single switches go beyond."""
 
 
 def main() -> None:
@@ -129,8 +130,9 @@ def draw(sides: Sequence[Side]) -> Figure:
     for first, last, title in zip(axes[0], axes[-1], SWITCHES, strict=True):
         first.set_title(title)
         last.set_xlabel("time from the switch [ms]")
-    for axis, label in zip(axes[:, 0], CURVES, strict=True):
+    for axis, (label, shown) in zip(axes[:, 0], CURVES.items(), strict=True):
         axis.set_ylabel(label)
+        axis.set_ylim(*shown)
     figure.align_ylabels(axes[:, 0])
     handles += axes[0, 0].plot([], [], color=ink, linestyle=(0, (4, 2)), label="plan")
     figure.legend(handles=handles, loc="upper right", ncols=3, bbox_to_anchor=(0.985, 0.995))

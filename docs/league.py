@@ -1,9 +1,9 @@
-"""Walk the quick league; rewrite data/league.csv, and table and picture of docs/league.md.
+"""Walk the league with steps of 2 ms; rewrite data/league.csv, and tables and picture of docs/league.md.
 
     python docs/league.py [page]
 
-Ten minutes on two idle cores. Finished walks are kept in build/league, so a stopped league goes on. With
-``page`` nothing is walked: table and picture are made from the data.
+Half an hour on two idle cores. Finished walks are kept in build/league, so a stopped league goes on. With
+``page`` nothing is walked: tables and picture are made from the data.
 """
 
 from __future__ import annotations
@@ -14,21 +14,27 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from figures import save_figure, style
 from matplotlib.figure import Figure
 from trials import DATA, write_rows
 
 import validation as val
 from validation.cli.console import Narrator
-from validation.show.style import save_figure, style
 from validation.show.text import replace_between
 from validation.study.rank import Ranking
+from validation.study.sweep.design import SweepDefinition, load_sweep
 from validation.table import ABSENT, Table, format_number
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "league.png"
 ROOT = PAGE.parents[1]
 KEPT = ROOT / "build" / "league"
-LEAGUE = "examples/league/league-quick.toml"
+LEAGUE = "examples/league/league.toml"
+COARSE = {"simulation.time_step": 0.002}  # [s]
+TABLES = {"league": False, "league-pushed": True}
+"""Tables of the page, and whether their tasks are pushed."""
+LIKE_NORMAL = ("slow", "turn", "stop", "stairs")
+"""Tasks that the page leaves out: the data file has them."""
 COLUMNS = (
     "task",
     "planner",
@@ -48,12 +54,21 @@ def main() -> None:
     """Walk what is missing, write the data, and from the data page and picture."""
     if sys.argv[1:] != ["page"]:
         os.chdir(ROOT)  # the planners are examples.planners
-        val.sweep(LEAGUE, KEPT, resume=KEPT.exists(), progress=Narrator())
+        val.sweep(league(), out=KEPT, resume=KEPT.exists(), progress=Narrator())
         write_rows("league", [COLUMNS, *rows_of(val.rank(KEPT))])
     found = read()
-    page = replace_between(PAGE.read_text(encoding="utf-8"), "league", overview(found).markdown())
+    page = PAGE.read_text(encoding="utf-8")
+    for name, pushed in TABLES.items():
+        page = replace_between(page, name, overview(found, pushed=pushed).markdown())
     PAGE.write_text(page, encoding="utf-8")
     draw(found, PICTURE)
+
+
+def league() -> SweepDefinition:
+    """The league, with a coarse time step."""
+    fine = load_sweep(LEAGUE)
+    fields = {name: getattr(fine, name) for name in SweepDefinition.model_fields}
+    return SweepDefinition(**{**fields, "set": {**fine.set, **COARSE}})
 
 
 def rows_of(ranking: Ranking) -> list[tuple[str, ...]]:
@@ -80,9 +95,10 @@ def read() -> list[Row]:
         return list(csv.DictReader(file))
 
 
-def overview(rows: Sequence[Row]) -> Table:
-    """Rank, error and survival of every planner in every task."""
+def overview(rows: Sequence[Row], *, pushed: bool) -> Table:
+    """Rank, error and survival of every planner in every task with a push, or without."""
     tasks, planners = (list(dict.fromkeys(row[name] for row in rows)) for name in ("task", "planner"))
+    tasks = [task for task in tasks if task.startswith("push") == pushed and task not in LIKE_NORMAL]
     cells = {(row["planner"], row["task"]): row for row in rows}
 
     def text(row: Row) -> str:
@@ -99,12 +115,13 @@ def overview(rows: Sequence[Row]) -> Table:
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Error against effort; the size of a mark is the survival."""
     tasks = list(dict.fromkeys(row["task"] for row in rows))
-    figure = Figure(figsize=(8.0, 5.0), dpi=110, layout="constrained")
-    plots = figure.subplots(2, (len(tasks) + 1) // 2, sharex=True, sharey=True).ravel()
+    columns = 5
+    figure = Figure(figsize=(10.0, 7.0), dpi=110, layout="constrained")
+    plots = figure.subplots(-(-len(tasks) // columns), columns, sharex=True, sharey=True).ravel()
     planners = dict.fromkeys(row["planner"] for row in rows)
     looks = {
         name: {"marker": marker, "facecolors": "none", "edgecolors": f"C{k}", "linewidths": 1.6}
-        for k, (name, marker) in enumerate(zip(planners, "osD^vPXh<>8", strict=False))
+        for k, (name, marker) in enumerate(zip(planners, "osD^vPXh<>pd*8", strict=False))
     }
     for axes, task in zip(plots, tasks, strict=False):
         for row in rows:
@@ -119,8 +136,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         axes.set(title=task, yscale="log")
     for axes in plots[len(tasks) :]:
         axes.set_axis_off()
-    columns = len(plots) // 2
-    for axes in plots[columns:]:
+    for axes in plots[len(tasks) - columns : len(tasks)]:
         axes.set_xlabel("cost of transport [1]")
     for axes in plots[::columns]:
         axes.set_ylabel("ZMP error ahead [mm]")

@@ -1,4 +1,4 @@
-"""Walk the disturbances of docs/footsteps.md again; rewrite the table and two files in data.
+"""Walk the disturbances of docs/footsteps.md again; rewrite the table and data/robustness.csv.
 
     python docs/robustness.py [--replicas N]
 
@@ -11,7 +11,6 @@ import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ampm.run_file import describe_keys
 from validation.cli.console import Narrator
 from validation.show.text import replace_between
 from validation.study.robustness.cells import DIRECTIONS, PUSH_PHASES, PUSHES, REPLICAS, other_cells
@@ -21,9 +20,7 @@ from validation.table import Table
 
 PAGE = Path(__file__).with_name("footsteps.md")
 DATA = PAGE.parent / "data" / "robustness.csv"
-KEYS = DATA.with_name("disturbances.csv")
 KEPT = PAGE.parents[1] / "build" / "robustness"
-SECTION = "disturbance."
 STABILIZERS = ("fixed", "stepping")
 PUSH = ("direction", ">fixed", ">stepping")
 HEIGHT = "com"
@@ -33,24 +30,6 @@ Rows = Mapping[tuple[str, str], Mapping[str, str]]
 """Rows of the data file, by stabiliser and cell."""
 Studies = Mapping[str, tuple[Robustness, Robustness]]
 """Pushes, and all others, by stabiliser."""
-
-
-def keys_table() -> list[tuple[str, ...]]:
-    """Header, and every key of the section: unit, default, bounds, meaning."""
-    return [
-        ("key", "unit", "default", "bounds", "meaning"),
-        *(
-            (info.key, info.unit, str(info.default), info.range, info.meaning)
-            for info in describe_keys()
-            if info.key.startswith(SECTION)
-        ),
-    ]
-
-
-def write_keys() -> None:
-    """Rewrite data/disturbances.csv."""
-    with KEYS.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows(keys_table())
 
 
 def write_table() -> None:
@@ -80,7 +59,6 @@ def _range(values: Sequence[float]) -> str:
 
 def write(studies: Studies) -> None:
     """Rewrite page and data."""
-    write_keys()
     with DATA.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         names = ("cell", "unit", "survived", "within", "cause")

@@ -121,9 +121,8 @@ def _table(rows: Sequence[Sequence[str]]) -> Table:
         seeds.setdefault(", ".join(row[:2]), []).append(row)
 
     def largest(cells: Sequence[str]) -> str:
-        return ", ".join(
-            max(values, key=float) for values in zip(*(c.split(", ") for c in cells), strict=True)
-        )
+        columns = zip(*(cell.split(", ") for cell in cells), strict=True)
+        return ", ".join(max(values, key=float) for values in columns).replace("nan", "–")
 
     body = [
         (name, *(largest([row[column] for row in same]) for column in (3, 4, 5)), _verdicts(same))

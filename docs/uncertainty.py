@@ -12,13 +12,13 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from figures import save_figure, style
 from matplotlib.figure import Figure
 from trials import write_rows
 
 from ampm.presets import PRESETS
 from validation.judge.metrics import metric_label
 from validation.judge.uncertainty import rounding
-from validation.show.style import save_figure, style
 from validation.show.text import replace_between
 from validation.study.convergence.result import Convergence
 from validation.study.convergence.study import convergence

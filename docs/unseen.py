@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from figures import save_figure, style
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from trials import DATA, write_rows
 
 import validation as val
 from validation.cli.console import Narrator
-from validation.show.style import save_figure, style
 from validation.show.text import replace_between
 from validation.study.sweep.design import Block, SweepDefinition, load_sweep
 from validation.study.sweep.table import RunState, SweepTable
@@ -137,7 +137,7 @@ def changed(draw: SweepDefinition, settings: Mapping[str, Any], **fields: Any) -
 def walked(name: str, draw: SweepDefinition) -> Iterator[Row]:
     """A row of the data for every gait."""
     folder = KEPT / name.replace(", ", "-").replace(" ", "-")
-    table = val.sweep(draw, folder, workers=1, resume=True, progress=Narrator())
+    table = val.sweep(draw, out=folder, workers=1, resume=True, progress=Narrator())
     drawn = {title: table.numbers(key) for key, title in DRAWN.items() if key in draw.keys}
     zmp = {title: table.shown(metric)[0] for metric, title in ERRORS.items()}
     zmp |= {title: table.used(metric) for metric, title in SHARES.items()}

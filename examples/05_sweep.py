@@ -28,7 +28,7 @@ gait.step_width = { from = 0.16, to = 0.22 }
 
 if __name__ == "__main__":  # the processes of a sweep import this file
     Path("speeds.toml").write_text(DEFINITION)
-    result = val.sweep("speeds.toml", "sweeps/speeds", resume=Path("sweeps/speeds").exists())
+    result = val.sweep("speeds.toml", out="sweeps/speeds", resume=Path("sweeps/speeds").exists())
     rows = result.table.to_pylist()
     print(f"{sum(row['verdict'] == 'pass' for row in rows)} of {len(rows)} runs pass")
     figure = Figure(figsize=(8.0, 4.5), layout="constrained")

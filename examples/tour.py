@@ -15,7 +15,6 @@ import numpy as np
 import ampm
 import validation as val
 from ampm.planner import routes
-from validation.study.many import study_folder
 from validation.study.robustness.study import cause_of
 from validation.trial.plan import Request, complete, load_request, plan_walk
 from validation.trial.simulate import simulate
@@ -94,12 +93,11 @@ def walk_tour(seed, request, count, share):
 
 def walk_tours(gait, settings, seeds, count, share, workers=None, out=None, resume=False):
     """Walk the tours of seeds 0, 1, ... and return their rows, which a folder keeps."""
-    folder = study_folder(out, resume=resume)
     request = complete(load_request(gait, settings))
     options = {"request": request, "count": count, "share": share}
     tasks = [val.Task(f"seed {seed}", walk_tour, {"seed": seed, **options}) for seed in range(seeds)]
     rows = {}
-    for row in val.walk_many(tasks, folder, workers=workers):
+    for row in val.walk_many(tasks, workers=workers, out=out, resume=resume):
         rows[row["key"]] = row
         print(f"{row['key']}: {row['cause'] or 'completed'}, {row.get('reached', 0)} targets", flush=True)
     return [rows[task.key] for task in tasks]

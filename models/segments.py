@@ -81,7 +81,7 @@ def symmetrise(segments: Sequence[Segment]) -> tuple[list[int], Array, Findings]
     ):
         if not value <= limit:
             raise InputError(
-                f"left and right differ by {value:.3g} {unit} in {what}, and may by {limit:.3g} {unit}; "
+                f"left and right differ by {value:.3g} {unit} in {what}, more than {limit:.3g} {unit}; "
                 "a periodic walk needs a symmetric body: correct the model, or sides in its description."
             )
     bare = sum(not segment.shapes for segment in segments)

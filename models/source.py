@@ -247,11 +247,13 @@ def _check_urdf(tree: ET.Element) -> None:
 
 
 def _check_numbers(model: mujoco.MjModel) -> None:
-    """Refuse a model with numbers that are not finite.
+    """Refuse a model without joints, or with numbers that are not finite.
 
     Raises:
         ValueError: names the first link or joint.
     """
+    if not model.njnt:
+        raise ValueError("it has no joints")
     for what, fields in (
         ("body", ("body_mass", "body_inertia", "body_pos", "body_quat", "body_ipos", "body_iquat")),
         ("joint", ("jnt_axis", "jnt_pos", "jnt_range")),

@@ -21,9 +21,18 @@ RunOf = Callable[..., Path]
 def pytest_configure(config: pytest.Config) -> None:
     """Compile what a walk needs before parallel workers start, so that no two of them compile the same."""
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
-        from validation.run.walk import compile_once  # loads simulator and controller
+        from ampm.compiled import folder
+        from ampm.run_file import load_run
+        from validation.run.walk import compile_once, walk  # loads simulator and controller
 
+        is_new = not (folder() / "complete").exists()
         compile_once()
+        if is_new:  # the estimator, too, which several files of tests use
+            walk(
+                load_run(
+                    "normal", gait={"steps": 1}, sensors={"estimator": "kalman", "force_sensor": "wrench"}
+                )
+            )
 
 
 @pytest.fixture(scope="session")

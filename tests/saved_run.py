@@ -24,13 +24,15 @@ from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
 
+COARSE = ("simulation.time_step=0.002",)
+
 
 def make_run(
     directory: Path,
     *,
     steps: int = 4,
     outcome: Outcome | None = None,
-    settings: tuple[str, ...] = (),
+    settings: tuple[str, ...] = COARSE,
     angles: Mapping[str, float] = MappingProxyType({}),
     uncertainty: Uncertainty | None = None,
 ) -> Path:

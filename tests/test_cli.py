@@ -72,7 +72,7 @@ def test_the_viewer_stays_on_this_machine_and_needs_a_display(ampm, tmp_path, mo
         assert command[command.index("--bind") + 1] == "127.0.0.1"
     monkeypatch.delenv("DISPLAY")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    answer = ampm("view", tmp_path)
+    answer = ampm("view", recording)
     assert answer.status == Status.REFUSED
     assert "--web" in answer.err
 

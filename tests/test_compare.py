@@ -1,6 +1,8 @@
 """Comparison on hand-made measurements: a perfect one scores zero, a known error comes back as itself."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -64,6 +66,7 @@ def test_a_constant_error_is_bias(walk):
     zmp_x = comparison.signals["zmp_x"][RUN]
     assert (zmp_x.rmse, zmp_x.maximum, zmp_x.bias) == (pytest.approx(0.002),) * 3
     assert comparison.signals["zmp_y"][RUN].bias == pytest.approx(-0.001)
+    assert zmp_x.r2 == pytest.approx(1.0 - 0.002**2 / comparison.sample.zmp[comparison.inside, 0].var())
     assert statistics_table(comparison)["zmp_x"][RUN]["bias"] == zmp_x.bias
 
 
@@ -106,12 +109,39 @@ def test_the_split_is_exact_for_large_and_mixed_errors(walk):
 
 def test_an_instant_without_support_is_counted_not_dropped_silently(walk):
     zmp, other = walk[2].zmp.copy(), walk[2].zmp_momentum.copy()
-    zmp[-5:], other[-5:] = np.nan, np.nan
-    comparison = measuring(walk, zmp=zmp, zmp_momentum=other)
+    zmp[-5:], other[-5:], force = np.nan, np.nan, walk[2].force.copy()
+    force[-5:] = 0.0
+    comparison = measuring(walk, zmp=zmp, zmp_momentum=other, force=force)
+    assert comparison.rows["measured_flight"].nonzero()[0].tolist() == [*range(len(zmp))[-5:]]
     assert comparison.signals["zmp_x"][RUN].unmeasured == 5
     assert evaluate(comparison)["unsupported_instants"].value == 5
     assert comparison.zmp_split.residual < 1e-12
     assert signals_table(comparison).column("measured_zmp_x").null_count == 5
+
+
+def test_margins_of_a_knee_that_bends_backwards_and_of_its_motor(walk):
+    """It is straight at -0.3 rad."""
+    leg = SimpleNamespace(knee="knee", knee_sign=-1.0, straight_knee=-0.3)
+    body: Any = SimpleNamespace(legs=[leg], speed_limits=[("knee", 4.0)])
+    plan, record, measured = walk
+    q, qd, torque = record.q.copy(), record.qd.copy(), record.tick_torque.copy()
+    q[:, 7], q[40, 7], qd[60, 6], torque[:10, 0] = -0.9, -0.5, -3.0, -100.0
+    bent = replace(record, q=q, qd=qd, tick_torque=torque)
+    margins = compare(plan, bent, measured, description=body).costs["margins"]
+    found = {name: (margins[name].value, margins[name].time) for name in ("knee", "speed")}
+    assert found["knee"] == (pytest.approx(0.2), record.time[40])
+    assert found["speed"] == (0.75, record.time[60])
+    assert margins["joint"].value == pytest.approx(0.1)
+    assert margins["saturated"] == 10 / record.steps
+
+
+def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):
+    plan, record, measured = walk
+    force, zmp = np.zeros((record.steps, 1, 3)), measured.zmp.copy()
+    force[[100, 200]], zmp[210:250, 1] = 10.0, 0.5
+    pushed = replace(record, external_segments=("thorax",), external_force=force)
+    recovery = evaluate(compare(plan, pushed, replace(measured, zmp=zmp)))["recovery_time"]
+    assert recovery.value == pytest.approx(49 * record.time_step)
 
 
 def test_effort_is_command_minus_plan_after_the_first_step(walk):

@@ -4,10 +4,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, NamedTuple
 
-import numba
-import numpy as np
 import pytest
 
 from ampm import compiled
@@ -47,38 +44,6 @@ def test_the_first_process_compiles_and_reports_it_once(tmp_path):
     assert "Compiling" not in run(CROSS, tmp_path / "none", NUMBA_DISABLE_JIT="1")[1]
 
 
-class Inner(NamedTuple):
-    grid: Any
-    number: int
-
-
-class Parts(NamedTuple):
-    rows: Any
-    inner: Inner
-    scale: float
-    on: bool
-
-
-def test_a_reference_hands_over_the_fields_of_nested_tuples_by_their_names(monkeypatch):
-    # Not kept on disk: other processes could not load types of this module.
-    monkeypatch.setattr(compiled, "_refer_to", numba.njit(lambda parts: compiled._handle(parts)))
-
-    @compiled.compiled
-    def use(parts, more):
-        for i in range(len(parts.rows)):
-            parts.rows[i].place[1] = parts.inner.grid[i, 0]
-        parts.inner.grid[1, 0] = parts.scale * parts.inner.number + more
-        return parts.on
-
-    rows, grid = compiled.records(2, [("name", np.int64), ("place", np.float64, (3,))]), np.ones((2, 4))
-    handle = compiled.refer(Parts(rows=rows, inner=Inner(grid=grid[:, ::2], number=3), scale=0.5, on=True))
-    assert compiled.bound(use, (handle,), 1.0)(2.0) is True
-    assert grid.tolist() == [[1.0] * 4, [3.5, 1.0, 1.0, 1.0]]
-    assert rows["place"][:, 1].tolist() == [1.0, 1.0]
-    assert use(handle, 3.0) is True
-    assert grid[1, 0] == 4.5
-
-
 @pytest.mark.slow
 def test_a_walk_has_the_same_bits_in_another_process(tmp_path):
     """Plan, body, periodic motion, walk and metrics."""
@@ -90,8 +55,10 @@ def test_a_walk_has_the_same_bits_in_another_process(tmp_path):
 def test_what_a_walk_needs_is_compiled_before_workers_start_and_only_once(tmp_path, monkeypatch):
     from validation.run import walk  # here, because it loads the simulator
 
+    walked: list[object] = []
     monkeypatch.setattr(walk, "folder", lambda: tmp_path)
-    walk.compile_once()
-    monkeypatch.setattr(walk, "walk", None)
-    walk.compile_once()
+    monkeypatch.setattr(walk, "walk", walked.append)
+    for _ in range(2):
+        walk.compile_once()
+        assert len(walked) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["complete"]

@@ -1,36 +1,22 @@
-"""Additions to a walk: pushes, a user's own force, a user's own controller."""
+"""Pushes and other disturbances of a walk."""
 
-import importlib.util
 import json
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ampm.control.joint_pd import JointPD
-from tests.records import first_difference, stored
+from tests.records import first_difference, same_bits, stored
 from tests.solved import COARSE, body_of, simulated, walk_of
 from tests.test_golden import definition
 from validation.judge.built_in import rms
 from validation.measure.measure import measure
 from validation.run.replay import replay
 from validation.trial.bridge import to_pinocchio
-from validation.trial.disturbances import Push
+from validation.trial.disturbances import Push, Recorded
 
 SHOVE = Push("chest", (0.0, 30.0, 0.0), at=0.6, duration=0.1)
-
-
-def example(name):
-    """A module of docs/examples."""
-    path = Path(__file__).parents[1] / "docs" / "examples" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @cache
@@ -94,10 +80,22 @@ def test_a_com_push_adds_momentum_and_no_angular_momentum():
     rows = record.time.searchsorted([0.3199, 0.3239])
     speed = np.diff(gained[rows]) / np.diff(record.time[rows])
     assert speed == pytest.approx(60.0 * 0.02 / record.mass, rel=0.3)
+    pushed, robot = record.external_force[:, 0, 0] > 0.0, walk_of(COARSE).robot
+    measured, calm = (measure(one, robot.model, to_pinocchio) for one in (record, plain))
+    gap, usual = ((one.zmp - one.zmp_momentum)[: record.steps][pushed] for one in (measured, calm))
+    np.testing.assert_allclose(gap[:, 0], usual[:, 0], atol=1e-4)  # without the moment 4 mm
+
+
+def test_recorded_pushes_act_again_to_the_bit():
+    record = walk(Push("com", (60.0, 0.0, 0.0), at=0.3, duration=0.02), steps=1)
+    forces = record.external_force, record.external_moment
+    again = simulated(disturbances=[Recorded(record.external_segments, *forces, record.time_step)], steps=1)
+    assert same_bits(again.q, record.q)
 
 
 def test_a_moved_floor_has_its_contacts_at_the_new_height():
-    record = disturbed(steps=1, floor_height=0.01)
+    record = disturbed(steps=1, floor_height=0.01, step_height=-0.004)
+    np.testing.assert_allclose(record.floor, [0.006, 0.01])
     loaded = record.point_force[..., 2] > 5.0
     assert np.median(record.point_position[..., 2][loaded]) == pytest.approx(0.01, abs=1e-3)
 

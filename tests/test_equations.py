@@ -49,6 +49,14 @@ def test_a_joint_at_its_stop_shows(block):
     assert found.largest > 0.1
 
 
+def test_a_spring_that_a_torque_balances_changes_nothing(block):
+    record, model = block
+    stiffness, rest = 3.0 * np.eye(7)[6], 0.2 * np.eye(7)[6]  # [N m/rad], [rad]
+    torque = record.tick_torque + 3.0 * (record.q[:-1, 7:] - 0.2)
+    spring = NOTHING._replace(stiffness=stiffness, rest=rest)
+    assert check(replace(record, tick_torque=torque), model, spring).largest < 1e-9
+
+
 def test_what_is_missing_shows(block):
     record, model = block
     arm = model.joints[model.getJointId("swing")].idx_v

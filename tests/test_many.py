@@ -51,7 +51,8 @@ def doubling(least: int) -> Search:
 
 
 def squares(folder: Path | None, items: Iterable[Task | Search]) -> dict[str, int]:
-    return {row["key"]: row["square"] for row in walk_many(items, folder, workers=0)}
+    rows = walk_many(items, out=folder, resume=folder is not None, workers=0)
+    return {row["key"]: row["square"] for row in rows}
 
 
 def test_other_options_are_another_run(tmp_path):
@@ -83,7 +84,7 @@ def test_damaged_line_is_named(tmp_path):
 
 def test_bad_runs_are_rows_and_the_others_go_on(tmp_path):
     items = [*(Task(f"bad {n}", fail, {"number": n}) for n in range(3)), *tasks(4)]
-    rows = {row["key"]: row for row in walk_many(items, tmp_path, workers=2, limit=8.0)}
+    rows = {row["key"]: row for row in walk_many(items, out=tmp_path, workers=2, limit=8.0)}
     assert [rows[f"bad {n}"]["outcome"] for n in range(3)] == ["crashed", "crashed", "timed_out"]
     assert [rows[f"bad {n}"]["reason"] for n in range(3)] == ["ValueError", "worker_died", "wall_clock"]
     assert "test_many.py" in rows["bad 0"]["traceback"]

@@ -53,6 +53,8 @@ def drop():
 
 def test_profiles_verdict_summary_and_worker_processes(drop):
     assert [item.tolerances[-1].limit for item in (DEFAULT, STRICT, WIDE)] == [0.01, 0.01, 0.02]
+    agreement = METRICS["com_agreement_maximum"]
+    assert WIDE.tolerance(agreement) == DEFAULT.tolerance(agreement)  # the instrument is as good as ever
     comparison = compared(perfect_walk(), com_shift=(0.0, 0.0, -0.015))
     verdict = verdict_of(comparison, DEFAULT)
     assert drop.name in [item.name for item in verdict.failed]
@@ -90,7 +92,7 @@ def test_a_sweeps_table_keeps_the_readable_name_for_processes_without_the_metric
 
 
 def test_comparison(drop, tmp_path, capsys):
-    folder = str(make_run(tmp_path / "run", settings=("simulation.time_step=0.002",)))
+    folder = str(make_run(tmp_path / "run"))
     assert call(["compare", folder, folder, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["metrics"][drop.name]["label"] == drop.label
 

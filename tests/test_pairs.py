@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 from markupsafe import Markup
 
+from ampm import plan as plan_of
 from ampm.run_file import load_run
 from tests.saved_run import make_study
 from validation.judge.uncertainty import Uncertainty
@@ -46,6 +47,8 @@ def test_finished_runs_of_two_planners(folders, tmp_path, ampm):
     assert zmp["values"][0] < 1.0 < zmp["values"][1]
     assert (zmp["group"], zmp["better"]) == (JUDGED, 0)
     assert found["parameters"] == {"gait.planner": ["ampm", "ipm"]}
+    speed = load_run(folders[0] / "run.toml").gait.step_length / plan_of("normal").constants.step_duration
+    assert found["walks"][0]["planned"]["planned speed [m/s]"] == pytest.approx(speed, rel=0.01)
     page = (out / REPORT).read_text(encoding="utf-8")
     assert str(Markup.escape(found["sentence"])) in page
     for walk, folder in zip(kept["walks"], folders, strict=True):
@@ -116,6 +119,8 @@ def test_bodies_of_two_sizes_are_told_and_compared_in_shares_of_their_size(sides
 )
 def test_which_side_is_better(values, doubt, better):
     assert MetricRow(JUDGED, "zmp_x_rmse", "ZMP", "m", values, doubt).better == better
+    room = MetricRow(JUDGED, "margin_knee", "knee", "rad", tuple(-value for value in values), doubt)
+    assert room.better == better
 
 
 def changed(side: Side, metrics: dict[str, float] | None = None, **summary) -> Side:
@@ -128,14 +133,14 @@ def changed(side: Side, metrics: dict[str, float] | None = None, **summary) -> S
 def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limits(sides):
     a, b = sides[0], replace(sides[0], label="other")
     equal = comparison_of([a, b]).sentence
-    assert equal.startswith("smooth and other track the ZMP equally well (x ")
+    assert equal.startswith("smooth and other track the ZMP equally well (x: smooth ")
     assert "smooth stays below every limit (largest torque, of the motor's limit, 78 %), other stays" in equal
     margins = json.loads(json.dumps(a.run.summary["margins"]))
     margins["torque"]["value"] *= 1.12
     margins["friction"]["value"] *= 2.5
     spent = changed(b, {"zmp_x_rmse": 2e-3, "zmp_y_rmse": 1e-5, "force_x_rmse": 50.0}, margins=margins)
     said = comparison_of([a, spent]).sentence
-    assert said.startswith("The ZMP is tracked best by smooth along x and other along y (x ")
+    assert said.startswith("The ZMP is tracked best by smooth along x and other along y (x: smooth ")
     assert "other takes 12 % more torque and uses 2.5 times the friction; smooth stays below" in said
     assert "other exceeds 1 of 12 limits (ground force, RMS error along x, " in said
     fell = changed(b, outcome="fell", end={"time": 2.3, "cause": ""})
@@ -150,6 +155,12 @@ def test_a_study_takes_the_place_of_the_share_and_rounding_never_counts(sides):
     studied = replace(side, study=Uncertainty("a", 6, {"zmp_x_rmse": 1e-3, "zmp_y_rmse": 0.0}))
     assert studied.doubt("zmp_x_rmse", "m") == 1e-3
     assert studied.doubt("zmp_y_rmse", "m") == pytest.approx(1e-6 * side.number("zmp_y_rmse"))
+    twice = changed(side, {"zmp_x_rmse": 2.0 * side.number("zmp_x_rmse")})
+    row = next(row for row in comparison_of([side, twice]).rows if row.name == "zmp_x_rmse")
+    assert row.doubt == pytest.approx(SHARE * row.values[0])  # of the smaller value
+    other = replace(twice, study=Uncertainty("b", 6, {"zmp_x_rmse": 2e-3}))
+    row = next(row for row in comparison_of([studied, other]).rows if row.name == "zmp_x_rmse")
+    assert row.doubt == pytest.approx(2.0)  # the larger uncertainty [mm]
 
 
 def test_causes_and_robustness_stand_side_by_side(sides, folders, tmp_path, ampm):

@@ -16,12 +16,9 @@ from validation.show.report import write_report
 COLUMN = 88.0 / 25.4 * 72.0  # [pt]
 
 
-COARSE = ("simulation.time_step=0.002",)
-
-
 @pytest.fixture(scope="module")
 def run_dir(tmp_path_factory):
-    return make_run(tmp_path_factory.mktemp("run") / "normal", settings=COARSE)
+    return make_run(tmp_path_factory.mktemp("run") / "normal")
 
 
 def _only(pattern, text):
@@ -41,10 +38,10 @@ def test_every_figure_of_the_page_is_a_file_with_its_caption(run_dir, page, tmp_
     out = tmp_path / "paper"
     assert ampm("report", run_dir, "--figures", out, "--format", form).status == 0
     captions = (out / "captions.txt").read_text(encoding="utf-8").split("\n\n")[:-1]
-    assert [caption.partition(".")[0] for caption in captions] == [f"Figure {n + 1}" for n in range(18)]
+    assert [caption.partition(".")[0] for caption in captions] == [f"Figure {n + 1}" for n in range(17)]
     assert re.findall("<figcaption>(.*?)</figcaption>", page) == [str(Markup.escape(c)) for c in captions]
     files = sorted(out.glob(f"figure-*.{form}"))
-    assert len(files) == 18
+    assert len(files) == 17
     column, wide = (files[number].read_bytes() for number in (1, 0))
     for data, points in ((column, COLUMN), (wide, 2 * COLUMN + 5.0 / 25.4 * 72.0)):
         if form == "pdf":
@@ -64,7 +61,7 @@ def test_tables_have_the_uncertainty_of_a_study_or_say_that_there_is_none(run_di
     assert "ZMP, RMS error along x" in told
     assert UNSTUDIED in told
     known = Uncertainty("normal", 6, {"zmp_x_rmse": 8.3e-5})
-    studied = make_run(tmp_path / "run", settings=COARSE, uncertainty=known)
+    studied = make_run(tmp_path / "run", uncertainty=known)
     told = ampm("report", studied, "--tables", "tex").out
     assert re.search(r"ZMP, RMS error along x & 0\.\d{3} \$\\pm\$ 0\.083 & 2\.5 & mm", told)
     assert r"\toprule" in told
@@ -77,8 +74,8 @@ def test_figures_of_a_sweep(tmp_path, ampm):
     out = tmp_path / "paper"
     assert ampm("report", folder, "--figures", out, "--format", "svg", "--tables", "tex").status == 0
     drawn = [path.read_text(encoding="utf-8") for path in sorted(out.glob("*.svg"))]
-    widths = [float(_only(r'<svg [^>]*width="([\d.]+)"', text)) for text in drawn]
-    assert widths == pytest.approx([COLUMN / 0.75], abs=1.0)
+    widths = [float(_only(r'<svg [^>]*width="([\d.]+)pt"', text)) for text in drawn]
+    assert widths == pytest.approx([COLUMN], abs=1.0)
     assert UNSTUDIED.split("(")[0] in (out / "tables.tex").read_text(encoding="utf-8")
 
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from tests.sweep_table import sweep_of
 from validation.study.rank import median_interval, rank, wilson
@@ -61,10 +60,11 @@ def league(seed, change=lambda task, planner, row: row):
     return sweep_of(build_table(definition, rows))
 
 
-@pytest.mark.parametrize(("successes", "trials"), [(0, 6), (6, 6), (3, 8), (81, 263)])
-def test_the_interval_of_survival_is_that_of_scipy(successes, trials):
-    expected = stats.binomtest(successes, trials).proportion_ci(0.95, method="wilson")
-    assert wilson(successes, trials) == pytest.approx((expected.low, expected.high), abs=1e-12)
+def test_the_interval_of_survival_is_that_of_newcombe():
+    """R. G. Newcombe, Statistics in Medicine 17 (1998), table I, method 3."""
+    found = [wilson(*counts) for counts in ((81, 263), (15, 148), (0, 20), (1, 29))]
+    expected = [(0.2553, 0.3662), (0.0624, 0.1605), (0.0, 0.1611), (0.0061, 0.1718)]
+    np.testing.assert_allclose(found, expected, atol=5e-5)
 
 
 def test_the_interval_of_a_median_covers_it_in_95_of_100_draws():
@@ -104,6 +104,22 @@ def test_few_replicas_decide_nothing_and_refusals_leave_the_cell_empty():
     few = replace(one, errors=dict(list(one.errors.items())[:5]))
     assert found.better(one, other)
     assert not found.better(few, other)
+    for share, decided in ((0.05, False), (0.2, True)):  # numerical uncertainty of a tenth
+        worse = replace(other, errors={at: error + share * one.error for at, error in one.errors.items()})
+        assert found.better(one, worse) is decided
+    less = replace(one, survived=one.survived - 1)
+    assert not found.better(one, less)
+
+
+def test_the_worst_run_is_the_one_that_ended_first():
+    falls = iter([1.4, 0.9])
+
+    def change(task, planner, row):
+        time = next(falls, None) if (task, planner) == ("normal", "ipm") else None
+        return row if time is None else {"outcome": "fell", "verdict": "not_measured", "outcome_time": time}
+
+    cell = next(cell for cell in rank(league(0, change)).cells if cell.name == "ipm")
+    assert (cell.task, cell.survived, cell.runs, cell.worst) == ("normal", 6, 8, 17)
 
 
 def test_tables_and_json():

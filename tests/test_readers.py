@@ -131,7 +131,7 @@ def test_a_run_of_eurobench(tmp_path):
         f"base_link_{name}": 0.1 * random.normal(size=50) for name in ("tx", "ty", "tz", "rz", "ry", "rx")
     }
     loads = {f"{kind}_{axis}": random.normal(size=50) for kind in ("force", "torque") for axis in "xyz"}
-    tables = {"pos": base | joints, "ftl": loads, "ftr": loads}
+    tables = {"pos": base | joints, "ftl": loads, "ftr": {name: -load for name, load in loads.items()}}
     for name, columns in tables.items():
         write_columns({"time": time, **columns}, path := tmp_path / f"{name}.csv")
         path.write_text(path.read_text().replace(",", ";"))
@@ -150,6 +150,8 @@ def test_a_run_of_eurobench(tmp_path):
     sole = data.oMf[model.getFrameId("rleg_effector_body")].translation
     np.testing.assert_allclose([table[f"right_sensor_{axis}"][7] for axis in "xyz"], sole, atol=1e-12)
     np.testing.assert_allclose(table["left_sensor_torque_y"], loads["torque_y"])
+    under = [table[f"{foot}_sensor_z"] for foot in ("left", "right")]
+    np.testing.assert_array_equal(table["floor"], np.where(loads["force_z"] > 0.0, *under))
     with pytest.raises(InputError, match="the model has no frame 'paw'"):
         val.read_eurobench(tmp_path, model, {"left": "paw", "right": "paw"})
     (tmp_path / "ftr.csv").write_text("time;force_x\n0;1\n")

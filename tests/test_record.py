@@ -41,15 +41,6 @@ def test_what_is_stored_has_the_same_bits(record, tmp_path):
     assert rows == {"joints": -(-record.steps // 20) + 1, "contacts": -(-record.steps // 20)}
 
 
-def test_columns_have_no_nulls_and_the_header_is_strict_json(record, tmp_path):
-    save_record(record, tmp_path)
-    for name in ("joints", "contacts", "ticks"):
-        table = pq.read_table(tmp_path / f"{name}.parquet")
-        assert not any(table[column].null_count for column in table.column_names)
-    header = pq.read_schema(tmp_path / "joints.parquet").metadata[b"ampm_record"]
-    json.loads(header, parse_constant=lambda name: pytest.fail(name))
-
-
 def test_awkward_floats_are_kept(record, tmp_path):
     awkward = np.array([0.0, -0.0, np.nan, -np.nan, np.inf, -np.inf, 5e-324, 1 + 2**-52, np.pi, 0.1])
     q, rate, every = record.q.copy(), record.torque_rate.copy(), state_steps(record.time_step)
@@ -133,11 +124,15 @@ def test_a_folder_that_was_changed_is_neither_read_nor_replayed(folder, tmp_path
             described(torque_limit=[1.0]),
             "joints.parquet is damaged: record: torque_limit has shape",
         ),
-        ("joints", described(outcome="fell"), "joints.parquet is damaged: its description is"),
+        ("joints", described(outcome="fell"), "joints.parquet is damaged: its description cannot"),
         ("joints", lambda table: table.replace_schema_metadata(), "no description"),
-        ("joints", lambda table: table.slice(0, 3), "has not"),
+        ("joints", lambda table: table.slice(0, 3), "should have"),
         ("contacts", lambda table: table.drop_columns(table.column_names[3]), "no column"),
-        ("ticks", lambda table: table.set_column(1, table.column_names[1], [["x"] * len(table)]), "has not"),
+        (
+            "ticks",
+            lambda table: table.set_column(1, table.column_names[1], [["x"] * len(table)]),
+            "should have",
+        ),
     ],
 )
 def test_files_that_cannot_be_a_record_are_refused(record, tmp_path, name, change, words):

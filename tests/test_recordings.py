@@ -12,9 +12,9 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
-from tests.saved_run import make_run
+from tests.saved_run import COARSE, make_run
 from validation.cli.app import Status, call
-from validation.cli.view import choose
+from validation.cli.view import recording_of
 from validation.show.curves import DIFFERENCES
 from validation.show.rerun.record import RECORDING_FILE, SINGLE_SUPPORT, write_recording
 from validation.show.rerun.views import PHASE
@@ -22,8 +22,6 @@ from validation.store.record import load_record
 from validation.store.saved import load_saved_run
 from validation.store.signals import load_signals
 
-COARSE = ("simulation.time_step=0.002",)
-"""The recording then has a sample for every row of the signals."""
 SLOW = ("gait.switching_velocity=0.9", "gait.a_s=2.4")
 
 
@@ -32,8 +30,8 @@ def walks(tmp_path_factory):
     """Folders of runs with recordings: a gait, the same again but shorter, and a slower one."""
     base = tmp_path_factory.mktemp("walks")
     folders = {
-        "one": make_run(base / "one", steps=4, settings=COARSE),
-        "two": make_run(base / "two", steps=2, settings=COARSE),
+        "one": make_run(base / "one", steps=4),
+        "two": make_run(base / "two", steps=2),
         "slow": make_run(base / "slow", steps=4, settings=(*COARSE, *SLOW)),
     }
     for folder in folders.values():
@@ -122,7 +120,7 @@ def test_a_recording_is_sound_small_and_has_what_a_viewer_must_show(one, tmp_pat
         world/com/measured/trail world/feet/left/sole phase/planned_stance verdict events effort/torque"""
     assert {f"/{name}" for name in [*wanted.split(), *DIFFERENCES]} <= entities(path)
     assert path.stat().st_size / load_record(one).outcome.time < 1e6
-    again = write_recording(make_run(tmp_path / "run", steps=4, settings=COARSE))
+    again = write_recording(make_run(tmp_path / "run", steps=4))
     assert_rrd("compare", path, again)  # of an identical run
 
 
@@ -170,4 +168,4 @@ def test_one_target_is_saved_as_it_is_and_an_existing_file_is_kept(one, tmp_path
 
 def test_the_folder_of_a_sweep_has_no_recording_of_its_own(one):
     with pytest.raises(InputError, match="such as recordings/NAME of a sweep"):
-        choose([one.parent])
+        recording_of([one.parent], one)

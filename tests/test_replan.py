@@ -14,6 +14,7 @@ from ampm.planners import PeriodicPlanner, periodic_walk
 from tests.records import same_bits
 from tests.solved import COARSE, motion_of, simulate_plan, simulated, walk_of
 from tests.test_make_plan import Moved
+from validation.judge.built_in import stances
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
 from validation.judge.signals import signals_table
@@ -22,6 +23,7 @@ from validation.store.record import load_record, read_table, save_record
 from validation.store.signals import COLUMNS
 from validation.trial.bridge import to_pinocchio
 from validation.trial.followed import JUDGED_LEAD, LEADS
+from validation.trial.frozen_plan import PlanRows
 from validation.trial.outcome import OutcomeName
 from validation.trial.references import References
 
@@ -73,6 +75,9 @@ def test_an_equal_plan_walks_the_same_walk(fixed, period, steps):
     np.testing.assert_allclose(record.q, fixed.q[: len(record.q)], rtol=0.0, atol=1e-7)
     command = fixed.command_com[: len(record.command_com)]
     np.testing.assert_allclose(record.command_com, command, rtol=0.0, atol=1e-12)
+    walk = compared(plan_of(4), record)
+    for lead in LEADS:
+        np.testing.assert_allclose(walk.followed.at(walk.time, lead).zmp, walk.sample.zmp, atol=1e-9)
 
 
 def test_a_plan_holds_from_the_next_tick_on():
@@ -182,6 +187,9 @@ def test_a_walk_is_judged_by_the_plan_as_it_stood_before(replanned):
     np.testing.assert_array_equal(walk.sample.zmp, walk.followed.at(walk.time, JUDGED_LEAD).zmp)
     np.testing.assert_array_equal(walk.first.zmp, now.zmp)
     np.testing.assert_array_equal(walk.sample.stance, now.stance)
+    for foot, (_, places) in zip(("left", "right"), stances(walk.first), strict=True):
+        own = [step.position[:2] for step in plan.contacts.footsteps if step.foot == foot]
+        assert np.linalg.norm(places[:, None] - own, axis=2).min(axis=1).max() < 1e-9
     metrics = evaluate(walk)
     assert metrics["zmp_y_rmse"].value == walk.ahead[JUDGED_LEAD]["zmp_y"]
     assert metrics["plan_moved_zmp_maximum"].value == pytest.approx(1e-3)
@@ -191,6 +199,12 @@ def test_a_walk_is_judged_by_the_plan_as_it_stood_before(replanned):
     table = signals_table(walk)
     np.testing.assert_array_equal(table["first_plan_zmp_y"], now.zmp[:, 1])
     assert {*table.column_names} <= {*COLUMNS}
+
+
+def test_a_frozen_plan_goes_on_along_straight_lines():
+    plan, times = plan_of(2), np.arange(0.0, 0.3, 0.01)
+    between = PlanRows.of(plan, times).at(times[:-1] + 0.005)
+    np.testing.assert_allclose(between.com, plan.sample(times[:-1] + 0.005).com, atol=1e-4)
 
 
 def test_a_plan_that_stays_has_no_more_metrics_and_columns(fixed):
@@ -225,7 +239,9 @@ def test_a_plan_that_contradicts_itself_is_refused():
     plan = plan_of(2)
     off = Moved(plan.phases[0].x, "zmp", 3e-4)
     wrong = replace(plan, phases=(plan.phases[0]._replace(x=off), *plan.phases[1:]))
-    with pytest.raises(InputError, match=r"contradicts itself at .* s: its ZMP .* 0\.3 mm apart .* 0\.2 mm"):
+    with pytest.raises(
+        InputError, match=r"contradicts itself at .* s: its ZMP .* 0\.3 mm of ZMP, .* 0\.2 mm"
+    ):
         simulate_plan(wrong)
     record = simulated(planner=Replanning(lambda time, plan: wrong if time > 0.1 else None), steps=2)
     assert record.outcome.completed or "contradicts itself" in record.outcome.cause

@@ -38,6 +38,12 @@ def last_bit(values):
     return values
 
 
+def turn_sign(values):
+    assert values[ROW] == 0.0
+    values[ROW] = -0.0
+    return values
+
+
 def flip(values):
     values[ROW] ^= True
     return values
@@ -50,6 +56,7 @@ def lose(values):
 
 FORGED = {
     "a contact force": ("contacts", "force_{point}_z", add(1.0)),
+    "the sign of a zero": ("contacts", "force_{swing}_x", turn_sign),
     "where it acts": ("contacts", "position_{point}_x", last_bit),
     "a state": ("joints", "qd_left_knee_pitch", last_bit),
     "where a push acts": ("external", "position_thorax_y", add(1e-3, slice(160, 161))),
@@ -66,7 +73,8 @@ FORGED = {
 
 @pytest.mark.parametrize(("file", "column", "change"), FORGED.values(), ids=FORGED)
 def test_a_changed_number_with_a_forged_digest_is_found(pushed, tmp_path, file, column, change):
-    column = column.format(point=val.load(pushed).record.point_sites[0])
+    points = val.load(pushed).record.point_sites
+    column = column.format(point=points[0], swing=points[-1])
     file = f"{file}.parquet"
     copy = forge(pushed, tmp_path / "copy", file, lambda table: with_column(table, column, change))
     found = val.replay(copy)
@@ -78,7 +86,7 @@ def test_a_changed_number_with_a_forged_digest_is_found(pushed, tmp_path, file, 
     rows = {"contacts": ROW * 0.01, "joints": ROW * 0.01, "external": 0.32}
     first = 0.0 if change is FORGED["all ZMPs"][2] or column == "plan_zmp_x" else ROW * 0.002
     assert found.time == pytest.approx(rows.get(file.removesuffix(".parquet"), first))
-    assert found.recorded != found.replayed
+    assert str(found.recorded) != str(found.replayed)
 
 
 def test_all_columns_but_labels_plan_and_command_are_held(pushed):
@@ -97,14 +105,14 @@ def test_the_header_and_missing_rows_are_noticed(pushed, tmp_path):
     found = val.replay(forge(pushed, tmp_path / "heavier", "joints.parquet", heavier))
     assert (found.file, found.signal) == ("joints.parquet", "mass")
     short = forge(pushed, tmp_path / "short", "signals.parquet", lambda table: table.slice(1))
-    with pytest.raises(InputError, match="has not 679 rows"):
+    with pytest.raises(InputError, match="should have 679 rows"):
         val.replay(short)
 
 
 def test_a_long_walk_keeps_fewer_signals(tmp_path):
-    with patch.object(signals, "MOST_ROWS", 150):
-        folder = make_run(tmp_path / "run", steps=2, settings=(COARSE,))
-        assert len(load_signals(folder / "signals.parquet")) < 150
+    with patch.object(signals, "MOST_ROWS", 200):
+        folder = make_run(tmp_path / "run", steps=2)
+        np.testing.assert_allclose(np.diff(load_signals(folder / "signals.parquet").time), 0.01)
         assert val.replay(folder).identical
         change = partial(with_column, name="left_force_y", change=last_bit)
         copy = forge(folder, tmp_path / "copy", "signals.parquet", change)
@@ -116,7 +124,7 @@ def test_equations_that_do_not_hold_are_out_of_tolerance(pushed, ampm):
 
     def damped(model):
         passive = passive_joints(model)
-        return passive._replace(damping=passive.damping + 0.01)
+        return passive._replace(damping=passive.damping + 1e-4)
 
     assert ampm("replay", pushed, "--equations").status == 0
     with patch("validation.run.replay.passive_joints", damped):

@@ -13,15 +13,14 @@ from tests.browser import look
 from tests.saved_run import make_run
 from validation.show.chart import decimate
 from validation.show.cost_table import cost_table, reported_table
+from validation.show.curves import CURVES
 from validation.show.report import REPORT_FILE, render, write_report
 from validation.show.rerun.record import verdict_markdown, write_recording
-from validation.show.run_figures import middle
+from validation.show.run_figures import RunFigures, middle
 from validation.show.style import MEASURED
 from validation.show.walker import INSTANTS, draw_walker
 from validation.store.saved import load_saved_run, run_events
 from validation.trial.outcome import Outcome, OutcomeName
-
-COARSE = ("simulation.time_step=0.002",)
 
 
 class Page(HTMLParser):
@@ -56,7 +55,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def run_dir(tmp_path_factory):
-    return make_run(tmp_path_factory.mktemp("run"), steps=6, settings=COARSE)
+    return make_run(tmp_path_factory.mktemp("run"), steps=6)
 
 
 @pytest.fixture(scope="module")
@@ -94,11 +93,19 @@ def test_page_shows_the_tables_of_the_run(run_dir, html):
     assert f"<h1>{changed.title}" in render(changed) != html
 
 
+def test_an_error_is_drawn_as_measured_minus_planned_in_the_unit_of_its_axis(run_dir):
+    saved = load_saved_run(run_dir)
+    force = [saved.signals[f"{kind}_force_z"] for kind in ("measured", "plan")]
+    error = 100.0 * (force[0] - force[1]) / (saved.record.mass * saved.record.gravity)
+    drawn = RunFigures(saved, saved.plan()).tracking(CURVES["force_z"]).charts[2].marks[0].points[:, 1]
+    assert (drawn.min(), drawn.max()) == pytest.approx((np.nanmin(error), np.nanmax(error)))
+
+
 @pytest.mark.parametrize("seconds", [0.0, 0.9])
 def test_a_fall_is_told_as_one(tmp_path, seconds):
     cause = "The <b>pelvis</b> sank & stayed \N{SKULL}."
     end = Outcome(OutcomeName.FELL, seconds, cause, 0)
-    directory = make_run(tmp_path, settings=COARSE, outcome=end)
+    directory = make_run(tmp_path, outcome=end)
     html = write_report(directory).read_text(encoding="utf-8")
     assert 'class="card verdict fail"' in html
     assert "<b>pelvis</b>" not in html
@@ -110,9 +117,10 @@ def test_a_fall_is_told_as_one(tmp_path, seconds):
     assert any(level == "CRITICAL" and "fell" in text for _, level, text in run_events(saved))
     assert "fell" in verdict_markdown(saved)
     if seconds:
-        poses = draw_walker(saved, saved.plan(), middle(saved.signals))
-        assert len(poses) == INSTANTS
-        assert float(poses[-1].title.split()[0]) == pytest.approx(seconds, abs=0.02)
+        (chart,) = draw_walker(saved, saved.plan(), middle(saved.signals))
+        *_, last = chart.xticks
+        assert len(chart.xticks) == INSTANTS
+        assert float(last.split()[0]) == pytest.approx(seconds, abs=0.02)
 
 
 def test_names_from_outside_are_escaped(run_dir):
@@ -163,16 +171,16 @@ def test_the_first_screen_has_verdict_contents_walker_and_gait(html, tmp_path, s
 def test_the_walker_is_drawn_from_saved_joint_angles_forces_and_zmps(run_dir):
     saved = load_saved_run(run_dir)
     signals, stride = saved.signals, middle(saved.signals)
-    poses = draw_walker(saved, saved.plan(), stride)
-    phases = [pose.title.partition("\n")[2] for pose in poses]
-    single = ["left single support"] * 2, ["right single support"] * 2
+    (chart,) = draw_walker(saved, saved.plan(), stride)
+    phases = [text.partition("\n")[2] for text in chart.xticks]
+    single = ["left support"] * 2, ["right support"] * 2
     assert phases == [*single[0], "double support", *single[1], "double support"]
-    for pose in poses:
-        row = int(np.searchsorted(signals.time, float(pose.title.split()[0]) - 0.006))
-        near = slice(row, row + 8)  # the title is rounded
-        shapes = pose.marks
-        (zmp,) = [shape.points[0, 0] for shape in shapes if shape.stroke == MEASURED and shape.round]
+    zmps = [mark.points[0, 0] for mark in chart.marks if mark.stroke == MEASURED and mark.round]
+    for (text, at), zmp in zip(chart.xticks.items(), zmps, strict=True):
+        row = int(np.searchsorted(signals.time, float(text.split()[0]) - 0.006))
+        near = slice(row, row + 8)  # the text is rounded
         offsets = (signals["measured_zmp_x"] - signals["measured_com_x"])[near]
-        assert np.abs(offsets - zmp).min() < 1e-3
-        lowest = min(shape.points[:, 1].min() for shape in shapes if shape.opacity < 1.0)
+        assert np.abs(offsets - (zmp - at)).min() < 1e-3
+        shapes = [mark for mark in chart.marks if mark.opacity < 1.0 and abs(mark.points[0, 0] - at) < 0.45]
+        lowest = min(mark.points[:, 1].min() for mark in shapes)
         assert lowest == pytest.approx(0.0, abs=0.01)  # the lowest shape is on the floor

@@ -1,14 +1,14 @@
 """A robustness study: ladders, replicas, tables, and short walks of its own."""
 
-import csv
 import json
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import ampm as planner
-from docs.robustness import KEYS, keys_table
 from tests.solved import body_of, walk_of
 from validation.cli.app import Status
 from validation.study.many import Task, write_study
@@ -24,7 +24,7 @@ from validation.study.robustness.cells import (
     push_instant,
 )
 from validation.study.robustness.result import CellResult, Robustness
-from validation.study.robustness.study import climb
+from validation.study.robustness.study import climb, replica_task
 from validation.study.row_file import read_rows
 from validation.trial.shapes import Shapes
 
@@ -60,6 +60,8 @@ def test_values_are_climbed_until_too_many_replicas_failed():
     assert found.cells()[2:] == ("0.6", "0.8", "fell: the trunk leaned over by 60 degrees")
     every, _ = climbed(FRICTION, 1, lambda value, replica: row())
     assert every.cells()[2] == "0.2 (all tried)"
+    late, _ = climbed(FRICTION, 1, lambda value, replica: row(passed=value < 0.7))
+    assert (late.survived, late.within) == (0.2, None)
     none, walked = climbed(FRICTION, 3, lambda value, replica: {"outcome": "fell", "cause": FELL})
     assert (none.survived, none.cause, len(walked)) == (None, FELL, 1)
     assert [needed(n) for n in (1, 2, 3, 5, 10)] == [1, 2, 3, 4, 8]
@@ -76,7 +78,6 @@ def test_the_table_and_the_files(tmp_path):
     assert table.rows[0] == ("com early forward", "m/s", "0.4", "", cause)
     assert table.rows[-1] == ("up", "degrees", "1 (all tried)", "1", "")
     write_study(found, tmp_path / robustness.RESULT)
-    assert "| com early forward |" in (tmp_path / "robustness.md").read_text()
     written = json.loads((tmp_path / robustness.RESULT).read_text())
     assert written == found.as_dict()
     assert written["cells"][0]["survived"] == 0.4
@@ -93,12 +94,19 @@ def test_the_cells_cover_all_pushes_and_all_keys():
     for cell in others:
         sizes = [abs(value - ("factor" in cell.key)) for value in cell.values]
         assert sizes == sorted(sizes)
+        assert cell.unit != "rad" or max(sizes) < 0.5
 
 
-def test_the_docs_have_every_key_with_its_unit():
-    with KEYS.open(encoding="utf-8", newline="") as file:
-        written = [tuple(row) for row in csv.reader(file)]
-    assert written == keys_table()
+def test_a_replica_has_the_momentum_of_its_push_and_a_seed_of_its_own():
+    walk = walk_of("gait.steps=7")
+    planned: Any = SimpleNamespace(name="walk", run=walk.run, plan=walk.plan)
+    first, other = (replica_task(push_cells()[0], 0.5, k, planned, "default") for k in (0, 3))
+    for task, seed in ((first, 0), (other, 3)):
+        run = task.options["request"].run
+        push = run.disturbance
+        momentum = np.hypot(push.push_x, push.push_y) * push.push_duration
+        assert momentum == pytest.approx(0.5 * walk.plan.mass)
+        assert (push.seed, run.sensors.seed, push.start_velocity > 0.0) == (seed, seed, seed > 0)
 
 
 def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch, ampm):

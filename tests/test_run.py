@@ -16,6 +16,7 @@ from validation.store.folders import RUN_FILES
 from validation.store.record import TICKS_FILE, load_record
 
 STEPS = 2
+SHORT = ("--steps", str(STEPS), "--set", "simulation.time_step=0.002")
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +24,7 @@ def walked(tmp_path_factory):
     """A short trial by the command line, with recording and report, and what it printed."""
     out = tmp_path_factory.mktemp("trial") / "run"
     program = Path(sys.executable).with_name("ampm")
-    command = [program, "validate", "normal", "--steps", str(STEPS), "--out", out, "--json"]
+    command = [program, "validate", "normal", *SHORT, "--out", out, "--json"]
     answer = subprocess.run([str(part) for part in command], capture_output=True, text=True)
     return out, answer
 
@@ -84,7 +85,7 @@ main()
 
 def test_ctrl_c_keeps_what_was_walked(tmp_path):
     out = tmp_path / "run"
-    command = [sys.executable, "-c", INTERRUPTED, "validate", "normal", "--steps", "2", "--out", str(out)]
+    command = [sys.executable, "-c", INTERRUPTED, "validate", "normal", *SHORT, "--out", str(out)]
     answer = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert answer.returncode == Status.INTERRUPTED, answer.stderr
     assert "Traceback" not in answer.stderr

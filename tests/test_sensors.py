@@ -11,7 +11,6 @@ import pytest
 
 import validation as val
 from ampm.control.controller import TrackingController
-from ampm.exceptions import InputError
 from ampm.run_file import load_run
 from ampm.sensors.filters import ACCELEROMETER, GYRO, TURN, VELOCITY
 from ampm.sensors.kalman import Kalman
@@ -298,22 +297,6 @@ def test_a_stand_before_the_walk_finds_how_the_imu_is_turned():
     from tests.test_sensors import Mine as Loaded
 
     np.testing.assert_allclose(np.abs(Loaded.made[-1].found[:2]), 0.01, atol=2e-3)
-
-
-@pytest.mark.parametrize(
-    ("settings", "told"),
-    [
-        (
-            ["sensors.estimator=tests.test_sensors:Naive"],
-            "Naive has no method begin; add it, or sensors.stand = 0",
-        ),
-        (["sensors.estimator=kalman", "gait.slope=0.02"], "sensors.stand needs a level floor"),
-    ],
-    ids=["no begin", "slope"],
-)
-def test_a_stand_that_cannot_be_is_refused(settings, told):
-    with pytest.raises(InputError, match=told):
-        simulated("sensors.stand=0.5", *settings, steps=1)
 
 
 def test_without_errors_of_sensors_a_walk_keeps_its_bits():

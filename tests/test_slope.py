@@ -1,11 +1,10 @@
-"""Floors that slope, known to the plan or not, and other floors that are not the plan's."""
+"""Floors that slope: their plans, and what is measured; walks.csv has walks on them."""
 
 import numpy as np
 import pytest
 
 import ampm
 import validation as val
-from ampm.exceptions import InputError
 from ampm.planner.newton import newton_residual
 from ampm.planners import FootstepPlanner
 from validation.trial.plan import load_request, plan_walk
@@ -58,7 +57,7 @@ def test_only_heights_change_with_the_slope(plans):
     here, there = ((plan.com[:, :2] - plan.zmp) @ slope for plan in (uphill, level))
     np.testing.assert_allclose(here, there, atol=1e-12)
     assert np.abs(uphill.zmp - level.zmp).max() < 3e-3
-    assert newton_residual(plans[1], times).size < 1e-8
+    assert newton_residual(plans[1]).size < 1e-8
 
 
 def test_soles_lie_on_the_slope_and_move_continuously(plans):
@@ -74,56 +73,10 @@ def test_soles_lie_on_the_slope_and_move_continuously(plans):
         assert np.abs(moved - mean).max() < 2e-3
 
 
-@pytest.mark.parametrize(
-    ("preset", "slope", "across"),
-    [
-        ("normal", STEEP, 0.0),
-        ("normal", -STEEP, 0.0),
-        ("momentum", STEEP, 0.0),
-        ("normal", 0.0, STEEP),
-        ("momentum", 0.0, -STEEP),
-        ("normal", 0.03, 0.03),
-    ],
-)
-def test_a_planned_slope_passes(preset, slope, across):
-    trial = val.walk(sloping(slope, preset, across=across))
-    assert trial.verdict.passed, trial.sentence
-
-
-@pytest.mark.parametrize(
-    "more",
-    [
-        {"simulation.engine": "drake", "gait.steps": 3},
-        {"controller.stabilizer": "stepping"},
-        {"sensors.estimator": "kalman", "sensors.force_noise": 2.0, "sensors.accelerometer_noise": 0.05},
-    ],
-    ids=lambda more: next(iter(more.values())),
-)
-def test_engines_stabilisers_and_estimators_walk_uphill(more):
-    if "drake" in more.values():
-        pytest.importorskip("pydrake", reason="pip install 'ampm-testbed[drake]'")
-    trial = val.walk(sloping(STEEP).replace(more))
-    assert trial.verdict.passed, trial.sentence
-
-
-def test_a_pushed_walk_steps_on_the_slope():
-    more = {"controller": {"stabilizer": "stepping"}, "disturbance": {"push_x": 150.0, "push_at": 2.0}}
-    record = val.walk(sloping(STEEP, steps=8, **more)).record
-    assert record.outcome.completed, record.outcome.cause
-
-
-@pytest.mark.parametrize("changes", [(), [(1.5, None)]], ids=["all", "stopped"])
-def test_footsteps_on_the_slope_pass(changes):
+def test_footsteps_on_the_slope_that_are_stopped_pass():
     run = sloping(-STEEP, footsteps=FOOTSTEPS)
-    trial = val.walk(run, planner=FootstepPlanner(changes))
+    trial = val.walk(run, planner=FootstepPlanner([(1.5, None)]))
     assert trial.verdict.passed, trial.sentence
-
-
-@pytest.mark.parametrize("changed", [{"z": 0.02}, {"heading": 0.1}], ids=str)
-def test_footsteps_off_the_slope_are_refused(changed):
-    steps = [*FOOTSTEPS[:3], FOOTSTEPS[3] | changed, *FOOTSTEPS[4:]]
-    with pytest.raises(InputError, match=r"gait\.slope = 0\.0524 takes footsteps straight along x"):
-        val.walk(sloping(STEEP, footsteps=steps))
 
 
 class Level:
@@ -131,35 +84,6 @@ class Level:
 
     def plan(self, run, robot):
         return ampm.PeriodicPlanner().plan(run.replace({"gait.slope": 0.0}), robot)
-
-
-def test_a_plan_for_another_slope_is_refused():
-    with pytest.raises(InputError, match=r"plans for a slope of 0, and gait\.slope is 0\.0524"):
-        val.walk(sloping(STEEP), planner=Level())
-
-
-@pytest.mark.parametrize(
-    "unknown", [{"slope_along": 0.0175}, {"slope_across": 0.0175}, {"step_height": 0.005}], ids=str
-)
-def test_an_unknown_floor_is_walked_beside_a_planned_slope(unknown):
-    record = val.walk(sloping(0.03, steps=8, disturbance=unknown)).record
-    assert record.outcome.completed, record.outcome.cause
-
-
-@pytest.mark.parametrize(
-    "disturbance",
-    [
-        {"slope_along": 0.035},
-        {"slope_along": -0.035},
-        {"slope_across": 0.035},
-        {"step_height": -0.01},
-        {"softness_factor": 4.0},
-    ],
-    ids=str,
-)
-def test_an_unknown_floor_is_walked(disturbance):
-    record = val.walk(sloping(0.0, steps=8, disturbance=disturbance)).record
-    assert record.outcome.completed, record.outcome.cause
 
 
 def test_the_zmp_is_measured_on_an_unknown_slope():

@@ -1,21 +1,15 @@
-"""IPM, preview control and DCM planning on a gait's footsteps: against their own equations, and walked."""
+"""IPM, preview control and DCM planning on a gait's footsteps: against their own equations."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
-import pytest
 from scipy.linalg import solve_discrete_are
 
 import ampm
-from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY
 from ampm.planner.step_planners import JERK_WEIGHT, SAMPLE_TIME, STEP_PLANNERS, reference_zmp
 from ampm.planner.step_planners import step_axes as axes_of
 from tests.solved import body_of
-from tests.test_disturbances import example
-from validation.run.walk import walk_planned
-from validation.trial.plan import load_request, plan_walk
 
 STEPS = 4
 
@@ -99,25 +93,3 @@ def test_preview_control_is_what_the_papers_servo_comes_to():
         expected[0] -= 18 * axis.shift
         motion = np.array([law.position, law.velocity, law.acceleration])[:, :count]
         np.testing.assert_allclose(motion, expected, rtol=0.0, atol=1e-6)
-
-
-UprightWalk = example("upright_walk").UprightWalk
-
-
-def test_a_gait_walks_with_a_constant_posture():
-    request = load_request("normal", ["gait.steps=4", "simulation.time_step=0.002"])
-    walked = walk_planned(plan_walk(request, planner=UprightWalk()))
-    assert walked.record.outcome.completed, walked.record.outcome.cause
-    assert walked.metrics["zmp_x_rmse"].value < 1.2e-3
-    assert walked.metrics["zmp_y_rmse"].value < 0.7e-3
-    with pytest.raises(InputError, match="ConstantPosture"):
-        _ = walked.planned.motion
-
-
-def test_a_planner_that_leaves_out_the_footsteps_is_refused():
-    request = load_request("flat", ["gait.steps=4"])
-    sides = [("left", 0.3), ("right", 0.1)] * 3
-    sideways = [{"foot": foot, "x": 0.3 * i, "y": y} for i, (foot, y) in enumerate(sides)]
-    request = replace(request, run=request.run.replace({}, footsteps=sideways))
-    with pytest.raises(InputError, match=r"UprightWalk does not step on footstep 1 .* leave them out"):
-        plan_walk(request, planner=UprightWalk())

@@ -181,11 +181,12 @@ def largest_file(size: int) -> Iterator[None]:
 def test_a_full_disk_keeps_every_whole_row(tmp_path):
     tasks = [Task(str(value), number, {"value": value}) for value in range(40)]
     with largest_file(4000), pytest.raises(StudyStopped, match=r"the disk is full .* free some space"):
-        list(walk_many(tasks, tmp_path, workers=0))
+        list(walk_many(tasks, out=tmp_path, workers=0))
     kept = [row["number"] for row in read_rows(tmp_path)]
     assert kept == list(range(len(kept)))
     assert 5 < len(kept) < 20
-    assert [row["number"] for row in walk_many(tasks, tmp_path, workers=0)] == list(range(40))
+    rows = walk_many(tasks, out=tmp_path, resume=True, workers=0)
+    assert [row["number"] for row in rows] == list(range(40))
     assert len(list(read_rows(tmp_path))) == 40
 
 
@@ -206,7 +207,7 @@ class OnlyHere:
 def test_a_worker_that_cannot_load_a_class_stops_the_study(tmp_path):
     task = Task("a", number, {"value": OnlyHere(os.getpid())})
     with pytest.raises(StudyStopped, match=r"cannot load a class .*not_here.*install what it needs"):
-        list(walk_many([task], tmp_path, workers=1))
+        list(walk_many([task], out=tmp_path, resume=True, workers=1))
     assert list(read_rows(tmp_path)) == []
 
 
@@ -313,7 +314,7 @@ def test_options_and_imported_modules_travel_to_workers_started_elsewhere(tmp_pa
     def walked(folder: str, **how: Any) -> tuple[SweepTable, list[str]]:
         highest = val.register(importlib.import_module("own_weak").HIGHEST)
         try:
-            found = val.sweep("options.toml", tmp_path / folder, **how)
+            found = val.sweep("options.toml", out=tmp_path / folder, **how)
         finally:
             val.unregister(highest.name)
             forget(here)

@@ -112,6 +112,14 @@ def test_verdict_of_a_sweep():
     assert "20 of 30" in found[2]
 
 
+def test_walks_that_ended_first_are_the_worst():
+    table = make_table(4, failures=False)
+    ends = {"outcome": ["fell"] * 4, "verdict": ["not_measured"] * 4, "outcome_time": [3.0, 1.0, None, 2.0]}
+    for name, values in ends.items():
+        table = replaced(table, name, values)
+    assert sweep_of(table).worst == [1, 3, 0, 2]
+
+
 @pytest.mark.parametrize("name", ["/etc", "javascript:alert(1)"])
 def test_only_links_beside_the_page(name, tmp_path):
     table = replaced(make_table(5, failures=False), "recording", [name] + [None] * 4)
@@ -127,9 +135,10 @@ def test_text_is_escaped(html, undrawn):
 
 
 def test_tables_that_are_of_no_sweep(tmp_path):
-    pq.write_table(pa.table({"a": [1]}), tmp_path / "y.parquet")
+    (tmp_path / "sweep.toml").touch()
+    pq.write_table(pa.table({"a": [1]}), tmp_path / "results.parquet")
     with pytest.raises(InputError, match="not a table of a sweep"):
-        read_sweep(tmp_path / "y.parquet")
+        read_sweep(tmp_path)
 
 
 def test_forces_are_judged_in_body_weights_and_a_tolerance_may_be_zero(undrawn):

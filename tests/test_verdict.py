@@ -16,6 +16,7 @@ from validation.judge.metrics import evaluate
 from validation.judge.profiles import DEFAULT, STRICT, WIDE, own_profile, profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, judge
+from validation.trial.disturbances import Push
 from validation.trial.outcome import Outcome, OutcomeName
 
 
@@ -156,3 +157,4 @@ def test_profiles_are_found_by_name_and_by_preset():
     assert special == {"pitch": "wide", "ipm": "jumps"}  # no other demo may take wider limits
     steps = [{"foot": foot, "x": 0.0, "y": 0.0} for foot in ("left", "right") * 2]
     assert own_profile("pitch", load_run("pitch").replace({}, footsteps=steps)).name == "footsteps"
+    assert own_profile("pitch", disturbances=[Push("chest", (1.0, 0.0, 0.0), 1.0, 0.1)]).name == "pushed"

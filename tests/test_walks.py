@@ -4,6 +4,7 @@ A row a walk: gait, settings, footsteps and planner; its outcome or verdict; upp
 """
 
 import csv
+import json
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,8 @@ import pytest
 import ampm
 import validation as val
 from ampm.planner import routes
+from ampm.presets import preset_names
+from validation.judge.profiles import own_profile
 
 with Path(__file__).with_name("walks.csv").open(encoding="utf-8", newline="") as file:
     ROWS = list(csv.DictReader(file))
@@ -28,3 +31,26 @@ def test_a_walk_ends_as_it_should(row):
     for bound in row["most"].split():
         name, most = bound.split("=")
         assert trial.metrics[name].value < float(most), name
+
+
+SLOPES = {"c_y": (0.2, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.1, 1.2), "c_s": (0.8, 0.9, 1.1, 1.3, 1.4)}
+"""Of the force line: other ones of ``normal``, which take twice the limits."""
+LONG = [
+    *((name, {}, 30) for name in preset_names()),
+    *(("normal", {f"gait.{key}": value}, 30) for key, values in SLOPES.items() for value in values),
+    ("normal", {}, 200),
+    ("momentum", {}, 200),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "settings", "steps"), LONG, ids=str)
+def test_long_walks_keep_within_their_profile(run_of, name, settings, steps):
+    summary = json.loads((run_of(name, settings, steps=steps) / "summary.json").read_text(encoding="utf-8"))
+    assert (summary["outcome"], summary["steps_completed"]) == ("completed", steps)
+    assert summary["solver"]["unsolved"] == 0
+    judged = [item for item in own_profile(name).tolerances if item.metric in summary["metrics"]]
+    assert len(judged) == 18  # all but the joint rates, which the human does not limit
+    for tolerance in judged:
+        limit = tolerance.limit_for(summary["scales"]) * (2.0 if settings else 1.0)
+        assert summary["metrics"][tolerance.metric]["value"] <= limit, tolerance.metric

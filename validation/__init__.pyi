@@ -18,7 +18,6 @@ from validation.show.viewer import show_recording as view
 from validation.store.saved import load_saved_run as load
 from validation.study.explain import explain as explain
 from validation.study.many import Execution as Execution
-from validation.study.many import Pool as Pool
 from validation.study.many import Task as Task
 from validation.study.many import walk_many as walk_many
 from validation.study.rank import rank as rank

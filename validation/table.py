@@ -6,9 +6,9 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from html import escape
 from importlib.resources import files
 
+from markupsafe import escape
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table as TerminalTable
 from rich.text import Text
@@ -66,7 +66,9 @@ class Table:
 
     title: str  # line above; empty for none
     columns: Sequence[str]  # header of each column; a `>` before it aligns the column to the right
-    rows: Sequence[Sequence[str]]  # cells, as many in each row as there are columns
+    rows: Sequence[
+        Sequence[str]
+    ]  # cells, as many in each row as there are columns; a page shows markup as such
     notes: Sequence[str] = field(default=())  # sentences below
 
     def __post_init__(self) -> None:
@@ -255,11 +257,6 @@ def print_tables(tables: Iterable[Table]) -> None:
         console.width = max(console.width, _FILE_WIDTH)
     for table in tables:
         console.print(table)
-
-
-def markdown_page(tables: Iterable[Table]) -> str:
-    """Tables in Markdown, each under its title."""
-    return "\n".join(f"## {table.title}\n\n{table.markdown()}\n" for table in tables)
 
 
 def _markdown_row(cells: Sequence[str]) -> str:

@@ -5,14 +5,16 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from ampm.exceptions import InputError
 from ampm.planner.centroidal import CentroidalPlan
 
 ALLOWED = 2e-4
 """Largest contradiction that a plan may have, as a distance of its ZMP [m]."""
 WINDOW, SHORTEST = 0.1, 0.05
 """Least length of windows where a phase has several, and of a phase that has one [s]."""
+_INTERVAL = 1e-3  # between the times at which the ZMP is compared [s]
 _PIECE = 0.02  # of a window, with instants by Gauss and Legendre [s]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
@@ -25,24 +27,34 @@ class NewtonResidual(NamedTuple):
     what: str
 
 
-def newton_residual(plan: CentroidalPlan, times: ArrayLike) -> NewtonResidual:
-    """How far a plan is from Newton's law.
-
-    At every time the ZMP is compared with that of force and moment. Acceleration and velocity are compared
-    with the COM, and the moment with the angular momentum, as means over windows within each phase of
-    contact: ``mean(w a) = mean(w'' x)`` for a weight w that fades at both ends. Nothing is differentiated.
-
-    Args:
-        plan: of the COM.
-        times: ascending, shape (N,) [s]. The windows lie between the first and the last one.
+def check_newton(plan: CentroidalPlan, or_else: str = "") -> float:
+    """Largest contradiction in a plan [m]; ``or_else`` is appended to the way out of a refusal.
 
     Raises:
-        InputError: a time lies outside the plan.
+        InputError: it is larger than :data:`ALLOWED`.
     """
-    now = plan.sample(times)
+    size, time, what = newton_residual(plan)
+    if not size <= ALLOWED:
+        raise InputError(
+            f"the plan contradicts itself at {time:.4g} s: its {what} differs from that of its COM by "
+            f"{1e3 * size:.3g} mm of ZMP, more than {1e3 * ALLOWED:g} mm; correct com, zmp, height or units "
+            f"(m, s), or give the acceleration that belongs to them{or_else}."
+        )
+    return size
+
+
+def newton_residual(plan: CentroidalPlan) -> NewtonResidual:
+    """How far a plan is from Newton's law, from its first phase to its end.
+
+    Every millisecond the ZMP is compared with that of force and moment. Acceleration and velocity are
+    compared with the COM, and the moment with the angular momentum, as means over windows within each phase
+    of contact: ``mean(w a) = mean(w'' x)`` for a weight w that fades at both ends. Nothing is differentiated.
+    """
+    begin, end = plan.phases[0].start, plan.duration
+    now = plan.sample(np.append(np.arange(begin, end, _INTERVAL), end))
     arm = (now.com[:, 2] - now.floor)[:, None] * now.force[:, :2] + now.moment[:, ::-1] * [1.0, -1.0]
     found = [("ZMP", now.com[:, :2] - arm / now.force[:, 2:] - now.zmp, now.time)]
-    if windows := _windows(plan, float(now.time[0]), float(now.time[-1])):
+    if windows := _windows(plan, begin, end):
         first = np.cumsum([0, *(window.shape[1] for window in windows[:-1])])
         time, weight, rate, bend = np.concatenate(windows, axis=1)[:, :, None]
         at, fall = plan.sample(time[:, 0]), plan.com_height / plan.gravity

@@ -61,7 +61,7 @@ def arc(
 ) -> list[Footstep]:
     """Equal steps along a circle, to the left; with a negative radius [m] to the right."""
     if not radius:
-        raise InputError("an arc has a radius other than 0 m; use turn for a turn in place.")
+        raise InputError("the radius of an arc must not be 0 m; use turn for a turn in place.")
     turns = [k * length / radius for k in range(steps)]
     frames = [(radius * math.sin(turn), radius * (1.0 - math.cos(turn)), turn) for turn in turns]
     return route(frames, width, "left" if radius > 0.0 else "right", toe_out=toe_out)

@@ -12,7 +12,7 @@ from ampm.parameters import GRAVITY
 from ampm.planner.blend import HeightLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
 from ampm.planner.contacts import LEVEL, ascending, finite
-from ampm.planner.newton import ALLOWED, newton_residual
+from ampm.planner.newton import check_newton
 from ampm.planner.pendulum import LawState
 
 NO_CONSTANTS = PlanConstants(**dict.fromkeys((item.name for item in fields(PlanConstants)), 0.0))
@@ -66,14 +66,13 @@ class SampledLaw:
 
 _LEVEL = 1e-6  # by which a constant height of the COM may vary [m]
 _ENOUGH = 100.0  # rows a second with which a right plan is within a quarter of what is allowed
-_AHEAD = 1.0  # time from its first sample in which a plan made on the way is checked [s]
 
 
 def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> CentroidalPlan:
     """A plan with the motion of samples.
 
     Args:
-        plan: the one then valid with new contacts, or a bare one without phases.
+        plan: the one in force with new contacts, or a bare one without phases.
         times: of the samples, shape (N,) [s].
         given: the samples, named as in :func:`ampm.planners.make_plan`; None is the same as left out.
 
@@ -83,7 +82,7 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     times, first = ascending("times", times), not plan.phases
     begin, end = float(times[0]), plan.duration
     if first and begin != 0.0:
-        raise InputError(f"times begin at {begin:g} s; begin at 0 s, or give the plan then valid as after.")
+        raise InputError(f"times begin at {begin:g} s; begin at 0 s, or give the plan in force as after.")
     if end - times[-1] > times[-1] - times[-2] + 1e-9:
         raise InputError(
             f"times end at {times[-1]:g} s and the contacts at {end:g} s; plan the COM to their end, or give "
@@ -132,7 +131,10 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
             way = np.linalg.norm(np.diff(com, axis=0), axis=1).sum()
             constants = replace(constants, mean_velocity=float(way) / end)
         plan = replace(plan, switching_velocity=constants.mean_velocity, constants=constants)
-    _check(plan, times[times <= (end if first else begin + _AHEAD)])
+    rate = float(np.median(1.0 / np.diff(times)))
+    check_newton(
+        plan, "" if rate >= _ENOUGH else f", or give {_ENOUGH:g} rows a second instead of {rate:.3g}"
+    )
     return plan
 
 
@@ -166,19 +168,6 @@ def _height_law(given: dict[str, Array], times: Array, slope: tuple[float, float
         )
     still = np.zeros_like(times)
     return HeightLaw(SampledLaw(times - times[0], height, velocity, acceleration, still, still))
-
-
-def _check(plan: CentroidalPlan, times: Array) -> None:
-    """Refuse a plan whose samples at some of its times contradict each other."""
-    size, time, what = newton_residual(plan, times)
-    if not size <= ALLOWED:
-        rate = float(np.median(1.0 / np.diff(times)))
-        more = "" if rate >= _ENOUGH else f", or give {_ENOUGH:g} rows a second instead of {rate:.3g}"
-        raise InputError(
-            f"the plan's {what} contradicts its COM at {time:.4g} s: by {1e3 * size:.3g} mm of ZMP, more "
-            f"than {1e3 * ALLOWED:g} mm; correct com, zmp, height or units (m, s), or give the "
-            f"acceleration that belongs to them{more}."
-        )
 
 
 def plan_constants(plan: CentroidalPlan) -> PlanConstants:

@@ -164,7 +164,7 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
     if slope != LEVEL and (yaw.any() or place[:, 2].any()):
         key, value = ("gait.slope", slope[0]) if slope[0] else ("gait.cross_slope", slope[1])
         raise InputError(
-            f"{key} = {value:g} takes footsteps straight along x, all on the slope; give "
+            f"{key} = {value:g} needs footsteps straight along x, all on the slope; give "
             f"footsteps of zero heading and z, or {key} = 0."
         )
     place[:, 2] += place[:, :2] @ slope

@@ -15,7 +15,7 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from validation.cli.view import choose, write_sources
+from validation.cli.view import recording_of
 from validation.show.plan import plot_plan
 from validation.show.rerun.views import PHASE
 from validation.trial.plan import load_request, plan_walk
@@ -72,9 +72,7 @@ def picture_of_recording(
 def picture_of_several(folders: list[Path], phase: float, target: Path) -> None:
     """Save the viewer's picture of several runs of one gait at one phase."""
     with tempfile.TemporaryDirectory() as folder:
-        merged = Path(folder) / "merged.rrd"
-        write_sources(choose(folders), merged)
-        picture_of_recording(merged, phase, target, timeline=PHASE, port=9912)
+        picture_of_recording(recording_of(folders, Path(folder)), phase, target, timeline=PHASE, port=9912)
 
 
 def picture_of_plan(gait: str, target: Path) -> None:

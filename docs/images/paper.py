@@ -1,7 +1,7 @@
 """Draw the figures of docs/paper.md again and rewrite its tables: ``python docs/images/paper.py``.
 
 Takes some minutes; ``python docs/images/paper.py human`` draws only these. Light blue is the plan, dark
-blue the whole-body motion of the inverse kinematics (IK), red the simulation: every stride but the first.
+blue the whole-body motion of the inverse kinematics (IK), orange the simulation: every stride but the first.
 """
 
 import re
@@ -21,9 +21,9 @@ HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "paper.md"
 PEOPLE = HERE.parent / "data" / "walking-ground-force.csv"
 
-INK, FAINT, SHADE, BAND = "#1f2933", "#7b8794", "#eef1f5", "#f0c987"
-PLAN, MOTION, MEASURED, FORCE = "#9db9dd", "#1d4e89", "#d1495b", "#2a9d6f"
-SIDES = {"left": "#2f6fb0", "right": "#c8622c", "trunk": "#3e4c59"}
+INK, FAINT, SHADE, BAND = "#1d2126", "#6c737d", "#eceef1", "#f4cfb2"
+PLAN, MOTION, MEASURED, FORCE = "#8ec1dd", "#00507d", "#d55e00", "#009e73"
+SIDES = {"left": "#8f2a62", "right": "#a67c00", "trunk": "#3e4c59"}
 STYLE = {
     "svg.hashsalt": "ampm",
     "axes.titlesize": 9,

@@ -10,10 +10,9 @@ import sys
 import traceback
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-import typer.core
 
 import ampm
 from validation.cli import body, compare, fit, gaits, judge, studies, validate, view
@@ -24,40 +23,18 @@ from validation.output import close_output, only_results
 from validation.progress import interruption
 from validation.show.text import print_line
 
-_PANELS = {
-    "Walk": ("validate", "sweep", "rank", "compare"),
-    "Look": ("view", "report"),
-    "Check": ("explain", "judge", "fit", "replay", "convergence", "robustness"),
-    "Bodies and gaits": ("body", "plan", "keys"),
-}
-"""Commands as ``ampm --help`` groups them."""
-_PANEL_OF = {name: panel for panel, names in _PANELS.items() for name in names}
-
-
-class _Commands(typer.core.TyperGroup):
-    """All commands, in the order of the groups."""
-
-    def list_commands(self, context: Any) -> list[str]:
-        """Names of the commands."""
-        return list(_PANEL_OF)
-
-
 app = typer.Typer(
     name="ampm",
-    cls=_Commands,
     help="Plan the gait of the angular-momentum-inducing pendulum, walk it in MuJoCo under torque control, "
     "and measure how far physics and formula agree.",
-    epilog=validate.EPILOG,
+    epilog=f"{validate.EPILOG} Of 'ampm judge' also 6, pass on all that was measured, but not on all limits.",
     no_args_is_help=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="rich",
 )
-for group in (gaits, validate, judge, fit, view, body, studies, compare):
-    for part in group.app.registered_groups:
-        part.rich_help_panel = _PANEL_OF[str(part.name)]
+for group in (validate, studies, compare, view, judge, fit, body, gaits):
     for command in group.app.registered_commands:
-        command.rich_help_panel = _PANEL_OF[command.callback.__name__]
         # Typer joins the lines of a docstring's first paragraph only.
         paragraphs = str(command.callback.__doc__).split("\n\n")
         command.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from validation.cli import options
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import Json, Settings, Status
 from validation.show.text import format_value, print_line
@@ -16,9 +17,9 @@ from validation.table import Table, format_number, print_tables
 if TYPE_CHECKING:
     from validation.run.body_check import BodyCheck
 
-group = typer.Typer(help="List the bodies that can walk, and check them.")
+group = typer.Typer(help="List bodies, describe a new one from its model, and check it.")
 app = typer.Typer()
-app.add_typer(group, name="body")
+app.add_typer(group, name="body", rich_help_panel=options.BODIES)
 
 
 @group.command(name="list")

@@ -9,22 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ampm.exceptions import InputError
+from validation.cli import options
 from validation.cli.console import Narrator
-from validation.cli.options import (
-    EXITS,
-    SHORT,
-    AsIs,
-    Execution,
-    Json,
-    Settings,
-    Status,
-    Steps,
-    Uncertainty,
-    answer,
-    grouped,
-    option,
-    with_short,
-)
+from validation.cli.options import Status, grouped, option
 
 if TYPE_CHECKING:
     from validation.study.compare.comparison import WalkComparison
@@ -32,7 +19,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-_NAME = "Of all walks; or once for each."
+_NAME = "Once for all walks, or once for each."
 
 
 @dataclass(frozen=True)
@@ -47,9 +34,21 @@ class Choices:
     engine: Annotated[list[str] | None, option("--engine", _NAME, "mujoco|drake")] = None
 
 
+@dataclass(frozen=True)
+class Known:
+    """Studies of the walks."""
+
+    uncertainty: options.Uncertainty = None
+    robustness: Annotated[
+        list[Path] | None,
+        option("--robustness", "robustness.json of a walk, from 'ampm robustness'; once for each.", "FILE"),
+    ] = None
+
+
 @app.command(
+    rich_help_panel=options.WALK,
     epilog="Exit status: 0 all walked to the end, or no regression; 1 a regression of a sweep, 3 a walk did "
-    f"not complete; {EXITS}"
+    f"not complete; {options.EXITS}",
 )
 @grouped
 def compare(
@@ -62,24 +61,19 @@ def compare(
         ),
     ] = None,
     *,
-    settings: Settings = None,
-    as_is: AsIs = False,
-    steps: Steps = None,
+    settings: options.Settings = None,
+    as_is: options.AsIs = False,
+    steps: options.Steps = None,
     chosen: Choices,
-    uncertainty: Uncertainty = None,
-    robustness: Annotated[
-        list[Path] | None,
-        option("--robustness", "robustness.json of a walk, from 'ampm robustness'; once for each.", "FILE"),
-    ] = None,
-    execution: Execution,
-    as_json: Json = False,
+    known: Known,
+    execution: options.Running,
 ) -> int:
     """Compare gaits, finished runs, or two sweeps.
 
     Gaits are walked, sweeps compared run by run. The first line is the conclusion: who tracks the ZMP best,
     at which cost, and how near to the limits. Behind a comma a planner or controller has its own options:
-    --planner "mine:Planner,gain=2". Sweeps are matched by the parameters of their runs, the first is the
-    reference, and a regression is told by the status.
+    --planner "mine:Planner,gain=2". Of two sweeps the first is the reference: runs are matched by their
+    parameters, and the exit status tells a regression.
     """
     # Imported here because simulator and measurement are slow to load.
     from validation.study.compare.comparison import compare_gaits, compare_runs
@@ -88,14 +82,14 @@ def compare(
     from validation.study.many import study_folder
     from validation.study.sweep.table import is_sweep
 
-    folder = study_folder(execution.out, resume=execution.resume)
-    choices = {SHORT[name]: values for name, values in vars(chosen).items() if values}
-    walks, studies, survived = walks or [], uncertainty or (), robustness or ()
-    sweeps = [text for text in walks if is_sweep(Path(text)) or Path(text).suffix == ".parquet"]
+    folder = study_folder({"out": execution.out, "resume": execution.resume})
+    choices = {options.SHORT[name]: values for name, values in vars(chosen).items() if values}
+    walks, studies, survived = walks or [], known.uncertainty or (), known.robustness or ()
+    sweeps = [text for text in walks if is_sweep(Path(text))]
     done = [text for text in walks if text in sweeps or Path(text).is_dir()]
     if done and (len(done) < len(walks) or len(done) < 2 or settings or choices or steps or as_is):
         raise InputError(
-            f"{done[0]} is finished; compare it with other finished ones, without options of a gait "
+            f"{done[0]} is the folder of a run; compare it with other runs, without options of a gait "
             "('ampm validate --out DIR' keeps the run of a gait)."
         )
     found: WalkComparison | SweepComparison
@@ -105,26 +99,25 @@ def compare(
         if len(studies) > 1:
             raise InputError("--uncertainty: of two sweeps one convergence study is enough; give one.")
         found = compare_sweeps(*sweeps, uncertainty=studies[0] if studies else None)
-        status = Status.OUT_OF_TOLERANCE if found.regressions else Status.PASS
+        status = Status.OUT_OF_TOLERANCE if found.counts else Status.PASS
     else:
         if done:
             found = compare_runs(done, uncertainty=studies, robustness=survived)
         else:
             found = compare_gaits(
                 walks,
-                with_short(settings, steps=steps),
+                options.with_short(settings, steps=steps),
                 choices=choices,
                 as_is=as_is,
                 uncertainty=studies,
                 robustness=survived,
-                **vars(execution),
-                progress=Narrator(),
+                **execution.given(),
             )
         completed = all(side.outcome == "completed" for side in found.sides)
         status = Status.PASS if completed else Status.NOT_COMPLETED
     if folder is not None:
         write_comparison(found, folder)
-    answer(found, as_json=as_json, out=folder)
+    execution.answer(found)
     if folder is None:
         Narrator().say("nothing is kept; --out DIR keeps a page with curves, the numbers and the runs")
     return status

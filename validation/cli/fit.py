@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
+from validation.cli import options
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import Columns, Json, Result, Status, grouped, option
+from validation.cli.options import Columns, Result, Status, grouped, option
 from validation.show.text import print_line
 from validation.table import print_tables
 
@@ -14,7 +15,8 @@ app = typer.Typer()
 
 
 @app.command(
-    epilog="Exit status: 0 fitted, 2 bad input or too few strides, 4 crash of ampm itself, 130 interrupted."
+    rich_help_panel=options.CHECK,
+    epilog="Exit status: 0 fitted, 2 bad input or too few strides, 4 crash of ampm itself, 130 interrupted.",
 )
 @grouped
 def fit(
@@ -24,14 +26,13 @@ def fit(
     *,
     columns: Columns = None,
     mass: Annotated[
-        float | None, option("--mass", "Of the body; that of the mean vertical force if not given.", "KG")
+        float | None, option("--mass", "Mass of the body; by default that of the mean vertical force.", "KG")
     ] = None,
     com_height: Annotated[
         float | None,
-        option("--com-height", "Mean height of the COM over the floor, of a log without COM.", "M"),
+        option("--com-height", "Mean height of the COM over the floor, for a log without COM.", "M"),
     ] = None,
     result: Result,
-    as_json: Json = False,
 ) -> int:
     """Fit the AMPM to a measured walk, and say how much of it the AMPM explains.
 
@@ -55,7 +56,7 @@ def fit(
     with Narrator().stage("fit and report"):
         found = fit_log(log, columns=read_mapping(columns or ()), mass=mass, com_height=com_height)
         found.save(target, force=result.force)
-    if as_json:
+    if result.as_json:
         print_json({**found.summary, "directory": str(target)})
         return Status.PASS
     print_tables(found.tables())

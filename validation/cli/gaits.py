@@ -11,19 +11,9 @@ import typer
 
 from ampm.exceptions import InputError
 from ampm.presets import PRESETS
+from validation.cli import options
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import (
-    Footsteps,
-    Gait,
-    Json,
-    Settings,
-    Status,
-    Steps,
-    WalkOptions,
-    grouped,
-    option,
-    with_footsteps,
-)
+from validation.cli.options import Status, grouped, option
 from validation.show.text import format_value
 from validation.store.folders import check_new_file, output_file
 from validation.table import Table, format_number, print_tables
@@ -36,6 +26,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
+RATE = 200.0
+"""Usual samples of a plan per second."""
+
 _PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.items())
 
 
@@ -47,20 +40,15 @@ class Files:
         Path | None, option("--save", "Write the complete gait, with the values found.", "FILE.toml")
     ] = None
     force: Annotated[bool, option("--force", "Replace an earlier gait at --save.")] = False
-    samples: Annotated[
-        Path | None, option("--samples", "Write the plan's signals at k / rate.", "FILE.csv|.parquet")
-    ] = None
-    rate: Annotated[float | None, option("--rate", "Samples per second; 200 if not given.", "HZ")] = None
+    samples: Annotated[Path | None, option("--samples", "Write the plan's signals.", "FILE.csv|.parquet")] = (
+        None
+    )
+    rate: Annotated[float, option("--rate", "Samples per second.", "HZ")] = RATE
     motion: Annotated[
         Path | None,
-        option("--motion", "Write every joint over one step of the whole-body motion.", "FILE.csv|.parquet"),
+        option("--motion", "Write the joints over one step of the whole-body motion.", "FILE.csv|.parquet"),
     ] = None
     plot: Annotated[Path | None, option("--plot", "Draw the plan.", "FILE.png")] = None
-
-    @property
-    def hertz(self) -> float:
-        """Samples per second."""
-        return 200.0 if self.rate is None else self.rate
 
     def check(self, request: Request) -> None:
         """Refuse files that cannot be written before anything is computed.
@@ -72,44 +60,42 @@ class Files:
         from validation.trial.plan import check_formula
 
         gait = request.run.gait
-        if self.rate is not None and self.samples is None:
-            raise InputError("--rate is that of the samples; give --samples FILE, too, or leave it out.")
+        if self.rate != RATE and self.samples is None:
+            raise InputError("--rate needs --samples FILE; give it, too, or leave --rate out.")
         for table in filter(None, (self.samples, self.motion)):
             check_new_file(table, ".csv", ".parquet")
         if self.samples is not None:
             check_formula(request)
             count = len(request.run.footsteps) or gait.steps
-            sample_times(count * gait.step_length / gait.switching_velocity, self.hertz)
+            sample_times(count * gait.step_length / gait.switching_velocity, self.rate)
         if self.plot is not None:
             check_new_file(self.plot, ".png", ".svg", ".pdf")
         if self.save is not None:
             check_new_file(self.save, ".toml", force=self.force)
 
 
-@app.command(epilog=f"Presets.\n\n{_PRESET_LINES}")
+@app.command(rich_help_panel=options.BODIES, epilog=f"Presets.\n\n{_PRESET_LINES}")
 @grouped
 def plan(
-    gait: Gait = None,
+    gait: options.Gait = None,
     *,
-    walk: WalkOptions,
+    walk: options.WalkOptions,
     no_body: Annotated[
         bool, option("--no-body", "Closed form alone: no soles, no joints, mean L_y zero; implies --as-is.")
     ] = False,
-    steps: Steps = None,
-    footsteps: Footsteps = None,
-    as_json: Json = False,
+    length: options.Length,
+    as_json: options.Json = False,
     files: Files,
 ) -> int:
     """Plan a gait without walking it: constants, motion, picture.
 
-    With a body (the default) the plan is checked against its soles, legs and joints, and the constant of L_y
-    is the one that makes the body's motion periodic. Where a preset's gait or body is changed, what it leaves
-    open is found on plan and motion alone, and printed with the tightest margins; what is given stays. It is
-    the plan that 'ampm validate' walks, refusals included.
+    This is the plan that 'ampm validate' walks, refusals included. It is checked against soles, legs and
+    joints of the body, and the constant of L_y makes the body's motion periodic. If gait or body differ from
+    a preset's, open values are found and printed with the tightest margins; given values stay.
 
     With --footsteps the gait gives height, slopes of the force line and durations of the supports. The first
-    two rows of the file are where both feet stand, the one that swings first at the head; then left and right
-    land in turn.
+    two rows of the file are where both feet stand, first the foot that swings first; then left and right land
+    in turn.
     """
     from ampm.planner.closed_form import LIPM
     from ampm.planner.periodic import plan_gait
@@ -117,8 +103,7 @@ def plan(
     from validation.store.tables import plan_table, sample_times, write_columns
     from validation.trial.plan import plan_walk
 
-    sections = with_footsteps(footsteps, steps)
-    request = walk.request(gait, steps, as_is=walk.as_is or no_body, sections=sections)
+    request = walk.request(gait, length.steps, as_is=walk.as_is or no_body, sections=length.sections())
     run = request.run
     files.check(request)
     if no_body and (run.gait.planner not in ("ampm", LIPM) or run.footsteps):
@@ -140,14 +125,14 @@ def plan(
             work.write_text(lines + dump_run(request.run), encoding="utf-8")
     if files.samples is not None:
         with narrator.stage("samples"), output_file(files.samples) as work:
-            write_columns(plan_table(planned, sample_times(planned.duration, files.hertz)), work)
+            write_columns(plan_table(planned, sample_times(planned.duration, files.rate)), work)
     if files.motion is not None and walked is not None:
         with output_file(files.motion) as work:
             write_columns(walked.motion.table(), work)
     if files.plot is not None:
         from validation.show.plan import plot_plan
 
-        title = f"plan of {request.title}" + ("" if footsteps is None else f" over {footsteps.name}")
+        title = f"plan of {request.title}" + (f" over {length.footsteps.name}" if length.footsteps else "")
         plot_plan(planned, files.plot, title=title)
     if as_json:
         print_json(describe_plan(request, planned, walked, margin))
@@ -202,9 +187,15 @@ def plan_tables(
         notes.append(f"least distance of two parts of the body: {distance}, at least {1000 * CLEARANCE:g} mm")
     tables = [Table(f"plan of {request.title}", ("constant", ">value", "unit", "meaning"), rows, notes)]
     if walk is not None and walk.tuned is not None:
-        found = [(key, format_value(value)) for key, value in walk.tuned.values.items()]
+        from ampm.run_file import key_info
+
+        units = {key: key_info(key).unit for key in walk.tuned.values}
+        found = [
+            (key, format_value(value), "" if units[key] == "1" else units[key])
+            for key, value in walk.tuned.values.items()
+        ]
         notes = ["tightest margins:", *(f"  {text}" for text in _margins(walk.tuned)[:4])]
-        tables.append(Table(f"found for {request.name}", ("key", ">value"), found, notes))
+        tables.append(Table(f"found for {request.name}", ("key", ">value", "unit"), found, notes))
     return tables
 
 
@@ -221,7 +212,7 @@ def _margins(tuned: Tuned) -> list[str]:
     return [f"{LIMITS[n].what}: {LIMITS[n].quantity(value, 3)}, {LIMITS[n].rule()}" for n, value in items]
 
 
-@app.command()
+@app.command(rich_help_panel=options.BODIES)
 def keys(
     words: Annotated[
         list[str] | None, typer.Argument(help="Sections and words; all keys if none.", metavar="WORD")
@@ -229,8 +220,8 @@ def keys(
     gait: Annotated[
         str | None, option("--gait", "Show the values of this preset or TOML file; normal if none.", "GAIT")
     ] = None,
-    settings: Settings = None,
-    as_json: Json = False,
+    settings: options.Settings = None,
+    as_json: options.Json = False,
 ) -> int:
     """List parameters: all, a section's, or those with a word.
 

@@ -7,19 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
+from validation.cli import options
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import (
-    Body,
-    Columns,
-    Json,
-    Judging,
-    Result,
-    Settings,
-    Steps,
-    grouped,
-    option,
-    with_short,
-)
+from validation.cli.options import grouped, option
 from validation.cli.validate import print_result, status_of
 
 app = typer.Typer()
@@ -42,23 +32,24 @@ class Comparing:
             "GAIT|DIR|FILE.csv|.parquet",
         ),
     ] = None
-    columns: Columns = None
-    settings: Settings = None
-    steps: Steps = None
-    body: Body = None
+    columns: options.Columns = None
+    settings: options.Settings = None
+    steps: options.Steps = None
+    body: options.Body = None
     start: Annotated[
-        float | None, option("--start", "Time in the log at which the plan begins; found if not given.", "S")
+        float | None,
+        option("--start", "Time in the log at which the plan begins; by default it is found.", "S"),
     ] = None
     place: Annotated[
         tuple[float, float] | None,
-        option("--place", "Move the log by so much [m]; to the plan's mean ZMP if not given.", "X Y"),
+        option("--place", "Move the log by X and Y [m]; by default to the plan's mean ZMP.", "X Y"),
     ] = None
     strides: Annotated[bool, option("--strides", "Compare the mean stride with that of a periodic plan.")] = (
         False
     )
 
 
-@app.command(epilog=EPILOG)
+@app.command(rich_help_panel=options.CHECK, epilog=EPILOG)
 @grouped
 def judge(
     log: Annotated[
@@ -66,25 +57,24 @@ def judge(
     ],
     *,
     comparing: Comparing,
-    judging: Judging,
-    result: Result,
-    as_json: Json = False,
+    judging: options.Judging,
+    result: options.Result,
 ) -> int:
     r"""Judge a log of measured signals by a plan.
 
     The log is of a robot, another simulator or a person; metrics, limits, report and recording are those of
     'ampm validate'. LOG is a CSV or Parquet file with a row per instant, in SI units, x forward, y left, z
     up: time, and the force of the floor in one of three ways. Both feet together: force_x, force_y, force_z,
-    zmp_x, zmp_y. Either foot: left_force_x ..., left_cop_x, left_cop_y, and right. Six-axis sensors:
+    zmp_x, zmp_y. Each foot: left_force_x ..., left_cop_x, left_cop_y, and right_.... Six-axis sensors:
     left_sensor_force_x ..., left_sensor_torque_x ... in the sensor's axes, its place left_sensor_x ... and
-    its axes left_sensor_quaternion_w ... in the world, and right. More is compared if it is there: com_x ...,
+    its axes left_sensor_quaternion_w ... in the world, and right_.... Optional are com_x ...,
     angular_momentum_x ..., command_zmp_x ....
 
-    The start is found by cross-correlation, the place by the mean ZMP, and both are said; --start 0 --place
-    0 0 keeps a log as it is. An empty cell is a gap. What the log does not have is not measured, and named.
-    A plan for another mass: --set body.mass=72.
+    The start is found by cross-correlation, the place by the mean ZMP, and both are printed; --start 0
+    --place 0 0 keeps a log as it is. An empty cell is a gap. Metrics whose signals the log lacks are named as
+    not measured. --set body.mass=72 gives the plan another mass.
 
-    The folder of a run is judged again by the metrics that it holds, which are of the plans that it followed.
+    The folder of a run is judged again by its stored metrics.
 
     ampm judge walk.csv --plan gait.toml
 
@@ -100,7 +90,7 @@ def judge(
     from validation.store.folders import check_run_folder
 
     def show(summary: Mapping[str, Any], folder: Path) -> int:
-        if as_json:
+        if result.as_json:
             print_json({**summary, "directory": str(folder)})
         else:
             print_result(summary, folder)
@@ -113,7 +103,7 @@ def judge(
         used = [name for name, value in given.items() if not (value is None or value is False)]
         if used:
             said = ", ".join(f"--{name}" for name in used).replace("settings", "set")
-            raise InputError(f"{log} is a folder, judged by what it holds; {said} is for a table of signals.")
+            raise InputError(f"{log} is the folder of a run; {said} is for a table of signals.")
         return show(judge_run(log, profile).summary, log)
     narrator = Narrator()
     target = result.folder(log.stem)
@@ -122,7 +112,7 @@ def judge(
         log,
         comparing.plan or "normal",
         columns=read_mapping(comparing.columns or ()),
-        settings=with_short(comparing.settings, steps=comparing.steps, body=comparing.body),
+        settings=options.with_short(comparing.settings, steps=comparing.steps, body=comparing.body),
         start=comparing.start,
         place=comparing.place,
         strides=comparing.strides,

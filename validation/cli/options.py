@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from validation.trial.plan import Request
 
 EXITS = "2 bad input or refused, 4 crash of ampm itself, 5 stopped and 130 interrupted: --resume goes on."
+WALK, LOOK, CHECK, BODIES = "Walk", "Look", "Check", "Bodies and gaits"
+"""Groups of commands in ``ampm --help``."""
 PROFILES = "default, strict, wide, jumps, footsteps, odometry or free"
 
 
@@ -60,15 +62,13 @@ Settings = Annotated[
     list[str] | None,
     option("--set", "Change one parameter, e.g. gait.c_s=1.2; see 'ampm keys'.", "KEY=VALUE"),
 ]
-AsIs = Annotated[
-    bool, option("--as-is", "Keep the values that the gait leaves open: those of the preset, or defaults.")
-]
+AsIs = Annotated[bool, option("--as-is", "Take open values from the preset or the defaults; find none.")]
 Body = Annotated[
     str | None,
     option(
         "--body",
-        "Body that walks: human, or a name of 'ampm body list', or its description. Without a gait it walks "
-        "one of its size.",
+        "Body that walks: a name of 'ampm body list', or a description. Without GAIT it walks a gait of its "
+        "size.",
         "NAME|FILE.toml",
     ),
 ]
@@ -77,49 +77,17 @@ Uncertainty = Annotated[
     list[Path] | None,
     option(
         "--uncertainty",
-        "convergence.json of a gait, from 'ampm convergence': a value closer to its limit, or to the "
-        "value beside it, than its numerical uncertainty is undecided. Repeatable, one per gait.",
+        "convergence.json of a gait, from 'ampm convergence': a value closer to its limit, or to that of "
+        "another walk, than its numerical uncertainty is undecided. Repeatable, one per gait.",
         "FILE",
     ),
-]
-PlannerName = Annotated[
-    str | None,
-    option(
-        "--planner",
-        "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, your own, which may replan, or "
-        "none: the body begins standing, and its controller walks by itself.",
-        "NAME|FILE.csv|.parquet|MODULE:CLASS",
-    ),
-]
-Command = Annotated[
-    str | None,
-    option(
-        "--command",
-        "With --planner none: velocity forward and to the left [m/s], and rate of the heading [rad/s].",
-        "VX,VY,WZ",
-    ),
-]
-Footsteps = Annotated[
-    Path | None,
-    option(
-        "--footsteps",
-        "Walk over footsteps from rest to rest: foot,x,y,heading [m, rad]; z [m], time [s] if wanted.",
-        "FILE.csv",
-    ),
-]
-Controller = Annotated[
-    str | None,
-    option("--controller", "Short for controller.name: ampm, joint-pd, your own.", "NAME|MODULE:CLASS"),
-]
-Engine = Annotated[
-    str | None, option("--engine", "Short for simulation.engine: mujoco, or drake.", "mujoco|drake")
 ]
 Columns = Annotated[
     list[str] | None,
     option(
         "--columns",
-        "Column of the log under another name, maybe with unit and sign: com_x=COMx[mm], force_z=-Fz; or a "
-        "TOML file of such lines. Repeatable.",
+        "A column of the log that has another name, unit or sign: com_x=COMx[mm], force_z=-Fz; or a TOML "
+        "file of such lines. Repeatable.",
         "NAME=COLUMN[UNIT]|FILE.toml",
     ),
 ]
@@ -128,9 +96,8 @@ OwnMetrics = Annotated[
     option("--metric", "A metric of your own, a val.Metric in a module. Repeatable.", "MODULE:NAME"),
 ]
 OwnProfile = Annotated[
-    str | None, option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P")
+    str | None, option("--profile", f"Tolerance profile: {PROFILES}; by default the preset's own.", "P")
 ]
-Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")]
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]
 
 
@@ -175,10 +142,32 @@ class WalkOptions:
     settings: Settings = None
     as_is: AsIs = False
     body: Body = None
-    planner: PlannerName = None
-    controller: Controller = None
-    engine: Engine = None
-    command: Command = None
+    planner: Annotated[
+        str | None,
+        option(
+            "--planner",
+            "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, or a class of your own, which "
+            "may replan. With none the body begins standing, and its controller walks by itself.",
+            "NAME|FILE.csv|.parquet|MODULE:CLASS",
+        ),
+    ] = None
+    controller: Annotated[
+        str | None,
+        option(
+            "--controller",
+            "Short for controller.name: ampm, joint-pd, or a class of your own.",
+            "NAME|MODULE:CLASS",
+        ),
+    ] = None
+    engine: Annotated[str | None, option("--engine", "Short for simulation.engine.", "mujoco|drake")] = None
+    command: Annotated[
+        str | None,
+        option(
+            "--command",
+            "With --planner none: velocity forward and to the left [m/s], and rate of the heading [rad/s].",
+            "VX,VY,WZ",
+        ),
+    ] = None
 
     def changes(self, steps: int | None = None) -> list[str]:
         """All but ``as_is`` as ``key=value`` texts."""
@@ -193,36 +182,88 @@ class WalkOptions:
 
 
 @dataclass(frozen=True)
-class Execution:
+class Length:
+    """How many steps are walked, or which."""
+
+    steps: Steps = None
+    footsteps: Annotated[
+        Path | None,
+        option(
+            "--footsteps",
+            "Walk over footsteps from rest to rest: columns foot, x, y [m], heading [rad]; optional z [m], "
+            "time [s].",
+            "FILE.csv",
+        ),
+    ] = None
+
+    def sections(self) -> dict[str, Any]:
+        """Sections of a run with the footsteps of the file, or none.
+
+        Raises:
+            InputError: the file is not usable, or a number of steps is given, too.
+        """
+        if self.footsteps is None:
+            return {}
+        if self.steps is not None:
+            raise InputError("--steps counts the steps of a periodic gait; leave it out, or --footsteps.")
+        from ampm.planner.routes import read_footsteps  # imported here: NumPy is slow to load
+
+        return {"footsteps": read_footsteps(self.footsteps)}
+
+
+@dataclass(frozen=True)
+class Running:
     """How a study is run and kept, see :class:`validation.study.many.Execution`."""
 
     out: Annotated[Path | None, option("--out", "Folder of the result, with every walk.", "DIR")] = None
     resume: Annotated[bool, option("--resume", "Go on with what is missing in --out.")] = False
     workers: Annotated[
         int | None,
-        option("--workers", "Processes; one per core by default, 0 to walk in this very one.", "N", least=0),
+        option(
+            "--workers",
+            "Number of processes; by default one per core; 0 walks in this process.",
+            "N",
+            least=0,
+        ),
     ] = None
     scheduler: Annotated[
         str | None,
         option(
-            "--scheduler", "Run on this dask scheduler: tcp://HOST:8786, or its --scheduler-file.", "ADDRESS"
+            "--scheduler", "Run on this dask scheduler: its address, tcp://HOST:8786, or its file.", "ADDRESS"
         ),
     ] = None
+    as_json: Json = False
+
+    def given(self) -> dict[str, Any]:
+        """All but ``as_json``, and progress on the terminal."""
+        given = {name: value for name, value in vars(self).items() if name != "as_json"}
+        return {**given, "progress": Narrator()}
+
+    def answer(self, result: Any) -> None:
+        """Print a result with ``as_dict``, ``sentence`` and ``tables``, and name the folder that holds it."""
+        if self.as_json:
+            print_json(result.as_dict())
+        else:
+            if result.sentence:
+                print_line(result.sentence, "bold")
+            print_tables(result.tables())
+        Narrator().wrote(self.out)
 
 
 @dataclass(frozen=True)
 class Result:
-    """Folder of a result."""
+    """Where a result goes."""
 
     out: Annotated[
         Path | None,
         option(
             "--out",
-            "Folder of the result; of several gaits, one sub-folder each. runs/NAME-TIME if not given.",
+            "Folder of the result, with a sub-folder for each of several gaits; by default runs/NAME-TIME.",
             "DIR",
         ),
     ] = None
-    force: Force = False
+    force: Annotated[bool, option("--force", "Replace an earlier result at --out.")] = False
+    as_json: Json = False
 
     def folder(self, name: str) -> Path:
         """The folder of one result."""
@@ -239,14 +280,16 @@ class Disturbing:
         list[str] | None,
         option(
             "--push",
-            "Push a segment: force in N, begin and duration in s; e.g. chest,50,0,0,2,0.1. Repeatable.",
+            "Push a segment by a force [N] from a time [s] on: chest,50,0,0,2,0.1. Repeatable.",
             "SEGMENT,FX,FY,FZ,AT,DURATION",
         ),
     ] = None
     disturbance: Annotated[
         list[str] | None,
         option(
-            "--disturbance", "A disturbance of your own, made without arguments. Repeatable.", "MODULE:CLASS"
+            "--disturbance",
+            "A disturbance of your own, a class without arguments. Repeatable.",
+            "MODULE:CLASS",
         ),
     ] = None
 
@@ -306,29 +349,3 @@ def grouped(command: Callable[..., int]) -> Callable[..., int]:
     )
     call.__annotations__ = {parameter.name: parameter.annotation for parameter in taken}
     return call
-
-
-def with_footsteps(path: Path | None, steps: int | None) -> dict[str, Any]:
-    """Sections of a run with the footsteps of a file, or none.
-
-    Raises:
-        InputError: the file is not usable, or a number of steps is given, too.
-    """
-    if path is None:
-        return {}
-    if steps is not None:
-        raise InputError("--steps counts the steps of a periodic gait; leave it out, or --footsteps.")
-    from ampm.planner.routes import read_footsteps  # imported here: NumPy is slow to load
-
-    return {"footsteps": read_footsteps(path)}
-
-
-def answer(result: Any, *, as_json: bool, out: Path | None = None) -> None:
-    """Print a result with ``as_dict``, ``sentence`` and ``tables``, and name the folder that holds it."""
-    if as_json:
-        print_json(result.as_dict())
-    else:
-        if result.sentence:
-            print_line(result.sentence, "bold")
-        print_tables(result.tables())
-    Narrator().wrote(out)

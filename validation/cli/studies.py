@@ -8,26 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ampm.exceptions import InputError
+from validation.cli import options
 from validation.cli.console import Narrator
-from validation.cli.options import (
-    EXITS,
-    PROFILES,
-    Disturbing,
-    Execution,
-    Gait,
-    Json,
-    OwnMetrics,
-    OwnProfile,
-    Status,
-    Steps,
-    WalkOptions,
-    answer,
-    grouped,
-    load_metrics,
-    option,
-)
-from validation.store.folders import check_output_file, output_file
-from validation.table import markdown_page
+from validation.cli.options import Status, grouped, option
 
 if TYPE_CHECKING:
     from validation.study.sweep.table import SweepTable
@@ -36,40 +19,40 @@ app = typer.Typer()
 
 
 @app.command(
+    rich_help_panel=options.WALK,
     epilog="Exit status: 0 every run that walked passed, 1 some are out of tolerance, 2 every run refused, "
-    f"3 some did not complete, 4 some crashed; {EXITS}"
+    f"3 some did not complete, 4 some crashed; {options.EXITS}",
 )
 @grouped
 def sweep(
     file: Annotated[Path, typer.Argument(help="Definition of the sweep (TOML).", metavar="FILE")],
     *,
-    execution: Execution,
-    metric: OwnMetrics = None,
+    execution: options.Running,
+    metric: options.OwnMetrics = None,
     dry_run: Annotated[
         bool, option("--dry-run", "Count runs and refusals by formula; walk one run to measure its time.")
     ] = False,
-    as_json: Json = False,
 ) -> int:
     """Walk many runs over any parameters, on all cores.
 
     FILE defines the runs: grids, lists, Latin hypercubes or Sobol points over any parameter. Runs walk on
     this machine or a cluster; every finished one is on the disk at once. After a kill, a full disk or Ctrl-C,
-    --resume walks exactly what is missing, and the table is the same to the bit.
+    --resume walks only what is missing, and the table is the same to the bit.
     """
     from validation.study.sweep.run import forecast  # loads simulator and measurement
     from validation.study.sweep.run import sweep as walk_sweep
 
-    load_metrics(metric)
+    options.load_metrics(metric)
     if dry_run:
         from validation.study.sweep.design import load_sweep
 
         expected = forecast(load_sweep(file), execution.workers, progress=Narrator())
-        answer(expected, as_json=as_json)
+        execution.answer(expected)
         return Status.PASS if expected.found["walking"] else Status.REFUSED
     if execution.out is None:
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
-    found = walk_sweep(file, **vars(execution), progress=Narrator())
-    answer(found, as_json=as_json, out=execution.out)
+    found = walk_sweep(file, **execution.given())
+    execution.answer(found)
     return _sweep_status(found)
 
 
@@ -87,7 +70,7 @@ def _sweep_status(found: SweepTable) -> int:
     return Status.PASS if ended <= {RunState.PASS, RunState.REFUSED} else Status.OUT_OF_TOLERANCE
 
 
-@app.command(epilog="Exit status: 0 ranked, 2 bad input.")
+@app.command(rich_help_panel=options.WALK, epilog="Exit status: 0 ranked, 2 bad input.")
 @grouped
 def rank(
     folder: Annotated[Path, typer.Argument(help="Folder of a sweep, finished or not.", metavar="DIR")],
@@ -96,54 +79,50 @@ def rank(
         str, option("--by", "What is ranked: planner, controller, or a key that the sweep varies.", "KEY")
     ] = "planner",
     ahead: Annotated[
-        float, option("--ahead", "How long before an instant the plan stood: 0, .05, .1, .2 or .4 s.", "S")
+        float,
+        option("--ahead", "Compare with the plan as it stood so long before: 0, .05, .1, .2 or .4 s.", "S"),
     ] = 0.1,
-    out: Annotated[Path | None, option("--out", "Write the tables as Markdown.", "FILE.md")] = None,
     recordings: Annotated[
         Path | None,
         option("--recordings", "Walk the best and worst run of each planner again, into folders.", "DIR"),
     ] = None,
-    as_json: Json = False,
+    as_json: options.Json = False,
 ) -> int:
     """Rank the planners of a sweep.
 
-    Every gait of the sweep is a task; what else varies are replicas. Planners share a rank where survival and
-    error do not differ by more than the doubt: that of the replicas, numerical uncertainty and contact.
+    Every gait of the sweep is a task; runs that differ in other keys are replicas. Planners share a rank
+    unless survival or error differ by more than the doubt, which comes from replicas, numerics and contact.
     """
     from validation.study.rank import rank as ranked
 
-    if out is not None:
-        check_output_file(out, force=True)
     found = ranked(folder, by, ahead=ahead)
     if recordings is not None:
         from validation.study.sweep.design import load_sweep
         from validation.study.sweep.run import keep_runs
         from validation.study.sweep.table import DEFINITION
 
-        keep_runs(load_sweep(folder / DEFINITION), found.extremes, recordings, progress=Narrator())
-    if out is not None:
-        with output_file(out) as file:
-            file.write_text(markdown_page(found.tables()), encoding="utf-8")
-    answer(found, as_json=as_json)
+        definition = load_sweep(folder / DEFINITION)
+        keep_runs(definition, found.extremes, out=recordings, resume=True, progress=Narrator())
+    options.Running(as_json=as_json).answer(found)
     return Status.PASS
 
 
 @app.command(
+    rich_help_panel=options.CHECK,
     epilog="Exit status: 0 every metric is within its limit by more than its numerical uncertainty, 1 one is "
-    f"over it, undecided or not measured, 3 a walk of a numerical study did not complete; {EXITS}"
+    f"over it, undecided or not measured, 3 a walk of a numerical study did not complete; {options.EXITS}",
 )
 @grouped
 def convergence(
-    gait: Gait = None,
+    gait: options.Gait = None,
     *,
-    walk: WalkOptions,
-    steps: Annotated[int, option("--steps", "Walked at every level: the gait is periodic.", "N")] = 6,
+    walk: options.WalkOptions,
+    steps: Annotated[int, option("--steps", "Steps of every walk.", "N")] = 6,
     levels: Annotated[
-        int, option("--levels", "Of every numerical study, 3 ... 6; 4 can confirm an order.", "N")
+        int, option("--levels", "Levels of every numerical study, 3 to 6; 4 can confirm an order.", "N")
     ] = 4,
-    profile: Annotated[str, option("--profile", f"Tolerance profile: {PROFILES}.", "P")] = "default",
-    execution: Execution,
-    as_json: Json = False,
+    profile: Annotated[str, option("--profile", f"Tolerance profile: {options.PROFILES}.", "P")] = "default",
+    execution: options.Running,
 ) -> int:
     """Measure the numerical uncertainty of a gait's metrics.
 
@@ -160,40 +139,40 @@ def convergence(
         steps=steps,
         levels=levels,
         profile=profile,
-        **vars(execution),
-        progress=Narrator(),
+        **execution.given(),
     )
-    answer(found, as_json=as_json, out=execution.out)
+    execution.answer(found)
     if not found.completed:
         return Status.NOT_COMPLETED
     return Status.PASS if found.verdict.passed else Status.OUT_OF_TOLERANCE
 
 
-@app.command(epilog=f"Exit status: 0 the study is done, 4 an error ended a walk; {EXITS}")
+@app.command(
+    rich_help_panel=options.CHECK,
+    epilog=f"Exit status: 0 the study is done, 4 an error ended a walk; {options.EXITS}",
+)
 @grouped
 def robustness(
-    gait: Gait = None,
+    gait: options.Gait = None,
     *,
-    walk: WalkOptions,
+    walk: options.WalkOptions,
     quick: Annotated[
-        bool, option("--quick", "Fewer pushes, and every grid coarser: a quarter of an hour on two cores.")
+        bool, option("--quick", "Fewer pushes and coarser grids: a quarter of an hour on two cores.")
     ] = False,
     only: Annotated[
         list[str] | None,
-        option("--only", "Kind: pushes, or a key of disturbance or sensors. Repeatable.", "KIND"),
+        option("--only", "Study only this: pushes, or a key of disturbance or sensors. Repeatable.", "KIND"),
     ] = None,
     replicas: Annotated[
-        int, option("--replicas", "Walks of every value, of which four fifths have to survive.", "N")
+        int, option("--replicas", "Walks for each push; four fifths have to survive.", "N")
     ] = 5,
-    profile: OwnProfile = None,
-    execution: Execution,
-    as_json: Json = False,
+    profile: options.OwnProfile = None,
+    execution: options.Running,
 ) -> int:
     """Find the pushes and disturbances that a gait survives.
 
-    Body and controller are those of the run. Pushes of 0.1 s by direction, phase and height, and rising
-    values of the keys of disturbance and sensors. A value counts if it and
-    all smaller ones are survived.
+    Pushes of 0.1 s grow, for each direction, phase and height, and so do values of the keys of disturbance
+    and sensors. The largest value counts up to which all are survived.
     """
     from validation.study.robustness.study import robustness as study
 
@@ -203,31 +182,29 @@ def robustness(
         only=only or (),
         replicas=replicas,
         profile=profile,
-        **vars(execution),
-        progress=Narrator(),
+        **execution.given(),
     )
-    answer(found, as_json=as_json, out=execution.out)
+    execution.answer(found)
     return Status.CRASH if found.crashes else Status.PASS
 
 
-@app.command(epilog=f"Exit status: 0 explained; {EXITS}")
+@app.command(rich_help_panel=options.CHECK, epilog=f"Exit status: 0 explained; {options.EXITS}")
 @grouped
 def explain(
     run: Annotated[
         str | None, typer.Argument(help="Gait, or the folder of a run.", metavar="GAIT|RUN")
     ] = None,
     *,
-    walk: WalkOptions,
-    steps: Steps = None,
-    disturbing: Disturbing,
-    execution: Execution,
-    as_json: Json = False,
+    walk: options.WalkOptions,
+    steps: options.Steps = None,
+    disturbing: options.Disturbing,
+    execution: options.Running,
 ) -> int:
     """Say which part of a trial makes it fail.
 
     The trial is walked again with one layer made ideal at a time: sensing, motors, body, friction, floor,
-    contact law, numerics, controller, planner, pushes. What is ideal already is not walked. If no single
-    layer restores the pass, pairs of the best three are. The folder of a run gets explain.json, which 'ampm
+    contact law, numerics, controller, planner, pushes. If no single layer restores the pass, pairs of the
+    best three are tried. The folder of a run gets explain.json, which 'ampm
     report' shows.
     """
     from validation.study.explain import explain as study
@@ -237,8 +214,7 @@ def explain(
         run if is_folder else walk.request(run, steps),
         walk.changes(steps) if is_folder else (),
         disturbances=disturbing.load(),
-        **vars(execution),
-        progress=Narrator(),
+        **execution.given(),
     )
-    answer(found, as_json=as_json, out=execution.out)
+    execution.answer(found)
     return Status.PASS

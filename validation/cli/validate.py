@@ -7,24 +7,10 @@ from typing import Annotated, Any
 import typer
 
 from ampm.exceptions import InputError, RefusedGait
+from validation.cli import options
 from validation.cli.console import Narrator, print_json
 from validation.cli.errors import describe_error, explain
-from validation.cli.options import (
-    Disturbing,
-    Footsteps,
-    Gaits,
-    Json,
-    Judging,
-    Result,
-    RunFolder,
-    Status,
-    Steps,
-    Uncertainty,
-    WalkOptions,
-    grouped,
-    option,
-    with_footsteps,
-)
+from validation.cli.options import Status, grouped, option
 from validation.progress import interruption
 from validation.show.text import print_line, print_verdict
 from validation.table import print_tables
@@ -37,19 +23,17 @@ EPILOG = (
 )
 
 
-@app.command(epilog=EPILOG)
+@app.command(rich_help_panel=options.WALK, epilog=EPILOG)
 @grouped
 def validate(
-    gaits: Gaits = None,
+    gaits: options.Gaits = None,
     *,
-    walk: WalkOptions,
-    steps: Steps = None,
-    footsteps: Footsteps = None,
-    disturbing: Disturbing,
-    judging: Judging,
-    uncertainty: Uncertainty = None,
-    result: Result,
-    as_json: Json = False,
+    walk: options.WalkOptions,
+    length: options.Length,
+    disturbing: options.Disturbing,
+    judging: options.Judging,
+    uncertainty: options.Uncertainty = None,
+    result: options.Result,
 ) -> int:
     """Plan, walk, measure and judge gaits: the trial.
 
@@ -59,8 +43,8 @@ def validate(
     real mass distribution, unilateral contact, friction and limited torque can realise the plan, how closely,
     and at what effort.
 
-    Where a preset's gait or body is changed, what it leaves open (heights, timing, angles of the feet) is
-    found for the change, and printed; what is given stays.
+    If gait or body differ from a preset's, open values (heights, timing, angles of the feet) are found and
+    printed; given values stay.
     """
     from ampm.run_file import leaves_open
     from validation.judge import profiles
@@ -69,8 +53,9 @@ def validate(
     from validation.trial.plan import complete, load_requests
 
     profile = judging.load()
-    sections = with_footsteps(footsteps, steps)
-    requests = load_requests(gaits or [None], walk.changes(steps), as_is=walk.as_is, sections=sections)
+    requests = load_requests(
+        gaits or [None], walk.changes(length.steps), as_is=walk.as_is, sections=length.sections()
+    )
     disturbances = disturbing.load()
     judges = [
         profile or profiles.own_profile(gait, request.run, disturbances)
@@ -103,7 +88,7 @@ def validate(
             continue
         answers.append({**summary, "directory": str(target)})
         statuses.append(status_of(summary))
-        if not as_json:
+        if not result.as_json:
             print_result(summary, target)
         if interruption.pending:  # interrupted during the measurement, which is finished first
             narrator.say(f"ampm: interrupted; the run is complete in {target} but for recording and report")
@@ -111,7 +96,7 @@ def validate(
             statuses.append(Status.INTERRUPTED)
         if statuses[-1] is Status.INTERRUPTED:
             break
-    if as_json:
+    if result.as_json:
         print_json(answers[0] if len(requests) == 1 else answers)
     return max(statuses)
 
@@ -126,9 +111,9 @@ def status_of(summary: Mapping[str, Any]) -> Status:
     return statuses.get(summary["verdict"], Status.OUT_OF_TOLERANCE)
 
 
-@app.command()
+@app.command(rich_help_panel=options.CHECK)
 def replay(
-    directory: RunFolder,
+    directory: options.RunFolder,
     equations: Annotated[
         bool, option("--equations", "Hold every step to the equations of motion by Pinocchio, too.")
     ] = False,
@@ -150,25 +135,30 @@ def replay(
     return Status.PASS if result.passed else Status.OUT_OF_TOLERANCE
 
 
-@app.command()
+@app.command(rich_help_panel=options.LOOK)
 def report(
     directory: Annotated[
         Path, typer.Argument(help="Folder of a run, a comparison of walks, or a sweep.", metavar="DIR")
     ],
     figures: Annotated[
-        Path | None, option("--figures", "Write the page's figures for a paper here, instead.", "DIR")
+        Path | None, option("--figures", "Write the figures of the page for a paper, not the page.", "DIR")
     ] = None,
-    form: Annotated[str, option("--format", "Of the figures.", "pdf|svg|pgf")] = "pdf",
-    width: Annotated[str, option("--width", "Of a column; wide figures span two.", "88mm")] = "88mm",
+    form: Annotated[str, option("--format", "Format of the figures.", "pdf|svg|pgf")] = "pdf",
+    width: Annotated[str, option("--width", "Width of a column; wide figures span two.", "88mm")] = "88mm",
     tables: Annotated[
-        str | None, option("--tables", "The page's tables, too; printed without --figures.", "tex|md|csv")
+        str | None,
+        option("--tables", "Write the page's tables, too; without --figures print them.", "tex|md|csv"),
     ] = None,
     evidence: Annotated[
-        Path | None, option("--evidence", "Write the evidence of a run here, instead.", "FILE.zip")
+        Path | None, option("--evidence", "Write the evidence of a run, not the page.", "FILE.zip")
     ] = None,
     study: Annotated[
         list[Path] | None,
-        option("--study", "For it: robustness, a comparison of engines, a judged log. Repeatable.", "DIR"),
+        option(
+            "--study",
+            "A study for --evidence: robustness, a comparison of engines, a judged log. Repeatable.",
+            "DIR",
+        ),
     ] = None,
 ) -> int:
     """Write the report of a run, a comparison or a sweep again from its files, or its figures for a paper.

@@ -6,12 +6,12 @@ import shutil
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from string import ascii_lowercase
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import typer
 
 from ampm.exceptions import InputError
+from validation.cli import options
 from validation.cli.console import Narrator
 from validation.cli.options import Status, option
 from validation.show.viewer import show_recording, viewer_command
@@ -22,18 +22,10 @@ app = typer.Typer()
 RECORDING_FILE, SUMMARY_FILE = "recording.rrd", "summary.json"
 
 
-class Source(NamedTuple):
-    """A recording to show: prefix of its entities beside others, name for people, and file."""
-
-    prefix: str
-    label: str
-    path: Path
-
-
-@app.command()
+@app.command(rich_help_panel=options.LOOK)
 def view(
     targets: Annotated[
-        list[Path], typer.Argument(help="Folders of runs, or recordings.", metavar="DIR|FILE.rrd")
+        list[Path], typer.Argument(help="Folders of runs, or one recording to show.", metavar="DIR|FILE.rrd")
     ],
     save: Annotated[
         Path | None, option("--save", "Write what would be shown; opens nothing.", "FILE.rrd")
@@ -46,73 +38,48 @@ def view(
     One run opens unchanged. Several are aligned on the phase of the gait: the bodies stand side by side, and
     the curves lie over each other.
     """
-    if save is not None:
-        check_new_file(save, ".rrd", force=force)
-    narrator = Narrator()
-    sources = choose(targets)
-    if save is not None:
-        with output_file(save, force=force) as work:
-            write_sources(sources, work)
-        narrator.wrote(save)
-        return Status.PASS
-    viewer_command(sources[0].path, web=web)  # refuses if there is no viewer or display
-    with tempfile.TemporaryDirectory(prefix="ampm-view-") as folder:
-        shown = sources[0].path
-        if len(sources) > 1:
-            shown = Path(folder) / "recordings.rrd"
-            write_sources(sources, shown)
-        return show_recording(shown, web=web)
-
-
-def write_sources(sources: Sequence[Source], path: Path) -> None:
-    """Write one file of all recordings, a copy of a single one; an existing file is replaced.
-
-    Raises:
-        InputError: a source is not a recording.
-    """
-    from validation.show.rerun.merge import merge, read_chunks  # imported here because rerun is slow to load
-
-    if len(sources) == 1:
-        read_chunks(sources[0].path)
-        shutil.copyfile(sources[0].path, path)
+    if save is None:
+        viewer_command(targets[0], web=web)  # refuses if there is no viewer or display
+        if len(targets) == 1 and targets[0].suffix == ".rrd" and targets[0].is_file():
+            return show_recording(targets[0], web=web)
     else:
-        merge(sources, path)
+        check_new_file(save, ".rrd", force=force)
+    with tempfile.TemporaryDirectory(prefix="ampm-view-") as folder:
+        shown = recording_of(targets, Path(folder))
+        if save is None:
+            return show_recording(shown, web=web)
+        with output_file(save, force=force) as work:
+            shutil.copyfile(shown, work)
+    Narrator().wrote(save)
+    return Status.PASS
 
 
-def choose(targets: Sequence[Path]) -> list[Source]:
-    """Recordings of the targets, which are folders of runs or recordings.
+def recording_of(targets: Sequence[Path], folder: Path) -> Path:
+    """The recording of one run, or a file in a folder with those of several.
 
     Raises:
-        InputError: a target has no recording, or a file of a run has changed.
+        InputError: a target is not a run, or a file of it has changed.
     """
-    from validation.store.saved import SUMMARY_FILE, check_files
-
     for target in targets:
-        if (target / SUMMARY_FILE).is_file():
-            check_files(target)
-    paths = [recording_of(target) if target.is_dir() else target for target in targets]
-    for path in paths:
-        if not path.is_file() or path.suffix != ".rrd":
+        if not (target / SUMMARY_FILE).is_file():
             raise InputError(
-                f"{path} is not a recording; give the folder of a run, such as recordings/NAME of a sweep, "
-                "or an .rrd file."
+                f"{target} is not a run; give folders of runs, such as recordings/NAME of a sweep. One .rrd "
+                "file alone is shown as it is."
             )
-    names = [path.parent.name if path.name == RECORDING_FILE else path.stem for path in paths]
-    if len(set(names)) < len(names):  # two revisions of one gait
-        names = [str(target) for target in targets]
-    return [
-        Source(letter, name, path) for letter, name, path in zip(ascii_lowercase, names, paths, strict=False)
-    ]
+    # Imported here because rerun is slow to load.
+    from validation.show.rerun.record import write_recording, write_several
+    from validation.store.saved import load_saved_run
 
-
-def recording_of(folder: Path) -> Path:
-    """Recording of a run's folder; a run that was kept without one gets it."""
-    path = folder / RECORDING_FILE
-    if not path.is_file() and (folder / SUMMARY_FILE).is_file():
-        # Imported here because rerun is slow to load.
-        from validation.show.rerun.record import write_recording
-        from validation.store.saved import load_saved_run
-
-        with Narrator().stage(f"{folder.name}: recording"):
-            write_recording(load_saved_run(folder))
-    return path
+    runs = [load_saved_run(target) for target in targets]
+    if len(runs) == 1 and (targets[0] / RECORDING_FILE).is_file():
+        return targets[0] / RECORDING_FILE
+    with Narrator().stage("recording"):
+        if len(runs) == 1:
+            return write_recording(runs[0])
+        names = [target.resolve().name for target in targets]
+        if len(set(names)) < len(names):  # two revisions of one gait
+            names = [str(target) for target in targets]
+        if len(set(names)) < len(names):
+            raise InputError(f"{', '.join(names)}: give every run once.")
+        write_several(dict(zip(names, runs, strict=True)), folder / RECORDING_FILE)
+    return folder / RECORDING_FILE

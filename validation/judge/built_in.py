@@ -80,7 +80,7 @@ def _moved(value: Callable[[Comparison, PlanSample], float]) -> Callable[[Compar
 
 
 def _zmp_moved(walk: Comparison, first: PlanSample) -> Array:
-    """Distance of the ZMP of the plan then valid from that of the first plan in the window, (n,) [m]."""
+    """Distance of the ZMP of the plan in force from that of the first plan in the window, (n,) [m]."""
     return _distances(walk.valid.zmp, first.zmp, walk)
 
 

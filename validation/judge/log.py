@@ -77,7 +77,7 @@ def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
     correlation = float(np.sum(one * other)) / math.sqrt(product or math.inf)
     if not correlation > _LEAST:
         raise InputError(
-            f"{log.name} is like the plan nowhere: the correlation of force and ZMP is {correlation:.2f} and "
+            f"{log.name} matches the plan nowhere: the correlation of force and ZMP is {correlation:.2f} and "
             f"must be more than {_LEAST:g}; give x forward and y left, another plan, or its start (--start)."
         )
     return start, correlation
@@ -157,10 +157,11 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
 
 def whole_strides(log: Log, taken: Array, margin: float = 0.0) -> list[tuple[float, float]]:
     """Strides from one instant to the next [s] that a log has without a gap, with a share of them around."""
-    holes, found = log.time[:-1][np.diff(log.time) > 1.5 * log.time_step], []
+    gaps, found = np.flatnonzero(np.diff(log.time) > 1.5 * log.time_step), []
+    leaves, returns = log.time[gaps], log.time[gaps + 1]
     for begin, end in pairwise(taken.tolist()):
         first, last = begin - margin * (end - begin), end + margin * (end - begin)
-        if log.time[0] <= first and last <= log.time[-1] and not ((holes > first) & (holes < last)).any():
+        if log.time[0] <= first and last <= log.time[-1] and not ((returns > first) & (leaves < last)).any():
             found.append((begin, end))
     return found
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.body.motion import Extreme
-from ampm.body.robot import Gaps
 from ampm.description import BodyDescription
 from ampm.geometry import Array
 from ampm.planner.centroidal import PlanSample
@@ -145,12 +144,6 @@ def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
     return dict(zip(names, (positive, negative, distance, transport), strict=True))
 
 
-def clearance_over_time(record: SimulationRecord, shapes: Shapes) -> tuple[Array, Gaps]:
-    """Instants [s], :data:`CLEARANCE_ROWS` states on disk apart, and the closest parts of the body then."""
-    q, time = _postures(record)
-    return time, shapes.recorded_gaps(q)
-
-
 def _postures(record: SimulationRecord) -> tuple[Array, Array]:
     """Configurations of states :data:`CLEARANCE_ROWS` apart, and their instants [s]."""
     rows = record.state_rows % (CLEARANCE_ROWS * state_steps(record.time_step)) == 0
@@ -161,7 +154,8 @@ def _clearance(record: SimulationRecord, shapes: Shapes | None) -> Extreme:
     """Least distance of two parts of the body."""
     if not shapes:
         return Extreme(math.nan)
-    time, gaps = clearance_over_time(record, shapes)
+    q, time = _postures(record)
+    gaps = shapes.recorded_gaps(q)
     closest = int(gaps.distance.argmin())
     return Extreme(float(gaps.distance[closest]), float(time[closest]), gaps.parts[closest])
 

@@ -94,6 +94,6 @@ def matching(known: Sequence[Uncertainty], request: Request) -> Uncertainty:
         return known[differences.index("")]
     listed = "; ".join(f"{item.gait} ({text})" for item, text in zip(known, differences, strict=True))
     raise InputError(
-        f"--uncertainty: no study is of {request.name}, they are of {listed}; run 'ampm convergence' with "
+        f"--uncertainty has no study of {request.name}, only of {listed}; run 'ampm convergence' with "
         f"the gait and the --set of this run, and give its {FILE}."
     )

@@ -220,7 +220,7 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
             unit = "N" if key == "force" else "m"
             raise InputError(
                 f"{key} differs from that of both feet by {middle:.3g} {unit} or more in half of the rows, "
-                f"and may by {most:.3g} {unit}; correct one, or leave it out."
+                f"more than {most:.3g} {unit}; correct one, or leave it out."
             )
 
 
@@ -256,8 +256,8 @@ def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) ->
     lean = float(np.nanmedian((np.hypot(*(com[:, :2] - zmp).T) / np.maximum(height, 1e-9))[stands]))
     if lean > _LEAN:
         raise InputError(
-            f"{name}: com and zmp are {lean:.3g} times the COM's height apart along the floor, or more, in "
-            f"half of the rows, and may be {_LEAN:g}; give both in metres from one origin."
+            f"{name}: com and zmp are {lean:.3g} times the COM's height or more apart along the floor in "
+            f"half of the rows, more than {_LEAN:g}; give both in metres from one origin."
         )
 
 

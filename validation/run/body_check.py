@@ -177,7 +177,7 @@ def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, st
         f"{findings.bare} segments have no shape: clearance is that of ellipsoids of their inertia.": (
             findings.bare
         ),
-        "Left and right differ in the source: the mean of both walks.": (
+        "Left and right differ in the source: the body has their mean.": (
             max(findings.place, findings.com, findings.mass) > 1e-6
         ),
     }

@@ -90,7 +90,7 @@ class Fit(Tabled):
                 cells = []
                 for model in MODELS:
                     share, rmse = models[model][support].values()
-                    cells.append("< 0" if share < -0.005 else format_number(100.0 * round(share, 6), 3))
+                    cells.append("< 0" if share < -0.005 else format_number(100.0 * round(share, 6) + 0.0, 3))
                     cells.append(format_number(factor * rmse, 3))
                 told.append([LABELS[signal], support, *cells, unit])
         heads = [head for name in ("pendulum", "rolling ZMP", "AMPM") for head in (f">{name}: %", ">RMSE")]
@@ -197,6 +197,6 @@ def _gait(found: Mapping[str, Constant], mass: float) -> tuple[RunParameters | N
         return None, [f"There is no periodic gait with these constants: {error}"]
     single, double = constants.single_support_duration, constants.double_support_duration
     return run, [
-        f"The gait has supports of {single:.3f} and {double:.3f} s; measured were "
-        f"{found['single_support'].value:.3f} and {found['double_support'].value:.3f} s."
+        f"The gait has a single support of {single:.3f} s (measured {found['single_support'].value:.3f} s) "
+        f"and a double support of {double:.3f} s (measured {found['double_support'].value:.3f} s)."
     ]

@@ -192,7 +192,7 @@ def _tables(saved: SavedRun, again: SimulationRecord, measured: MeasuredGait) ->
         yield file, columns, again.time[rows], recorded, replayed
     every = kept_rows(record.steps, record.time_step)
     if len(stored) != (count := len(range(record.steps)[every])):
-        raise InputError(f"{SIGNALS_FILE} is damaged: it has not {count} rows; walk the gait again.")
+        raise InputError(f"{SIGNALS_FILE} is damaged: it should have {count} rows; walk the gait again.")
     time = measured.time[every]
     held = measured_columns(measured, every)
     recorded = np.column_stack([stored[name][: len(time)].astype(np.float64) for name in held])

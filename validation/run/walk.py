@@ -68,7 +68,7 @@ def walk(
     if not isinstance(disturbances, list | tuple):
         raise InputError(f"{disturbances!r} cannot be the disturbances; give a list of them.")
     if footsteps is not None and not len(footsteps):
-        raise InputError("footsteps holds none; leave it out to walk the gait's own, or give at least 4.")
+        raise InputError("footsteps is empty; leave it out to walk the gait's own, or give at least 4.")
     request = load_request(run if isinstance(run, RunParameters) else str(run))
     names = {"gait.planner": planner, "controller.name": controller}
     sections = {} if footsteps is None else {"footsteps": as_rows(footsteps)}

@@ -1,4 +1,4 @@
-"""Pictures of pages: curves and areas as SVG, in a tenth of the time that matplotlib takes."""
+"""Pictures of pages and papers: curves and areas, in a tenth of the time that matplotlib takes."""
 
 import math
 import textwrap
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ampm.geometry import Array
 from validation.show.style import FAINT, GRID
-from validation.show.vector import Shape, Word, pgf, svg
+from validation.show.vector import Mark, Word, font_folder, pgf, svg
 
 WIDTH = 5.2
 """Width of an ordinary picture [in]: 500 px, so that its 9 pt text stays readable on a telephone."""
@@ -39,20 +39,21 @@ class Chart:
     title: str = ""  # above
     xlabel: str = ""  # of the axis
     ylabel: str = ""  # of the axis
+    label_at: float = 9.0  # of the label of the vertical axis in the picture [pt]
     xlim: tuple[float | None, float | None] = (None, None)  # ends of the field; None fits what is drawn
     ylim: tuple[float | None, float | None] = (None, None)  # likewise
     equal: bool = False  # whether both axes have one scale; the field then shows more of one
-    yticks: dict[str, float] = field(default_factory=dict)  # texts at heights, instead of numbers
-    frame: bool = True  # whether axes, grid and numbers are drawn
+    xticks: dict[str, float] = field(default_factory=dict)  # texts at places, instead of numbers
+    yticks: dict[str, float] = field(default_factory=dict)  # likewise
     # what is drawn, the lowest first; points are in the units of the axes, infinity is the chart's edge
-    marks: list[Shape] = field(default_factory=list)
+    marks: list[Mark] = field(default_factory=list)
 
     def line(
         self, x: ArrayLike, y: ArrayLike, color: str, width: float = 1.0, *, dash: str = "", label: str = ""
     ) -> None:
         """Draw a curve through points, shape (N,), of a width [pt]; NaN interrupts it."""
         lengths = tuple(float(part) * width for part in dash.split())
-        self.marks.append(Shape(_points(x, y), color, width, dash=lengths, label=label))
+        self.marks.append(Mark(_points(x, y), color, width, dash=lengths, label=label))
 
     def area(
         self,
@@ -66,7 +67,7 @@ class Chart:
         below: bool = False,
     ) -> None:
         """Fill a polygon with corners, shape (N,), maybe with an edge, or below what is drawn so far."""
-        mark = Shape(_points(x, y), edge, fill=color, opacity=opacity, label=label)
+        mark = Mark(_points(x, y), edge, fill=color, opacity=opacity, label=label)
         self.marks.insert(0 if below else len(self.marks), mark)
 
     def band(self, x: Array, low: Array, high: Array, color: str, *, opacity: float, label: str = "") -> None:
@@ -92,8 +93,7 @@ class Chart:
 
     def dots(self, x: ArrayLike, y: ArrayLike, color: str, size: float) -> None:
         """Draw dots of a diameter [pt]."""
-        for at in _points(x, y):
-            self.marks.append(Shape(np.array([at, at]), color, size, round=True))
+        self.marks.append(Mark(_points(x, y), color, size, round=True))
 
     def limits(self) -> tuple[Array, Array]:
         """Lower and upper ends of both axes."""
@@ -113,36 +113,35 @@ class Chart:
             low, high = middle - half, middle + half
         return low, high
 
-    def items(self) -> Iterator[Shape | Word]:
+    def items(self) -> Iterator[Mark | Word]:
         """What is drawn, in points of the picture."""
         low, high = self.limits()
         unit = np.array([self.width, -self.height]) / (high - low)
         x, y = self.left, self.top + self.height
-        if self.frame:
-            for at, text in _ticks(low[0], high[0], self.width / 55):
-                place = x + (at - low[0]) * unit[0]
-                yield Shape(np.array([(place, y), (place, self.top)]), GRID)
-                yield Word(place, y + 11, text, 8.0, "middle")
-            named = [(at, text) for text, at in self.yticks.items()]
-            for at, text in named or _ticks(low[1], high[1], self.height / 16):
-                place = y + (at - low[1]) * unit[1]
-                if not named:
-                    yield Shape(np.array([(x, place), (x + self.width, place)]), GRID)
-                yield Word(x - 4, place + 3, text, 8.0, "end")
+        named = [(at, text) for text, at in self.xticks.items()]
+        for at, text in named or _ticks(low[0], high[0], self.width / 55):
+            place = x + (at - low[0]) * unit[0]
+            if not named:
+                yield Mark(np.array([(place, y), (place, self.top)]), GRID)
+            yield Word(place, y + 11, text, 8.0, "middle")
+        named = [(at, text) for text, at in self.yticks.items()]
+        for at, text in named or _ticks(low[1], high[1], self.height / 16):
+            place = y + (at - low[1]) * unit[1]
+            if not named:
+                yield Mark(np.array([(x, place), (x + self.width, place)]), GRID)
+            yield Word(x - 4, place + 3, text, 8.0, "end")
         window = (x, self.top, self.width, self.height)
         for mark in self.marks:
             points = np.where(np.isinf(mark.points), np.clip(mark.points, low, high), mark.points)
             yield mark._replace(points=(points - low) * unit + (x, y), window=window)
-        if self.frame:
-            sides = np.array([(x, self.top), (x, y), (x + self.width, y)])
-            yield Shape(sides, FAINT, 0.7)
-            yield Word(x + self.width / 2, y + 23, self.xlabel, anchor="middle")
-            yield Word(9.0, self.top + self.height / 2, self.ylabel, anchor="middle", turned=True)
+        yield Mark(np.array([(x, self.top), (x, y), (x + self.width, y)]), FAINT, 0.7)
+        yield Word(x + self.width / 2, y + 23, self.xlabel, anchor="middle")
+        yield Word(self.label_at, self.top + self.height / 2, self.ylabel, anchor="middle", turned=True)
         yield from self._heading()
 
-    def _legend(self) -> list[list[tuple[float, Shape]]]:
+    def _legend(self) -> list[list[tuple[float, Mark]]]:
         """Lines of the legend: marks with their places."""
-        lines: list[list[tuple[float, Shape]]] = []
+        lines: list[list[tuple[float, Mark]]] = []
         room = math.inf
         for mark in self.marks:
             needed = 22 + _LETTER * len(mark.label)
@@ -158,14 +157,14 @@ class Chart:
         """Height of legend and title [pt]."""
         return 13.0 * len(self._legend()) + (13.0 + 11.0 * self.title.count("\n") if self.title else 0.0)
 
-    def _heading(self) -> Iterator[Shape | Word]:
+    def _heading(self) -> Iterator[Mark | Word]:
         """Legend above the field, because curves fill it, and the title above the legend."""
         y = self.top - 5.0
         for entry in reversed(self._legend()):
             for at, mark in entry:
                 x, width = self.left + at, 5.0 if mark.fill else min(3.0, 1.5 * mark.width)
                 points = np.array([(x, y - 3), (x + 10, y - 3)])
-                yield Shape(points, mark.fill or mark.stroke, width, dash=mark.dash, opacity=mark.opacity)
+                yield Mark(points, mark.fill or mark.stroke, width, dash=mark.dash, opacity=mark.opacity)
                 yield Word(x + 13, y, mark.label, 8.0)
             y -= 13
         if self.title:
@@ -185,7 +184,8 @@ class Picture:
     @property
     def text(self) -> str:
         """Number and caption."""
-        return f"Figure {self.number}. {self.label}. {self.caption}".rstrip()
+        label = self.label[:1].upper() + self.label[1:]
+        return f"Figure {self.number}. {label}. {self.caption}".rstrip()
 
     @property
     def image(self) -> Markup:
@@ -193,15 +193,24 @@ class Picture:
         data = b64encode(self.svg().encode()).decode()
         return Markup(f'<img alt="{escape(self.label)}" src="data:image/svg+xml;base64,{data}">')
 
-    def svg(self, width: float | None = None) -> str:
-        """As SVG; with a width [pt] for a file, which has its letters."""
-        return svg(
-            *_drawn(self.charts if width is None else _fitted(self.charts, width)), embed=width is not None
-        )
+    def svg(self) -> str:
+        """As SVG with the reader's font, for a page."""
+        return svg(*_drawn(self.charts))
 
-    def pgf(self, width: float) -> str:
-        """As PGF of a width [pt]."""
-        return pgf(*_drawn(_fitted(self.charts, width)))
+    def as_file(self, form: str, width: float | None = None) -> bytes:
+        """As SVG, PDF, PNG or PGF with its letters; with a width [pt] its charts are fitted to it."""
+        drawn = _drawn(self.charts if width is None else _fitted(self.charts, width))
+        if form == "pgf":
+            return pgf(*drawn).encode()
+        text = svg(*drawn, embed=True)
+        if form == "svg":
+            return text.encode()
+        import vl_convert  # loads a JavaScript engine
+
+        vl_convert.register_font_directory(str(font_folder()))
+        if form == "png":
+            return bytes(vl_convert.svg_to_png(text, scale=2.0))
+        return bytes(vl_convert.svg_to_pdf(text.replace('pt"', '"', 2)))  # of which a pixel is a point
 
 
 def numbered(pictures: Iterable[Picture]) -> list[Picture]:
@@ -209,11 +218,11 @@ def numbered(pictures: Iterable[Picture]) -> list[Picture]:
     return [replace(item, number=number) for number, item in enumerate(pictures, start=1)]
 
 
-def _drawn(charts: Sequence[Chart]) -> tuple[list[Shape | Word], float, float]:
+def _drawn(charts: Sequence[Chart]) -> tuple[list[Mark | Word], float, float]:
     """What is drawn, width and height [pt]."""
     width = max(chart.left + chart.width for chart in charts) + _RIGHT
-    height = max(chart.top + chart.height + (_BOTTOM if chart.frame else 0) for chart in charts)
-    items = [item for chart in charts for item in chart.items() if isinstance(item, Shape) or item.text]
+    height = max(chart.top + chart.height + _BOTTOM for chart in charts)
+    items = [item for chart in charts for item in chart.items() if isinstance(item, Mark) or item.text]
     return items, round(width), round(height)
 
 
@@ -226,18 +235,14 @@ def _fitted(charts: Sequence[Chart], width: float) -> list[Chart]:
     share = (width - _RIGHT) / max(chart.left + chart.width for chart in charts)
     found, moved = [], 0.0
     for chart in charts:
-        height = chart.height * (share if chart.equal else 1.0)
-        left, wide = share * chart.left, share * chart.width
-        if chart.frame:
-            left, wide = chart.left, width - chart.left - _RIGHT
+        height, wide = chart.height * (share if chart.equal else 1.0), width - chart.left - _RIGHT
         lines = [textwrap.fill(line, round(wide / 5.0)) for line in chart.title.split("\n")]
-        title = "" if chart.frame and len(charts) == 1 else "\n".join(lines)
-        new = replace(chart, left=left, width=wide, height=height, title=title)
-        above = new.heading_height() - chart.heading_height()
-        found.append(replace(new, top=chart.top + moved + above))
-        moved += (height - chart.height + above) * chart.frame
-    lowest = max(0.0, *(item.top - chart.top for item, chart in zip(found, charts, strict=True)))
-    return [item if item.frame else replace(item, top=charts[0].top + lowest) for item in found]
+        title = "" if len(charts) == 1 else "\n".join(lines)
+        new = replace(chart, width=wide, height=height, title=title)
+        moved += new.heading_height() - chart.heading_height()
+        found.append(replace(new, top=chart.top + moved))
+        moved += height - chart.height
+    return found
 
 
 def _points(x: ArrayLike, y: ArrayLike) -> Array:

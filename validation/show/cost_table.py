@@ -35,8 +35,8 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
     margin = summary["margins"]["plan_polygon"]["value"]
     if margin is not None and 0.0 <= margin < _SMALL:
         notes.append(
-            f"{METRICS['margin_plan_polygon'].label}: of the worst instant. When a rolling foot lifts its "
-            "heel, the ZMP passes the ball, which is then the edge."
+            "The planned ZMP margin is that of the worst instant: when a rolling foot lifts its heel, the "
+            "ZMP passes the ball, which is then the edge of the support."
         )
     if summary["outcome"] == "completed" and (tilt := summary["margins"].get("tilt")):
         notes += tilt_warnings(tilt["value"], tilt["where"])

@@ -33,11 +33,15 @@ def fit_page(name: str, sentence: str, strides: Strides, tables: Sequence[Table]
     """A complete HTML document on a log: what was found in a sentence, pictures, and tables below them."""
     told = explained(strides)
     return render_page(
-        "fit.html.j2",
+        "curves.html.j2",
         f"AMPM fitted to {name}",
         styles=["report.css"],
         sentence=sentence,
         keys=[("measured", MEASURED), *_MODELS.values()],
+        key_note="means over the strides; each stride is explained by the constants of the others; shade: "
+        "95 % of the strides; grey: double support",
+        runs=[],
+        citations=[],
         pictures=numbered(_picture(strides, told, signal) for signal in LABELS),
         tables=tables,
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ampm.exceptions import InputError
-from validation.show.vector import font_folder
+from validation.show.chart import Picture
 from validation.store.folders import check_target, output_file
 from validation.store.json import dump_json
 from validation.store.saved import SavedRun, digests
@@ -85,7 +85,7 @@ def cite_run(saved: SavedRun) -> Citation:
 
 def write_paper(
     folder: Path,
-    figures: Sequence[Any],
+    figures: Sequence[Picture],
     tables: Sequence[Table],
     citations: Sequence[Citation],
     *,
@@ -97,7 +97,7 @@ def write_paper(
 
     Args:
         folder: of the files.
-        figures: in their order; each has what a :class:`validation.show.chart.Picture` has.
+        figures: in their order.
         tables: likewise.
         citations: of all runs.
         form: of the figures, one of :data:`FORMATS`.
@@ -120,9 +120,7 @@ def write_paper(
     for figure in figures:
         slug = re.sub(r"\W+", "-", figure.label.lower()).strip("-")[:40].strip("-")
         points = (two if figure.wide else width) / _POINT
-        drawn = figure.pgf(points) if form == "pgf" else figure.svg(points)
-        content = _pdf(drawn) if form == "pdf" else drawn.encode()
-        files[f"figure-{figure.number:02d}-{slug}.{form}"] = content
+        files[f"figure-{figure.number:02d}-{slug}.{form}"] = figure.as_file(form, points)
     for name, content in files.items():
         with output_file(folder / name) as work:
             work.write_bytes(content)
@@ -136,16 +134,3 @@ def as_text(tables: Sequence[Table], form: str) -> str:
         "md": lambda table: f"**{table.title}**\n\n{table.markdown()}\n",
     }
     return "\n".join(write[form](table) for table in tables if table.rows)
-
-
-def _pdf(svg: str) -> bytes:
-    """A picture as PDF with its letters."""
-    import vl_convert  # loads a JavaScript engine
-
-    def in_points(found: re.Match[str]) -> str:
-        return f'{found[1]}="{float(found[2]) * (1.0 if found[3] else 0.75):g}"'
-
-    head, end, rest = svg.partition(">")
-    head = re.sub(r'\b(width|height)="([\d.]+)(pt)?"', in_points, head)  # a pixel becomes a point
-    vl_convert.register_font_directory(str(font_folder()))
-    return bytes(vl_convert.svg_to_pdf(head + end + rest))

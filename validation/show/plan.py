@@ -1,30 +1,25 @@
 """Pictures of a plan."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 
 from ampm.planner.centroidal import CentroidalPlan, PlanSample
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
-from validation.show.style import save_figure, style
+from validation.show.chart import WIDTH, Chart, Picture, new_charts
+from validation.show.style import COMMAND, FAINT, INK, LEFT, MEASURED, PLAN, RIGHT, SHADE
+from validation.store.folders import output_file
 
 _SHOWN_STEPS = 4  # a periodic gait repeats itself every two
 _POINTS = 1200
-_ABOVE: Any = {"loc": "lower left", "bbox_to_anchor": (-0.01, 1.0), "ncols": 5}
-"""Place of a legend: above the axes, because curves fill them."""
 _ROUNDING = 1e-9
 _BEYOND = 0.7  # of the path of the COM, in which footsteps are drawn [m]
-_COLORS = {"COM": "#1f77b4", "DCM": "#5b6270", "ZMP": "#2ca02c"}
-_COLORS |= {"x": "#1f77b4", "y": "#d62728", "z": "#5b6270"}
+_COLORS = {"COM": PLAN, "DCM": FAINT, "ZMP": COMMAND, "x": PLAN, "y": MEASURED, "z": INK}
 
 
-@style()
 def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
     """Draw a plan: COM, ZMP, ground force, moment and angular momentum over time, and the top view.
 
@@ -38,56 +33,55 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
     paths = {"COM": sample.com, "DCM": sample.dcm, "ZMP": sample.zmp}
     force = 100 * sample.force / (plan.mass * plan.gravity)
     curves = {
-        "x [m]": {name: values[:, 0] for name, values in paths.items()},
-        "y [m]": {name: values[:, 1] for name, values in paths.items()},
-        "COM velocity [m/s]": dict(zip("xy", sample.com_velocity.T, strict=False)),
-        "COM acceleration [m/s²]": dict(zip("xy", sample.com_acceleration.T, strict=False)),
-        "ground force\n[% of body weight]": dict(zip("xyz", force.T, strict=True)),
-        "moment about the\nCOM [N m]": dict(zip("xyz", sample.moment.T, strict=False)),
-        "angular momentum about\nthe COM [N m s]": dict(zip("xyz", sample.angular_momentum.T, strict=False)),
+        ("along x", "[m]"): {name: values[:, 0] for name, values in paths.items()},
+        ("along y", "[m]"): {name: values[:, 1] for name, values in paths.items()},
+        ("COM velocity", "[m/s]"): dict(zip("xy", sample.com_velocity.T, strict=False)),
+        ("COM acceleration", "[m/s²]"): dict(zip("xy", sample.com_acceleration.T, strict=False)),
+        ("ground force", "[% of body weight]"): dict(zip("xyz", force.T, strict=True)),
+        ("moment about the COM", "[N m]"): dict(zip("xyz", sample.moment.T, strict=False)),
+        ("angular momentum about the COM", "[N m s]"): dict(
+            zip("xyz", sample.angular_momentum.T, strict=False)
+        ),
     }
     if is_whole:
-        curves["mean heading of\nboth feet [rad]"] = {"z": sample.heading}
+        curves["mean heading of both feet", "[rad]"] = {"z": sample.heading}
     elif isinstance(plan, StepPlan):
-        curves["planned ZMP margin to\nthe planned support [mm]"] = {"ZMP": 1000 * plan.zmp_margin(times)}
-    # Made without pyplot: no global state, no display, safe in any thread.
-    figure = Figure(figsize=(14, 13), dpi=110, layout="constrained")
-    figure.suptitle(title)
-    grid = figure.add_gridspec(5, 2, height_ratios=[1, 1, 1, 1, 1.3])
-    for cell, (label, lines) in enumerate(curves.items()):
-        axis = figure.add_subplot(grid[cell // 2, cell % 2])
+        margin = 1000 * plan.zmp_margin(times)
+        curves["planned ZMP margin to the planned support", "[mm]"] = {"ZMP": margin}
+    *rows, top = new_charts(12.0, 5, ratios=[1, 1, 1, 1, 1.7])
+    beside = 72.0 * WIDTH
+    right = [replace(row, left=row.left + beside, label_at=row.label_at + beside, marks=[]) for row in rows]
+    charts = [chart for pair in zip(rows, right, strict=True) for chart in pair][: len(curves)]
+    for chart, ((what, unit), lines) in zip(charts, curves.items(), strict=True):
         for name, values in lines.items():
-            axis.plot(times, values, color=_COLORS[name], label=name)
+            chart.line(times, values, _COLORS[name], 1.3, label=name)
         if max(np.abs(values).max() for values in lines.values()) < _ROUNDING:
-            axis.set_ylim(-1.0, 1.0)
+            chart.ylim = (-1.0, 1.0)
         for phase in plan.contacts.phases:
             if phase.kind == "double_support" and phase.start < duration:
-                end = min(phase.start + phase.duration, duration)
-                axis.axvspan(phase.start, end, color="0.92", zorder=0, lw=0)
-        axis.set(xlabel="time [s]", ylabel=label, xlim=(0, duration))
-        axis.legend(**_ABOVE)
-    _draw_top(figure.add_subplot(grid[4, :]), plan, sample)
-    save_figure(figure, path)
+                chart.shade(phase.start, min(phase.start + phase.duration, duration), SHADE)
+        chart.name(what, unit)
+    charts[0].title = f"{title}: {charts[0].title}"
+    top.width += beside
+    _draw_top(top, plan, sample)
+    with output_file(path) as work:
+        work.write_bytes(Picture([*charts, top], title).as_file(path.suffix[1:]))
 
 
-def _draw_top(axis: Axes, plan: CentroidalPlan, sample: PlanSample) -> None:
+def _draw_top(chart: Chart, plan: CentroidalPlan, sample: PlanSample) -> None:
     """Footprints, support polygons, COM and ZMP seen from above."""
-    low, high = sample.com[:, :2].min(axis=0) - _BEYOND, sample.com[:, :2].max(axis=0) + _BEYOND
-    for footstep in plan.contacts.footsteps:
-        position = footstep.position[:2]
-        if (position < low).any() or (position > high).any():
-            continue
-        axis.annotate(footstep.foot[0].upper(), position)
-        if isinstance(plan, StepPlan):
-            axis.plot(*footprint(plan.feet.sole, footstep).T, color="0.6", lw=0.8)
     if isinstance(plan, StepPlan):
         for time in sample.time[:: _POINTS // 150]:
             corners = plan.support_polygon(float(time))
             if len(corners) >= 3:
-                axis.add_patch(Polygon(corners, closed=True, fc="#ffbf00", ec="none", alpha=0.02))
+                chart.area(corners[:, 0], corners[:, 1], RIGHT, opacity=0.02)
+        low, high = sample.com[:, :2].min(axis=0) - _BEYOND, sample.com[:, :2].max(axis=0) + _BEYOND
+        for step in plan.contacts.footsteps:
+            if (step.position[:2] >= low).all() and (step.position[:2] <= high).all():
+                x, y = footprint(plan.feet.sole, step).T
+                chart.line(x, y, LEFT if step.foot == "left" else RIGHT, 0.9)
     for name, values in (("COM", sample.com), ("ZMP", sample.zmp)):
-        axis.plot(values[:, 0], values[:, 1], color=_COLORS[name], label=name)
-    axis.set_aspect("equal", adjustable="datalim")
-    axis.set(xlabel="x, forward [m]", ylabel="y, left [m]")
-    axis.set_title("from above: footprints, support polygons (shaded)", pad=19)
-    axis.legend(**_ABOVE)
+        chart.line(values[:, 0], values[:, 1], _COLORS[name], 1.3, label=name)
+    chart.equal = True
+    title = "from above: footprints (left purple, right yellow), support polygons (shaded)"
+    chart.name(title, "y, left [m]", "x, forward [m]")

@@ -11,8 +11,7 @@ from typing import Any
 from ampm.parameters import HUMAN
 from ampm.planner.support import StepPlan
 from ampm.run_file import dump_run
-from validation.judge.compare import PARTS, SIGNALS
-from validation.judge.metrics import display_unit
+from validation.judge.compare import PARTS
 from validation.show.cost_table import cost_table, reported_table
 from validation.show.explanation import read_explanation
 from validation.show.page import render_page
@@ -26,14 +25,6 @@ from validation.trial.outcome import OutcomeName
 
 Summary = Mapping[str, Any]
 
-_WINDOWS = {
-    "run": "whole run",
-    "single_support": "planned single support",
-    "double_support": "planned double support",
-    "measured_single_support": "measured single support",
-    "measured_double_support": "measured double support",
-    "first_step": "first step",
-}
 _OTHERS = ("solver", "motion", "timing", "environment")
 """Entries of the summary that are shown as they are."""
 
@@ -84,9 +75,7 @@ def render(saved: SavedRun) -> str:
         explanation=read_explanation(saved.directory / EXPLANATION),
         agreement=saved.table(),
         cost=cost_table(summary),
-        limits=_limits(summary),
         reported=reported_table(summary),
-        windows=_windows(summary),
         split=split_table(summary["zmp_error_split"]),
         parameters=dump_run(saved.parameters),
         others=dump_json({name: summary[name] for name in _OTHERS}),
@@ -138,37 +127,6 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     if saved.parameters.simulation.engine == "drake":
         facts["engine"] = f"Drake {saved.summary['environment']['versions']['drake']}"
     return facts
-
-
-def _limits(summary: Summary) -> Table:
-    """Every judged metric with its first step, which is not judged, and the reason of its tolerance."""
-    rows = []
-    for item in summary["metrics"].values():
-        if item["tolerance"] is not None:
-            scale, unit = display_unit(item["unit"], summary["scales"]["body_weight"])
-            values = (item[key] for key in ("value", "first_step", "tolerance"))
-            cells = [
-                f"{_scaled(v, scale, 4)} {short_unit(unit)}".rstrip() if v is not None else "" for v in values
-            ]
-            rows.append((item["label"], *cells, item["reason"] or ""))
-    return Table("", ("metric", ">value", ">first step", ">tolerance", "reason of the tolerance"), rows)
-
-
-def _windows(summary: Summary) -> Table:
-    """Statistics of every signal by planned phase and by measured contact."""
-    rows = []
-    for name, windows in summary["statistics"].items():
-        label = SIGNALS[name].label
-        if SIGNALS[name].reference != "plan":
-            label += f" against the {SIGNALS[name].reference}"
-        for window, words in _WINDOWS.items():
-            entry = windows[window]
-            if entry["count"]:
-                scale, unit = display_unit(entry["unit"], summary["scales"]["body_weight"])
-                values = [_scaled(entry[key], scale) for key in ("rmse", "maximum", "bias")]
-                rows.append((label, words, *values, short_unit(unit), format_number(entry["r2"], 5)))
-                label = ""
-    return Table("", ("signal", "window", ">RMSE", ">largest", ">bias", "unit", ">R²"), rows)
 
 
 def _scaled(value: float | str | None, scale: float, digits: int = 3) -> str:

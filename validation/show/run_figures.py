@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.body.limits import CLEARANCE
 from ampm.description import SOLE_POINT_GROUPS
 from ampm.geometry import Array
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.judge.compare import PARTS as CAUSES
 from validation.judge.compare import SIGNALS
-from validation.judge.margins import clearance_over_time
 from validation.judge.metrics import display_unit
 from validation.show.chart import DASHED, WIDTH, Chart, Picture, decimate, new_charts, numbered
 from validation.show.curves import CURVES, DIFFERENCES, VELOCITIES, Curve
@@ -23,7 +21,6 @@ from validation.show.walker import draw_walker
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals
 from validation.table import short_unit
-from validation.trial.shapes import REACH, Shapes
 
 _FEET = {"left": LEFT, "right": RIGHT}
 _KINDS = (("plan", PLAN, 2.4, ""), ("command", COMMAND, 1.1, DASHED), ("measured", MEASURED, 1.1, ""))
@@ -43,6 +40,11 @@ def middle(signals: Signals) -> slice:
     """Rows of a stride from the middle of the run; the whole run if it has none."""
     found = strides(signals)
     return found[len(found) // 2] if found else slice(0, len(signals))
+
+
+def middle_name(signals: Signals) -> str:
+    """What :func:`middle` is, for titles."""
+    return "two steps" if strides(signals) else "whole run"
 
 
 def shade_double_support(chart: Chart, signals: Signals, window: slice, *, from_zero: bool = False) -> None:
@@ -79,7 +81,7 @@ class RunFigures:
             "momentum": self.tracked("angular_momentum", "xyz"),
             "com": self.differing("residual/com"),
             "check": self.differing("selfcheck/zmp"),
-            "cost": [] if is_log else [self.torque_use(), self.clearance()],
+            "cost": [] if is_log else [self.torque_use()],
             "velocity": [self.velocity()] if is_free else [],
         }
         found["cost"] += self.differing("feedback/zmp")
@@ -134,9 +136,11 @@ class RunFigures:
         self._signal(lower, curve, curve.title)
         shade_double_support(large, signals, rows)
         title = f"Error of {SIGNALS[name].label}"
-        large.name(f"{title}, two steps", f"[{short_unit(unit)}]")
+        large.name(f"{title}, {middle_name(signals)}", f"[{short_unit(unit)}]")
         self._finish_run(whole, f"{title}, whole run", f"[{short_unit(unit)}]")
-        caption = "Of the whole-body motion, as the AMPM does not plan it." * (curve.reference == "motion")
+        caption = "The plan is that of the whole-body motion; the AMPM does not plan it." * (
+            curve.reference == "motion"
+        )
         return Picture(charts, f"{curve.title}: error, plan and measurement", caption)
 
     def _signal(self, chart: Chart, curve: Curve, title: str) -> Chart:
@@ -272,21 +276,6 @@ class RunFigures:
         chart.instant(100.0, BAD, 0.9, dash=DASHED)
         chart.name("The busiest motors", "", "torque [% of the motor's limit]")
         return Picture(charts, "Torque of the busiest motors")
-
-    def clearance(self) -> Picture:
-        """Least distance of two parts of the body over the whole run, with its limit."""
-        (chart,) = charts = new_charts(2.3)
-        shapes = Shapes(self.saved.model())
-        time, gaps = clearance_over_time(self.saved.record, shapes)
-        chart.line(*decimate(time, 1e3 * gaps.distance), MEASURED, 0.9)
-        limit = 1e3 * CLEARANCE
-        chart.level(limit, BAD, 0.9, dash=DASHED, label=f"limit, {limit:g} mm")
-        chart.ylim = min(0.0, 1.1e3 * float(gaps.distance.min())), None
-        self._finish_run(chart, "Least distance of two parts of the body", "[mm]")
-        closest = gaps.parts[int(gaps.distance.argmin())]
-        caption = f"Arms, legs and trunk; {1e3 * REACH:g} mm where nothing is nearer."
-        label = "Least distance of two parts of the body over the run, and its limit"
-        return Picture(charts, label, f"{caption} Closest: {closest}." if closest else caption)
 
     def _tolerance(self, metric: str) -> float | None:
         """Tolerance of a metric in the unit of reports."""

@@ -17,7 +17,7 @@ FONT = "DejaVu Sans"
 """Font of files; it comes with matplotlib, so that it is the same everywhere. Pages take the reader's own."""
 
 
-class Shape(NamedTuple):
+class Mark(NamedTuple):
     """A curve or an area."""
 
     points: Array  # shape (N, 2), from the upper left corner of the picture [pt]; NaN interrupts a curve
@@ -26,7 +26,7 @@ class Shape(NamedTuple):
     fill: str = ""  # colour of the area; empty for none
     dash: tuple[float, ...] = ()  # lengths of dashes and gaps [pt]
     opacity: float = 1.0  # [1]
-    round: bool = False  # whether ends are round, as of a dot
+    round: bool = False  # whether every point is a dot
     window: tuple[float, ...] = ()  # left, top, width, height [pt], beyond which nothing is drawn
     label: str = ""  # in the legend of a chart; empty for none
 
@@ -42,7 +42,7 @@ class Word(NamedTuple):
     turned: bool = False  # whether it is read upwards
 
 
-def svg(items: Iterable[Shape | Word], width: float, height: float, *, embed: bool = False) -> str:
+def svg(items: Iterable[Mark | Word], width: float, height: float, *, embed: bool = False) -> str:
     """A picture of a width and height [pt] as SVG, the lowest item first; ``embed`` puts its letters in."""
     items = list(items)
     parts = []
@@ -60,21 +60,21 @@ def svg(items: Iterable[Shape | Word], width: float, height: float, *, embed: bo
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {font}>{face}{"".join(parts)}</svg>'
 
 
-def _path(shape: Shape) -> str:
+def _path(mark: Mark) -> str:
     words, pen = [], "M"
-    for x, y in shape.points.round(1).tolist():
+    for x, y in mark.points.round(1).tolist():
         if math.isnan(x) or math.isnan(y):
             pen = "M"
-        else:
-            words.append(f"{pen}{x:g} {y:g}")
+        else:  # a line without length is no dot for every renderer
+            words.append(f"M{x:g} {y:g}h.01" if mark.round else f"{pen}{x:g} {y:g}")
             pen = "L"
-    style = f' fill="{shape.fill or "none"}"'
-    if shape.stroke:
-        style += f' stroke="{shape.stroke}" stroke-width="{shape.width:g}"'
-    if shape.dash:
-        style += f' stroke-dasharray="{" ".join(f"{part:.3g}" for part in shape.dash)}"'
-    style += ' stroke-linecap="round"' * shape.round
-    style += f' opacity="{shape.opacity:g}"' * (shape.opacity < 1.0)
+    style = f' fill="{mark.fill or "none"}"'
+    if mark.stroke:
+        style += f' stroke="{mark.stroke}" stroke-width="{mark.width:g}"'
+    if mark.dash:
+        style += f' stroke-dasharray="{" ".join(f"{part:.3g}" for part in mark.dash)}"'
+    style += ' stroke-linecap="round"' * mark.round
+    style += f' opacity="{mark.opacity:g}"' * (mark.opacity < 1.0)
     return f'<path d="{"".join(words)}"{style}/>'
 
 
@@ -109,7 +109,7 @@ def _font_face(text: str) -> str:
     return f"@font-face{{font-family:'{FONT}';src:url(data:font/ttf;base64,{data})}}"
 
 
-def pgf(items: Sequence[Shape | Word], width: float, height: float) -> str:
+def pgf(items: Sequence[Mark | Word], width: float, height: float) -> str:
     """A picture as PGF for a LaTeX document that uses the package pgf; letters are of its font."""
     lines = [
         r"\begingroup\begin{pgfpicture}",
@@ -133,28 +133,31 @@ def _pgf_word(word: Word, height: float) -> Iterable[str]:
         yield rf"\pgftext[x={x:.1f}bp,y={y:.1f}bp,{side}base{turned}]{{{font} {tex(line)}}}"
 
 
-def _pgf_path(shape: Shape, height: float) -> Iterable[str]:
+def _pgf_path(mark: Mark, height: float) -> Iterable[str]:
     def point(x: float, y: float) -> str:
         return rf"\pgfqpoint{{{x:.1f}bp}}{{{y:.1f}bp}}"
 
-    if shape.window:
-        x, y, w, h = shape.window
+    if mark.window:
+        x, y, w, h = mark.window
         yield rf"\pgfpathrectangle{{{point(x, height - y - h)}}}{{{point(w, h)}}}\pgfusepath{{clip}}"
-    for role, color in (("stroke", shape.stroke), ("fill", shape.fill)):
+    for role, color in (("stroke", mark.stroke), ("fill", mark.fill)):
         if color:
             red, green, blue = (int(color[k : k + 2], 16) / 255 for k in (1, 3, 5))
             yield rf"\definecolor{{ampm}}{{rgb}}{{{red:.3g},{green:.3g},{blue:.3g}}}"
-            yield rf"\pgfset{role}color{{ampm}}\pgfset{role}opacity{{{shape.opacity:g}}}"
-    dash = "".join(f"{{{part:.3g}bp}}" for part in shape.dash)
-    yield rf"\pgfsetlinewidth{{{shape.width:g}bp}}\pgfsetdash{{{dash}}}{{0pt}}\pgfsetroundjoin"
-    if shape.round:
+            yield rf"\pgfset{role}color{{ampm}}\pgfset{role}opacity{{{mark.opacity:g}}}"
+    dash = "".join(f"{{{part:.3g}bp}}" for part in mark.dash)
+    yield rf"\pgfsetlinewidth{{{mark.width:g}bp}}\pgfsetdash{{{dash}}}{{0pt}}\pgfsetroundjoin"
+    if mark.round:
         yield r"\pgfsetroundcap"
     pen = "moveto"
-    for x, y in shape.points.tolist():
+    for x, y in mark.points.tolist():
         if math.isnan(x) or math.isnan(y):
             pen = "moveto"
         else:
             yield rf"\pgfpath{pen}{{{point(x, height - y)}}}"
             pen = "lineto"
-    roles = [role for role, color in (("stroke", shape.stroke), ("fill", shape.fill)) if color]
+            if mark.round:
+                yield rf"\pgfpathlineto{{{point(x, height - y)}}}"
+                pen = "moveto"
+    roles = [role for role, color in (("stroke", mark.stroke), ("fill", mark.fill)) if color]
     yield rf"\pgfusepath{{{','.join(roles)}}}"

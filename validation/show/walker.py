@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ampm.geometry import Array, rotations
 from ampm.planner.support import StepPlan
-from validation.show.chart import WIDTH, Chart
+from validation.show.chart import WIDTH, Chart, new_charts
 from validation.show.style import FAINT, INK, LEFT, MEASURED, PLAN, RIGHT
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals
@@ -43,7 +43,7 @@ def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> list[C
         stride: rows of the signals that are shown; of a walk that was lost its last second.
 
     Returns:
-        One pose beside the other in order of time; none for a run without states.
+        A chart with one pose beside the other in order of time; none for a run without states.
     """
     record, signals = saved.record, saved.signals
     _, states, rows = np.intersect1d(record.state_rows[:-1], saved.signal_steps, return_indices=True)
@@ -53,19 +53,18 @@ def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> list[C
         stride = slice(int(np.searchsorted(signals.time, record.outcome.time - LAST)), len(signals))
     chosen = np.unique(np.abs(rows - rows_shown(signals, stride)[:, None]).argmin(axis=1))
     model = saved.model()
-    wide, charts = 2 * 72 * WIDTH / len(chosen), list[Chart]()
-    for state, row in zip(states[chosen], rows[chosen], strict=True):
-        time = float(signals.time[row])
+    (chart,) = charts = new_charts(3.5, width=2 * WIDTH)
+    chart.top, chart.height = 8.0, chart.height + chart.top - 8.0  # it has neither title nor legend
+    for number, (state, row) in enumerate(zip(states[chosen], rows[chosen], strict=True)):
+        time, at = float(signals.time[row]), 2 * _BESIDE * number
         heading = 0.0 if plan is None else float(plan.sample([min(time, plan.duration)]).heading[0])
         points, forces = record.point_position[[state], :, 2], record.point_force[[state], :, 2]
         floor = float(support_height(record.floor, points, forces)[0])
-        chart = Chart(wide * len(charts), 28.0, wide, 215.0, f"{time:.2f} s\n{_phase(signals, int(row))}")
-        chart.xlim, chart.equal, chart.frame = (-_BESIDE, _BESIDE), True, False
-        _draw_pose(chart, model, record.q[state], signals.take(np.array([row])), rotations(heading), floor)
-        charts.append(chart)
-    lowest, highest = (limit(chart.limits()[k][1] for chart in charts) for k, limit in enumerate((min, max)))
-    for chart in charts:
-        chart.ylim = (lowest, highest)
+        row_signals, axes = signals.take(np.array([row])), rotations(heading)
+        _draw_pose(chart, model, record.q[state], row_signals, axes, floor, at)
+        chart.xticks[f"{time:.2f} s\n{_phase(signals, int(row))}"] = at
+    chart.xlim, chart.equal = (-_BESIDE, at + _BESIDE), True
+    chart.name("", "height [m]", "")
     return charts
 
 
@@ -81,21 +80,22 @@ def rows_shown(signals: Signals, window: slice) -> NDArray[np.intp]:
 
 
 def _phase(signals: Signals, row: int) -> str:
-    """The planned phase in words."""
+    """The planned support in words."""
     stance = signals["stance"][row]
-    return "double support" if stance == "both" else f"{stance} single support"
+    return f"{'double' if stance == 'both' else stance} support"
 
 
 def _draw_pose(
-    chart: Chart, model: mujoco.MjModel, q: Array, signals: Signals, axes: Array, floor: float
+    chart: Chart, model: mujoco.MjModel, q: Array, signals: Signals, axes: Array, floor: float, at: float
 ) -> None:
     """What is seen of one instant by someone on the right of the body, about the COM; forward, upward [m].
 
-    The signals have one row. Axes are forward and left by columns, shape (2, 2), the floor is a height [m].
+    The signals have one row. Axes are forward and left by columns, shape (2, 2), the floor is a height, and
+    the COM is drawn at a place of the chart [m].
     """
     plane = np.stack([[*axes[:, 0], 0.0], [0.0, 0.0, 1.0]])
     com = signals.vector("measured_com")[0]
-    middle = plane @ (com * (1.0, 1.0, 0.0))
+    middle = plane @ (com * (1.0, 1.0, 0.0)) - (at, 0.0)
     data, colors = mujoco.MjData(model), _colors(model)
     data.qpos[:] = q
     mujoco.mj_kinematics(model, data)
@@ -103,7 +103,7 @@ def _draw_pose(
     for geom in geoms[np.argsort(-data.geom_xpos[geoms, :2] @ axes[:, 1])].tolist():  # the farthest first
         corners = outline(model, data, geom, plane) - middle
         chart.area(corners[:, 0], corners[:, 1], colors[geom], opacity=0.35, edge=FAINT)
-    normal, ends = data.geom("floor").xmat[2::3], np.array([-_BESIDE, _BESIDE])
+    normal, ends = data.geom("floor").xmat[2::3], at + np.array([-_BESIDE, _BESIDE])
     under = float(np.nan_to_num((plane @ [*signals.vector("measured_zmp", "xy")[0], floor] - middle)[0]))
     chart.line(ends, floor - (ends - under) * (normal[:2] @ axes[:, 0]) / normal[2], FAINT, 0.8)
     weight = float(model.body_mass.sum() * -model.opt.gravity[2])

@@ -128,7 +128,8 @@ def load_record(directory: str | Path) -> SimulationRecord:
         stored = stored_columns(constants)
     except (ArithmeticError, AttributeError, KeyError, MemoryError, TypeError, ValueError) as error:
         raise InputError(
-            f"{directory / JOINTS_FILE} is damaged: its description is ({error}); walk the gait again."
+            f"{directory / JOINTS_FILE} is damaged: its description cannot be read ({error}); walk "
+            "the gait again."
         ) from error
     counts = {"R": len(states), "R-1": len(states) - 1, "T": len(tick_time), "K": steps}
     arrays: dict[str, Any] = {name: None for name in SHAPES if name not in constants}
@@ -141,7 +142,7 @@ def load_record(directory: str | Path) -> SimulationRecord:
         found = [table[column].to_numpy() for column in columns]
         if table.num_rows != rows or any(column.dtype != kind for column in found):
             raise InputError(
-                f"{path} is damaged: {columns[0]!r} has not {rows} numbers; walk the gait again."
+                f"{path} is damaged: {columns[0]!r} should have {rows} numbers; walk the gait again."
             )
         # A log has no columns.
         arrays[name] = (np.column_stack(found) if found else np.zeros((rows, 0), kind)).reshape(rows, *shape)

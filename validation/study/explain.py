@@ -27,10 +27,9 @@ from validation.judge.margins import SATURATED
 from validation.run.walk import walk_planned
 from validation.show.explanation import explanation_table
 from validation.show.text import format_value
-from validation.store.folders import output_file
-from validation.store.json import json_ready, write_json
+from validation.store.json import json_ready
 from validation.store.saved import EXPLANATION, RUN_FILE, load_saved_run
-from validation.study.many import Execution, Search, Task, open_study, walk_many
+from validation.study.many import Execution, Search, Task, study_folder, walk_many, write_study
 from validation.study.row_file import Row
 from validation.table import Table, Tabled, own_rows
 from validation.trial.disturbances import Disturbance, Recorded
@@ -306,7 +305,7 @@ def explain(
         StudyStopped: see :func:`validation.study.many.walk_many`.
     """
     folder = Path(run) if isinstance(run, str | Path) and Path(run).is_dir() else None
-    target, pool = open_study(execution)
+    target = study_folder(execution)
     if folder is None:
         request = load_request(str(run) if isinstance(run, Path) else run, settings)
         profile = profiles.own_profile(request.name, request.run, disturbances).name
@@ -317,14 +316,14 @@ def explain(
         )
     else:
         given = _saved_case(folder)
-    planned = plan_walk(given.request, pool.get("progress"))
+    planned = plan_walk(given.request, execution.get("progress"))
     case = replace(given, request=planned.request)
     trial = walk_case(case)
     case = replace(case, strained=trial["motor"] if trial["strained"] else "")
     changes, found = list(possible(case)), dict[Pair, Row]()
     walks: list[Task | Search] = [_search(case, trial, changes, change, found) for change in changes]
     label = f"{planned.name}: layers"
-    for _ in walk_many(walks, target, label=label, unit="changes", **pool):
+    for _ in walk_many(walks, label=label, unit="changes", **execution):
         pass
     rows = []
     for both in sorted(found, key=lambda both: (len(both), *map(changes.index, both))):
@@ -335,8 +334,7 @@ def explain(
     off = posture_error(planned)
     result = Explanation(planned.request.title, *answer(trial, rows, off), trial, tuple(rows), off)
     for place in filter(None, (target, folder)):
-        with output_file(place / EXPLANATION) as path:
-            write_json(path, result.as_dict())
+        write_study(result, place / EXPLANATION)
     return result
 
 

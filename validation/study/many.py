@@ -1,8 +1,9 @@
 """Many walks by one engine: every task once, on this machine or on any dask scheduler, resumable.
 
 A finished run is one line of ``rows.jsonl``, written before it is reported. To resume is to call
-:func:`walk_many` again: a task whose row is there is not walked. A *search* is a generator that yields a task
-and is sent its row, stored or new. It decides on the next task, and needs no code to resume.
+:func:`walk_many` again with ``resume``: a task whose row is there is not walked. A *search* is a generator
+that yields a task and is sent its row, stored or new. It decides on the next task, and needs no code to
+resume.
 """
 
 import ast
@@ -15,7 +16,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.util import resolve_name
 from pathlib import Path
-from typing import Any, TypedDict, Unpack, cast
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from pydantic import BaseModel
@@ -31,7 +32,6 @@ from validation.store.machine import cores
 from validation.study.pool import open_pool, users_file
 from validation.study.row_file import ROWS, Row, RowFile
 from validation.study.walk_options import own_classes, users_files
-from validation.table import markdown_page
 
 
 @dataclass(frozen=True)
@@ -107,45 +107,31 @@ def _add_sources(name: str, files: dict[str, bytes]) -> None:
             _add_sources(imported, files)
 
 
-class Pool(TypedDict, total=False):
-    """Where walks run, and where they report.
+class Execution(TypedDict, total=False):
+    """How every study is run and kept.
 
     Attributes:
         workers: processes of this machine; None for one a core, 0 to walk in this very process.
         scheduler: address of a dask scheduler or its scheduler file; its workers are used instead.
         progress: where to report; silent by default.
+        out: folder of every walk and of the result; None writes nothing.
+        resume: go on with what is in ``out``: walk what has no row of these options and this code.
     """
 
     workers: int | None
     scheduler: str | None
     progress: Progress | None
-
-
-class Execution(Pool, total=False):
-    """How every study is run and kept.
-
-    Attributes:
-        out: folder of every walk and of the result; None writes nothing.
-        resume: go on with what is in ``out``: walk what has no row of these options and this code.
-    """
-
     out: str | Path | None
     resume: bool
 
 
-def open_study(execution: Execution) -> tuple[Path | None, Pool]:
-    """Folder of a study, see :func:`study_folder`, and where it walks."""
-    rest: dict[str, Any] = {**execution}
-    folder = study_folder(rest.pop("out", None), resume=rest.pop("resume", False))
-    return folder, cast(Pool, rest)
-
-
-def study_folder(out: str | Path | None, *, resume: bool) -> Path | None:
+def study_folder(execution: Execution) -> Path | None:
     """Folder of a study, checked before anything is walked; None if nothing is to be written.
 
     Raises:
         InputError: there is no study to resume, or the folder is used otherwise.
     """
+    out, resume = execution.get("out"), execution.get("resume", False)
     if out is None:
         if resume:
             raise InputError("--resume needs the folder of the study; give --out DIR.")
@@ -157,23 +143,19 @@ def study_folder(out: str | Path | None, *, resume: bool) -> Path | None:
 
 
 def write_study(result: Any, path: Path) -> None:
-    """Write the tables of a study as Markdown and, last, its numbers as JSON, which mark it as complete."""
-    path.unlink(missing_ok=True)
-    with output_file(path.with_suffix(".md")) as work:
-        work.write_text(markdown_page(result.tables()), encoding="utf-8")
+    """Write the numbers of a study as JSON, whole or not at all."""
     with output_file(path) as work:
         write_json(work, result.as_dict())
 
 
 def walk_many(
     tasks: Iterable[Task | Search],
-    folder: Path | None = None,
     *,
     count: int = 0,
     limit: float | None = None,
     label: str = "walks",
     unit: str = "runs",
-    **pool: Unpack[Pool],
+    **execution: Unpack[Execution],
 ) -> Iterator[Row]:
     """Walk every task once; yield its row, with ``key`` and ``digest``, as soon as it is there.
 
@@ -182,20 +164,19 @@ def walk_many(
 
     Args:
         tasks: runs and searches, taken one by one as workers get free.
-        folder: of the rows; None keeps them in a temporary file.
         count: tasks and searches of an iterator, for the progress.
         limit: wall-clock time of a run [s]; none in this very process.
         label: what is done, for the progress.
         unit: what the tasks and searches are, likewise.
-        pool: where to walk, see :class:`Pool`.
+        execution: workers and folder, see :class:`Execution`.
 
     Raises:
-        InputError: bad options, or the folder is in use.
+        InputError: bad options, or a folder that cannot be used.
         StudyStopped: a full disk, a lost scheduler, a worker that cannot work; finished runs are kept.
         KeyboardInterrupt: Ctrl-C; finished runs are kept.
     """
-    workers, scheduler = pool.get("workers"), pool.get("scheduler")
-    progress = pool.get("progress") or Progress()
+    workers, scheduler = execution.get("workers"), execution.get("scheduler")
+    folder, progress = study_folder(execution), execution.get("progress") or Progress()
     if workers is not None and workers < 0:
         raise InputError(f"--workers {workers} must not be negative; give the number of processes.")
     if workers is not None and scheduler is not None:

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from ampm.exceptions import InputError
+from validation.show.chart import Picture
 from validation.show.cost_table import cost_table
 from validation.show.paper import STUDIED, UNSTUDIED, Citation, cite_run
 from validation.show.report import split_table, write_report
@@ -18,7 +18,7 @@ from validation.study.compare.report import (
     load_comparison,
     write_comparison,
 )
-from validation.study.sweep.figures import LABEL, run_data, scatter, static_svg
+from validation.study.sweep.figures import scatter_picture
 from validation.study.sweep.report import cite_sweep, metric_table, write_sweep_report
 from validation.study.sweep.table import is_sweep, read_sweep
 from validation.table import Table
@@ -27,31 +27,9 @@ from validation.table import Table
 class Paper(NamedTuple):
     """Figures and tables in the order of the page, and how to cite the runs."""
 
-    figures: Sequence[Any]
+    figures: Sequence[Picture]
     tables: Sequence[Table]
     citations: Sequence[Citation]
-
-
-class SweepFigure(NamedTuple):
-    """The picture of a sweep's page without its choices, alike a :class:`validation.show.chart.Picture`."""
-
-    spec: Any
-    label: str = LABEL
-    number: int = 1
-    wide: bool = False
-
-    @property
-    def text(self) -> str:
-        """Number and caption."""
-        return f"Figure {self.number}. {self.label}."
-
-    def svg(self, width: float) -> str:
-        """As SVG of a width [pt]."""
-        return static_svg(self.spec, width)
-
-    def pgf(self, width: float) -> str:
-        """Refuse it, by an InputError."""
-        raise InputError("figures of a sweep cannot be written as pgf; give --format pdf or svg.")
 
 
 def load_paper(folder: Path) -> Paper:
@@ -61,9 +39,8 @@ def load_paper(folder: Path) -> Paper:
         InputError: it holds no run, comparison of walks, or sweep; or it is damaged.
     """
     if is_sweep(folder):
-        sweep, figures = read_sweep(folder), []
-        if sweep.varied:
-            figures = [SweepFigure({**scatter(sweep), "data": {"values": run_data(sweep)}})]
+        sweep = read_sweep(folder)
+        figures = [scatter_picture(sweep)] if sweep.varied else []
         tables = [metric_table(sweep), *sweep.tables()]
         return Paper(figures, _noted(tables, studied=False), [cite_sweep(sweep)])
     if is_comparison(folder):

@@ -192,7 +192,7 @@ class Sensors:
                 case (State() as state, Touch() as touch):
                     pass
                 case _:
-                    raise TypeError("it returned no State with a Touch")
+                    raise TypeError("it must return a State and a Touch")
             for name, size in (("q", self._robot.nq), ("v", self._robot.nv)):
                 real_numbers(f"'{name}' of its state", getattr(state, name), (size,), finite=True)
         return state, touch

@@ -32,7 +32,7 @@ class Course:
 
 
 class References(Course):
-    """References of the plan then valid, one for each control tick.
+    """References of the plan in force, one for each control tick.
 
     A plan is sampled when it is handed over, for all of the walk, and not later.
 
@@ -40,7 +40,7 @@ class References(Course):
         plan: the first one.
         run: its section ``controller``.
         physics: of the walk, with its time step and substeps.
-        steps: walking steps asked for; None: all of the plan then valid.
+        steps: walking steps asked for; None: all of the plan in force.
         planner: goes on planning, at its period, from what the controller senses.
         controller: gets every plan, if it has ``follow``.
 
@@ -128,7 +128,7 @@ class References(Course):
         self.follow(plan)
 
     def _walk(self) -> Iterator[Reference]:
-        """The references, as long as the plan then valid goes on."""
+        """The references, as long as the plan in force goes on."""
         while self._tick * self.substeps < self.total:
             self._last = self.table[self._tick - self.since[-1]]
             self._tick += 1

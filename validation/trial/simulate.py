@@ -131,7 +131,7 @@ def stand(planned: PlannedWalk, physics: Physics, factory: EstimatorFactory | No
     """
     robot, way_out = planned.body.again(), "or sensors.stand = 0"
     if not np.array_equal(surfaces(planned.run.disturbance, planned.plan.contacts), [0.0]):
-        raise InputError(f"sensors.stand needs a level floor; leave out what slopes or steps, {way_out}.")
+        raise InputError(f"sensors.stand needs a level floor; leave out its slopes and steps, {way_out}.")
     still = {"gait.planner": NO_PLAN, "controller.stabilizer": "fixed", "command.settling": 0.0}
     run = planned.run.replace({**still, "command.duration": planned.run.sensors.stand}, footsteps=())
     plan = StandingPlanner().plan(run.undisturbed, robot)

@@ -4,6 +4,9 @@ World frame, SI units. 3D data are float32 at about 100 pictures a second. Curve
 every 2 ms at most and both sides of every switch, so that a small time step does not make the file large.
 ``signals.parquet`` has every step.
 
+Several runs are put into one recording under prefixes (``a/world/...``), because a viewer's panel shows
+entities of one recording only: bodies stand side by side, curves lie over each other.
+
 There are two timelines: ``sim_time`` counts seconds, ``gait_phase`` walking steps: 3.4 is within the fourth.
 On the latter a single support takes the first :data:`SINGLE_SUPPORT` of a step and a double support the rest,
 whatever their durations, so that touch-downs and lift-offs of different gaits coincide. A second on it is a
@@ -12,9 +15,10 @@ step: Rerun has no timeline without a unit.
 
 import logging
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any
 
 import mujoco
@@ -22,24 +26,14 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from ampm.exceptions import InputError
 from ampm.geometry import Array, convex_hull
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.show.curves import CURVES, DIFFERENCES, VELOCITIES
+from validation.show.rerun import views
 from validation.show.rerun.body import segment_entity, segment_poses, segment_shapes
-from validation.show.rerun.views import (
-    COMMAND,
-    FAINT,
-    LEFT,
-    MEASURED,
-    PHASE,
-    PLAN,
-    RIGHT,
-    TIMELINE,
-    Color,
-    axis_range,
-    run_blueprint,
-)
+from validation.show.rerun.views import COMMAND, FAINT, LEFT, MEASURED, PLAN, RIGHT, Color
 from validation.store.folders import output_file
 from validation.store.saved import RECORDING_FILE as RECORDING_FILE
 from validation.store.saved import SavedRun, load_saved_run, run_events
@@ -69,6 +63,12 @@ _FEET = {"left": LEFT, "right": RIGHT}
 
 Lines = Mapping[str, Color]
 """Name to colour of the columns of an entity."""
+Curves = tuple[Array, Mapping[str, tuple[Array, Lines]]]
+"""Times, shape (N,) [s]; entity to values, shape (N, k), and name and colour of every column."""
+_HIDDEN = ("command", "first_plan")
+"""Curves that are not shown beside those of other runs."""
+_SHARES = {"plan": 0.5, "motion": 0.5, "y": 0.65, "z": 0.4}
+"""Brightness of curves in the colour of their run; of others it is 1."""
 
 
 def write_recording(run: str | Path | SavedRun) -> Path:
@@ -84,28 +84,40 @@ def write_recording(run: str | Path | SavedRun) -> Path:
         InputError: the folder is not a run folder.
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
-    path = saved.directory / RECORDING_FILE
-    times, curves = _curves(saved) if len(saved.signals) else (np.zeros(0), {})
-    ranges = {entity: axis_range(values) for entity, (values, _) in curves.items()}
-    with open_stream("ampm", "ampm-run", path, run_blueprint(ranges)) as stream:
-        log = _Log(stream, saved)
-        log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
-        if not saved.is_log:
-            log.body(saved.model())
-        if len(log.times):
-            log.ground(saved.plan())
-            for entity, (values, lines) in curves.items():
-                log.series(entity, times, values, lines)
-            log.lanes()
-        instants, levels, texts = zip(*sorted(run_events(saved), key=lambda event: event[0]), strict=True)
-        words = rr.TextLog.columns(text=[plain_text(text) for text in texts], level=levels)
-        log.columns("events", np.array(instants), words)
+    path, curves = saved.directory / RECORDING_FILE, _curves(saved)
+    with _open_stream("ampm", "ampm-run", path, views.run_blueprint(_ranges([curves]))) as stream:
+        _Log(stream, saved).everything(curves)
     return path
 
 
+def write_several(runs: Mapping[str, SavedRun], path: Path) -> None:
+    """Write one recording of two or more runs, by their names; an existing file is replaced.
+
+    Raises:
+        InputError: there are too many.
+    """
+    most = len(views.RUN_COLORS)
+    if len(runs) > most:
+        raise InputError(f"{len(runs)} recordings are too many for one view; give {most} at most.")
+    curves = [_curves(saved) for saved in runs.values()]
+    names = {f"/{letter}": name for letter, name in zip(ascii_lowercase, runs, strict=False)}
+    blueprint = views.several_blueprint(names, _ranges(curves))
+    with _open_stream("ampm-beside", "ampm-beside", path, blueprint) as stream:
+        for (at, name), drawn, color in zip(names.items(), curves, views.RUN_COLORS, strict=False):
+            _Log(stream, runs[name], at, name, color).everything(drawn)
+
+
+def _ranges(runs: Sequence[Curves]) -> views.Ranges:
+    """Ends of the vertical axes of all curves, together for all runs."""
+    found: dict[str, list[Array]] = {}
+    for _, curves in runs:
+        for entity, (values, _) in curves.items():
+            found.setdefault(entity, []).append(values.ravel())
+    return {entity: views.axis_range(np.concatenate(parts)) for entity, parts in found.items()}
+
+
 @contextmanager
-def open_stream(name: str, key: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
+def _open_stream(name: str, key: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
     """A stream into a file, with a fixed key: equal runs give equal files (``rerun rrd compare``)."""
     # The SDK logs every file that it saves.
     logging.getLogger("rerun").setLevel(logging.ERROR)
@@ -122,10 +134,16 @@ def open_stream(name: str, key: str, path: Path, blueprint: rrb.Blueprint) -> It
 
 
 class _Log:
-    """A recording stream: column-wise data of one run on both timelines; N pictures at ``times`` [s]."""
+    """A recording stream: column-wise data of one run on both timelines; N pictures at ``times`` [s].
 
-    def __init__(self, stream: rr.RecordingStream, saved: SavedRun) -> None:
+    Beside other runs it has a prefix, such as ``/a``, a name, and a colour of its curves.
+    """
+
+    def __init__(
+        self, stream: rr.RecordingStream, saved: SavedRun, at: str = "", name: str = "", color: Color = PLAN
+    ) -> None:
         self.stream, self.saved, self.record = stream, saved, saved.record
+        self.at, self.name, self.color = at, name, color
         self.pace = _gait_phase(saved.signals, saved.record.outcome.time)
         least = max(1.0 / PICTURE_RATE, saved.record.outcome.time / MOST_PICTURES)
         if saved.is_log:
@@ -139,17 +157,34 @@ class _Log:
         self.signals = saved.signals.take(rows)
         self.times = saved.signals.time[rows]
 
+    def everything(self, curves: Curves) -> None:
+        """Verdict, body, floor, curves, phases and events."""
+        self.stream.log(self.at or "/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        verdict = rr.TextDocument(verdict_markdown(self.saved), media_type=rr.MediaType.MARKDOWN)
+        self.static("verdict", verdict)
+        if not self.saved.is_log:
+            self.body(self.saved.model())
+        if len(self.times):
+            self.ground(self.saved.plan())
+            for entity, (values, lines) in curves[1].items():
+                self.series(entity, curves[0], values, lines)
+            self.lanes()
+        events = sorted(run_events(self.saved), key=lambda event: event[0])
+        instants, levels, texts = zip(*events, strict=True)
+        words = rr.TextLog.columns(text=[plain_text(text) for text in texts], level=levels)
+        self.columns("events", np.array(instants), words)
+
     def static(self, entity: str, *archetypes: Any) -> None:
         for archetype in archetypes:
-            self.stream.log(entity, archetype, static=True)
+            self.stream.log(f"{self.at}/{entity}", archetype, static=True)
 
     def columns(self, entity: str, times: Array, columns: Iterable[Any]) -> None:
         # Rounded: the SDK cuts seconds off to nanoseconds, and 2.05 s would become 2.049999999 s.
         indexes = [
             rr.TimeColumn(name, duration=np.round(1e9 * np.asarray(at)).astype("timedelta64[ns]"))
-            for name, at in ((TIMELINE, times), (PHASE, np.interp(times, *self.pace)))
+            for name, at in ((views.TIMELINE, times), (views.PHASE, np.interp(times, *self.pace)))
         ]
-        self.stream.send_columns(entity, indexes=indexes, columns=columns)
+        self.stream.send_columns(f"{self.at}/{entity}", indexes=indexes, columns=columns)
 
     def shapes(self, entity: str, kind: Any, color: Color, radius: float, **parts: Array) -> None:
         """Send one shape per picture; none where it is not defined."""
@@ -164,9 +199,16 @@ class _Log:
 
     def series(self, entity: str, times: Array, values: Array, lines: Lines) -> None:
         """Send ``values`` (N, k) as one wide entity, a third of the size of k narrow ones; NaN is a gap."""
+        names, colors, shown = list(lines), list(lines.values()), [True] * len(lines)
         # The plan is a broad line below the others, to stay visible where they agree.
-        widths = [4.0 if name == "plan" else 1.5 for name in lines]
-        self.static(entity, rr.SeriesLines(names=list(lines), colors=list(lines.values()), widths=widths))
+        widths = [4.0 if name == "plan" and not self.name else 1.5 for name in names]
+        if self.name:  # beside other runs
+            red, green, blue, _ = self.color
+            shares = [_SHARES.get(name, 1.0) for name in names]
+            colors = [(round(k * red), round(k * green), round(k * blue), 255) for k in shares]
+            shown = [name not in _HIDDEN for name in names]
+            names = [f"{self.name} {name}" for name in names]
+        self.static(entity, rr.SeriesLines(names=names, colors=colors, widths=widths, visible_series=shown))
         self.columns(entity, times, rr.Scalars.columns(scalars=np.ascontiguousarray(values)))
 
     def body(self, model: mujoco.MjModel) -> None:
@@ -328,12 +370,10 @@ def _line(path: Array, color: Color, radius: float) -> rr.LineStrips3D:
     return rr.LineStrips3D([path[::2]], colors=[(*color[:3], 110)], radii=radius)
 
 
-def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Lines]]]:
-    """Plan, command and measurement, and their differences.
-
-    Returns:
-        Times, shape (N,) [s]; entity to values, shape (N, k), and name and colour of every column.
-    """
+def _curves(saved: SavedRun) -> Curves:
+    """Plan, command and measurement, and their differences."""
+    if not len(saved.signals):
+        return np.zeros(0), {}
     # Rows evenly spread, before and at every switch, and the last.
     every = saved.signals
     change = np.concatenate(

@@ -29,7 +29,7 @@ from validation.show.text import format_value
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import SavedRun, load_saved_run
-from validation.study.many import Execution, Task, open_study, walk_many
+from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.robustness.result import Robustness, load_robustness
 from validation.study.walk_options import keep_run
 from validation.table import USED, Table, Tabled, format_share, short_unit, with_uncertainty
@@ -205,16 +205,19 @@ class WalkComparison(Tabled):
     def _tracking(self) -> str:
         """Who tracks the ZMP best, with the errors."""
         rows = {row.name[4]: row for row in self.rows if row.name in ("zmp_x_rmse", "zmp_y_rmse")}
-        errors = [f"{axis} {listed(list(map(_shown, row.values)))} {row.unit}" for axis, row in rows.items()]
-        said = ", ".join(errors)
+        errors = []
+        for axis, row in rows.items():
+            values = (f"{side.label} {_shown(v)}" for side, v in zip(self.sides, row.values, strict=True))
+            errors.append(f"{axis}: {', '.join(values)} {row.unit}")
+        said = "; ".join(errors)
         best = {axis: self.sides[row.better].label for axis, row in rows.items() if row.better is not None}
         if best:
             where = {name: listed([axis for axis in best if best[axis] == name]) for name in best.values()}
             who = listed([f"{label} along {axes}" for label, axes in where.items()])
             return f"The ZMP is tracked best by {who} ({said})"
         if any(row.differs for row in rows.values()):
-            return f"Of {self.title} none tracks the ZMP best ({said})"
-        return f"{self.title} track the ZMP equally well ({said}, differences within the doubt)"
+            return f"No walk tracks the ZMP best ({said})"
+        return f"{self.title} track the ZMP equally well ({said}; the differences are within the doubt)"
 
     def _spending(self) -> str:
         """Who spends more, of the costs that differ."""
@@ -262,7 +265,7 @@ class WalkComparison(Tabled):
         notes = [
             f"A difference counts if it is larger than the doubt: {self.basis}. Smaller is better, except "
             "for margins, distances and flexion.",
-            "The first step is left out. Measured values are compared with the own plan of each walk.",
+            "The first step is left out. Each walk is compared with its own plan.",
         ]
         if self.unlike:
             notes.append(
@@ -452,7 +455,7 @@ def compare_gaits(
         RuntimeError: a walk crashed.
         StudyStopped: see :func:`validation.study.many.walk_many`.
     """
-    folder, pool = open_study(execution)
+    folder = study_folder(execution)
     given: dict[str, Sequence[str | None]] = {"WALK": gaits or [None], **choices}
     count = max(map(len, given.values()))
     if count == 1:
@@ -466,7 +469,7 @@ def compare_gaits(
         own = [f"{key}={json.dumps(_absolute(str(name)))}" for key, name in zip(choices, chosen, strict=True)]
         request = load_request(text, [*own, *settings], as_is=as_is)
         # With the values that are found; a refused gait is named before the first walk.
-        requests.append(plan_walk(request, pool.get("progress")).request)
+        requests.append(plan_walk(request, execution.get("progress")).request)
         varied = [Path(values[walk]).name for values in choices.values() if alike and len(values) > 1]
         labels.append(", ".join(varied) or request.name)
     known = [load_uncertainty(file) for file in uncertainty]
@@ -480,7 +483,8 @@ def compare_gaits(
             profile = own_profile(request.name, request.run).name
             options = {"folder": path, "request": request, "profile": profile}
             tasks.append(Task(path, keep_run, options))
-        for row in walk_many(tasks, place, **pool):
+        there: Execution = {**execution, "out": place}
+        for row in walk_many(tasks, **there):
             if "reason" in row:
                 kinds = {"refused": InputError, UsersError.__name__: UsersError}
                 kind = kinds.get(row["outcome"], kinds.get(row["reason"], RuntimeError))

@@ -15,7 +15,7 @@ from validation.run.trial import draw_run
 from validation.show.chart import DASHED, Picture, decimate, new_charts, numbered
 from validation.show.page import render_page
 from validation.show.paper import cite_run
-from validation.show.run_figures import middle, shade_double_support
+from validation.show.run_figures import middle, middle_name, shade_double_support
 from validation.show.style import INK, PARTS
 from validation.store.folders import output_file
 from validation.store.json import write_json
@@ -37,7 +37,7 @@ class _Walk(BaseModel):
     robustness: Robustness | None
 
 
-class _File(BaseModel):
+class _Numbers(BaseModel):
     """What is read of the numbers."""
 
     walks: list[_Walk]
@@ -54,8 +54,8 @@ def load_comparison(folder: Path) -> WalkComparison:
     Raises:
         InputError: it is damaged, of sweeps, or one of its runs is gone.
     """
-    found = read_json(folder / NUMBERS, _File, "run 'ampm compare' again; that of sweeps has no pictures")
-    walks = _File.model_validate(found).walks
+    found = read_json(folder / NUMBERS, _Numbers, "run 'ampm compare' again; that of sweeps has no pictures")
+    walks = _Numbers.model_validate(found).walks
     sides = (
         Side(item.label, load_saved_run(folder / item.run), item.study, item.robustness) for item in walks
     )
@@ -79,13 +79,14 @@ def render(result: WalkComparison | SweepComparison, folder: Path) -> str:
     """The page for a folder; of walks with their curves, and links to their reports and recordings."""
     keys, pictures = draw_walks(_sides(result))
     return render_page(
-        "comparison.html.j2",
+        "curves.html.j2",
         result.title,
         styles=["report.css"],
         sentence=result.sentence,
         tables=result.tables(),
         keys=keys,
-        links=[os.path.relpath(side.run.directory, folder) for side in _sides(result)],
+        key_note="dashed: the plan of each; grey: planned double support of the first",
+        runs=[(side.label, os.path.relpath(side.run.directory, folder)) for side in _sides(result)],
         pictures=pictures,
         citations=[cite_run(side.run) for side in _sides(result)],
     )
@@ -130,7 +131,8 @@ def _draw(sides: Sequence[Side], name: str) -> Picture:
             chart.line(*decimate(time, plan), color, dash=DASHED)
     shade_double_support(chart, first, middle(first), from_zero=True)
     title = f"{'Error of ' if is_error else ''}{SIGNALS[name].label}"
-    chart.title, chart.xlabel, chart.ylabel = f"{title}, two steps", "time [s]", f"[{unit}]"
+    title = title[0].upper() + title[1:]
+    chart.title, chart.xlabel, chart.ylabel = f"{title}, {middle_name(first)}", "time [s]", f"[{unit}]"
     chart.top = max(chart.top, chart.heading_height() + 4.0)
     caption = "Measured minus planned." if is_error else "Measured; dashed: the plan of each."
     return Picture(charts, f"{title} of all walks", caption)

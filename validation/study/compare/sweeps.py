@@ -25,22 +25,20 @@ Rows = NDArray[np.intp]
 
 TOLERANCE = 0.1
 """Share of its limit by which a metric may grow before that is a regression [1]."""
-KINDS = ("newly failing", "worse", "missing", "newly passing", "better")
-"""Changes of a run; the first three are regressions."""
+KINDS = ("newly failing", "worse", "missing")
+"""Regressions of a run. What got better is found by the two sweeps in the other order."""
 _SHOWN = 100
 """Rows of the table of runs."""
 
 
 class RunChange(NamedTuple):
-    """A run that changed."""
+    """A run that got worse."""
 
     kind: str  # one of `KINDS`
     run: str  # name in the first sweep
     before: str  # state in the first sweep
     after: str  # state in the second sweep
-    # labels of those that are worse or on another side of their limit; of a better run of those that are
-    # better
-    metrics: tuple[str, ...]
+    metrics: tuple[str, ...]  # labels of those that are worse or on another side of their limit
     parameters: Mapping[str, Any]  # values of what varies
 
 
@@ -52,7 +50,7 @@ class SweepComparison(Tabled):
     b: str  # what a user calls the second
     matched: int  # number of runs that both have
     missing: tuple[str, ...]  # names of runs that only the first has
-    changes: tuple[RunChange, ...]  # runs that changed, in the order of `KINDS`
+    changes: tuple[RunChange, ...]  # runs that got worse, in the order of `KINDS`
     notes: tuple[str, ...]  # conditions of the comparison
 
     @property
@@ -62,25 +60,20 @@ class SweepComparison(Tabled):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of runs by the kind of their change; missing ones among the regressions."""
+        """Number of runs by kind, missing ones among them; empty if the comparison passes."""
         found = Counter(change.kind for change in self.changes)
         found["missing"] = len(self.missing)
         return {kind: found[kind] for kind in KINDS if found[kind]}
-
-    @property
-    def regressions(self) -> list[str]:
-        """Reasons why the comparison fails; empty if it passes."""
-        return [f"{number:,} {kind}" for kind, number in self.counts.items() if kind in KINDS[:3]]
 
     @property
     def sentence(self) -> str:
         """The result in one sentence."""
         found = ", ".join(f"{number:,} {kind}" for kind, number in self.counts.items())
         runs = f"{self.matched:,} matched run{'' if self.matched == 1 else 's'}"
-        return f"{'Regression' if self.regressions else 'No regression'} in {runs}{found and ': '}{found}."
+        return f"{'Regression' if self.counts else 'No regression'} in {runs}{found and ': '}{found}."
 
     def tables(self) -> list[Table]:
-        """The runs that changed."""
+        """The runs that got worse."""
         rows = [
             (
                 *change[:4],
@@ -92,11 +85,11 @@ class SweepComparison(Tabled):
         more = len(self.changes) - _SHOWN
         notes = [*([f"and {more:,} more"] if more > 0 else []), *self.notes]
         columns = ("change", "run", "in A", "in B", "metrics", "parameters")
-        return [Table("runs that changed", columns, rows, notes)]
+        return [Table("regressions", columns, rows, notes)]
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain data."""
-        said = {name: getattr(self, name) for name in ("sentence", "regressions", "counts")}
+        said = {name: getattr(self, name) for name in ("sentence", "counts")}
         changes = [change._asdict() for change in self.changes]
         return dict(json_ready({**said, **vars(self), "changes": changes}))
 
@@ -122,7 +115,7 @@ def compare_sweeps(
     rows_a, rows_b = join(a, b)
     judged = dict.fromkeys((*a.judged, *b.judged))
     metrics = [name for name in judged if METRIC + name in a and METRIC + name in b]
-    worse, better, crossed, counts = np.zeros((4, len(metrics), len(rows_a)), dtype=bool)
+    worse, crossed, counts = np.zeros((3, len(metrics), len(rows_a)), dtype=bool)
     completed = a.measured[rows_a] & b.measured[rows_b]
     for number, name in enumerate(metrics):
         before, after = a.numbers(METRIC + name)[rows_a], b.numbers(METRIC + name)[rows_b]
@@ -134,7 +127,6 @@ def compare_sweeps(
         allowed = np.fmax(noise, TOLERANCE * limit)
         is_lost = completed & np.isfinite(before) & ~np.isfinite(after)
         worse[number] = is_lost | (growth > allowed)
-        better[number] = -growth > allowed
         crossed[number] = (a.used(name)[rows_a] > 1.0) != (b.used(name)[rows_b] > 1.0)
         counts[number] = is_lost | (np.abs(growth) > noise)
     passed, passes = a.is_state(RunState.PASS)[rows_a], b.is_state(RunState.PASS)[rows_b]
@@ -142,9 +134,7 @@ def compare_sweeps(
     is_noise = crossed.any(axis=0) & ~(crossed & counts).any(axis=0)
     conditions = {
         "newly failing": passed & ~passes & ~is_noise,
-        "newly passing": passes & ~passed & ~is_noise,
         "worse": worse.any(axis=0) | (a.measured[rows_a] & ~b.measured[rows_b]),
-        "better": better.any(axis=0),
     }
     kinds = np.select(list(conditions.values()), list(conditions), "")
     names, labels = a.words("name"), [b.label(name) for name in metrics]
@@ -155,7 +145,7 @@ def compare_sweeps(
             run=names[rows_a[run]],
             before=a.states[rows_a[run]].label,
             after=b.states[rows_b[run]].label,
-            metrics=tuple(compress(labels, (better if kinds[run] == "better" else worse | crossed)[:, run])),
+            metrics=tuple(compress(labels, (worse | crossed)[:, run])),
             parameters={key: a.table.column(key)[int(rows_a[run])].as_py() for key in varied},
         )
         for run in np.flatnonzero(kinds != "")

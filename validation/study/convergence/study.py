@@ -11,7 +11,7 @@ from validation.judge import profiles
 from validation.judge.uncertainty import FILE
 from validation.store.environment import parameter_values
 from validation.study.convergence.result import OWN, Convergence, Study, combine
-from validation.study.many import Execution, Task, open_study, walk_many, write_study
+from validation.study.many import Execution, Task, study_folder, walk_many, write_study
 from validation.study.row_file import Row
 from validation.study.walk_options import walk_request
 from validation.trial.engine import check_drake
@@ -126,12 +126,12 @@ def convergence(
         StudyStopped: see :func:`validation.study.many.walk_many`.
     """
     if steps < 2:
-        raise InputError(f"--steps {steps}: the first step is in no metric; walk 2 at least.", value=steps)
-    limits, (folder, pool) = profiles.profile(profile), open_study(execution)
+        raise InputError(f"--steps {steps}: the first step is not judged; walk 2 or more.", value=steps)
+    limits, folder = profiles.profile(profile), study_folder(execution)
     request = load_request(gait, settings)
     request = replace(request, run=request.run.replace({"gait.steps": steps}))
     studies(request.run, levels)  # refuse before anything is planned
-    request = plan_walk(request, pool.get("progress")).request  # with all values
+    request = plan_walk(request, execution.get("progress")).request  # with all values
     found = studies(request.run, levels)
     runs = runs_of(request.run, found)
     # The finest steps take longest. Started first, they leave no worker idle at the end.
@@ -139,9 +139,7 @@ def convergence(
         Task(task, walk_level, {"request": Request(request.name, runs[task])})
         for task in sorted(runs, key=lambda task: runs[task].simulation.time_step)
     ]
-    walks = {
-        row["key"]: row for row in walk_many(tasks, folder, label=f"{request.name}: convergence", **pool)
-    }
+    walks = {row["key"]: row for row in walk_many(tasks, label=f"{request.name}: convergence", **execution)}
     result = combine(request, limits, found, {task: walks[task] for task in runs})
     if folder is not None:
         write_study(result, folder / FILE)

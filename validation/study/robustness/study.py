@@ -11,7 +11,7 @@ from ampm.parameters import NO_PLAN, RunParameters
 from models.scene import BodyModel
 from validation.judge import profiles
 from validation.run.walk import walk_planned
-from validation.study.many import Execution, Search, Task, open_study, walk_many, write_study
+from validation.study.many import Execution, Search, Task, study_folder, walk_many, write_study
 from validation.study.robustness.cells import (
     AFTER,
     DURATION,
@@ -137,7 +137,7 @@ def robustness(
     """
     needed(replicas)
     cells = chosen([*push_cells(quick), *other_cells(quick)], only)
-    folder, pool = open_study(execution)
+    folder = study_folder(execution)
     request = load_request(run, settings)
     if request.run.gait.planner == NO_PLAN and any(cell.is_push for cell in cells):
         kinds = ", ".join(sorted({cell.kind for cell in other_cells(quick)}))
@@ -147,11 +147,11 @@ def robustness(
         )
     limits = profiles.own_profile(request.name, request.run) if profile is None else profiles.profile(profile)
     short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
-    planned = plan_walk(short, pool.get("progress"))
+    planned = plan_walk(short, execution.get("progress"))
     task = partial(replica_task, planned=planned, profile=limits.name)
     results: dict[str, CellResult] = {}
     searches = [climb(cell, replicas, task, results) for cell in cells]
-    rows = walk_many(searches, folder, label=f"{request.name}: robustness", unit="disturbances", **pool)
+    rows = walk_many(searches, label=f"{request.name}: robustness", unit="disturbances", **execution)
     crashes = tuple(
         f"{row['key']}: {row['cause']}" for row in rows if row["outcome"] == "crashed" and "reason" in row
     )

@@ -285,12 +285,11 @@ class SweepDefinition(Section, section="sweep"):
         return f"{run:0{len(str(len(self) - 1))}d}"
 
 
-def load_sweep(path: str | Path, *, finished: bool = False) -> SweepDefinition:
-    """Read a sweep's definition.
+def load_sweep(path: str | Path) -> SweepDefinition:
+    """Read a sweep's definition; nothing that it names is imported.
 
     Args:
         path: TOML file; files of a gait, body or plan are searched in the same folder.
-        finished: only to read its results: no class that it names is imported.
 
     Raises:
         InputError: no such file, no valid TOML, or no valid sweep.
@@ -298,7 +297,7 @@ def load_sweep(path: str | Path, *, finished: bool = False) -> SweepDefinition:
     path = Path(path)
     stem = path.stem.encode("utf-8", "backslashreplace").decode()  # a name may not be UTF-8
     try:
-        return _sweep_of(read_toml(path), stem, path.parent, finished=finished)
+        return _sweep_of(read_toml(path), stem, path.parent)
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"the sweep file {str(path)!r} does not exist.", value=str(path)) from None
 
@@ -312,9 +311,7 @@ def parse_sweep(text: str) -> SweepDefinition:
     return _sweep_of(parse_toml(text, "the definition"), "sweep", Path())
 
 
-def _sweep_of(
-    table: Mapping[str, Any], name: str, folder: Path, *, finished: bool = False
-) -> SweepDefinition:
+def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinition:
     for word, value in table.items():
         if word in RunParameters.model_fields:
             raise InputError(f"[{word}] is not a table of a sweep; put its keys under [set].", key=word)
@@ -353,12 +350,10 @@ def _sweep_of(
             f"with {BODY_KEY} under [set], and compare them with 'ampm compare'.",
             key=BODY_KEY,
         )
-    if not finished:
-        _check_classes(definition)
     return definition
 
 
-def _check_classes(definition: SweepDefinition) -> None:
+def check_classes(definition: SweepDefinition) -> None:
     """Refuse a controller, planner, estimator or engine that there is not, before anything is walked."""
     first = {key: values[0] for key, values in definition.options.items()}
     for key in (CONTROLLER_KEY, PLANNER_KEY, ESTIMATOR_KEY):

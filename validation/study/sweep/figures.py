@@ -4,7 +4,6 @@ The page carries data, specification and the library itself (vl-convert has the 
 offline.
 """
 
-import copy
 import json
 from collections.abc import Mapping
 from typing import Any
@@ -13,8 +12,8 @@ import numpy as np
 from markupsafe import Markup
 
 from ampm.geometry import Array
+from validation.show.chart import Picture, new_charts
 from validation.show.text import format_value
-from validation.show.vector import FONT
 from validation.study.sweep.table import REPORT, RunState, SweepTable
 
 Spec = dict[str, Any]
@@ -141,22 +140,25 @@ def as_json(spec: Any) -> Markup:
     return Markup(text.replace("<", "\\u003c"))
 
 
-def static_svg(spec: Spec, width: float) -> str:
-    """A picture with its first choices as SVG of a width [pt], with titles of its axes and one font."""
-    import vl_convert  # loads a JavaScript engine
-
-    spec = copy.deepcopy(spec)
-    for param in spec["params"]:
-        if param.pop("bind", None):
-            spec["encoding"][param["name"]]["title"] = param["value"]
-    size = {
-        "width": width / 0.75,
-        "height": width,
-        "autosize": {"type": "fit", "contains": "padding"},
-    }  # [px]
-    return str(
-        vl_convert.vegalite_to_svg({**spec, **size, "config": {**_CONFIG, "font": FONT, "padding": 2}})
-    )
+def scatter_picture(sweep: SweepTable) -> Picture:
+    """The page's picture with its first choices, for a paper."""
+    labels = list(quantities(sweep))
+    first, second = labels[0], labels[min(1, len(labels) - 1)]
+    runs = [run for run in run_data(sweep) if run[first] is not None and run[second] is not None]
+    (chart,) = charts = new_charts(3.2, left=1.0)
+    for state in RunState:
+        points = [(run[first], run[second]) for run in runs if run["outcome"] == state.label]
+        if points:
+            x, y = np.transpose(points)
+            chart.line([np.nan], [np.nan], _COLORS[state], 3.0, label=state.label)  # for the legend
+            chart.dots(x, y, _COLORS[state], 4.0)
+    low, high = chart.limits()
+    margin = 0.05 * (high - low)[0]
+    chart.xlim = float(low[0] - margin), float(high[0] + margin)
+    words = {key: dict(zip(found, range(len(found)), strict=True)) for key, found in texts(sweep).items()}
+    chart.xticks, chart.yticks = words.get(first, {}), words.get(second, {})
+    chart.name("", second, first)
+    return Picture(charts, LABEL, number=1)
 
 
 def vega_script() -> Markup:

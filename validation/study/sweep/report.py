@@ -6,7 +6,6 @@ All text is escaped. Pictures and scripts are in the page, see :mod:`validation.
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -71,23 +70,19 @@ def cite_sweep(sweep: SweepTable) -> Citation:
     return cite(what, sweep.metadata["environment"], hashlib.sha256(data).hexdigest())
 
 
-def worst_runs(sweep: SweepTable) -> list[dict[str, Any]]:
-    """Rows of the table of the worst runs."""
+def worst_runs(sweep: SweepTable) -> Table:
+    """The worst runs, with links to the reports of those that are kept."""
     links, names, gaits = links_of(sweep), sweep.words("name"), sweep.words("gait")
-    found = []
+    rows = []
     for row in sweep.worst[:WORST]:
+        name: str = (
+            Markup('<a href="{}">{}</a>').format(links[row], names[row]) if row in links else names[row]
+        )
         values = {"gait": gaits[row]} if len(set(gaits)) > 1 else {}
         values |= {key: sweep.table.column(key)[row].as_py() for key in sweep.metadata["varied"]}
-        found.append(
-            {
-                "name": names[row],
-                "state": sweep.states[row],
-                "why": _why(sweep, row),
-                "link": links.get(row, ""),
-                "parameters": {key: format_value(value) for key, value in values.items()},
-            }
-        )
-    return found
+        parameters = ", ".join(f"{key} {format_value(value)}" for key, value in values.items())
+        rows.append((name, sweep.states[row].label, _why(sweep, row), parameters))
+    return Table("", ("run", "outcome", "why", "parameters"), rows)
 
 
 def _why(sweep: SweepTable, row: int) -> str:

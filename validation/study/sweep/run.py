@@ -20,10 +20,10 @@ from validation.store.environment import parameter_values
 from validation.store.folders import output_file
 from validation.store.json import write_json
 from validation.store.machine import cores
-from validation.study.many import Pool, Task, study_folder, walk_many
+from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.pool import error_columns
 from validation.study.row_file import Row
-from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
+from validation.study.sweep.design import SweepDefinition, check_classes, dump_sweep, load_sweep
 from validation.study.sweep.schema import walk_columns
 from validation.study.sweep.table import (
     DEFINITION,
@@ -45,20 +45,13 @@ from validation.trial.users import UsersError
 _CHECKED, _TRIED = 1000, 8  # runs that a dry run checks; that it tries until one of them can be walked
 
 
-def sweep(
-    definition: SweepDefinition | str | Path,
-    out: str | Path | None = None,
-    *,
-    resume: bool = False,
-    **pool: Unpack[Pool],
-) -> SweepTable:
+def sweep(definition: SweepDefinition | str | Path, **execution: Unpack[Execution]) -> SweepTable:
     """Walk many runs; ``sweep("slopes.toml").table.to_pandas()``, with the extra pandas, gives a row per run.
 
     Args:
         definition: TOML file, or a loaded definition.
-        out: folder of the sweep; without one only the table is kept, and no recording.
-        resume: go on in the folder: walk the runs that have no row of this definition and this code.
-        pool: where to walk, see :class:`validation.study.many.Pool`.
+        execution: workers and folder, see :class:`validation.study.many.Execution`; without a folder only the
+            table is kept, and no recording.
 
     Raises:
         InputError: bad options, a bad definition, or a folder that cannot be used.
@@ -67,14 +60,14 @@ def sweep(
     """
     if not isinstance(definition, SweepDefinition):
         definition = load_sweep(definition)
-    folder = study_folder(out, resume=resume)
-    progress = pool.get("progress") or Progress()
+    check_classes(definition)
+    folder, progress = study_folder(execution), execution.get("progress") or Progress()
     tasks, count, limit = _tasks(definition, folder), len(definition), definition.wall_clock
-    rows = walk_many(tasks, folder, count=count, limit=limit, label="sweep", **pool)
+    rows = walk_many(tasks, count=count, limit=limit, label="sweep", **execution)
     found = wrap_table(build_table(definition, rows), folder, definition.name)
     if folder is None:
         return found
-    kept = pa.array(_keep_worst(definition, found, folder, pool), pa.string())
+    kept = pa.array(_keep_worst(definition, found, folder, execution), pa.string())
     column = found.table.schema.get_field_index("recording")
     found = replace(found, table=found.table.set_column(column, "recording", kept))
     with output_file(folder / RESULTS) as file:
@@ -124,30 +117,34 @@ def walk_run(**options: Any) -> Row:
     return {**{key: found[key] for key in found if found[key] != requested[key]}, **walk_columns(trial)}
 
 
-def _keep_worst(definition: SweepDefinition, found: SweepTable, folder: Path, pool: Pool) -> list[str | None]:
+def _keep_worst(
+    definition: SweepDefinition, found: SweepTable, folder: Path, execution: Execution
+) -> list[str | None]:
     """Keep the folders of the worst runs, or of the worst failures; returns the column ``recording``."""
     passed, numbers = found.is_state(RunState.PASS), found.table["run"].to_pylist()
     rows = [row for row in found.worst if definition.recordings == "worst" or not passed[row]]
     rows = [] if definition.recordings == "none" else rows[: definition.worst]
     names = {row: definition.name_of(numbers[row]) for row in rows}
     runs = {name: numbers[row] for row, name in names.items()}
-    kept = keep_runs(definition, runs, folder / RECORDINGS, **pool)
+    there: Execution = {**execution, "out": folder / RECORDINGS, "resume": True}
+    kept = keep_runs(definition, runs, **there)
     return [f"{RECORDINGS}/{names[row]}" if names.get(row) in kept else None for row in range(len(found))]
 
 
 def keep_runs(
-    definition: SweepDefinition, runs: Mapping[str, int], folder: Path, **pool: Unpack[Pool]
+    definition: SweepDefinition, runs: Mapping[str, int], **execution: Unpack[Execution]
 ) -> list[str]:
     """Walk runs of a sweep again, each into a folder of its name with report and recording; those written."""
-    if not runs:
+    folder = study_folder(execution)
+    if folder is None or not runs:
         return []
     tasks = [
         Task(name, keep_run, {"folder": str(folder.resolve() / name), **_options(definition, run)})
         for name, run in runs.items()
     ]
-    for row in walk_many(tasks, folder, label="recordings", **pool):
+    for row in walk_many(tasks, label="recordings", **execution):
         if "reason" in row:
-            progress = pool.get("progress") or Progress()
+            progress = execution.get("progress") or Progress()
             progress.say(f"ampm: {folder / row['key']} was not written ({row['cause']}).")
     return [name for name in runs if (folder / name / REPORT).is_file()]
 
@@ -173,7 +170,9 @@ class Forecast(Tabled):
             one, every = (format_duration(found[name]) for name in ("seconds", "wall_clock"))
             note = f"one run takes about {one}, the sweep about {every} with {found['workers']} workers"
             if found["kept"]:
-                note += f"; {found['kept']} runs are walked again, and kept with report and recording"
+                note += (
+                    f"; up to {found['kept']} of them are walked again, and kept with report and recording"
+                )
         return [Table(f"dry run of {self.refused.name}", ("", ">runs", "for example"), rows, [note])]
 
 
@@ -181,6 +180,7 @@ def forecast(
     definition: SweepDefinition, workers: int | None = None, *, progress: Progress | None = None
 ) -> Forecast:
     """Count refusals by formula, of a large sweep in a sample, and time one walk."""
+    check_classes(definition)
     progress, planned = progress or Progress(), len(definition)
     runs = np.unique(np.linspace(0, planned - 1, min(planned, _CHECKED)).astype(int)).tolist()
     with progress.stage("refusals by formula", "runs") as stage:

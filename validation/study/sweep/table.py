@@ -333,29 +333,26 @@ def is_sweep(folder: Path) -> bool:
     return (folder / DEFINITION).is_file()
 
 
-def read_sweep(path: Path | str) -> SweepTable:
-    """Read a sweep, finished or not, from its folder or its table.
+def read_sweep(folder: Path | str) -> SweepTable:
+    """Read a sweep, finished or not, from its folder.
 
     Raises:
-        InputError: there is none, it has no row yet, or it is not the table of a sweep.
+        InputError: there is none, it has no row yet, or its table is damaged.
     """
-    path, file = Path(path), Path(path)
-    if path.is_dir():
-        if not is_sweep(path):
-            raise InputError(f"{path} holds no sweep; give the --out folder of one, or its {RESULTS}.")
-        file = path / RESULTS
-        if not file.is_file():
-            return wrap_table(_unfinished(path), path)
+    folder = Path(folder)
+    file = folder / RESULTS
+    if not is_sweep(folder):
+        raise InputError(f"{folder} holds no sweep; give the --out folder of one.")
+    if not file.is_file():
+        return wrap_table(_unfinished(folder), folder)
     try:
         table = pq.read_table(file, use_threads=False)
-    except FileNotFoundError:
-        raise InputError(f"there is no {path}; give the folder of a sweep, or its {RESULTS}.") from None
     except (pa.ArrowException, OSError) as error:
         line = str(error).partition("\n")[0]
         raise InputError(f"{file} is not a Parquet file that can be read ({line}).") from error
     if TABLE_METADATA not in (table.schema.metadata or {}):
         raise InputError(f"{file} is not a table of a sweep: it has no metadata {TABLE_METADATA.decode()!r}.")
-    return wrap_table(table, path if path.is_dir() else None, str(path))
+    return wrap_table(table, folder)
 
 
 def _unfinished(folder: Path) -> pa.Table:
@@ -364,7 +361,7 @@ def _unfinished(folder: Path) -> pa.Table:
     Raises:
         InputError: there is none yet.
     """
-    definition = load_sweep(folder / DEFINITION, finished=True)
+    definition = load_sweep(folder / DEFINITION)
     rows = {row["key"]: row for row in (read_rows(folder) if (folder / ROWS).is_file() else ())}
     keys = (key_of(definition, run) for run in range(len(definition)))
     table = build_table(definition, (rows[key] for key in keys if key in rows))
