@@ -18,14 +18,16 @@ from numpy.typing import NDArray
 
 from ampm.compiled import bound
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from models.scene import BodyModel
+from validation.judge.compare import PARTS
 from validation.judge.signals import kept_rows, measured_columns
 from validation.measure.measure import MeasuredGait, measure
 from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.store.record import record_tables
 from validation.store.saved import ENVIRONMENT_FILE, SavedRun, load_saved_run
-from validation.store.signals import SIGNALS_FILE
+from validation.store.signals import SIGNALS_FILE, Signals
 from validation.trial.bridge import to_pinocchio
 from validation.trial.disturbances import Plant, Recorded
 from validation.trial.log import RunLog
@@ -35,6 +37,7 @@ from validation.trial.record import JOINTS_FILE, TICKS_FILE, SimulationRecord
 from validation.trial.step import keep_step
 
 _CONSTANTS = ("mass", "gravity", "time_step", "friction")
+_ROUNDING = 1e-12  # of the sum of the parts of the ZMP error [m], or in shares of their size
 
 
 @dataclass(frozen=True)
@@ -155,6 +158,23 @@ def _tables(
         raise InputError(f"{SIGNALS_FILE} is damaged: it should have {count} rows; walk the gait again.")
     held = measured_columns(measured, every)
     yield SIGNALS_FILE, {name: stored[name] for name in held}, held
+    if not record.changes:
+        time, names = held["time"], ("sum of zmp_error_x", "sum of zmp_error_y")
+        total, error = (dict(zip(names, item[: len(time)].T, strict=True)) for item in _zmp_error(stored))
+        yield SIGNALS_FILE, total, {"time": time, **error}
+
+
+def _zmp_error(stored: Signals) -> tuple[Array, Array]:
+    """The recorded parts of the ZMP error in sum, and what they add up to, shape (N, 2) [m].
+
+    They are given as equal where they agree to rounding. They need not where the plan moved: between two
+    instants of a plan that was kept, ZMP and force go on along lines of their own.
+    """
+    parts = np.array([stored.vector(f"zmp_error_{part}", "xy") for part in PARTS])
+    total, size = parts.sum(axis=0), np.maximum(np.abs(parts).sum(axis=0), 1.0)
+    error = stored.vector("measured_zmp", "xy") - stored.vector("plan_zmp", "xy")
+    error = np.where(np.isfinite(stored.vector("measured_zmp_momentum", "xy")), error, np.nan)
+    return total, np.where(np.abs(total - error) <= _ROUNDING * size, total, error)
 
 
 def _note(path: Path) -> str:
