@@ -237,18 +237,6 @@ def test_sole_forces_give_the_wrench_again_and_push_only(toes):
     assert not SoleForces(robot, run).update(q, 0.1 * wrench / wrench[:, 2:3])[1].any()
 
 
-def test_a_foot_that_lands_faintly_touches_by_its_moment_and_noise_alone_does_not():
-    robot, sensors = walk_of().robot, WRENCH | {"force_noise": 2.0, "moment_noise": 0.05}
-    soles, q = SoleForces(robot, load_run("normal", sensors=sensors)), pin.neutral(robot.model)
-    random = np.random.default_rng(1)
-    noise = np.repeat([2.0, 0.05], 3)
-    in_air = [soles.update(q, noise * random.standard_normal((2, 6)))[1].any() for _ in range(5000)]
-    assert not any(in_air)
-    on_heels = np.array([0.0, 0.0, 3.0, 0.0, 0.15, 0.0])  # 50 mm behind the sole's reference point
-    touching = [soles.update(q, on_heels + noise * random.standard_normal((2, 6)))[1].any() for _ in range(9)]
-    assert any(touching[:4])
-
-
 def test_a_walk_on_wrenches_of_the_feet_passes():
     assert (relative(**WRENCH) < [1.2, 0.6]).all()  # the true root
     trial = walked(estimator="kalman", seed=11, **NOISE | FORCE_TORQUE)

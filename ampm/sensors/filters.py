@@ -310,10 +310,9 @@ def moment_by(f: Filter, h: int, com: Vector) -> Vector:
 @compiled
 def update_contact(f: Filter, i: int, arm: Vector) -> None:
     """Whether a point rests, from now on where it is; correct by its height if it has just touched."""
-    touched = f.contact[i] and (not f.wrenches or f.soles.firm[2 * i // len(f.points)])
-    if touched and not f.touched[i]:
+    if f.contact[i] and not f.touched[i]:
         stand(f, arm, i)
-    f.touched[i] = touched
+    f.touched[i] = f.contact[i]
     loaded = f.contact[i] and f.force[i] > (0.5 if f.loaded[i] else 1.0) * LOAD * f.weight
     if loaded != f.loaded[i]:
         f.loaded[i], f.quiet[0] = loaded, 0.0

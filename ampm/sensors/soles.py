@@ -1,6 +1,5 @@
 """Forces and contacts of sole points from one wrench of every foot, and from where its points are."""
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,10 +28,12 @@ RIDGE = 1e-6
 """Share of the loads that keeps their equations regular where points lie on a line."""
 IN_AIR = 0.1
 """Time without load after which a foot's readings are taken for their offset [s]."""
-TARE = 0.3
+TARE = 0.1
 """Time constant of that offset [s]."""
-FAINT, MEAN = 5.0, 0.25
-"""Force and moment over their noise with which a foot touches, and share of a reading in their mean [1]."""
+
+
+FAINT = 4.0
+"""Load, over the noise, that a foot bears on the floor if it does so at two ticks [1]."""
 SCALE = 0.3
 """Time constant in which a foot that stands alone finds the scale of its sensor [s]."""
 
@@ -46,21 +47,19 @@ class Soles(NamedTuple):
     scale: Array  # what of the wrenches is read, found by the weight on a foot that stands alone, (2,) [1]
     felt: Array  # the wrenches without offset and scale, in world axes, (2, 6) [N, N m]
     tared: Any  # whether the offsets were found, (2,)
-    mean: Array  # the same, low-passed while they are faint, (2, 6) [N, N m]
+    pressed: Any  # ticks since its load was faint, (2,)
     unloaded: Array  # time since the foot was loaded, (2,) [s]
     loaded: Any  # feet that carry load, (2,)
-    firm: Any  # those that carry the threshold, (2,)
     touching: Any  # their lines of points, (2, 3)
     line: Any  # of every sole point, (P,)
     threshold: float  # load at which a foot or a line touches; half of it to go on touching [N]
-    faint: Array  # force and moment of these at which a foot with a known offset touches, (2,) [N, N m]
+    faint: float  # load at which a foot with a known offset touches at the second tick [N]
     period: float  # of a control tick [s]
     weight: float  # of the body, if the sensors have errors of scale; else 0 [N]
 
 
 def soles_of(robot: Robot, run: RunParameters) -> Soles:
     """Soles of a body with the run's sensors, unloaded."""
-    noise = run.sensors.force_noise, run.sensors.moment_noise
     return Soles(
         frame=frames_of(robot.model, robot.sole_frames),
         wrench=np.zeros((2, 6)),
@@ -68,14 +67,13 @@ def soles_of(robot: Robot, run: RunParameters) -> Soles:
         scale=np.ones(2),
         felt=np.zeros((2, 6)),
         tared=np.full(2, not (run.sensors.force_bias or run.sensors.moment_bias)),
-        mean=np.zeros((2, 6)),
+        pressed=np.zeros(2, dtype=np.int64),
         unloaded=np.zeros(2),
         loaded=np.zeros(2, dtype=bool),
-        firm=np.zeros(2, dtype=bool),
         touching=np.zeros((2, 3), dtype=bool),
         line=robot.point_group.copy(),
         threshold=run.sensors.contact_threshold,
-        faint=FAINT * math.sqrt(MEAN / (2.0 - MEAN)) * np.maximum(noise, (0.5, 0.0125)),
+        faint=FAINT * max(run.sensors.force_noise, 0.5),
         period=1.0 / run.controller.frequency,
         weight=robot.mass * robot.gravity if run.sensors.force_scale_bias else 0.0,
     )
@@ -86,7 +84,9 @@ def spread_wrenches(s: Soles, link: Any, points: Any, force: Array, contact: Any
     """Normal forces of the sole points that give the wrenches as read, and which points touch.
 
     Of all forces that push, these have the least sum of squares, each divided by how near its point is to the
-    floor. A line of a loaded foot touches at the height of its lowest point, higher up by its load.
+    floor. Of a loaded foot a line of points touches that is at the height of its lowest point; higher up it
+    touches by its load. A foot that is turned to the floor presses with some newtons only, while another of
+    its lines bears the body.
 
     Args:
         s: soles with the wrenches as read.
@@ -112,34 +112,31 @@ def spread_wrenches(s: Soles, link: Any, points: Any, force: Array, contact: Any
             total, level = here[line == group].sum(), 0.5 * height[line == group].sum()
             by_height = s.touching[foot, group] or group == TIP  # a tip bears little
             least = 0.5 * (min(1.0, level) - LEVEL) if by_height else min(1.0, level + FIRST)
-            s.touching[foot, group] = s.loaded[foot] and total > min(s.threshold, load[2]) * least
+            s.touching[foot, group] = s.loaded[foot] and total > s.threshold * least
         for i in range(count):
             contact[first + i] = s.touching[foot, line[i]]
 
 
 @compiled
 def tared(s: Soles, link: Any, foot: int) -> tuple[Vector, Vector]:
-    """Force and moment of a foot in world axes, to scale, less their offsets; means of faint ones."""
-    turn, frame, mean = np.empty((3, 3)), s.frame[foot], s.mean[foot]
+    """Force and moment of a foot in world axes, to scale, less the offsets that it shows in the air."""
+    turn, frame = np.empty((3, 3)), s.frame[foot]
     multiply(link[frame.joint].turn, frame.turn, turn)
-    share, was = 1.0 / s.scale[foot], s.loaded[foot]
+    share = 1.0 / s.scale[foot]
     load = times(share, turned(turn, vector(s.wrench[foot, 0:3] - s.offset[foot, 0:3])))
     moment = times(share, turned(turn, vector(s.wrench[foot, 3:6] - s.offset[foot, 3:6])))
-    put(s.felt[foot, 0:3], load)
-    put(s.felt[foot, 3:6], moment)
-    bears = load[2] > (0.5 if was else 1.0) * s.threshold
-    mean[:] = (0.0 if bears else 1.0) * (MEAN * s.felt[foot] + (1.0 - MEAN) * mean)
-    faint = (mean[2] / s.faint[0]) ** 2 + (mean[3] ** 2 + mean[4] ** 2) / s.faint[1] ** 2
-    touches = s.tared[foot] and mean[2] > 0.0 and faint > (0.25 if was else 1.0)
-    s.loaded[foot], s.firm[foot] = bears or touches, bears
+    s.pressed[foot] = s.pressed[foot] + 1 if load[2] > s.faint else 0
+    touches = s.tared[foot] and s.pressed[foot] > 1
+    s.loaded[foot] = touches or load[2] > (0.5 if s.loaded[foot] else 1.0) * s.threshold
     if s.weight > 0.0 and s.loaded[foot] and not s.loaded[1 - foot]:
         s.scale[foot] *= 1.0 + s.period / SCALE * (load[2] / s.weight - 1.0)
     s.unloaded[foot] = 0.0 if s.loaded[foot] else s.unloaded[foot] + s.period
     if s.unloaded[foot] > IN_AIR:
-        span = TARE if s.tared[foot] else s.unloaded[foot] - IN_AIR
-        s.offset[foot] += s.period / max(span, s.period) * (s.wrench[foot] - s.offset[foot])
-        s.tared[foot] = s.tared[foot] or s.unloaded[foot] > 2.0 * IN_AIR
-    return (load, moment) if bears else (vector(mean[0:3]), vector(mean[3:6]))
+        s.offset[foot] += s.period / TARE * (s.wrench[foot] - s.offset[foot])
+        s.tared[foot] = True
+    put(s.felt[foot, 0:3], load)
+    put(s.felt[foot, 3:6], moment)
+    return load, moment
 
 
 @compiled
