@@ -83,9 +83,7 @@ class Writer:
         left, right = (self._path(foot) for foot in feet)
         shared = [k for k in left if k in right]
         self.legs: list[_Leg] = []
-        for foot, other, name, side in zip(
-            feet, (right, left), file.sided(file.knee), scene.SIDES, strict=True
-        ):
+        for foot, other, name, side in zip(feet, (right, left), file.knee, scene.SIDES, strict=True):
             knee = tree.joint(name, "knee")
             joints = [k for k in self._path(foot) if k not in shared]
             if len(joints) < _LEAST_JOINTS:
@@ -101,7 +99,7 @@ class Writer:
                     names = ", ".join(self._named(joints))
                     where = f"is not amid the joints from root to the {side} foot ({names})"
                 raise InputError(
-                    f"the knee {name!r} {where}; correct knee, foot or sides in the body's description.",
+                    f"the knee {name!r} {where}; correct knee or foot in the body's description.",
                     key="body.knee",
                 )
             at = joints.index(knee)
@@ -151,9 +149,10 @@ class Writer:
         bends = 1.0 if joint.high - straight > straight - joint.low else -1.0
         if not bends * joint.axis[1] > 0.0:
             raise InputError(
-                f"the knee {joint.name!r} bends forward; exchange sides in the body's description, or give "
-                f"the joint's range, now {joint.low:g} to {joint.high:g} rad, with [body.range].",
-                key="body.sides",
+                f"the knee {joint.name!r} bends forward; exchange left and right in the body's "
+                f"description, or give the joint's range, now {joint.low:g} to {joint.high:g} rad, with "
+                "[body.range].",
+                key="body.foot",
             )
         return LegDescription(
             hip=self._named(leg.hip),
@@ -219,7 +218,7 @@ class Writer:
         hip = self.legs[0].hip
         mass = sum(segment.inertial.mass for segment in tree.segments)
         com_z = sum(
-            segment.inertial.mass * float(segment.place[2] + segment.inertial.com[2])
+            segment.inertial.mass * float(segment.place[2] + segment.inertial.lever[2])
             for segment in tree.segments
         )
         floor = float(self._along(self.legs[0].ankle, 1)[2]) - sole.ankle_height
@@ -229,7 +228,7 @@ class Writer:
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
         next(model.iter("flag")).set("eulerdamp", "disable")
         segments = self._add_segments(model, root, floor)
-        add(segments[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].inertial.com)
+        add(segments[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].inertial.lever)
         left, right = (
             self._add_leg(leg, side, sole, segments[leg.foot])
             for leg, side in zip(self.legs, scene.SIDES, strict=True)
@@ -373,4 +372,4 @@ def _inertial_shape(segment: Segment) -> dict[str, Any]:
     axes[:, 2] *= np.linalg.det(axes)
     squares = 2.5 * (moments.sum() - 2.0 * moments) / segment.inertial.mass
     size = np.sqrt(np.maximum(squares, _THIN**2))
-    return {"type": "ellipsoid", "pos": segment.inertial.com, "quat": scene.quaternion(axes), "size": size}
+    return {"type": "ellipsoid", "pos": segment.inertial.lever, "quat": scene.quaternion(axes), "size": size}

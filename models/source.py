@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TypeVar
 import coal
 import mujoco
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN
@@ -34,13 +34,8 @@ MASSLESS = 1e-13  # of a link: its mass, and a moment of its inertia, is less [k
 _LARGEST = 1e4  # of a model's numbers, in SI units
 _BOUND = 0.5 * MASSLESS  # written for less, as MuJoCo compiles no moving body without mass
 _MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # places in MJCF's fullinertia
-Names = Annotated[tuple[str, ...], Field(strict=False)]  # also a list
-Sided = Annotated[
-    tuple[str, ...],
-    Field(strict=False, min_length=1, max_length=2),
-    BeforeValidator(lambda value: (value,) if isinstance(value, str) else value),
-]
-"""One pattern with {side} or {Side}, or the names of left and right."""
+Sides = Annotated[tuple[str, str], Field(strict=False)]  # also a list
+"""Names of left and right."""
 Angles = Mapping[str, Real]
 Patterns = Annotated[tuple[re.Pattern[str], ...], Field(strict=False)]
 ByPattern = Mapping[re.Pattern[str], Annotated[Real, Field(ge=0)]]
@@ -67,11 +62,8 @@ class BodyFile(Section, section="body"):
     root: str = Field(description="segment that moves freely")
     trunk: str = Field(description="segment whose pitch is the lean of the trunk")
     up: Literal["x", "y", "z"] = Field("z", description="axis of the model that points upwards")
-    sides: Names = Field(
-        ("left", "right"), description="words for left and right in names", min_length=2, max_length=2
-    )
-    foot: Sided = Field(description="segment of a foot, with {side} or {Side}; or those of left and right")
-    knee: Sided = Field(description="joint of a knee, with {side} or {Side}; or those of left and right")
+    foot: Sides = Field(description="segments of the left and the right foot")
+    knee: Sides = Field(description="joints of the left and the right knee")
     sole: SoleSection = Field(description="outline of a sole")
     rest: Angles = Field({}, description="angles of trunk and arms at rest, where not 0 [rad]")
     lock: Patterns = Field((), description="joints that are welded, as regular expressions")
@@ -92,14 +84,6 @@ class BodyFile(Section, section="body"):
         {}, description="stiffness of a spring by regular expression of joints [N m/rad]"
     )
     friction: ByPattern = Field({}, description="dry friction by regular expression of joints [N m]")
-
-    def sided(self, names: tuple[str, ...]) -> tuple[str, str]:
-        """Left and right name of one pattern, or two names as they are."""
-        left, right = (
-            name.replace("{side}", side).replace("{Side}", side.capitalize())
-            for name, side in zip((names[0], names[-1]), self.sides, strict=True)
-        )
-        return left, right
 
 
 class _File(Section):
