@@ -16,7 +16,7 @@ from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import GRAVITY, NO_PLAN, RunParameters
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
-from ampm.planner.contacts import TIME_TOLERANCE, Contacts, Footstep, Phase
+from ampm.planner.contacts import TIME_TOLERANCE, Contacts, Footstep
 from ampm.planner.feet import FeetPlan, FootPath
 from ampm.planner.footstep_walk import plan_footstep_walk, stops, with_feet
 from ampm.planner.replan import joined
@@ -282,7 +282,7 @@ class StandingPlanner:
             gravity=robot.gravity,
             com_height=float(self.com_height or height),
             switching_velocity=0.0,
-            contacts=Contacts((left, right), (Phase(0.0, duration, left, right),)),
+            contacts=Contacts((left, right), np.array([0.0, duration])),
             phases=(CentroidalPhase(0.0, duration, (0.0, 0.0), still, still, (0.0, 0.0)),),
             constants=NO_CONSTANTS,
             feet=FeetPlan(sole, FootPath.still(sole, left), FootPath.still(sole, right), duration),

@@ -57,7 +57,7 @@ def _constant(unit: str, meaning: str) -> Any:
 
 
 JUMP = 0.01
-"""Relative jump at a switch from which a plan is not continuous to a controller [1], see PlanResiduals."""
+"""Relative jump at a switch from which a plan is not continuous to a controller [1]."""
 
 
 @dataclass(frozen=True)
@@ -81,23 +81,6 @@ class PlanConstants:
     def step_duration(self) -> float:
         """T_SS + T_DS [s]."""
         return self.single_support_duration + self.double_support_duration
-
-
-@dataclass(frozen=True)
-class PlanResiduals:
-    """Largest jump over all switches, relative to H, v0, g, H, m g H and m H v0."""
-
-    position: float  # of the COM, over H [1]
-    velocity: float  # of the COM, over v0 [1]
-    acceleration: float  # of the COM, over g [1]
-    zmp: float  # of the ZMP, over H [1]
-    moment: float  # about the COM, over m g H [1]
-    angular_momentum: float  # about the COM, over m H v0 [1]
-
-    @property
-    def largest(self) -> float:
-        """The largest of them [1]; infinite if one is not a number."""
-        return max(math.inf if math.isnan(value) else value for value in vars(self).values())
 
 
 @dataclass(frozen=True)
@@ -305,10 +288,13 @@ class CentroidalPlan(Brief):
             heading=contacts.headings[support],
         )
 
-    def residuals(self) -> PlanResiduals:
-        """Largest jumps over all switches: end of every phase against start of the next."""
-        jumps = self._switch_jumps.items()
-        return PlanResiduals(**{name: float(np.max(jump, initial=0.0)) for name, jump in jumps})
+    def residuals(self) -> dict[str, float]:
+        """Largest jumps over all switches: end of every phase against start of the next.
+
+        Of ``position``, ``velocity`` and ``acceleration`` of the COM, over H, v0 and g; of ``zmp`` over H; of
+        ``moment`` and ``angular_momentum`` about the COM, over m g H and m H v0 [1].
+        """
+        return {name: float(np.max(jump, initial=0.0)) for name, jump in self._switch_jumps.items()}
 
     @cached_property
     def jump_times(self) -> Array:
@@ -320,7 +306,7 @@ class CentroidalPlan(Brief):
 
     @cached_property
     def _switch_jumps(self) -> dict[str, Array]:
-        """Jumps at every switch by the names of :class:`PlanResiduals` and in its scales, (S,) each [1]."""
+        """Jumps at every switch by the names and in the scales of :meth:`residuals`, (S,) each [1]."""
         before = np.arange(len(self.phases) - 1)
         end = self._evaluate(before, np.array([phase.duration for phase in self.phases[:-1]]))
         begin = self._evaluate(before + 1, np.zeros(len(before)))

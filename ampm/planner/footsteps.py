@@ -19,7 +19,7 @@ from ampm.geometry import Array, hull_distance, rotations
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.blend import BlendLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, Law
-from ampm.planner.contacts import Contacts, Footstep, check_landing, contacts_in_turn, footprint, mean_heading
+from ampm.planner.contacts import Contacts, Footstep, check_landing, footprint, mean_heading
 from ampm.planner.heights import uneven, vertical_laws
 from ampm.planner.pendulum import AffineLaw, double_support_root, solution
 from ampm.planner.periodic import plan_gait
@@ -170,7 +170,8 @@ def contacts_over(
         check_landing(number, landing, lifted, double)
         switches += [lifted, landing]
         lifted = landing + double
-    return contacts_in_turn(footsteps, [*switches, switches[-1] + SETTLING], nominal.contacts.slope)
+    switches.append(switches[-1] + SETTLING)
+    return Contacts(tuple(footsteps), np.array(switches), nominal.contacts.slope)
 
 
 def supports_of(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitParameters) -> Supports:

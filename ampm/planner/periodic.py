@@ -13,7 +13,7 @@ from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.closed_form import LIPM, StepLaws, step_laws
-from ampm.planner.contacts import Contacts, Footstep, contacts_in_turn
+from ampm.planner.contacts import Contacts, Footstep
 from ampm.planner.pendulum import AffineLaw, odd_double_integral, position_integral
 from ampm.run_file import load_run
 
@@ -69,8 +69,8 @@ def _refuse_rounded(plan: CentroidalPlan, *, plain: bool) -> None:
     """
     jumps = plan.residuals()
     if plain:
-        jumps = replace(jumps, acceleration=0.0, zmp=0.0, moment=0.0)
-    largest = jumps.largest
+        jumps |= {"acceleration": 0.0, "zmp": 0.0, "moment": 0.0}
+    largest = max(np.nan_to_num(list(jumps.values()), nan=math.inf).tolist())
     if not largest <= RESIDUAL_LIMIT:
         raise MathematicalRefusal(
             "the gait's numbers are too far apart to be computed: by rounding the plan jumps by "
@@ -126,7 +126,7 @@ def _assemble(gait: GaitParameters, mass: float, first: StepLaws) -> tuple[Centr
         gravity=GRAVITY,
         com_height=gait.com_height,
         switching_velocity=gait.switching_velocity,
-        contacts=replace(further, footsteps=further.footsteps[:-1], phases=further.phases[:-2]),
+        contacts=replace(further, footsteps=further.footsteps[:-1], switches=further.switches[:-2]),
         phases=tuple(phases),
         constants=constants,
     )
@@ -142,4 +142,4 @@ def _contacts(gait: GaitParameters, t_ss: float, t_ds: float) -> Contacts:
         footsteps.append(Footstep("right", (x, -w, 0.0)) if k % 2 else Footstep("left", (x, w, 0.0)))
     for k in range(gait.steps + 1):
         switches += [k * step, k * step + t_ss]
-    return contacts_in_turn(footsteps, [*switches, switches[-1] + t_ds], gait.slopes)
+    return Contacts(tuple(footsteps), np.array([*switches, switches[-1] + t_ds]), gait.slopes)

@@ -116,18 +116,15 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry) -> F
         Closed-form paths of both feet over the whole plan.
 
     Raises:
-        InputError: a footstep turns or climbs, the phases are not single and double supports in turn, or the
-            heel would rise before the foot stands alone, or after it has left.
+        InputError: a footstep turns or climbs, both feet stand at first, or the heel would rise before the
+            foot stands alone, or after it has left.
     """
     if any(step.heading or step.position[2] for step in contacts.footsteps):
         raise InputError(
             "feet are planned straight ahead on level ground; give footsteps of zero heading and z."
         )
-    stance = contacts.stance_codes
-    if len(stance) % 2 or ((stance[0::2] == 2) | (stance[1::2] != 2)).any():
-        raise InputError(
-            "feet are planned for single and double supports in turn; give a plan of such phases."
-        )
+    if contacts.kind_codes[0]:
+        raise InputError("feet are planned from a single support on; give a plan that begins with one.")
     n = contacts.steps
     double = np.array([phase.duration for phase in contacts.phases[1::2]])
     rolls = float(foot.schedule == "roll")
