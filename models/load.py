@@ -6,6 +6,7 @@ of the world, x where the feet point.
 
 import math
 from collections.abc import Sequence
+from itertools import product
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
@@ -25,15 +26,8 @@ from models.tree import Tree
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
 _LEAST_JOINTS = 6  # of a leg
 _THIN = 0.005  # least half axis of a segment's shape [m]
-_OURS = frozenset(
-    {"root", "imu", "universe", *(f"{side}_sole" for side in scene.SIDES)}
-    | {
-        f"{side}_{group}_{edge}"
-        for side in scene.SIDES
-        for group in SOLE_POINT_GROUPS
-        for edge in scene.SIDES
-    }
-)
+_POINTS = product(scene.SIDES, SOLE_POINT_GROUPS, scene.SIDES)
+_OURS = frozenset({"root", "imu", "universe", "left_sole", "right_sole", *map("_".join, _POINTS)})
 """Names of joints and frames that are added."""
 
 

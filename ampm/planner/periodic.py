@@ -11,7 +11,7 @@ import numpy as np
 
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
-from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
+from ampm.planner.centroidal import MAY_JUMP, CentroidalPhase, CentroidalPlan
 from ampm.planner.closed_form import LIPM, StepLaws, step_laws
 from ampm.planner.contacts import Contacts, Footstep
 from ampm.planner.pendulum import AffineLaw, odd_double_integral, position_integral
@@ -69,7 +69,7 @@ def _refuse_rounded(plan: CentroidalPlan, *, plain: bool) -> None:
     """
     jumps = plan.residuals()
     if plain:
-        jumps |= {"acceleration": 0.0, "zmp": 0.0, "moment": 0.0}
+        jumps |= dict.fromkeys(MAY_JUMP, 0.0)
     largest = max(np.nan_to_num(list(jumps.values()), nan=math.inf).tolist())
     if not largest <= RESIDUAL_LIMIT:
         raise MathematicalRefusal(
