@@ -8,7 +8,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -79,33 +78,6 @@ def plan_footsteps(
         BodilyRefusal: feet would cross, the ZMP would leave the soles, or the angular momentum would turn the
             trunk too far.
     """
-    walk = solve_walk(footsteps, gait, body, landings)
-    phases = _stand_phases(0.0, 0, walk.solved)
-    phases += phases_between(walk.contacts.starts[1:], walk.solved)
-    if uneven(footsteps):
-        zmp = [_stand_signal(walk.solved, end).sum(axis=1) for end in (0, 1)]
-        laws = vertical_laws(footsteps, walk.solved.problem.supports, zmp, gait.com_height)
-        phases = [phase._replace(z=law) for phase, law in zip(phases, laws, strict=True)]
-    plan = replace(walk.nominal, contacts=walk.contacts, phases=tuple(phases))
-    _refuse(footsteps, walk, body, plan, first)
-    return plan
-
-
-class Walk(NamedTuple):
-    """A solved walk."""
-
-    nominal: CentroidalPlan  # one step of the periodic gait
-    contacts: Contacts  # of the walk
-    solved: Solution  # COM, ZMP and angular momentum
-
-
-def solve_walk(
-    footsteps: Sequence[Footstep],
-    gait: GaitParameters,
-    body: BodyDescription,
-    landings: Sequence[float | None] | None = None,
-) -> Walk:
-    """Solve a walk; arguments and errors as of :func:`plan_footsteps`, but without refusals by the body."""
     check_footsteps(footsteps)
     nominal = plan_gait(gait.model_copy(update={"steps": 1}), body.mass)
     contacts = contacts_over(footsteps, nominal, landings)
@@ -119,7 +91,15 @@ def solve_walk(
         ends=np.stack([position[:2].mean(axis=0), position[-2:].mean(axis=0)]),
         weight=body.mass * GRAVITY,
     )
-    return Walk(nominal, contacts, solve_within_limits(problem, body.sole))
+    solved = solve_within_limits(problem, body.sole)
+    phases = _phases(contacts.starts.tolist(), solved)
+    if uneven(footsteps):
+        zmp = [_stand_signal(solved, end).sum(axis=1) for end in (0, 1)]
+        laws = vertical_laws(footsteps, problem.supports, zmp, gait.com_height)
+        phases = [phase._replace(z=law) for phase, law in zip(phases, laws, strict=True)]
+    plan = replace(nominal, contacts=contacts, phases=tuple(phases))
+    _refuse(footsteps, solved, body, plan, first)
+    return plan
 
 
 def solve_within_limits(problem: Problem, sole: SoleGeometry) -> Solution:
@@ -233,21 +213,16 @@ def trunk_tilt(solved: Solution) -> Array:
     return np.asarray(GRAVITY / (_TRUNK_INERTIA * height**2) * np.sqrt((theta**2).sum(axis=1)))
 
 
-def phases_between(starts: Array, solved: Solution) -> list[CentroidalPhase]:
-    """Phases of all supports from the first single support to the end.
-
-    Args:
-        starts: of single and double supports in turn, shape (2 N,) [s].
-        solved: the walk.
-    """
-    problem, supports, switches = solved.problem, solved.problem.supports, starts.tolist()
-    phases = [_single_phase(switches[0], 0, solved)]
+def _phases(starts: Sequence[float], solved: Solution) -> list[CentroidalPhase]:
+    """Phases of a walk whose supports start at some times [s]; both stands have four."""
+    problem, supports = solved.problem, solved.problem.supports
+    phases = [*_stand_phases(starts[0], 0, solved), _single_phase(starts[1], 0, solved)]
     for k, duration in enumerate(supports.double.tolist()):
         signal = np.stack([solved.signal[k, 1], solved.signal[k + 1, 0]])
-        begin, rate, axes = switches[2 * k + 1], supports.blend[k], supports.between[k]
+        begin, rate, axes = starts[2 * k + 2], supports.blend[k], supports.between[k]
         phases.append(_blend_phase(begin, duration, rate, axes, signal, solved.end[k], problem))
-        phases.append(_single_phase(switches[2 * k + 2], k + 1, solved))
-    return phases + _stand_phases(switches[-1], 1, solved)
+        phases.append(_single_phase(starts[2 * k + 3], k + 1, solved))
+    return phases + _stand_phases(starts[-1], 1, solved)
 
 
 def _single_phase(start: float, k: int, solved: Solution) -> CentroidalPhase:
@@ -316,7 +291,7 @@ def _stand_phases(start: float, end: int, solved: Solution) -> list[CentroidalPh
 
 
 def _refuse(
-    footsteps: Sequence[Footstep], walk: Walk, body: BodyDescription, plan: CentroidalPlan, first: int
+    footsteps: Sequence[Footstep], solved: Solution, body: BodyDescription, plan: CentroidalPlan, first: int
 ) -> None:
     """Refuse feet that cross, a ZMP near an edge, and a trunk that turns too far."""
     refuse_crossing(footsteps, body.sole, first)
@@ -331,7 +306,7 @@ def _refuse(
             unit="m",
             way_out="shorten or narrow the steps about it, or give them more time",
         )
-    tilt = trunk_tilt(walk.solved)
+    tilt = trunk_tilt(solved)
     worst = int(tilt.argmax())
     if not tilt[worst] <= LARGEST_TILT:
         raise BodilyRefusal(

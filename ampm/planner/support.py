@@ -11,7 +11,7 @@ from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.contacts import times_within
 from ampm.planner.feet import FeetPlan
-from ampm.planner.periodic import plan_with_next_step
+from ampm.planner.periodic import gait_contacts, plan_gait
 from ampm.planner.stride import plan_feet
 
 _BESIDE_JUMP = 1e-9  # how far beside a jump of the support its two sides are evaluated [s]
@@ -111,7 +111,8 @@ def plan_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: So
         MathematicalRefusal: the closed form has no solution, or none that can be computed.
     """
     # One step further than the walk: at its end the rear foot is about to leave, as at any other switch.
-    plan, further = plan_with_next_step(gait, mass)
+    plan = plan_gait(gait, mass)
+    further = gait_contacts(gait, plan.constants, gait.steps + 1)
     return StepPlan.of(plan, feet=plan_feet(further, foot, sole))
 
 
