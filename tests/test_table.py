@@ -12,8 +12,8 @@ from ampm.body.motion import PeriodicPosture
 from ampm.exceptions import BodilyRefusal
 from ampm.parameters import GRAVITY
 from ampm.planner import routes
-from ampm.planner.centroidal import CentroidalPlan
-from ampm.planner.sampled import NO_CONSTANTS, sampled_plan
+from ampm.planner.centroidal import CentroidalPlan, PlanConstants
+from ampm.planner.sampled import sampled_plan
 from ampm.planner.support import plan_steps
 from ampm.planner.table import repeats, table_motion
 from ampm.planners import TablePlanner
@@ -35,7 +35,7 @@ def table_of(plan, rate=200.0):
 
 def read(table, height=0.865):
     motion = table_motion(table)
-    bare = CentroidalPlan(60.0, GRAVITY, height, 1.0, motion.pop("contacts"), (), NO_CONSTANTS)
+    bare = CentroidalPlan(60.0, GRAVITY, height, 1.0, motion.pop("contacts"), (), PlanConstants())
     return sampled_plan(bare, **motion)
 
 

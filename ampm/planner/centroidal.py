@@ -53,7 +53,7 @@ class CentroidalPhase(NamedTuple):
 
 
 def _constant(unit: str, meaning: str) -> Any:
-    return field(metadata={"unit": unit, "meaning": meaning})
+    return field(default=0.0, metadata={"unit": unit, "meaning": meaning})
 
 
 JUMP = 0.01
@@ -64,7 +64,10 @@ MAY_JUMP = ("com_acceleration", "zmp", "moment")
 
 @dataclass(frozen=True)
 class PlanConstants:
-    """Constants of a gait, symbols of the paper; the metadata of each field give its unit and meaning."""
+    """Constants of a gait, symbols of the paper; the metadata of each field give its unit and meaning.
+
+    All are zero while they are still to be read from the motion of a plan.
+    """
 
     l_s: float = _constant("m", "half the COM's travel in single support")
     l_d: float = _constant("m", "half the COM's travel in double support")

@@ -4,6 +4,7 @@ t = 0 is the start of the first single support, on the left foot, whose referenc
 """
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,9 +81,7 @@ def _refuse_rounded(plan: CentroidalPlan, *, plain: bool) -> None:
 
 def _mirrored(law: AffineLaw) -> AffineLaw:
     """A lateral law for the other stance foot."""
-    return AffineLaw(
-        law.rate, law.zmp_slope, law.force_slope, law.duration, -law.even, -law.odd, -law.zmp_offset
-    )
+    return replace(law, even=-law.even, odd=-law.odd, zmp_offset=-law.zmp_offset)
 
 
 def _assemble(gait: GaitParameters, mass: float, first: StepLaws) -> CentroidalPlan:
