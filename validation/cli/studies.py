@@ -203,8 +203,7 @@ def explain(
     """Say which part of a trial makes it fail.
 
     The trial is walked again with one layer made ideal at a time: sensing, motors, body, friction, floor,
-    contact law, numerics, controller, planner, pushes. If no single layer restores the pass, pairs of the
-    best three are tried. The folder of a run gets explain.json, which 'ampm
+    contact law, numerics, controller, planner, pushes. The folder of a run gets explain.json, which 'ampm
     report' shows.
     """
     from validation.study.explain import explain as study
