@@ -20,7 +20,7 @@ from validation.trial.plan import Request, load_request, plan_walk
 STEPS = 6
 """Walked at every level, by default: the gait is periodic, and a record grows as the time step shrinks."""
 LEVELS = 4
-"""Levels of a numerical study by default: two triplets, the least that can confirm an order."""
+"""Levels of a numerical study: two triplets, the least that can confirm an order."""
 NUMERICAL: Mapping[str, tuple[str, float]] = {
     "time_step": ("simulation.time_step", 2.0),
     "ik_grid": ("solver.ik_time_step", 2.0),
@@ -44,21 +44,12 @@ have parameters of their own.
 ENGINES = ("mujoco", "drake")
 
 
-def studies(run: RunParameters, levels: int = LEVELS) -> list[Study]:
-    """Numerical studies of 3 to 6 levels, then those of contact law and, with Drake installed, engine.
-
-    Raises:
-        InputError: too few or too many levels.
-    """
-    if not 3 <= levels <= 6:
-        raise InputError(
-            f"--levels {levels}: an observed order takes 3 levels, a confirmed one 4, and beyond 6 a record "
-            "does not fit into the memory; choose 3 ... 6."
-        )
+def studies(run: RunParameters) -> list[Study]:
+    """Numerical studies, then those of contact law and, with Drake installed, engine."""
     own, found = parameter_values(run), []
     for name, (key, ratio) in NUMERICAL.items():
         # Rounded, so that a tenth of 5e-5 is written as 5e-6.
-        values = tuple(float(f"{own[key] / ratio**level:.15g}") for level in range(levels))
+        values = tuple(float(f"{own[key] / ratio**level:.15g}") for level in range(LEVELS))
         found.append(Study(name, key, values, ratio))
     for name, (key, factors) in CONTACT_MODELS.items():
         if key.startswith("drake.") == (run.simulation.engine == "drake"):
@@ -107,7 +98,6 @@ def convergence(
     settings: Sequence[str] = (),
     *,
     steps: int = STEPS,
-    levels: int = LEVELS,
     profile: str = "default",
     **execution: Unpack[Execution],
 ) -> Convergence:
@@ -117,7 +107,6 @@ def convergence(
         gait: parameters, preset or TOML file; normal by default.
         settings: ``key=value`` texts, for a preset or file.
         steps: walked at every level.
-        levels: of every numerical study.
         profile: name of the tolerance profile.
         execution: workers and folder, see :class:`validation.study.many.Execution`.
 
@@ -130,9 +119,8 @@ def convergence(
     limits, folder = profiles.profile(profile), study_folder(execution)
     request = load_request(gait, settings)
     request = replace(request, run=request.run.replace({"gait.steps": steps}))
-    studies(request.run, levels)  # refuse before anything is planned
     request = plan_walk(request, execution.get("progress")).request  # with all values
-    found = studies(request.run, levels)
+    found = studies(request.run)
     runs = runs_of(request.run, found)
     # The finest steps take longest. Started first, they leave no worker idle at the end.
     tasks = [
