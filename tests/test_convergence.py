@@ -164,7 +164,7 @@ def test_a_real_study_and_its_resumption(tmp_path, monkeypatch):
     known = matching([load_uncertainty(tmp_path)], load_request("flat", [*settings, "gait.steps=2"]))
     assert known.values["zmp_x_rmse"] == found.metrics["zmp_x_rmse"].uncertainty
     rows = (tmp_path / ROWS).read_text()
-    monkeypatch.setattr("validation.study.pool._columns", lambda work, options: pytest.fail("walked again"))
+    monkeypatch.setattr("validation.study.pool.attempt", lambda work, options: pytest.fail("walked again"))
     again = convergence.convergence("flat", settings, **options, resume=True)
     assert again.as_dict()["metrics"] == found.as_dict()["metrics"]
     assert (tmp_path / ROWS).read_text() == rows

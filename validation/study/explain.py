@@ -309,10 +309,7 @@ def explain(
         for change in possible(case)
     }
     label = f"{planned.name}: layers"
-    found = {
-        row["key"]: row
-        for row in walk_many(tasks.values(), count=len(tasks), label=label, unit="changes", **execution)
-    }
+    found = {row["key"]: row for row in walk_many(tasks.values(), label=label, unit="changes", **execution)}
     rows = []
     for change, task in tasks.items():
         row = found[task.key]
