@@ -152,9 +152,7 @@ def test_the_exit_status_follows_the_verdict(monkeypatch, capsys):
 
 def test_a_real_study_and_its_resumption(tmp_path, monkeypatch):
     """Two steps of the easy gait at three time steps."""
-    monkeypatch.setattr(convergence, "NUMERICAL", {"time_step": convergence.NUMERICAL["time_step"]})
-    monkeypatch.setattr(convergence, "CONTACT_MODELS", {})
-    monkeypatch.setattr(convergence, "ENGINES", ())
+    monkeypatch.setattr(convergence, "STUDIES", convergence.STUDIES[:1])
     settings = [*COARSE, "solver.ik_time_step=0.004"]
     monkeypatch.setattr(convergence, "LEVELS", 3)
     options = {"steps": 2, "workers": 0, "out": tmp_path}
