@@ -109,7 +109,7 @@ def test_only_regular_files_are_read(tmp_path):
             read(tmp_path / "latin.csv")
 
 
-@pytest.mark.parametrize("command", ["report .", "compare . .", "view ."])
+@pytest.mark.parametrize("command", ["report .", "compare . .", "view . --save a.rrd"])
 def test_the_results_of_a_sweep_are_read_without_its_code(command, ampm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("sweep.toml").write_text(
@@ -125,7 +125,7 @@ def test_changed_runs_are_not_viewed(ampm, run_of, tmp_path):
     (tmp_path / "run" / "recording.rrd").write_bytes(b"RRF2")
     with (tmp_path / "run" / "run.toml").open("a") as file:
         file.write("\n")
-    answer = ampm("view", tmp_path / "run")
+    answer = ampm("view", tmp_path / "run", "--save", tmp_path / "a.rrd")
     assert answer.status == 2
     assert "run.toml has changed since the run was judged" in answer.err
 

@@ -1,4 +1,4 @@
-"""Recordings hold the data they are drawn from."""
+"""Recordings hold the data they are drawn from, and stand side by side on the gait's phase."""
 
 import subprocess
 import sys
@@ -12,20 +12,36 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
-from tests.saved_run import make_run
+from tests.saved_run import COARSE, make_run
+from validation.cli.app import Status, call
 from validation.cli.view import recording_of
 from validation.show.curves import DIFFERENCES
-from validation.show.rerun.record import RECORDING_FILE, write_recording
+from validation.show.rerun.record import RECORDING_FILE, SINGLE_SUPPORT, write_recording
+from validation.show.rerun.views import PHASE
 from validation.store.record import load_record
+from validation.store.saved import load_saved_run
 from validation.store.signals import load_signals
+
+SLOW = ("gait.switching_velocity=0.9", "gait.a_s=2.4")
 
 
 @pytest.fixture(scope="module")
-def one(tmp_path_factory):
-    """Folder of a run with its recording."""
-    folder = make_run(tmp_path_factory.mktemp("walks") / "one", steps=4)
-    assert write_recording(folder) == folder / RECORDING_FILE
-    return folder
+def walks(tmp_path_factory):
+    """Folders of runs with recordings: a gait, the same again but shorter, and a slower one."""
+    base = tmp_path_factory.mktemp("walks")
+    folders = {
+        "one": make_run(base / "one", steps=4),
+        "two": make_run(base / "two", steps=2),
+        "slow": make_run(base / "slow", steps=4, settings=(*COARSE, *SLOW)),
+    }
+    for folder in folders.values():
+        assert write_recording(folder) == folder / RECORDING_FILE
+    return folders
+
+
+@pytest.fixture
+def one(walks):
+    return walks["one"]
 
 
 def assert_rrd(command: str, *files: Path) -> None:
@@ -49,6 +65,21 @@ def column(path: Path, entity: str, name: str) -> np.ndarray:
     """Values of a component at all times, or one of its time lines [s]."""
     values = batches(path, entity)[0].column(name)
     return np.array(values.to_pylist()) if ":" in name else values.to_numpy() / np.timedelta64(1, "s")
+
+
+def last_static(path: Path, entity: str, column: str) -> Any:
+    """Value of a static component in the viewer: the newest by row id."""
+    rows = [
+        (batch.column(0)[row].as_py(), batch.column(column)[row].as_py())
+        for batch in batches(path, entity, static=True)
+        if column in batch.schema.names
+        for row in range(batch.num_rows)
+    ]
+    return max(rows)[1]
+
+
+def save(*arguments: object) -> int:
+    return call(["view", *(str(argument) for argument in arguments)])
 
 
 def test_series_are_the_signals_bit_for_bit(one):
@@ -93,17 +124,48 @@ def test_a_recording_is_sound_small_and_has_what_a_viewer_must_show(one, tmp_pat
     assert_rrd("compare", path, again)  # of an identical run
 
 
-def test_runs_of_other_signals_are_other_recordings(one, tmp_path):
-    """A viewer puts recordings of one key into one."""
-    short = write_recording(make_run(tmp_path / "short", steps=2))
-    keys = [RrdReader(path).recordings()[0].recording_id for path in (one / RECORDING_FILE, short)]
-    assert keys[0] != keys[1]
+def test_several_runs_are_in_one_file_with_curves_in_a_colour_of_each(walks, tmp_path):
+    target = tmp_path / "both.rrd"
+    assert save(walks["one"], walks["two"], "--save", target) == Status.PASS
+    assert_rrd("verify", target)
+    for letter, name in (("a", "one"), ("b", "two")):
+        own = entities(walks[name] / RECORDING_FILE)
+        assert {f"/{letter}{entity}".rstrip("/") for entity in own} <= entities(target)
+        shown = last_static(target, f"/{letter}/residual/zmp", "SeriesLines:names")
+        assert shown == [f"{name} x", f"{name} y"]
+    colours = [last_static(target, f"/{which}/signals/zmp_x", "SeriesLines:colors") for which in "ab"]
+    assert not {*colours[0]} & {*colours[1]}
 
 
-def test_a_run_without_a_recording_gets_one_and_a_file_is_shown_as_it_is(tmp_path):
-    folder = make_run(tmp_path / "run", steps=2)
-    recording = recording_of(folder)
-    assert recording == folder / RECORDING_FILE
-    assert recording_of(recording) == recording
+def test_phases_of_different_gaits_coincide_and_data_is_not_touched(walks, tmp_path):
+    target = tmp_path / "both.rrd"
+    assert save(walks["one"], walks["slow"], "--save", target) == Status.PASS
+    signals = load_signals(walks["slow"] / "signals.parquet")
+    values = column(target, "/b/signals/force_z", "Scalars:scalars")
+    np.testing.assert_array_equal(values[:, 2], signals["measured_force_z"])
+    for which, name in (("a", "one"), ("b", "slow")):
+        plan = load_saved_run(walks[name]).plan()
+        assert plan is not None
+        seconds, phase = (column(target, f"/{which}/signals/zmp_x", line) for line in ("sim_time", PHASE))
+        assert (np.diff(phase) > 0).all()
+        starts = np.array([p.start for p in plan.contacts.phases])
+        expected = np.arange(len(starts)) // 2 + np.where(np.arange(len(starts)) % 2, SINGLE_SUPPORT, 0.0)
+        # The label of a phase begins at the first sample in it, one step of the simulation late at most.
+        pace = 0.005
+        np.testing.assert_allclose(np.interp(starts, seconds, phase), expected, atol=pace)
+        assert phase[-1] == pytest.approx(4.0, abs=2 * pace)
+
+
+def test_one_target_is_saved_as_it_is_and_an_existing_file_is_kept(one, tmp_path, capsys):
+    target = tmp_path / "copy.rrd"
+    target.write_bytes(b"mine")
+    assert save(one, "--save", target) == Status.REFUSED
+    assert target.read_bytes() == b"mine"
+    assert "--force" in capsys.readouterr().err
+    assert save(one, "--save", target, "--force") == Status.PASS
+    assert target.read_bytes() == (one / RECORDING_FILE).read_bytes()
+
+
+def test_the_folder_of_a_sweep_has_no_recording_of_its_own(one):
     with pytest.raises(InputError, match="such as recordings/NAME of a sweep"):
-        recording_of(tmp_path)
+        recording_of([one.parent], one)

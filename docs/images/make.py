@@ -1,6 +1,7 @@
-"""Draw the pictures of the documentation again: ``python docs/images/make.py MOMENTUM TIME``.
+"""Draw the pictures of the documentation again: ``python docs/images/make.py MOMENTUM TIME RUN RUN``.
 
-The folder is a run of this preset; the time is the end of a single support of it [s].
+The first folder is a run of this preset; the time is the end of a single support of it [s]. The other two are
+shown together: ``normal`` with 8 steps and ``controller.hold`` ``zero-order`` and ``first-order``.
 
 Needs a Vulkan driver; Mesa's software one will do (``mesa-vulkan-drivers`` on Debian).
 """
@@ -14,7 +15,9 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from validation.cli.view import recording_of
 from validation.show.plan import plot_plan
+from validation.show.rerun.views import PHASE
 from validation.trial.plan import load_request, plan_walk
 
 HERE = Path(__file__).resolve().parent
@@ -27,6 +30,7 @@ def picture_of_recording(
     time_at: float,
     target: Path,
     *,
+    timeline: str = "sim_time",
     port: int = 9911,
     box: tuple[int, int, int, int] | None = None,
     width: int | None = None,
@@ -37,6 +41,7 @@ def picture_of_recording(
         recording: the file.
         time_at: place on the timeline [s].
         target: PNG to write.
+        timeline: name of the timeline.
         port: a free TCP port.
         box: part that is kept: left, top, right, bottom [px]; all of it if not given.
         width: of the picture [px]; as large as it is drawn if not given.
@@ -51,7 +56,7 @@ def picture_of_recording(
         shot = Path(folder) / "shot.png"
         viewer.open(str(recording.resolve()))
         time.sleep(4.0)
-        viewer.set_time("sim_time", duration=time_at, play_state="paused")
+        viewer.set_time(timeline, duration=time_at, play_state="paused")
         time.sleep(4.0)
         for _ in range(5):  # software rendering on a busy machine may take longer than the viewer waits
             with contextlib.suppress(TimeoutError):
@@ -62,6 +67,12 @@ def picture_of_recording(
         if width:
             image = image.resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)
         image.quantize(192, dither=Image.Dither.NONE).save(target, optimize=True)
+
+
+def picture_of_several(folders: list[Path], phase: float, target: Path) -> None:
+    """Save the viewer's picture of several runs of one gait at one phase."""
+    with tempfile.TemporaryDirectory() as folder:
+        picture_of_recording(recording_of(folders, Path(folder)), phase, target, timeline=PHASE, port=9912)
 
 
 def picture_of_plan(gait: str, target: Path) -> None:
@@ -75,4 +86,6 @@ def picture_of_plan(gait: str, target: Path) -> None:
 
 if __name__ == "__main__":
     picture_of_plan("momentum", HERE / "plan.png")
-    picture_of_recording(Path(sys.argv[1], "recording.rrd"), float(sys.argv[2]), HERE / "recording.png")
+    momentum, *overlaid = (Path(argument) for argument in (sys.argv[1], *sys.argv[3:]))
+    picture_of_recording(momentum / "recording.rrd", float(sys.argv[2]), HERE / "recording.png")
+    picture_of_several(overlaid, 4.3, HERE / "overlay.png")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -10,8 +13,9 @@ import typer
 from ampm.exceptions import InputError
 from validation.cli import options
 from validation.cli.console import Narrator
-from validation.cli.options import option
-from validation.show.viewer import show_recording
+from validation.cli.options import Status, option
+from validation.show.viewer import show_recording, viewer_command
+from validation.store.folders import check_new_file, output_file
 
 app = typer.Typer()
 
@@ -21,36 +25,61 @@ RECORDING_FILE, SUMMARY_FILE = "recording.rrd", "summary.json"
 @app.command(rich_help_panel=options.LOOK)
 def view(
     targets: Annotated[
-        list[Path], typer.Argument(help="Folders of runs, or recordings.", metavar="DIR|FILE.rrd")
+        list[Path], typer.Argument(help="Folders of runs, or one recording to show.", metavar="DIR|FILE.rrd")
     ],
-    web: Annotated[bool, option("--web", "Show them in a web browser.")] = False,
+    save: Annotated[
+        Path | None, option("--save", "Write what would be shown; opens nothing.", "FILE.rrd")
+    ] = None,
+    web: Annotated[bool, option("--web", "Show it in a web browser.")] = False,
+    force: Annotated[bool, option("--force", "Replace an earlier file at --save.")] = False,
 ) -> int:
     """Open recordings in the Rerun viewer, one or several.
 
-    The folder of a run gets its recording.rrd if it has none. Of several recordings the viewer shows the one
-    that is chosen on its left.
+    One run opens unchanged. Several are aligned on the phase of the gait: the bodies stand side by side, and
+    the curves lie over each other.
     """
-    return show_recording(*map(recording_of, targets), web=web)
+    if save is None:
+        viewer_command(targets[0], web=web)  # refuses if there is no viewer or display
+        if len(targets) == 1 and targets[0].suffix == ".rrd" and targets[0].is_file():
+            return show_recording(targets[0], web=web)
+    else:
+        check_new_file(save, ".rrd", force=force)
+    with tempfile.TemporaryDirectory(prefix="ampm-view-") as folder:
+        shown = recording_of(targets, Path(folder))
+        if save is None:
+            return show_recording(shown, web=web)
+        with output_file(save, force=force) as work:
+            shutil.copyfile(shown, work)
+    Narrator().wrote(save)
+    return Status.PASS
 
 
-def recording_of(target: Path) -> Path:
-    """The recording of a run, drawn if it has none, or a recording itself.
+def recording_of(targets: Sequence[Path], folder: Path) -> Path:
+    """The recording of one run, or a file in a folder with those of several.
 
     Raises:
-        InputError: a target is neither, or a file of the run has changed.
+        InputError: a target is not a run, or a file of it has changed.
     """
-    if target.suffix == ".rrd" and target.is_file():
-        return target
-    if not (target / SUMMARY_FILE).is_file():
-        raise InputError(
-            f"{target} is not a run; give folders of runs, such as recordings/NAME of a sweep, or .rrd files."
-        )
+    for target in targets:
+        if not (target / SUMMARY_FILE).is_file():
+            raise InputError(
+                f"{target} is not a run; give folders of runs, such as recordings/NAME of a sweep. One .rrd "
+                "file alone is shown as it is."
+            )
     # Imported here because rerun is slow to load.
-    from validation.show.rerun.record import write_recording
+    from validation.show.rerun.record import write_recording, write_several
     from validation.store.saved import load_saved_run
 
-    saved = load_saved_run(target)
-    if (target / RECORDING_FILE).is_file():
-        return target / RECORDING_FILE
+    runs = [load_saved_run(target) for target in targets]
+    if len(runs) == 1 and (targets[0] / RECORDING_FILE).is_file():
+        return targets[0] / RECORDING_FILE
     with Narrator().stage("recording"):
-        return write_recording(saved)
+        if len(runs) == 1:
+            return write_recording(runs[0])
+        names = [target.resolve().name for target in targets]
+        if len(set(names)) < len(names):  # two revisions of one gait
+            names = [str(target) for target in targets]
+        if len(set(names)) < len(names):
+            raise InputError(f"{', '.join(names)}: give every run once.")
+        write_several(dict(zip(names, runs, strict=True)), folder / RECORDING_FILE)
+    return folder / RECORDING_FILE

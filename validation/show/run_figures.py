@@ -68,9 +68,10 @@ class RunFigures:
         """All pictures with their numbers, by section, in the order of the page."""
         is_log, is_free = self.saved.is_log, self.saved.is_free
         poses = [] if is_log else draw_walker(self.saved, self.plan, self.window)
+        moved = self.saved.summary.get("ahead", {}).get("judged")
         found = {
             "walker": [self.walker(poses)] if poses else [],
-            "zmp": self.tracked("zmp", "xy"),
+            "zmp": self.tracked("zmp", "xy") + ([self.ahead()] if moved else []),
             "above": [self.top_view()],
             "split": [] if is_log or is_free else [self.causes(axis) for axis in "xy"],
             "force": self.tracked("force", "xyz"),
@@ -156,6 +157,20 @@ class RunFigures:
         shade_double_support(chart, signals, rows)
         chart.name(title, f"[{curve.unit}]")
         return chart
+
+    def ahead(self) -> Picture:
+        """RMS errors of the ZMP by how long before each instant the plan stood."""
+        (chart,) = charts = new_charts(2.3)
+        ahead = self.saved.summary["ahead"]
+        for name, color in zip(("zmp_x", "zmp_y"), PARTS, strict=False):
+            values = 1e3 * np.array(ahead["rmse"][name], dtype=float)
+            chart.line(ahead["lead"], values, color, 1.3, label=SIGNALS[name].direction)
+            chart.dots(ahead["lead"], values, color, 5.0)
+        chart.instant(ahead["judged"], FAINT, dash=DASHED)
+        chart.ylim = (0.0, None)
+        chart.name("ZMP, RMS error from the plan as it stood before", "[mm]", "age of the plan [s]")
+        caption = "Dashed: the age by which this walk is judged."
+        return Picture(charts, "RMS error of the ZMP by the age of the plan", caption)
 
     def differing(self, entity: str) -> list[Picture]:
         """Difference of two vectors, over the whole run; none where one was not measured."""

@@ -4,14 +4,21 @@ World frame, SI units. 3D data are float32 at about 100 pictures a second. Curve
 every 2 ms at most and both sides of every switch, so that a small time step does not make the file large.
 ``signals.parquet`` has every step.
 
-The timeline ``sim_time`` counts seconds.
+Several runs are put into one recording under prefixes (``a/world/...``), because a viewer's panel shows
+entities of one recording only: bodies stand side by side, curves lie over each other.
+
+There are two timelines: ``sim_time`` counts seconds, ``gait_phase`` walking steps: 3.4 is within the fourth.
+On the latter a single support takes the first :data:`SINGLE_SUPPORT` of a step and a double support the rest,
+whatever their durations, so that touch-downs and lift-offs of different gaits coincide. A second on it is a
+step: Rerun has no timeline without a unit.
 """
 
 import logging
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any
 
 import mujoco
@@ -19,6 +26,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from ampm.exceptions import InputError
 from ampm.geometry import Array, convex_hull
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
@@ -29,7 +37,7 @@ from validation.show.rerun.views import COMMAND, FAINT, LEFT, MEASURED, PLAN, RI
 from validation.store.folders import output_file
 from validation.store.saved import RECORDING_FILE as RECORDING_FILE
 from validation.store.saved import SavedRun, load_saved_run, run_events
-from validation.store.signals import SIGNALS_FILE, changes
+from validation.store.signals import Signals, changes
 from validation.trial.record import support_height
 
 PICTURE_RATE = 100.0
@@ -40,6 +48,9 @@ CURVE_STEP = 0.002
 
 MOST_PICTURES, MOST_SAMPLES = 3_000, 15_000
 """Pictures and samples of a curve in a recording: of a longer walk they are farther apart."""
+
+SINGLE_SUPPORT = 0.8
+"""Share of a step on ``gait_phase`` that a single support takes; about that of a walk."""
 
 FORCE_SCALE = 1.0 / 500.0
 """Length of a force arrow [m/N]: the weight of a person reaches from the floor past the COM, to show whether
@@ -54,6 +65,10 @@ Lines = Mapping[str, Color]
 """Name to colour of the columns of an entity."""
 Curves = tuple[Array, Mapping[str, tuple[Array, Lines]]]
 """Times, shape (N,) [s]; entity to values, shape (N, k), and name and colour of every column."""
+_HIDDEN = ("command", "first_plan")
+"""Curves that are not shown beside those of other runs."""
+_SHARES = {"plan": 0.5, "motion": 0.5, "y": 0.65, "z": 0.4}
+"""Brightness of curves in the colour of their run; of others it is 1."""
 
 
 def write_recording(run: str | Path | SavedRun) -> Path:
@@ -70,22 +85,45 @@ def write_recording(run: str | Path | SavedRun) -> Path:
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path, curves = saved.directory / RECORDING_FILE, _curves(saved)
-    ranges = {entity: views.axis_range(values) for entity, (values, _) in curves[1].items()}
-    # A viewer puts recordings of one key into one; that of a run is of its signals.
-    key = str(saved.summary["files"][SIGNALS_FILE])
-    with _open_stream(key, path, views.run_blueprint(ranges)) as stream:
+    with _open_stream("ampm", "ampm-run", path, views.run_blueprint(_ranges([curves]))) as stream:
         _Log(stream, saved).everything(curves)
     return path
 
 
+def write_several(runs: Mapping[str, SavedRun], path: Path) -> None:
+    """Write one recording of two or more runs, by their names; an existing file is replaced.
+
+    Raises:
+        InputError: there are too many.
+    """
+    most = len(views.RUN_COLORS)
+    if len(runs) > most:
+        raise InputError(f"{len(runs)} recordings are too many for one view; give {most} at most.")
+    curves = [_curves(saved) for saved in runs.values()]
+    names = {f"/{letter}": name for letter, name in zip(ascii_lowercase, runs, strict=False)}
+    blueprint = views.several_blueprint(names, _ranges(curves))
+    with _open_stream("ampm-beside", "ampm-beside", path, blueprint) as stream:
+        for (at, name), drawn, color in zip(names.items(), curves, views.RUN_COLORS, strict=False):
+            _Log(stream, runs[name], at, name, color).everything(drawn)
+
+
+def _ranges(runs: Sequence[Curves]) -> views.Ranges:
+    """Ends of the vertical axes of all curves, together for all runs."""
+    found: dict[str, list[Array]] = {}
+    for _, curves in runs:
+        for entity, (values, _) in curves.items():
+            found.setdefault(entity, []).append(values.ravel())
+    return {entity: views.axis_range(np.concatenate(parts)) for entity, parts in found.items()}
+
+
 @contextmanager
-def _open_stream(key: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
-    """A stream into a file, with a given key: equal runs give equal files (``rerun rrd compare``)."""
+def _open_stream(name: str, key: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
+    """A stream into a file, with a fixed key: equal runs give equal files (``rerun rrd compare``)."""
     # The SDK logs every file that it saves.
     logging.getLogger("rerun").setLevel(logging.ERROR)
     # Chunks end where they are full or the file does, never by the clock.
     whole = rr.ChunkBatcherConfig.NEVER()
-    stream = rr.RecordingStream("ampm", recording_id=key, send_properties=False, batcher_config=whole)
+    stream = rr.RecordingStream(name, recording_id=key, send_properties=False, batcher_config=whole)
     # In memory first: where the disk is full, the SDK's own file never ends its flush.
     memory = stream.memory_recording()
     stream.send_blueprint(blueprint, make_active=False, make_default=True)
@@ -96,10 +134,17 @@ def _open_stream(key: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[rr.
 
 
 class _Log:
-    """A recording stream: column-wise data of a run; N pictures at ``times`` [s]."""
+    """A recording stream: column-wise data of one run on both timelines; N pictures at ``times`` [s].
 
-    def __init__(self, stream: rr.RecordingStream, saved: SavedRun) -> None:
+    Beside other runs it has a prefix, such as ``/a``, a name, and a colour of its curves.
+    """
+
+    def __init__(
+        self, stream: rr.RecordingStream, saved: SavedRun, at: str = "", name: str = "", color: Color = PLAN
+    ) -> None:
         self.stream, self.saved, self.record = stream, saved, saved.record
+        self.at, self.name, self.color = at, name, color
+        self.pace = _gait_phase(saved.signals, saved.record.outcome.time)
         least = max(1.0 / PICTURE_RATE, saved.record.outcome.time / MOST_PICTURES)
         if saved.is_log:
             self.states = np.zeros(0, np.intp)
@@ -114,7 +159,7 @@ class _Log:
 
     def everything(self, curves: Curves) -> None:
         """Verdict, body, floor, curves, phases and events."""
-        self.stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self.stream.log(self.at or "/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         verdict = rr.TextDocument(verdict_markdown(self.saved), media_type=rr.MediaType.MARKDOWN)
         self.static("verdict", verdict)
         if not self.saved.is_log:
@@ -131,12 +176,15 @@ class _Log:
 
     def static(self, entity: str, *archetypes: Any) -> None:
         for archetype in archetypes:
-            self.stream.log(entity, archetype, static=True)
+            self.stream.log(f"{self.at}/{entity}", archetype, static=True)
 
     def columns(self, entity: str, times: Array, columns: Iterable[Any]) -> None:
         # Rounded: the SDK cuts seconds off to nanoseconds, and 2.05 s would become 2.049999999 s.
-        index = rr.TimeColumn(views.TIMELINE, duration=np.round(1e9 * times).astype("timedelta64[ns]"))
-        self.stream.send_columns(entity, indexes=[index], columns=columns)
+        indexes = [
+            rr.TimeColumn(name, duration=np.round(1e9 * np.asarray(at)).astype("timedelta64[ns]"))
+            for name, at in ((views.TIMELINE, times), (views.PHASE, np.interp(times, *self.pace)))
+        ]
+        self.stream.send_columns(f"{self.at}/{entity}", indexes=indexes, columns=columns)
 
     def shapes(self, entity: str, kind: Any, color: Color, radius: float, **parts: Array) -> None:
         """Send one shape per picture; none where it is not defined."""
@@ -151,9 +199,16 @@ class _Log:
 
     def series(self, entity: str, times: Array, values: Array, lines: Lines) -> None:
         """Send ``values`` (N, k) as one wide entity, a third of the size of k narrow ones; NaN is a gap."""
+        names, colors, shown = list(lines), list(lines.values()), [True] * len(lines)
         # The plan is a broad line below the others, to stay visible where they agree.
-        widths = [4.0 if name == "plan" else 1.5 for name in lines]
-        self.static(entity, rr.SeriesLines(names=list(lines), colors=list(lines.values()), widths=widths))
+        widths = [4.0 if name == "plan" and not self.name else 1.5 for name in names]
+        if self.name:  # beside other runs
+            red, green, blue, _ = self.color
+            shares = [_SHARES.get(name, 1.0) for name in names]
+            colors = [(round(k * red), round(k * green), round(k * blue), 255) for k in shares]
+            shown = [name not in _HIDDEN for name in names]
+            names = [f"{self.name} {name}" for name in names]
+        self.static(entity, rr.SeriesLines(names=names, colors=colors, widths=widths, visible_series=shown))
         self.columns(entity, times, rr.Scalars.columns(scalars=np.ascontiguousarray(values)))
 
     def body(self, model: mujoco.MjModel) -> None:
@@ -262,6 +317,21 @@ class _Log:
             change = changes(states)
             begun = [str(state) for state in states[change]]
             self.columns(f"phase/{name}", signals.time[change], rr.StateChange.columns(state=begun))
+
+
+def _gait_phase(signals: Signals, end: float) -> tuple[Array, Array]:
+    """Times at which the planned phases begin, and their places on ``gait_phase``; last of all the end."""
+    begun = signals.switches()
+    if not len(begun):
+        return np.zeros(1), np.zeros(1)
+    starts, both = signals.time[begun], signals["phase"][begun] == "double_support"
+    phases = np.maximum(np.cumsum(~both) - 1.0, 0.0) + np.where(both, SINGLE_SUPPORT, 0.0)
+    # The last phase may be incomplete: it has the rate of its kind.
+    length = np.diff(starts)[both[:-1] == both[-1]]
+    left = max(end, float(signals.time[-1])) - starts[-1]
+    usual = float(np.median(length)) if len(length) else max(left, 1e-9)
+    share = 1.0 - SINGLE_SUPPORT if both[-1] else SINGLE_SUPPORT
+    return np.append(starts, starts[-1] + left), np.append(phases, phases[-1] + share * left / usual)
 
 
 def _stride(step: float, least: float) -> int:

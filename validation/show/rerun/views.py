@@ -1,7 +1,8 @@
-"""Views of recordings: colours, panels and layout."""
+"""Views of recordings: colours, panels and layouts, of one run and of several."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -11,10 +12,12 @@ from ampm.geometry import Array
 from validation.show.curves import CURVES, DIFFERENCES, VELOCITIES
 
 Color = tuple[int, int, int, int]
+Labels = Mapping[str, str]
+"""Prefix of the names of a run's entities, such as ``/a``, to its displayed name."""
 Ranges = Mapping[str, tuple[float, float]]
 """Entity that is a curve to the ends of its vertical axis."""
 
-TIMELINE = "sim_time"
+TIMELINE, PHASE = "sim_time", "gait_phase"
 
 PLAN: Color = (86, 180, 233, 255)
 COMMAND: Color = (46, 200, 140, 255)
@@ -23,6 +26,8 @@ LEFT: Color = (240, 98, 146, 255)
 RIGHT: Color = (255, 213, 79, 255)
 FAINT: Color = (130, 140, 155, 90)
 GROUND: Color = (24, 27, 33, 255)
+RUN_COLORS: Sequence[Color] = (PLAN, MEASURED, (120, 220, 120, 255), (230, 140, 255, 255), RIGHT, LEFT)
+"""Colours of the curves of several runs."""
 
 _TITLES = {
     **{f"signals/{column}": f"{curve.title} [{curve.unit}]" for column, curve in CURVES.items()},
@@ -71,26 +76,33 @@ def axis_range(values: Array) -> tuple[float, float]:
 
 
 def run_blueprint(ranges: Ranges) -> rrb.Blueprint:
-    """Body and ZMP from above on the left; verdict, events, curves and phases on the right; it plays."""
-    columns = rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["loglevel", "body"])
+    """Of one run: body and ZMP from above on the left; verdict and curves on the right."""
+    colors = "Plan blue, command green, measured orange, left foot pink, right foot yellow"
+    left = _scenes("", colors, "From above: ZMP, COM, soles and planned support")
     right = rrb.Vertical(
-        rrb.Horizontal(
-            rrb.TextDocumentView(name="Verdict", origin="/verdict"),
-            rrb.TextLogView(name="Events", origin="/events", columns=columns),
-            column_shares=[3, 2],
-        ),
-        _tabs(ranges),
+        rrb.Horizontal(_verdict_view("Verdict", ""), _events_view("Events", ""), column_shares=[3, 2]),
+        _tabs([""], ranges),
         rrb.StateTimelineView(name="Phase and contact", origin="/phase", time_view=_near()),
         row_shares=[6, 17, 4],
     )
-    return rrb.Blueprint(
-        rrb.Horizontal(_scenes(), right),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="playing", loop_mode="all"),
-        auto_layout=False,
-        auto_views=False,
+    return _laid_out(rrb.Horizontal(left, right), TIMELINE)
+
+
+def several_blueprint(runs: Labels, ranges: Ranges) -> rrb.Blueprint:
+    """Of several runs: bodies side by side, curves over each other, all at the same phase of the gait."""
+    columns = [_scenes(at, label, f"{label} from above") for at, label in runs.items()]
+    lanes = [f"{at}/phase/{kind}_stance" for at in runs for kind in ("planned", "measured")]
+    title = "Stance; a second on this timeline is a step"
+    below = rrb.Horizontal(
+        _tabs(list(runs), ranges),
+        rrb.Vertical(
+            rrb.Tabs(*(_verdict_view(label, at) for at, label in runs.items())),
+            rrb.Tabs(*(_events_view(f"Events of {label}", at) for at, label in runs.items())),
+            rrb.StateTimelineView(name=title, contents=lanes, time_view=_near()),
+        ),
+        column_shares=[2, 1],
     )
+    return _laid_out(rrb.Vertical(rrb.Horizontal(*columns), below, row_shares=[4, 3]), PHASE)
 
 
 def _near() -> rrb.TimeAxis:
@@ -100,35 +112,35 @@ def _near() -> rrb.TimeAxis:
     return rrb.TimeAxis(view_range=window)
 
 
-def _plot(entity: str, ranges: Ranges) -> rrb.TimeSeriesView:
-    """Curves of one entity: signals about the cursor, others over the whole run."""
-    title = _TITLES[entity]
+def _plot(entity: str, runs: Sequence[str], ranges: Ranges) -> rrb.TimeSeriesView:
+    """Curves of one entity of some runs: signals about the cursor, others over the whole run."""
+    is_signal, title = entity.startswith("signals/"), _TITLES[entity]
     if "signals/yaw_rate" in ranges:  # there is no plan
         title = title.replace(", from the planned COM", "").replace(", from the plan", "")
     return rrb.TimeSeriesView(
         name=title,
-        contents=[f"/{entity}"],
-        axis_x=_near() if entity.startswith("signals/") else None,
+        contents=[f"{at}/{entity}" for at in runs],
+        axis_x=_near() if is_signal else None,
         axis_y=rrb.ScalarAxis(range=ranges[entity]) if entity in ranges else None,
-        plot_legend=rrb.PlotLegend(visible=True),
+        plot_legend=rrb.PlotLegend(visible=len(runs) == 1 or not is_signal),  # that of many would cover them
     )
 
 
-def _tabs(ranges: Ranges) -> rrb.Tabs:
-    """All curves."""
+def _tabs(runs: Sequence[str], ranges: Ranges) -> rrb.Tabs:
+    """All curves of some runs."""
     tabs = []
     for name, rows in _TABS.items():
         there = [[entity for entity in row if entity in ranges or not ranges] for row in rows]
-        lines = [rrb.Horizontal(*(_plot(entity, ranges) for entity in row)) for row in there if row]
+        lines = [rrb.Horizontal(*(_plot(entity, runs, ranges) for entity in row)) for row in there if row]
         tabs += [rrb.Vertical(*lines, name=name)] if lines else []
     return rrb.Tabs(*tabs, active_tab=0)
 
 
-def _scenes() -> rrb.Vertical:
-    """The body from the side, and soles and ZMP from above; the views move with it."""
-    world, color = "/world", rrb.Background(color=GROUND[:3])
+def _scenes(at: str, side: str, above: str) -> rrb.Vertical:
+    """The body from the side, and soles and ZMP from above, under these names; the views move with it."""
+    world, color = f"{at}/world", rrb.Background(color=GROUND[:3])
     body = rrb.Spatial3DView(
-        name="Plan blue, command green, measured orange, left foot pink, right foot yellow",
+        name=side,
         origin=f"{world}/follow",
         contents=[f"{world}/**", f"- {world}/floor/**", f"- {world}/feet/**", f"+ {world}/feet/+/contact"],
         background=color,
@@ -138,7 +150,7 @@ def _scenes() -> rrb.Vertical:
         ),
     )
     soles = rrb.Spatial3DView(
-        name="From above: ZMP, COM, soles and planned support",
+        name=above,
         origin=f"{world}/follow",
         contents=[f"{world}/{part}" for part in ("follow", "feet/**", "floor/**", "plan/**")],
         background=color,
@@ -146,3 +158,25 @@ def _scenes() -> rrb.Vertical:
         eye_controls=rrb.EyeControls3D(position=(0, 0, 0.85), look_target=(0, 0, 0), eye_up=(0, 1, 0)),
     )
     return rrb.Vertical(body, soles, row_shares=[3, 2])
+
+
+def _verdict_view(name: str, at: str) -> rrb.TextDocumentView:
+    return rrb.TextDocumentView(name=name, origin=f"{at}/verdict")
+
+
+def _events_view(name: str, at: str) -> rrb.TextLogView:
+    """List of events with their times."""
+    columns = rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["loglevel", "body"])
+    return rrb.TextLogView(name=name, origin=f"{at}/events", columns=columns)
+
+
+def _laid_out(root: Any, timeline: str) -> rrb.Blueprint:
+    """A blueprint that shows one container and plays."""
+    return rrb.Blueprint(
+        root,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state="playing", loop_mode="all"),
+        auto_layout=False,
+        auto_views=False,
+    )
