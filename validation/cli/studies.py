@@ -162,7 +162,6 @@ def robustness(
     replicas: Annotated[
         int, option("--replicas", "Walks for each push; four fifths have to survive.", "N")
     ] = 5,
-    profile: options.OwnProfile = None,
     execution: options.Running,
 ) -> int:
     """Find the pushes and disturbances that a gait survives.
@@ -177,7 +176,6 @@ def robustness(
         quick=quick,
         only=only or (),
         replicas=replicas,
-        profile=profile,
         **execution.given(),
     )
     execution.answer(found)
