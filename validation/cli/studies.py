@@ -118,9 +118,6 @@ def convergence(
     *,
     walk: options.WalkOptions,
     steps: Annotated[int, option("--steps", "Steps of every walk.", "N")] = 6,
-    levels: Annotated[
-        int, option("--levels", "Levels of every numerical study, 3 to 6; 4 can confirm an order.", "N")
-    ] = 4,
     profile: Annotated[str, option("--profile", f"Tolerance profile: {options.PROFILES}.", "P")] = "default",
     execution: options.Running,
 ) -> int:
@@ -137,7 +134,6 @@ def convergence(
     found = study(
         walk.request(gait),
         steps=steps,
-        levels=levels,
         profile=profile,
         **execution.given(),
     )
@@ -166,7 +162,6 @@ def robustness(
     replicas: Annotated[
         int, option("--replicas", "Walks for each push; four fifths have to survive.", "N")
     ] = 5,
-    profile: options.OwnProfile = None,
     execution: options.Running,
 ) -> int:
     """Find the pushes and disturbances that a gait survives.
@@ -181,7 +176,6 @@ def robustness(
         quick=quick,
         only=only or (),
         replicas=replicas,
-        profile=profile,
         **execution.given(),
     )
     execution.answer(found)
@@ -203,8 +197,7 @@ def explain(
     """Say which part of a trial makes it fail.
 
     The trial is walked again with one layer made ideal at a time: sensing, motors, body, friction, floor,
-    contact law, numerics, controller, planner, pushes. If no single layer restores the pass, pairs of the
-    best three are tried. The folder of a run gets explain.json, which 'ampm
+    contact law, numerics, controller, planner, pushes. The folder of a run gets explain.json, which 'ampm
     report' shows.
     """
     from validation.study.explain import explain as study

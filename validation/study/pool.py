@@ -84,7 +84,7 @@ def call(data: bytes, limit: float | None, client_code: str) -> Row:
         if limit is not None:
             faulthandler.dump_traceback_later(limit + GRACE, exit=True, file=nowhere)
         try:
-            return {"worker": str(worker.name), **_columns(work, options)}
+            return {"worker": str(worker.name), **attempt(work, options)}
         finally:
             faulthandler.cancel_dump_traceback_later()
 
@@ -103,7 +103,7 @@ def _unpacked(data: bytes) -> tuple[Work, Options]:
     return work, options
 
 
-def _columns(work: Work, options: Options) -> Row:
+def attempt(work: Work, options: Options) -> Row:
     """Columns of a run that is walked in this process, whatever ends it."""
     start = time.perf_counter()
     try:
@@ -188,7 +188,7 @@ class ThisProcess:
 
     def wait(self) -> Iterator[tuple[str, Row]]:
         """Walk it."""
-        yield "", {"worker": "", **_columns(*self._waiting.pop())}
+        yield "", {"worker": "", **attempt(*self._waiting.pop())}
 
 
 class Workers:
@@ -347,15 +347,11 @@ def _remote(address: str) -> Iterator[Any]:
     from distributed import Client  # slow to load
     from distributed.comm import resolve_address
 
-    where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
     try:
-        if "scheduler_file" in where:
-            if not isinstance(json.loads(read_text(Path(address)))["address"], str):  # a client would wait
-                raise ValueError("its address is not a text")
-        else:
-            resolve_address(address)  # with an invalid address a client waits for a minute
-        client = Client(**where, timeout=_CONNECT, set_as_default=False)
-    except (OSError, ValueError, TypeError, KeyError, TimeoutError, InputError) as error:
+        at = json.loads(read_text(Path(address)))["address"] if address.endswith(".json") else address
+        resolve_address(at)  # with an invalid address a client waits for a minute
+        client = Client(at, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError, TypeError, LookupError, AttributeError, TimeoutError, InputError) as error:
         raise InputError(
             f"no dask scheduler answers at --scheduler {address} ({error}); start one with 'dask scheduler', "
             "or leave the option out to run on this machine."
