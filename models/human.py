@@ -229,7 +229,7 @@ class Builder:
         mass = table.TOE_MASS_SHARE * whole.mass
         box = mass / 12.0 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y])
         toes = Inertial(mass, np.array([0.5 * (sole.ball_x + sole.tip_x), 0, 0.5 * z]), box)
-        return whole.minus(toes), toes
+        return whole.plus(Inertial(-toes.mass, toes.com, -toes.inertia)), toes
 
     def _arm(self, side: str) -> tuple[str, ...]:
         h = self.height
