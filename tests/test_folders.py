@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ampm.exceptions import InputError
-from validation.store.folders import check_target, output_file, run_folder
+from validation.store.folders import check_target, names_folder, output_file, run_folder
 
 
 def fill(folder, text="first"):
@@ -143,3 +143,12 @@ def test_what_a_kill_leaves_goes_with_the_next_run_unless_it_is_a_record(tmp_pat
             fill(other)
         shutil.rmtree(target)
     assert len(list(tmp_path.glob("*.partial-*"))) == kept
+
+
+def test_a_preset_is_not_a_folder_of_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("normal", "walked"):
+        Path(folder).mkdir()
+    folders = {text for text in ("./normal", "walked", "runs/missing") if names_folder(text)}
+    assert folders == {"./normal", "walked", "runs/missing"}
+    assert not any(map(names_folder, ("normal", "momentum", "own/gait.toml")))

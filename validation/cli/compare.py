@@ -12,6 +12,7 @@ from ampm.exceptions import InputError
 from validation.cli import options
 from validation.cli.console import Narrator
 from validation.cli.options import Status, grouped, option
+from validation.store.folders import names_folder
 
 if TYPE_CHECKING:
     from validation.study.compare.comparison import WalkComparison
@@ -55,8 +56,9 @@ def compare(
     walks: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Presets, TOML files, folders of runs, or two sweeps; normal if none. One alone is compared "
-            "with ipm, or with itself where an option is given several times.",
+            help="Presets, TOML files, folders of runs (./normal is a folder, normal the preset), or two "
+            "sweeps; normal if none. One alone is compared with ipm, or with itself where an option is given "
+            "several times.",
             metavar="WALK",
         ),
     ] = None,
@@ -85,11 +87,11 @@ def compare(
     folder = study_folder({"out": execution.out, "resume": execution.resume})
     choices = {options.SHORT[name]: values for name, values in vars(chosen).items() if values}
     walks, studies, survived = walks or [], known.uncertainty or (), known.robustness or ()
-    sweeps = [text for text in walks if is_sweep(Path(text))]
-    done = [text for text in walks if text in sweeps or Path(text).is_dir()]
+    done = [text for text in walks if names_folder(text)]
+    sweeps = [text for text in done if is_sweep(Path(text))]
     if done and (len(done) < len(walks) or len(done) < 2 or settings or choices or steps or as_is):
         raise InputError(
-            f"{done[0]} is the folder of a run; compare it with other runs, without options of a gait "
+            f"{done[0]} names the folder of a run; compare it with other runs, without options of a gait "
             "('ampm validate --out DIR' keeps the run of a gait)."
         )
     found: WalkComparison | SweepComparison

@@ -116,7 +116,7 @@ def plan(
     margin = None
     if walked is not None:
         with narrator.stage(f"{request.name}: ZMP margin", "instants") as stage:
-            margin, _ = walked.plan.least_zmp_margin(progress=stage.advance)
+            margin = walked.plan.least_zmp_margin(progress=stage.advance)
     request = request if walked is None else walked.request
     if files.save is not None:
         notes = [request.title, *(() if walked is None or walked.tuned is None else _margins(walked.tuned))]
@@ -143,7 +143,7 @@ def plan(
 
 
 def describe_plan(
-    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, zmp_margin: float | None
+    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, margin: tuple[float, float] | None
 ) -> dict[str, Any]:
     """A plan as a JSON object: parameters, constants, residuals, and with a body motion and margins."""
     tuned = None if walk is None else walk.tuned
@@ -154,7 +154,7 @@ def describe_plan(
         "step_duration": plan.constants.step_duration,
         "duration": plan.duration,
         "residuals": plan.residuals(),
-        "zmp_margin": zmp_margin,
+        "zmp_margin": None if margin is None else margin[0],
         "motion": None if walk is None else walk.plan.posture.report(),
         "found": None if tuned is None else dict(tuned.values),
         "margins": None if tuned is None else dict(tuned.margins),
@@ -162,9 +162,11 @@ def describe_plan(
 
 
 def plan_tables(
-    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, zmp_margin: float | None
+    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, margin: tuple[float, float] | None
 ) -> list[Table]:
     """A plan for a reader: constants, and the values found."""
+    from ampm.body.limits import CLEARANCE, KNEE_MINIMUM, ROLL_TOLERANCE
+
     rows = []
     for field in fields(plan.constants):
         unit, meaning = field.metadata["unit"], field.metadata["meaning"]
@@ -175,12 +177,14 @@ def plan_tables(
         f"largest jump at a switch, relative: {format_number(plan.residuals().largest, 2)}",
     ]
     report = {} if walk is None else walk.plan.posture.report()
-    if zmp_margin is not None:
-        millimetres = round(1000 * zmp_margin, 1) + 0.0  # without a sign of zero
-        notes.append(f"planned ZMP margin, to the edge of the planned support: {millimetres:.1f} mm")
+    if margin is not None:
+        millimetres = round(1000 * margin[0], 1) + 0.0  # without a sign of zero
+        when = f"{margin[1]:.3f} s, {plan.sample(margin[1]).phase_name[0].replace('_', ' ')}"
+        rolls = ": a heel rises as the ZMP reaches the ball" if abs(margin[0]) < ROLL_TOLERANCE else ""
+        notes.append(
+            f"planned ZMP margin, to the edge of the planned support: {millimetres:.1f} mm ({when}{rolls})"
+        )
     if report:
-        from ampm.body.limits import CLEARANCE, KNEE_MINIMUM
-
         knee, clearance = report["knee_minimum"], report["clearance"]
         distance = f"{1000 * clearance['value']:.1f} mm ({clearance['where']})"
         notes.append(f"least flexion of a knee: {knee['value']:.3f} rad, at least {KNEE_MINIMUM:g} rad")

@@ -11,6 +11,7 @@ from ampm.exceptions import InputError
 from validation.cli import options
 from validation.cli.console import Narrator
 from validation.cli.options import Status, grouped, option
+from validation.store.folders import names_folder
 
 if TYPE_CHECKING:
     from validation.study.sweep.table import SweepTable
@@ -209,7 +210,7 @@ def explain(
     """
     from validation.study.explain import explain as study
 
-    is_folder = run is not None and Path(run).is_dir()
+    is_folder = run is not None and names_folder(run)
     found = study(
         run if is_folder else walk.request(run, steps),
         walk.changes(steps) if is_folder else (),

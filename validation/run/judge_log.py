@@ -23,6 +23,7 @@ from validation.measure.readers import reader_of
 from validation.progress import Progress
 from validation.run.trial import Trial
 from validation.run.walk import timed
+from validation.store.folders import names_folder
 from validation.store.saved import RUN_FILE, SavedRun, load_saved_run
 from validation.trial.plan import Request, load_request, plan_walk
 from validation.trial.users import SUFFIXES, read_columns
@@ -112,7 +113,7 @@ def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Reque
         request = load_request(plan)
     elif Path(plan).suffix in SUFFIXES:
         request = load_request(None, [*settings, f"gait.planner='{Path(plan).resolve()}'"])
-    elif Path(plan).is_dir():
+    elif names_folder(plan):
         gait = load_saved_run(plan).summary["gait"]
         request = replace(load_request(str(Path(plan) / RUN_FILE), settings), name=gait)
     else:

@@ -17,6 +17,7 @@ from pathlib import Path
 from uuid import uuid4
 
 from ampm.exceptions import InputError
+from ampm.presets import PRESETS
 
 RUN_FILES = frozenset(
     {
@@ -39,6 +40,12 @@ RUN_FILES = frozenset(
 
 RECORDED = "joints.parquet"
 """File whose presence makes a partial folder worth keeping."""
+
+
+def names_folder(text: str | Path) -> bool:
+    """Whether a text names a folder of results, there or not; the name of a preset never does."""
+    path = Path(text)
+    return str(text) not in PRESETS and (path.is_dir() or (len(path.parts) > 1 and not path.suffix))
 
 
 def check_target(

@@ -218,7 +218,7 @@ class ClosedLoop:
         robot, fault = physics.robot, run.disturbance
         self.faults = None
         if fault.actuation_delay or fault.torque_bias:
-            self.faults = MotorFaults(run, robot.torque_limit)
+            self.faults = MotorFaults(run, robot.nu)
         self.log = RunLog(course.total, physics)
         self.command, self._row = self.log.command, self.log.row
         names = ("torque", "rate", "force", "zmp", "angular_momentum")
@@ -327,9 +327,9 @@ class ClosedLoop:
         with self.users_code:
             if not isinstance(output, ControlOutput):
                 raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
-            if self.faults is not None:
-                output = self.faults.act(output)
             self._take(output)
+            if self.faults is not None:
+                self.faults.act(self.command.torque, self.command.rate)
             self._row[0] = reference.row if output.reference is None else output.reference.row
             status, residual = int(output.status), float(output.residual)
             if status not in (SOLVED, LIMITED, UNSOLVED):
