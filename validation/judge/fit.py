@@ -118,7 +118,8 @@ def cut_strides(log: Log, com_height: float | None = None, mass: float | None = 
         raise InputError(
             f"{log.name} has too few whole strides alike in length and duration, {len(chosen)} of the "
             f"{_LEAST_STRIDES} or more that a fit needs; the left foot takes half of the weight at "
-            f"{len(left)} instants in {np.ptp(log.time):.3g} s. Give a longer log of steady walking along x, without gaps."
+            f"{len(left)} instants in {np.ptp(log.time):.3g} s. Give a longer log of "
+            "steady walking along x, without gaps."
         )
     arrays = {item.name: np.array([stride[item.name] for stride in chosen]) for item in fields(Strides)[:-1]}
     return Strides(**arrays, weight=log.weight), len(found) - len(chosen)

@@ -28,7 +28,7 @@ from validation.store.metric_table import metric_table, summary_title
 from validation.store.record import MODEL_FILE as MODEL_FILE
 from validation.store.record import RECORD_FILES, load_model, load_record, read_header
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
-from validation.store.summary import Summary, read_json
+from validation.store.summary import SUMMARY, read_json
 from validation.table import Table, Tabled
 from validation.trial.record import SimulationRecord
 
@@ -145,7 +145,7 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
         body=load_description(directory),
         record=load_record(directory),
         signals=load_signals(directory / SIGNALS_FILE),
-        summary=read_json(directory / SUMMARY_FILE, Summary, _WALK_AGAIN),
+        summary=read_json(directory / SUMMARY_FILE, SUMMARY, _WALK_AGAIN),
     )
 
 
@@ -172,7 +172,7 @@ def check_files(directory: Path) -> None:
     changed since the run was judged.
     """
     read_header(directory)
-    summary = read_json(directory / SUMMARY_FILE, Summary, _WALK_AGAIN)
+    summary = read_json(directory / SUMMARY_FILE, SUMMARY, _WALK_AGAIN)
     written, found = summary["files"], digests(directory, summary)
     if RECORDING_FILE in written:  # it can be drawn again
         found[RECORDING_FILE] = _digest(directory / RECORDING_FILE) or written[RECORDING_FILE]
@@ -213,7 +213,7 @@ def _digest(path: Path) -> str:
 
 def keep_digest_of_recording(directory: Path) -> None:
     """Enter the digest of a recording that was drawn into the summary of its run."""
-    summary = read_json(directory / SUMMARY_FILE, Summary, _WALK_AGAIN)
+    summary = read_json(directory / SUMMARY_FILE, SUMMARY, _WALK_AGAIN)
     summary["files"][RECORDING_FILE] = _digest(directory / RECORDING_FILE)
     with output_file(directory / SUMMARY_FILE) as work:
         write_json(work, summary)
