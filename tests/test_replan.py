@@ -20,7 +20,6 @@ from validation.judge.signals import signals_table
 from validation.measure.measure import measure
 from validation.store.record import load_record, read_table, save_record
 from validation.store.signals import COLUMNS
-from validation.trial.bridge import to_pinocchio
 from validation.trial.followed import JUDGED_LEAD, LEADS
 from validation.trial.frozen_plan import PlanRows
 from validation.trial.outcome import OutcomeName
@@ -151,7 +150,7 @@ def moved_plan(plan, by):
 
 
 def compared(plan, record):
-    return compare(plan, record, measure(record, walk_of(COARSE).robot.model, to_pinocchio))
+    return compare(plan, record, measure(record, walk_of(COARSE).robot.model))
 
 
 @pytest.fixture(scope="module")

@@ -57,7 +57,6 @@ def signals_table(walk: Comparison, rows: slice = ALL) -> pa.Table:
         "measured": walk.measured,
         "record": walk.record,
         "plan": walk.sample,
-        "planned": walk.planned,
         "error": SimpleNamespace(parts=parts),
     }
     if walk.first is not None:

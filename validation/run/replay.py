@@ -28,7 +28,6 @@ from validation.store.environment import describe_environment
 from validation.store.record import record_tables
 from validation.store.saved import ENVIRONMENT_FILE, SavedRun, load_saved_run
 from validation.store.signals import SIGNALS_FILE, Signals
-from validation.trial.bridge import to_pinocchio
 from validation.trial.disturbances import Plant, Recorded
 from validation.trial.log import RunLog
 from validation.trial.physics import Physics, quiet_mujoco
@@ -80,7 +79,7 @@ def replay(directory: str | Path, *, progress: Progress | None = None) -> Replay
     with progress.stage("replay", "steps") as stage:
         again = step_again(physics, saved.record, stage.advance)
     with progress.stage("measurement"):
-        measured = measure(again, physics.robot.model, to_pinocchio)
+        measured = measure(again, physics.robot.model)
         found = _first_difference(saved, again, measured)
     return found if found.identical else replace(found, note=_note(saved.directory / ENVIRONMENT_FILE))
 

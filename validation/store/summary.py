@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from types import GenericAlias
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
@@ -71,7 +72,7 @@ SUMMARY = entries(
     planner=(str, ""),
     controller=(str, ""),
     disturbances=(list[str], []),
-    metrics=Annotated[Mapping[str, _METRIC], Field(min_length=1)],
+    metrics=(GenericAlias(dict, (str, _METRIC)), Field(min_length=1)),
     timing=Annotated[_Numbers, _has("simulated", "real_time_factor")],
     statistics=Mapping[str, Mapping[str, Mapping[str, Number | str]]],
     zmp_error_split=_SPLIT,
