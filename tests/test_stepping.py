@@ -68,9 +68,9 @@ def test_steps_elsewhere_are_judged_by_what_was_planned_then():
     metrics = evaluate(judged)
     assert judged.first is not None
     first = rms((measured.zmp - judged.first.zmp)[judged.inside, 1])
-    assert metrics["zmp_y_rmse"].value < 0.5 * first
-    assert 0.05 < metrics["plan_moved_zmp_maximum"].value < 1.0
-    assert metrics["plan_changes"].value >= 1.0
+    assert metrics["zmp_y_rmse"] < 0.5 * first
+    assert 0.05 < metrics["plan_moved_zmp_maximum"] < 1.0
+    assert metrics["plan_changes"] >= 1.0
     assert (record.tick_plan == STEPPING).any()
     assert not record.tick_plan[record.tick_time < AT].any()
     own = judged.sample.time[np.repeat(record.tick_plan, record.substeps)[: record.steps] == STEPPING]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -36,19 +37,14 @@ _PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.it
 class Files:
     """What a plan is written into."""
 
-    save: Annotated[
-        Path | None, option("--save", "Write the complete gait, with the values found.", "FILE.toml")
-    ] = None
-    force: Annotated[bool, option("--force", "Replace an earlier gait at --save.")] = False
-    samples: Annotated[Path | None, option("--samples", "Write the plan's signals.", "FILE.csv|.parquet")] = (
-        None
+    save: Path | None = option("--save", "Write the complete gait, with the values found.", "FILE.toml")
+    force: bool = option("--force", "Replace an earlier gait at --save.")
+    samples: Path | None = option("--samples", "Write the plan's signals.", "FILE.csv|.parquet")
+    rate: float = option("--rate", "Samples per second.", "HZ", default=RATE)
+    motion: Path | None = option(
+        "--motion", "Write the joints over one step of the whole-body motion.", "FILE.csv|.parquet"
     )
-    rate: Annotated[float, option("--rate", "Samples per second.", "HZ")] = RATE
-    motion: Annotated[
-        Path | None,
-        option("--motion", "Write the joints over one step of the whole-body motion.", "FILE.csv|.parquet"),
-    ] = None
-    plot: Annotated[Path | None, option("--plot", "Draw the plan.", "FILE.png")] = None
+    plot: Path | None = option("--plot", "Draw the plan.", "FILE.png")
 
     def check(self, request: Request) -> None:
         """Refuse files that cannot be written before anything is computed.
@@ -77,14 +73,14 @@ class Files:
 @app.command(rich_help_panel=options.BODIES, epilog=f"Presets.\n\n{_PRESET_LINES}")
 @grouped
 def plan(
-    gait: options.Gait = None,
+    gait: str | None = options.GAIT,
     *,
     walk: options.WalkOptions,
-    no_body: Annotated[
-        bool, option("--no-body", "Closed form alone: no soles, no joints, mean L_y zero; implies --as-is.")
-    ] = False,
+    no_body: bool = option(
+        "--no-body", "Closed form alone: no soles, no joints, mean L_y zero; implies --as-is."
+    ),
     length: options.Length,
-    as_json: options.Json = False,
+    as_json: bool = options.JSON,
     files: Files,
 ) -> int:
     """Plan a gait without walking it: constants, motion, picture.
@@ -218,14 +214,14 @@ def _margins(tuned: Tuned) -> list[str]:
 
 @app.command(rich_help_panel=options.BODIES)
 def keys(
-    words: Annotated[
-        list[str] | None, typer.Argument(help="Sections and words; all keys if none.", metavar="WORD")
-    ] = None,
-    gait: Annotated[
-        str | None, option("--gait", "Show the values of this preset or TOML file; normal if none.", "GAIT")
-    ] = None,
-    settings: options.Settings = None,
-    as_json: options.Json = False,
+    words: list[str] | None = typer.Argument(
+        None, help="Sections and words; all keys if none.", metavar="WORD"
+    ),
+    gait: str | None = option(
+        "--gait", "Show the values of this preset or TOML file; normal if none.", "GAIT"
+    ),
+    settings: list[str] | None = options.SETTINGS,
+    as_json: bool = options.JSON,
 ) -> int:
     """List parameters: all, a section's, or those with a word.
 
@@ -238,14 +234,14 @@ def keys(
     from ampm.run_file import find_keys
     from validation.trial.plan import load_request
 
-    found = find_keys(*words or ())
     request = load_request(gait, settings or ())
+    found = [describe_key(info, request) for info in find_keys(*words or ())]
     if as_json:
-        print_json([describe_key(info, request) for info in found])
-    else:
-        for section, infos in groupby(found, lambda info: info.key.partition(".")[0]):
-            rows = [key_row(info, request) for info in infos]
-            print_tables([Table(f"{section} of {request.name}", ("key", ">value", "unit", "meaning"), rows)])
+        print_json(found)
+        return Status.PASS
+    for section, items in groupby(found, lambda item: item["key"].partition(".")[0]):
+        rows = [key_row(item) for item in items]
+        print_tables([Table(f"{section} of {request.name}", ("key", ">value", "unit", "meaning"), rows)])
     return Status.PASS
 
 
@@ -261,9 +257,8 @@ def describe_key(info: KeyInfo, request: Request) -> dict[str, Any]:
     }
 
 
-def key_row(info: KeyInfo, request: Request) -> tuple[str, ...]:
+def key_row(told: Mapping[str, Any]) -> tuple[str, ...]:
     """A parameter for a reader: key, value, unit, and meaning with the bounds and the other default."""
-    told = describe_key(info, request)
-    default = "" if told["value"] == info.default else f"default {info.default}"
-    more = "; ".join(filter(None, [info.range, default]))
-    return info.key, str(told["value"]), told["unit"], info.meaning + (f" [{more}]" if more else "")
+    default = "" if told["value"] == told["default"] else f"default {told['default']}"
+    more = "; ".join(filter(None, [told["bounds"], default]))
+    return told["key"], str(told["value"]), told["unit"], told["meaning"] + (f" [{more}]" if more else "")

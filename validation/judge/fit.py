@@ -79,13 +79,13 @@ class Strides(Brief):
         return np.diff(self.switches, axis=1)
 
 
-def cut_strides(log: Log, com_height: float | None = None, mass: float | None = None) -> tuple[Strides, int]:
+def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[Strides, int]:
     """Strides of a log that are alike in length and duration, and how many others it has.
 
     Args:
         log: with a ZMP.
         com_height: mean height of the COM over the floor [m], of a log without COM.
-        mass: of the body [kg]; that of the mean vertical force if None.
+        weighed: whether the log's weight is the body's, and not to be that of its mean vertical force.
 
     Raises:
         InputError: no ZMP, neither COM nor height or both, or too few strides that are alike.
@@ -98,9 +98,7 @@ def cut_strides(log: Log, com_height: float | None = None, mass: float | None = 
         raise InputError(f"{log.name} has a COM; leave its height out, or its columns.")
     share = left_share(log)
     left, right = take_overs(log.time, share), take_overs(log.time, 1.0 - share)
-    if mass is not None:
-        log = replace(log, weight=mass * GRAVITY)
-    elif len(left) > 1:
+    if not weighed and len(left) > 1:
         strides_only = (log.time >= left[0]) & (log.time < left[-1])
         log = replace(log, weight=float(log.signals["force"][strides_only, 2].mean()))
     found = []

@@ -149,7 +149,7 @@ def fit_log(
     signals, name = log_columns(table if folder is None else _of_run(folder), columns)
     name = name if folder is None else folder.name
     log = read_log(signals, None if mass is None else mass * GRAVITY, name)
-    strides, others = cut_strides(log, com_height, mass)
+    strides, others = cut_strides(log, com_height, weighed=mass is not None)
     least, most = (f"{force / strides.weight:.1%}" for force in (strides.upward.min(), strides.upward.max()))
     error = 1e3 * float(np.sqrt(np.mean(strides.com_error**2)))
     notes = [

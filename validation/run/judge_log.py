@@ -75,10 +75,10 @@ def judge_log(
         measured = measure_log(log, walked.mass, walked.gravity)
         record = log_record(log, measured, _steps(log, walked))
         comparison = compare(walked, record, measured)
-        metrics = MappingProxyType(evaluate(comparison))
+        values = MappingProxyType(evaluate(comparison))
     planned = replace(planned, request=replace(planned.request, name=f"{log.name} on {planned.name}"))
     extra = {"log": facts} | ({"planner": planned.planner} if planned.planner else {})
-    return Trial(planned, comparison, metrics, own_profile(request.name, request.run), seconds, extra)
+    return Trial(planned, comparison, values, own_profile(request.name, request.run), seconds, extra)
 
 
 def judge_run(directory: str | Path, profile: Profile | str | None = None) -> SavedRun:

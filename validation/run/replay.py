@@ -21,7 +21,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from models.scene import BodyModel
 from validation.judge.compare import PARTS
-from validation.judge.signals import kept_rows, measured_columns
+from validation.judge.signals import columns_of, kept_rows
 from validation.measure.measure import MeasuredGait, measure
 from validation.progress import Progress
 from validation.store.environment import describe_environment
@@ -155,7 +155,7 @@ def _tables(
     every = kept_rows(record.steps, record.time_step)
     if len(stored) != (count := len(range(record.steps)[every])):
         raise InputError(f"{SIGNALS_FILE} is damaged: it should have {count} rows; walk the gait again.")
-    held = measured_columns(measured, every)
+    held = columns_of({"measured": measured}, every)
     yield SIGNALS_FILE, {name: stored[name] for name in held}, held
     if not record.changes:
         time, names = held["time"], ("sum of zmp_error_x", "sum of zmp_error_y")

@@ -123,14 +123,14 @@ def walk_planned(
         measured = measure(record, planned.scene.robot.model, passive)
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
-        metrics = MappingProxyType(evaluate(comparison))
+        values = MappingProxyType(evaluate(comparison))
     unusual = run.disturbance.model_dump(exclude_defaults=True)
     sensors = run.sensors.model_dump(exclude_defaults=True)
     unusual |= {f"sensors.{key}": value for key, value in sensors.items()}
     texts = [f"{key} = {value!r}" for key, value in unusual.items()] + list(map(describe, disturbances))
     known = {"controller": record.controller, "planner": planned.planner, "disturbances": texts}
     extra = {name: value for name, value in known.items() if value}
-    return Trial(planned, comparison, metrics, profile, taken, extra)
+    return Trial(planned, comparison, values, profile, taken, extra)
 
 
 def compile_once() -> None:
