@@ -193,7 +193,7 @@ def explained(number: int, fault: Fault) -> None:
     except InputError as error:
         if "contradicts itself" not in str(error):
             raise
-        kept = {"named": ["planner"], "said": f"Refused: {str(error).partition(';')[0]}.", "changes": []}
+        kept = {"named": "planner", "said": f"Refused: {str(error).partition(';')[0]}.", "changes": []}
     kept["seconds"] = time.monotonic() - start
     (KEPT / f"{number}.json").write_text(json.dumps(kept), encoding="utf-8")
     print(number, fault.name, fault.layer, kept["named"], kept["said"], kept["seconds"], flush=True)  # noqa: T201
@@ -202,7 +202,7 @@ def explained(number: int, fault: Fault) -> None:
 def row(number: int, fault: Fault) -> tuple[str, ...]:
     """Row of the data for a fault."""
     found = json.loads((KEPT / f"{number}.json").read_text(encoding="utf-8"))
-    right = found["named"][:1] == [fault.layer] if fault.layer else not found["named"]
+    right = found["named"] == fault.layer
     half = "" if not fault.layer else "shown" if number % 2 else "seen"
     return (
         str(number + 1),
@@ -211,7 +211,7 @@ def row(number: int, fault: Fault) -> tuple[str, ...]:
         half,
         "; ".join(fault.settings).replace(f"{KEPT}/", ""),
         fault.layer,
-        " and ".join(found["named"]),
+        found["named"],
         "yes" if right else "no",
         found["said"].replace(f"{KEPT}/", ""),
         str(1 + sum("metrics" in change for change in found["changes"])),

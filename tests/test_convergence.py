@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 from importlib.util import find_spec
 
 import numpy as np
@@ -153,18 +152,17 @@ def test_the_exit_status_follows_the_verdict(monkeypatch, capsys):
 
 def test_a_real_study_and_its_resumption(tmp_path, monkeypatch):
     """Two steps of the easy gait at three time steps."""
-    monkeypatch.setattr(convergence, "NUMERICAL", {"time_step": convergence.NUMERICAL["time_step"]})
-    monkeypatch.setattr(convergence, "CONTACT_MODELS", {})
-    monkeypatch.setattr(convergence, "ENGINES", ())
+    monkeypatch.setattr(convergence, "STUDIES", convergence.STUDIES[:1])
     settings = [*COARSE, "solver.ik_time_step=0.004"]
-    options = {"steps": 2, "levels": 3, "workers": 0, "out": tmp_path}
+    monkeypatch.setattr(convergence, "LEVELS", 3)
+    options = {"steps": 2, "workers": 0, "out": tmp_path}
     found = convergence.convergence("flat", settings, **options)
     assert found.completed
     assert 0.0 < found.uncertainty.values["zmp_x_rmse"] < 2e-3
     known = matching([load_uncertainty(tmp_path)], load_request("flat", [*settings, "gait.steps=2"]))
     assert known.values["zmp_x_rmse"] == found.metrics["zmp_x_rmse"].uncertainty
     rows = (tmp_path / ROWS).read_text()
-    monkeypatch.setattr("validation.study.pool._columns", lambda work, options: pytest.fail("walked again"))
+    monkeypatch.setattr("validation.study.pool.attempt", lambda work, options: pytest.fail("walked again"))
     again = convergence.convergence("flat", settings, **options, resume=True)
     assert again.as_dict()["metrics"] == found.as_dict()["metrics"]
     assert (tmp_path / ROWS).read_text() == rows
@@ -193,20 +191,19 @@ def test_the_grid_convergence_index_of_first_order_is_the_textbook_s():
 
 
 @pytest.mark.parametrize(
-    ("values", "why"),
+    "values",
     [
-        ([1.0, 2.0, 1.4, 1.7], "from one side"),  # oscillating
-        ([1.0, 1.1, 1.3, 1.7], "grow"),  # diverging
-        ([1.0, 2.0, 2.1, 2.19], "do not agree|not those"),  # two triplets, two orders
-        ([1.0, 2.0, 2.01, 2.0101], "not those"),  # an order of 6.6
-        ([1.0, 2.0, 2.5, 2.5], "from one side"),  # nothing left at the end: no triplet
-        (1.0 + STEPS[:3], ""),  # three levels cannot confirm an order
+        [1.0, 2.0, 1.4, 1.7],  # oscillating
+        [1.0, 1.1, 1.3, 1.7],  # diverging
+        [1.0, 2.0, 2.4, 2.6],  # two triplets, two orders: 1.32 and 1
+        [1.0, 2.0, 2.01, 2.0101],  # an order of 6.6
+        [1.0, 2.0, 2.5, 2.5],  # nothing left at the end: no triplet
+        1.0 + STEPS[:3],  # three levels cannot confirm an order
     ],
 )
-def test_what_has_no_asymptotic_range_is_called_so_and_bounded_by_its_spread(values, why):
+def test_what_has_no_asymptotic_range_is_called_so_and_bounded_by_its_spread(values):
     found = estimate(values, 2.0)
     assert (found.kind, found.order, found.extrapolated) == (Kind.NO_RANGE, None, None)
-    assert re.search(why, found.reason), found.reason
     assert 1.0 <= found.uncertainty / np.ptp(values) <= 4.0
 
 

@@ -18,7 +18,7 @@ from ampm.parameters import RunParameters
 from validation.cli import console
 from validation.progress import Progress, Stage
 from validation.store.machine import hidden_main
-from validation.study.many import Search, Task, walk_many
+from validation.study.many import Task, walk_many
 from validation.study.row_file import ROWS, RowFile, read_rows
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
@@ -41,16 +41,7 @@ def tasks(count: int) -> list[Task]:
     return [Task(str(n), square, {"number": n}) for n in range(count)]
 
 
-def doubling(least: int) -> Search:
-    """A search: doubles a number until its square is beyond 1000."""
-    row: dict[str, Any] = {"square": 0}
-    number = least
-    while row["square"] < 1000:
-        row = yield Task(f"search {number}", square, {"number": number})
-        number *= 2
-
-
-def squares(folder: Path | None, items: Iterable[Task | Search]) -> dict[str, int]:
+def squares(folder: Path | None, items: Iterable[Task]) -> dict[str, int]:
     rows = walk_many(items, out=folder, resume=folder is not None, workers=0)
     return {row["key"]: row["square"] for row in rows}
 
@@ -61,12 +52,11 @@ def test_other_options_are_another_run(tmp_path):
     assert len(list(read_rows(tmp_path))) == 2
 
 
-def test_search_is_sent_stored_rows(tmp_path):
-    first = squares(tmp_path, [doubling(3)])
-    assert first["search 48"] == 2304
+def test_stored_rows_are_not_walked_again(tmp_path):
+    first = squares(tmp_path, tasks(4))
     lines = (tmp_path / ROWS).read_text().splitlines(keepends=True)
     (tmp_path / ROWS).write_text("".join(lines[:2]))
-    assert squares(tmp_path, [doubling(3)]) == first
+    assert squares(tmp_path, tasks(4)) == first == {str(n): n**2 for n in range(4)}
     assert len(list(read_rows(tmp_path))) == len(first)
 
 
@@ -159,9 +149,8 @@ class Counted(Progress, Stage):
         self.seen.append((done, total))
 
 
-def test_a_study_counts_its_tasks_and_searches():
+def test_a_study_counts_its_tasks():
     progress = Counted()
-    rows = list(walk_many([*tasks(2), doubling(1)], workers=0, progress=progress))
-    assert len(rows) > 3  # a search has many
+    assert len(list(walk_many(tasks(3), workers=0, progress=progress))) == 3
     assert progress.seen == sorted(progress.seen)
     assert (progress.seen[0], progress.seen[-1]) == ((0, 3), (3, 3))

@@ -38,7 +38,7 @@ def test_every_figure_of_the_page_is_a_file_with_its_caption(run_dir, page, tmp_
     out = tmp_path / "paper"
     assert ampm("report", run_dir, "--figures", out, "--format", form).status == 0
     captions = (out / "captions.txt").read_text(encoding="utf-8").split("\n\n")[:-1]
-    assert [caption.partition(".")[0] for caption in captions] == [f"Figure {n + 1}" for n in range(17)]
+    assert [caption.partition(".")[0] for caption in captions] == [f"Figure {n + 1}" for n in range(16)]
     assert re.findall("<figcaption>(.*?)</figcaption>", page) == [str(Markup.escape(c)) for c in captions]
     files = sorted(out.glob(f"figure-*.{form}"))
     assert len(files) == 17

@@ -11,7 +11,7 @@ import pytest
 import ampm as planner
 from tests.solved import body_of, walk_of
 from validation.cli.app import Status
-from validation.study.many import Task, write_study
+from validation.study.many import write_study
 from validation.study.robustness import study as robustness
 from validation.study.robustness.cells import (
     Cell,
@@ -24,7 +24,7 @@ from validation.study.robustness.cells import (
     push_instant,
 )
 from validation.study.robustness.result import CellResult, Robustness
-from validation.study.robustness.study import climb, replica_task
+from validation.study.robustness.study import climb, disturbance_of
 from validation.study.row_file import read_rows
 from validation.trial.shapes import Shapes
 
@@ -33,21 +33,19 @@ FELL = "fell: the trunk leaned over by 60 degrees at 3 s; the first sign was it"
 
 
 def row(cause="", passed=True):
-    return {"key": "", "outcome": "fell" if cause else "completed", "cause": cause, "passed": passed}
+    return {"outcome": "fell" if cause else "completed", "cause": cause, "passed": passed}
 
 
 def climbed(cell, replicas, answer):
     """Result of a cell whose walks are answered by a function of value and replica, and what was walked."""
-    results: dict[str, CellResult] = {}
-    walked = []
-    search = climb(cell, replicas, lambda _, *place: Task("", row, {"place": place}), results)
-    task = next(search)
-    try:
-        while True:
-            walked.append(task.options["place"])
-            task = search.send(answer(*walked[-1]))
-    except StopIteration:
-        return results[cell.name], walked
+    walked: list[tuple[float, int]] = []
+
+    def walk(*place):
+        walked.append(place)
+        return answer(*place)
+
+    found = climb(cell, replicas, walk)
+    return CellResult(cell, found["survived"], found["within"], found["cause"]), walked
 
 
 def test_values_are_climbed_until_too_many_replicas_failed():
@@ -62,8 +60,10 @@ def test_values_are_climbed_until_too_many_replicas_failed():
     assert every.cells()[2] == "0.2 (all tried)"
     late, _ = climbed(FRICTION, 1, lambda value, replica: row(passed=value < 0.7))
     assert (late.survived, late.within) == (0.2, None)
-    none, walked = climbed(FRICTION, 3, lambda value, replica: {"outcome": "fell", "cause": FELL})
+    none, walked = climbed(FRICTION, 3, lambda value, replica: row(FELL))
     assert (none.survived, none.cause, len(walked)) == (None, FELL, 1)
+    broken = climb(FRICTION, 1, lambda value, replica: row("broke") | {"outcome": "crashed"})
+    assert (broken["outcome"], broken["crashes"]) == ("crashed", ["0.8: broke"])
     assert [needed(n) for n in (1, 2, 3, 5, 10)] == [1, 2, 3, 4, 8]
 
 
@@ -99,10 +99,9 @@ def test_the_cells_cover_all_pushes_and_all_keys():
 
 def test_a_replica_has_the_momentum_of_its_push_and_a_seed_of_its_own():
     walk = walk_of("gait.steps=7")
-    planned: Any = SimpleNamespace(name="walk", run=walk.run, plan=walk.plan)
-    first, other = (replica_task(push_cells()[0], 0.5, k, planned, "default") for k in (0, 3))
-    for task, seed in ((first, 0), (other, 3)):
-        run = task.options["request"].run
+    planned: Any = SimpleNamespace(plan=walk.plan)
+    for seed in (0, 3):
+        run = walk.run.replace(disturbance_of(push_cells()[0], 0.5, seed, planned))
         push = run.disturbance
         momentum = np.hypot(push.push_x, push.push_y) * push.push_duration
         assert momentum == pytest.approx(0.5 * walk.plan.mass)
@@ -122,8 +121,8 @@ def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch,
     assert thrown.survived is None
     assert thrown.cause.startswith(("fell: ", "diverged: "))
     assert slid.survived in (0.25, 0.5)
-    assert {row["outcome"] for row in read_rows(tmp_path)} == {"fell", "completed"}
-    monkeypatch.setattr("validation.study.pool._columns", lambda work, options: pytest.fail("walked again"))
+    assert [row["survived"] for row in read_rows(tmp_path)] == [None, slid.survived]
+    monkeypatch.setattr("validation.study.pool.attempt", lambda work, options: pytest.fail("walked again"))
     told = [*(word for kind in only for word in ("--only", kind)), "--quick", "--replicas", 1, "--workers", 0]
     answer = ampm("robustness", "normal", "--set", *settings, *told, "--out", tmp_path, "--resume", "--json")
     assert (answer.status, answer.json) == (Status.PASS, found.as_dict())

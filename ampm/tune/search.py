@@ -143,8 +143,11 @@ class ChoiceSearch:
         self.candidates.append(candidate)
         return candidate
 
-    def spread(self, starts: int) -> list[Candidate]:
-        """Those of choices spread over the ranges that have a periodic step, the least residuals first."""
+    def spread(self, starts: int) -> Candidate:
+        """Of choices spread over the ranges the one with the least residuals that has a periodic step.
+
+        Where none has, the last one that was tried.
+        """
         found: list[Candidate] = []
         for x in self.space.spread(self.guess, starts):
             candidate = self.evaluate(x)
@@ -152,7 +155,11 @@ class ChoiceSearch:
                 found.append(candidate)
             if len(found) == _ENOUGH_ORBITS:
                 break
-        return sorted(found, key=lambda candidate: float((_missing(candidate.detail, 1.0) ** 2).sum()))
+        return min(
+            found,
+            key=lambda candidate: float((_missing(candidate.detail, 1.0) ** 2).sum()),
+            default=self.candidates[-1],
+        )
 
     def _judged(self, x: Array, near: Candidate | None) -> Candidate:
         space, orbits = self.space, self.orbits

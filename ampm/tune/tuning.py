@@ -40,10 +40,10 @@ Report = Callable[[str], None]
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
 _SPARE = 0.4  # margin with which the values that there are stay
 _HOPELESS = -1.0  # margin below which no search with small margins follows
-_CHOICES = 100  # of the search and all searches for a way out
 _STARTS = 64  # spread over the ranges, where the search from the guess finds nothing
-_FROM_STARTS, _USEFUL = 80, 20  # choices of all searches from starts, and the fewest that one begins with
-_FOR_WAYS_OUT = 40  # choices of all searches for a way out, at least
+_FROM_STARTS = 80  # choices of the search from the best start,
+_FARTHEST = -10.0  # unless its margin is below this one
+_FOR_WAYS_OUT = 40  # choices of all searches for a way out
 _OF_A_WAY_OUT = 0.1  # margin that is enough for a way out
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
 _LOST = 0.4  # least share of a torque limit that dampers, springs and dry friction take to be told of [1]
@@ -105,8 +105,7 @@ def tune(run: RunParameters, robot: Robot, *, progress: Report | None = None, ad
         return _tuned(run, robot, report, Effort(starts=_STARTS))
     except RefusedGait as error:
         if advise:
-            left = max(_CHOICES - getattr(error, "tried", 1), _FOR_WAYS_OUT)
-            error.way_out = ways_out(run, robot.description, accepts, left)
+            error.way_out = ways_out(run, robot.description, accepts, _FOR_WAYS_OUT)
         raise
 
 
@@ -172,7 +171,7 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) 
     searches: list[ChoiceSearch] = []
     refusal = None
     for search, start in _searches(space, robot, report, effort):
-        searches += [] if search in searches else [search]
+        searches.append(search)
         best = _improved(search, start)
         if best.worst() < 0.0:
             continue
@@ -204,32 +203,24 @@ def _searches(
 
     The first begins with the guess. Where that would twist the feet and the body has arms, L_z is held at
     zero: the arms then balance the legs about the vertical, which takes from the feet's twisting moment.
-    Where it finds nothing, others begin with starts that are spread over the ranges, and list and rotation of
-    the pelvis are free, too.
+    Where it finds nothing, a second one begins with the best of starts that are spread over the ranges, and
+    list and rotation of the pelvis are free, too.
     """
     search = _begun(space, robot, report, effort)
-    first, left = search.candidates[-1], effort.choices
-    twist = first.margins().get("twist", math.inf)
+    twist = search.candidates[-1].margins().get("twist", math.inf)
     if robot.description.has_arms and _L_Z not in space.fixed and twist < Effort().enough:
         still = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description, _PELVIS)
         balanced = _begun(still, robot, report, effort)
-        if balanced.candidates[-1].orbit is not None:
-            yield balanced, balanced.candidates[-1]
-            if not effort.starts:
-                return
-            left = (_CHOICES - len(balanced.candidates)) // 2
-            search.effort = replace(effort, choices=left)
-    if not effort.starts or left >= _USEFUL:
-        yield search, first
+        search = search if balanced.candidates[-1].orbit is None else balanced
+    yield search, search.candidates[-1]
     if not effort.starts or not space.names:
         return
     wide = FreeChoices(space.run, space.fixed, robot.description)
     search = ChoiceSearch(wide, RoughOrbits(robot, space.run), report, effort)
-    found = search.spread(effort.starts)
-    search.effort = replace(effort, choices=len(search.candidates) + _FROM_STARTS)
-    for start in found or search.candidates[-1:]:
-        if search.effort.choices - len(search.candidates) >= _USEFUL:
-            yield search, start
+    start = search.spread(effort.starts)
+    more = _FROM_STARTS if start.worst() > _FARTHEST else 0
+    search.effort = replace(effort, choices=len(search.candidates) + more)
+    yield search, start
 
 
 def _begun(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> ChoiceSearch:
@@ -295,7 +286,8 @@ def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
         name = min(margins, key=lambda name: margins[name])
         keys = _keys_that_help(LIMITS[name].reason, search.orbits.robot, best.orbit.trajectory)
         return broken_limit(name, best.values, tried, keys)
-    why = next((candidate.why for candidate in search.candidates if candidate.why is not None), None)
+    causes = [candidate.why for candidate in search.candidates if candidate.why is not None]
+    why = max(causes, key=lambda cause: cause.time, default=None)  # of the choice that came farthest
     return NoFeasibleChoice(
         f"{_none(tried)}: {why or 'the formula has no solution'}",
         tried=tried,

@@ -85,11 +85,9 @@ def compare(
         )
     found: WalkComparison | SweepComparison
     if sweeps:
-        if len(sweeps) != 2 or sweeps != walks:
-            raise InputError(f"{sweeps[0]} is a sweep; compare it with one other sweep.")
-        if len(studies) > 1:
-            raise InputError("--uncertainty: of two sweeps one convergence study is enough; give one.")
-        found = compare_sweeps(*sweeps, uncertainty=studies[0] if studies else None)
+        if len(sweeps) != 2 or sweeps != walks or studies or survived:
+            raise InputError(f"{sweeps[0]} is a sweep; compare it with one other sweep, without studies.")
+        found = compare_sweeps(*sweeps)
         status = Status.OUT_OF_TOLERANCE if found.counts else Status.PASS
     else:
         if done:

@@ -123,9 +123,6 @@ def convergence(
     *,
     walk: options.WalkOptions,
     steps: int = option("--steps", "Steps of every walk.", "N", default=6),
-    levels: int = option(
-        "--levels", "Levels of every numerical study, 3 to 6; 4 can confirm an order.", "N", default=4
-    ),
     profile: str = option("--profile", f"Tolerance profile: {options.PROFILES}.", "P", default="default"),
     execution: options.Running,
 ) -> int:
@@ -142,7 +139,6 @@ def convergence(
     found = study(
         walk.request(gait),
         steps=steps,
-        levels=levels,
         profile=profile,
         **execution.given(),
     )
@@ -203,8 +199,7 @@ def explain(
     """Say which part of a trial makes it fail.
 
     The trial is walked again with one layer made ideal at a time: sensing, motors, body, friction, floor,
-    contact law, numerics, controller, planner, pushes. If no single layer restores the pass, pairs of the
-    best three are tried. The folder of a run gets explain.json, which 'ampm
+    contact law, numerics, controller, planner, pushes. The folder of a run gets explain.json, which 'ampm
     report' shows.
     """
     from validation.study.explain import explain as study

@@ -5,26 +5,14 @@ from typing import Any
 
 from validation.judge.margins import tilt_warnings
 from validation.judge.metrics import METRICS, Metric, cost_entry, display_unit
-from validation.table import ABSENT, USED, Table, format_number, format_share, short_unit
+from validation.table import ABSENT, USED, Table, format_number, format_share, own_rows, short_unit
 
-_SHARES = ("margin_torque", "margin_saturated")
-"""Costs that are shown as percentages."""
-COSTS = (
-    "effort_zmp_x",
-    "effort_zmp_y",
-    *_SHARES,
-    "margin_friction",
-    "margin_plan_polygon",
-    "margin_measured_polygon",
-    "margin_knee",
-    "margin_joint",
-    "margin_clearance",
-    "energy_cost_of_transport",
-    "margin_tilt",
-)
-"""Costs beside the agreement; the others are in :func:`reported_table`."""
-LARGER_IS_BETTER = COSTS[5:10]
-"""Costs that are room left; of all other metrics the smaller value is better."""
+COSTS = {row["metric"]: row for row in own_rows("show/costs.csv")}
+"""Costs beside the agreement, by metric; the others are in :func:`reported_table`.
+
+Each says whether it is shown in percent, whether the larger value is better, its numerical change (the share
+by which values of the presets change at half the time step, rounded up), and verb and noun of a conclusion.
+"""
 _SMALL = 0.01
 """Planned ZMP margin that is explained [m]."""
 
@@ -84,7 +72,7 @@ def cost_limit(summary: Mapping[str, Any], name: str) -> float | None:
 
 def cost_unit(metric: Metric, weight: float) -> tuple[float, str]:
     """Factor and unit in which a cost of a body with a weight [N] is shown."""
-    if metric.name in _SHARES:
+    if COSTS.get(metric.name, {}).get("percent"):
         return 100.0, "%"
     if metric.section == "energy":  # a way of metres
         return 1.0, metric.unit.removesuffix("1")

@@ -7,6 +7,7 @@ import numpy as np
 from ampm.geometry import Array
 from validation.judge.compare import SIGNALS
 from validation.store.signals import Signals
+from validation.table import own_rows
 
 
 class Curve(NamedTuple):
@@ -15,8 +16,8 @@ class Curve(NamedTuple):
     column: str  # its name, without the kind before it, such as `zmp_x`
     title: str  # what it is
     unit: str  # in which it is drawn
-    scale: float = 1.0  # drawn value per SI value
-    about: str = ""  # column that is subtracted, if it is known, because the travel would flatten the curve
+    scale: float  # drawn value per SI value
+    about: str  # column that is subtracted, because the travel would flatten the curve; empty for none
 
     @property
     def reference(self) -> str:
@@ -36,7 +37,7 @@ class Difference(NamedTuple):
     minuend: str  # columns without their axis
     subtrahend: str  # likewise
     axes: str  # that are drawn
-    unit: str = "mm"  # in which they are drawn
+    unit: str  # in which they are drawn
 
     def values(self, signals: Signals, weight: float) -> Array:
         """Drawn values, shape (N, len(axes)), of a body with a weight [N]."""
@@ -45,16 +46,8 @@ class Difference(NamedTuple):
 
 
 CURVES = {
-    curve.column: curve
-    for curve in (
-        Curve("zmp_x", "ZMP along x, from the planned COM", "mm", 1e3, about="plan_com_x"),
-        Curve("zmp_y", "ZMP along y", "mm", 1e3),
-        *(Curve(f"force_{axis}", f"Ground force along {axis}", "N") for axis in "xyz"),
-        *(Curve(f"angular_momentum_{axis}", f"Angular momentum about {axis}", "N m s") for axis in "xyz"),
-        Curve("com_x", "COM along x, from the plan", "m", about="plan_com_x"),
-        Curve("com_y", "COM along y", "m"),
-        Curve("com_z", "COM along z", "m"),
-    )
+    row["column"]: Curve(row["column"], row["title"], row["unit"], float(row["scale"]), row["about"])
+    for row in own_rows("show/curves.csv")
 }
 """By the name of their column."""
 
@@ -65,18 +58,5 @@ VELOCITIES = {
 }
 """Title and unit of what a walk without a plan is asked for, by the name of its column."""
 
-DIFFERENCES = {
-    "residual/zmp": Difference("ZMP error, measured - plan", "measured_zmp", "plan_zmp", "xy"),
-    "residual/force": Difference(
-        "Ground force error", "measured_force", "plan_force", "xyz", "% of body weight"
-    ),
-    "residual/angular_momentum": Difference(
-        "Angular momentum error", "measured_angular_momentum", "plan_angular_momentum", "xy", "N m s"
-    ),
-    "residual/com": Difference("COM error", "measured_com", "plan_com", "xyz"),
-    "feedback/zmp": Difference("Feedback, commanded - planned ZMP", "command_zmp", "plan_zmp", "xy"),
-    "selfcheck/zmp": Difference(
-        "Self-check, ZMP by momentum - by contact", "measured_zmp_momentum", "measured_zmp", "xy"
-    ),
-}
+DIFFERENCES = {row.pop("entity"): Difference(**row) for row in own_rows("show/differences.csv")}
 """By their entity in a recording."""

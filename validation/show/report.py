@@ -4,16 +4,20 @@ Agreement and cost are shown together, because either alone is misleading. All t
 inline SVG.
 """
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
+from ampm.exceptions import InputError
+from ampm.files import read_text
 from ampm.parameters import HUMAN
 from ampm.planner.support import StepPlan
 from ampm.run_file import dump_run
 from validation.judge.compare import PARTS
 from validation.show.cost_table import cost_table, reported_table
-from validation.show.explanation import read_explanation
 from validation.show.page import render_page
 from validation.show.paper import cite_run
 from validation.show.run_figures import RunFigures
@@ -72,7 +76,7 @@ def render(saved: SavedRun) -> str:
         disturbed=_disturbed(saved),
         from_rest=saved.from_rest,
         facts=_facts(saved, plan),
-        explanation=read_explanation(saved.directory / EXPLANATION),
+        explanation=_explanation(saved.directory / EXPLANATION),
         agreement=saved.table(),
         cost=cost_table(summary),
         reported=reported_table(summary),
@@ -83,6 +87,17 @@ def render(saved: SavedRun) -> str:
         citation=cite_run(saved),
         events=Table("", ("time", "event"), events),
     )
+
+
+def _explanation(path: Path) -> tuple[str, Table] | None:
+    """Sentence and table of ``explain.json``; None without the file, an InputError if it is damaged."""
+    if not path.is_file():
+        return None
+    try:
+        found = json.loads(read_text(path))
+        return str(found["said"]), TypeAdapter(Table).validate_python(found["table"])
+    except (ValueError, LookupError, TypeError, RecursionError):
+        raise InputError(f"{path} is damaged; remove it, or run ampm explain again.") from None
 
 
 def _disturbed(saved: SavedRun) -> str:

@@ -5,9 +5,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ampm.description import SOLE_POINT_GROUPS
 from ampm.geometry import Array
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
@@ -77,7 +75,6 @@ class RunFigures:
             "above": [self.top_view()],
             "split": [] if is_log or is_free else [self.causes(axis) for axis in "xy"],
             "force": self.tracked("force", "xyz"),
-            "contact": [] if is_log else [self.contact_timeline()],
             "momentum": self.tracked("angular_momentum", "xyz"),
             "com": self.differing("residual/com"),
             "check": self.differing("selfcheck/zmp"),
@@ -235,31 +232,6 @@ class RunFigures:
         caption = "The whole walk." if is_whole else "Four steps from the middle of the run."
         return Picture(charts, "ZMP and COM over the footprints, seen from above", caption, wide=True)
 
-    def contact_timeline(self) -> Picture:
-        """Contact of the parts of both soles over one stride, every 10 ms: planned (line), measured (bar)."""
-        record, shown = self.saved.record, self.signals.time[self.window]
-        stored = record.state_rows[:-1] * record.time_step
-        rows = np.flatnonzero((stored >= shown[0]) & (stored <= shown[-1]))
-        time, force = stored[rows], record.point_force[rows]
-        (chart,) = charts = new_charts(2.6, left=0.95)
-        planned = None
-        if self.plan is not None:
-            planned = self.plan.feet.sample(np.minimum(time, self.plan.duration))
-        for foot, (name, color) in enumerate(_FEET.items()):
-            for group, region in enumerate(SOLE_POINT_GROUPS):
-                points = (record.point_foot == foot) & (record.point_group == group)
-                if not points.any():
-                    continue
-                at = chart.yticks[f"{name} {region}"] = -(3.5 * foot + group)
-                _draw_bars(chart, time, force[:, points, 2].max(axis=1, initial=0.0) > 1.0, at, 0.31, color)
-                if planned is not None:
-                    _draw_bars(chart, time, planned[foot].contact[:, group], at, 0.07, INK)
-        shade_double_support(chart, self.signals, self.window)
-        chart.ylim = (min(chart.yticks.values(), default=0.0) - 0.5, 0.5)
-        chart.name("", "")
-        caption = "Bars: measured." if planned is None else "Bars: measured; thin lines: planned."
-        return Picture(charts, "Contact of heel, ball and tip of both feet", caption)
-
     def torque_use(self, most: int = 16) -> Picture:
         """Largest and RMS torque of the busiest motors, as shares of their limits."""
         record = self.saved.record
@@ -299,17 +271,6 @@ class RunFigures:
         if 0 < end < len(self.signals):
             chart.instant(float(self.signals.time[end]), FAINT, 0.8, dash="1 2")
         chart.name(title, ylabel)
-
-
-def _draw_bars(
-    chart: Chart, time: NDArray[np.floating], on: NDArray[np.bool_], at: float, half: float, color: str
-) -> None:
-    """Bars about a height, of half a thickness, while something holds."""
-    edges = np.flatnonzero(np.diff([False, *on, False]))
-    ends = np.append(time, time[-1:])
-    for begin, end in edges.reshape(-1, 2):
-        corners = np.repeat(ends[[begin, end]], 2)
-        chart.area(corners, (at - half, at + half, at + half, at - half), color)
 
 
 def _draw_tolerances(chart: Chart, rmse: float | None, maximum: float | None) -> None:

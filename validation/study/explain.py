@@ -7,16 +7,12 @@ earlier it falls.
 """
 
 import math
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from importlib.util import find_spec
-from itertools import combinations
 from pathlib import Path
 from typing import Any, Unpack
 from xml.etree import ElementTree
-
-import numpy as np
 
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN, NO_PLAN, OPEN_KEYS, OPTION_TABLES, RunParameters, keys
@@ -25,31 +21,26 @@ from ampm.run_file import load_run
 from validation.judge import profiles
 from validation.judge.margins import SATURATED
 from validation.run.walk import walk_planned
-from validation.show.explanation import explanation_table
 from validation.show.text import format_value
 from validation.store.folders import names_folder
 from validation.store.json import json_ready
 from validation.store.saved import EXPLANATION, RUN_FILE, load_saved_run
-from validation.study.many import Execution, Search, Task, study_folder, walk_many, write_study
+from validation.study.many import Execution, Task, study_folder, walk_many, write_study
 from validation.study.row_file import Row
 from validation.table import Table, Tabled, own_rows
 from validation.trial.disturbances import Disturbance, Recorded
 from validation.trial.outcome import OutcomeName
-from validation.trial.plan import Body, PlannedWalk, Request, load_request, plan_walk
+from validation.trial.plan import Body, Request, load_request, plan_walk
 from validation.trial.shapes import make_robot
 
 TIGHTER, STRONGER = 2.0, 10.0
 """COM stiffness of a tighter controller, and torque limits of ideal motors, over those of the trial [1]."""
 MOST = 0.5
 """Share of the excess that a change leaves at most to be named, if nothing restores the pass [1]."""
-BEST = 3
-"""Number of layers of which pairs are walked."""
 REPLACED = frozenset({"contact law", "controller", "planner"})
 """Layers of which another one is tried; the others are made ideal."""
-RESIDUAL = 1e-3
-"""Distance of the planned posture from its plan from which it is told [m]."""
 _FALL, _MOST_USED = 1e4, 100.0  # excess of a fall; most that a limit counts as used [1]
-_SAMPLES, _SHOWN = 500, 3  # instants of a plan that are checked; keys of a change that are named
+_SHOWN = 3  # keys of a change that are named
 
 Values = Mapping[str, Any]
 
@@ -108,8 +99,6 @@ class Change:
 
 CHANGES = tuple(Change(**row) for row in own_rows("study/layers.csv"))
 """Every change that is tried."""
-Pair = tuple[Change, ...]
-"""One change, or two that are made together."""
 
 
 @dataclass(frozen=True)
@@ -203,32 +192,15 @@ def _stronger(body: Body) -> Body:
     return Body(model, make_robot(model.compile(), model.description, body.shapes), body.shapes)
 
 
-def posture_error(planned: PlannedWalk) -> float:
-    """Largest distance of COM and soles of the planned posture from the plan, in its first ten seconds [m].
-
-    It is 0 of a posture that stays in place, of which the joints are found while walking.
-    """
-    plan, robot = planned.plan, planned.body.robot
-    times = np.linspace(0.0, min(plan.duration, 10.0), _SAMPLES, endpoint=False)
-    q = plan.posture.sample(times).q
-    if not np.ptp(q[:, :2], axis=0).any():
-        return 0.0
-    wanted = [plan.sample(times).com, *(foot.position for foot in plan.feet.sample(times))]
-    terms = [robot.jacobian(row) for row in q]
-    away = np.array([[term.com, *term.sole] for term in terms]) - np.stack(wanted, axis=1)
-    return float(np.linalg.norm(away, axis=-1).max())
-
-
 @dataclass(frozen=True)
 class Explanation(Tabled):
     """Why a trial fails, or what costs most of its margin."""
 
     title: str  # gait, and what was changed in it
-    named: tuple[str, ...]  # layers that are to blame; none if the trial passes, or if no layer helps
+    named: str  # the layer that is to blame; empty if the trial passes, or if no layer helps
     said: str  # the sentence
     trial: Row  # the trial itself, see `walk_case`
-    changes: tuple[Row, ...]  # the same of every change and pair, with its `layers` and its `text`
-    posture_error: float  # see :func:`posture_error` [m]
+    changes: tuple[Row, ...]  # the same of every change, with its `layer` and its `text`
 
     @property
     def sentence(self) -> str:
@@ -236,54 +208,66 @@ class Explanation(Tabled):
         return self.said
 
     def as_dict(self) -> dict[str, Any]:
-        """Contents of ``explain.json``."""
-        return dict(json_ready(vars(self)))
+        """Contents of ``explain.json``, with the table that a report shows."""
+        return dict(json_ready({**vars(self), "table": self.tables()[0]}))
 
     def tables(self) -> list[Table]:
-        """The one table: every change, with its verdict and the failed metrics."""
-        return [explanation_table(self.as_dict())]
+        """The one table: every change, with its verdict and the failed metrics before and after."""
+        rows = [
+            (row["layer"], row["text"], _verdict(row), _failed(self.trial, row))
+            for row in ({"layer": "", "text": "the trial", **self.trial}, *self.changes)
+        ]
+        failed = "metrics that failed before or fail then, with their share of the limit"
+        columns = ("layer", "change", "verdict", failed)
+        return [Table(f"{self.title}: layers changed one at a time", columns, rows)]
 
 
-def answer(trial: Row, changes: Sequence[Row], posture_error: float) -> tuple[tuple[str, ...], str]:
-    """The layers that are to blame, and the sentence that says so.
+def _verdict(row: Row) -> str:
+    completed = row["outcome"] == OutcomeName.COMPLETED
+    return "pass" if row.get("passed") else "FAIL" if completed else str(row["outcome"]).replace("_", " ")
+
+
+def _failed(before: Row, row: Row) -> str:
+    """What failed before or fails then; of a walk that did not complete the cause."""
+    if row["outcome"] != OutcomeName.COMPLETED:
+        return str(row["cause"]).partition(";")[0]
+    failed = [
+        f"{item['label']} {item['text']} ({item['used']:.0%})"
+        for name, item in row["metrics"].items()
+        if max(item["used"], before["metrics"].get(name, item)["used"]) > 1.0
+    ]
+    return "; ".join(failed)
+
+
+def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
+    """The layer that is to blame, and the sentence that says so.
 
     Of the changes that restore the pass the one counts whose tightest limit is used least; a layer made ideal
-    before one in whose place another came. If none does, it is a posture that is off its plan, and then the
-    change that leaves the least excess.
+    before one in whose place another came. If none does, it is the change that leaves the least excess.
     """
     walked = [row for row in changes if "metrics" in row]
     if not walked:
-        return (), "No change could be walked."
+        return "", "No change could be walked."
     if trial["passed"]:
         best = min(walked, key=lambda row: (not row["passed"], row["tightest"]))
         before, after = trial["tightest"], best["tightest"]
         if not best["passed"] or after >= before:
-            return (), "It passes, and no layer costs margin."
+            return "", "It passes, and no layer costs margin."
         shares = f"{after:.0%} of the tightest limit is used instead of {before:.0%}"
-        return (), f"It passes. The {best['layers'][0]} costs most of the margin: {best['text']} {shares}."
-    # Walks that pass come first, then single changes, then layers that are made ideal.
-    best = min(
-        walked,
-        key=lambda row: (
-            not row["passed"],
-            len(row["layers"]),
-            row["passed"] and not REPLACED.isdisjoint(row["layers"]),
-            row["excess"],
-            row["tightest"],
-        ),
-    )
-    layers, text = tuple(best["layers"]), best["text"]
-    is_off = posture_error > RESIDUAL
-    off = (
-        f" COM or soles of the planned posture are up to {1e3 * posture_error:.3g} mm off the plan." * is_off
-    )
+        return "", f"It passes. The {best['layer']} costs most of the margin: {best['text']} {shares}."
+
+    def rank(row: Row) -> tuple[Any, ...]:
+        """Walks that pass come first, and of them layers that are made ideal."""
+        passed = row["passed"]
+        return not passed, passed and row["layer"] in REPLACED, row["excess"], row["tightest"]
+
+    best = min(walked, key=rank)
+    layer, text = best["layer"], best["text"]
     if best["passed"]:
-        return layers, f"The {' and the '.join(layers)}: {text} it passes.{off}"
-    if is_off:
-        return ("motion",), f"The motion: no other layer restores the pass.{off}"
+        return layer, f"The {layer}: {text} it passes."
     left = best["excess"] / trial["excess"]
     said = f"Nothing restores the pass; {text} {left:.0%} of the excess is left."
-    return (layers, f"The {layers[0]}. {said}") if left <= MOST else ((), said)
+    return (layer, f"The {layer}. {said}") if left <= MOST else ("", said)
 
 
 def explain(
@@ -321,19 +305,19 @@ def explain(
     case = replace(given, request=planned.request)
     trial = walk_case(case)
     case = replace(case, strained=trial["motor"] if trial["strained"] else "")
-    changes, found = list(possible(case)), dict[Pair, Row]()
-    walks: list[Task | Search] = [_search(case, trial, changes, change, found) for change in changes]
+    tasks = {
+        change: Task(case.text(change), walk_case, {"case": case.changed(change)})
+        for change in possible(case)
+    }
     label = f"{planned.name}: layers"
-    for _ in walk_many(walks, label=label, unit="changes", **execution):
-        pass
+    found = {row["key"]: row for row in walk_many(tasks.values(), label=label, unit="changes", **execution)}
     rows = []
-    for both in sorted(found, key=lambda both: (len(both), *map(changes.index, both))):
+    for change, task in tasks.items():
+        row = found[task.key]
         # Without limits the motor shows that needs more than its own.
-        told = replace(case, strained=found[both].get("motor", case.strained))
-        text = " and ".join(map(told.text, both))
-        rows.append({"layers": [item.layer for item in both], "text": text, **found[both]})
-    off = posture_error(planned)
-    result = Explanation(planned.request.title, *answer(trial, rows, off), trial, tuple(rows), off)
+        text = replace(case, strained=row.get("motor", case.strained)).text(change)
+        rows.append({"layer": change.layer, "text": text, **row})
+    result = Explanation(planned.request.title, *answer(trial, rows), trial, tuple(rows))
     for place in filter(None, (target, folder)):
         write_study(result, place / EXPLANATION)
     return result
@@ -364,21 +348,3 @@ def possible(case: Case) -> Iterator[Change]:
                 yield change
         except InputError:
             continue
-
-
-def _search(
-    case: Case, trial: Row, changes: Sequence[Change], change: Change, found: MutableMapping[Pair, Row]
-) -> Search:
-    """Walk with one change. The last one goes on with pairs of the best, if none restores the pass."""
-    found[(change,)] = yield _task(case, change)
-    if len(found) < len(changes) or any(row.get("passed") for row in (trial, *found.values())):
-        return
-    best: dict[str, Change] = {}
-    for item in sorted(changes, key=lambda item: found[(item,)].get("excess", math.inf)):
-        best.setdefault(item.layer, item)
-    for pair in combinations(list(best.values())[:BEST], 2):
-        found[pair] = yield _task(case, *pair)
-
-
-def _task(case: Case, *both: Change) -> Task:
-    return Task(" and ".join(map(case.text, both)), walk_case, {"case": reduce(Case.changed, both, case)})

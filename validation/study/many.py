@@ -1,17 +1,15 @@
 """Many walks by one engine: every task once, on this machine or on any dask scheduler, resumable.
 
 A finished run is one line of ``rows.jsonl``, written before it is reported. To resume is to call
-:func:`walk_many` again with ``resume``: a task whose row is there is not walked. A *search* is a generator
-that yields a task and is sent its row, stored or new. It decides on the next task, and needs no code to
-resume.
+:func:`walk_many` again with ``resume``: a task whose row is there is not walked.
 """
 
 import ast
 import hashlib
 import inspect
 import sys
-from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sized
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.util import resolve_name
@@ -24,7 +22,7 @@ from pydantic import BaseModel
 from ampm.exceptions import InputError, StudyStopped
 from ampm.parameters import RunParameters
 from validation.judge.metrics import added_metrics
-from validation.progress import Progress, Stage, interruption
+from validation.progress import Progress, interruption
 from validation.store.environment import code_hash
 from validation.store.folders import check_target, disk_is_full, output_file
 from validation.store.json import write_json
@@ -55,9 +53,6 @@ class Task:
         """Hash of all that decides on the row: options, code, and the sources of a user's classes."""
         text = "\n".join(map(_identity, (self.work, self.options, added_metrics(), code_hash())))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-Search = Generator[Task, Row, None]
 
 
 def _identity(value: Any) -> str:
@@ -149,7 +144,7 @@ def write_study(result: Any, path: Path) -> None:
 
 
 def walk_many(
-    tasks: Iterable[Task | Search],
+    tasks: Iterable[Task],
     *,
     count: int = 0,
     limit: float | None = None,
@@ -163,11 +158,11 @@ def walk_many(
     like any other, with an ``outcome`` (refused, crashed, timed_out), a ``reason`` and a ``cause``.
 
     Args:
-        tasks: runs and searches, taken one by one as workers get free.
-        count: tasks and searches of an iterator, for the progress.
+        tasks: runs, taken one by one as workers get free.
+        count: tasks of an iterator, for the progress.
         limit: wall-clock time of a run [s]; none in this very process.
         label: what is done, for the progress.
-        unit: what the tasks and searches are, likewise.
+        unit: what the tasks are, likewise.
         execution: workers and folder, see :class:`Execution`.
 
     Raises:
@@ -184,57 +179,53 @@ def walk_many(
     total = len(tasks) if isinstance(tasks, Sized) else count
     if scheduler is None and total:  # no process without a walk
         workers = min(cores() if workers is None else workers, total)
-    rows = RowFile(folder)
-    source, ready = iter(tasks), deque[tuple[Search, Task]]()
+    rows, source, ready = RowFile(folder), iter(tasks), list[Task]()
+    outcomes = Counter[str]()
 
-    def advance(search: Search, row: Row | None = None) -> Iterator[Row]:
-        """Send a search its row, and all rows that are known, until it wants a walk or ends."""
-        try:
-            while True:
-                task = next(search) if row is None else search.send(row)
-                row = rows.get(task.key, task.digest)
-                if row is None and task.known is not None:
-                    row = {"key": task.key, "digest": task.digest, **task.known}
-                    rows.append(row)
-                if row is None:
-                    ready.append((search, task))
-                    return
-                report.outcomes[row.get("outcome", "finished")] += 1
-                yield row
-        except StopIteration:
-            report.done += 1
+    def counted(row: Row) -> Row:
+        outcomes[row.get("outcome", "finished")] += 1
+        return row
+
+    def show(*more: str) -> None:
+        """Report the progress, unless Ctrl-C was pressed."""
+        interruption.check()
+        parts = [f"{number} {word.replace('_', ' ')}" for word, number in outcomes.most_common()]
+        if total:
+            stage.advance(outcomes.total(), total)
+        stage.note(", ".join([*parts, *more]))
 
     def refill() -> Iterator[Row]:
-        """Take tasks until one of them wants a walk, or none is left."""
-        while not ready and (item := next(source, None)) is not None:
-            yield from advance(_single(item) if isinstance(item, Task) else item)
-            interruption.check()
-            report.show()
+        """Take tasks whose rows are known, until one wants a walk or none is left."""
+        while not ready and (task := next(source, None)) is not None:
+            row = rows.get(task.key, task.digest)
+            if row is None and task.known is not None:
+                row = {"key": task.key, "digest": task.digest, **task.known}
+                rows.append(row)
+            if row is None:
+                ready.append(task)
+            else:
+                yield counted(row)
+            show()
 
     try:
         with progress.stage(label, unit) as stage:
-            report = _Report(stage, total)
             yield from refill()
             if not ready:
                 return
             with open_pool(workers, scheduler, limit) as processes:
-                flying: dict[str, tuple[Search, Task]] = {}
+                flying: dict[str, Task] = {}
                 while ready or flying:
                     if ready and len(flying) < processes.size():
-                        search, task = ready.popleft()
-                        flying[processes.send(task.work, task.options)] = search, task
+                        task = ready.pop()
+                        flying[processes.send(task.work, task.options)] = task
                         yield from refill()
                         continue
                     for name, columns in processes.wait():
-                        search, task = flying.pop(name)
+                        task = flying.pop(name)
                         row = {"key": task.key, "digest": task.digest, **columns}
                         rows.append(row)
-                        report.outcomes[row.get("outcome", "finished")] += 1
-                        yield row
-                        yield from advance(search, row)
-                        yield from refill()
-                    interruption.check()
-                    report.show(waiting=not processes.size())
+                        yield counted(row)
+                    show(*["waiting for workers"] * (not processes.size()))
     except KeyboardInterrupt as error:
         if folder is not None:
             error.add_note(f"finished runs are kept in {folder}; go on by the same command with --resume")
@@ -245,23 +236,3 @@ def walk_many(
         raise
     finally:
         rows.close()
-
-
-def _single(task: Task) -> Search:
-    """A search that ends after one row."""
-    yield task
-
-
-class _Report:
-    """Progress of a study: how its runs ended, and how many tasks of a total, 0 if it is not known."""
-
-    def __init__(self, stage: Stage, total: int) -> None:
-        self._stage, self._total, self.done = stage, total, 0
-        self.outcomes: Counter[str] = Counter()
-
-    def show(self, *, waiting: bool = False) -> None:
-        """Report the present state; ``waiting`` for workers."""
-        parts = [f"{number} {word.replace('_', ' ')}" for word, number in self.outcomes.most_common()]
-        if self._total:
-            self._stage.advance(self.done, self._total)
-        self._stage.note(", ".join([*parts, "waiting for workers"] if waiting else parts))

@@ -84,7 +84,7 @@ def call(data: bytes, limit: float | None, client_code: str) -> Row:
         if limit is not None:
             faulthandler.dump_traceback_later(limit + GRACE, exit=True, file=nowhere)
         try:
-            return {"worker": str(worker.name), **_columns(work, options)}
+            return {"worker": str(worker.name), **attempt(work, options)}
         finally:
             faulthandler.cancel_dump_traceback_later()
 
@@ -103,7 +103,7 @@ def _unpacked(data: bytes) -> tuple[Work, Options]:
     return work, options
 
 
-def _columns(work: Work, options: Options) -> Row:
+def attempt(work: Work, options: Options) -> Row:
     """Columns of a run that is walked in this process, whatever ends it."""
     start = time.perf_counter()
     try:
@@ -188,7 +188,7 @@ class ThisProcess:
 
     def wait(self) -> Iterator[tuple[str, Row]]:
         """Walk it."""
-        yield "", {"worker": "", **_columns(*self._waiting.pop())}
+        yield "", {"worker": "", **attempt(*self._waiting.pop())}
 
 
 class Workers:

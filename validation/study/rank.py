@@ -28,7 +28,7 @@ from validation.store.json import json_ready
 from validation.study.compare.comparison import SHARE
 from validation.study.sweep.design import CONTROLLER_KEY, ENGINE_KEY, PLANNER_KEY
 from validation.study.sweep.schema import AHEAD, ahead_column
-from validation.study.sweep.table import BROKEN, LOST, RunState, SweepTable, read_sweep
+from validation.study.sweep.table import BROKEN, RunState, SweepTable, read_sweep
 from validation.table import ABSENT, Table, Tabled, format_number
 from validation.trial.followed import JUDGED_LEAD, LEADS
 from validation.trial.users import SUFFIXES
@@ -72,8 +72,6 @@ class TaskResult:
     error: float  # median of the ZMP's RMS error ahead over the completed walks, NaN without any [m]
     effort: float  # median of their mechanical cost of transport [1]
     notes: tuple[str, ...]  # how runs ended otherwise, with the sentence of the first of each kind
-    best: int | None  # completed run with the least error; None without any
-    worst: int | None  # the run that ended first, or else that with the largest error; None if none walked
     # by the other varied values of each completed walk [m]
     errors: Mapping[tuple[Any, ...], float] = field(repr=False)
 
@@ -95,6 +93,7 @@ class Ranking(Tabled):
     ahead: float  # how long before an instant the plan stood that it is compared with [s]
     cells: tuple[TaskResult, ...]  # of every task and planner
     engines: int | None  # place of the engine among the values of a replica; None if there is one engine
+    extremes: Mapping[str, int]  # number of the best and of the worst run of each planner, by `NAME-best` ...
     planned: int  # runs of the sweep
     found: int  # those with a result
 
@@ -134,24 +133,6 @@ class Ranking(Tabled):
             for cell in self.cells
             if cell.runs
         }
-
-    @property
-    def extremes(self) -> dict[str, int]:
-        """Number of the best and of the worst run of each planner in all tasks, by ``NAME-best`` ..."""
-        found = {}
-        for name in dict.fromkeys(cell.name for cell in self.cells):
-            walked = [cell for cell in self.cells if cell.name == name and cell.worst is not None]
-            best = min(walked, key=lambda cell: min(cell.errors.values(), default=math.inf), default=None)
-            if best is not None and best.best is not None:
-                found[f"{name}-best"] = best.best
-            last = min(
-                walked,
-                key=lambda cell: (cell.survived / cell.runs, -max(cell.errors.values(), default=0.0)),
-                default=None,
-            )
-            if last is not None and last.worst is not None:
-                found[f"{name}-worst"] = last.worst
-        return found
 
     @property
     def sentence(self) -> str:
@@ -234,17 +215,14 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     replicas = list(zip(*(table.values(name).tolist() for name in others), strict=True)) or [()] * len(table)
     errors = np.hypot(*(table.numbers(ahead_column(name, ahead)) for name in AHEAD))
     groups: dict[tuple[str, str], list[int]] = {}
-    for row, place in enumerate(zip(_short(table.words("gait")), _short(table.words(key)), strict=True)):
+    names = _short(table.words(key))
+    for row, place in enumerate(zip(_short(table.words("gait")), names, strict=True)):
         groups.setdefault(place, []).append(row)
-    cells, causes = [], table.words("cause")
+    cells, causes, extremes = [], table.words("cause"), dict[str, int]()
     for place, found in groups.items():
         rows = np.array(found)
         walked = rows[~table.is_state(RunState.REFUSED)[rows]]
         done = walked[table.measured[walked]]
-        done = done[np.argsort(errors[done], kind="stable")]
-        lost = walked[table.is_state(*LOST)[walked]]
-        lost = lost[np.argsort(table.numbers("outcome_time")[lost], kind="stable")]
-        worst = [*lost[:1], *done[-1:]]
         ends = [(state, rows[table.is_state(state)[rows]]) for state in (RunState.REFUSED, *BROKEN)]
         cells.append(
             TaskResult(
@@ -254,13 +232,17 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
                 error=_median(errors[done]),
                 effort=_median(table.numbers(EFFORT)[done]),
                 notes=tuple(f"{len(at)} {end.label}: {causes[at[0]]}" for end, at in ends if at.size),
-                best=int(table.numbers("run")[done[0]]) if done.size else None,
-                worst=int(table.numbers("run")[worst[0]]) if worst else None,
                 errors={replicas[row]: float(errors[row]) for row in done},
             )
         )
+    numbers = table.table["run"].to_pylist()
+    for name in dict.fromkeys(names):
+        mine = [row for row in table.worst if names[row] == name]
+        done = [row for row in mine if table.measured[row]]
+        extremes |= {f"{name}-best": numbers[min(done, key=errors.__getitem__)]} if done else {}
+        extremes |= {f"{name}-worst": numbers[mine[0]]} if mine else {}
     engines = others.index(ENGINE_KEY) if ENGINE_KEY in others else None
-    return Ranking(key, ahead, tuple(cells), engines, table.planned, len(table))
+    return Ranking(key, ahead, tuple(cells), engines, extremes, table.planned, len(table))
 
 
 def _median(values: NDArray[np.float64]) -> float:

@@ -24,7 +24,7 @@ from validation.judge.metric import BODY_WEIGHT, FOOT_LENGTH, FOOT_MOMENTUM, siz
 from validation.judge.metrics import METRICS, added_metrics, cost_entry, display_unit
 from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching, rounding
-from validation.show.cost_table import COSTS, LARGER_IS_BETTER, cost_limit, cost_unit
+from validation.show.cost_table import COSTS, cost_limit, cost_unit
 from validation.show.text import format_value
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready
@@ -40,16 +40,9 @@ from validation.trial.users import UsersError
 SHARE = 0.1
 """Assumed numerical change of a value without a convergence study [1].
 
-At half the time step, judged RMSEs of the presets change by 9.5 % at most (``momentum``), torque, flexion and
-distances by 6 %.
+At half the time step, judged RMSEs of the presets change by 9.5 % at most (``momentum``). ``costs.csv`` has
+those of costs.
 """
-SHARES: Mapping[str, float] = {
-    "effort_zmp_x": 0.2,
-    "effort_zmp_y": 0.2,
-    "margin_friction": 0.2,
-    "margin_measured_polygon": 0.3,
-}
-"""The same of costs that change more: by 17, 16, 18 and 26 % at most."""
 SHARE_OF_ERRORS = 0.4
 """The same of largest errors, which change by 38 % at most (``pitch``)."""
 JUDGED, COST, OWN = "judged metrics", "cost", "own metrics without a limit"
@@ -59,12 +52,6 @@ _SIZES = {
     "N m s": (FOOT_MOMENTUM, "% of m√(gL³)"),
 }
 """Unit to the size of which bodies that differ are compared in shares, and its name in tables."""
-_SPENT = {
-    "margin_torque": ("takes", "torque"),
-    "margin_friction": ("uses", "friction"),
-    "energy_cost_of_transport": ("does", "mechanical work"),
-}
-"""Costs that the conclusion names, with verb and noun."""
 _FAR = 0.5
 """Share of every limit up to which walks stay far below [1]."""
 
@@ -115,7 +102,8 @@ class Side(Brief):
         value = self.number(name)
         metric = METRICS.get(name)
         is_error = metric is not None and metric.nature == "extreme" and not metric.section
-        doubt = SHARES.get(name, SHARE_OF_ERRORS if is_error else SHARE) * abs(value)
+        share = float(COSTS[name]["change"]) if name in COSTS else SHARE_OF_ERRORS if is_error else SHARE
+        doubt = share * abs(value)
         known = self.studied(name)
         return max(doubt if math.isnan(known) else known, float(rounding(value, unit)))
 
@@ -146,7 +134,8 @@ class MetricRow(NamedTuple):
     @property
     def better(self) -> int | None:
         """The side with the best value; None if its lead does not count."""
-        best, second = sorted(self.values, reverse=self.name in LARGER_IS_BETTER)[:2]
+        larger_is_better = bool(COSTS.get(self.name, {}).get("larger_is_better"))
+        best, second = sorted(self.values, reverse=larger_is_better)[:2]
         return self.values.index(best) if self.differs and abs(second - best) > self.doubt else None
 
     @property
@@ -175,8 +164,8 @@ class WalkComparison(Tabled):
             return "the numerical uncertainty"
         shares = {
             "the smaller value": SHARE,
-            "feedback and friction": SHARES["margin_friction"],
-            "the measured ZMP margin": SHARES["margin_measured_polygon"],
+            "feedback and friction": float(COSTS["margin_friction"]["change"]),
+            "the measured ZMP margin": float(COSTS["margin_measured_polygon"]["change"]),
             "largest errors": SHARE_OF_ERRORS,
         }
         return ", ".join(f"{100.0 * share:g} % of {what}" for what, share in shares.items())
@@ -223,11 +212,12 @@ class WalkComparison(Tabled):
         """Who spends more, of the costs that differ."""
         spent: dict[str, list[str]] = {}
         for row in self.rows:
-            if row.name in _SPENT and row.differs and min(row.values) > 0.0:
+            cost = COSTS.get(row.name, {})
+            if cost.get("verb") and row.differs and min(row.values) > 0.0:
                 ratio = max(row.values) / min(row.values)
                 least, most = (self.sides[row.values.index(end(row.values))].label for end in (min, max))
                 more = f"{ratio:.1f} times the" if ratio >= 2.0 else f"{100 * ratio - 100:.0f} % more"
-                words = f"{_SPENT[row.name][0]} {more} {_SPENT[row.name][1]}"
+                words = f"{cost['verb']} {more} {cost['noun']}"
                 than = f" compared with {least}" if len(self.sides) > 2 else ""
                 spent.setdefault(most, []).append(words + than)
         if not spent:

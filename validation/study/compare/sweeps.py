@@ -1,23 +1,21 @@
 """Two sweeps compared run by run; the first is the reference.
 
-Two runs of one revision on one machine have the same bits, so only a difference beyond rounding counts, or
-beyond the numerical uncertainty of a convergence study.
+Two runs of one revision on one machine have the same bits, so only a difference beyond rounding counts.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
-from validation.judge.uncertainty import Uncertainty, load_uncertainty, rounding
+from validation.judge.uncertainty import rounding
 from validation.show.text import format_value
-from validation.store.json import json_ready
 from validation.study.sweep.table import METRIC, RunState, SweepTable, read_sweep
 from validation.table import Table, Tabled
 
@@ -28,42 +26,21 @@ TOLERANCE = 0.1
 KINDS = ("newly failing", "worse", "missing")
 """Regressions of a run. What got better is found by the two sweeps in the other order."""
 _SHOWN = 100
-"""Rows of the table of runs."""
-
-
-class RunChange(NamedTuple):
-    """A run that got worse."""
-
-    kind: str  # one of `KINDS`
-    run: str  # name in the first sweep
-    before: str  # state in the first sweep
-    after: str  # state in the second sweep
-    metrics: tuple[str, ...]  # labels of those that are worse or on another side of their limit
-    parameters: Mapping[str, Any]  # values of what varies
+"""Rows of the table of runs that are shown."""
 
 
 @dataclass(frozen=True)
 class SweepComparison(Tabled):
     """Two sweeps compared."""
 
-    a: str  # what a user calls the first, the reference
-    b: str  # what a user calls the second
+    title: str  # both sweeps
     matched: int  # number of runs that both have
-    missing: tuple[str, ...]  # names of runs that only the first has
-    changes: tuple[RunChange, ...]  # runs that got worse, in the order of `KINDS`
-    notes: tuple[str, ...]  # conditions of the comparison
-
-    @property
-    def title(self) -> str:
-        """Both sweeps."""
-        return f"{self.b} against {self.a}"
+    changes: Table  # runs that got worse or are missing, in the order of `KINDS`; notes are its conditions
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of runs by kind, missing ones among them; empty if the comparison passes."""
-        found = Counter(change.kind for change in self.changes)
-        found["missing"] = len(self.missing)
-        return {kind: found[kind] for kind in KINDS if found[kind]}
+        """Number of runs by kind; empty if the comparison passes."""
+        return Counter(row[0] for row in self.changes.rows)
 
     @property
     def sentence(self) -> str:
@@ -73,45 +50,25 @@ class SweepComparison(Tabled):
         return f"{'Regression' if self.counts else 'No regression'} in {runs}{found and ': '}{found}."
 
     def tables(self) -> list[Table]:
-        """The runs that got worse."""
-        rows = [
-            (
-                *change[:4],
-                "; ".join(change.metrics),
-                ", ".join(f"{key} {format_value(value)}" for key, value in change.parameters.items()),
-            )
-            for change in self.changes[:_SHOWN]
-        ]
-        more = len(self.changes) - _SHOWN
-        notes = [*([f"and {more:,} more"] if more > 0 else []), *self.notes]
-        columns = ("change", "run", "in A", "in B", "metrics", "parameters")
-        return [Table("regressions", columns, rows, notes)]
+        """The first runs that got worse."""
+        rows, notes = self.changes.rows, self.changes.notes
+        more = [f"and {len(rows) - _SHOWN:,} more"] if len(rows) > _SHOWN else []
+        return [replace(self.changes, rows=rows[:_SHOWN], notes=[*more, *notes])]
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain data."""
-        said = {name: getattr(self, name) for name in ("sentence", "counts")}
-        changes = [change._asdict() for change in self.changes]
-        return dict(json_ready({**said, **vars(self), "changes": changes}))
+        changes = [dict(zip(self.changes.headers, row, strict=True)) for row in self.changes.rows]
+        said = {"sentence": self.sentence, "title": self.title, "matched": self.matched}
+        return {**said, "counts": self.counts, "changes": changes, "notes": list(self.changes.notes)}
 
 
-def compare_sweeps(
-    a: Path | str | SweepTable,
-    b: Path | str | SweepTable,
-    *,
-    uncertainty: Path | Uncertainty | None = None,
-) -> SweepComparison:
-    """Compare two sweeps, the first of which is the reference.
-
-    Args:
-        a: folder or table of the reference.
-        b: the same of the sweep that is compared with it.
-        uncertainty: ``convergence.json``; its numerical uncertainty counts where it exceeds rounding.
+def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> SweepComparison:
+    """Compare a sweep, by its folder or table, with a reference, the first.
 
     Raises:
         InputError: no two sweeps, or no common run.
     """
     a, b = (side if isinstance(side, SweepTable) else read_sweep(side) for side in (a, b))
-    known = load_uncertainty(uncertainty) if isinstance(uncertainty, Path) else uncertainty
     rows_a, rows_b = join(a, b)
     judged = dict.fromkeys((*a.judged, *b.judged))
     metrics = [name for name in judged if METRIC + name in a and METRIC + name in b]
@@ -122,45 +79,33 @@ def compare_sweeps(
         both = completed & np.isfinite(before) & np.isfinite(after)
         growth = np.where(both, after - before, 0.0)
         limit = b.limit_values(name)[rows_b] if name in b.limits else a.limit_values(name)[rows_a]
-        bound = 0.0 if known is None else known.values.get(name, 0.0)
-        noise = np.fmax(rounding(np.fmax(before, after), a.unit(METRIC + name)), bound)
-        allowed = np.fmax(noise, TOLERANCE * limit)
+        noise = rounding(np.fmax(before, after), a.unit(METRIC + name))
         is_lost = completed & np.isfinite(before) & ~np.isfinite(after)
-        worse[number] = is_lost | (growth > allowed)
+        worse[number] = is_lost | (growth > np.fmax(noise, TOLERANCE * limit))
         crossed[number] = (a.used(name)[rows_a] > 1.0) != (b.used(name)[rows_b] > 1.0)
         counts[number] = is_lost | (np.abs(growth) > noise)
     passed, passes = a.is_state(RunState.PASS)[rows_a], b.is_state(RunState.PASS)[rows_b]
     # A verdict may change by a difference below the noise, which is no result.
     is_noise = crossed.any(axis=0) & ~(crossed & counts).any(axis=0)
-    conditions = {
-        "newly failing": passed & ~passes & ~is_noise,
-        "worse": worse.any(axis=0) | (a.measured[rows_a] & ~b.measured[rows_b]),
-    }
-    kinds = np.select(list(conditions.values()), list(conditions), "")
-    names, labels = a.words("name"), [b.label(name) for name in metrics]
-    varied = [key for key in dict.fromkeys((*a.varied, *b.varied)) if key in a]
-    changes = [
-        RunChange(
-            kind=str(kinds[run]),
-            run=names[rows_a[run]],
-            before=a.states[rows_a[run]].label,
-            after=b.states[rows_b[run]].label,
-            metrics=tuple(compress(labels, (worse | crossed)[:, run])),
-            parameters={key: a.table.column(key)[int(rows_a[run])].as_py() for key in varied},
-        )
-        for run in np.flatnonzero(kinds != "")
-    ]
-    notes = list(_notes(a, b))
-    if known is not None:
-        notes.append(f"noise: numerical uncertainty of {known.gait}, taken for all gaits of the sweeps")
-    return SweepComparison(
-        a=a.source,
-        b=b.source,
-        matched=len(rows_a),
-        missing=tuple(np.delete(names, rows_a).tolist()),
-        changes=tuple(sorted(changes, key=lambda change: (KINDS.index(change.kind), change.run))),
-        notes=tuple(notes),
+    failing = passed & ~passes & ~is_noise
+    kinds = np.select(
+        [failing, worse.any(axis=0) | (a.measured[rows_a] & ~b.measured[rows_b])], KINDS[:2], ""
     )
+    labels, shown = [b.label(name) for name in metrics], worse | crossed
+    found = [
+        (str(kinds[k]), int(rows_a[k]), b.states[rows_b[k]].label, "; ".join(compress(labels, shown[:, k])))
+        for k in np.flatnonzero(kinds != "")
+    ]
+    found += [("missing", int(row), "", "") for row in np.setdiff1d(np.arange(len(a)), rows_a)]
+    names, varied = a.words("name"), [key for key in dict.fromkeys((*a.varied, *b.varied)) if key in a]
+    rows = []
+    for kind, row, state, why in sorted(found, key=lambda item: (KINDS.index(item[0]), item[1])):
+        values = {key: format_value(a.table.column(key)[row].as_py()) for key in varied}
+        parameters = ", ".join(f"{key} {value}" for key, value in values.items())
+        rows.append((kind, names[row], a.states[row].label, state, why, parameters))
+    columns = ("change", "run", "in A", "in B", "metrics", "parameters")
+    changes = Table("regressions", columns, rows, tuple(_notes(a, b)))
+    return SweepComparison(f"{b.source} against {a.source}", len(rows_a), changes)
 
 
 def join(a: SweepTable, b: SweepTable) -> tuple[Rows, Rows]:

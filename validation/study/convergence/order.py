@@ -22,7 +22,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from itertools import pairwise
 
 FORMAL_ORDER = 1.0
 """Of the semi-implicit Euler step, and of a grid across a switch of contact."""
@@ -58,7 +57,6 @@ class Estimate:
     # taken to be within value ± uncertainty; infinite if a level has no value, NaN if the first one has none
     uncertainty: float
     finest: float  # the same of the last level's value
-    reason: str  # why, as text
     order: float | None = None  # that of the finest triplet, None outside the asymptotic range
     extrapolated: float | None = None  # value at step zero, None outside the asymptotic range
 
@@ -76,30 +74,27 @@ def observed_orders(values: Sequence[float], ratio: float) -> tuple[float, ...]:
     return tuple(orders)
 
 
-def estimate(levels: Iterable[float], ratio: float, *, forbidden: str = "") -> Estimate:
+def estimate(levels: Iterable[float], ratio: float, *, forbidden: bool = False) -> Estimate:
     """Classify a sequence and bound the error of its first value.
 
     The levels are three or more values of one metric, coarse to fine, NaN for a level without any; the ratio
-    is that of neighbouring steps, above 1. ``forbidden`` says why the metric must not be extrapolated, if so.
+    is that of neighbouring steps, above 1. A metric may be ``forbidden`` to be extrapolated.
     """
     values = [float(value) for value in levels]
     orders = observed_orders(values, ratio)
     if math.isnan(values[0]):
-        return Estimate(Kind.UNKNOWN, orders, math.nan, math.nan, "not measured")
+        return Estimate(Kind.UNKNOWN, orders, math.nan, math.nan)
     if not all(math.isfinite(value) for value in values):
-        reason = "a level has no value: its walk did not complete"
-        return Estimate(Kind.UNKNOWN, orders, math.inf, math.inf, reason)
+        return Estimate(Kind.UNKNOWN, orders, math.inf, math.inf)
     spread = max(values) - min(values)
     if spread <= _ROUNDING * max(abs(value) for value in values):
-        reason = "the same on all levels, but for rounding"
-        return Estimate(Kind.CONSTANT, orders, spread, spread, reason)
+        return Estimate(Kind.CONSTANT, orders, spread, spread)
     last = abs(values[-1] - values[-2])
-    reason = forbidden or _why_not_asymptotic(values, orders)
-    if reason:
+    if forbidden or not _is_asymptotic(orders):
         # The larger of the last two changes, at formal order: the last one may be accidentally small.
         before = abs(values[-2] - values[-3]) / ratio**FORMAL_ORDER
         beyond = UNCONFIRMED * max(last, before) / (ratio**FORMAL_ORDER - 1.0)
-        return Estimate(Kind.NO_RANGE, orders, spread + beyond, beyond, reason)
+        return Estimate(Kind.NO_RANGE, orders, spread + beyond, beyond)
     order = orders[-1]
     # Roache: an observed order above the formal one does not reduce the uncertainty.
     beyond = last / (ratio ** min(order, FORMAL_ORDER) - 1.0)
@@ -108,25 +103,13 @@ def estimate(levels: Iterable[float], ratio: float, *, forbidden: str = "") -> E
         orders=orders,
         uncertainty=CONFIRMED * (abs(values[0] - values[-1]) + beyond),
         finest=CONFIRMED * beyond,
-        reason=f"order {order:.2f}, confirmed by {orders[-2]:.2f} of the triplet before",
         order=order,
         extrapolated=values[-1] + (values[-1] - values[-2]) / (ratio**order - 1.0),
     )
 
 
-def _why_not_asymptotic(values: Sequence[float], orders: Sequence[float]) -> str:
-    """Reason why the finest four levels are not in the asymptotic range, empty if they are."""
-    if len(values) < 4:
-        return f"{len(values)} levels cannot confirm an order, four can"
-    before, last = orders[-2:]
-    steps = [fine - coarse for coarse, fine in pairwise(values[-4:])]
-    if any(first * second <= 0.0 for first, second in pairwise(steps)):
-        return "the values do not approach a limit from one side"
-    if before <= 0.0 and last <= 0.0:
-        return "the differences grow as the step shrinks"
-    pair = f"{before:.2f}, then {last:.2f}"
-    if not all(ORDERS[0] <= order <= ORDERS[1] for order in (before, last)):
-        return f"the observed orders, {pair}, are not those of a method of order {FORMAL_ORDER:g}"
-    if abs(before - last) > AGREEMENT:
-        return f"the observed orders, {pair}, do not agree"
-    return ""
+def _is_asymptotic(orders: Sequence[float]) -> bool:
+    """Whether the finest two triplets converge from one side, at orders of the method that agree."""
+    pair = orders[-2:]
+    in_range = all(ORDERS[0] <= order <= ORDERS[1] for order in pair)  # false for NaN
+    return len(pair) == 2 and in_range and abs(pair[0] - pair[1]) <= AGREEMENT

@@ -19,7 +19,7 @@ from validation.trial.plan import Request
 
 OWN = "own"
 """Task of the walk at the gait's own values, which all studies share."""
-_NEVER = {"count": "a count", "extreme": "an extreme, never extrapolated"}
+_NEVER = ("count", "extreme")  # natures of metrics that are not extrapolated
 _ALSO = ("energy_positive_work", "energy_negative_work", "energy_cost_of_transport")
 """Integrals that the table has beside what is judged."""
 _NOTES = (
@@ -201,8 +201,8 @@ def _study_metric(name: str, studies: Sequence[Study], walks: Mapping[str, Row])
         known = [row["values"] if row["outcome"] == "completed" else {} for row in rows]
         levels[study.name] = values = tuple(found.get(name, math.nan) for found in known)
         if study.numerical:
-            forbidden = _NEVER.get(METRICS[name].nature, "")
-            estimates[study.name] = estimate(values, study.ratio, forbidden=forbidden)
+            is_never = METRICS[name].nature in _NEVER
+            estimates[study.name] = estimate(values, study.ratio, forbidden=is_never)
         else:
             changes.append(float(np.abs(np.subtract(values, values[0])).max()))
     spread = max(math.inf if math.isnan(change) else change for change in changes)

@@ -1,6 +1,6 @@
 """Convergence study of a gait: levels of one parameter at a time about the gait's own, and their walks."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Unpack
@@ -13,57 +13,39 @@ from validation.store.environment import parameter_values
 from validation.study.convergence.result import OWN, Convergence, Study, combine
 from validation.study.many import Execution, Task, study_folder, walk_many, write_study
 from validation.study.row_file import Row
+from validation.study.sweep.design import ENGINE_KEY
 from validation.study.walk_options import walk_request
+from validation.table import own_rows
 from validation.trial.engine import check_drake
 from validation.trial.plan import Request, load_request, plan_walk
 
 STEPS = 6
 """Walked at every level, by default: the gait is periodic, and a record grows as the time step shrinks."""
 LEVELS = 4
-"""Levels of a numerical study by default: two triplets, the least that can confirm an order."""
-NUMERICAL: Mapping[str, tuple[str, float]] = {
-    "time_step": ("simulation.time_step", 2.0),
-    "ik_grid": ("solver.ik_time_step", 2.0),
-    "qp_tolerance": ("solver.tolerance", 10.0),
-}
-"""Key of a step or tolerance whose limit is zero, and ratio of neighbouring levels, by study."""
-CONTACT_MODELS: Mapping[str, tuple[str, tuple[float, ...]]] = {
-    # The stiffness of MuJoCo's contact is proportional to the inverse square of the time constant.
-    "contact_stiffness": ("contact.time_constant", (2.0**0.5, 0.5**0.5)),
-    "contact_depth": ("contact.impedance_width", (2.0, 0.5)),
-    "contact_damping": ("contact.damping_ratio", (0.5, 2.0)),
-    "contact_impedance": ("contact.impedance_min", (0.5, 1.5)),
-    "drake_stiffness": ("drake.stiffness", (0.5, 2.0)),
-    "drake_dissipation": ("drake.dissipation", (0.5, 2.0)),
-}
-"""Key of a parameter of the contact law, and factors on its own value, by study.
+"""Levels of a numerical study: two triplets, the least that can confirm an order."""
+STUDIES = own_rows("study/convergence/studies.csv")
+"""Key of each study. A numerical one has the ratio of neighbouring levels, whose limit is zero.
 
-It belongs to the model: its values approach no limit, so they give a spread, and no order. MuJoCo and Drake
-have parameters of their own.
+Others have values: those of the engine, or factors on the own value of a parameter of the contact law. It
+belongs to the model of one engine: its values approach no limit, so they give a spread, and no order. The
+stiffness of MuJoCo's contact is proportional to the inverse square of the time constant.
 """
-ENGINES = ("mujoco", "drake")
 
 
-def studies(run: RunParameters, levels: int = LEVELS) -> list[Study]:
-    """Numerical studies of 3 to 6 levels, then those of contact law and, with Drake installed, engine.
-
-    Raises:
-        InputError: too few or too many levels.
-    """
-    if not 3 <= levels <= 6:
-        raise InputError(
-            f"--levels {levels}: an observed order takes 3 levels, a confirmed one 4, and beyond 6 a record "
-            "does not fit into the memory; choose 3 ... 6."
-        )
+def studies(run: RunParameters) -> list[Study]:
+    """Numerical studies, then those of contact law and, with Drake installed, engine."""
     own, found = parameter_values(run), []
-    for name, (key, ratio) in NUMERICAL.items():
-        # Rounded, so that a tenth of 5e-5 is written as 5e-6.
-        values = tuple(float(f"{own[key] / ratio**level:.15g}") for level in range(levels))
-        found.append(Study(name, key, values, ratio))
-    for name, (key, factors) in CONTACT_MODELS.items():
-        if key.startswith("drake.") == (run.simulation.engine == "drake"):
-            found.append(Study(name, key, _possible(run, key, [factor * own[key] for factor in factors])))
-    found.append(Study("engine", "simulation.engine", _possible(run, "simulation.engine", ENGINES)))
+    for row in STUDIES:
+        if row["engine"] not in ("", run.simulation.engine):
+            continue
+        key, ratio, values = row["key"], float(row["ratio"] or 0.0), row["values"].split()
+        if ratio:  # Rounded, so that a tenth of 5e-5 is written as 5e-6.
+            levels = tuple(float(f"{own[key] / ratio**level:.15g}") for level in range(LEVELS))
+        elif key == ENGINE_KEY:
+            levels = _possible(run, key, values)
+        else:
+            levels = _possible(run, key, [float(factor) * own[key] for factor in values])
+        found.append(Study(row["name"], key, levels, ratio))
     return [study for study in found if len(study.values) > 1]
 
 
@@ -107,7 +89,6 @@ def convergence(
     settings: Sequence[str] = (),
     *,
     steps: int = STEPS,
-    levels: int = LEVELS,
     profile: str = "default",
     **execution: Unpack[Execution],
 ) -> Convergence:
@@ -117,7 +98,6 @@ def convergence(
         gait: parameters, preset or TOML file; normal by default.
         settings: ``key=value`` texts, for a preset or file.
         steps: walked at every level.
-        levels: of every numerical study.
         profile: name of the tolerance profile.
         execution: workers and folder, see :class:`validation.study.many.Execution`.
 
@@ -130,9 +110,8 @@ def convergence(
     limits, folder = profiles.profile(profile), study_folder(execution)
     request = load_request(gait, settings)
     request = replace(request, run=request.run.replace({"gait.steps": steps}))
-    studies(request.run, levels)  # refuse before anything is planned
     request = plan_walk(request, execution.get("progress")).request  # with all values
-    found = studies(request.run, levels)
+    found = studies(request.run)
     runs = runs_of(request.run, found)
     # The finest steps take longest. Started first, they leave no worker idle at the end.
     tasks = [

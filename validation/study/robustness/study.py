@@ -1,9 +1,8 @@
 """Robustness study of a gait: what it survives with its body and controller."""
 
-import math
-from collections.abc import Callable, MutableMapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, Unpack
 
 from ampm.exceptions import InputError
@@ -11,7 +10,8 @@ from ampm.parameters import NO_PLAN, RunParameters
 from models.scene import BodyModel
 from validation.judge import profiles
 from validation.run.walk import walk_planned
-from validation.study.many import Execution, Search, Task, study_folder, walk_many, write_study
+from validation.study.many import Execution, Task, study_folder, walk_many, write_study
+from validation.study.pool import attempt
 from validation.study.robustness.cells import (
     AFTER,
     DURATION,
@@ -29,6 +29,7 @@ from validation.study.robustness.cells import (
 )
 from validation.study.robustness.result import RESULT, CellResult, Robustness
 from validation.study.row_file import Row
+from validation.trial.outcome import OutcomeName
 from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.shapes import Shapes
@@ -39,26 +40,65 @@ CROSSED = "the legs met"
 _EVERY = 0.01  # time between two looks at the distance of the legs [s]
 
 
-def walk_replica(request: Request, profile: str | None) -> Row:
-    """Walk a complete request once; without a profile the walk is not measured.
+def walk_cell(cell: Cell, request: Request, replicas: int, profile: str) -> Row:
+    """Walk a complete request with the rising values of a cell, on a worker; see :func:`climb`."""
+    run = request.run.replace({"gait.steps": PUSH_STEP + 1 + AFTER if cell.is_push else STEPS})
+    is_known, undisturbed = run.gait.planner in PLANNER.known, run.undisturbed
+
+    def walk(value: float, replica: int) -> Row:
+        name = request.name
+        planned = _planned(name, undisturbed) if is_known else plan_walk(Request(name, undisturbed))
+        disturbed = run.replace(disturbance_of(cell, value, replica, planned))
+        options = {"planned": planned, "run": disturbed, "profile": None if cell.is_push else profile}
+        return attempt(walk_replica, options)
+
+    return climb(cell, replicas, walk)
+
+
+def climb(cell: Cell, replicas: int, walk: Callable[[float, int], Row]) -> Row:
+    """Walk rising values of a cell up to the first that is not survived, by a function of value and replica.
+
+    Replicas of a value are not walked once too many have failed.
+
+    Returns:
+        ``outcome``: completed, or crashed if an error ended a walk; ``survived``, ``within`` and ``cause`` of
+        :class:`CellResult`; ``crashes``: the causes of such errors.
+    """
+    least, kept, crashes = needed(replicas), True, list[str]()
+    found: Row = {"survived": None, "within": None, "cause": ""}
+    for value in cell.values:
+        rows: list[Row] = []
+        failed: list[Row] = []
+        while len(rows) < replicas and len(failed) <= replicas - least:
+            rows.append(walk(value, len(rows)))
+            failed = [row for row in rows if row["cause"]]
+        crashes += [f"{value:g}: {row['cause']}" for row in failed if row["outcome"] == "crashed"]
+        if len(rows) - len(failed) < least:
+            found["cause"] = failed[0]["cause"]
+            break
+        kept = kept and sum(row["passed"] for row in rows if not row["cause"]) >= least
+        found |= {"survived": value, "within": value if kept else found["within"]}
+    return {"outcome": "crashed" if crashes else "completed", **found, "crashes": crashes}
+
+
+def walk_replica(planned: PlannedWalk, run: RunParameters, profile: str | None) -> Row:
+    """Walk a plan once, disturbed as the run says; without a profile the walk is not measured.
 
     Returns:
         ``outcome`` and ``cause``, which is empty for a walk that survived; ``passed``, whether it kept the
-        tolerances; ``zmp``, the RMSE along x and y [m], NaN if it is not measured.
+        tolerances.
     """
-    name, run = request.name, request.run.undisturbed
-    planned = _planned(name, run) if run.gait.planner in PLANNER.known else plan_walk(Request(name, run))
-    disturbed = replace(planned, request=request)
-    passed, zmp = False, [math.nan, math.nan]
+    disturbed, passed = replace(planned, request=Request(planned.name, run)), False
     if profile is None:
         record = simulate(disturbed)
     else:
         trial = walk_planned(disturbed, profiles.profile(profile))
         record, passed = trial.record, trial.verdict.passed
-        zmp = [trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy"]
+    if record.outcome.name == OutcomeName.INTERRUPTED:
+        raise KeyboardInterrupt
     cause = cause_of(record, planned.body.model)
     outcome = CROSSED if cause == CROSSED else str(record.outcome.name)
-    return {"outcome": outcome, "cause": cause, "passed": passed, "zmp": zmp}
+    return {"outcome": outcome, "cause": cause, "passed": passed}
 
 
 def cause_of(record: SimulationRecord, body: BodyModel) -> str:
@@ -81,33 +121,6 @@ def _legs(body: BodyModel) -> Shapes:
 def _planned(name: str, run: RunParameters) -> PlannedWalk:
     """The plan of the project's own planner, made once in a process."""
     return plan_walk(Request(name, run))
-
-
-def climb(
-    cell: Cell,
-    replicas: int,
-    task: Callable[[Cell, float, int], Task],
-    results: MutableMapping[str, CellResult],
-) -> Search:
-    """Walk rising values of a cell up to the first that is not survived, and store the result by its name.
-
-    Replicas of a value are not walked once too many have failed. ``task`` makes the walk of a cell, a value
-    and a replica.
-    """
-    least, kept, found = needed(replicas), True, CellResult(cell)
-    for value in cell.values:
-        rows: list[Row] = []
-        causes: list[str] = []
-        while len(rows) < replicas and len(causes) <= replicas - least:
-            rows.append((yield task(cell, value, len(rows))))
-            causes = [row["cause"] for row in rows if row["cause"]]
-        walked = [row for row in rows if not row["cause"]]
-        if len(walked) < least:
-            found = replace(found, cause=causes[0])
-            break
-        kept = kept and sum(row["passed"] for row in walked) >= least
-        found = replace(found, survived=value, within=value if kept else found.within)
-    results[cell.name] = found
 
 
 def robustness(
@@ -147,51 +160,48 @@ def robustness(
         )
     limits = profiles.own_profile(request.name, request.run) if profile is None else profiles.profile(profile)
     short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
-    planned = plan_walk(short, execution.get("progress"))
-    task = partial(replica_task, planned=planned, profile=limits.name)
-    results: dict[str, CellResult] = {}
-    searches = [climb(cell, replicas, task, results) for cell in cells]
-    rows = walk_many(searches, label=f"{request.name}: robustness", unit="disturbances", **execution)
-    crashes = tuple(
-        f"{row['key']}: {row['cause']}" for row in rows if row["outcome"] == "crashed" and "reason" in row
-    )
+    run = plan_walk(short, execution.get("progress")).run.as_is()
+    options = {"request": Request(request.name, run), "replicas": replicas, "profile": limits.name}
+    tasks = [Task(cell.name, walk_cell, {"cell": cell, **options}) for cell in cells]
+    label = f"{request.name}: robustness"
+    rows = {row["key"]: row for row in walk_many(tasks, label=label, unit="disturbances", **execution)}
+    results, crashes = [], list[str]()
+    for cell in cells:
+        row = rows[cell.name]
+        results.append(CellResult(cell, row.get("survived"), row.get("within"), row["cause"]))
+        crashes += [f"{cell.name} {cause}" for cause in row.get("crashes", [row["cause"]])]
     found = Robustness(
         gait=request.title,
-        body=planned.run.body.source,
-        controller=planned.run.controller.name,
+        body=run.body.source,
+        controller=run.controller.name,
         replicas=replicas,
-        cells=tuple(results[cell.name] for cell in cells),
-        crashes=crashes,
+        cells=tuple(results),
+        crashes=tuple(crashes),
     )
     if folder is not None:
         write_study(found, folder / RESULT)
     return found
 
 
-def replica_task(cell: Cell, value: float, replica: int, planned: PlannedWalk, profile: str) -> Task:
-    """The walk of one replica: the first as planned, others with an error at the start, and a shift.
+def disturbance_of(cell: Cell, value: float, replica: int, planned: PlannedWalk) -> dict[str, Any]:
+    """Keys and values of one replica: the first as planned, others with an error at the start, and a shift.
 
-    The plan has at least ``PUSH_STEP + 2`` steps. Walks with a push are not judged.
+    Of a push the plan has at least ``PUSH_STEP + 2`` steps.
     """
     settings: dict[str, Any] = {
         "disturbance.seed": replica,
         "sensors.seed": replica,
         "disturbance.start_velocity": START if replica else 0.0,
-        "gait.steps": PUSH_STEP + 1 + AFTER if cell.is_push else STEPS,
     }
-    if cell.is_push:
-        shift, step = SHIFTS[replica % len(SHIFTS)], PUSH_STEP + replica % 2
-        time, direction = push_instant(planned.plan.contacts, cell.direction, cell.phase, step, shift)
-        x, y = (planned.plan.mass * value / DURATION * direction).tolist()
-        settings |= {
-            "disturbance.push_segment": cell.height,
-            "disturbance.push_x": x,
-            "disturbance.push_y": y,
-            "disturbance.push_at": time,
-            "disturbance.push_duration": DURATION,
-        }
-    else:
-        settings[cell.key] = value
-    request = Request(planned.name, planned.run.as_is().replace(settings))
-    options = {"request": request, "profile": None if cell.is_push else profile}
-    return Task(f"{cell.name} {value:g}, replica {replica}", walk_replica, options)
+    if not cell.is_push:
+        return settings | {cell.key: value}
+    shift, step = SHIFTS[replica % len(SHIFTS)], PUSH_STEP + replica % 2
+    time, direction = push_instant(planned.plan.contacts, cell.direction, cell.phase, step, shift)
+    x, y = (planned.plan.mass * value / DURATION * direction).tolist()
+    return settings | {
+        "disturbance.push_segment": cell.height,
+        "disturbance.push_x": x,
+        "disturbance.push_y": y,
+        "disturbance.push_at": time,
+        "disturbance.push_duration": DURATION,
+    }
