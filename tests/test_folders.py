@@ -70,6 +70,12 @@ def test_an_error_before_anything_was_recorded_leaves_nothing(tmp_path, target, 
     assert list(tmp_path.rglob("*")) == ([target] if exists else [])
 
 
+def test_a_mounted_volume_is_not_replaced(target, monkeypatch):
+    monkeypatch.setattr(Path, "is_mount", lambda path: path == target)
+    with pytest.raises(InputError, match="give a folder in it"), run_folder(target, force=True):
+        pass
+
+
 @pytest.mark.parametrize(
     ("files", "force", "known", "marks", "refused"),
     [

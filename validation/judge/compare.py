@@ -27,7 +27,7 @@ from validation.trial.followed import LEADS, Followed
 from validation.trial.frozen_plan import FrozenPlan, PlanRows
 from validation.trial.record import SimulationRecord
 from validation.trial.shapes import Shapes
-from validation.trial.unplanned import MeasuredSupports, heading_velocity
+from validation.trial.unplanned import heading_velocity, measured_supports
 
 RUN = "run"
 """The window that is judged: the run without its first step, or all of it if it begins at rest."""
@@ -176,7 +176,7 @@ def compare(
         planned, first = followed.at(time, followed.lead), followed.plans[0].rows.at(time)
     command = plan.command
     if command is not None:
-        planned = valid = planned.without_plan(MeasuredSupports.of(record).stance)
+        planned = valid = planned.without_plan(measured_supports(record)[0])
     phase = planned.phase
     run, feet = time >= plan.judged_from - 1e-9, measured.foot_contact.sum(axis=1)
     rows = {

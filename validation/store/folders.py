@@ -78,45 +78,39 @@ def check_target(
 def check_run_folder(target: Path, *, force: bool) -> None:
     """Refuse a folder that a run must not be written into; see :func:`check_target`."""
     check_target(target, RUN_FILES, force=force, marks={"run.toml"})
+    if target.is_mount():
+        raise InputError(f"{target} is a mounted volume, which cannot be renamed; give a folder in it.")
 
 
-def _make_folder(folder: Path, *, exist_ok: bool) -> None:
+def _make_folder(folder: Path) -> None:
     """Create a folder with those above it; raises InputError if that cannot be."""
     try:
-        folder.mkdir(parents=True, exist_ok=exist_ok)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder} cannot be written ({error.strerror}); give another place.") from error
 
 
 @contextmanager
 def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
-    """Write a run folder atomically: the body of the ``with`` fills a partial folder.
+    """Write a run folder atomically: the body of the ``with`` fills a partial folder, renamed at the end.
 
-    A target that exists and is empty (such as a mounted volume) is filled in place, any other is renamed at
-    the end. An earlier run is replaced only with ``force``. On an exception the folder is kept if it holds a
-    record.
+    An earlier run is replaced only with ``force``. On an exception the folder is kept if it holds a record.
 
     Raises:
         InputError: see :func:`check_run_folder`, or the folder cannot be created.
     """
     target = target.resolve()
     check_run_folder(target, force=force)
-    in_place = target.is_dir() and not any(target.iterdir())
-    work = target if in_place else target.with_name(f"{target.name}.partial-{uuid4().hex[:8]}")
-    _make_folder(work, exist_ok=in_place)
+    work = target.with_name(f"{target.name}.partial-{uuid4().hex[:8]}")
+    _make_folder(work)
     try:
         yield work
     except BaseException as error:
         if (work / RECORDED).exists():
             error.add_note(f"what was recorded is in {work}")
-        elif in_place:
-            for name in RUN_FILES:
-                (work / name).unlink(missing_ok=True)
         else:
             shutil.rmtree(work, ignore_errors=True)
         raise
-    if in_place:
-        return
     check_run_folder(target, force=force)  # something may have appeared there in the meantime
     old = work.with_name(f"{work.name}.old")
     if target.exists():
@@ -138,7 +132,7 @@ def output_file(target: Path, *, force: bool = True) -> Iterator[Path]:
     """
     check_output_file(target, force=force)
     work = target.with_name(f".{target.stem}-{uuid4().hex[:8]}{target.suffix}")
-    _make_folder(target.parent, exist_ok=True)
+    _make_folder(target.parent)
     try:
         yield work
         work.replace(target)

@@ -46,21 +46,20 @@ def check_drake(run: RunParameters | None = None, model: mujoco.MjModel | None =
         if run and run.value(key) != (default := field_of(key).default):
             rule = f"is of MuJoCo alone, and simulation.engine = drake needs its default, {default}"
             raise run.refusal(key, rule, "set the keys of drake instead, or walk with --engine mujoco")
+    refused = ""
     if find_spec("pydrake") is None:
-        raise InputError(
+        refused = (
             "simulation.engine = drake needs Drake, which is not installed; run pip install -e '.[drake]' in "
-            "the checkout, or walk with --engine mujoco.",
-            key="simulation.engine",
-            value="drake",
+            "the checkout, or walk with --engine mujoco."
         )
-    if model is not None and model.dof_frictionloss.any():
+    elif model is not None and model.dof_frictionloss.any():
         joint = model.joint(int(model.dof_jntid[np.flatnonzero(model.dof_frictionloss)[0]])).name
-        raise InputError(
+        refused = (
             f"the joint {joint} has dry friction, which Drake does not have; walk this body with "
-            "--engine mujoco, or without friction in its description.",
-            key="simulation.engine",
-            value="drake",
+            "--engine mujoco, or without friction in its description."
         )
+    if refused:
+        raise InputError(refused, key="simulation.engine", value="drake")
 
 
 def make_engine(model: mujoco.MjModel, data: mujoco.MjData, drake: DrakeParameters | None = None) -> Engine:

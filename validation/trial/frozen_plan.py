@@ -33,20 +33,19 @@ class PlanRows(PlanSample):
     @classmethod
     def of(cls, plan: WalkPlan, times: Array) -> PlanRows:
         """Sample a plan; one that has ended stays at its end."""
-        return cls.joined([cls._block(plan, times[rows]) for rows in blocks(len(times))])
-
-    @classmethod
-    def _block(cls, plan: WalkPlan, times: Array) -> PlanRows:
-        """Sample some rows."""
-        at = np.minimum(times, plan.duration)
-        sample, feet = plan.sample(at), plan.feet.sample(at)
-        return cls(
-            **{name: np.array(values) for name, values in vars(sample).items()} | {"time": times.copy()},
-            feet=np.hstack([foot.position for foot in feet]),
-            headings=np.column_stack([foot.heading for foot in feet]),
-            momentum_z=np.array(plan.posture.sample(at).angular_momentum_z),
-            zmp_margin=plan.zmp_margin(at),
-        )
+        parts = []
+        for rows in blocks(len(times)):
+            at = np.minimum(times[rows], plan.duration)
+            sample, feet = vars(plan.sample(at)), plan.feet.sample(at)
+            part = cls(
+                **{name: np.array(values) for name, values in sample.items()} | {"time": times[rows].copy()},
+                feet=np.hstack([foot.position for foot in feet]),
+                headings=np.column_stack([foot.heading for foot in feet]),
+                momentum_z=np.array(plan.posture.sample(at).angular_momentum_z),
+                zmp_margin=plan.zmp_margin(at),
+            )
+            parts.append(part)
+        return cls.joined(parts)
 
     def without_plan(self, stance: NDArray[np.int8]) -> PlanRows:
         """NaN for all that is planned, and what stands, shape (N,), in place of the planned stance."""

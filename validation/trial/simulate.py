@@ -35,7 +35,7 @@ from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References
 from validation.trial.scene import surfaces
 from validation.trial.step import act, end_step, sense
-from validation.trial.unplanned import MeasuredSupports
+from validation.trial.unplanned import measured_supports
 from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
 from validation.trial.watch import Watch
 
@@ -102,7 +102,7 @@ def simulate(
     followed = Followed(tuple(course.plans), since, Stepped.of(loop.stepped), tick)
     outcome, ours = record.outcome, factory is TrackingController
     if plan.command is not None:
-        outcome = replace(outcome, steps_completed=MeasuredSupports.of(record).steps)
+        outcome = replace(outcome, steps_completed=measured_supports(record)[1])
     disturbed = bool(forces) or run.disturbance != DisturbanceParameters()
     if outcome.name is OutcomeName.FELL and ours and disturbed and run.controller.stabilizer == "fixed":
         way_out = "--set controller.stabilizer=stepping may survive this disturbance"
