@@ -46,24 +46,12 @@ class Files:
     )
     plot: Path | None = option("--plot", "Draw the plan.", "FILE.png")
 
-    def check(self, request: Request) -> None:
-        """Refuse files that cannot be written before anything is computed.
-
-        Raises:
-            InputError, MathematicalRefusal: one of them, or there are too many samples.
-        """
-        from validation.store.tables import sample_times
-        from validation.trial.plan import check_formula
-
-        gait = request.run.gait
+    def check(self) -> None:
+        """Raise InputError for files that must not be written, before anything is computed."""
         if self.rate != RATE and self.samples is None:
             raise InputError("--rate needs --samples FILE; give it, too, or leave --rate out.")
         for table in filter(None, (self.samples, self.motion)):
             check_new_file(table, ".csv", ".parquet")
-        if self.samples is not None:
-            check_formula(request)
-            count = len(request.run.footsteps) or gait.steps
-            sample_times(count * gait.step_length / gait.switching_velocity, self.rate)
         if self.plot is not None:
             check_new_file(self.plot, ".png", ".svg", ".pdf")
         if self.save is not None:
@@ -99,9 +87,9 @@ def plan(
     from validation.store.tables import plan_table, sample_times, write_columns
     from validation.trial.plan import plan_walk
 
+    files.check()
     request = walk.request(gait, length.steps, as_is=walk.as_is or no_body, sections=length.sections())
     run = request.run
-    files.check(request)
     if no_body and (run.gait.planner not in ("ampm", LIPM) or run.footsteps):
         raise InputError("another planner, or footsteps, need a body; leave out --no-body.")
     if files.motion is not None and (no_body or run.footsteps):
@@ -109,6 +97,7 @@ def plan(
     narrator = Narrator()
     walked = None if no_body else plan_walk(request, narrator)
     planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walked is None else walked.plan
+    times = None if files.samples is None else sample_times(planned.duration, files.rate)
     margin = None
     if walked is not None:
         with narrator.stage(f"{request.name}: ZMP margin", "instants") as stage:
@@ -119,9 +108,9 @@ def plan(
         with output_file(files.save, force=files.force) as work:
             lines = "".join(f"# {note}\n" for note in notes)
             work.write_text(lines + dump_run(request.run), encoding="utf-8")
-    if files.samples is not None:
+    if files.samples is not None and times is not None:
         with narrator.stage("samples"), output_file(files.samples) as work:
-            write_columns(plan_table(planned, sample_times(planned.duration, files.rate)), work)
+            write_columns(plan_table(planned, times), work)
     if files.motion is not None and walked is not None:
         with output_file(files.motion) as work:
             write_columns(walked.motion.table(), work)

@@ -41,7 +41,6 @@ SUMMARY_FILE = "summary.json"
 RECORDING_FILE = "recording.rrd"
 REPORT_FILE = "report.html"
 EXPLANATION = "explain.json"
-_WALK_AGAIN = "walk the gait again"
 _NEEDED = (RUN_FILE, MODEL_FILE, BODY_FILE, SIGNALS_FILE, SUMMARY_FILE)
 
 
@@ -133,9 +132,6 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
     directory = Path(directory)
     if not directory.exists():
         raise InputError(f"there is no folder {str(directory)!r}; give that of a finished run.")
-    missing = [name for name in _NEEDED if not (directory / name).is_file()]
-    if missing:
-        raise InputError(f"{directory} has no {', '.join(missing)}; give the folder of a finished run.")
     if check:
         check_files(directory)
     return SavedRun(
@@ -145,8 +141,13 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
         body=load_description(directory),
         record=load_record(directory),
         signals=load_signals(directory / SIGNALS_FILE),
-        summary=read_json(directory / SUMMARY_FILE, SUMMARY, _WALK_AGAIN),
+        summary=read_summary(directory),
     )
+
+
+def read_summary(directory: Path) -> dict[str, Any]:
+    """Contents of ``summary.json`` in a run's folder; raises InputError if it is missing or damaged."""
+    return read_json(directory / SUMMARY_FILE, SUMMARY, "walk the gait again")
 
 
 def save_description(description: BodyDescription, directory: Path) -> None:
@@ -172,7 +173,7 @@ def check_files(directory: Path) -> None:
     changed since the run was judged.
     """
     read_header(directory)
-    summary = read_json(directory / SUMMARY_FILE, SUMMARY, _WALK_AGAIN)
+    summary = read_summary(directory)
     written, found = summary["files"], digests(directory, summary)
     if RECORDING_FILE in written:  # it can be drawn again
         found[RECORDING_FILE] = _digest(directory / RECORDING_FILE) or written[RECORDING_FILE]
@@ -213,7 +214,7 @@ def _digest(path: Path) -> str:
 
 def keep_digest_of_recording(directory: Path) -> None:
     """Enter the digest of a recording that was drawn into the summary of its run."""
-    summary = read_json(directory / SUMMARY_FILE, SUMMARY, _WALK_AGAIN)
+    summary = read_summary(directory)
     summary["files"][RECORDING_FILE] = _digest(directory / RECORDING_FILE)
     with output_file(directory / SUMMARY_FILE) as work:
         write_json(work, summary)
