@@ -92,10 +92,9 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
     """
     if "zmp" not in log.signals:
         raise InputError(f"{log.name} has no centres of pressure; give zmp_x, _y, or those of both feet.")
-    if "com" not in log.signals and com_height is None:
-        raise InputError(f"{log.name} has no COM; give com_x, _y, _z, or its mean height (--com-height).")
-    if "com" in log.signals and com_height is not None:
-        raise InputError(f"{log.name} has a COM; leave its height out, or its columns.")
+    if ("com" in log.signals) == (com_height is not None):
+        what = "a COM; leave its height out" if com_height else "no COM; give its mean height (--com-height)"
+        raise InputError(f"{log.name} has {what}, or the columns com_x, _y, _z.")
     share = left_share(log)
     left, right = take_overs(log.time, share), take_overs(log.time, 1.0 - share)
     if not weighed and len(left) > 1:
