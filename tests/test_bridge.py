@@ -7,7 +7,8 @@ import pytest
 
 from ampm.parameters import BodyParameters, RunParameters
 from models.build import build_body
-from validation.trial.bridge import pinocchio_model, to_pinocchio
+from validation.trial.bridge import pinocchio_model
+from validation.trial.coordinates import to_pinocchio
 
 TOLERANCE = 1e-9
 SIZES = [(1.55, 95.0)]

@@ -22,7 +22,7 @@ from validation.judge.compare import _from_standing_foot
 from validation.judge.profiles import own_profile
 from validation.study.sweep.design import parse_sweep
 from validation.study.walk_options import own_classes
-from validation.trial.bridge import to_pinocchio
+from validation.trial.coordinates import to_pinocchio
 from validation.trial.readings import Sensors
 
 NOISE = {
@@ -372,8 +372,8 @@ def test_biases_of_the_imu_are_found():
 def test_the_zmp_from_the_standing_foot_does_not_depend_on_where_the_walk_is():
     comparison = walked().comparison
     sample, measured, record = comparison.sample, comparison.measured, comparison.record
-    feet, forward = comparison.planned.feet, record.foot_forward[:-1]
-    here, wanted = _from_standing_foot(comparison.planned, measured, forward)
+    feet, forward = comparison.sample.feet, record.foot_forward[:-1]
+    here, wanted = _from_standing_foot(comparison.sample, measured, forward)
     turn = pin.utils.rotate("z", 0.3)
 
     moved = replace(
@@ -381,7 +381,7 @@ def test_the_zmp_from_the_standing_foot_does_not_depend_on_where_the_walk_is():
         zmp=measured.zmp @ turn[:2, :2].T + [5.0, -3.0],
         foot_position=measured.foot_position @ turn.T + [5.0, -3.0, 0.0],
     )
-    there, same = _from_standing_foot(comparison.planned, moved, forward @ turn.T)
+    there, same = _from_standing_foot(comparison.sample, moved, forward @ turn.T)
     np.testing.assert_allclose(there, here, atol=1e-12)
     np.testing.assert_array_equal(same, wanted)
     statistics = comparison.signals["zmp_foot_x"]["run"]

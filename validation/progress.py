@@ -7,7 +7,6 @@ possible.
 """
 
 import signal
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -82,21 +81,3 @@ class Progress:
 
     def say(self, text: str) -> None:
         """Report one line."""
-
-
-class StageClock(Progress):
-    """Measures the duration of every stage.
-
-    Attributes:
-        seconds: wall-clock time by the stage's label, without the name of the gait before a colon [s].
-    """
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, label: str, unit: str = "") -> Iterator[Stage]:
-        """Time one stage; a stage that raises is not counted."""
-        start = time.perf_counter()
-        yield Stage()
-        self.seconds[label.rpartition(": ")[2]] = time.perf_counter() - start
