@@ -61,12 +61,11 @@ def write(studies: Studies) -> None:
     """Rewrite page and data."""
     with DATA.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        names = ("cell", "unit", "survived", "within", "cause")
+        names = ("cell", "unit", "survived", "cause")
         table.writerow(("stabilizer", *names))
         for name, (pushes, others) in studies.items():
             for item in (*pushes.cells, *others.cells):
-                values = item.cell.name, item.cell.unit, item.survived, item.within
-                table.writerow((name, *values, item.cause))
+                table.writerow((name, item.cell.name, item.cell.unit, item.survived, item.cause))
     write_table()
 
 

@@ -10,13 +10,15 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
+import pinocchio as pin
 
 from ampm.description import BodyDescription, LegDescription, SoleGeometry
+from ampm.geometry import Array
 from ampm.parameters import GRAVITY, BodyParameters
 from ampm.physics_parameters import ContactParameters, SimulationParameters
 from models import anthropometry as table
 from models import scene
-from models.scene import BodyModel, Inertial, add
+from models.scene import BodyModel, add
 
 Vector = tuple[float, float, float]
 Colour = tuple[float, float, float, float]
@@ -47,8 +49,14 @@ def _joint(name: str) -> tuple[tuple[float, float], float]:
     return (low, high), torque
 
 
-class _Builder:
-    """Writes the MJCF of one body, trunk first, then legs, then arms."""
+class Builder:
+    """Writes the MJCF of a human, trunk first, then legs, then arms.
+
+    Args:
+        body: ``height`` [m] and ``mass`` [kg].
+        contact: stiffness and friction of the soles on the floor.
+        simulation: ``time_step`` [s] and ``integrator``.
+    """
 
     def __init__(
         self, body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters
@@ -59,13 +67,13 @@ class _Builder:
         self.sole = sole_geometry(self.height)
         self.model, self.pelvis = scene.new_scene("human", "pelvis", self.height, contact, simulation)
 
-    def _inertial(self, row: table.Row, length: float, com: Vector) -> Inertial:
+    def _inertial(self, row: table.Row, length: float, com: Vector) -> pin.Inertia:
         """Inertial of a table row for a segment of a length [m] with its COM [m]; z is the long axis."""
         mass = row.mass * self.table_mass
         radii = np.array(row.radii) * length
-        return Inertial(mass, np.array(com), mass * np.diag(np.square(radii)))
+        return pin.Inertia(mass, np.array(com, dtype=np.float64), mass * np.diag(np.square(radii)))
 
-    def _segment(self, on: Element, name: str, pos: Any, inertial: Inertial) -> Element:
+    def _segment(self, on: Element, name: str, pos: Any, inertial: pin.Inertia) -> Element:
         return scene.fill(add(on, "body", name=name), pos, inertial)
 
     def _limb(self, on: Element, name: str, pos: Any, row: table.Row, length: float) -> Element:
@@ -85,6 +93,7 @@ class _Builder:
         add(body, "geom", type="ellipsoid", pos=pos, size=size, rgba=rgba)
 
     def build(self) -> BodyModel:
+        """At ``q = 0`` it stands upright with hanging arms, its hips at x = 0 and its soles on the floor."""
         waist, chest = self._trunk()
         left_leg, right_leg = map(self._leg, scene.SIDES)
         left_arm, right_arm = map(self._arm, scene.SIDES)
@@ -122,7 +131,7 @@ class _Builder:
         scale = (1.0 - table.HIP_HEIGHT) / sum(row.length for row in rows) * h
         head, upper, middle, lower = (row.length * scale for row in rows)
 
-        def upward(row: table.Row, length: float) -> Inertial:
+        def upward(row: table.Row, length: float) -> pin.Inertia:
             """Rows run downward, but the frames of the trunk are at the lower end."""
             return self._inertial(row, length, (0, 0, (1 - row.com) * length))
 
@@ -134,8 +143,8 @@ class _Builder:
         self._ellipsoid(abdomen, (0, 0, 0.45 * middle), (0.062 * h, 0.088 * h, 0.105 * h), _SHIRT)
 
         skull = self._inertial(table.HEAD, head, (0, 0, upper + (1 - table.HEAD.com) * head))
-        both = upward(table.UPPER_TRUNK, upper).plus(skull)
-        thorax = self._segment(abdomen, "thorax", (0, 0, middle), both)
+        chest_and_head = upward(table.UPPER_TRUNK, upper) + skull
+        thorax = self._segment(abdomen, "thorax", (0, 0, middle), chest_and_head)
         chest = self._hinges(thorax, "chest", _TRUNK_JOINTS)
         self._ellipsoid(thorax, (0, 0, 0.40 * upper), (0.068 * h, 0.102 * h, 0.112 * h), _SHIRT)
         shoulder_z = table.SHOULDER_HEIGHT * h - table.HIP_HEIGHT * h - lower - middle
@@ -174,8 +183,8 @@ class _Builder:
 
         to_ankle = np.array([sole.ankle_x, 0.0, sole.ankle_height])  # of the foot's frame, in the sole frame
         to_toe = np.array([sole.ball_x, 0.0, 0.0])
-        foot_inertial, toe_inertial = self._foot_inertials()
-        foot = self._segment(shank, f"{side}_foot", (0, 0, -shank_length), foot_inertial.seen_from(to_ankle))
+        foot_inertial, toe_inertial = self._foot_inertials(to_ankle, to_toe)
+        foot = self._segment(shank, f"{side}_foot", (0, 0, -shank_length), foot_inertial)
         ankle = self._hinges(foot, f"{side}_ankle", ("pitch", "roll"))
         add(foot, "site", name=f"{side}_sole", pos=-to_ankle)
         back, front = sole.heel_x - 0.004 * h, sole.ball_x
@@ -187,7 +196,7 @@ class _Builder:
         size = (0.46 * (front - back), 0.8 * sole.ball_half_width, 0.46 * sole.ankle_height)
         self._ellipsoid(foot, pos, size, _SHOE)
 
-        toe = self._segment(foot, f"{side}_toe", to_toe - to_ankle, toe_inertial.seen_from(to_toe))
+        toe = self._segment(foot, f"{side}_toe", to_toe - to_ankle, toe_inertial)
         (toe_joint,) = self._hinges(toe, f"{side}_toe", ("pitch",))
         add(toe, "site", name=f"{side}_toe_axis")
         length = sole.tip_x - sole.ball_x + 0.003 * h
@@ -207,8 +216,8 @@ class _Builder:
             sole_points=points,
         )
 
-    def _foot_inertials(self) -> tuple[Inertial, Inertial]:
-        """Inertials of foot and toes in the sole frame.
+    def _foot_inertials(self, ankle: Array, axis: Array) -> tuple[pin.Inertia, pin.Inertia]:
+        """Inertials of foot and toes from their origins in the sole frame, shape (3,) [m].
 
         The toes are a homogeneous box in front of the toe axis with DELP's share of the mass; the rest is cut
         so that both together have exactly the mass, centre of mass and inertia of DE_LEVA's foot.
@@ -220,9 +229,9 @@ class _Builder:
         whole = self._inertial(row, sole.length, com)
         x, y, z = sole.tip_x - sole.ball_x, 2.0 * sole.tip_half_width, table.TOE_THICKNESS * h
         mass = table.TOE_MASS_SHARE * whole.mass
-        box = mass / 12.0 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y])
-        toes = Inertial(mass, np.array([0.5 * (sole.ball_x + sole.tip_x), 0, 0.5 * z]), box)
-        return whole.minus(toes), toes
+        centre = np.array([0.5 * (sole.ball_x + sole.tip_x), 0, 0.5 * z])
+        toes = pin.SE3(np.eye(3), centre).act(pin.Inertia.FromBox(mass, x, y, z))
+        return pin.SE3(np.eye(3), -ankle).act(whole - toes), pin.SE3(np.eye(3), -axis).act(toes)
 
     def _arm(self, side: str) -> tuple[str, ...]:
         h = self.height
@@ -255,17 +264,3 @@ def _mirrored(joint: str) -> tuple[str, str, float]:
     side, _, rest = joint.partition("_")
     image = {"left": f"right_{rest}", "right": f"left_{rest}"}.get(side, joint)
     return (joint, image, 1.0 if joint.endswith("pitch") else -1.0)
-
-
-def build(body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters) -> BodyModel:
-    """Build the human for a stature, a mass, a floor and a time step.
-
-    Args:
-        body: ``height`` [m] and ``mass`` [kg].
-        contact: stiffness and friction of the soles on the floor.
-        simulation: ``time_step`` [s] and ``integrator``.
-
-    Returns:
-        At ``q = 0`` it stands upright with hanging arms, its hips at x = 0 and its soles on the floor.
-    """
-    return _Builder(body, contact, simulation).build()

@@ -6,6 +6,7 @@ of the world, x where the feet point.
 
 import math
 from collections.abc import Sequence
+from itertools import product
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
@@ -25,15 +26,8 @@ from models.tree import Tree
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
 _LEAST_JOINTS = 6  # of a leg
 _THIN = 0.005  # least half axis of a segment's shape [m]
-_OURS = frozenset(
-    {"root", "imu", "universe", *(f"{side}_sole" for side in scene.SIDES)}
-    | {
-        f"{side}_{group}_{edge}"
-        for side in scene.SIDES
-        for group in SOLE_POINT_GROUPS
-        for edge in scene.SIDES
-    }
-)
+_POINTS = product(scene.SIDES, SOLE_POINT_GROUPS, scene.SIDES)
+_OURS = frozenset({"root", "imu", "universe", "left_sole", "right_sole", *map("_".join, _POINTS)})
 """Names of joints and frames that are added."""
 
 
@@ -83,9 +77,7 @@ class Writer:
         left, right = (self._path(foot) for foot in feet)
         shared = [k for k in left if k in right]
         self.legs: list[_Leg] = []
-        for foot, other, name, side in zip(
-            feet, (right, left), file.sided(file.knee), scene.SIDES, strict=True
-        ):
+        for foot, other, name, side in zip(feet, (right, left), file.knee, scene.SIDES, strict=True):
             knee = tree.joint(name, "knee")
             joints = [k for k in self._path(foot) if k not in shared]
             if len(joints) < _LEAST_JOINTS:
@@ -101,7 +93,7 @@ class Writer:
                     names = ", ".join(self._named(joints))
                     where = f"is not amid the joints from root to the {side} foot ({names})"
                 raise InputError(
-                    f"the knee {name!r} {where}; correct knee, foot or sides in the body's description.",
+                    f"the knee {name!r} {where}; correct knee or foot in the body's description.",
                     key="body.knee",
                 )
             at = joints.index(knee)
@@ -151,9 +143,10 @@ class Writer:
         bends = 1.0 if joint.high - straight > straight - joint.low else -1.0
         if not bends * joint.axis[1] > 0.0:
             raise InputError(
-                f"the knee {joint.name!r} bends forward; exchange sides in the body's description, or give "
-                f"the joint's range, now {joint.low:g} to {joint.high:g} rad, with [body.range].",
-                key="body.sides",
+                f"the knee {joint.name!r} bends forward; exchange left and right in the body's "
+                f"description, or give the joint's range, now {joint.low:g} to {joint.high:g} rad, with "
+                "[body.range].",
+                key="body.foot",
             )
         return LegDescription(
             hip=self._named(leg.hip),
@@ -219,7 +212,7 @@ class Writer:
         hip = self.legs[0].hip
         mass = sum(segment.inertial.mass for segment in tree.segments)
         com_z = sum(
-            segment.inertial.mass * float(segment.place[2] + segment.inertial.com[2])
+            segment.inertial.mass * float(segment.place[2] + segment.inertial.lever[2])
             for segment in tree.segments
         )
         floor = float(self._along(self.legs[0].ankle, 1)[2]) - sole.ankle_height
@@ -229,7 +222,7 @@ class Writer:
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
         next(model.iter("flag")).set("eulerdamp", "disable")
         segments = self._add_segments(model, root, floor)
-        add(segments[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].inertial.com)
+        add(segments[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].inertial.lever)
         left, right = (
             self._add_leg(leg, side, sole, segments[leg.foot])
             for leg, side in zip(self.legs, scene.SIDES, strict=True)
@@ -373,4 +366,4 @@ def _inertial_shape(segment: Segment) -> dict[str, Any]:
     axes[:, 2] *= np.linalg.det(axes)
     squares = 2.5 * (moments.sum() - 2.0 * moments) / segment.inertial.mass
     size = np.sqrt(np.maximum(squares, _THIN**2))
-    return {"type": "ellipsoid", "pos": segment.inertial.com, "quat": scene.quaternion(axes), "size": size}
+    return {"type": "ellipsoid", "pos": segment.inertial.lever, "quat": scene.quaternion(axes), "size": size}

@@ -6,12 +6,13 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.section import unknown
-from models.scene import Inertial, quaternion
+from models.scene import quaternion
 from models.segments import Hinge, Segment, symmetrise
 from models.source import DRAWN, MASSLESS, BodyFile, by_pattern
 
@@ -53,7 +54,7 @@ class Tree:
         self._check_source()
         self.efforts = motor_limits(model)
         root = self.body(file.root, "root")
-        self.feet = [self.body(name, "foot") for name in file.sided(file.foot)]
+        self.feet = [self.body(name, "foot") for name in file.foot]
         self.data = at_zero(model)
         self.origin = self.data.xpos[root]
         self.align = self._axes()
@@ -73,8 +74,7 @@ class Tree:
         self.hinges = [joint for segment in self.segments for joint in segment.joints]
         self.index = {joint.name: i for i, joint in enumerate(self.hinges)}
         self.segment_of = [i for i, segment in enumerate(self.segments) for _ in segment.joints]
-        roles = {"knee": file.sided(file.knee), "rest": file.rest}
-        for role, names in roles.items():
+        for role, names in (("knee", file.knee), ("rest", file.rest)):
             for name in names:
                 self.joint(name, role)
         self.images, self.signs, self.findings = symmetrise(self.segments)
@@ -93,7 +93,7 @@ class Tree:
         up = np.eye(3)["xyz".index(file.up)]
         across = left - right - ((left - right) @ up) * up
         if not (distance := math.hypot(*across)) > 0.0:
-            raise InputError("both feet are at one place; correct foot and sides in the body's description.")
+            raise InputError("both feet are at one place; correct foot in the body's description.")
         across /= distance
         return np.stack([np.cross(across, up), across, up])
 
@@ -200,7 +200,7 @@ class Tree:
             inertia = turn @ np.diag(self.model.body_inertia[body]) @ turn.T
             if (radius := by_pattern(self.file.gyration, self.model.body(body).name, 0.0)) > 0.0:
                 inertia = mass * radius**2 * np.eye(3)
-            segment.inertial = segment.inertial.plus(Inertial(mass, com, inertia))
+            segment.inertial = segment.inertial + pin.Inertia(mass, com, inertia)
 
     def _add_shapes(self, body: int, segment: Segment) -> None:
         """What collides, or what is drawn if that is much larger; meshes as their convex hulls."""

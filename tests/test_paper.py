@@ -41,7 +41,7 @@ def test_every_figure_of_the_page_is_a_file_with_its_caption(run_dir, page, tmp_
     assert [caption.partition(".")[0] for caption in captions] == [f"Figure {n + 1}" for n in range(16)]
     assert re.findall("<figcaption>(.*?)</figcaption>", page) == [str(Markup.escape(c)) for c in captions]
     files = sorted(out.glob(f"figure-*.{form}"))
-    assert len(files) == 17
+    assert len(files) == 16
     column, wide = (files[number].read_bytes() for number in (1, 0))
     for data, points in ((column, COLUMN), (wide, 2 * COLUMN + 5.0 / 25.4 * 72.0)):
         if form == "pdf":
@@ -75,7 +75,7 @@ def test_figures_of_a_sweep(tmp_path, ampm):
     assert ampm("report", folder, "--figures", out, "--format", "svg", "--tables", "tex").status == 0
     drawn = [path.read_text(encoding="utf-8") for path in sorted(out.glob("*.svg"))]
     widths = [float(_only(r'<svg [^>]*width="([\d.]+)pt"', text)) for text in drawn]
-    assert widths == pytest.approx([COLUMN], abs=1.0)
+    assert widths == pytest.approx([COLUMN] * 6, abs=1.0)
     assert UNSTUDIED.split("(")[0] in (out / "tables.tex").read_text(encoding="utf-8")
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from ampm.exceptions import InputError
-from ampm.planner.contacts import Contacts
 from ampm.planners import PeriodicPlanner, periodic_walk
 from tests.records import same_bits
 from tests.solved import COARSE, motion_of, simulate_plan, simulated, walk_of
@@ -130,23 +129,17 @@ def test_errors_on_the_way_end_the_walk(change, at, words):
 
 def swapped(plan):
     """The plan with the contacts of the other foot's walk."""
-    phases = tuple(phase._replace(left=phase.right, right=phase.left) for phase in plan.contacts.phases)
-    return replace(plan, contacts=Contacts(plan.contacts.footsteps, phases))
+    other = {"left": "right", "right": "left"}
+    footsteps = tuple(step._replace(foot=other[step.foot]) for step in plan.contacts.footsteps)
+    return replace(plan, contacts=replace(plan.contacts, footsteps=footsteps))
 
 
 def moved_plan(plan, by):
     """The plan, moved along y as a whole [m]."""
     phases = tuple(phase._replace(origin=(phase.origin[0], phase.origin[1] + by)) for phase in plan.phases)
-
-    def there(step):
-        if step is None:
-            return None
-        x, y, z = step.position
-        return step._replace(position=(x, y + by, z))
-
-    old = plan.contacts
-    supports = (phase._replace(left=there(phase.left), right=there(phase.right)) for phase in old.phases)
-    return replace(plan, phases=phases, contacts=Contacts(tuple(map(there, old.footsteps)), tuple(supports)))
+    places = [(step, step.position) for step in plan.contacts.footsteps]
+    footsteps = tuple(step._replace(position=(x, y + by, z)) for step, (x, y, z) in places)
+    return replace(plan, phases=phases, contacts=replace(plan.contacts, footsteps=footsteps))
 
 
 def compared(plan, record):

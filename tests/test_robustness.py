@@ -32,8 +32,8 @@ FRICTION = Cell("friction", "disturbance.friction_factor", (0.8, 0.6, 0.4, 0.2))
 FELL = "fell: the trunk leaned over by 60 degrees at 3 s; the first sign was it"
 
 
-def row(cause="", passed=True):
-    return {"outcome": "fell" if cause else "completed", "cause": cause, "passed": passed}
+def row(cause=""):
+    return {"outcome": "fell" if cause else "completed", "cause": cause}
 
 
 def climbed(cell, replicas, answer):
@@ -45,21 +45,19 @@ def climbed(cell, replicas, answer):
         return answer(*place)
 
     found = climb(cell, replicas, walk)
-    return CellResult(cell, found["survived"], found["within"], found["cause"]), walked
+    return CellResult(cell, found["survived"], found["cause"]), walked
 
 
 def test_values_are_climbed_until_too_many_replicas_failed():
     def answer(value, replica):
-        return row("" if (value > 0.5 and replica) or value > 0.7 else FELL, passed=value > 0.7)
+        return row("" if (value > 0.5 and replica) or value > 0.7 else FELL)
 
     found, walked = climbed(FRICTION, 5, answer)
     assert [value for value, _ in walked] == [0.8] * 5 + [0.6] * 5 + [0.4] * 2  # the rest need not be walked
-    assert (found.survived, found.within, found.cause) == (0.6, 0.8, FELL)
-    assert found.cells()[2:] == ("0.6", "0.8", "fell: the trunk leaned over by 60 degrees")
+    assert (found.survived, found.cause) == (0.6, FELL)
+    assert found.cells()[2:] == ("0.6", "fell: the trunk leaned over by 60 degrees")
     every, _ = climbed(FRICTION, 1, lambda value, replica: row())
     assert every.cells()[2] == "0.2 (all tried)"
-    late, _ = climbed(FRICTION, 1, lambda value, replica: row(passed=value < 0.7))
-    assert (late.survived, late.within) == (0.2, None)
     none, walked = climbed(FRICTION, 3, lambda value, replica: row(FELL))
     assert (none.survived, none.cause, len(walked)) == (None, FELL, 1)
     broken = climb(FRICTION, 1, lambda value, replica: row("broke") | {"outcome": "crashed"})
@@ -75,8 +73,8 @@ def test_the_table_and_the_files(tmp_path):
     (table,) = found.tables()
     assert len(table.rows) == 2 * 2 * 4 + 1
     cause = "fell: the trunk leaned over by 60 degrees"
-    assert table.rows[0] == ("com early forward", "m/s", "0.4", "", cause)
-    assert table.rows[-1] == ("up", "degrees", "1 (all tried)", "1", "")
+    assert table.rows[0] == ("com early forward", "m/s", "0.4", cause)
+    assert table.rows[-1] == ("up", "degrees", "1 (all tried)", "")
     write_study(found, tmp_path / robustness.RESULT)
     written = json.loads((tmp_path / robustness.RESULT).read_text())
     assert written == found.as_dict()

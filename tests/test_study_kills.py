@@ -37,10 +37,10 @@ import sys
 from tests.test_study_kills import gated
 from validation.cli.entry import main
 from validation.run import walk
-from validation.study.sweep import report, run
+from validation.study.sweep import run
 
 walk.compile_once = lambda: None
-report.write_sweep_report = lambda folder: None
+run.write_sweep_report = lambda folder: None
 run.walk_run = gated
 main()
 """

@@ -122,7 +122,7 @@ class FollowedWalk(control.Physics, control.Task):
 
     def begin(self, tick: int) -> None:
         """Begin an episode at a tick of the walk."""
-        run, table = self.planned.run, self.walk.table.part(tick, len(self.walk.table))
+        run, table = self.planned.run, self.walk.table[tick:]
         self.first = tick * self.substeps
         self.end: Outcome | None = None
         step_ends = self.walk.step_ends - self.first * self.timestep()

@@ -100,8 +100,8 @@ def plan(
     times = None if files.samples is None else sample_times(planned.duration, files.rate)
     margin = None
     if walked is not None:
-        with narrator.stage(f"{request.name}: ZMP margin", "instants") as stage:
-            margin = walked.plan.least_zmp_margin(progress=stage.advance)
+        with narrator.stage(f"{request.name}: ZMP margin"):
+            margin = walked.plan.least_zmp_margin()
     request = request if walked is None else walked.request
     if files.save is not None:
         notes = [request.title, *(() if walked is None or walked.tuned is None else _margins(walked.tuned))]
@@ -159,7 +159,7 @@ def plan_tables(
         rows.append((field.name, value, "" if unit == "1" else str(unit), str(meaning)))
     notes = [
         f"{plan.contacts.steps} steps in {plan.duration:.2f} s",
-        f"largest jump at a switch, relative: {format_number(plan.residuals().largest, 2)}",
+        f"largest jump at a switch, relative: {format_number(max(plan.residuals().values()), 2)}",
     ]
     report = {} if walk is None else walk.plan.posture.report()
     if margin is not None:

@@ -164,7 +164,6 @@ def robustness(
         "--only", "Study only this: pushes, or a key of disturbance or sensors. Repeatable.", "KIND"
     ),
     replicas: int = option("--replicas", "Walks for each push; four fifths have to survive.", "N", default=5),
-    profile: str | None = options.PROFILE,
     execution: options.Running,
 ) -> int:
     """Find the pushes and disturbances that a gait survives.
@@ -179,7 +178,6 @@ def robustness(
         quick=quick,
         only=only or (),
         replicas=replicas,
-        profile=profile,
         **execution.given(),
     )
     execution.answer(found)

@@ -7,6 +7,7 @@ Unit of Assurance (https://uofa.net).
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -22,18 +23,6 @@ from validation.store.saved import SavedRun, digests, load_saved_run
 from validation.study.compare.report import NUMBERS, load_comparison
 from validation.study.robustness.result import RESULT, load_robustness
 from validation.table import Table, own_rows
-
-USE = (
-    "To decide whether a body with a real distribution of mass, unilateral contact, friction and limited "
-    "torque can realise the plan of a gait in simulation, how closely, and at what effort."
-)
-_UOFA = "https://uofa.net/vocab#"
-_CONTEXT = {
-    "@vocab": _UOFA,
-    "uofa": _UOFA,
-    "prov": "http://www.w3.org/ns/prov#",
-    "schema": "https://schema.org/",
-}
 
 
 def write_evidence(
@@ -58,7 +47,7 @@ def write_evidence(
         checks = row["checks"].split()
         said = [found.get(check, f"{check}: not done") for check in checks]
         row["found"] = "; ".join(said) if found.keys() & set(checks) else ""
-    linked = json.dumps(_linked(saved, factors), indent=1)
+    linked = _linked(saved, factors)
     names = ("factor", "standard", "criterion", "found")
     assessed = [tuple(row[name] or "NOT ASSESSED" for name in names) for row in factors]
     environment = [(name, str(value)) for name, value in saved.summary["environment"].items()]
@@ -66,7 +55,7 @@ def write_evidence(
         "evidence.html.j2",
         f"Evidence: {saved.title}",
         styles=["report.css"],
-        use=USE,
+        use=linked["hasContextOfUse"]["intendedUse"],
         envelope=_envelope(saved),
         sentence=saved.sentence,
         tables=[
@@ -80,7 +69,7 @@ def write_evidence(
     )
     with output_file(target) as work, zipfile.ZipFile(work, "w", zipfile.ZIP_DEFLATED) as bundle:
         bundle.writestr("evidence.html", page)
-        bundle.writestr("evidence.jsonld", linked)
+        bundle.writestr("evidence.jsonld", json.dumps(linked, indent=1))
         for path in sorted(folder / name for name in RUN_FILES):
             if path.is_file() and path.suffix not in (".parquet", ".rrd"):
                 bundle.write(path, path.name)
@@ -130,29 +119,18 @@ def _envelope(saved: SavedRun) -> str:
 
 
 def _linked(saved: SavedRun, rows: Sequence[Mapping[str, str]]) -> dict[str, Any]:
-    """The evidence as JSON-LD."""
-    summary, digest = saved.summary, digest_of(saved)
+    """The evidence as JSON-LD: ``evidence.jsonld`` with what is of this run."""
+    summary, text = saved.summary, files("validation").joinpath("study/evidence.jsonld").read_text("utf-8")
+    linked: dict[str, Any] = json.loads(text.replace("DIGEST", digest_of(saved)))
     time = {"@value": summary["environment"]["time"], "@type": "http://www.w3.org/2001/XMLSchema#dateTime"}
-
-    def node(kind: str, **entries: Any) -> dict[str, Any]:
-        return {"@id": f"urn:sha256:{digest}:{kind}", "@type": kind, **entries}
-
-    result: dict[str, Any] = {
-        "comparedAgainst": node("Comparator"),
-        "prov:wasGeneratedBy": node("prov:Activity"),
-    }
+    linked |= {"schema:name": saved.title, "prov:generatedAtTime": time}
+    linked["bindsRequirement"] = {"@id": f"urn:ampm:profile:{summary['profile']}"}
+    linked["hasContextOfUse"] |= {"schema:name": saved.title, "hasOperatingEnvelope": _envelope(saved)}
     if "uncertainty" in summary:
-        result["hasUncertaintyQuantification"] = True
-    decision = {
-        "outcome": "Not decided",
-        "rationale": f"The trial: {summary['verdict']}. {summary['reason']}",
-        "actor": "urn:ampm:judge",
-        "role": summary["profile"],
-        "decisionProvenance": "asserted",
-        "decidedAt": time,
-    }
-    use = {"schema:name": saved.title, "intendedUse": USE, "hasOperatingEnvelope": _envelope(saved)}
-    factors = [
+        linked["hasValidationResult"]["hasUncertaintyQuantification"] = True
+    rationale = f"The trial: {summary['verdict']}. {summary['reason']}"
+    linked["hasDecisionRecord"] |= {"rationale": rationale, "role": summary["profile"], "decidedAt": time}
+    linked["hasCredibilityFactor"] = [
         {
             "@type": "CredibilityFactor",
             "factorType": row["factor"],
@@ -164,16 +142,4 @@ def _linked(saved: SavedRun, rows: Sequence[Mapping[str, str]]) -> dict[str, Any
         }
         for row in rows
     ]
-    return {
-        "@context": _CONTEXT,
-        "schema:name": saved.title,
-        "conformsToProfile": {"@id": f"{_UOFA}ProfileMinimal"},
-        "bindsRequirement": {"@id": f"urn:ampm:profile:{summary['profile']}"},
-        "hasContextOfUse": node("ContextOfUse", **use),
-        "hasValidationResult": node("ValidationResult", **result),
-        "hasCredibilityFactor": factors,
-        "hasDecisionRecord": node("DecisionRecord", **decision),
-        "prov:generatedAtTime": time,
-        "hash": f"sha256:{digest}",
-        **node("UnitOfAssurance"),
-    }
+    return linked

@@ -15,9 +15,7 @@ from typing import Any, Unpack
 from xml.etree import ElementTree
 
 from ampm.exceptions import InputError
-from ampm.parameters import HUMAN, NO_PLAN, OPEN_KEYS, OPTION_TABLES, RunParameters, keys
-from ampm.presets import PRESETS
-from ampm.run_file import load_run
+from ampm.parameters import NO_PLAN, OPEN_KEYS, OPTION_TABLES, RunParameters, keys
 from validation.judge import profiles
 from validation.judge.margins import SATURATED
 from validation.run.walk import walk_planned
@@ -56,23 +54,6 @@ def other_controller(run: RunParameters) -> Values:
     return {key: factor * run.value(key) for key, factor in factors.items()}
 
 
-def other_plan(run: RunParameters) -> Values:
-    """Keys of the AMPM for another planner; for the AMPM's gait, of the nearest preset or the body's own."""
-    other = {"gait.planner": "ampm", "planner.options": {}}
-    if run.gait.planner != "ampm" or run.footsteps:
-        return other
-    shape = ("gait.step_length", "gait.switching_velocity", "gait.c_s", "gait.c_y")
-
-    def distance(gait: RunParameters) -> float:
-        return math.dist([run.value(key) for key in shape], [gait.value(key) for key in shape])
-
-    gaits = [load_run(name) for name in PRESETS if name != "ipm"]
-    if run.body.source != HUMAN:
-        gaits = [load_request(None, body=run.body.source).run]
-    nearest = min(gaits, key=distance)
-    return other | {key: nearest.value(key) for key in (*shape, *OPEN_KEYS)}
-
-
 @dataclass(frozen=True)
 class Change:
     """One layer made ideal, or another one in its place: a row of ``layers.csv``."""
@@ -85,9 +66,10 @@ class Change:
     def values(self, run: RunParameters) -> Values:
         """New values by key, of a run."""
         wanted = self.keys.split()
-        changed = [key for key in keys() if key in wanted or key.partition(".")[0] in wanted]
+        every = (*keys(), *OPTION_TABLES)
+        changed = [key for key in every if key in wanted or key.partition(".")[0] in wanted]
         if self.value == "another":
-            return other_plan(run) if self.layer == "planner" else other_controller(run)
+            return other_controller(run)
         if self.value == "drake":
             return dict.fromkeys(changed if find_spec("pydrake") else [], self.value)
         if self.value == "default":
@@ -120,9 +102,8 @@ class Case:
         old = self.request.run
         values = {key: value for key, value in change.values(old).items() if old.value(key) != value}
         run = old.replace(values) if values else old
-        if change.layer == "planner" and values:  # feet and posture are found for it, and of another gait all
-            same_gait = old.gait.planner != "ampm"
-            found = {key for key in OPEN_KEYS if not (same_gait and key.startswith("gait."))}
+        if change.layer == "planner" and values:  # feet and posture are found for it
+            found = {key for key in OPEN_KEYS if not key.startswith("gait.")}
             run = run.giving(run.given - found)
         return replace(
             self,

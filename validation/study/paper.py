@@ -18,7 +18,7 @@ from validation.study.compare.report import (
     load_comparison,
     write_comparison,
 )
-from validation.study.sweep.figures import scatter_picture
+from validation.study.sweep.figures import draw_sweep
 from validation.study.sweep.report import cite_sweep, metric_table, write_sweep_report
 from validation.study.sweep.table import is_sweep, read_sweep
 from validation.table import Table
@@ -40,9 +40,8 @@ def load_paper(folder: Path) -> Paper:
     """
     if is_sweep(folder):
         sweep = read_sweep(folder)
-        figures = [scatter_picture(sweep)] if sweep.varied else []
         tables = [metric_table(sweep), *sweep.tables()]
-        return Paper(figures, _noted(tables, studied=False), [cite_sweep(sweep)])
+        return Paper(draw_sweep(sweep), _noted(tables, studied=False), [cite_sweep(sweep)])
     if is_comparison(folder):
         found = load_comparison(folder)
         tables, studied = found.tables(), all(side.study for side in found.sides)

@@ -347,15 +347,11 @@ def _remote(address: str) -> Iterator[Any]:
     from distributed import Client  # slow to load
     from distributed.comm import resolve_address
 
-    where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
     try:
-        if "scheduler_file" in where:
-            if not isinstance(json.loads(read_text(Path(address)))["address"], str):  # a client would wait
-                raise ValueError("its address is not a text")
-        else:
-            resolve_address(address)  # with an invalid address a client waits for a minute
-        client = Client(**where, timeout=_CONNECT, set_as_default=False)
-    except (OSError, ValueError, TypeError, KeyError, TimeoutError, InputError) as error:
+        at = json.loads(read_text(Path(address)))["address"] if address.endswith(".json") else address
+        resolve_address(at)  # with an invalid address a client waits for a minute
+        client = Client(at, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError, TypeError, LookupError, AttributeError, TimeoutError, InputError) as error:
         raise InputError(
             f"no dask scheduler answers at --scheduler {address} ({error}); start one with 'dask scheduler', "
             "or leave the option out to run on this machine."

@@ -22,26 +22,16 @@ class CellResult:
 
     cell: Cell  # the disturbance
     survived: float | None = None  # largest value survived with all smaller ones; None if there is none
-    # largest value that kept the tolerances with all smaller ones; None if there is none, and of pushes,
-    # which are not judged
-    within: float | None = None
     cause: str = ""  # how a walk of the first value that was not survived ended; empty if there is none
 
     def cells(self) -> tuple[str, ...]:
         """Row of the table; angles in degrees."""
-        is_angle = self.cell.unit == "rad"
-
-        def shown(value: float | None) -> str:
-            return "none" if value is None else f"{math.degrees(value) if is_angle else value:.4g}"
-
-        is_last = self.survived == self.cell.values[-1]
-        return (
-            self.cell.name,
-            "degrees" if is_angle else self.cell.unit,
-            f"{shown(self.survived)}{' (all tried)' if is_last else ''}",
-            "" if self.cell.is_push else shown(self.within),
-            self.cause.partition("; ")[0].partition(" at ")[0],
-        )
+        value, unit = self.survived, self.cell.unit
+        if unit == "rad":
+            value, unit = value and math.degrees(value), "degrees"
+        shown = "none" if value is None else f"{value:.4g}"
+        every = " (all tried)" if self.survived == self.cell.values[-1] else ""
+        return self.cell.name, unit, shown + every, self.cause.partition("; ")[0].partition(" at ")[0]
 
 
 @dataclass(frozen=True)
@@ -71,12 +61,12 @@ class Robustness(Tabled):
         return dict(json_ready(vars(self)))
 
     def tables(self) -> list[Table]:
-        """Largest value survived, and that within the tolerances, of every disturbance."""
+        """Largest value survived of every disturbance."""
         note = f"Pushes of {DURATION:g} s: the velocity change. A value counts with all smaller ones."
         return [
             Table(
                 self.title,
-                ("disturbance", "unit", "survived", "within tolerance", "first failure"),
+                ("disturbance", "unit", "survived", "first failure"),
                 [item.cells() for item in self.cells],
                 (note, *self.crashes),
             )

@@ -8,8 +8,6 @@ from typing import Any, Unpack
 from ampm.exceptions import InputError
 from ampm.parameters import NO_PLAN, RunParameters
 from models.scene import BodyModel
-from validation.judge import profiles
-from validation.run.walk import walk_planned
 from validation.study.many import Execution, Task, study_folder, walk_many, write_study
 from validation.study.pool import attempt
 from validation.study.robustness.cells import (
@@ -40,7 +38,7 @@ CROSSED = "the legs met"
 _EVERY = 0.01  # time between two looks at the distance of the legs [s]
 
 
-def walk_cell(cell: Cell, request: Request, replicas: int, profile: str) -> Row:
+def walk_cell(cell: Cell, request: Request, replicas: int) -> Row:
     """Walk a complete request with the rising values of a cell, on a worker; see :func:`climb`."""
     run = request.run.replace({"gait.steps": PUSH_STEP + 1 + AFTER if cell.is_push else STEPS})
     is_known, undisturbed = run.gait.planner in PLANNER.known, run.undisturbed
@@ -49,8 +47,7 @@ def walk_cell(cell: Cell, request: Request, replicas: int, profile: str) -> Row:
         name = request.name
         planned = _planned(name, undisturbed) if is_known else plan_walk(Request(name, undisturbed))
         disturbed = run.replace(disturbance_of(cell, value, replica, planned))
-        options = {"planned": planned, "run": disturbed, "profile": None if cell.is_push else profile}
-        return attempt(walk_replica, options)
+        return attempt(walk_replica, {"planned": planned, "run": disturbed})
 
     return climb(cell, replicas, walk)
 
@@ -61,11 +58,11 @@ def climb(cell: Cell, replicas: int, walk: Callable[[float, int], Row]) -> Row:
     Replicas of a value are not walked once too many have failed.
 
     Returns:
-        ``outcome``: completed, or crashed if an error ended a walk; ``survived``, ``within`` and ``cause`` of
+        ``outcome``: completed, or crashed if an error ended a walk; ``survived`` and ``cause`` of
         :class:`CellResult`; ``crashes``: the causes of such errors.
     """
-    least, kept, crashes = needed(replicas), True, list[str]()
-    found: Row = {"survived": None, "within": None, "cause": ""}
+    least, crashes = needed(replicas), list[str]()
+    found: Row = {"survived": None, "cause": ""}
     for value in cell.values:
         rows: list[Row] = []
         failed: list[Row] = []
@@ -76,29 +73,17 @@ def climb(cell: Cell, replicas: int, walk: Callable[[float, int], Row]) -> Row:
         if len(rows) - len(failed) < least:
             found["cause"] = failed[0]["cause"]
             break
-        kept = kept and sum(row["passed"] for row in rows if not row["cause"]) >= least
-        found |= {"survived": value, "within": value if kept else found["within"]}
+        found["survived"] = value
     return {"outcome": "crashed" if crashes else "completed", **found, "crashes": crashes}
 
 
-def walk_replica(planned: PlannedWalk, run: RunParameters, profile: str | None) -> Row:
-    """Walk a plan once, disturbed as the run says; without a profile the walk is not measured.
-
-    Returns:
-        ``outcome`` and ``cause``, which is empty for a walk that survived; ``passed``, whether it kept the
-        tolerances.
-    """
-    disturbed, passed = replace(planned, request=Request(planned.name, run)), False
-    if profile is None:
-        record = simulate(disturbed)
-    else:
-        trial = walk_planned(disturbed, profiles.profile(profile))
-        record, passed = trial.record, trial.verdict.passed
+def walk_replica(planned: PlannedWalk, run: RunParameters) -> Row:
+    """Walk a plan once, disturbed as the run says; ``cause`` is empty for a walk that survived."""
+    record = simulate(replace(planned, request=Request(planned.name, run)))
     if record.outcome.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
     cause = cause_of(record, planned.body.model)
-    outcome = CROSSED if cause == CROSSED else str(record.outcome.name)
-    return {"outcome": outcome, "cause": cause, "passed": passed}
+    return {"outcome": CROSSED if cause == CROSSED else str(record.outcome.name), "cause": cause}
 
 
 def cause_of(record: SimulationRecord, body: BodyModel) -> str:
@@ -130,7 +115,6 @@ def robustness(
     quick: bool = False,
     only: Sequence[str] = (),
     replicas: int = REPLICAS,
-    profile: str | None = None,
     **execution: Unpack[Execution],
 ) -> Robustness:
     """Find what a gait survives with its body and controller.
@@ -141,7 +125,6 @@ def robustness(
         quick: a small subset on a coarse grid.
         only: kinds of disturbance, see :func:`validation.study.robustness.cells.chosen`.
         replicas: walks of each value; four fifths have to survive.
-        profile: name of the tolerances; the preset's own by default.
         execution: workers and folder, see :class:`validation.study.many.Execution`.
 
     Raises:
@@ -158,17 +141,16 @@ def robustness(
             "gait.planner = none plans no steps, so that a push has no phase of a step; study other "
             f"disturbances with --only: {kinds}."
         )
-    limits = profiles.own_profile(request.name, request.run) if profile is None else profiles.profile(profile)
     short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
     run = plan_walk(short, execution.get("progress")).run.as_is()
-    options = {"request": Request(request.name, run), "replicas": replicas, "profile": limits.name}
+    options = {"request": Request(request.name, run), "replicas": replicas}
     tasks = [Task(cell.name, walk_cell, {"cell": cell, **options}) for cell in cells]
     label = f"{request.name}: robustness"
     rows = {row["key"]: row for row in walk_many(tasks, label=label, unit="disturbances", **execution)}
     results, crashes = [], list[str]()
     for cell in cells:
         row = rows[cell.name]
-        results.append(CellResult(cell, row.get("survived"), row.get("within"), row["cause"]))
+        results.append(CellResult(cell, row.get("survived"), row["cause"]))
         crashes += [f"{cell.name} {cause}" for cause in row.get("crashes", [row["cause"]])]
     found = Robustness(
         gait=request.title,

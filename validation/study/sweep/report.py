@@ -15,8 +15,7 @@ from validation.show.page import render_page
 from validation.show.paper import Citation, cite
 from validation.show.text import format_value
 from validation.store.folders import output_file
-from validation.study.sweep import figures
-from validation.study.sweep.figures import links_of, texts
+from validation.study.sweep.figures import MOST_POINTS, draw_sweep, links_of, texts
 from validation.study.sweep.table import BROKEN, REPORT, RESULTS, RunState, SweepTable, read_sweep
 from validation.table import Table, format_number, short_unit
 
@@ -39,13 +38,6 @@ def write_sweep_report(directory: Path) -> Path:
 
 def render(sweep: SweepTable) -> str:
     """The report as a complete HTML document; its only references are relative links to kept runs."""
-    charts: dict[str, Markup] = {}
-    if sweep.varied:
-        charts = {
-            "runs": figures.as_json(figures.run_data(sweep)),
-            "scatter": figures.as_json(figures.scatter(sweep)),
-            "vega": figures.vega_script(),
-        }
     verdict = judge_sweep(sweep)
     return render_page(
         "sweep.html.j2",
@@ -53,12 +45,11 @@ def render(sweep: SweepTable) -> str:
         styles=["report.css", "sweep.css"],
         sweep=sweep,
         verdict=verdict,
-        charts=charts,
-        most_points=figures.MOST_POINTS,
+        pictures=draw_sweep(sweep),
+        most_points=MOST_POINTS,
         metrics=metric_table(sweep),
         worst=worst_runs(sweep),
         citation=cite_sweep(sweep),
-        label=figures.LABEL,
     )
 
 

@@ -24,6 +24,7 @@ from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.pool import error_columns
 from validation.study.row_file import Row
 from validation.study.sweep.design import SweepDefinition, check_classes, dump_sweep, load_sweep
+from validation.study.sweep.report import write_sweep_report
 from validation.study.sweep.schema import walk_columns
 from validation.study.sweep.table import (
     DEFINITION,
@@ -74,8 +75,6 @@ def sweep(definition: SweepDefinition | str | Path, **execution: Unpack[Executio
         pq.write_table(found.table, file, compression="zstd")
     write_json(folder / SUMMARY, found.as_dict())
     with progress.stage("report"):
-        from validation.study.sweep.report import write_sweep_report  # loads Vega's JavaScript engine
-
         write_sweep_report(folder)
     return found
 
