@@ -7,7 +7,7 @@ possible.
 """
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 INTERRUPTED = 130
@@ -57,13 +57,19 @@ interruption = Interruption()
 
 
 class Stage:
-    """One stage of a pipeline. This one reports nothing."""
+    """One stage of a pipeline; by default it reports nothing.
 
-    def advance(self, done: int, total: int) -> None:
-        """Report how much is done, and how much there is, in the stage's unit."""
+    Attributes:
+        advance: reports how much is done, and how much there is, in the stage's unit.
+        note: reports a message.
+    """
 
-    def note(self, text: str) -> None:
-        """Report a message."""
+    def __init__(
+        self,
+        advance: Callable[[int, int], None] = lambda done, total: None,
+        note: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.advance, self.note = advance, note
 
 
 class Progress:

@@ -103,7 +103,7 @@ def log_columns(
     if not isinstance(table, str | Path):
         return map_columns(table, mapping or {}), "the log"
     path = Path(table)
-    read = _measured if path.is_dir() else reader_of(path) or read_columns
+    read = _measured if names_folder(path) else reader_of(path) or read_columns
     return map_columns(read(path), mapping or {}), path.name
 
 

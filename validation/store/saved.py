@@ -132,6 +132,9 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
     directory = Path(directory)
     if not directory.exists():
         raise InputError(f"there is no folder {str(directory)!r}; give that of a finished run.")
+    missing = [name for name in _NEEDED if not (directory / name).is_file()]
+    if missing:
+        raise InputError(f"{directory} has no {', '.join(missing)}; give the folder of a finished run.")
     if check:
         check_files(directory)
     return SavedRun(
