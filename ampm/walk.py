@@ -277,5 +277,5 @@ class Controller(Protocol):
 
 
 ControllerFactory = Callable[..., Controller]
-"""Makes a controller for a body, :class:`ampm.body.robot.Robot`, and a run, with ``run.controller.options``. A
+"""Makes a controller for a body, :class:`ampm.body.robot.Robot`, and a run, with its ``controller.options``. A
 controller's class is such a factory."""
