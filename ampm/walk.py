@@ -277,5 +277,7 @@ class Controller(Protocol):
 
 
 ControllerFactory = Callable[..., Controller]
-"""Makes a controller for a body, :class:`ampm.body.robot.Robot`, and a run, with its ``controller.options``. A
-controller's class is such a factory."""
+"""Makes a controller for a body, :class:`ampm.body.robot.Robot`, and a run, with its ``controller.options``.
+
+A controller's class is such a factory.
+"""
