@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args, get_origin
 import tomli_w
 
 from ampm.exceptions import InputError
-from ampm.parameters import FIELDS, OPEN_KEYS, SECTIONS, RunParameters, drop_options, field_of, keys, put
+from ampm.parameters import FIELDS, OPEN_KEYS, SECTIONS, RunParameters, drop_options, field_of, put
 from ampm.presets import PRESETS
 from ampm.section import Option, Options, nearest, parse_setting, read_toml, unit_of, unknown
 
@@ -174,11 +174,6 @@ def key_info(key: str) -> KeyInfo:
         options=options,
         range=", ".join(bounds) or " | ".join(options),
     )
-
-
-def describe_keys() -> tuple[KeyInfo, ...]:
-    """Meaning, unit, default and bounds of every key, in the order of the file."""
-    return tuple(key_info(key) for key in keys())
 
 
 def find_keys(*words: str) -> tuple[KeyInfo, ...]:

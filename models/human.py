@@ -10,15 +10,13 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-import pinocchio as pin
 
 from ampm.description import BodyDescription, LegDescription, SoleGeometry
-from ampm.geometry import Array
 from ampm.parameters import GRAVITY, BodyParameters
 from ampm.physics_parameters import ContactParameters, SimulationParameters
 from models import anthropometry as table
 from models import scene
-from models.scene import BodyModel, add
+from models.scene import BodyModel, Inertial, add
 
 Vector = tuple[float, float, float]
 Colour = tuple[float, float, float, float]
@@ -67,13 +65,13 @@ class Builder:
         self.sole = sole_geometry(self.height)
         self.model, self.pelvis = scene.new_scene("human", "pelvis", self.height, contact, simulation)
 
-    def _inertial(self, row: table.Row, length: float, com: Vector) -> pin.Inertia:
+    def _inertial(self, row: table.Row, length: float, com: Vector) -> Inertial:
         """Inertial of a table row for a segment of a length [m] with its COM [m]; z is the long axis."""
         mass = row.mass * self.table_mass
         radii = np.array(row.radii) * length
-        return pin.Inertia(mass, np.array(com, dtype=np.float64), mass * np.diag(np.square(radii)))
+        return Inertial(mass, np.array(com), mass * np.diag(np.square(radii)))
 
-    def _segment(self, on: Element, name: str, pos: Any, inertial: pin.Inertia) -> Element:
+    def _segment(self, on: Element, name: str, pos: Any, inertial: Inertial) -> Element:
         return scene.fill(add(on, "body", name=name), pos, inertial)
 
     def _limb(self, on: Element, name: str, pos: Any, row: table.Row, length: float) -> Element:
@@ -131,7 +129,7 @@ class Builder:
         scale = (1.0 - table.HIP_HEIGHT) / sum(row.length for row in rows) * h
         head, upper, middle, lower = (row.length * scale for row in rows)
 
-        def upward(row: table.Row, length: float) -> pin.Inertia:
+        def upward(row: table.Row, length: float) -> Inertial:
             """Rows run downward, but the frames of the trunk are at the lower end."""
             return self._inertial(row, length, (0, 0, (1 - row.com) * length))
 
@@ -143,8 +141,8 @@ class Builder:
         self._ellipsoid(abdomen, (0, 0, 0.45 * middle), (0.062 * h, 0.088 * h, 0.105 * h), _SHIRT)
 
         skull = self._inertial(table.HEAD, head, (0, 0, upper + (1 - table.HEAD.com) * head))
-        chest_and_head = upward(table.UPPER_TRUNK, upper) + skull
-        thorax = self._segment(abdomen, "thorax", (0, 0, middle), chest_and_head)
+        both = upward(table.UPPER_TRUNK, upper).plus(skull)
+        thorax = self._segment(abdomen, "thorax", (0, 0, middle), both)
         chest = self._hinges(thorax, "chest", _TRUNK_JOINTS)
         self._ellipsoid(thorax, (0, 0, 0.40 * upper), (0.068 * h, 0.102 * h, 0.112 * h), _SHIRT)
         shoulder_z = table.SHOULDER_HEIGHT * h - table.HIP_HEIGHT * h - lower - middle
@@ -183,8 +181,8 @@ class Builder:
 
         to_ankle = np.array([sole.ankle_x, 0.0, sole.ankle_height])  # of the foot's frame, in the sole frame
         to_toe = np.array([sole.ball_x, 0.0, 0.0])
-        foot_inertial, toe_inertial = self._foot_inertials(to_ankle, to_toe)
-        foot = self._segment(shank, f"{side}_foot", (0, 0, -shank_length), foot_inertial)
+        foot_inertial, toe_inertial = self._foot_inertials()
+        foot = self._segment(shank, f"{side}_foot", (0, 0, -shank_length), foot_inertial.seen_from(to_ankle))
         ankle = self._hinges(foot, f"{side}_ankle", ("pitch", "roll"))
         add(foot, "site", name=f"{side}_sole", pos=-to_ankle)
         back, front = sole.heel_x - 0.004 * h, sole.ball_x
@@ -196,7 +194,7 @@ class Builder:
         size = (0.46 * (front - back), 0.8 * sole.ball_half_width, 0.46 * sole.ankle_height)
         self._ellipsoid(foot, pos, size, _SHOE)
 
-        toe = self._segment(foot, f"{side}_toe", to_toe - to_ankle, toe_inertial)
+        toe = self._segment(foot, f"{side}_toe", to_toe - to_ankle, toe_inertial.seen_from(to_toe))
         (toe_joint,) = self._hinges(toe, f"{side}_toe", ("pitch",))
         add(toe, "site", name=f"{side}_toe_axis")
         length = sole.tip_x - sole.ball_x + 0.003 * h
@@ -216,8 +214,8 @@ class Builder:
             sole_points=points,
         )
 
-    def _foot_inertials(self, ankle: Array, axis: Array) -> tuple[pin.Inertia, pin.Inertia]:
-        """Inertials of foot and toes from their origins in the sole frame, shape (3,) [m].
+    def _foot_inertials(self) -> tuple[Inertial, Inertial]:
+        """Inertials of foot and toes in the sole frame.
 
         The toes are a homogeneous box in front of the toe axis with DELP's share of the mass; the rest is cut
         so that both together have exactly the mass, centre of mass and inertia of DE_LEVA's foot.
@@ -229,9 +227,9 @@ class Builder:
         whole = self._inertial(row, sole.length, com)
         x, y, z = sole.tip_x - sole.ball_x, 2.0 * sole.tip_half_width, table.TOE_THICKNESS * h
         mass = table.TOE_MASS_SHARE * whole.mass
-        centre = np.array([0.5 * (sole.ball_x + sole.tip_x), 0, 0.5 * z])
-        toes = pin.SE3(np.eye(3), centre).act(pin.Inertia.FromBox(mass, x, y, z))
-        return pin.SE3(np.eye(3), -ankle).act(whole - toes), pin.SE3(np.eye(3), -axis).act(toes)
+        box = mass / 12.0 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y])
+        toes = Inertial(mass, np.array([0.5 * (sole.ball_x + sole.tip_x), 0, 0.5 * z]), box)
+        return whole.plus(Inertial(-toes.mass, toes.com, -toes.inertia)), toes
 
     def _arm(self, side: str) -> tuple[str, ...]:
         h = self.height

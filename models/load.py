@@ -212,7 +212,7 @@ class Writer:
         hip = self.legs[0].hip
         mass = sum(segment.inertial.mass for segment in tree.segments)
         com_z = sum(
-            segment.inertial.mass * float(segment.place[2] + segment.inertial.lever[2])
+            segment.inertial.mass * float(segment.place[2] + segment.inertial.com[2])
             for segment in tree.segments
         )
         floor = float(self._along(self.legs[0].ankle, 1)[2]) - sole.ankle_height
@@ -222,7 +222,7 @@ class Writer:
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
         next(model.iter("flag")).set("eulerdamp", "disable")
         segments = self._add_segments(model, root, floor)
-        add(segments[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].inertial.lever)
+        add(segments[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].inertial.com)
         left, right = (
             self._add_leg(leg, side, sole, segments[leg.foot])
             for leg, side in zip(self.legs, scene.SIDES, strict=True)
@@ -366,4 +366,4 @@ def _inertial_shape(segment: Segment) -> dict[str, Any]:
     axes[:, 2] *= np.linalg.det(axes)
     squares = 2.5 * (moments.sum() - 2.0 * moments) / segment.inertial.mass
     size = np.sqrt(np.maximum(squares, _THIN**2))
-    return {"type": "ellipsoid", "pos": segment.inertial.lever, "quat": scene.quaternion(axes), "size": size}
+    return {"type": "ellipsoid", "pos": segment.inertial.com, "quat": scene.quaternion(axes), "size": size}

@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,6 @@ from xml.etree.ElementTree import Element, SubElement, fromstring, indent, tostr
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription, SoleGeometry
 from ampm.geometry import Array
@@ -53,6 +52,30 @@ class BodyModel:
 @lru_cache(maxsize=4)
 def _compiled(xml: str) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(xml)
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass [kg], COM in some frame, shape (3,) [m], and inertia about the COM, shape (3, 3) [kg m^2]."""
+
+    mass: float
+    com: Array
+    inertia: Array
+
+    def about(self, point: Array) -> Array:
+        """Inertia about a point of the same frame, shape (3, 3) [kg m^2] (parallel axes)."""
+        r = self.com - point
+        return self.inertia + self.mass * ((r * r).sum() * np.eye(3) - np.outer(r, r))
+
+    def plus(self, other: "Inertial") -> "Inertial":
+        """Both bodies taken together."""
+        mass = self.mass + other.mass
+        com = (self.mass * self.com + other.mass * other.com) / mass
+        return Inertial(mass, com, self.about(com) + other.about(com))
+
+    def seen_from(self, point: Array) -> "Inertial":
+        """The same in a frame with its origin at a point, shape (3,) [m]."""
+        return replace(self, com=self.com - point)
 
 
 def new_scene(
@@ -102,10 +125,10 @@ def _text(value: Any) -> str:
     return " ".join(f"{number:.{_DIGITS}g}" for number in np.atleast_1d(value))
 
 
-def fill(segment: Element, pos: Any, inertial: pin.Inertia) -> Element:
+def fill(segment: Element, pos: Any, inertial: Inertial) -> Element:
     """Give a segment its place in the axes of the one that it hangs on, shape (3,) [m], and its mass."""
     segment.set("pos", _text(pos))
-    values: dict[str, Any] = {"mass": inertial.mass, "pos": inertial.lever}
+    values: dict[str, Any] = {"mass": inertial.mass, "pos": inertial.com}
     i = inertial.inertia
     if np.abs(i - np.diag(np.diag(i))).max() > 0.0:
         values["fullinertia"] = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])

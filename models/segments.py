@@ -9,12 +9,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from models.scene import Findings
+from models.scene import Findings, Inertial
 
 _MIRROR = np.array([1.0, -1.0, 1.0])  # of a vector; of an axis of rotation with the opposite sign
 _ALIKE = 0.02  # largest difference of mirrored places over the body's height, and of masses [1]
@@ -47,7 +46,7 @@ class Segment:
     parent: int
     place: Array  # from the root's origin
     joints: list[Hinge]
-    inertial: pin.Inertia = field(default_factory=pin.Inertia.Zero)
+    inertial: Inertial = field(default_factory=lambda: Inertial(0.0, np.zeros(3), np.zeros((3, 3))))
     shapes: list[dict[str, Any]] = field(default_factory=list)
 
 
@@ -174,12 +173,12 @@ def _mean_segments(segments: Sequence[Segment], pairs: Sequence[int]) -> tuple[f
                 "segments; correct the model, or lock the joints of both sides."
             )
         one, two = here.inertial, image.inertial
-        place, com = _MIRROR * image.place, _MIRROR * two.lever
+        place, com = _MIRROR * image.place, _MIRROR * two.com
         inertia = np.outer(_MIRROR, _MIRROR) * two.inertia
         mass = 0.5 * (one.mass + two.mass)
         places.append(float(np.linalg.norm(place - here.place)))
-        coms.append(mass / total * float(np.linalg.norm(com - one.lever)))
+        coms.append(mass / total * float(np.linalg.norm(com - one.com)))
         masses.append(abs(two.mass - one.mass))
         mean.place = 0.5 * (here.place + place)
-        mean.inertial = pin.Inertia(mass, 0.5 * (one.lever + com), 0.5 * (one.inertia + inertia))
+        mean.inertial = Inertial(mass, 0.5 * (one.com + com), 0.5 * (one.inertia + inertia))
     return max(places), max(coms), max(masses)

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, TypeVar
 
 import coal
 import mujoco
@@ -61,7 +61,6 @@ class BodyFile(Section, section="body"):
     source: str = Field(description="MJCF or URDF file, or PACKAGE:FILE of an installed package")
     root: str = Field(description="segment that moves freely")
     trunk: str = Field(description="segment whose pitch is the lean of the trunk")
-    up: Literal["x", "y", "z"] = Field("z", description="axis of the model that points upwards")
     foot: Sides = Field(description="segments of the left and the right foot")
     knee: Sides = Field(description="joints of the left and the right knee")
     sole: SoleSection = Field(description="outline of a sole")

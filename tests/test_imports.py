@@ -116,7 +116,7 @@ def test_what_is_not_needed_is_not_loaded(statement, forbidden):
     ("package", "forbidden"),
     [
         ("ampm", "mujoco dm_control models validation benchmarks tests rerun pyarrow"),
-        ("models", "validation benchmarks tests osqp"),
+        ("models", "validation benchmarks tests pinocchio osqp"),
         ("validation", "benchmarks tests"),
     ],
 )
