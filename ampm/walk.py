@@ -11,6 +11,7 @@ heel, ball, tip.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -275,9 +276,8 @@ class Controller(Protocol):
         ...
 
 
-class ControllerFactory(Protocol):
-    """Makes a controller; a controller's class is such a factory."""
+ControllerFactory = Callable[..., Controller]
+"""Makes a controller for a body, :class:`ampm.body.robot.Robot`, and a run, with its ``controller.options``.
 
-    def __call__(self, robot: Any, run: RunParameters, /, *more: Any, **options: Any) -> Controller:
-        """Make one for a body, :class:`ampm.body.robot.Robot`, and a run, with ``run.controller.options``."""
-        ...
+A controller's class is such a factory.
+"""
