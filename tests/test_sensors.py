@@ -341,6 +341,23 @@ def test_the_filter_is_consistent(monkeypatch):
     assert np.quantile(nees, 0.95) < 30.0
 
 
+def test_rates_are_estimated_where_a_push_makes_accelerations_other_than_commanded(monkeypatch):
+    found, plain = [], Kalman.update
+
+    def kept(self, readings, commanded):
+        result = plain(self, readings, commanded)
+        found.append((readings.time, result[0].v[6:].copy()))
+        return result
+
+    monkeypatch.setattr(Kalman, "update", kept)
+    noise = (f"sensors.{key}={value}" for key, value in NOISE.items())
+    pushed = "disturbance.push_y=150", "disturbance.push_at=0.8"
+    record = simulated("simulation.time_step=0.001", "sensors.estimator=kalman", *pushed, *noise)
+    after = [(round(time / record.time_step), v) for time, v in found if 0.8 < time < 1.1]
+    errors = [v - to_pinocchio(record.q[row], record.qd[row])[1][6:] for row, v in after]
+    assert np.sqrt(np.mean(np.square(errors))) < 0.05  # 0.02; with errors of fixed size it is 0.16
+
+
 def test_a_known_delay_costs_at_most_half_a_millimetre():
     now, late = relative(estimator="kalman"), relative(estimator="kalman", delay=0.002)
     assert np.abs(late - now).max() < 0.5

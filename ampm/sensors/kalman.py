@@ -16,13 +16,13 @@ from ampm.vectors import ZERO
 from ampm.walk import State, Touch
 
 _LEAST = (1e-5, 1e-3, 1e-3, 1e-5)  # standard deviations of angles, rates, gyro and fixes, in SI units
-_START = np.repeat([1e-3, 5e-3, 5e-4, 2e-4, 1e-4], 3)
+_START = np.repeat([1e-3, 5e-3, 5e-4, 2e-4, 1e-3], 3)
 """Standard deviation at the start, as after standing still: place [m], velocity [m/s], attitude [rad], biases
 of gyro [rad/s] and accelerometer [m/s^2]."""
-_WALK = np.repeat([0.0, 0.0, 0.0, 1e-4, 1e-5], 3)
+_WALK = np.repeat([0.0, 0.0, 0.0, 1e-4, 1e-4], 3)
 """Random walk of the same in a second; velocity and attitude get errors of the sensors instead."""
 _ACCELERATION_ERROR = 0.02
-"""Standard deviation of the accelerometer's mean over a tick [m/s^2]."""
+"""Standard deviation of the acceleration at a tick from its mean over the tick [m/s^2]."""
 _CREEP = (5e-3, 5e-3, 2e-4)
 """Random walk of a loaded point in a second, shape (3,) [m]: loaded soles creep by up to 1 mm in a step."""
 _ERRORS = {"root_linear": 0.0, "root_angular": 0.0, "legs": 0.6, "trunk": 0.1, "arms": 0.03}
@@ -65,7 +65,8 @@ class Kalman:
         growth = walk**2 / run.controller.frequency
         drift = np.repeat([sensors.gyro_drift, sensors.accelerometer_drift], 3)
         growth[9:15] += drift**2 / run.controller.frequency
-        growth[3:6] = (_ACCELERATION_ERROR / run.controller.frequency) ** 2
+        felt = _ACCELERATION_ERROR**2 + sensors.accelerometer_noise**2
+        growth[3:6] = felt / run.controller.frequency**2
         growth[6:9] = variance[2] / run.controller.frequency**2
         commanded = robot.by_group(_ERRORS)
         commanded[robot.toe_joints] = _TOE_ERROR
