@@ -7,7 +7,6 @@ compiled code is therefore kept in a folder named after all source files that it
 import hashlib
 import logging
 import os
-import time
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
@@ -166,27 +165,24 @@ def fields_of(entry: type) -> list[Any]:
     return fields
 
 
-class _Compilation(event.Listener):
-    """Reports the first compilation, and adds up the wall-clock time of all [s]."""
+class _Compilation(event.TimingListener):
+    """Reports the first compilation, and adds up the wall-clock time of all."""
 
-    def __init__(self) -> None:
-        self.seconds, self._running, self._announced = 0.0, 0, False
+    _announced = False
+
+    @property
+    def seconds(self) -> float:
+        """Time of all compilations so far [s]."""
+        return float(self.duration) if self.done else 0.0
 
     def on_start(self, event: Any) -> None:
-        if not self._running:  # a function compiles those that it calls
-            self.seconds -= time.perf_counter()
-        self._running += 1
+        super().on_start(event)
         module = event.data["dispatcher"].py_func.__module__ or ""
         if not self._announced and module.startswith(("ampm.", "validation.")):
             self._announced = True
             logging.getLogger("ampm").warning(
                 "Compiling what is used for the first time on this machine; a first walk takes a minute more."
             )
-
-    def on_end(self, event: Any) -> None:
-        self._running -= 1
-        if not self._running:
-            self.seconds += time.perf_counter()
 
 
 compilation = _Compilation()

@@ -24,30 +24,21 @@ def rotations(heading: ArrayLike) -> Array:
 
 
 def convex_hull(points: Array) -> Array:
-    """Corners of the convex hull, anticlockwise from the least x (Andrew's monotone chain).
+    """Corners of the convex hull, anticlockwise.
 
     Args:
         points: shape (n, 2) [m].
 
     Returns:
-        Shape (k, 2) [m], without points on the edges.
+        Shape (k, 2) [m], without points on the edges; of points on a line its ends.
     """
-    order = sorted({(float(x), float(y)) for x, y in points})
-    if len(order) < 3:
-        return np.array(order).reshape(-1, 2)
+    from scipy.spatial import ConvexHull, QhullError  # imported here: SciPy is slow to load
 
-    def chain(ordered: list[tuple[float, float]]) -> list[tuple[float, float]]:
-        kept: list[tuple[float, float]] = []
-        for p in ordered:
-            while len(kept) >= 2:
-                (ax, ay), (bx, by) = kept[-2], kept[-1]
-                if (bx - ax) * (p[1] - ay) - (by - ay) * (p[0] - ax) > 0.0:
-                    break
-                kept.pop()
-            kept.append(p)
-        return kept[:-1]
-
-    return np.array(chain(order) + chain(order[::-1]))
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except (QhullError, ValueError):  # fewer than three points, or all on a line
+        ordered = np.unique(points, axis=0)
+        return ordered[[0, -1][: len(ordered)]]
 
 
 def polygon_margin(points: Array, active: NDArray[np.bool_], query: Array) -> Array:

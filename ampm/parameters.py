@@ -421,21 +421,22 @@ SECTIONS: Mapping[str, type[Section]] = {
 """Classes of the sections, by name."""
 
 
+FIELDS: Mapping[str, Any] = {
+    f"{name}.{key}": field
+    for name, section in SECTIONS.items()
+    for key, field in section.model_fields.items()
+}
+"""Fields by namespaced key in the order of the file: meaning, unit, default and bounds."""
+OPTION_TABLES = tuple(key for key in FIELDS if key.endswith(f".{OPTIONS}"))
+"""Tables of the options of users' classes: ``controller.options`` and others."""
+OPEN_KEYS = tuple(key for key, field in FIELDS.items() if OPEN in field.metadata)
+"""Keys that a gait may leave open, to be found for the rest."""
+
+
 @cache
 def keys() -> tuple[str, ...]:
     """All namespaced keys, in the order of the file, without the options of users' classes."""
-    return tuple(
-        f"{name}.{key}"
-        for name, section in SECTIONS.items()
-        for key in section.model_fields
-        if key != OPTIONS
-    )
-
-
-OPTION_TABLES = tuple(
-    f"{name}.{OPTIONS}" for name, section in SECTIONS.items() if OPTIONS in section.model_fields
-)
-"""Tables of the options of users' classes: ``controller.options`` and others."""
+    return tuple(key for key in FIELDS if key not in OPTION_TABLES)
 
 
 def drop_options(table: dict[str, Any], changes: Mapping[str, Any]) -> None:
@@ -447,17 +448,8 @@ def drop_options(table: dict[str, Any], changes: Mapping[str, Any]) -> None:
         sides = [side.get(section) for side in (table, changes)]
         old, new = (side.get(key) if isinstance(side, Mapping) else None for side in sides)
         names = {str(text).partition(",")[0] for text in (old, new)}
-        if None not in (old, new) and len(names) > 1 and old != SECTIONS[section].model_fields[key].default:
+        if None not in (old, new) and len(names) > 1 and old != FIELDS[f"{section}.{key}"].default:
             table.get(where, {}).pop(OPTIONS, None)
-
-
-OPEN_KEYS = tuple(
-    f"{name}.{key}"
-    for name, section in SECTIONS.items()
-    for key, field in section.model_fields.items()
-    if OPEN in field.metadata
-)
-"""Keys that a gait may leave open, to be found for the rest."""
 
 
 def is_option(key: str) -> bool:
@@ -466,25 +458,16 @@ def is_option(key: str) -> bool:
     return table in OPTION_TABLES and option.isidentifier()
 
 
-def split_key(key: str) -> list[str]:
-    """Section and name of a namespaced key; of an option section, ``options`` and name.
+def field_of(key: str) -> Any:
+    """Field of a namespaced key; of an option that of its table.
 
     Raises:
         InputError: there is no such key; the nearest is named.
     """
-    if key not in keys() and key not in OPTION_TABLES and not is_option(key):
+    table = key.rpartition(".")[0] if is_option(key) else key
+    if table not in FIELDS:
         raise unknown(key, keys())
-    return key.split(".")
-
-
-def field_of(key: str) -> Any:
-    """Field of a namespaced key, with its meaning, unit, default and bounds.
-
-    Raises:
-        InputError: there is no such key.
-    """
-    section, name, *_ = split_key(key)
-    return SECTIONS[section].model_fields[name]
+    return FIELDS[table]
 
 
 def put(table: dict[str, Any], key: str, value: Any) -> None:
@@ -493,7 +476,8 @@ def put(table: dict[str, Any], key: str, value: Any) -> None:
     Raises:
         InputError: there is no such key.
     """
-    *sections, name = split_key(key)
+    field_of(key)
+    *sections, name = key.split(".")
     for section in sections:
         table = table.setdefault(section, {})
     table[name] = value

@@ -15,12 +15,12 @@ from ampm.body.motion import PeriodicPosture, WholeBodyMotion
 from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import GRAVITY, NO_PLAN, RunParameters
-from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
-from ampm.planner.contacts import TIME_TOLERANCE, Contacts, Footstep, Phase
+from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
+from ampm.planner.contacts import TIME_TOLERANCE, Contacts, Footstep
 from ampm.planner.feet import FeetPlan, FootPath
 from ampm.planner.footstep_walk import plan_footstep_walk, stops, with_feet
 from ampm.planner.replan import joined
-from ampm.planner.sampled import NO_CONSTANTS, SampledLaw, sampled_plan
+from ampm.planner.sampled import SampledLaw, sampled_plan
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
@@ -154,7 +154,7 @@ def make_plan(
     if not isinstance(contacts, Contacts):
         raise InputError(f"contacts are a {type(contacts).__name__}; give ampm.Contacts.in_turn(...).")
     contacts = replace(contacts, slope=run.gait.slopes)
-    bare = CentroidalPlan(run.body.mass, GRAVITY, run.gait.com_height, 1.0, contacts, (), NO_CONSTANTS)
+    bare = CentroidalPlan(run.body.mass, GRAVITY, run.gait.com_height, 1.0, contacts, (), PlanConstants())
     plan = sampled_plan(
         replace(after, contacts=contacts) if after else bare,
         times,
@@ -282,9 +282,9 @@ class StandingPlanner:
             gravity=robot.gravity,
             com_height=float(self.com_height or height),
             switching_velocity=0.0,
-            contacts=Contacts((left, right), (Phase(0.0, duration, left, right),)),
+            contacts=Contacts((left, right), np.array([0.0, duration])),
             phases=(CentroidalPhase(0.0, duration, (0.0, 0.0), still, still, (0.0, 0.0)),),
-            constants=NO_CONSTANTS,
+            constants=PlanConstants(),
             feet=FeetPlan(sole, FootPath.still(sole, left), FootPath.still(sole, right), duration),
         )
         try:

@@ -70,10 +70,8 @@ class QPSettings:
 
     tolerance: float = 3e-4  # absolute and relative tolerance
     max_iterations: int = 400  # iterations after which a QP counts as unsolved
-    rho: float = 1.0  # ADMM penalty
-    adaptive_rho: bool = True  # whether the penalty adapts (by iterations, never by time)
+    rho: float = 1.0  # ADMM penalty at the start
     alpha: float = 1.1  # over-relaxation
-    check_every: int = 5  # iterations between two termination checks
     # sweeps of equilibration when the workspace is made; 0 for problems that come well scaled
     scaling: int = 0
 
@@ -197,12 +195,12 @@ class QPSolver:
                 eps_rel=settings.tolerance,
                 max_iter=settings.max_iterations,
                 rho=settings.rho,
-                adaptive_rho=int(settings.adaptive_rho),  # 1: by iterations, as times would not repeat
+                adaptive_rho=1,  # by iterations, as times would not repeat
                 adaptive_rho_interval=50,
                 alpha=settings.alpha,
                 sigma=1e-6,
                 scaling=settings.scaling,
-                check_termination=settings.check_every,
+                check_termination=5,  # iterations between two checks
                 check_dualgap=False,
                 polishing=False,
                 time_limit=1e10,  # never: a clock would make runs irreproducible

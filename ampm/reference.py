@@ -6,7 +6,7 @@ heel, ball, tip.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple, Self
 
@@ -66,7 +66,9 @@ class Field:
 
 
 class Reference:
-    """Reference of a controller at one instant; T instants have a leading axis, see :class:`ReferenceTable`.
+    """Reference of a controller at one instant, or at T instants with a leading axis; read-only.
+
+    Of T instants, ``reference[k]`` is that of one, and ``reference[start:stop]`` those of some, not copied.
 
     The fields below are a table. The row's type, these attributes, the arrays of compiled functions and the
     values that a :class:`~ampm.walk.WalkPlan` gives all follow from it.
@@ -141,6 +143,12 @@ class Reference:
     def __init__(self, row: Any) -> None:
         self.row = row
 
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def __getitem__(self, ticks: int | slice) -> Reference:
+        return Reference(self.row[ticks])
+
     @classmethod
     def of(cls, **fields: ArrayLike) -> Self:
         """Copy values into a new reference; T instants have a leading axis.
@@ -158,6 +166,7 @@ class Reference:
                     f"{name} of a reference has shape {np.shape(value)} and must have {row[name].shape}"
                 )
             row[name] = value
+        row.setflags(write=False)
         return cls(row)
 
     def replace(self, **fields: ArrayLike) -> Self:
@@ -165,6 +174,7 @@ class Reference:
         row = self.row.copy()  # np.array() would share the memory of one row
         for name, value in fields.items():
             row[name] = value
+        row.setflags(write=False)
         return type(self)(row)
 
 
@@ -210,31 +220,3 @@ class Timing(NamedTuple):
 
 SHARP = Timing()
 """No look-ahead."""
-
-
-class ReferenceTable(Reference):
-    """References at T instants, evaluated at once: arrays have a leading axis of T.
-
-    Args:
-        row: array of :func:`reference_type`, shape (T,); it becomes read-only.
-    """
-
-    __slots__ = ()
-
-    def __init__(self, row: Any) -> None:
-        row.setflags(write=False)
-        super().__init__(row)
-
-    def __len__(self) -> int:
-        return len(self.row)
-
-    def __getitem__(self, k: int) -> Reference:
-        """The reference at tick k."""
-        return Reference(self.row[k])
-
-    def __iter__(self) -> Iterator[Reference]:
-        return map(Reference, self.row)
-
-    def part(self, start: int, stop: int) -> ReferenceTable:
-        """The references of ticks start ... stop - 1, without a copy."""
-        return ReferenceTable(self.row[start:stop])

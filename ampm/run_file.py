@@ -10,16 +10,7 @@ from typing import Any, Literal, get_args, get_origin
 import tomli_w
 
 from ampm.exceptions import InputError
-from ampm.parameters import (
-    OPEN_KEYS,
-    OPTION_TABLES,
-    SECTIONS,
-    RunParameters,
-    drop_options,
-    field_of,
-    keys,
-    put,
-)
+from ampm.parameters import FIELDS, OPEN_KEYS, SECTIONS, RunParameters, drop_options, field_of, put
 from ampm.presets import PRESETS
 from ampm.section import Option, Options, nearest, parse_setting, read_toml, unit_of, unknown
 
@@ -185,11 +176,6 @@ def key_info(key: str) -> KeyInfo:
     )
 
 
-def describe_keys() -> tuple[KeyInfo, ...]:
-    """Meaning, unit, default and bounds of every key, in the order of the file."""
-    return tuple(key_info(key) for key in keys())
-
-
 def find_keys(*words: str) -> tuple[KeyInfo, ...]:
     """Keys that all words fit, in the order of the file.
 
@@ -205,12 +191,11 @@ def find_keys(*words: str) -> tuple[KeyInfo, ...]:
             return info.key.partition(".")[0] == word
         return word in f"{info.key} {info.meaning}".lower()
 
-    every = [*describe_keys(), *map(key_info, OPTION_TABLES)]
-    found = [info for info in every if all(fits(info, word.strip().lower()) for word in words)]
+    every = map(key_info, FIELDS)
+    found = tuple(info for info in every if all(fits(info, word.strip().lower()) for word in words))
     if not found:
         similar = nearest(words[0], RunParameters.known_keys())
         way_out = f"did you mean {similar!r}?" if similar else f"sections are {', '.join(SECTIONS)}."
         what = " and ".join(map(repr, words))
         raise InputError(f"no key fits {what}; {way_out}", value=what, way_out=way_out, nearest=similar)
-    order = list(SECTIONS)
-    return tuple(sorted(found, key=lambda info: order.index(info.key.partition(".")[0])))
+    return found

@@ -161,7 +161,7 @@ def bad_value(
 
 def limit_of(detail: Any) -> str:
     """What a value must be, from the details of pydantic's error."""
-    kinds = {"int": "be a whole number", "float": "be a number", "tuple": "be a list of tables"}
+    kinds = {"int": "be a whole number", "float": "be a number", "tuple": "be a list"}
     words = detail["msg"].partition(" should ")[2]  # "Input should be a valid string"
     words = words.replace("greater than or equal to", "at least").replace("less than or equal to", "at most")
     return f"must {kinds.get(detail['type'].partition('_')[0], words)}"

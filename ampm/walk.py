@@ -11,6 +11,7 @@ heel, ball, tip.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -22,7 +23,7 @@ from ampm.parameters import CommandParameters, RunParameters
 from ampm.planner.centroidal import PlanSample
 from ampm.planner.feet import FeetPlan, FootSample, foot_turning
 from ampm.planner.support import StepPlan
-from ampm.reference import FIELDS, SHARP, PostureState, Reference, ReferenceTable, Timing
+from ampm.reference import FIELDS, SHARP, PostureState, Reference, Timing
 
 Flags = NDArray[np.bool_]
 
@@ -78,7 +79,7 @@ class WalkPlan(StepPlan):
         """Begin of what a trial judges [s]: without the first step of a walk that does not begin at rest."""
         return 0.0 if self.contacts.phases[0].stance == "both" else self.constants.step_duration
 
-    def table(self, times: ArrayLike, timing: Timing = SHARP) -> ReferenceTable:
+    def table(self, times: ArrayLike, timing: Timing = SHARP) -> Reference:
         """References at the ticks of a controller, ascending, shape (T,) [s].
 
         Times until lift-off count to the first tick without planned contact, within these ticks or after. At
@@ -94,7 +95,7 @@ class WalkPlan(StepPlan):
         if delay.any():
             held = self._sampled(np.minimum(times + delay, self.duration))
         at = Instants(times, timing, self.feet, self.feet.contact(times), jumps, now, held)
-        return ReferenceTable.of(**{name: field.sample(at) for name, field in FIELDS.items()})
+        return Reference.of(**{name: field.sample(at) for name, field in FIELDS.items()})
 
     def _sampled(self, times: Array) -> SampledWalk:
         """Everything at times (T,) [s]."""
@@ -275,9 +276,8 @@ class Controller(Protocol):
         ...
 
 
-class ControllerFactory(Protocol):
-    """Makes a controller; a controller's class is such a factory."""
+ControllerFactory = Callable[..., Controller]
+"""Makes a controller for a body, :class:`ampm.body.robot.Robot`, and a run, with its ``controller.options``.
 
-    def __call__(self, robot: Any, run: RunParameters, /, *more: Any, **options: Any) -> Controller:
-        """Make one for a body, :class:`ampm.body.robot.Robot`, and a run, with ``run.controller.options``."""
-        ...
+A controller's class is such a factory.
+"""

@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -29,17 +29,13 @@ app = typer.Typer(
 
 @app.command()
 def benchmark(
-    gait: Annotated[str, option("--gait", "Preset or TOML file of a periodic gait.", "GAIT")] = "normal",
-    settings: Annotated[
-        list[str] | None, option("--set", "Change one parameter; repeatable.", "KEY=VALUE")
-    ] = None,
-    steps: Annotated[int, option("--steps", "Walking steps of every walk.", least=1)] = 30,
-    walks: Annotated[int, option("--walks", "Equal walks; of each part the least time counts.", least=1)] = 3,
-    peers: Annotated[bool, option("--peers", "Compare with other libraries instead.")] = False,
-    as_json: Annotated[bool, option("--json", "Print JSON instead of tables.")] = False,
-    markdown: Annotated[
-        bool, option("--markdown", "Put the tables into docs/benchmarks.md as well.")
-    ] = False,
+    gait: str = option("--gait", "Preset or TOML file of a periodic gait.", "GAIT", default="normal"),
+    settings: list[str] | None = option("--set", "Change one parameter; repeatable.", "KEY=VALUE"),
+    steps: int = option("--steps", "Walking steps of every walk.", least=1, default=30),
+    walks: int = option("--walks", "Equal walks; of each part the least time counts.", least=1, default=3),
+    peers: bool = option("--peers", "Compare with other libraries instead."),
+    as_json: bool = option("--json", "Print JSON instead of tables."),
+    markdown: bool = option("--markdown", "Put the tables into docs/benchmarks.md as well."),
 ) -> int:
     """Time the stages of a run, and its closed loop beside the bare physics.
 

@@ -15,7 +15,7 @@ from ampm.planner.support import plan_steps
 from benchmarks.peer import Peer
 from benchmarks.timing import least, repeat
 from validation.progress import Progress
-from validation.trial.bridge import to_mujoco, to_pinocchio
+from validation.trial.coordinates import to_mujoco, to_pinocchio
 from validation.trial.plan import PlannedWalk
 
 TASK, TRUNK, POSTURE = 1.0, 0.1, 1e-3

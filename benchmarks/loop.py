@@ -17,11 +17,10 @@ from models.scene import BodyModel
 from validation.progress import Progress, interruption
 from validation.show.text import format_duration
 from validation.table import Table
-from validation.trial.outcome import OutcomeName
+from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.plan import PlannedWalk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import ClosedLoop, simulate
-from validation.trial.watch import End
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ def timed_ticks() -> Iterator[tuple[list[float], list[float]]]:
         starts.append(clock())
         return read(loop)
 
-    def ended(loop: ClosedLoop, output: ControlOutput) -> End | None:
+    def ended(loop: ClosedLoop, output: ControlOutput) -> Outcome | None:
         end = apply(loop, output)
         spans.append(clock() - starts[-1])
         return end

@@ -92,8 +92,8 @@ def row(name: str, steps: int = 30) -> dict[str, str]:
             return cells | {"result": "refused", "refused because": WHERE.sub("'", why)}
     description, judged = trial.planned.body.model.description, trial.verdict.judged
     tilt, gait = trial.comparison.costs["margins"]["tilt"].value, trial.planned.run.gait
-    worst = max(judged, key=lambda item: item.of.value / max(item.tolerance or 0.0, 1e-9))
-    share = 100.0 * worst.of.value / worst.tolerance if worst.tolerance else float("inf")
+    worst = max(judged, key=lambda item: item.value / max(item.tolerance or 0.0, 1e-9))
+    share = 100.0 * worst.value / worst.tolerance if worst.tolerance else float("inf")
     zmp = (100.0 * trial.metrics[f"zmp_{axis}_rmse"].value / description.sole.length for axis in "xy")
     return cells | {
         "joints": str(len(description.mirror)),

@@ -60,7 +60,7 @@ def _row(speed: float, name: str) -> tuple[str, ...]:
         f"{100 * margins['torque']['value']:.0f}",
         f"{margins['friction']['value']:.2f}",
         f"{summary['energy']['cost_of_transport']:.3f}",
-        f"{plan.gravity * plan.residuals().acceleration:.1g}",
+        f"{plan.gravity * plan.residuals()['com_acceleration']:.1g}",
         f"{1e3 * seconds:.1f}",
     )
 

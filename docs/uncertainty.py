@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from trials import write_rows
 
 from ampm.presets import PRESETS
-from validation.judge.metrics import metric_label
+from validation.judge.metrics import METRICS, metric_label
 from validation.judge.uncertainty import rounding
 from validation.show.text import replace_between
 from validation.study.convergence.result import Convergence
@@ -113,7 +113,7 @@ def _levels(found: Convergence) -> Iterator[tuple[str, ...]]:
                 found.request.name,
                 study.name,
                 item.name,
-                item.of.unit,
+                METRICS[item.name].unit,
                 "; ".join(f"{value:g}" for value in study.values),
                 " ".join(f"{value:.6g}" for value in studied.levels[study.name]),
                 " ".join(f"{order:.2f}" for order in one.orders),
@@ -139,7 +139,7 @@ def draw(result: Convergence, path: Path) -> None:
         largest = 0.0
         for item in judged:
             changes = np.abs(np.diff(result.studied[item.name].levels[study.name]))
-            changes[~(changes > rounding(item.value, item.of.unit))] = np.nan
+            changes[~(changes > rounding(item.value, METRICS[item.name].unit))] = np.nan
             changes /= abs(item.value)
             largest = float(np.nanmax(changes, initial=largest))
             axes.loglog(at[:-1], changes, "o-", lw=1.2, ms=4.5, label=item.label)

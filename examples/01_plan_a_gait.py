@@ -14,7 +14,7 @@ sample = plan.sample(time)
 constants = plan.constants
 print(f"{constants.mean_velocity:.2f} m/s, {constants.step_duration:.2f} s a step")
 print(f"angular momentum, peak to peak: {np.ptp(sample.angular_momentum, axis=0).round(1)} N m s")
-print(f"largest jump at a switch of support, relative: {plan.residuals().largest:.0e}")
+print(f"largest jump at a switch of support, relative: {max(plan.residuals().values()):.0e}")
 
 figure = Figure(figsize=(8.0, 6.5), layout="constrained")
 way, across, momentum = figure.subplots(3, 1, sharex=True)

@@ -7,6 +7,7 @@ move at random. Here both feet stand at every target, and a way takes as long as
 """
 
 import argparse
+import itertools
 import math
 from statistics import fmean
 
@@ -23,6 +24,10 @@ TARGETS, RADIUS, WINDOW = 18, 1.0, 5.0  # targets; radius of the disc [m]; time 
 CEILING, RISES, LASTS = 500.0, 60.0, 0.08  # of the force [N]; time in which it rises; of a punch [s]
 LENGTH, ASIDE, TURN = 0.7, 0.4, 0.4  # step, as a share of the gait's; aside, as a share of that; turn [rad]
 WIDER, SHORTER, TRIES = 0.12, 0.85, 4  # wider feet, as a share of the gait's step; shorter steps if refused
+INWARD, THERE = (
+    0.2,
+    1e-9,
+)  # inward, as a share of outward; distance at which a target is reached, for rounding [m]
 
 
 def targets(seed, count):
@@ -34,6 +39,37 @@ def targets(seed, count):
         x, y = x + away * math.cos(way), y + away * math.sin(way)
         found.append((x, y, heading))
     return found
+
+
+def visit(places, length, width, aside, turn):
+    """Footsteps to one target after the other, at each of which both feet stand beside each other.
+
+    As few as the limits allow: every step goes ahead [m], outward [m] and turns [rad] as far as it may; all
+    steps of a way, the first or the last ones share the turn.
+    """
+    frames = [(0.0, 0.0, 0.0)]
+    for place in places:
+        frames += [*way_to(place, frames[-1], len(frames), length, aside, turn), place, place]
+    return routes.route(frames, width, toe_out=routes.TOE_OUT)
+
+
+def way_to(place, start, number, length, outward, most):
+    """Fewest frames (x, y, heading) to a target; the left foot steps to those of even number."""
+    angle = math.remainder(place[2] - start[2], 2.0 * math.pi)
+    for count in itertools.count(1):
+        for first, last in [*((0, k) for k in range(count, 0, -1)), *((k, count) for k in range(1, count))]:
+            frames, turn = [start], angle / (last - first)
+            for step in range(count if abs(turn) <= most else 0):
+                (x, y, heading), left = frames[-1], (number + step) % 2 == 0
+                c, s = math.cos(heading), math.sin(heading)
+                ahead = c * (place[0] - x) + s * (place[1] - y)
+                aside = c * (place[1] - y) - s * (place[0] - x)
+                reach = outward if left == (aside > 0.0) else INWARD * outward
+                ahead, aside = min(max(ahead, -length), length), min(max(aside, -reach), reach)
+                heading += turn if first <= step < last else 0.0
+                frames.append((x + c * ahead - s * aside, y + s * ahead + c * aside, heading))
+            if math.dist(frames[-1][:2], place[:2]) < THERE and len(frames) > count:
+                return frames[1:-1]
 
 
 def hinged(model):
@@ -59,7 +95,7 @@ def plan_tour(request, places):
     step = LENGTH * request.run.gait.step_length
     width = request.run.gait.step_width + WIDER * request.run.gait.step_length
     for share in [SHORTER**attempt for attempt in range(TRIES)]:
-        footsteps = routes.visit(places, share * step, width, aside=share * ASIDE * step, turn=share * TURN)
+        footsteps = visit(places, share * step, width, share * ASIDE * step, share * TURN)
         run = request.run.replace({}, footsteps=routes.as_rows(footsteps)).as_is()
         try:
             return plan_walk(Request(request.name, run))

@@ -47,8 +47,14 @@ def _joint(name: str) -> tuple[tuple[float, float], float]:
     return (low, high), torque
 
 
-class _Builder:
-    """Writes the MJCF of one body, trunk first, then legs, then arms."""
+class Builder:
+    """Writes the MJCF of a human, trunk first, then legs, then arms.
+
+    Args:
+        body: ``height`` [m] and ``mass`` [kg].
+        contact: stiffness and friction of the soles on the floor.
+        simulation: ``time_step`` [s] and ``integrator``.
+    """
 
     def __init__(
         self, body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters
@@ -85,6 +91,7 @@ class _Builder:
         add(body, "geom", type="ellipsoid", pos=pos, size=size, rgba=rgba)
 
     def build(self) -> BodyModel:
+        """At ``q = 0`` it stands upright with hanging arms, its hips at x = 0 and its soles on the floor."""
         waist, chest = self._trunk()
         left_leg, right_leg = map(self._leg, scene.SIDES)
         left_arm, right_arm = map(self._arm, scene.SIDES)
@@ -222,7 +229,7 @@ class _Builder:
         mass = table.TOE_MASS_SHARE * whole.mass
         box = mass / 12.0 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y])
         toes = Inertial(mass, np.array([0.5 * (sole.ball_x + sole.tip_x), 0, 0.5 * z]), box)
-        return whole.minus(toes), toes
+        return whole.plus(Inertial(-toes.mass, toes.com, -toes.inertia)), toes
 
     def _arm(self, side: str) -> tuple[str, ...]:
         h = self.height
@@ -255,17 +262,3 @@ def _mirrored(joint: str) -> tuple[str, str, float]:
     side, _, rest = joint.partition("_")
     image = {"left": f"right_{rest}", "right": f"left_{rest}"}.get(side, joint)
     return (joint, image, 1.0 if joint.endswith("pitch") else -1.0)
-
-
-def build(body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters) -> BodyModel:
-    """Build the human for a stature, a mass, a floor and a time step.
-
-    Args:
-        body: ``height`` [m] and ``mass`` [kg].
-        contact: stiffness and friction of the soles on the floor.
-        simulation: ``time_step`` [s] and ``integrator``.
-
-    Returns:
-        At ``q = 0`` it stands upright with hanging arms, its hips at x = 0 and its soles on the floor.
-    """
-    return _Builder(body, contact, simulation).build()

@@ -6,6 +6,7 @@ of the world, x where the feet point.
 
 import math
 from collections.abc import Sequence
+from itertools import product
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
@@ -25,15 +26,8 @@ from models.tree import Tree
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
 _LEAST_JOINTS = 6  # of a leg
 _THIN = 0.005  # least half axis of a segment's shape [m]
-_OURS = frozenset(
-    {"root", "imu", "universe", *(f"{side}_sole" for side in scene.SIDES)}
-    | {
-        f"{side}_{group}_{edge}"
-        for side in scene.SIDES
-        for group in SOLE_POINT_GROUPS
-        for edge in scene.SIDES
-    }
-)
+_POINTS = product(scene.SIDES, SOLE_POINT_GROUPS, scene.SIDES)
+_OURS = frozenset({"root", "imu", "universe", "left_sole", "right_sole", *map("_".join, _POINTS)})
 """Names of joints and frames that are added."""
 
 
@@ -83,9 +77,7 @@ class Writer:
         left, right = (self._path(foot) for foot in feet)
         shared = [k for k in left if k in right]
         self.legs: list[_Leg] = []
-        for foot, other, name, side in zip(
-            feet, (right, left), file.sided(file.knee), scene.SIDES, strict=True
-        ):
+        for foot, other, name, side in zip(feet, (right, left), file.knee, scene.SIDES, strict=True):
             knee = tree.joint(name, "knee")
             joints = [k for k in self._path(foot) if k not in shared]
             if len(joints) < _LEAST_JOINTS:
@@ -101,7 +93,7 @@ class Writer:
                     names = ", ".join(self._named(joints))
                     where = f"is not amid the joints from root to the {side} foot ({names})"
                 raise InputError(
-                    f"the knee {name!r} {where}; correct knee, foot or sides in the body's description.",
+                    f"the knee {name!r} {where}; correct knee or foot in the body's description.",
                     key="body.knee",
                 )
             at = joints.index(knee)
@@ -151,9 +143,10 @@ class Writer:
         bends = 1.0 if joint.high - straight > straight - joint.low else -1.0
         if not bends * joint.axis[1] > 0.0:
             raise InputError(
-                f"the knee {joint.name!r} bends forward; exchange sides in the body's description, or give "
-                f"the joint's range, now {joint.low:g} to {joint.high:g} rad, with [body.range].",
-                key="body.sides",
+                f"the knee {joint.name!r} bends forward; exchange left and right in the body's "
+                f"description, or give the joint's range, now {joint.low:g} to {joint.high:g} rad, with "
+                "[body.range].",
+                key="body.foot",
             )
         return LegDescription(
             hip=self._named(leg.hip),

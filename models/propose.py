@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull, QhullError
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from models.source import MASSLESS, compiled_source, source_path
-from models.tree import at_zero, coupled_joints, motor_limits
+from models.tree import at_zero, coupled_joints, motor_limits, upright_axes
 
 _LATERAL = 0.8  # least share of a hinge's axis along left and right, to bend hip, knee or ankle [1]
 _LEVEL = 0.05  # largest angle between parts of one sole, or from the level [rad]
@@ -63,14 +63,11 @@ class _Proposal:
             self.chains.append(self.chains[model.body_parentid[body]] + own.tolist())
         ends = self._ends()
         self.root = int(model.body_rootid[ends[0]])
-        place = self.data.xpos[ends]
-        self.up = int(np.abs(place.mean(axis=0) - self.data.xpos[self.root]).argmax())
-        across = np.where(np.arange(3) == self.up, 0.0, place[0] - place[1])
-        across /= np.linalg.norm(across)
+        self.axes = upright_axes(self.data.xpos[self.root], *self.data.xpos[ends])
         shared = set(self.chains[ends[0]]) & set(self.chains[ends[1]])
+        lateral = self.data.xaxis @ self.axes[1]
         bends = [
-            [j for j in self.chains[end] if j not in shared and abs(self.data.xaxis[j] @ across) > _LATERAL]
-            for end in ends
+            [j for j in self.chains[end] if j not in shared and abs(lateral[j]) > _LATERAL] for end in ends
         ]
         if min(map(len, bends)) < 2:
             names = " and ".join(model.body(end).name for end in ends)
@@ -79,12 +76,10 @@ class _Proposal:
         self.feet = ends
         self.legs = {joint for foot in self.feet for joint in self.chains[foot]}
         # A knee bends about the axis to the left by more than it can be stretched.
-        if (self.data.xaxis[self.knees[0]] @ across) * model.jnt_range[self.knees[0]].sum() < 0.0:
+        if lateral[self.knees[0]] * model.jnt_range[self.knees[0]].sum() < 0.0:
             self.feet.reverse()
             self.knees.reverse()
-            across = -across
-        up = np.eye(3)[self.up]
-        self.axes = np.stack([np.cross(across, up), across, up])
+            self.axes[:2] *= -1.0
 
     def _ends(self) -> list[int]:
         """The ends of two chains of as many joints whose middle is farthest from their root."""
@@ -112,7 +107,6 @@ class _Proposal:
             "trunk": body(self._trunk()).name,
             "foot": [body(foot).name for foot in self.feet],
             "knee": [joint(knee).name for knee in self.knees],
-            **({"up": "xyz"[self.up]} if self.up != 2 else {}),
             **self._rest(),
             **({"lock": [joint(number).name for number in locked]} if locked else {}),
             **({"sole": sole} if sole else {}),

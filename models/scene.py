@@ -73,12 +73,6 @@ class Inertial:
         com = (self.mass * self.com + other.mass * other.com) / mass
         return Inertial(mass, com, self.about(com) + other.about(com))
 
-    def minus(self, part: "Inertial") -> "Inertial":
-        """The remainder when a part is cut off."""
-        mass = self.mass - part.mass
-        com = (self.mass * self.com - part.mass * part.com) / mass
-        return Inertial(mass, com, self.about(com) - part.about(com))
-
     def seen_from(self, point: Array) -> "Inertial":
         """The same in a frame with its origin at a point, shape (3,) [m]."""
         return replace(self, com=self.com - point)

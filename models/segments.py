@@ -82,7 +82,7 @@ def symmetrise(segments: Sequence[Segment]) -> tuple[list[int], Array, Findings]
         if not value <= limit:
             raise InputError(
                 f"left and right differ by {value:.3g} {unit} in {what}, more than {limit:.3g} {unit}; "
-                "a periodic walk needs a symmetric body: correct the model, or sides in its description."
+                "a periodic walk needs a symmetric body: correct the model, or the names in its description."
             )
     bare = sum(not segment.shapes for segment in segments)
     return images, signs, Findings(max(place, apart), com, mass, bare)

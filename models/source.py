@@ -6,12 +6,12 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, TypeVar
 
 import coal
 import mujoco
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN
@@ -34,13 +34,8 @@ MASSLESS = 1e-13  # of a link: its mass, and a moment of its inertia, is less [k
 _LARGEST = 1e4  # of a model's numbers, in SI units
 _BOUND = 0.5 * MASSLESS  # written for less, as MuJoCo compiles no moving body without mass
 _MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # places in MJCF's fullinertia
-Names = Annotated[tuple[str, ...], Field(strict=False)]  # also a list
-Sided = Annotated[
-    tuple[str, ...],
-    Field(strict=False, min_length=1, max_length=2),
-    BeforeValidator(lambda value: (value,) if isinstance(value, str) else value),
-]
-"""One pattern with {side} or {Side}, or the names of left and right."""
+Sides = Annotated[tuple[str, str], Field(strict=False)]  # also a list
+"""Names of left and right."""
 Angles = Mapping[str, Real]
 Patterns = Annotated[tuple[re.Pattern[str], ...], Field(strict=False)]
 ByPattern = Mapping[re.Pattern[str], Annotated[Real, Field(ge=0)]]
@@ -66,12 +61,8 @@ class BodyFile(Section, section="body"):
     source: str = Field(description="MJCF or URDF file, or PACKAGE:FILE of an installed package")
     root: str = Field(description="segment that moves freely")
     trunk: str = Field(description="segment whose pitch is the lean of the trunk")
-    up: Literal["x", "y", "z"] = Field("z", description="axis of the model that points upwards")
-    sides: Names = Field(
-        ("left", "right"), description="words for left and right in names", min_length=2, max_length=2
-    )
-    foot: Sided = Field(description="segment of a foot, with {side} or {Side}; or those of left and right")
-    knee: Sided = Field(description="joint of a knee, with {side} or {Side}; or those of left and right")
+    foot: Sides = Field(description="segments of the left and the right foot")
+    knee: Sides = Field(description="joints of the left and the right knee")
     sole: SoleSection = Field(description="outline of a sole")
     rest: Angles = Field({}, description="angles of trunk and arms at rest, where not 0 [rad]")
     lock: Patterns = Field((), description="joints that are welded, as regular expressions")
@@ -92,14 +83,6 @@ class BodyFile(Section, section="body"):
         {}, description="stiffness of a spring by regular expression of joints [N m/rad]"
     )
     friction: ByPattern = Field({}, description="dry friction by regular expression of joints [N m]")
-
-    def sided(self, names: tuple[str, ...]) -> tuple[str, str]:
-        """Left and right name of one pattern, or two names as they are."""
-        left, right = (
-            name.replace("{side}", side).replace("{Side}", side.capitalize())
-            for name, side in zip((names[0], names[-1]), self.sides, strict=True)
-        )
-        return left, right
 
 
 class _File(Section):
@@ -212,40 +195,6 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
         ) from None
 
 
-_FINITE = ("lower", "upper", "xyz", "rpy", "ixx", "ixy", "ixz", "iyy", "iyz", "izz", "damping", "friction")
-_POSITIVE = ("effort", "velocity")
-_NUMBERS = frozenset({*_POSITIVE, *_FINITE})
-"""Attributes of a URDF that are numbers, beside the value of a mass."""
-
-
-def _check_urdf(tree: ET.Element) -> None:
-    """Refuse what MuJoCo reads in another way, or not at all.
-
-    Raises:
-        ValueError: a value is not a number, negative or out of order, or not all links hang on one.
-    """
-    for owner in [*tree.findall("link"), *tree.findall("joint")]:
-        what = f"{owner.tag} {owner.get('name')!r}"
-        for element in owner.iter():
-            for name, text in element.items():
-                if name not in _NUMBERS and (element.tag, name) != ("mass", "value"):
-                    continue
-                numbers = [float(word) for word in text.split()]
-                endless = name in _POSITIVE  # a motor without a limit
-                if not all(math.isfinite(number) or (endless and number == math.inf) for number in numbers):
-                    raise ValueError(f"{name} = {text!r} of {what} must be finite")
-                if endless and min(numbers, default=0.0) < 0.0:
-                    raise ValueError(f"{name} = {text!r} of {what} must be 0 or more")
-        for limit in owner.findall("limit"):
-            lower, upper = limit.get("lower", "0"), limit.get("upper", "0")
-            if not float(lower) <= float(upper):
-                raise ValueError(f"lower = {lower!r} of {what} must be at most upper = {upper!r}")
-    children = {child.get("link") for child in tree.iterfind("joint/child")}
-    roots = [link.get("name", "") for link in tree.findall("link") if link.get("name") not in children]
-    if len(roots) > 1:
-        raise ValueError(f"links that hang on no joint: {', '.join(roots)}; keep one")
-
-
 def _check_numbers(model: mujoco.MjModel) -> None:
     """Refuse a model without joints, or with numbers that are not finite.
 
@@ -256,32 +205,51 @@ def _check_numbers(model: mujoco.MjModel) -> None:
         raise ValueError("it has no joints")
     for what, fields in (
         ("body", ("body_mass", "body_inertia", "body_pos", "body_quat", "body_ipos", "body_iquat")),
-        ("joint", ("jnt_axis", "jnt_pos", "jnt_range")),
+        ("joint", ("jnt_axis", "jnt_pos", "jnt_range", "dof_damping", "dof_frictionloss")),
     ):
         for name in fields:
             values = getattr(model, name)
             large = ~(np.abs(values) <= _LARGEST).reshape(len(values), -1).all(axis=1)
             if large.any():
-                thing = getattr(model, what)(int(large.argmax()))
+                row = int(large.argmax())
+                thing = getattr(model, what)(int(model.dof_jntid[row]) if name.startswith("dof") else row)
                 quantity = name.partition("_")[2]
                 raise ValueError(f"{quantity} of the {what} {thing.name!r} is {getattr(thing, quantity)}")
 
 
 def _readable_urdf(tree: ET.Element) -> dict[str, float]:
-    """Check a URDF, and say how MuJoCo is to read it; speed limits."""
-    _check_urdf(tree)
+    """Refuse what MuJoCo reads in another way, and say how it is to read the rest; speed limits.
+
+    Raises:
+        ValueError: a name stands twice, not all links hang on one, or a limit is negative or out of order.
+    """
     for kind in ("link", "joint"):
         names = [element.get("name", "") for element in tree.findall(kind)]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise ValueError(f"names of a {kind} used twice: {', '.join(twice)}")
+    children = {child.get("link") for child in tree.iterfind("joint/child")}
+    roots = [link.get("name", "") for link in tree.findall("link") if link.get("name") not in children]
+    if len(roots) > 1:
+        raise ValueError(f"links that hang on no joint: {', '.join(roots)}; keep one")
+    speeds = {}
+    for joint in tree.findall("joint"):
+        for limit in joint.findall("limit"):
+            value = {"lower": 0.0, "upper": 0.0, "effort": math.inf, "velocity": math.inf}
+            value |= {name: float(text) for name, text in limit.items() if name in value}
+            for name, least, rule in (
+                ("lower", -math.inf, "a number"),
+                ("upper", value["lower"], f"at least lower = {value['lower']:g}"),
+                ("effort", 0.0, "0 or more"),
+                ("velocity", 0.0, "0 or more"),
+            ):
+                if not value[name] >= least:
+                    what = f"{name} = {value[name]:g} of the joint {joint.get('name')!r}"
+                    raise ValueError(f"{what} must be {rule}")
+            speeds[joint.get("name", "")] = value["velocity"]
     for old in tree.findall("mujoco"):
         tree.remove(old)
     tree.append(ET.fromstring(_URDF_OPTIONS))
-    return {
-        joint.get("name", ""): float(limit.get("velocity", "inf"))
-        for joint in tree.iter("joint")
-        for limit in joint.findall("limit")
-    }
+    return speeds
 
 
 def _find_meshes(spec: mujoco.MjSpec, path: Path) -> None:

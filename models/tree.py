@@ -45,6 +45,25 @@ def at_zero(model: mujoco.MjModel) -> mujoco.MjData:
     return data
 
 
+def upright_axes(root: Array, left: Array, right: Array) -> Array:
+    """Forward, left and up as rows, shape (3, 3): the feet are under the root along an axis of the model.
+
+    Args:
+        root: place of the root, shape (3,) [m].
+        left: of the left foot.
+        right: of the right foot.
+
+    Raises:
+        InputError: both feet are at one place.
+    """
+    up = np.eye(3)[int(np.abs(0.5 * (left + right) - root).argmax())]
+    across = left - right - ((left - right) @ up) * up
+    if not (distance := math.hypot(*across)) > 0.0:
+        raise InputError("both feet are at one place; correct foot in the body's description.")
+    across /= distance
+    return np.stack([np.cross(across, up), across, up])
+
+
 class Tree:
     """The segments of a compiled source."""
 
@@ -53,10 +72,10 @@ class Tree:
         self._check_source()
         self.efforts = motor_limits(model)
         root = self.body(file.root, "root")
-        self.feet = [self.body(name, "foot") for name in file.sided(file.foot)]
+        self.feet = [self.body(name, "foot") for name in file.foot]
         self.data = at_zero(model)
         self.origin = self.data.xpos[root]
-        self.align = self._axes()
+        self.align = upright_axes(self.origin, *self.data.xpos[self.feet])
         self.segments: list[Segment] = []
         self.of_body: dict[int, int] = {}
         self._read(root, -1)
@@ -73,29 +92,10 @@ class Tree:
         self.hinges = [joint for segment in self.segments for joint in segment.joints]
         self.index = {joint.name: i for i, joint in enumerate(self.hinges)}
         self.segment_of = [i for i, segment in enumerate(self.segments) for _ in segment.joints]
-        roles = {"knee": file.sided(file.knee), "rest": file.rest}
-        for role, names in roles.items():
+        for role, names in (("knee", file.knee), ("rest", file.rest)):
             for name in names:
                 self.joint(name, role)
         self.images, self.signs, self.findings = symmetrise(self.segments)
-
-    def _axes(self) -> Array:
-        """Forward, left and up as rows: the left foot is towards +y, shape (3, 3)."""
-        file, (left, right) = self.file, self.data.xpos[self.feet]
-        way = np.abs(0.5 * (left + right) - self.origin)
-        if way.max() > way["xyz".index(file.up)]:
-            axis = "xyz"[int(way.argmax())]
-            raise InputError(
-                f"the feet are {way.max():.3g} m from the root along {axis}, so {axis} points up; add up = "
-                f"{axis!r} to the body's description, or correct root.",
-                key="body.up",
-            )
-        up = np.eye(3)["xyz".index(file.up)]
-        across = left - right - ((left - right) @ up) * up
-        if not (distance := math.hypot(*across)) > 0.0:
-            raise InputError("both feet are at one place; correct foot and sides in the body's description.")
-        across /= distance
-        return np.stack([np.cross(across, up), across, up])
 
     def _check_source(self) -> None:
         """Refuse forces and couplings that a body cannot have, and patterns that match nothing."""

@@ -130,7 +130,7 @@ def assert_feet_stand(plan, ground=None, *, over=True):
 
 def assert_walk(plan, sole):
     """All of a walk over footsteps."""
-    assert plan.residuals().largest < 1e-11
+    assert max(plan.residuals().values()) < 1e-11
     assert_newton_euler(plan, inside(plan))
     assert_rates(plan)
     assert_from_rest_to_rest(plan, plan.com_height)

@@ -11,7 +11,7 @@ from ampm.planner.support import StepPlan, plan_steps
 from ampm.planners import periodic_walk
 from ampm.run_file import load_run
 from ampm.walk import Replanner, WalkPlan
-from models.human import build
+from models.build import build_body
 from models.scene import BodyModel
 from tests.records import same_bits
 from validation.run.replay import step_again
@@ -52,7 +52,7 @@ class Walk(NamedTuple):
 def walk_of(*overrides: str) -> Walk:
     """The walk :data:`WALK` with some settings changed."""
     run = load_run(None, [*WALK, *overrides])
-    model = build(run.body, run.contact, run.simulation)
+    model = build_body(run.body, run.contact, run.simulation)
     robot = make_robot(model.compile(), model.description)
     plan = plan_steps(run.gait, run.body.mass, run.foot, model.description.sole)
     return Walk(run, plan, robot)
@@ -69,7 +69,7 @@ def motion_of(*overrides: str) -> WholeBodyMotion:
 def body_of(*overrides: str) -> BodyModel:
     """The simulated body, with some settings changed."""
     run = walk_of(COARSE, *overrides).run
-    return build(run.body, run.contact, run.simulation)
+    return build_body(run.body, run.contact, run.simulation)
 
 
 def replays(record: SimulationRecord, *overrides: str) -> bool:

@@ -122,7 +122,6 @@ def test_the_results_of_a_sweep_are_read_without_its_code(command, ampm, tmp_pat
 
 def test_changed_runs_are_not_viewed(ampm, run_of, tmp_path):
     shutil.copytree(run_of(), tmp_path / "run")
-    (tmp_path / "run" / "recording.rrd").write_bytes(b"RRF2")
     with (tmp_path / "run" / "run.toml").open("a") as file:
         file.write("\n")
     answer = ampm("view", tmp_path / "run", "--save", tmp_path / "a.rrd")

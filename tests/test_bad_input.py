@@ -24,7 +24,7 @@ from tests.test_body_files import TOML, URDF
 from tests.test_body_files import read as read_body
 from tests.test_table import planned, read, table_of
 from validation.cli.app import Status
-from validation.store.summary import Summary, read_json
+from validation.store.summary import SUMMARY, read_json
 from validation.study.sweep.design import check_classes, parse_sweep
 from validation.trial.disturbances import Push
 
@@ -91,7 +91,7 @@ USES = {
     "source": lambda text, folder: load_run(ROOT / text if "/" in text else text),
     "sweep": lambda text, _: check_classes(parse_sweep(text)),
     "footsteps": of_file(routes.read_footsteps, "walk.csv"),
-    "summary": of_file(lambda path: read_json(path, Summary, "walk again"), "summary.json"),
+    "summary": of_file(lambda path: read_json(path, SUMMARY, "walk again"), "summary.json"),
     "study": of_file(val.load_uncertainty, "convergence.json"),
     "body": body,
     "urdf": urdf,

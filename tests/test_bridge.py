@@ -6,8 +6,9 @@ import pinocchio as pin
 import pytest
 
 from ampm.parameters import BodyParameters, RunParameters
-from models.human import build
-from validation.trial.bridge import pinocchio_model, to_pinocchio
+from models.build import build_body
+from validation.trial.bridge import pinocchio_model
+from validation.trial.coordinates import to_pinocchio
 
 TOLERANCE = 1e-9
 SIZES = [(1.55, 95.0)]
@@ -44,7 +45,7 @@ ODD_XML = """
 
 def human_model(height: float, mass: float) -> mujoco.MjModel:
     run = RunParameters()
-    return build(BodyParameters(height=height, mass=mass), run.contact, run.simulation).compile()
+    return build_body(BodyParameters(height=height, mass=mass), run.contact, run.simulation).compile()
 
 
 @pytest.fixture(scope="module", params=["odd", *SIZES], ids=str)

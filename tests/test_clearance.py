@@ -7,7 +7,7 @@ from scipy.optimize import lsq_linear
 
 from ampm.body.limits import CLEARANCE
 from ampm.run_file import load_run
-from models.human import build
+from models.build import build_body
 from tests.saved_run import make_run
 from validation.show.report import render
 from validation.store.saved import load_saved_run
@@ -35,7 +35,7 @@ def between_segments(a, b):
 def bent(**angles):
     """The closest parts of the default human, some of whose joints are bent."""
     run = load_run("normal")
-    model = build(run.body, run.contact, run.simulation).compile()
+    model = build_body(run.body, run.contact, run.simulation).compile()
     q = model.qpos0.copy()
     for joint, angle in angles.items():
         q[model.joint(joint).qposadr[0]] = angle

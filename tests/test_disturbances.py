@@ -13,7 +13,6 @@ from tests.test_golden import definition
 from validation.judge.built_in import rms
 from validation.measure.measure import measure
 from validation.run.replay import replay
-from validation.trial.bridge import to_pinocchio
 from validation.trial.disturbances import Push, Recorded
 
 SHOVE = Push("chest", (0.0, 30.0, 0.0), at=0.6, duration=0.1)
@@ -41,10 +40,10 @@ def test_a_push_is_recorded_where_and_when_it_acts(tmp_path):
 
 def test_the_zmp_from_momentum_rates_takes_pushes_into_account():
     robot = walk_of(COARSE).robot
-    measured, record = measure(walk(SHOVE), robot.model, to_pinocchio), walk(SHOVE)
+    measured, record = measure(walk(SHOVE), robot.model), walk(SHOVE)
     gap = np.linalg.norm(measured.zmp - measured.zmp_momentum, axis=1)
     pushed = record.external_force[:, 0, 1] > 0.0
-    calm = measure(walk(), robot.model, to_pinocchio)
+    calm = measure(walk(), robot.model)
     assert np.nanmax(gap[pushed]) < 2.0 * np.nanmax(np.linalg.norm(calm.zmp - calm.zmp_momentum, axis=1))
     off, usual = (rms((one.force - one.momentum_force)[:, 1]) for one in (measured, calm))
     assert off < 2.0 * usual
@@ -56,7 +55,7 @@ def test_pushes_add_up_and_a_force_lifts():
     up = Push("chest", (0.0, 0.0, 20.0), at=0.0, duration=10.0)
     record = walk(up, up, steps=1)
     np.testing.assert_array_equal(record.external_force[:, 0, 2], 40.0)
-    measured = measure(record, walk_of(COARSE).robot.model, to_pinocchio)
+    measured = measure(record, walk_of(COARSE).robot.model)
     assert measured.force[100:, 2].mean() == pytest.approx(measured.weight - 40.0, rel=0.02)
     assert abs(measured.self_checks.impulse_residual) < 1e-3
 
@@ -81,7 +80,7 @@ def test_a_com_push_adds_momentum_and_no_angular_momentum():
     speed = np.diff(gained[rows]) / np.diff(record.time[rows])
     assert speed == pytest.approx(60.0 * 0.02 / record.mass, rel=0.3)
     pushed, robot = record.external_force[:, 0, 0] > 0.0, walk_of(COARSE).robot
-    measured, calm = (measure(one, robot.model, to_pinocchio) for one in (record, plain))
+    measured, calm = (measure(one, robot.model) for one in (record, plain))
     gap, usual = ((one.zmp - one.zmp_momentum)[: record.steps][pushed] for one in (measured, calm))
     np.testing.assert_allclose(gap[:, 0], usual[:, 0], atol=1e-4)  # without the moment 4 mm
 

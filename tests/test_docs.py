@@ -5,6 +5,7 @@ of a page share one folder and one namespace, in their order.
 """
 
 import importlib
+import math
 import os
 import re
 import runpy
@@ -15,12 +16,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 import yaml
 
 import ampm
 import validation
+from ampm.planner.routes import TOE_OUT
 from validation.cli.app import app
 from validation.study.sweep.design import load_sweep
 from validation.study.sweep.run import task_of
@@ -167,6 +170,30 @@ def test_a_short_tour_is_walked_to_its_target_and_kept(tour, tmp_path, monkeypat
     assert found["error"] < 2e-3
     monkeypatch.delattr(tour, "simulate")  # nothing is walked again
     assert tour.walk_tours(*options, resume=True) == [found]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_steps_to_targets_stand_at_them_and_go_no_farther_aside_or_turn_more_than_they_may(tour, seed):
+    generator = np.random.default_rng(seed)
+    targets = [tuple(generator.uniform(-1.5, 1.5, 3).tolist()) for _ in range(8)]
+    length, width, aside, most = 0.16, 0.28, 0.06, 0.4
+    footsteps = tour.visit(targets, length, width, aside, most)
+    side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps])
+    heading = np.array([step.heading for step in footsteps]) - side * TOE_OUT
+    turn = np.remainder(np.diff(heading) + np.pi, 2.0 * np.pi) - np.pi
+    assert np.abs(turn).max() <= most + 1e-9
+    to_left = np.stack([-np.sin(heading), np.cos(heading)], axis=1)
+    middle = np.array([step.position[:2] for step in footsteps]) - 0.5 * width * side[:, None] * to_left
+    between = 0.5 * (middle[1:] + middle[:-1])
+    for x, y, _ in targets:
+        assert np.hypot(*(between - (x, y)).T).min() < 1e-9
+    way = np.diff(middle, axis=0)
+    left = (way * to_left[:-1]).sum(axis=1)
+    assert np.hypot(*way.T).max() <= math.hypot(length, aside) + 1e-9
+    outward = side[1:] * left
+    assert outward.max() <= aside + 1e-9
+    fewer = tour.visit(targets, 2.0 * length, width, 2.0 * aside, most)
+    assert len(fewer) < len(footsteps)
 
 
 DOCS = ROOT / "docs"

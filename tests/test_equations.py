@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 
 from tests.saved_run import walked
-from tests.tiny import CORNERS, pinocchio_model, simulate, swinging, to_pinocchio
+from tests.tiny import CORNERS, pinocchio_model, simulate, swinging
 from tests.walk import without_point
 from validation.measure.equations import Equations, check_equations
 from validation.trial import bridge
-from validation.trial.passive import PassiveJoints
+from validation.trial.coordinates import PassiveJoints
 
 ZERO = np.zeros(7)
 NOTHING = PassiveJoints(damping=ZERO, stiffness=ZERO, rest=ZERO, friction=ZERO, implicit=False)
@@ -30,7 +30,7 @@ def block():
 
 
 def check(record, model, passive=NOTHING) -> Equations:
-    return check_equations(record, model, passive, to_pinocchio)
+    return check_equations(record, model, passive)
 
 
 def test_the_block_obeys_them(block):
@@ -77,7 +77,7 @@ def test_a_walk_obeys_them(settings):
 
     def of(record, passive):
         twin = bridge.pinocchio_model(model)
-        return check_equations(record, twin, passive, bridge.to_pinocchio)
+        return check_equations(record, twin, passive)
 
     passive = bridge.passive_joints(model)
     found = of(record, passive)

@@ -1,14 +1,11 @@
 """Output folders: nothing that exists is lost, nothing is seen half written."""
 
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from ampm.exceptions import InputError
-from validation.store.folders import check_target, output_file, run_folder
+from validation.store.folders import check_target, names_folder, output_file, run_folder
 
 
 def fill(folder, text="first"):
@@ -73,6 +70,12 @@ def test_an_error_before_anything_was_recorded_leaves_nothing(tmp_path, target, 
     assert list(tmp_path.rglob("*")) == ([target] if exists else [])
 
 
+def test_a_mounted_volume_is_not_replaced(target, monkeypatch):
+    monkeypatch.setattr(Path, "is_mount", lambda path: path == target)
+    with pytest.raises(InputError, match="give a folder in it"), run_folder(target, force=True):
+        pass
+
+
 @pytest.mark.parametrize(
     ("files", "force", "known", "marks", "refused"),
     [
@@ -101,9 +104,12 @@ def test_what_is_of_another_kind_is_never_replaced(target, files, force, known, 
 
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder that nobody can write")
-def test_a_place_that_cannot_be_written_is_refused_before_any_work():
-    with pytest.raises(InputError, match="cannot be written"):
-        check_target(Path("/proc/ampm/run"), None, force=False)
+def test_a_place_that_cannot_be_written_is_refused():
+    with (
+        pytest.raises(InputError, match="cannot be written"),
+        run_folder(Path("/proc/ampm/run"), force=False),
+    ):
+        pass
     with pytest.raises(InputError, match="cannot be written"), output_file(Path("/proc/ampm/run.csv")):
         pass
 
@@ -122,24 +128,10 @@ def test_a_file_appears_whole(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["motion.parquet"]
 
 
-KILLED = """
-import os, sys
-from pathlib import Path
-from validation.store.folders import run_folder
-
-with run_folder(Path(sys.argv[1]), force=False) as folder:
-    (folder / sys.argv[2]).write_text("")
-    os.kill(os.getpid(), 9)
-"""
-
-
-@pytest.mark.parametrize(("file", "kept"), [("run.toml", False), ("joints.parquet", True)])
-def test_what_a_kill_leaves_goes_with_the_next_run_unless_it_is_a_record(tmp_path, target, file, kept):
-    subprocess.run([sys.executable, "-c", KILLED, str(target), file], check=False)
-    with run_folder(target, force=False) as folder:
-        fill(folder)
-        with run_folder(target, force=False) as other:  # one that is being written is left alone
-            assert folder.is_dir()
-            fill(other)
-        shutil.rmtree(target)
-    assert len(list(tmp_path.glob("*.partial-*"))) == kept
+def test_a_preset_is_not_a_folder_of_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("normal", "walked"):
+        Path(folder).mkdir()
+    folders = {text for text in ("./normal", "walked", "runs/missing") if names_folder(text)}
+    assert folders == {"./normal", "walked", "runs/missing"}
+    assert not any(map(names_folder, ("normal", "momentum", "own/gait.toml")))

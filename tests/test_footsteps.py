@@ -111,27 +111,3 @@ def test_a_plan_over_a_file_of_footsteps_and_its_picture(tmp_path, ampm):
     assert answer.json["duration"] > 15.0
     assert (tmp_path / "walk.png").stat().st_size > 10_000
     assert imread(tmp_path / "walk.png")[0, 0].tolist() == [1.0] * 4  # on white
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_steps_to_targets_stand_at_them_and_go_no_farther_aside_or_turn_more_than_they_may(seed):
-    generator = np.random.default_rng(seed)
-    targets = [tuple(generator.uniform(-1.5, 1.5, 3).tolist()) for _ in range(8)]
-    length, width, aside, most = 0.16, 0.28, 0.06, 0.4
-    footsteps = routes.visit(targets, length, width, aside=aside, turn=most)
-    side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps])
-    heading = np.array([step.heading for step in footsteps]) - side * routes.TOE_OUT
-    turn = np.remainder(np.diff(heading) + np.pi, 2.0 * np.pi) - np.pi
-    assert np.abs(turn).max() <= most + 1e-9
-    to_left = np.stack([-np.sin(heading), np.cos(heading)], axis=1)
-    middle = np.array([step.position[:2] for step in footsteps]) - 0.5 * width * side[:, None] * to_left
-    between = 0.5 * (middle[1:] + middle[:-1])
-    for x, y, _ in targets:
-        assert np.hypot(*(between - (x, y)).T).min() < 1e-9
-    way = np.diff(middle, axis=0)
-    left = (way * to_left[:-1]).sum(axis=1)
-    assert np.hypot(*way.T).max() <= math.hypot(length, aside) + 1e-9
-    outward = side[1:] * left
-    assert outward.max() <= aside + 1e-9
-    fewer = routes.visit(targets, 2.0 * length, width, aside=2.0 * aside, turn=most)
-    assert len(fewer) < len(footsteps)

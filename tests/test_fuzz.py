@@ -25,7 +25,7 @@ from validation.measure.log import read_log
 from validation.show.cost_table import cost_table, reported_table
 from validation.store.json import write_json
 from validation.store.metric_table import metric_table
-from validation.store.summary import Summary, read_json
+from validation.store.summary import SUMMARY, read_json
 from validation.trial.plan import check_formula, load_request
 from validation.trial.users import read_columns
 
@@ -165,7 +165,7 @@ def places(value, path=()):
 @SIZES
 def test_summaries(examples, run_of, tmp_path):
     path = tmp_path / "summary.json"
-    good = read_json(run_of() / "summary.json", Summary, "")
+    good = read_json(run_of() / "summary.json", SUMMARY, "")
 
     def check(place, value):
         changed = copy.deepcopy(good)
@@ -174,7 +174,7 @@ def test_summaries(examples, run_of, tmp_path):
             inner = inner[key]
         inner[place[-1]] = value
         write_json(path, changed)
-        found = read_json(path, Summary, "walk the gait again")
+        found = read_json(path, SUMMARY, "walk the gait again")
         for made in (metric_table(found), cost_table(found), reported_table(found)):
             assert str(made)
         assert judge_summary(found, DEFAULT)["reason"]

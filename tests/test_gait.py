@@ -1,7 +1,6 @@
 """The plan as a whole: continuity, an independent integration, properties; its numbers are in golden.csv."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -141,8 +140,8 @@ def check_plan_or_refusal(parameters):
     else:
         residuals = plan.residuals()
         if parameters.planner == "lipm":  # its acceleration and ZMP jump at every switch
-            residuals = replace(residuals, acceleration=0.0, zmp=0.0)
-        assert residuals.largest <= RESIDUAL_LIMIT
+            residuals |= dict.fromkeys(("com_acceleration", "zmp"), 0.0)
+        assert max(residuals.values()) <= RESIDUAL_LIMIT
         s = plan.sample(np.linspace(0.0, plan.duration, 60))
         for name in "com com_velocity com_acceleration zmp force moment angular_momentum".split():
             assert np.isfinite(getattr(s, name)).all(), name
@@ -167,7 +166,7 @@ def test_every_plan_keeps_the_laws(parameters):
     plan = check_plan_or_refusal(parameters)
     assume(plan is not None)
     c = plan.constants
-    assert plan.residuals().largest <= 1e-11
+    assert max(plan.residuals().values()) <= 1e-11
     assert c.s + c.beta == pytest.approx(parameters.step_width / 2)
     assert 0.0 < c.beta < parameters.step_width / 2
     s = plan.sample(plan.contacts.starts[1:])

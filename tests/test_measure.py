@@ -8,17 +8,7 @@ import pinocchio as pin
 import pytest
 
 from ampm.exceptions import InputError
-from tests.tiny import (
-    ARM_MASS,
-    CORNERS,
-    GRAVITY,
-    MASS,
-    mujoco_model,
-    pinocchio_model,
-    simulate,
-    swinging,
-    to_pinocchio,
-)
+from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, mujoco_model, pinocchio_model, simulate, swinging
 from tests.walk import without_point
 from validation.judge.built_in import rms
 from validation.measure.measure import _step_back, centre_of_pressure, measure
@@ -27,7 +17,7 @@ WEIGHT = (MASS + ARM_MASS) * GRAVITY
 
 
 def measured_of(record, **changed):
-    return measure(replace(record, **changed), pinocchio_model(), to_pinocchio)
+    return measure(replace(record, **changed), pinocchio_model())
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +126,7 @@ def test_another_body_is_refused(swing):
     other = pinocchio_model()
     other.appendBodyToJoint(2, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
     with pytest.raises(InputError, match="model"):
-        measure(swing[0], other, to_pinocchio)
+        measure(swing[0], other)
 
 
 def test_a_centre_of_pressure_is_where_a_force_meets_its_floor():

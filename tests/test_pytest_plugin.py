@@ -85,13 +85,13 @@ def test_unknown_gait(walked):
     walked("nromal")
 """
     )
-    result = run("--ampm-runs", tmp_path / "runs")
+    result = run(f"--basetemp={tmp_path / 'runs'}")
     result.assert_outcomes(failed=3)
     result.stdout.no_fnmatch_line("*cannot be saved*")
     result.stdout.fnmatch_lines(
         [
             "normal with joint-pd: not measured (default). The body fell*",
-            f"*ampm view {tmp_path / 'runs'}/*test_falls/0-normal",
+            f"*ampm view {tmp_path / 'runs'}/ampm-runs/*test_falls/0-normal",
             "this test walked nothing; call walked() first, or give the trials.",
             "*did you mean 'normal'*",
         ]

@@ -1,5 +1,6 @@
 """Recordings hold the data they are drawn from, and stand side by side on the gait's phase."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -122,6 +123,11 @@ def test_a_recording_is_sound_small_and_has_what_a_viewer_must_show(one, tmp_pat
     assert path.stat().st_size / load_record(one).outcome.time < 1e6
     again = write_recording(make_run(tmp_path / "run", steps=4))
     assert_rrd("compare", path, again)  # of an identical run
+    os.truncate(again, 99)
+    with pytest.raises(InputError, match=r"recording\.rrd has changed"):
+        load_saved_run(again.parent)
+    again.unlink()  # it can be drawn again
+    assert load_saved_run(again.parent)
 
 
 def test_several_runs_are_in_one_file_with_curves_in_a_colour_of_each(walks, tmp_path):

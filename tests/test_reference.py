@@ -8,7 +8,7 @@ import pytest
 
 from ampm.planners import periodic_walk
 from ampm.reference import FIELDS
-from ampm.walk import Reference, ReferenceTable, Timing
+from ampm.walk import Reference, Timing
 from tests.solved import COARSE, motion_of, walk_of
 
 EARLY, LEAD = 0.04, 0.01
@@ -22,7 +22,7 @@ def plan():
 
 
 @cache
-def rows(**spans) -> ReferenceTable:
+def rows(**spans) -> Reference:
     return plan().table(TIMES, Timing(**spans))
 
 
@@ -79,7 +79,7 @@ def test_a_walk_ends_as_if_it_went_on():
 def test_a_table_is_a_sequence_and_cannot_be_changed():
     table = plan().table(TIMES)
     assert len(table) == len(TIMES)
-    assert table.part(3, 5)[1].time == table[4].time == TIMES[4]
+    assert table[3:5][1].time == table[4].time == TIMES[4]
     for changed in (table.com, table.row, table[4].com, table[4].foot_position):
         with pytest.raises(ValueError, match="read-only"):
             changed[...] = 0

@@ -89,7 +89,7 @@ def test_a_changed_number_with_a_forged_digest_is_found(pushed, tmp_path, file, 
 def test_all_columns_but_labels_plan_and_command_are_held(pushed):
     apart = ("phase", "stance", "plan_", "command_", "motion_", "zmp_error_")
     stored = load_signals(pushed / "signals.parquet").columns
-    held = set(signals.measured_columns(perfect_walk()[2]))
+    held = set(signals.columns_of({"measured": perfect_walk()[2]}, signals.ALL))
     assert {name for name in stored if not name.startswith(apart)} == held
 
 

@@ -12,7 +12,6 @@ from validation.judge.built_in import rms
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
 from validation.measure.measure import measure
-from validation.trial.bridge import to_pinocchio
 from validation.trial.disturbances import Push
 from validation.trial.followed import LEADS, STEPPING
 from validation.trial.plan import Body as TrialBody
@@ -64,18 +63,18 @@ def test_a_push_that_is_too_much_for_planned_steps_is_survived_by_other_steps(di
 def test_steps_elsewhere_are_judged_by_what_was_planned_then():
     """Against the first plan a walk that steps 0.2 m elsewhere is wrong for good."""
     walk, record = planned("stepping"), walked("stepping", SHOVES["wider"])
-    measured = measure(record, walk.body.robot.model, to_pinocchio)
+    measured = measure(record, walk.body.robot.model)
     judged = compare(walk.plan, record, measured)
     metrics = evaluate(judged)
     assert judged.first is not None
     first = rms((measured.zmp - judged.first.zmp)[judged.inside, 1])
-    assert metrics["zmp_y_rmse"].value < 0.5 * first
-    assert 0.05 < metrics["plan_moved_zmp_maximum"].value < 1.0
-    assert metrics["plan_changes"].value >= 1.0
+    assert metrics["zmp_y_rmse"] < 0.5 * first
+    assert 0.05 < metrics["plan_moved_zmp_maximum"] < 1.0
+    assert metrics["plan_changes"] >= 1.0
     assert (record.tick_plan == STEPPING).any()
     assert not record.tick_plan[record.tick_time < AT].any()
     own = judged.sample.time[np.repeat(record.tick_plan, record.substeps)[: record.steps] == STEPPING]
-    sample = judged.followed.at(own).sample
+    sample = judged.followed.at(own)
     # What the stabiliser plans is a motion: its ZMP is that of its COM, moment and force.
     height = sample.com[:, 2] - sample.floor
     arm = height[:, None] * sample.force[:, :2] / sample.force[:, 2:]

@@ -33,8 +33,7 @@ def compared(walk, **change):
 
 def verdict_of(comparison, limits, known=None, **values):
     """Verdict; numerical uncertainties and other values of single metrics."""
-    metrics = evaluate(comparison)
-    metrics |= {name: replace(metrics[name], value=value) for name, value in values.items()}
+    metrics = evaluate(comparison) | values
     study = None if known is None else Uncertainty("x", 6, known)
     return judge(metrics, limits, comparison.scales, study, ended=comparison.record.outcome.ending)
 

@@ -58,18 +58,6 @@ def pinocchio_model():
     return model
 
 
-def to_pinocchio(q, qd):
-    """MuJoCo's free joint (wxyz, velocity in world) to Pinocchio's (xyzw, velocity in the body)."""
-    q, qd = np.atleast_2d(q), np.atleast_2d(qd)
-    out_q, out_v = q.copy(), qd.copy()
-    out_q[:, 3:7] = q[:, [4, 5, 6, 3]]
-    for row in range(q.shape[0]):
-        rotation = np.empty(9)
-        mujoco.mju_quat2Mat(rotation, q[row, 3:7])
-        out_v[row, :3] = rotation.reshape(3, 3).T @ qd[row, :3]
-    return out_q, out_v
-
-
 def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0, spin=None):
     """Step the block and log it as the testbed logs a walk: forces of step k belong to the state at t_k."""
     model = mujoco_model(dt, height - sink)

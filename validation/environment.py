@@ -29,14 +29,13 @@ from ampm.walk import ControlOutput
 from validation.judge.metrics import METRICS
 from validation.judge.profiles import DEFAULT, Tolerance
 from validation.trial.disturbances import Disturbance
-from validation.trial.outcome import OutcomeName
+from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, quiet_mujoco
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.policy import observe
 from validation.trial.readings import make_estimator
 from validation.trial.references import Course, References
 from validation.trial.simulate import ClosedLoop, forces_of, place
-from validation.trial.watch import End
 
 # dm_control looks for an OpenGL context when it is imported, and warns or fails where there is none. MuJoCo
 # has read the variable at its own import and keeps the caller's choice.
@@ -87,37 +86,45 @@ def load(
     if request.run.sensors.stand:
         raise InputError("sensors.stand: an episode begins in the walk; leave it out.")
     held = request.run.replace({"controller.hold": "zero-order"})
-    physics = WalkPhysics(plan_walk(replace(request, run=held)), disturbances)
-    task = FollowPlan(physics, np.random.RandomState(seed), random_start=random_start)
-    return control.Environment(physics, task, n_sub_steps=physics.substeps)
+    walk = FollowedWalk(plan_walk(replace(request, run=held)), disturbances)
+    if random_start:
+        walk.random = np.random.RandomState(seed)
+    return control.Environment(walk, walk, n_sub_steps=walk.substeps)
 
 
-class WalkPhysics(control.Physics):
-    """The closed loop of a walk; a step of it is a control tick.
+class FollowedWalk(control.Physics, control.Task):
+    """The closed loop of a walk as physics and task of dm_control; a step of it is a control tick.
 
     Args:
         planned: the walk.
         disturbances: external forces.
 
     Attributes:
+        random: draws the instants at which episodes begin; None begins all with the walk.
         loop: of this episode.
         first: step of the whole walk at which it began.
         sensed: what a controller gets at this tick.
         end: of the walk, if it fell.
     """
 
+    random: np.random.RandomState | None = None
+
     def __init__(self, planned: PlannedWalk, disturbances: Sequence[Disturbance]) -> None:
         self.planned, self.physics = planned, Physics(planned.scene, planned.run)
         self.substeps = self.physics.substeps
         self.walk = References(planned.plan, planned.run, self.physics)
         self._forces = forces_of(planned.run, disturbances, self.walk.total * self.timestep())
+        robot = planned.body.robot
+        scales = {"body_weight": robot.mass * robot.gravity, "foot_length": planned.plan.feet.sole.length}
+        limits = [_limits(name, scales) for name in REWARDED]
+        self._bounds = [((0.0, mean), largest - mean) for mean, largest in limits]
         self.begin(0)
 
     def begin(self, tick: int) -> None:
         """Begin an episode at a tick of the walk."""
-        run, table = self.planned.run, self.walk.table.part(tick, len(self.walk.table))
+        run, table = self.planned.run, self.walk.table[tick:]
         self.first = tick * self.substeps
-        self.end: End | None = None
+        self.end: Outcome | None = None
         step_ends = self.walk.step_ends - self.first * self.timestep()
         course = Course(self.walk.total - self.first, step_ends, iter(table))
         start = place(self.physics, run, table[0])
@@ -159,52 +166,34 @@ class WalkPhysics(control.Physics):
     def free(self) -> None:
         """Nothing is to be freed; wrappers for Gymnasium ask for it."""
 
-
-class FollowPlan(control.Task):
-    """Walk as planned.
-
-    Args:
-        physics: of the walk.
-        random: draws the instants at which episodes begin.
-        random_start: whether they are drawn, or episodes begin with the walk.
-    """
-
-    def __init__(self, physics: WalkPhysics, random: np.random.RandomState, *, random_start: bool) -> None:
-        self._random, self._starts = random, 1
-        plan, robot = physics.planned.plan, physics.planned.body.robot
-        if random_start:
-            times = physics.walk.table.row["time"]
-            self._starts = int(
-                np.searchsorted(times, min(2.0 * plan.constants.step_duration, 0.5 * times[-1]))
-            )
-        scales = {"body_weight": robot.mass * robot.gravity, "foot_length": plan.feet.sole.length}
-        limits = [_limits(name, scales) for name in REWARDED]
-        self._bounds = [((0.0, mean), largest - mean) for mean, largest in limits]
-
-    def initialize_episode(self, physics: WalkPhysics) -> None:
+    def initialize_episode(self, physics: "FollowedWalk") -> None:
         """Place the body on the plan."""
-        physics.begin(int(self._random.uniform(0.0, self._starts)))
+        start, times = 0.0, self.walk.table.row["time"]
+        if self.random is not None:
+            until = min(2.0 * self.planned.plan.constants.step_duration, 0.5 * times[-1])
+            start = self.random.uniform(0.0, np.searchsorted(times, until))
+        self.begin(int(start))
 
-    def before_step(self, action: Array, physics: WalkPhysics) -> None:
+    def before_step(self, action: Array, physics: "FollowedWalk") -> None:
         """Set the torques."""
-        physics.set_control(action)
+        self.set_control(action)
 
-    def action_spec(self, physics: WalkPhysics) -> specs.BoundedArray:
+    def action_spec(self, physics: "FollowedWalk") -> specs.BoundedArray:
         """Torques [N m], in the order of the joints."""
-        robot = physics.planned.body.robot
+        robot = self.planned.body.robot
         limit, names = robot.torque_limit, "\t".join(robot.joint_names)
         return specs.BoundedArray((robot.nu,), np.float64, -limit, limit, name=names)
 
-    def get_observation(self, physics: WalkPhysics) -> OrderedDict[str, Array]:
+    def get_observation(self, physics: "FollowedWalk") -> OrderedDict[str, Array]:
         """See :func:`validation.trial.policy.observe`."""
-        return OrderedDict(observe(*physics.sensed))
+        return OrderedDict(observe(*self.sensed))
 
-    def get_reward(self, physics: WalkPhysics) -> float:
+    def get_reward(self, physics: "FollowedWalk") -> float:
         """Product of the tolerances of the tick's last step, 0 ... 1; 0 where the simulation diverged."""
-        if physics.end is not None and physics.end.name is OutcomeName.DIVERGED:
+        if self.end is not None and self.end.name is OutcomeName.DIVERGED:
             return 0.0
-        k, record = physics.loop.done - 1, physics.loop.log.record
-        plan, row = physics.walk.plans[0].rows, physics.first + k
+        k, record = self.loop.done - 1, self.loop.log.record
+        plan, row = self.walk.plans[0].rows, self.first + k
         load = record.point_force[k, :, 2]
         zmp = load @ record.point_position[k, :, :2] / load.sum() if load.any() else np.full(2, np.inf)
         errors = zmp - plan.zmp[row], record.angular_momentum[k, :2] - plan.angular_momentum[row]
@@ -213,11 +202,11 @@ class FollowPlan(control.Task):
             for error, (bounds, margin) in zip(np.abs(np.hstack(errors)), self._bounds, strict=True)
         )
 
-    def get_termination(self, physics: WalkPhysics) -> float | None:
+    def get_termination(self, physics: "FollowedWalk") -> float | None:
         """0 after a fall, 1 at the last tick of the plan."""
-        if physics.end is not None:
+        if self.end is not None:
             return 0.0
-        last = physics.loop.done + physics.substeps >= physics.loop.course.total
+        last = self.loop.done + self.substeps >= self.loop.course.total
         return 1.0 if last else None
 
 

@@ -7,8 +7,7 @@ possible.
 """
 
 import signal
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 INTERRUPTED = 130
@@ -58,13 +57,19 @@ interruption = Interruption()
 
 
 class Stage:
-    """One stage of a pipeline. This one reports nothing."""
+    """One stage of a pipeline; by default it reports nothing.
 
-    def advance(self, done: int, total: int) -> None:
-        """Report how much is done, and how much there is, in the stage's unit."""
+    Attributes:
+        advance: reports how much is done, and how much there is, in the stage's unit.
+        note: reports a message.
+    """
 
-    def note(self, text: str) -> None:
-        """Report a message."""
+    def __init__(
+        self,
+        advance: Callable[[int, int], None] = lambda done, total: None,
+        note: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.advance, self.note = advance, note
 
 
 class Progress:
@@ -82,21 +87,3 @@ class Progress:
 
     def say(self, text: str) -> None:
         """Report one line."""
-
-
-class StageClock(Progress):
-    """Measures the duration of every stage.
-
-    Attributes:
-        seconds: wall-clock time by the stage's label, without the name of the gait before a colon [s].
-    """
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, label: str, unit: str = "") -> Iterator[Stage]:
-        """Time one stage; a stage that raises is not counted."""
-        start = time.perf_counter()
-        yield Stage()
-        self.seconds[label.rpartition(": ")[2]] = time.perf_counter() - start

@@ -4,8 +4,8 @@
         walked("momentum", controller=MyController, gait={"steps": 10})
         assert_within("default")
 
-A walk is made once in a process for equal inputs. The runs of a failed test are saved with their recordings.
-Importing this module loads nothing but pytest.
+A walk is made once in a process for equal inputs. The runs of a failed test are saved with their recordings
+in pytest's folder for temporary files (``--basetemp``). Importing this module loads nothing but pytest.
 """
 
 from __future__ import annotations
@@ -31,17 +31,6 @@ _walks: list[tuple[tuple[Any, ...], Trial]] = []
 # ------------------------------------------------------------------------------------------- hooks
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the options."""
-    group = parser.getgroup("ampm", "walks of the AMPM testbed")
-    group.addoption(
-        "--ampm-runs",
-        metavar="DIR",
-        type=Path,
-        help="folder for runs of failed tests; a temporary one if not given",
-    )
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Save the walks of a failed test, and show where."""
@@ -60,8 +49,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 def walked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Trial]:
     """``walked(gait, body=..., controller=..., ...)``: a trial, see :func:`walk_once`."""
     trials = request.node.stash.setdefault(_WALKED, [])
-    given = request.config.getoption("--ampm-runs")
-    request.node.stash[_PLACE] = given or tmp_path_factory.getbasetemp() / "ampm-runs"
+    request.node.stash[_PLACE] = tmp_path_factory.getbasetemp() / "ampm-runs"
 
     def walk(source: RunParameters | str | None = None, /, **inputs: Any) -> Trial:
         if isinstance(source, str) and (beside := request.path.parent / source).is_file():

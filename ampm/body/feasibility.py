@@ -103,11 +103,13 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     # The AMPM's ZMP runs from -l_s/a_s to +l_s/a_s under the flat stance foot.
     sample, margin = plan.sample(times), plan.zmp_margin(times)
     place = np.where((sample.stance == 1)[:, None], sample.right_placement, sample.left_placement)
-    travel = np.abs(sample.zmp - place)[sample.phase == 0, 0].max()
+    travel = np.where(sample.phase == 0, np.abs(sample.zmp - place)[:, 0], 0.0)
+    most = int(travel.argmax())
     end, side = min((-sole.heel_x, "heel"), (sole.tip_x, "toes"))
-    what = f"the ZMP leaves the sole at the {side}: its travel either way of the reference point"
+    when = f"the ZMP leaves the sole at the {side} at {times[most]:.3f} s"
+    what = f"{when}: its travel either way of the reference point"
     less = f"raise gait.a_s to {l_s / end:.4g} or more, or shorten gait.step_length"
-    yield Limit(what, "m", end, AT_MOST, "zmp_leaves_sole", less), float(travel)
+    yield Limit(what, "m", end, AT_MOST, "zmp_leaves_sole", less), float(travel[most])
 
     left = plan.feet.left  # the left foot stands first
     risen = left.contact.any(axis=1) & ~left.contact[:, HEEL]

@@ -1,13 +1,14 @@
 """What a control tick reads and writes: named tuples of arrays, and tables of feet, lines and sole points.
 
 Numbers that change lie in arrays, because a compiled function gets all this as one reference, see
-:func:`ampm.compiled.refer`. U are the unknowns of the contact forces (:mod:`ampm.control.forces`), R the task
-rows: momentum (6), soles (6 each), toes.
+:func:`ampm.compiled.refer`. In the annotated shapes, P are the sole points, U the unknowns of the contact
+forces (:mod:`ampm.control.forces`), R the task rows: momentum (6), soles (6 each), toes.
 """
 
 import math
 from collections import namedtuple
-from typing import Annotated, Any, NamedTuple
+from collections.abc import Mapping
+from typing import Annotated, Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,10 +124,10 @@ class SteppingState:
 class Sensed(NamedTuple):
     """What is measured at this tick."""
 
-    q: Array  # Pinocchio configuration, shape (nq,)
-    v: Array  # velocity, shape (nv,)
-    normal_force: Array  # of every sole point, shape (P,) [N]
-    contact: Flags  # sole points that touch, shape (P,)
+    q: Annotated[Array, ("nq",)]  # Pinocchio configuration
+    v: Annotated[Array, ("nv",)]  # velocity
+    normal_force: Annotated[Array, ("P",)]  # of every sole point [N]
+    contact: Annotated[Flags, ("P",)]  # sole points that touch
 
 
 Wanted: Any = namedtuple("Wanted", ["smooth", *FIELDS])  # type: ignore[misc]
@@ -152,67 +153,67 @@ class PlacedBody(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Rates and accelerations per degree of freedom, shape (nv,) unless said."""
+    """Rates and accelerations per degree of freedom."""
 
-    now: Array  # velocity at the instant of q
-    acceleration: Array  # of this tick [m/s^2, rad/s^2]
-    last_acceleration: Array  # of the last tick
-    zero: Array  # zeros
-    posture: Array  # wanted acceleration, later in the metric of the posture [g]
-    root_weight: Array  # square root of the posture weights
-    passive_torque: Array  # torque that overcomes dampers, springs and friction, shape (nu,) [N m]
+    now: Annotated[Array, ("nv",)]  # velocity at the instant of q
+    acceleration: Annotated[Array, ("nv",)]  # of this tick [m/s^2, rad/s^2]
+    last_acceleration: Annotated[Array, ("nv",)]  # of the last tick
+    zero: Annotated[Array, ("nv",)]  # zeros
+    posture: Annotated[Array, ("nv",)]  # wanted acceleration, later in the metric of the posture [g]
+    root_weight: Array  # square root of the posture weights, shape (nv,)
+    passive_torque: Annotated[Array, ("nu",)]  # overcomes dampers, springs and friction [N m]
 
 
 class Tasks(NamedTuple):
-    """Task rows, shape (R,) unless said."""
+    """Task rows."""
 
     jacobian: Array  # transposed, shape (nv, R)
-    rates: Array  # jacobian' v
-    drift: Array  # of the accelerations at zero qdd
-    wanted: Array  # accelerations; of the momentum, those without contact forces
-    softness: Array  # 0 for rows that are met exactly
-    scale: Array  # of the rows in the QP
-    rhs: Array  # wanted less drift in units of the QP [g]
-    scaled: Array  # jacobian in the metric of the posture and in units of the QP, shape (nv, R)
-    system: Array  # matrix and solutions of the elimination, shape (R, R + 7)
+    rates: Annotated[Array, ("R",)]  # jacobian' v
+    drift: Annotated[Array, ("R",)]  # of the accelerations at zero qdd
+    wanted: Annotated[Array, ("R",)]  # accelerations; of the momentum, those without contact forces
+    softness: Annotated[Array, ("R",)]  # 0 for rows that are met exactly
+    scale: Array  # of the rows in the QP, shape (R,)
+    rhs: Annotated[Array, ("R",)]  # wanted less drift in units of the QP [g]
+    scaled: Annotated[Array, ("nv", "R")]  # jacobian in the metric of the posture and in units of the QP
+    system: Annotated[Array, ("R", "R + 7")]  # matrix and solutions of the elimination
 
 
 class Wrench(NamedTuple):
     """The net wrench of the ground that is commanded."""
 
-    force: Array  # shape (3,) [N]
-    moment: Array  # about the COM, shape (3,) [N m]
-    angular_momentum: Array  # about the COM, shape (3,) [N m s]
-    zmp: Array  # of this wrench, on z = 0, shape (2,) [m]
+    force: Annotated[Array, (3,)]  # [N]
+    moment: Annotated[Array, (3,)]  # about the COM [N m]
+    angular_momentum: Annotated[Array, (3,)]  # about the COM [N m s]
+    zmp: Annotated[Array, (2,)]  # of this wrench, on z = 0 [m]
 
 
 class Tilt(NamedTuple):
     """Memory of the trunk's tilt, see :mod:`ampm.control.trunk`."""
 
-    past: Array  # along and across the heading, shape (M, 2) [rad]
-    integral: Array  # of the mean, along and across, shape (2,) [rad s]
-    next_row: NDArray[np.int64]  # shape (1,)
-    longest: NDArray[np.int64]  # longest window since it opened, shape (1,) [ticks]
+    past: Annotated[Array, ("M", 2)]  # along and across the heading [rad]
+    integral: Annotated[Array, (2,)]  # of the mean, along and across [rad s]
+    next_row: Annotated[NDArray[np.int64], (1,)]
+    longest: Annotated[NDArray[np.int64], (1,)]  # longest window since it opened [ticks]
 
 
 class Contact(NamedTuple):
-    """Contact forces in the unknowns of :mod:`ampm.control.forces`, shape (U,) [m g] unless said."""
+    """Contact forces in the unknowns of :mod:`ampm.control.forces`, [m g]."""
 
     lines: Any  # table, see LINE, shape (F, 3)
-    forces: Array  # of the last tick
-    change: Array  # their change from the tick before
-    solution: Array  # of this tick
-    wrench_map: Array  # net force and moment per unknown, shape (6, U)
-    momentum: Array  # wanted momentum rate plus weight, shape (6,) [m g]
-    point_force: Array  # of this tick, shape (P, 3) [N]
+    forces: Annotated[Array, ("U",)]  # of the last tick
+    change: Annotated[Array, ("U",)]  # their change from the tick before
+    solution: Annotated[Array, ("U",)]  # of this tick
+    wrench_map: Annotated[Array, (6, "U")]  # net force and moment per unknown
+    momentum: Annotated[Array, (6,)]  # wanted momentum rate plus weight
+    point_force: Annotated[Array, ("P", 3)]  # of this tick
 
 
 class Joints(NamedTuple):
-    """Hinges, shape (nu,)."""
+    """Hinges; limits have the shape (nu,)."""
 
-    torque: Array  # of this tick [N m]
-    last_torque: Array  # of the last tick [N m]
-    rate: Array  # at which the torque goes on [N m/s]
+    torque: Annotated[Array, ("nu",)]  # of this tick [N m]
+    last_torque: Annotated[Array, ("nu",)]  # of the last tick [N m]
+    rate: Annotated[Array, ("nu",)]  # at which the torque goes on [N m/s]
     torque_limit: Array  # [N m]
     lower: Array  # end of the range [rad]
     upper: Array  # end of the range [rad]
@@ -248,22 +249,19 @@ def make_workspace(
         row: one reference, shape (1,), of which ``wanted`` are views.
         problem: the QP of the contact forces: U of them, then six slacks.
     """
-    body, nv, nu = robot.rigid_body, robot.nv, robot.nu
+    body = robot.rigid_body
     q = np.zeros(robot.nq)
     q[6] = 1.0
     body.place(q)
-    rows, unknowns, points = body.columns.shape[1], len(problem.q) - 6, points_of(robot)
+    rows, points = body.columns.shape[1], points_of(robot)
     scale = np.ones(rows)
     scale[3:6] = ANGULAR
+    sizes = {"nq": robot.nq, "nv": robot.nv, "nu": robot.nu, "P": len(points), "R": rows, "R + 7": rows + 7}
+    sizes |= {"U": len(problem.q) - 6, "M": math.ceil(LONGEST * gains.frequency)}
     return Workspace(
         gains=gains_of(gains),
         extrapolates=gains.hold == "first-order",
-        sensed=Sensed(
-            q=np.zeros(robot.nq),
-            v=np.zeros(nv),
-            normal_force=np.zeros(len(points)),
-            contact=np.zeros(len(points), dtype=bool),
-        ),
+        sensed=_zeros(Sensed, sizes),
         wanted=wanted_of(row),
         body=PlacedBody(
             tree=body.tree,
@@ -277,53 +275,31 @@ def make_workspace(
             mass=float(body.link["mass"][0]),
             gravity=robot.gravity,
         ),
-        motion=Motion(
-            now=np.zeros(nv),
-            acceleration=np.zeros(nv),
-            last_acceleration=np.zeros(nv),
-            zero=np.zeros(nv),
-            posture=np.zeros(nv),
-            root_weight=np.sqrt(weights),
-            passive_torque=np.zeros(nu),
-        ),
-        tasks=Tasks(
-            jacobian=body.columns,
-            rates=np.zeros(rows),
-            drift=np.zeros(rows),
-            wanted=np.zeros(rows),
-            softness=np.zeros(rows),
-            scale=scale,
-            rhs=np.zeros(rows),
-            scaled=np.zeros((nv, rows)),
-            system=np.zeros((rows, rows + 7)),
-        ),
-        command=Wrench(force=np.zeros(3), moment=np.zeros(3), angular_momentum=np.zeros(3), zmp=np.zeros(2)),
-        tilt=Tilt(
-            past=np.zeros((math.ceil(LONGEST * gains.frequency), 2)),
-            integral=np.zeros(2),
-            next_row=np.zeros(1, dtype=np.int64),
-            longest=np.zeros(1, dtype=np.int64),
-        ),
-        contact=Contact(
-            lines=records((len(robot.sole_frames), 3), LINE),
-            forces=np.zeros(unknowns),
-            change=np.zeros(unknowns),
-            solution=np.zeros(unknowns),
-            wrench_map=np.zeros((6, unknowns)),
-            momentum=np.zeros(6),
-            point_force=np.zeros((len(points), 3)),
-        ),
+        motion=_zeros(Motion, sizes, root_weight=np.sqrt(weights)),
+        tasks=_zeros(Tasks, sizes, jacobian=body.columns, scale=scale),
+        command=_zeros(Wrench, sizes),
+        tilt=_zeros(Tilt, sizes),
+        contact=_zeros(Contact, sizes, lines=records((len(robot.sole_frames), 3), LINE)),
         problem=problem,
-        joints=Joints(
-            torque=np.zeros(nu),
-            last_torque=np.zeros(nu),
-            rate=np.zeros(nu),
+        joints=_zeros(
+            Joints,
+            sizes,
             torque_limit=robot.torque_limit.copy(),
             lower=robot.lower.copy(),
             upper=robot.upper.copy(),
         ),
         stepping=records(1, fields_of(SteppingState)),
     )
+
+
+def _zeros(kind: Any, sizes: Mapping[str, int], **given: Array) -> Any:
+    """A named tuple of zeros in the shapes of its annotations, but for what is given."""
+    for name, annotation in kind.__annotations__.items():
+        if name not in given:
+            array, shape = get_args(annotation)
+            dtype = get_args(get_args(array)[1])[0]
+            given[name] = np.zeros([sizes.get(length, length) for length in shape], dtype)
+    return kind(**given)
 
 
 def rows_of(rows: NDArray[Any]) -> Any:

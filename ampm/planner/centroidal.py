@@ -53,16 +53,21 @@ class CentroidalPhase(NamedTuple):
 
 
 def _constant(unit: str, meaning: str) -> Any:
-    return field(metadata={"unit": unit, "meaning": meaning})
+    return field(default=0.0, metadata={"unit": unit, "meaning": meaning})
 
 
 JUMP = 0.01
-"""Relative jump at a switch from which a plan is not continuous to a controller [1], see PlanResiduals."""
+"""Relative jump at a switch from which a plan is not continuous to a controller [1]."""
+MAY_JUMP = ("com_acceleration", "zmp", "moment")
+"""What jumps at the switches of the plain inverted pendulum."""
 
 
 @dataclass(frozen=True)
 class PlanConstants:
-    """Constants of a gait, symbols of the paper; the metadata of each field give its unit and meaning."""
+    """Constants of a gait, symbols of the paper; the metadata of each field give its unit and meaning.
+
+    All are zero while they are still to be read from the motion of a plan.
+    """
 
     l_s: float = _constant("m", "half the COM's travel in single support")
     l_d: float = _constant("m", "half the COM's travel in double support")
@@ -81,23 +86,6 @@ class PlanConstants:
     def step_duration(self) -> float:
         """T_SS + T_DS [s]."""
         return self.single_support_duration + self.double_support_duration
-
-
-@dataclass(frozen=True)
-class PlanResiduals:
-    """Largest jump over all switches, relative to H, v0, g, H, m g H and m H v0."""
-
-    position: float  # of the COM, over H [1]
-    velocity: float  # of the COM, over v0 [1]
-    acceleration: float  # of the COM, over g [1]
-    zmp: float  # of the ZMP, over H [1]
-    moment: float  # about the COM, over m g H [1]
-    angular_momentum: float  # about the COM, over m H v0 [1]
-
-    @property
-    def largest(self) -> float:
-        """The largest of them [1]; infinite if one is not a number."""
-        return max(math.inf if math.isnan(value) else value for value in vars(self).values())
 
 
 @dataclass(frozen=True)
@@ -150,18 +138,6 @@ class PlanSample(Brief):
         return np.array(STANCE_NAMES)[self.stance]
 
 
-class _Motion(NamedTuple):
-    """COM, velocity, acceleration, (N, 3); ZMP, moment, angular momentum, (N, 2); floor, (N,)."""
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-    zmp: Array
-    moment: Array
-    angular_momentum: Array
-    floor: Array
-
-
 @dataclass(frozen=True)
 class CentroidalPlan(Brief):
     """Motion of COM and ZMP over contacts.
@@ -205,17 +181,12 @@ class CentroidalPlan(Brief):
         return np.array([phase.start for phase in self.phases])
 
     @cached_property
-    def _origins(self) -> Array:
-        return np.array([phase.origin for phase in self.phases])
-
-    @cached_property
-    def _axes(self) -> Array:
-        """Axes of the laws in world, by columns, shape (P, 2, 2)."""
-        return rotations(np.array([phase.heading for phase in self.phases]))
-
-    @cached_property
-    def _momenta(self) -> Array:
-        return np.array([phase.angular_momentum for phase in self.phases])
+    def _frames(self) -> tuple[Array, Array, Array]:
+        """Of every phase: origin (P, 2), axes of the laws by columns (P, 2, 2), L_x and L_y (P, 2)."""
+        origin, heading, momentum = zip(
+            *((phase.origin, phase.heading, phase.angular_momentum) for phase in self.phases), strict=True
+        )
+        return np.array(origin), rotations(heading), np.array(momentum)
 
     @cached_property
     def _laws(self) -> tuple[list[Law], NDArray[np.intp]]:
@@ -234,14 +205,14 @@ class CentroidalPlan(Brief):
                 whole[rows, axes] = part
         return states
 
-    def _evaluate(self, index: NDArray[np.intp], local: Array) -> _Motion:
-        """Motion at phases ``index`` and times since their starts."""
-        along, across = np.moveaxis(self._axes[index], 2, 0)
+    def _evaluate(self, index: NDArray[np.intp], local: Array) -> dict[str, Array]:
+        """Motion at phases ``index`` and times since their starts, by names of :class:`PlanSample`."""
+        origin, axes, momentum = (part[index] for part in self._frames)
+        along, across = np.moveaxis(axes, 2, 0)
         state = LawState._make(v[:, :1] * along + v[:, 1:] * across for v in self._states(index, local))
-        origin = self._origins[index]
         # The y axis' force line turns the body about +x, the x axis' about -y.
         turn = self.weight * np.array([1.0, -1.0])
-        momentum = self._momenta[index] + turn * state.moment_arm_integral[:, ::-1]
+        momentum = momentum + turn * state.moment_arm_integral[:, ::-1]
         momentum[:, 1] += self.constants.angular_momentum_y_offset
         moment = turn * state.moment_arm[:, ::-1]
         moved = np.zeros((3, len(index), 3))
@@ -264,7 +235,8 @@ class CentroidalPlan(Brief):
             lever = away * self.gravity + rise[:, None] * moved[2, :, :2]
             zmp = moved[0, :, :2] - lever / (self.gravity + moved[2, :, 2])[:, None]
             floor = zmp @ slope
-        return _Motion(moved[0], moved[1], moved[2], zmp, moment, momentum, floor)
+        motion = {"com": moved[0], "com_velocity": moved[1], "com_acceleration": moved[2], "zmp": zmp}
+        return motion | {"moment": moment, "angular_momentum": momentum, "floor": floor}
 
     @cached_property
     def climbs(self) -> bool:
@@ -285,53 +257,47 @@ class CentroidalPlan(Brief):
         index = phase_of(self._starts, time)
         support = phase_of(contacts.starts, time)
         motion = self._evaluate(index, time - self._starts[index])
-        force = self.mass * motion.acceleration
+        force = self.mass * motion["com_acceleration"]
         force[:, 2] += self.weight
+        lead = motion["com_velocity"][:, :2] * math.sqrt(self.com_height / self.gravity)
         return PlanSample(
             time=time,
             phase=contacts.kind_codes[support],
             stance=contacts.stance_codes[support],
-            com=motion.position,
-            com_velocity=motion.velocity,
-            com_acceleration=motion.acceleration,
-            dcm=motion.position[:, :2] + motion.velocity[:, :2] * math.sqrt(self.com_height / self.gravity),
-            zmp=motion.zmp,
-            floor=motion.floor,
+            dcm=motion["com"][:, :2] + lead,
             force=force,
-            moment=motion.moment,
-            angular_momentum=motion.angular_momentum,
             left_placement=contacts.placements[support, 0, :2],
             right_placement=contacts.placements[support, 1, :2],
             heading=contacts.headings[support],
+            **motion,
         )
 
-    def residuals(self) -> PlanResiduals:
-        """Largest jumps over all switches: end of every phase against start of the next."""
-        jumps = self._switch_jumps.items()
-        return PlanResiduals(**{name: float(np.max(jump, initial=0.0)) for name, jump in jumps})
+    def residuals(self) -> dict[str, float]:
+        """Largest jumps over all switches: end of every phase against start of the next.
+
+        Of ``com`` over H, ``com_velocity`` over v0, ``com_acceleration`` over g, ``zmp`` over H, ``moment``
+        over m g H, ``angular_momentum`` over m H v0 [1].
+        """
+        return {name: float(np.max(jump, initial=0.0)) for name, jump in self._switch_jumps.items()}
 
     @cached_property
     def jump_times(self) -> Array:
         """Switches at which acceleration, ZMP or moment jump by more than :data:`JUMP`, shape (J,) [s]."""
-        jumps = np.stack([self._switch_jumps[name] for name in ("acceleration", "zmp", "moment")])
+        jumps = np.stack([self._switch_jumps[name] for name in MAY_JUMP])
         times = self._starts[1:][(jumps > JUMP).any(axis=0)]
         times.setflags(write=False)
         return times
 
     @cached_property
     def _switch_jumps(self) -> dict[str, Array]:
-        """Jumps at every switch by the names of :class:`PlanResiduals` and in its scales, (S,) each [1]."""
+        """Jumps at every switch by the names and in the scales of :meth:`residuals`, (S,) each [1]."""
         before = np.arange(len(self.phases) - 1)
         end = self._evaluate(before, np.array([phase.duration for phase in self.phases[:-1]]))
         begin = self._evaluate(before + 1, np.zeros(len(before)))
         height, speed, weight = self.com_height, self.switching_velocity, self.weight
-
-        scales = {"position": height, "velocity": speed, "acceleration": self.gravity, "zmp": height}
+        scales = {"com": height, "com_velocity": speed, "com_acceleration": self.gravity, "zmp": height}
         scales |= {"moment": weight * height, "angular_momentum": self.mass * height * speed}
-        return {
-            name: np.abs(getattr(begin, name) - getattr(end, name)).max(axis=1) / scale
-            for name, scale in scales.items()
-        }
+        return {name: np.abs(begin[name] - end[name]).max(axis=1) / scale for name, scale in scales.items()}
 
     def with_angular_momentum_offset(self, offset: float) -> Self:
         """The same motion of the COM with another mean of L_y over a step [N m s].

@@ -100,7 +100,6 @@ def step_laws(gait: GaitParameters) -> StepLaws:
         "beta": s * share,
         "lateral_switching_velocity": velocity,
         "mean_velocity": gait.step_length / (t_ss + t_ds),
-        "angular_momentum_y_offset": 0.0,
     }
     return StepLaws(
         PlanConstants(**{name: float(value) for name, value in constants.items()}),

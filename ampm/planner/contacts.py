@@ -1,6 +1,6 @@
-"""Which foot stands where, and when: footsteps and phases, without dynamics.
+"""Which foot stands where, and when: footsteps and the times at which the support changes, without dynamics.
 
-A walk is any list of phases over footsteps: single and double supports in any order, starts, stops and turns.
+Single and double supports come in turn, the last one a double support; a stand is a long double support.
 Conventions: world x forward, y left, z up, floor z = 0.
 """
 
@@ -74,35 +74,33 @@ LEVEL = (0.0, 0.0)
 """Slopes of a level floor along x and y [1]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Contacts(Brief):
-    """Footsteps and phases of a walk.
+    """Footsteps of a walk, and when its support changes. :meth:`in_turn` checks them.
 
     Attributes:
-        footsteps: in the order in which they are stood on; the first of each foot is where it starts from,
-            which no phase needs to hold.
-        phases: consecutive, from time 0.
+        footsteps: left and right in turn, S + 2 for S steps; the first swing is from the first one to the
+            third one.
+        switches: when the support changes, from 0 to the end: 2 S + 1 times, or 2 S + 2 for a walk that
+            begins standing, shape (P + 1,) for P phases; read-only [s].
         slope: of the floor, dz/dx and dz/dy; heights of footsteps count from it [1].
     """
 
     footsteps: tuple[Footstep, ...]
-    phases: tuple[Phase, ...]
+    switches: NDArray[np.float64]
     slope: tuple[float, float] = LEVEL
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "switches", _read_only(self.switches))
 
     @classmethod
     def in_turn(cls, footsteps: Sequence[Footstep], switches: ArrayLike) -> "Contacts":
-        """Single and double supports in turn, the last one a double support.
-
-        Args:
-            footsteps: left and right in turn, S + 2 for S steps; the first swing is from the first one to the
-                third one.
-            switches: when the support changes, from 0 to the end: 2 S + 1 times, or 2 S + 2 for a walk that
-                begins standing [s].
+        """Contacts of checked footsteps and switches, see the class.
 
         Raises:
             InputError: feet do not alternate, times do not ascend from 0, or their numbers do not match.
         """
-        times, steps = ascending("switches", switches).tolist(), len(footsteps) - 2
+        times, steps = ascending("switches", switches), len(footsteps) - 2
         if times[0] != 0.0 or steps < 1 or len(times) not in (2 * steps + 1, 2 * steps + 2):
             raise InputError(
                 f"{len(footsteps)} footsteps do not fit {len(times)} switches from {times[0]:g} s on; for S "
@@ -117,12 +115,28 @@ class Contacts(Brief):
             raise InputError(
                 f"the footsteps' feet are {', '.join(map(str, sides[:4]))}, ...; give left and right in turn."
             )
-        return contacts_in_turn(footsteps, times)
+        return cls(tuple(footsteps), times)
+
+    @cached_property
+    def _numbers(self) -> NDArray[np.intp]:
+        """Of every phase, counted from a double support on the first two footsteps on, shape (P,)."""
+        return 2 * len(self.footsteps) - 2 - len(self.switches) + np.arange(len(self.switches) - 1)
+
+    @cached_property
+    def phases(self) -> tuple[Phase, ...]:
+        """Which footsteps are stood on, and when. Supports of extreme gaits may have no duration."""
+        phases = []
+        for number, (start, end) in zip(
+            self._numbers.tolist(), pairwise(self.switches.tolist()), strict=True
+        ):
+            feet = {step.foot: step for step in self.footsteps[(number + 1) // 2 : number // 2 + 2]}
+            phases.append(Phase(start, end - start, feet.get("left"), feet.get("right")))
+        return tuple(phases)
 
     @property
     def duration(self) -> float:
         """End of the last phase [s]."""
-        return self.phases[-1].start + self.phases[-1].duration
+        return float(self.switches[-1])
 
     @property
     def steps(self) -> int:
@@ -152,12 +166,7 @@ class Contacts(Brief):
     @cached_property
     def starts(self) -> NDArray[np.float64]:
         """Start of every phase, shape (P,) [s]."""
-        return _read_only([phase.start for phase in self.phases])
-
-    @cached_property
-    def switches(self) -> NDArray[np.float64]:
-        """Start of every phase and end of the last one, shape (P + 1,) [s]."""
-        return _read_only([*self.starts, self.duration])
+        return self.switches[:-1]
 
     @cached_property
     def kind_codes(self) -> NDArray[np.int8]:
@@ -187,20 +196,11 @@ class Contacts(Brief):
     @cached_property
     def _ahead(self) -> NDArray[np.float64]:
         """x, y, z and heading of left and right foot in every phase, (P, 2, 4) [m, rad]."""
-        sides = ([phase.left for phase in self.phases], [phase.right for phase in self.phases])
-        return np.stack([_footsteps_ahead(side) for side in sides], axis=1)
-
-
-def _footsteps_ahead(footsteps: Sequence[Footstep | None]) -> NDArray[np.float64]:
-    """Each footstep; for a None the next one, at the end the last one; x, y, z, heading, (P, 4) [m, rad]."""
-    ahead = next((footstep for footstep in reversed(footsteps) if footstep is not None), None)
-    if ahead is None:
-        return np.full((len(footsteps), 4), np.nan)
-    positions = []
-    for footstep in reversed(footsteps):
-        ahead = ahead if footstep is None else footstep
-        positions.append((*ahead.position, ahead.heading))
-    return np.array(positions[::-1])
+        steps = np.array([(*step.position, step.heading) for step in self.footsteps])
+        first = (self._numbers + 1) // 2
+        is_left = np.array([step.foot == "left" for step in self.footsteps])[first, None, None]
+        here, next_one = steps[first], steps[first + 1]
+        return np.where(is_left, np.stack([here, next_one], axis=1), np.stack([next_one, here], axis=1))
 
 
 def _read_only(values: object, dtype: type = np.float64) -> NDArray:
@@ -229,17 +229,6 @@ def ascending(name: str, values: ArrayLike) -> NDArray[np.float64]:
         after = f"{times[row + 1]:g} s comes after {times[row]:g} s"
         raise InputError(f"{name}[{row + 1}] = {after}; give times that ascend.")
     return times
-
-
-def contacts_in_turn(
-    footsteps: Sequence[Footstep], switches: Sequence[float], slope: tuple[float, float] = LEVEL
-) -> Contacts:
-    """As :meth:`Contacts.in_turn`, without checks: supports of extreme gaits may have no duration."""
-    phases = []
-    for number, (start, end) in enumerate(pairwise(switches), start=2 * len(footsteps) - 2 - len(switches)):
-        feet = {step.foot: step for step in footsteps[(number + 1) // 2 : number // 2 + 2]}
-        phases.append(Phase(start, end - start, feet.get("left"), feet.get("right")))
-    return Contacts(tuple(footsteps), tuple(phases), slope)
 
 
 def times_within(times: ArrayLike, duration: float) -> NDArray[np.float64]:

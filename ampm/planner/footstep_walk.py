@@ -3,14 +3,15 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
+
+import numpy as np
 
 from ampm.description import BodyDescription
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.blend import BlendLaw, HeightLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
-from ampm.planner.contacts import Contacts, Phase, check_landing
+from ampm.planner.contacts import Contacts, check_landing
 from ampm.planner.footsteps import check_footsteps, plan_footsteps
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
@@ -24,8 +25,6 @@ LONGEST_STAND = 60.0
 """Longest time from a foot's lift-off to its landing, a stand before it included [s]."""
 REST = 2.0
 """Time for which the body stands after the walk [s]."""
-
-Moved = TypeVar("Moved", Phase, CentroidalPhase)
 
 
 def plan_footstep_walk(run: RunParameters, body: BodyDescription) -> StepPlan:
@@ -112,19 +111,18 @@ def in_turn(walks: Sequence[tuple[float, CentroidalPlan]]) -> CentroidalPlan:
     (first, plan), ends = walks[0], [begin for begin, _ in walks[1:]]
     ends.append(walks[-1][0] + walks[-1][1].duration + REST)
     motions = [_rest(plan, 0.0, 0.0, first)] if first else []
-    supports, footsteps = [plan.contacts.phases[0]], [*plan.contacts.footsteps[:2]]
+    switches, footsteps = [0.0], [*plan.contacts.footsteps[:2]]
     for (begin, walk), end in zip(walks, ends, strict=True):
-        motions += [_later(phase, begin) for phase in walk.phases]
+        motions += [phase._replace(start=phase.start + begin) for phase in walk.phases]
         stood = begin + walk.duration
         if end > stood:
             motions.append(_rest(walk, walk.duration, stood, end - stood))
-        stand = supports.pop()  # goes on until the first foot leaves
-        leaves = begin + walk.contacts.phases[0].duration
-        supports.append(stand._replace(duration=leaves - stand.start))
-        supports += [_later(phase, begin) for phase in walk.contacts.phases[1:]]
+        switches += (
+            begin + walk.contacts.switches[1:-1]
+        ).tolist()  # both feet stand from one walk to the next
         footsteps += walk.contacts.footsteps[2:]
-    supports[-1] = supports[-1]._replace(duration=ends[-1] - supports[-1].start)
-    contacts = replace(plan.contacts, footsteps=tuple(footsteps), phases=tuple(supports))
+    switches.append(ends[-1])
+    contacts = replace(plan.contacts, footsteps=tuple(footsteps), switches=np.array(switches))
     return replace(plan, contacts=contacts, phases=tuple(motions))
 
 
@@ -138,7 +136,3 @@ def _rest(plan: CentroidalPlan, at: float, start: float, duration: float) -> Cen
     if plan.climbs:
         high = HeightLaw(BlendLaw(rate, 0.0, duration, z, 0.0, (z, z), (floor - z, floor - z)))
     return CentroidalPhase(start, duration, (x, y), still, still, (0.0, 0.0), z=high)
-
-
-def _later(phase: Moved, time: float) -> Moved:
-    return phase._replace(start=phase.start + time)

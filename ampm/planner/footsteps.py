@@ -8,7 +8,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -19,7 +18,7 @@ from ampm.geometry import Array, hull_distance, rotations
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.blend import BlendLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, Law
-from ampm.planner.contacts import Contacts, Footstep, check_landing, contacts_in_turn, footprint, mean_heading
+from ampm.planner.contacts import Contacts, Footstep, check_landing, footprint, mean_heading
 from ampm.planner.heights import uneven, vertical_laws
 from ampm.planner.pendulum import AffineLaw, double_support_root, solution
 from ampm.planner.periodic import plan_gait
@@ -27,7 +26,6 @@ from ampm.planner.rest_to_rest import (
     SETTLING,
     Problem,
     Solution,
-    Supports,
     in_world,
     single_maps,
     solve,
@@ -79,47 +77,18 @@ def plan_footsteps(
         BodilyRefusal: feet would cross, the ZMP would leave the soles, or the angular momentum would turn the
             trunk too far.
     """
-    walk = solve_walk(footsteps, gait, body, landings)
-    phases = _stand_phases(0.0, 0, walk.solved)
-    phases += phases_between(walk.contacts.starts[1:], walk.solved)
-    if uneven(footsteps):
-        zmp = [_stand_signal(walk.solved, end).sum(axis=1) for end in (0, 1)]
-        laws = vertical_laws(footsteps, walk.solved.problem.supports, zmp, gait.com_height)
-        phases = [phase._replace(z=law) for phase, law in zip(phases, laws, strict=True)]
-    plan = replace(walk.nominal, contacts=walk.contacts, phases=tuple(phases))
-    _refuse(footsteps, walk, body, plan, first)
-    return plan
-
-
-class Walk(NamedTuple):
-    """A solved walk."""
-
-    nominal: CentroidalPlan  # one step of the periodic gait
-    contacts: Contacts  # of the walk
-    solved: Solution  # COM, ZMP and angular momentum
-
-
-def solve_walk(
-    footsteps: Sequence[Footstep],
-    gait: GaitParameters,
-    body: BodyDescription,
-    landings: Sequence[float | None] | None = None,
-) -> Walk:
-    """Solve a walk; arguments and errors as of :func:`plan_footsteps`, but without refusals by the body."""
     check_footsteps(footsteps)
     nominal = plan_gait(gait.model_copy(update={"steps": 1}), body.mass)
     contacts = contacts_over(footsteps, nominal, landings)
-    position = np.array([step.position[:2] for step in footsteps])
-    singles = len(footsteps) - 2
-    problem = Problem(
-        supports=supports_of(footsteps, contacts, gait),
-        frequency=math.sqrt(GRAVITY / gait.com_height),
-        inverse_a=np.full(singles, 1.0 / gait.a_s),
-        slopes=np.tile([gait.c_s, gait.c_y], (singles, 1)),
-        ends=np.stack([position[:2].mean(axis=0), position[-2:].mean(axis=0)]),
-        weight=body.mass * GRAVITY,
-    )
-    return Walk(nominal, contacts, solve_within_limits(problem, body.sole))
+    solved = solve_within_limits(problem_of(footsteps, contacts, gait, body.mass * GRAVITY), body.sole)
+    phases = _phases(contacts.starts.tolist(), solved)
+    if uneven(footsteps):
+        zmp = [_stand_signal(solved, end).sum(axis=1) for end in (0, 1)]
+        laws = vertical_laws(footsteps, solved.problem, zmp, gait.com_height)
+        phases = [phase._replace(z=law) for phase, law in zip(phases, laws, strict=True)]
+    plan = replace(nominal, contacts=contacts, phases=tuple(phases))
+    _refuse(footsteps, solved, body, plan, first)
+    return plan
 
 
 def solve_within_limits(problem: Problem, sole: SoleGeometry) -> Solution:
@@ -170,14 +139,17 @@ def contacts_over(
         check_landing(number, landing, lifted, double)
         switches += [lifted, landing]
         lifted = landing + double
-    return contacts_in_turn(footsteps, [*switches, switches[-1] + SETTLING], nominal.contacts.slope)
+    switches.append(switches[-1] + SETTLING)
+    return Contacts(tuple(footsteps), np.array(switches), nominal.contacts.slope)
 
 
-def supports_of(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitParameters) -> Supports:
-    """Places, axes, durations and blends of a walk."""
-    w = math.sqrt(GRAVITY / gait.com_height)
-    standing = footsteps[1:-1]
-    heading = np.array([step.heading for step in standing])
+def problem_of(
+    footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitParameters, weight: float
+) -> Problem:
+    """The problem of a walk of a body with a weight [N]."""
+    w, singles = math.sqrt(GRAVITY / gait.com_height), len(footsteps) - 2
+    place = np.array([step.position[:2] for step in footsteps])
+    heading = np.array([step.heading for step in footsteps[1:-1]])
     duration = np.array([phase.duration for phase in contacts.phases])
     single, double = duration[1::2], duration[2:-1:2]
     # Rates of the paper's double support of these durations.
@@ -185,22 +157,27 @@ def supports_of(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitPar
     along = w * math.sqrt((gait.c_s - 1.0 / gait.a_s) * share / (1.0 - share))
     across = rate / double_support_root(np.tanh(0.5 * rate * single[:-1]), 0.5 * rate * double)
     blend = np.stack([np.full_like(double, along), across], axis=1)
-    return Supports(
-        place=np.array([step.position[:2] for step in standing]),
+    return Problem(
+        place=place[1:-1],
         axes=rotations(heading),
         single=single,
         double=double,
         between=rotations(mean_heading(heading[:-1], heading[1:])),
         blend=np.minimum(blend, _STEEPEST / double[:, None]),
+        frequency=w,
+        inverse_a=np.full(singles, 1.0 / gait.a_s),
+        slopes=np.tile([gait.c_s, gait.c_y], (singles, 1)),
+        ends=np.stack([place[:2].mean(axis=0), place[-2:].mean(axis=0)]),
+        weight=weight,
     )
 
 
 def _largest_inverse_a(solved: Solution, sole: SoleGeometry) -> Array:
     """The ``1/a_s`` of every support that keeps the ZMP of a solution from heel and tip, shape (N,) [1]."""
-    supports = solved.problem.supports
+    problem = solved.problem
     ahead, behind = sole.tip_x - MARGIN - _ROOM, -sole.heel_x - MARGIN - _ROOM
-    from_foot = np.stack([solved.state[:, 0], solved.end[:, 0]], axis=1) - supports.place[:, None]
-    along = (from_foot * supports.axes[:, None, :, 0]).sum(axis=2)
+    from_foot = np.stack([solved.state[:, 0], solved.end[:, 0]], axis=1) - problem.place[:, None]
+    along = (from_foot * problem.axes[:, None, :, 0]).sum(axis=2)
     with np.errstate(divide="ignore", over="ignore"):
         return np.asarray(
             np.minimum(
@@ -225,35 +202,30 @@ def trunk_tilt(solved: Solution) -> Array:
 
     About zero in the middle of double support, Theta is largest about the middle of single support.
     """
-    problem, supports = solved.problem, solved.problem.supports
-    halfway = in_world(single_maps(problem, 0.5 * supports.single)[0], supports.axes)[:, 6:]
-    theta = times(halfway, solved.state.reshape(-1, 10)) - times(halfway[:, :, :2], supports.place)
+    problem = solved.problem
+    halfway = in_world(single_maps(problem, 0.5 * problem.single)[0], problem.axes)[:, 6:]
+    theta = times(halfway, solved.state.reshape(-1, 10)) - times(halfway[:, :, :2], problem.place)
     height = GRAVITY / problem.frequency**2
     return np.asarray(GRAVITY / (_TRUNK_INERTIA * height**2) * np.sqrt((theta**2).sum(axis=1)))
 
 
-def phases_between(starts: Array, solved: Solution) -> list[CentroidalPhase]:
-    """Phases of all supports from the first single support to the end.
-
-    Args:
-        starts: of single and double supports in turn, shape (2 N,) [s].
-        solved: the walk.
-    """
-    problem, supports, switches = solved.problem, solved.problem.supports, starts.tolist()
-    phases = [_single_phase(switches[0], 0, solved)]
-    for k, duration in enumerate(supports.double.tolist()):
+def _phases(starts: Sequence[float], solved: Solution) -> list[CentroidalPhase]:
+    """Phases of a walk whose supports start at some times [s]; both stands have four."""
+    problem = solved.problem
+    phases = [*_stand_phases(starts[0], 0, solved), _single_phase(starts[1], 0, solved)]
+    for k, duration in enumerate(problem.double.tolist()):
         signal = np.stack([solved.signal[k, 1], solved.signal[k + 1, 0]])
-        begin, rate, axes = switches[2 * k + 1], supports.blend[k], supports.between[k]
+        begin, rate, axes = starts[2 * k + 2], problem.blend[k], problem.between[k]
         phases.append(_blend_phase(begin, duration, rate, axes, signal, solved.end[k], problem))
-        phases.append(_single_phase(switches[2 * k + 2], k + 1, solved))
-    return phases + _stand_phases(switches[-1], 1, solved)
+        phases.append(_single_phase(starts[2 * k + 3], k + 1, solved))
+    return phases + _stand_phases(starts[-1], 1, solved)
 
 
 def _single_phase(start: float, k: int, solved: Solution) -> CentroidalPhase:
     """Single support k; its offset d moves the origin of the law off the foot."""
-    problem, supports = solved.problem, solved.problem.supports
-    place, axes, state = supports.place[k], supports.axes[k], solved.state[k]
-    duration, square = float(supports.single[k]), problem.frequency**2
+    problem, state = solved.problem, solved.state[k]
+    place, axes = problem.place[k], problem.axes[k]
+    duration, square = float(problem.single[k]), problem.frequency**2
     zmp_slope, slope = np.array([problem.inverse_a[k], 0.0]), problem.slopes[k]
     rate = square * (slope - zmp_slope)
     moved = -square / rate * (state[4] @ axes)
@@ -315,7 +287,7 @@ def _stand_phases(start: float, end: int, solved: Solution) -> list[CentroidalPh
 
 
 def _refuse(
-    footsteps: Sequence[Footstep], walk: Walk, body: BodyDescription, plan: CentroidalPlan, first: int
+    footsteps: Sequence[Footstep], solved: Solution, body: BodyDescription, plan: CentroidalPlan, first: int
 ) -> None:
     """Refuse feet that cross, a ZMP near an edge, and a trunk that turns too far."""
     refuse_crossing(footsteps, body.sole, first)
@@ -330,7 +302,7 @@ def _refuse(
             unit="m",
             way_out="shorten or narrow the steps about it, or give them more time",
         )
-    tilt = trunk_tilt(walk.solved)
+    tilt = trunk_tilt(solved)
     worst = int(tilt.argmax())
     if not tilt[worst] <= LARGEST_TILT:
         raise BodilyRefusal(

@@ -20,7 +20,7 @@ from ampm.geometry import Array, rotations
 from ampm.parameters import GRAVITY
 from ampm.planner.blend import BlendLaw, HeightLaw, shape
 from ampm.planner.contacts import Footstep, footprint
-from ampm.planner.rest_to_rest import SETTLING, Supports
+from ampm.planner.rest_to_rest import SETTLING, Problem
 
 EDGE = 0.015
 """Distance of an edge of the floor from the soles above it, and the least from those below it [m]."""
@@ -33,7 +33,7 @@ def uneven(footsteps: Sequence[Footstep]) -> bool:
 
 
 def vertical_laws(
-    footsteps: Sequence[Footstep], supports: Supports, zmp: Sequence[Array], height: float
+    footsteps: Sequence[Footstep], problem: Problem, zmp: Sequence[Array], height: float
 ) -> list[HeightLaw]:
     """Heights of the COM in the phases of a walk from rest to rest.
 
@@ -42,20 +42,20 @@ def vertical_laws(
 
     Args:
         footsteps: of the walk.
-        supports: N single supports, and what is between them.
+        problem: its N single supports, and the double supports between them.
         zmp: at the ends of the quarters of the first and the last double support, shapes (5, 2) [m].
         height: of the COM over the support, H [m].
 
     Returns:
         Laws of four, 2 N - 1 and four phases.
     """
-    w, n = math.sqrt(GRAVITY / height), 2 * len(supports.single) + 7
+    w, n = math.sqrt(GRAVITY / height), 2 * len(problem.single) + 7
     place, z = (
         np.array([step.position[:2] for step in footsteps]),
         np.array([s.position[2] for s in footsteps]),
     )
     duration, rate, h = np.full(n, 0.25 * SETTLING), np.zeros(n), np.empty((n, 2))
-    duration[4:-4:2], duration[5:-4:2], rate[5:-4:2] = supports.single, supports.double, supports.blend[:, 1]
+    duration[4:-4:2], duration[5:-4:2], rate[5:-4:2] = problem.single, problem.double, problem.blend[:, 1]
     h[4:-4:2], h[5:-4:2, 0], h[5:-4:2, 1] = z[1:-1, None], z[1:-2], z[2:-1]
     for one, rows, at_rest, ends in (
         (0, slice(0, 4), zmp[0], (0.5, 1.0)),

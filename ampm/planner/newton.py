@@ -2,7 +2,6 @@
 
 import math
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,36 +18,19 @@ _PIECE = 0.02  # of a window, with instants by Gauss and Legendre [s]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
-class NewtonResidual(NamedTuple):
-    """The largest contradiction in a plan: as a distance of the ZMP [m], when [s], and of which quantity."""
-
-    size: float
-    time: float
-    what: str
-
-
 def check_newton(plan: CentroidalPlan, or_else: str = "") -> float:
-    """Largest contradiction in a plan [m]; ``or_else`` is appended to the way out of a refusal.
-
-    Raises:
-        InputError: it is larger than :data:`ALLOWED`.
-    """
-    size, time, what = newton_residual(plan)
-    if not size <= ALLOWED:
-        raise InputError(
-            f"the plan contradicts itself at {time:.4g} s: its {what} differs from that of its COM by "
-            f"{1e3 * size:.3g} mm of ZMP, more than {1e3 * ALLOWED:g} mm; correct com, zmp, height or units "
-            f"(m, s), or give the acceleration that belongs to them{or_else}."
-        )
-    return size
-
-
-def newton_residual(plan: CentroidalPlan) -> NewtonResidual:
-    """How far a plan is from Newton's law, from its first phase to its end.
+    """How far a plan is from Newton's law, from its first phase to its end, as a distance of its ZMP [m].
 
     Every millisecond the ZMP is compared with that of force and moment. Acceleration and velocity are
     compared with the COM, and the moment with the angular momentum, as means over windows within each phase
     of contact: ``mean(w a) = mean(w'' x)`` for a weight w that fades at both ends. Nothing is differentiated.
+
+    Args:
+        plan: with all of its motion.
+        or_else: is appended to the way out of a refusal.
+
+    Raises:
+        InputError: it is farther than :data:`ALLOWED`.
     """
     begin, end = plan.phases[0].start, plan.duration
     now = plan.sample(np.append(np.arange(begin, end, _INTERVAL), end))
@@ -67,7 +49,13 @@ def newton_residual(plan: CentroidalPlan) -> NewtonResidual:
         found += [(what, np.add.reduceat(mean, first), middle) for what, mean in means.items()]
     sizes = [np.nan_to_num(np.abs(off).max(axis=1), nan=np.inf) for _, off, _ in found]
     size, (what, _, when) = max(zip(sizes, found, strict=True), key=lambda item: float(item[0].max()))
-    return NewtonResidual(float(size.max()), float(when[size.argmax()]), what)
+    if not size.max() <= ALLOWED:
+        raise InputError(
+            f"the plan contradicts itself at {when[size.argmax()]:.4g} s: its {what} differs from that of "
+            f"its COM by {1e3 * size.max():.3g} mm of ZMP, more than {1e3 * ALLOWED:g} mm; correct com, zmp, "
+            f"height or units (m, s), or give the acceleration that belongs to them{or_else}."
+        )
+    return float(size.max())
 
 
 def _windows(plan: CentroidalPlan, begin: float, end: float) -> list[NDArray[np.float64]]:

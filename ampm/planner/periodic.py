@@ -11,9 +11,9 @@ import numpy as np
 
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
-from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
+from ampm.planner.centroidal import MAY_JUMP, CentroidalPhase, CentroidalPlan, PlanConstants
 from ampm.planner.closed_form import LIPM, StepLaws, step_laws
-from ampm.planner.contacts import Contacts, Footstep, contacts_in_turn
+from ampm.planner.contacts import Contacts, Footstep
 from ampm.planner.pendulum import AffineLaw, odd_double_integral, position_integral
 from ampm.run_file import load_run
 
@@ -35,6 +35,7 @@ def plan(run: RunParameters | str | Path) -> CentroidalPlan:
     return plan_gait(run.gait, run.body.mass)
 
 
+@np.errstate(all="ignore")  # what overflows is refused for its jumps
 def plan_gait(gait: GaitParameters, mass: float) -> CentroidalPlan:
     """Plan a periodic straight gait in closed form.
 
@@ -49,17 +50,11 @@ def plan_gait(gait: GaitParameters, mass: float) -> CentroidalPlan:
         InputError: the mass is not a usable number.
         MathematicalRefusal: the closed form has no solution, or none that can be computed.
     """
-    return plan_with_next_step(gait, mass)[0]
-
-
-@np.errstate(all="ignore")  # what overflows is refused for its jumps
-def plan_with_next_step(gait: GaitParameters, mass: float) -> tuple[CentroidalPlan, Contacts]:
-    """:func:`plan_gait`, and the contacts of the walk with one more step."""
     if not (math.isfinite(mass) and mass > 0.0):
         raise InputError(f"the mass is {mass:g} kg; it must be a finite number greater than 0 kg.")
-    plan, further = _assemble(gait, float(mass), step_laws(gait))
+    plan = _assemble(gait, float(mass), step_laws(gait))
     _refuse_rounded(plan, plain=gait.planner == LIPM)
-    return plan, further
+    return plan
 
 
 def _refuse_rounded(plan: CentroidalPlan, *, plain: bool) -> None:
@@ -69,8 +64,8 @@ def _refuse_rounded(plan: CentroidalPlan, *, plain: bool) -> None:
     """
     jumps = plan.residuals()
     if plain:
-        jumps = replace(jumps, acceleration=0.0, zmp=0.0, moment=0.0)
-    largest = jumps.largest
+        jumps |= dict.fromkeys(MAY_JUMP, 0.0)
+    largest = max(np.nan_to_num(list(jumps.values()), nan=math.inf).tolist())
     if not largest <= RESIDUAL_LIMIT:
         raise MathematicalRefusal(
             "the gait's numbers are too far apart to be computed: by rounding the plan jumps by "
@@ -86,12 +81,10 @@ def _refuse_rounded(plan: CentroidalPlan, *, plain: bool) -> None:
 
 def _mirrored(law: AffineLaw) -> AffineLaw:
     """A lateral law for the other stance foot."""
-    return AffineLaw(
-        law.rate, law.zmp_slope, law.force_slope, law.duration, -law.even, -law.odd, -law.zmp_offset
-    )
+    return replace(law, even=-law.even, odd=-law.odd, zmp_offset=-law.zmp_offset)
 
 
-def _assemble(gait: GaitParameters, mass: float, first: StepLaws) -> tuple[CentroidalPlan, Contacts]:
+def _assemble(gait: GaitParameters, mass: float, first: StepLaws) -> CentroidalPlan:
     """Plan of the closed form over its footsteps."""
     constants, single_x, double_x, single, double = first
     t_ss, t_ds = constants.single_support_duration, constants.double_support_duration
@@ -120,26 +113,25 @@ def _assemble(gait: GaitParameters, mass: float, first: StepLaws) -> tuple[Centr
                 start + t_ss, t_ds, (x + 0.5 * length, 0.0), double_x, double_y, (gained, start_y)
             ),
         ]
-    further = _contacts(gait, t_ss, t_ds)
-    plan = CentroidalPlan(
+    return CentroidalPlan(
         mass=mass,
         gravity=GRAVITY,
         com_height=gait.com_height,
         switching_velocity=gait.switching_velocity,
-        contacts=replace(further, footsteps=further.footsteps[:-1], phases=further.phases[:-2]),
+        contacts=gait_contacts(gait, constants, gait.steps),
         phases=tuple(phases),
         constants=constants,
     )
-    return plan, further
 
 
-def _contacts(gait: GaitParameters, t_ss: float, t_ds: float) -> Contacts:
-    """Footsteps and phases of the walk and one step more, with both durations of a step [s]."""
-    w, step = 0.5 * gait.step_width, t_ss + t_ds
+def gait_contacts(gait: GaitParameters, constants: PlanConstants, steps: int) -> Contacts:
+    """Contacts of some steps of a gait with the constants of its plan."""
+    w, step, t_ss = 0.5 * gait.step_width, constants.step_duration, constants.single_support_duration
     footsteps, switches = [], []
-    for k in range(-1, gait.steps + 2):
+    for k in range(-1, steps + 1):
         x = k * gait.step_length
         footsteps.append(Footstep("right", (x, -w, 0.0)) if k % 2 else Footstep("left", (x, w, 0.0)))
-    for k in range(gait.steps + 1):
+    for k in range(steps):
         switches += [k * step, k * step + t_ss]
-    return contacts_in_turn(footsteps, [*switches, switches[-1] + t_ds], gait.slopes)
+    switches.append(switches[-1] + constants.double_support_duration)
+    return Contacts(tuple(footsteps), np.array(switches), gait.slopes)

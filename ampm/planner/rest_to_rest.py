@@ -27,8 +27,8 @@ SETTLING = 0.8
 _OFFSET, _NODE, _THETA = 0.02, 0.05, 0.5  # units of the least squares [m, m, N m s^2]
 
 
-class Supports(NamedTuple):
-    """The N single supports, and the double supports between them."""
+class Problem(NamedTuple):
+    """What is solved: N single supports, and the double supports between them."""
 
     place: Array  # of the standing foot, shape (N, 2) [m]
     axes: Array  # of that foot in world, by columns, shape (N, 2, 2)
@@ -36,12 +36,6 @@ class Supports(NamedTuple):
     double: Array  # durations in between, shape (N - 1,) [s]
     between: Array  # axes of the mean heading of both feet, shape (N - 1, 2, 2)
     blend: Array  # rates k of the blends along these axes, shape (N - 1, 2) [1/s]
-
-
-class Problem(NamedTuple):
-    """What is solved."""
-
-    supports: Supports  # places and durations
     frequency: float  # w = sqrt(g / H) [1/s]
     inverse_a: Array  # `1/a_s` of every single support, shape (N,) [1]
     slopes: Array  # (c_s, c_y) of every single support, shape (N, 2)
@@ -161,9 +155,8 @@ def times(matrices: Array, vectors: Array) -> Array:
 
 def solve(problem: Problem) -> Solution:
     """Solve for the states of all supports."""
-    supports, theta = problem.supports, _THETA / problem.weight
-    n, place = len(supports.place), supports.place
-    move, signal = (in_world(m, supports.axes) for m in single_maps(problem, supports.single))
+    n, place, theta = len(problem.place), problem.place, _THETA / problem.weight
+    move, signal = (in_world(m, problem.axes) for m in single_maps(problem, problem.single))
     # The maps of a support count from its foot: constants of (c, v, J, Theta) at its end, of (r, q) at both.
     moved, begun = -times(move[:, :, :2], place), -times(signal[:, :, :2], place)
     moved[:, :2] += place
@@ -173,7 +166,7 @@ def solve(problem: Problem) -> Solution:
     leaving[:, :, 8:] += signal[:, :, 8:]
 
     # From a support to the next: eight equations of the motion, two of Theta in the middle.
-    blend = in_world(_blend_maps(problem.frequency, supports.blend, supports.double), supports.between)
+    blend = in_world(_blend_maps(problem.frequency, problem.blend, problem.double), problem.between)
     from_, rising, to = blend[:, :, :8], blend[:, :, 8:12], blend[:, :, 12:]
     before = from_ @ move[:-1] + rising @ leaving[:-1]
     after = to @ signal[1:]
@@ -188,7 +181,7 @@ def solve(problem: Problem) -> Solution:
     down = _quarters(problem.frequency, point[::-1], arm[::-1])
     first = np.zeros((10, 10))
     first[:8] = up[:, 8:12] @ signal[0] - np.eye(8, 10)
-    half = 0.5 * float(supports.double[0]) if n > 1 else 0.0  # Theta is zero in the middle of double support
+    half = 0.5 * float(problem.double[0]) if n > 1 else 0.0  # Theta is zero in the middle of double support
     first[8:, 6:8], first[8:, 4:6] = np.eye(2) / theta, -half / theta * np.eye(2)
     first_known = times(up[:, :2] + up[:, 18:], problem.ends[0]) + times(up[:, 8:12], begun[0])
     last = down[:, :8] @ move[-1] + down[:, 8:12] @ leaving[-1]

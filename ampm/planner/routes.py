@@ -6,7 +6,6 @@ end the feet stand beside each other. It begins at the origin, facing +x.
 
 import csv
 import io
-import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,8 +20,6 @@ Frame = tuple[float, float, float]
 """Middle between two feet that stand beside each other, and their heading: (x, y) [m], [rad]."""
 TOE_OUT = 0.1
 """Angle by which the feet of the turning walks are turned out, so that the legs pass each other [rad]."""
-
-_THERE = 1e-9  # distance at which a target is reached, for rounding [m]
 
 
 def route(
@@ -97,51 +94,6 @@ def sidestep(steps: int, length: float, width: float) -> list[Footstep]:
     """Steps to the left, to the right with a negative length [m]: one foot goes, the other one follows."""
     frames = [(0.0, ((k + 1) // 2) * length, 0.0) for k in range(steps)]
     return route(frames, width, "left" if length > 0.0 else "right")
-
-
-def visit(
-    targets: Sequence[Frame], length: float, width: float, *, aside: float | None = None, turn: float = 0.3
-) -> list[Footstep]:
-    """Footsteps to one target after the other, at each of which both feet stand beside each other.
-
-    As few as the limits allow: every step goes as far as it may; all steps of a way, the first or the last
-    ones share the turn.
-
-    Args:
-        targets: to stand at; the walk begins at the origin.
-        length: largest way of a step ahead or back [m].
-        width: lateral distance of the feet [m].
-        aside: largest way of a step outward [m], half of ``length`` by default; inward a fifth of it.
-        turn: largest turn of a step [rad].
-    """
-    aside = 0.5 * length if aside is None else aside
-    frames: list[Frame] = [(0.0, 0.0, 0.0)]
-    for target in targets:
-        frames += [*_way(frames[-1], target, len(frames), (length, aside, turn)), target]
-    return route(frames, width, toe_out=TOE_OUT)
-
-
-def _way(start: Frame, target: Frame, number: int, limits: tuple[float, float, float]) -> list[Frame]:
-    """Fewest frames to a target, for :func:`visit`; the left foot steps to those of even number."""
-    length, outward, most = limits
-    angle = math.remainder(target[2] - start[2], 2.0 * math.pi)
-    for count in itertools.count(1):
-        for first, last in [*((0, k) for k in range(count, 0, -1)), *((k, count) for k in range(1, count))]:
-            frames, turn = [start], angle / (last - first)
-            for step in range(count if abs(turn) <= most else 0):
-                (x, y, heading), left = frames[-1], (number + step) % 2 == 0
-                c, s = math.cos(heading), math.sin(heading)
-                ahead, aside = (
-                    c * (target[0] - x) + s * (target[1] - y),
-                    c * (target[1] - y) - s * (target[0] - x),
-                )
-                reach = outward if left == (aside > 0.0) else 0.2 * outward
-                ahead, aside = min(max(ahead, -length), length), min(max(aside, -reach), reach)
-                heading += turn if first <= step < last else 0.0
-                frames.append((x + c * ahead - s * aside, y + s * ahead + c * aside, heading))
-            if math.dist(frames[-1][:2], target[:2]) < _THERE and len(frames) > count:
-                return [*frames[1:-1], target]
-    raise AssertionError  # pragma: no cover
 
 
 def footsteps_of(run: RunParameters) -> tuple[list[Footstep], list[float | None]]:

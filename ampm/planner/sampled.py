@@ -1,6 +1,6 @@
 """Plans of samples: one axis of the COM, a whole motion, and the constants that no closed form gives."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,6 @@ from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstan
 from ampm.planner.contacts import LEVEL, ascending, finite
 from ampm.planner.newton import check_newton
 from ampm.planner.pendulum import LawState
-
-NO_CONSTANTS = PlanConstants(**dict.fromkeys((item.name for item in fields(PlanConstants)), 0.0))
-"""Of a plan whose constants are still to be read from its motion, see :func:`plan_constants`."""
 
 
 @dataclass(frozen=True)
@@ -195,5 +192,4 @@ def plan_constants(plan: CentroidalPlan) -> PlanConstants:
             beta=float(abs(lateral - 0.5 * (here + there))),
             lateral_switching_velocity=float(abs(speed)),
             mean_velocity=float(com.sum() / (single.duration + double.duration)),
-            angular_momentum_y_offset=0.0,
         )

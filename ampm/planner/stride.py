@@ -108,7 +108,7 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry) -> F
     """Plan both feet over footsteps straight ahead, with the gait's key-frames in every step.
 
     Args:
-        contacts: which foot stands where, and when.
+        contacts: which foot stands where, and when; a single support first.
         foot: key-frame angles, rates and timings.
         sole: the sole's outline.
 
@@ -116,17 +116,12 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry) -> F
         Closed-form paths of both feet over the whole plan.
 
     Raises:
-        InputError: a footstep turns or climbs, the phases are not single and double supports in turn, or the
-            heel would rise before the foot stands alone, or after it has left.
+        InputError: a footstep turns or climbs, or the heel would rise before the foot stands alone, or after
+            it has left.
     """
     if any(step.heading or step.position[2] for step in contacts.footsteps):
         raise InputError(
             "feet are planned straight ahead on level ground; give footsteps of zero heading and z."
-        )
-    stance = contacts.stance_codes
-    if len(stance) % 2 or ((stance[0::2] == 2) | (stance[1::2] != 2)).any():
-        raise InputError(
-            "feet are planned for single and double supports in turn; give a plan of such phases."
         )
     n = contacts.steps
     double = np.array([phase.duration for phase in contacts.phases[1::2]])

@@ -1,6 +1,5 @@
 """Centroidal motion and feet together: support polygon and ZMP margin."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +11,7 @@ from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.contacts import times_within
 from ampm.planner.feet import FeetPlan
-from ampm.planner.periodic import plan_with_next_step
+from ampm.planner.periodic import gait_contacts, plan_gait
 from ampm.planner.stride import plan_feet
 
 _BESIDE_JUMP = 1e-9  # how far beside a jump of the support its two sides are evaluated [s]
@@ -45,12 +44,11 @@ class StepPlan(CentroidalPlan):
         points, contact = self.points_in_contact(times_within(time, self.duration))
         return convex_hull(points[0, contact[0]])
 
-    def zmp_margin(self, times: ArrayLike, progress: Callable[[int, int], None] | None = None) -> Array:
+    def zmp_margin(self, times: ArrayLike) -> Array:
         """Signed distance of the planned ZMP to the edge of the support polygon.
 
         Args:
             times: shape (N,) [s].
-            progress: called with the number of times that are done, and of all.
 
         Returns:
             Positive inside, negative outside, shape (N,) [m].
@@ -64,13 +62,9 @@ class StepPlan(CentroidalPlan):
             points, contact = self.points_in_contact(time[block])
             distance = polygon_margin(points, contact, self.sample(time[block]).zmp)
             margin[block] = np.where(contact.any(axis=1), distance, -np.inf)
-            if progress is not None:
-                progress(block.stop, len(time))
         return margin
 
-    def least_zmp_margin(
-        self, until: float | None = None, progress: Callable[[int, int], None] | None = None
-    ) -> tuple[float, float]:
+    def least_zmp_margin(self, until: float | None = None) -> tuple[float, float]:
         """The least of :meth:`zmp_margin`, and its time.
 
         The polygon jumps where a contact changes, so a grid alone misses the least: both sides of every jump
@@ -78,7 +72,6 @@ class StepPlan(CentroidalPlan):
 
         Args:
             until: end of the search [s]; the plan's own by default.
-            progress: called as by :meth:`zmp_margin`, without the refinements.
 
         Returns:
             Margin [m] and time [s].
@@ -95,7 +88,7 @@ class StepPlan(CentroidalPlan):
         times = _ascending(np.clip(times, 0.0, end))
         least, at = np.inf, 0.0
         for _ in range(1 + _REFINEMENTS):
-            margin, progress = self.zmp_margin(times, progress), None
+            margin = self.zmp_margin(times)
             worst = int(margin.argmin())
             if margin[worst] < least:
                 least, at = float(margin[worst]), float(times[worst])
@@ -118,7 +111,8 @@ def plan_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: So
         MathematicalRefusal: the closed form has no solution, or none that can be computed.
     """
     # One step further than the walk: at its end the rear foot is about to leave, as at any other switch.
-    plan, further = plan_with_next_step(gait, mass)
+    plan = plan_gait(gait, mass)
+    further = gait_contacts(gait, plan.constants, gait.steps + 1)
     return StepPlan.of(plan, feet=plan_feet(further, foot, sole))
 
 

@@ -16,14 +16,15 @@ from ampm.body.rigid_body import angular_momentum, move_links, moved, place_link
 from ampm.compiled import compiled
 from ampm.geometry import Array
 from ampm.sensors.soles import spread_wrenches
-from ampm.vectors import ZERO, Vector, cross, from_quaternion, minus, plus, put, times, turned, vector
+from ampm.vectors import ZERO, Vector, cross, dot, from_quaternion, minus, plus, put, times, turned, vector
 
 VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
 LOAD = 0.06  # force from which a point rests, as share of the weight; half of it to go on resting
 LANDING = 0.05  # time after a change of the loaded points in which commands are less certain [s]
 LANDING_FACTOR = 5.0  # by how much their errors are larger then
 SINK = 4e-3  # random walk of a loaded point in a second downwards, then [m]
-RATE_ERROR = 0.4  # of the root's commanded angular acceleration [rad/s^2]
+RATE_ERROR = 0.4  # of the root's commanded angular acceleration, at least [rad/s^2]
+MEMORY = 0.02  # over which the errors of commanded accelerations are averaged [s]
 POINT_ERROR = 1e-3  # standard deviation of a resting point [m]
 FLOOR_ERROR = 3e-4  # standard deviation of the height of a point that has just touched [m]
 STEP_ERROR = 5e-3  # a point that touches so far from all floors stands on something else [m]
@@ -40,6 +41,9 @@ class Filter(NamedTuple):
     joint_covariance: Array  # of each hinge: var(angle), cov(angle, rate), var(rate), (nu, 3)
     rate: Array  # of the root, (3,) [rad/s]
     rate_variance: Array  # (1,) [(rad/s)^2]
+    rate_error: Array  # mean square of what its readings added to its acceleration lately, (1,) [(rad/s^2)^2]
+    angle_error: Array  # the same of the hinges, (nu,) [(rad/s^2)^2]
+    kick: Array  # rate of root and links that was not commanded, in world axes, (1 + nu, 3) [rad/s]
     x: Array  # place, velocity, attitude, biases, points, offsets, IMU, (X,) [m, m/s, rad, rad/s, m/s^2, m]
     covariance: Array  # of x, (X, X)
     offset: Array  # of the encoders, (nu,) [rad]
@@ -67,7 +71,7 @@ class Filter(NamedTuple):
     tree: Any  # of the body
     points: Any  # frames of the sole points
     wrenches: bool  # whether force and contact are those that the wrenches of the feet give
-    joint_error: Array  # of the commanded accelerations of the hinges, (nu,) [rad/s^2]
+    joint_error: Array  # of the commanded accelerations of the hinges, at least, (nu,) [rad/s^2]
     variance: Array  # of angles, rates, gyro and fixes as read, (4,)
     growth: Array  # of the variances of x in a tick, (X,)
     levels: Array  # heights of the floor's surfaces [m]
@@ -129,8 +133,8 @@ def predict(f: Filter, last: float, period: float) -> None:
         commanded += acted(f, n, last, last + period) / period * f.commanded[n]
     landing = f.quiet[0] < LANDING
     factor = LANDING_FACTOR if landing else 1.0
-    predict_joints(f, commanded, period, factor)
     force = predict_root(f, commanded, period, factor)
+    predict_joints(f, commanded, period, factor)
     spread_rows(f, period, force, f.covariance)
     spread_rows(f, period, force, f.covariance.T)
     for e in range(len(f.x)):
@@ -142,12 +146,18 @@ def predict(f: Filter, last: float, period: float) -> None:
 
 @compiled
 def predict_joints(f: Filter, commanded: Array, period: float, factor: float) -> None:
-    """Angle and rate of every hinge, by the commanded acceleration and two sensors."""
+    """Angle and rate of every hinge, by the commanded acceleration and two sensors.
+
+    A link keeps its rate about its hinge where what is before it is kicked: the torque is as commanded.
+    """
     shift = period * (0.5 * period + f.lag)  # of the angle by an acceleration
     for j in range(len(f.joint_rate)):
-        a, start, covariance = commanded[6 + j], f.joint_rate[j], f.joint_covariance[j]
+        before, axis = vector(f.kick[f.tree[1 + j].parent]), vector(f.link[1 + j].axis)
+        back = dot(before, axis)
+        put(f.kick[1 + j], minus(before, times(back, axis)))
+        a, start, covariance = commanded[6 + j] - back / period, f.joint_rate[j], f.joint_covariance[j]
         angle, rate = f.q[7 + j] + period * start + shift * a, start + period * a
-        error = (factor * f.joint_error[j]) ** 2
+        error, predicted = max((factor * f.joint_error[j]) ** 2, f.angle_error[j]), rate
         aa = covariance[0] + period * (2.0 * covariance[1] + period * covariance[2]) + error * shift * shift
         ar = covariance[1] + period * covariance[2] + error * shift * period
         rr = covariance[2] + error * period * period
@@ -157,6 +167,8 @@ def predict_joints(f: Filter, commanded: Array, period: float, factor: float) ->
         off, scale = f.rates[j] - rate, 1.0 / (rr + f.variance[1])
         f.q[7 + j], f.joint_rate[j] = angle + scale * ar * off, rate + scale * rr * off
         put(covariance, (aa - scale * ar * ar, ar - scale * ar * rr, rr - scale * rr * rr))
+        added = (f.joint_rate[j] - predicted) / period
+        f.angle_error[j] += min(1.0, period / MEMORY) * (added * added - f.angle_error[j])
 
 
 @compiled
@@ -169,14 +181,17 @@ def predict_root(f: Filter, commanded: Array, period: float, factor: float) -> V
     Returns:
         Acceleration less gravity, in world axes [m/s^2].
     """
-    f.rate_variance[0] += (factor * RATE_ERROR * period) ** 2
+    f.rate_variance[0] += max((factor * RATE_ERROR) ** 2, f.rate_error[0]) * period**2
     gain = f.rate_variance[0] / (f.rate_variance[0] + f.variance[2])
     f.rate_variance[0] *= 1.0 - gain
     start = vector(f.rate)
     rate = plus(start, times(period, vector(commanded[3:6])))
     read = from_imu(f, minus(vector(f.gyro), vector(f.x[GYRO:ACCELEROMETER])))
-    rate = plus(rate, times(gain, minus(read, rate)))
-    put(f.rate, rate)
+    change = times(gain, minus(read, rate))
+    added = dot(change, change) / (3.0 * period**2)
+    f.rate_error[0] += min(1.0, period / MEMORY) * (added - f.rate_error[0])
+    put(f.kick[0], turned(f.turn, change))
+    put(f.rate, plus(rate, change))
     start = from_imu(f, minus(vector(f.gyro_before), vector(f.x[GYRO:ACCELEROMETER])))
     mean = plus(times(0.5, plus(start, read)), times(f.lag / period, minus(read, start)))
     turn_root(f, times(0.5 * period, mean))

@@ -16,21 +16,21 @@ from ampm.vectors import ZERO
 from ampm.walk import State, Touch
 
 _LEAST = (1e-5, 1e-3, 1e-3, 1e-5)  # standard deviations of angles, rates, gyro and fixes, in SI units
-_START = np.repeat([1e-3, 5e-3, 5e-4, 2e-4, 1e-2], 3)
+_START = np.repeat([1e-3, 5e-3, 5e-4, 2e-4, 1e-3], 3)
 """Standard deviation at the start, as after standing still: place [m], velocity [m/s], attitude [rad], biases
 of gyro [rad/s] and accelerometer [m/s^2]."""
-_WALK = np.repeat([0.0, 0.0, 0.0, 1e-4, 1e-3], 3)
+_WALK = np.repeat([0.0, 0.0, 0.0, 1e-4, 1e-4], 3)
 """Random walk of the same in a second; velocity and attitude get errors of the sensors instead."""
-_ACCELERATION_ERROR = 0.05
-"""Standard deviation of the accelerometer's mean over a tick [m/s^2]."""
+_ACCELERATION_ERROR = 0.02
+"""Standard deviation of the acceleration at a tick from its mean over the tick [m/s^2]."""
 _CREEP = (5e-3, 5e-3, 2e-4)
 """Random walk of a loaded point in a second, shape (3,) [m]: loaded soles creep by up to 1 mm in a step."""
-_ERRORS = {"root_linear": 0.0, "root_angular": 0.0, "legs": 2.0, "trunk": 0.3, "arms": 0.1}
-_TOE_ERROR = 6.0
-"""Errors of commanded accelerations by group of hinges [rad/s^2], three times those of the presets."""
+_ERRORS = {"root_linear": 0.0, "root_angular": 0.0, "legs": 0.6, "trunk": 0.1, "arms": 0.03}
+_TOE_ERROR = 2.0
+"""Least errors of commanded accelerations by group of hinges, about those of the presets [rad/s^2]."""
 _NOT_COMMANDED = 30.0
 """The same with a controller that does not say its accelerations [rad/s^2]."""
-_FIX_FACTOR = 10.0
+_FIX_FACTOR = 5.0
 """By how much fixes count as less certain: feedback of the COM makes 6 mm of ZMP from 1 mm that a fix moves
 the place, and they need only hold a drift of millimetres in a second."""
 
@@ -65,7 +65,8 @@ class Kalman:
         growth = walk**2 / run.controller.frequency
         drift = np.repeat([sensors.gyro_drift, sensors.accelerometer_drift], 3)
         growth[9:15] += drift**2 / run.controller.frequency
-        growth[3:6] = (_ACCELERATION_ERROR / run.controller.frequency) ** 2
+        felt = _ACCELERATION_ERROR**2 + sensors.accelerometer_noise**2
+        growth[3:6] = felt / run.controller.frequency**2
         growth[6:9] = variance[2] / run.controller.frequency**2
         commanded = robot.by_group(_ERRORS)
         commanded[robot.toe_joints] = _TOE_ERROR
@@ -75,6 +76,9 @@ class Kalman:
             joint_covariance=np.zeros((nu, 3)),
             rate=np.zeros(3),
             rate_variance=np.zeros(1),
+            rate_error=np.zeros(1),
+            angle_error=np.zeros(nu),
+            kick=np.zeros((1 + nu, 3)),
             x=np.zeros(len(growth)),
             covariance=np.diag(start_errors**2),
             offset=np.zeros(nu),
@@ -125,6 +129,7 @@ class Kalman:
         f = self.filter
         f.q[:], f.rate[:], f.joint_rate[:] = start.q, start.v[3:6], start.v[6:]
         f.joint_covariance[:], f.rate_variance[:], f.quiet[:] = self._hinge, 1e-4, 0.0
+        f.rate_error[:], f.angle_error[:] = 0.0, 0.0
         self._turn_root(ZERO)
         f.x[0:3], f.x[3:6] = start.q[:3], f.turn @ start.v[:3]
         kept, found = np.diag(self._start), np.ix_(self._constant, self._constant)

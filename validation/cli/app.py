@@ -10,7 +10,6 @@ import sys
 import traceback
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Annotated
 
 import typer
 
@@ -51,10 +50,10 @@ def _version(value: bool) -> None:
 @app.callback(invoke_without_command=True)
 def _root(
     context: typer.Context,
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
-    ] = False,
-    debug: Annotated[bool, option("--debug", "Show the traceback of an error; may stand anywhere.")] = False,
+    version: bool = typer.Option(
+        False, "--version", callback=_version, is_eager=True, help="Print the version."
+    ),
+    debug: bool = option("--debug", "Show the traceback of an error; may stand anywhere."),
 ) -> None:
     if context.invoked_subcommand is None:
         print_line(context.get_help())

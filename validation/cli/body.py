@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from validation.cli import options
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import Json, Settings, Status
+from validation.cli.options import JSON, SETTINGS, Status
 from validation.show.text import format_value, print_line
 from validation.table import Table, format_number, print_tables
 
@@ -36,8 +36,8 @@ def list_bodies() -> int:
 
 @group.command(epilog="Exit status: 0 written, 2 bad input.")
 def new(
-    model: Annotated[str, typer.Argument(help="URDF or MJCF, or PACKAGE:FILE of an installed package.")],
-    path: Annotated[Path, typer.Argument(help="Description to write, a new file.", metavar="FILE.toml")],
+    model: str = typer.Argument(..., help="URDF or MJCF, or PACKAGE:FILE of an installed package."),
+    path: Path = typer.Argument(..., help="Description to write, a new file.", metavar="FILE.toml"),
 ) -> int:
     """Propose the description of a body from its model: root, trunk, feet, knees, sole, joints to lock."""
     from ampm.exceptions import InputError
@@ -55,9 +55,9 @@ def new(
 
 @group.command(epilog="Exit status: 0 it can walk, 2 bad input, or it cannot.")
 def check(
-    body: Annotated[str, typer.Argument(help="Name or description of a body.", metavar="NAME|FILE.toml")],
-    settings: Settings = None,
-    as_json: Json = False,
+    body: str = typer.Argument(..., help="Name or description of a body.", metavar="NAME|FILE.toml"),
+    settings: list[str] | None = SETTINGS,
+    as_json: bool = JSON,
 ) -> int:
     """Check a body: its model, its torques, what it can walk.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -12,6 +12,7 @@ from ampm.exceptions import InputError
 from validation.cli import options
 from validation.cli.console import Narrator
 from validation.cli.options import Status, grouped, option
+from validation.store.folders import names_folder
 
 if TYPE_CHECKING:
     from validation.study.compare.comparison import WalkComparison
@@ -19,30 +20,22 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-_NAME = "Once for all walks, or once for each."
+_CHOICES = ("planner", "body", "controller", "engine")
+_ONCE = "Once for all walks, or once for each."
 
 
 @dataclass(frozen=True)
-class Choices:
-    """What all walks have, or each has one of."""
+class Each:
+    """What all walks have, or each has one of; studies of them."""
 
-    planner: Annotated[
-        list[str] | None, option("--planner", _NAME, "NAME|FILE.csv|.parquet|MODULE:CLASS")
-    ] = None
-    body: Annotated[list[str] | None, option("--body", _NAME, "NAME|FILE.toml")] = None
-    controller: Annotated[list[str] | None, option("--controller", _NAME, "NAME|MODULE:CLASS")] = None
-    engine: Annotated[list[str] | None, option("--engine", _NAME, "mujoco|drake")] = None
-
-
-@dataclass(frozen=True)
-class Known:
-    """Studies of the walks."""
-
-    uncertainty: options.Uncertainty = None
-    robustness: Annotated[
-        list[Path] | None,
-        option("--robustness", "robustness.json of a walk, from 'ampm robustness'; once for each.", "FILE"),
-    ] = None
+    planner: list[str] | None = option("--planner", _ONCE, "NAME|FILE.csv|.parquet|MODULE:CLASS")
+    body: list[str] | None = option("--body", _ONCE, "NAME|FILE.toml")
+    controller: list[str] | None = option("--controller", _ONCE, "NAME|MODULE:CLASS")
+    engine: list[str] | None = option("--engine", _ONCE, "mujoco|drake")
+    uncertainty: list[Path] | None = options.UNCERTAINTY
+    robustness: list[Path] | None = option(
+        "--robustness", "robustness.json of a walk, from 'ampm robustness'; once for each.", "FILE"
+    )
 
 
 @app.command(
@@ -52,20 +45,18 @@ class Known:
 )
 @grouped
 def compare(
-    walks: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help="Presets, TOML files, folders of runs, or two sweeps; normal if none. One alone is compared "
-            "with ipm, or with itself where an option is given several times.",
-            metavar="WALK",
-        ),
-    ] = None,
+    walks: list[str] | None = typer.Argument(
+        None,
+        help="Presets, TOML files, folders of runs (./normal is a folder, normal the preset), or two "
+        "sweeps; normal if none. One alone is compared with ipm, or with itself where an option is given "
+        "several times.",
+        metavar="WALK",
+    ),
     *,
-    settings: options.Settings = None,
-    as_is: options.AsIs = False,
-    steps: options.Steps = None,
-    chosen: Choices,
-    known: Known,
+    settings: list[str] | None = options.SETTINGS,
+    as_is: bool = options.AS_IS,
+    steps: int | None = options.STEPS,
+    each: Each,
     execution: options.Running,
 ) -> int:
     """Compare gaits, finished runs, or two sweeps.
@@ -83,13 +74,13 @@ def compare(
     from validation.study.sweep.table import is_sweep
 
     folder = study_folder({"out": execution.out, "resume": execution.resume})
-    choices = {options.SHORT[name]: values for name, values in vars(chosen).items() if values}
-    walks, studies, survived = walks or [], known.uncertainty or (), known.robustness or ()
-    sweeps = [text for text in walks if is_sweep(Path(text))]
-    done = [text for text in walks if text in sweeps or Path(text).is_dir()]
+    choices = {options.SHORT[name]: values for name in _CHOICES if (values := getattr(each, name))}
+    walks, studies, survived = walks or [], each.uncertainty or (), each.robustness or ()
+    done = [text for text in walks if names_folder(text)]
+    sweeps = [text for text in done if is_sweep(Path(text))]
     if done and (len(done) < len(walks) or len(done) < 2 or settings or choices or steps or as_is):
         raise InputError(
-            f"{done[0]} is the folder of a run; compare it with other runs, without options of a gait "
+            f"{done[0]} names the folder of a run; compare it with other runs, without options of a gait "
             "('ampm validate --out DIR' keeps the run of a gait)."
         )
     found: WalkComparison | SweepComparison

@@ -15,7 +15,6 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     SpinnerColumn,
-    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -31,43 +30,31 @@ _LINE_EVERY = 30.0  # [s]
 _WHOLE_STAGE = 1e6  # time over which the bar averages the speed of a stage [s]
 
 
-class _Bar(Stage):
-    """Progress on a terminal."""
-
-    def __init__(self, bars: Bars, task: TaskID, label: str) -> None:
-        self._bars, self._task, self._label = bars, task, label
-
-    def advance(self, done: int, total: int) -> None:
-        self._bars.update(self._task, completed=done, total=total)
-
-    def note(self, text: str) -> None:
-        self._bars.update(self._task, description=f"{self._label} ({text})" if text else self._label)
-
-
-class _Lines(Stage):
+def _lines(console: Console, label: str, unit: str) -> Stage:
     """Progress without a terminal: a line when something is reported, if the last one is long ago."""
+    start = last = time.monotonic()
+    before: int | None = None  # done at the first report, as stored rows say nothing of the speed
+    note = ""
 
-    def __init__(self, console: Console, label: str, unit: str) -> None:
-        self._console, self._label, self._unit = console, label, unit
-        self._start = self._last = time.monotonic()
-        self._before: int | None = None  # done at the first report, as stored rows say nothing of the speed
-        self._note = ""
-
-    def advance(self, done: int, total: int) -> None:
+    def advance(done: int, total: int) -> None:
+        nonlocal start, last, before
         now = time.monotonic()
-        if self._before is None:
-            self._start, self._before = now, done
-        if now - self._last < _LINE_EVERY:
+        if before is None:
+            start, before = now, done
+        if now - last < _LINE_EVERY:
             return
-        self._last = now
-        line = f"{self._label}: {done:,} of {total:,} {self._unit}"
-        if done > self._before:
-            left = (now - self._start) * (total - done) / (done - self._before)
+        last = now
+        line = f"{label}: {done:,} of {total:,} {unit}"
+        if done > before:
+            left = (now - start) * (total - done) / (done - before)
             line += f", about {format_duration(round(left))} left"
-        self._console.print(line + self._note, markup=False)
+        console.print(line + note, markup=False)
 
-    def note(self, text: str) -> None:
-        self._note = f", {text}" if text else ""
+    def remember(text: str) -> None:
+        nonlocal note
+        note = f", {text}" if text else ""
+
+    return Stage(advance, remember)
 
 
 class Narrator(Progress):
@@ -85,7 +72,7 @@ class Narrator(Progress):
             with self._bar(label, unit) as stage:
                 yield stage
         else:
-            yield _Lines(self.console, label, unit)
+            yield _lines(self.console, label, unit)
         self.console.print(f"{label}: {time.perf_counter() - start:.1f} s", style="dim", markup=False)
         interruption.check()
 
@@ -96,7 +83,11 @@ class Narrator(Progress):
         left = (TimeRemainingColumn(), TextColumn("left")) if unit else ()
         columns = (SpinnerColumn(), words, BarColumn(), *count, TimeElapsedColumn(), *left)
         with Bars(*columns, console=self.console, transient=True, speed_estimate_period=_WHOLE_STAGE) as bars:
-            yield _Bar(bars, bars.add_task(label, total=None), label)
+            task = bars.add_task(label, total=None)
+            yield Stage(
+                lambda done, total: bars.update(task, completed=done, total=total),
+                lambda text: bars.update(task, description=f"{label} ({text})" if text else label),
+            )
 
     def say(self, text: str) -> None:
         """Print one line on stderr."""

@@ -1,13 +1,12 @@
 """``ampm fit``: constants of the AMPM from a measured walk."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from validation.cli import options
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import Columns, Result, Status, grouped, option
+from validation.cli.options import COLUMNS, Result, Status, grouped, option
 from validation.show.text import print_line
 from validation.table import print_tables
 
@@ -20,18 +19,15 @@ app = typer.Typer()
 )
 @grouped
 def fit(
-    log: Annotated[
-        Path, typer.Argument(help="Table of a measured walk, or the folder of a run.", metavar="LOG")
-    ],
+    log: Path = typer.Argument(..., help="Table of a measured walk, or the folder of a run.", metavar="LOG"),
     *,
-    columns: Columns = None,
-    mass: Annotated[
-        float | None, option("--mass", "Mass of the body; by default that of the mean vertical force.", "KG")
-    ] = None,
-    com_height: Annotated[
-        float | None,
-        option("--com-height", "Mean height of the COM over the floor, for a log without COM.", "M"),
-    ] = None,
+    columns: list[str] | None = COLUMNS,
+    mass: float | None = option(
+        "--mass", "Mass of the body; by default that of the mean vertical force.", "KG"
+    ),
+    com_height: float | None = option(
+        "--com-height", "Mean height of the COM over the floor, for a log without COM.", "M"
+    ),
     result: Result,
 ) -> int:
     """Fit the AMPM to a measured walk, and say how much of it the AMPM explains.

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -36,38 +37,21 @@ _PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.it
 class Files:
     """What a plan is written into."""
 
-    save: Annotated[
-        Path | None, option("--save", "Write the complete gait, with the values found.", "FILE.toml")
-    ] = None
-    force: Annotated[bool, option("--force", "Replace an earlier gait at --save.")] = False
-    samples: Annotated[Path | None, option("--samples", "Write the plan's signals.", "FILE.csv|.parquet")] = (
-        None
+    save: Path | None = option("--save", "Write the complete gait, with the values found.", "FILE.toml")
+    force: bool = option("--force", "Replace an earlier gait at --save.")
+    samples: Path | None = option("--samples", "Write the plan's signals.", "FILE.csv|.parquet")
+    rate: float = option("--rate", "Samples per second.", "HZ", default=RATE)
+    motion: Path | None = option(
+        "--motion", "Write the joints over one step of the whole-body motion.", "FILE.csv|.parquet"
     )
-    rate: Annotated[float, option("--rate", "Samples per second.", "HZ")] = RATE
-    motion: Annotated[
-        Path | None,
-        option("--motion", "Write the joints over one step of the whole-body motion.", "FILE.csv|.parquet"),
-    ] = None
-    plot: Annotated[Path | None, option("--plot", "Draw the plan.", "FILE.png")] = None
+    plot: Path | None = option("--plot", "Draw the plan.", "FILE.png")
 
-    def check(self, request: Request) -> None:
-        """Refuse files that cannot be written before anything is computed.
-
-        Raises:
-            InputError, MathematicalRefusal: one of them, or there are too many samples.
-        """
-        from validation.store.tables import sample_times
-        from validation.trial.plan import check_formula
-
-        gait = request.run.gait
+    def check(self) -> None:
+        """Raise InputError for files that must not be written, before anything is computed."""
         if self.rate != RATE and self.samples is None:
             raise InputError("--rate needs --samples FILE; give it, too, or leave --rate out.")
         for table in filter(None, (self.samples, self.motion)):
             check_new_file(table, ".csv", ".parquet")
-        if self.samples is not None:
-            check_formula(request)
-            count = len(request.run.footsteps) or gait.steps
-            sample_times(count * gait.step_length / gait.switching_velocity, self.rate)
         if self.plot is not None:
             check_new_file(self.plot, ".png", ".svg", ".pdf")
         if self.save is not None:
@@ -77,14 +61,14 @@ class Files:
 @app.command(rich_help_panel=options.BODIES, epilog=f"Presets.\n\n{_PRESET_LINES}")
 @grouped
 def plan(
-    gait: options.Gait = None,
+    gait: str | None = options.GAIT,
     *,
     walk: options.WalkOptions,
-    no_body: Annotated[
-        bool, option("--no-body", "Closed form alone: no soles, no joints, mean L_y zero; implies --as-is.")
-    ] = False,
+    no_body: bool = option(
+        "--no-body", "Closed form alone: no soles, no joints, mean L_y zero; implies --as-is."
+    ),
     length: options.Length,
-    as_json: options.Json = False,
+    as_json: bool = options.JSON,
     files: Files,
 ) -> int:
     """Plan a gait without walking it: constants, motion, picture.
@@ -103,9 +87,9 @@ def plan(
     from validation.store.tables import plan_table, sample_times, write_columns
     from validation.trial.plan import plan_walk
 
+    files.check()
     request = walk.request(gait, length.steps, as_is=walk.as_is or no_body, sections=length.sections())
     run = request.run
-    files.check(request)
     if no_body and (run.gait.planner not in ("ampm", LIPM) or run.footsteps):
         raise InputError("another planner, or footsteps, need a body; leave out --no-body.")
     if files.motion is not None and (no_body or run.footsteps):
@@ -113,19 +97,20 @@ def plan(
     narrator = Narrator()
     walked = None if no_body else plan_walk(request, narrator)
     planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walked is None else walked.plan
+    times = None if files.samples is None else sample_times(planned.duration, files.rate)
     margin = None
     if walked is not None:
-        with narrator.stage(f"{request.name}: ZMP margin", "instants") as stage:
-            margin, _ = walked.plan.least_zmp_margin(progress=stage.advance)
+        with narrator.stage(f"{request.name}: ZMP margin"):
+            margin = walked.plan.least_zmp_margin()
     request = request if walked is None else walked.request
     if files.save is not None:
         notes = [request.title, *(() if walked is None or walked.tuned is None else _margins(walked.tuned))]
         with output_file(files.save, force=files.force) as work:
             lines = "".join(f"# {note}\n" for note in notes)
             work.write_text(lines + dump_run(request.run), encoding="utf-8")
-    if files.samples is not None:
+    if files.samples is not None and times is not None:
         with narrator.stage("samples"), output_file(files.samples) as work:
-            write_columns(plan_table(planned, sample_times(planned.duration, files.rate)), work)
+            write_columns(plan_table(planned, times), work)
     if files.motion is not None and walked is not None:
         with output_file(files.motion) as work:
             write_columns(walked.motion.table(), work)
@@ -143,7 +128,7 @@ def plan(
 
 
 def describe_plan(
-    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, zmp_margin: float | None
+    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, margin: tuple[float, float] | None
 ) -> dict[str, Any]:
     """A plan as a JSON object: parameters, constants, residuals, and with a body motion and margins."""
     tuned = None if walk is None else walk.tuned
@@ -154,7 +139,7 @@ def describe_plan(
         "step_duration": plan.constants.step_duration,
         "duration": plan.duration,
         "residuals": plan.residuals(),
-        "zmp_margin": zmp_margin,
+        "zmp_margin": None if margin is None else margin[0],
         "motion": None if walk is None else walk.plan.posture.report(),
         "found": None if tuned is None else dict(tuned.values),
         "margins": None if tuned is None else dict(tuned.margins),
@@ -162,9 +147,11 @@ def describe_plan(
 
 
 def plan_tables(
-    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, zmp_margin: float | None
+    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, margin: tuple[float, float] | None
 ) -> list[Table]:
     """A plan for a reader: constants, and the values found."""
+    from ampm.body.limits import CLEARANCE, KNEE_MINIMUM, ROLL_TOLERANCE
+
     rows = []
     for field in fields(plan.constants):
         unit, meaning = field.metadata["unit"], field.metadata["meaning"]
@@ -172,15 +159,17 @@ def plan_tables(
         rows.append((field.name, value, "" if unit == "1" else str(unit), str(meaning)))
     notes = [
         f"{plan.contacts.steps} steps in {plan.duration:.2f} s",
-        f"largest jump at a switch, relative: {format_number(plan.residuals().largest, 2)}",
+        f"largest jump at a switch, relative: {format_number(max(plan.residuals().values()), 2)}",
     ]
     report = {} if walk is None else walk.plan.posture.report()
-    if zmp_margin is not None:
-        millimetres = round(1000 * zmp_margin, 1) + 0.0  # without a sign of zero
-        notes.append(f"planned ZMP margin, to the edge of the planned support: {millimetres:.1f} mm")
+    if margin is not None:
+        millimetres = round(1000 * margin[0], 1) + 0.0  # without a sign of zero
+        when = f"{margin[1]:.3f} s, {plan.sample(margin[1]).phase_name[0].replace('_', ' ')}"
+        rolls = ": a heel rises as the ZMP reaches the ball" if abs(margin[0]) < ROLL_TOLERANCE else ""
+        notes.append(
+            f"planned ZMP margin, to the edge of the planned support: {millimetres:.1f} mm ({when}{rolls})"
+        )
     if report:
-        from ampm.body.limits import CLEARANCE, KNEE_MINIMUM
-
         knee, clearance = report["knee_minimum"], report["clearance"]
         distance = f"{1000 * clearance['value']:.1f} mm ({clearance['where']})"
         notes.append(f"least flexion of a knee: {knee['value']:.3f} rad, at least {KNEE_MINIMUM:g} rad")
@@ -214,14 +203,14 @@ def _margins(tuned: Tuned) -> list[str]:
 
 @app.command(rich_help_panel=options.BODIES)
 def keys(
-    words: Annotated[
-        list[str] | None, typer.Argument(help="Sections and words; all keys if none.", metavar="WORD")
-    ] = None,
-    gait: Annotated[
-        str | None, option("--gait", "Show the values of this preset or TOML file; normal if none.", "GAIT")
-    ] = None,
-    settings: options.Settings = None,
-    as_json: options.Json = False,
+    words: list[str] | None = typer.Argument(
+        None, help="Sections and words; all keys if none.", metavar="WORD"
+    ),
+    gait: str | None = option(
+        "--gait", "Show the values of this preset or TOML file; normal if none.", "GAIT"
+    ),
+    settings: list[str] | None = options.SETTINGS,
+    as_json: bool = options.JSON,
 ) -> int:
     """List parameters: all, a section's, or those with a word.
 
@@ -234,14 +223,14 @@ def keys(
     from ampm.run_file import find_keys
     from validation.trial.plan import load_request
 
-    found = find_keys(*words or ())
     request = load_request(gait, settings or ())
+    found = [describe_key(info, request) for info in find_keys(*words or ())]
     if as_json:
-        print_json([describe_key(info, request) for info in found])
-    else:
-        for section, infos in groupby(found, lambda info: info.key.partition(".")[0]):
-            rows = [key_row(info, request) for info in infos]
-            print_tables([Table(f"{section} of {request.name}", ("key", ">value", "unit", "meaning"), rows)])
+        print_json(found)
+        return Status.PASS
+    for section, items in groupby(found, lambda item: item["key"].partition(".")[0]):
+        rows = [key_row(item) for item in items]
+        print_tables([Table(f"{section} of {request.name}", ("key", ">value", "unit", "meaning"), rows)])
     return Status.PASS
 
 
@@ -257,9 +246,8 @@ def describe_key(info: KeyInfo, request: Request) -> dict[str, Any]:
     }
 
 
-def key_row(info: KeyInfo, request: Request) -> tuple[str, ...]:
+def key_row(told: Mapping[str, Any]) -> tuple[str, ...]:
     """A parameter for a reader: key, value, unit, and meaning with the bounds and the other default."""
-    told = describe_key(info, request)
-    default = "" if told["value"] == info.default else f"default {info.default}"
-    more = "; ".join(filter(None, [info.range, default]))
-    return info.key, str(told["value"]), told["unit"], info.meaning + (f" [{more}]" if more else "")
+    default = "" if told["value"] == told["default"] else f"default {told['default']}"
+    more = "; ".join(filter(None, [told["bounds"], default]))
+    return told["key"], str(told["value"]), told["unit"], told["meaning"] + (f" [{more}]" if more else "")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
@@ -24,37 +24,28 @@ EPILOG = (
 class Comparing:
     """The plan, and how a log is laid on it."""
 
-    plan: Annotated[
-        str | None,
-        option(
-            "--plan",
-            "Preset (normal if not given), TOML file, folder of a run, or a table of COM, ZMP and footsteps.",
-            "GAIT|DIR|FILE.csv|.parquet",
-        ),
-    ] = None
-    columns: options.Columns = None
-    settings: options.Settings = None
-    steps: options.Steps = None
-    body: options.Body = None
-    start: Annotated[
-        float | None,
-        option("--start", "Time in the log at which the plan begins; by default it is found.", "S"),
-    ] = None
-    place: Annotated[
-        tuple[float, float] | None,
-        option("--place", "Move the log by X and Y [m]; by default to the plan's mean ZMP.", "X Y"),
-    ] = None
-    strides: Annotated[bool, option("--strides", "Compare the mean stride with that of a periodic plan.")] = (
-        False
+    plan: str | None = option(
+        "--plan",
+        "Preset (normal if not given), TOML file, folder of a run, or a table of COM, ZMP and footsteps.",
+        "GAIT|DIR|FILE.csv|.parquet",
     )
+    columns: list[str] | None = options.COLUMNS
+    settings: list[str] | None = options.SETTINGS
+    steps: int | None = options.STEPS
+    body: str | None = options.BODY
+    start: float | None = option(
+        "--start", "Time in the log at which the plan begins; by default it is found.", "S"
+    )
+    place: tuple[float, float] | None = option(
+        "--place", "Move the log by X and Y [m]; by default to the plan's mean ZMP.", "X Y"
+    )
+    strides: bool = option("--strides", "Compare the mean stride with that of a periodic plan.")
 
 
 @app.command(rich_help_panel=options.CHECK, epilog=EPILOG)
 @grouped
 def judge(
-    log: Annotated[
-        Path, typer.Argument(help="Table of measured signals, or the folder of a run.", metavar="LOG")
-    ],
+    log: Path = typer.Argument(..., help="Table of measured signals, or the folder of a run.", metavar="LOG"),
     *,
     comparing: Comparing,
     judging: options.Judging,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from enum import IntEnum
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import typer
 
@@ -43,62 +43,48 @@ class Status(IntEnum):
     BROKEN_PIPE = 141
 
 
-def option(name: str, help: str, metavar: str | None = None, *, least: int | None = None) -> Any:
-    """Declare an option of a command; a bracket in its help is no markup; a number may have a least value."""
-    return typer.Option(name, help=help.replace("[", r"\["), metavar=metavar, min=least)
+def option(
+    name: str, help: str, metavar: str | None = None, *, default: Any = None, least: int | None = None
+) -> Any:
+    """Declare an option as the default of a parameter or field; without metavar and default it is a flag.
+
+    A bracket in its help is no markup; a number may have a least value.
+    """
+    default = False if default is None and metavar is None else default
+    return typer.Option(default, name, help=help.replace("[", r"\["), metavar=metavar, min=least)
 
 
 _PRESETS = ", ".join(preset_names())
 
-Gait = Annotated[
-    str | None, typer.Argument(help=f"Preset ({_PRESETS}) or TOML file; normal if none.", metavar="GAIT")
-]
-Gaits = Annotated[
-    list[str] | None,
-    typer.Argument(help=f"Presets ({_PRESETS}) or TOML files; normal if none.", metavar="GAIT"),
-]
-RunFolder = Annotated[Path, typer.Argument(help="Folder of a run.", metavar="DIR")]
-Settings = Annotated[
-    list[str] | None,
-    option("--set", "Change one parameter, e.g. gait.c_s=1.2; see 'ampm keys'.", "KEY=VALUE"),
-]
-AsIs = Annotated[bool, option("--as-is", "Take open values from the preset or the defaults; find none.")]
-Body = Annotated[
-    str | None,
-    option(
-        "--body",
-        "Body that walks: a name of 'ampm body list', or a description. Without GAIT it walks a gait of its "
-        "size.",
-        "NAME|FILE.toml",
-    ),
-]
-Steps = Annotated[int | None, option("--steps", "Short for gait.steps=N.", "N")]
-Uncertainty = Annotated[
-    list[Path] | None,
-    option(
-        "--uncertainty",
-        "convergence.json of a gait, from 'ampm convergence': a value closer to its limit, or to that of "
-        "another walk, than its numerical uncertainty is undecided. Repeatable, one per gait.",
-        "FILE",
-    ),
-]
-Columns = Annotated[
-    list[str] | None,
-    option(
-        "--columns",
-        "A column of the log that has another name, unit or sign: com_x=COMx[mm], force_z=-Fz; or a TOML "
-        "file of such lines. Repeatable.",
-        "NAME=COLUMN[UNIT]|FILE.toml",
-    ),
-]
-OwnMetrics = Annotated[
-    list[str] | None,
-    option("--metric", "A metric of your own, a val.Metric in a module. Repeatable.", "MODULE:NAME"),
-]
-OwnProfile = Annotated[
-    str | None, option("--profile", f"Tolerance profile: {PROFILES}; by default the preset's own.", "P")
-]
-Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]
+GAIT: Any = typer.Argument(None, help=f"Preset ({_PRESETS}) or TOML file; normal if none.", metavar="GAIT")
+GAITS: Any = typer.Argument(None, help=f"Presets ({_PRESETS}) or TOML files; normal if none.", metavar="GAIT")
+RUN_FOLDER: Any = typer.Argument(..., help="Folder of a run.", metavar="DIR")
+SETTINGS: Any = option("--set", "Change one parameter, e.g. gait.c_s=1.2; see 'ampm keys'.", "KEY=VALUE")
+AS_IS: Any = option("--as-is", "Take open values from the preset or the defaults; find none.")
+BODY: Any = option(
+    "--body",
+    "Body that walks: a name of 'ampm body list', or a description. Without GAIT it walks a gait of its "
+    "size.",
+    "NAME|FILE.toml",
+)
+STEPS: Any = option("--steps", "Short for gait.steps=N.", "N")
+UNCERTAINTY: Any = option(
+    "--uncertainty",
+    "convergence.json of a gait, from 'ampm convergence': a value closer to its limit, or to that of "
+    "another walk, than its numerical uncertainty is undecided. Repeatable, one per gait.",
+    "FILE",
+)
+COLUMNS: Any = option(
+    "--columns",
+    "A column of the log that has another name, unit or sign: com_x=COMx[mm], force_z=-Fz; or a TOML "
+    "file of such lines. Repeatable.",
+    "NAME=COLUMN[UNIT]|FILE.toml",
+)
+METRICS: Any = option(
+    "--metric", "A metric of your own, a val.Metric in a module. Repeatable.", "MODULE:NAME"
+)
+PROFILE: Any = option("--profile", f"Tolerance profile: {PROFILES}; by default the preset's own.", "P")
+JSON: Any = option("--json", "Print JSON, and nothing else, on stdout.")
 
 
 SHORT = {
@@ -139,35 +125,26 @@ def _command(text: str | None) -> list[str]:
 class WalkOptions:
     """What walks: changes of a gait, its body, planner, controller and engine."""
 
-    settings: Settings = None
-    as_is: AsIs = False
-    body: Body = None
-    planner: Annotated[
-        str | None,
-        option(
-            "--planner",
-            "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, or a class of your own, which "
-            "may replan. With none the body begins standing, and its controller walks by itself.",
-            "NAME|FILE.csv|.parquet|MODULE:CLASS",
-        ),
-    ] = None
-    controller: Annotated[
-        str | None,
-        option(
-            "--controller",
-            "Short for controller.name: ampm, joint-pd, or a class of your own.",
-            "NAME|MODULE:CLASS",
-        ),
-    ] = None
-    engine: Annotated[str | None, option("--engine", "Short for simulation.engine.", "mujoco|drake")] = None
-    command: Annotated[
-        str | None,
-        option(
-            "--command",
-            "With --planner none: velocity forward and to the left [m/s], and rate of the heading [rad/s].",
-            "VX,VY,WZ",
-        ),
-    ] = None
+    settings: list[str] | None = SETTINGS
+    as_is: bool = AS_IS
+    body: str | None = BODY
+    planner: str | None = option(
+        "--planner",
+        "Short for gait.planner: ampm, lipm, ipm, preview, dcm, a table, or a class of your own, which "
+        "may replan. With none the body begins standing, and its controller walks by itself.",
+        "NAME|FILE.csv|.parquet|MODULE:CLASS",
+    )
+    controller: str | None = option(
+        "--controller",
+        "Short for controller.name: ampm, joint-pd, or a class of your own.",
+        "NAME|MODULE:CLASS",
+    )
+    engine: str | None = option("--engine", "Short for simulation.engine.", "mujoco|drake")
+    command: str | None = option(
+        "--command",
+        "With --planner none: velocity forward and to the left [m/s], and rate of the heading [rad/s].",
+        "VX,VY,WZ",
+    )
 
     def changes(self, steps: int | None = None) -> list[str]:
         """All but ``as_is`` as ``key=value`` texts."""
@@ -185,16 +162,13 @@ class WalkOptions:
 class Length:
     """How many steps are walked, or which."""
 
-    steps: Steps = None
-    footsteps: Annotated[
-        Path | None,
-        option(
-            "--footsteps",
-            "Walk over footsteps from rest to rest: columns foot, x, y [m], heading [rad]; optional z [m], "
-            "time [s].",
-            "FILE.csv",
-        ),
-    ] = None
+    steps: int | None = STEPS
+    footsteps: Path | None = option(
+        "--footsteps",
+        "Walk over footsteps from rest to rest: columns foot, x, y [m], heading [rad]; optional z [m], "
+        "time [s].",
+        "FILE.csv",
+    )
 
     def sections(self) -> dict[str, Any]:
         """Sections of a run with the footsteps of the file, or none.
@@ -215,24 +189,18 @@ class Length:
 class Running:
     """How a study is run and kept, see :class:`validation.study.many.Execution`."""
 
-    out: Annotated[Path | None, option("--out", "Folder of the result, with every walk.", "DIR")] = None
-    resume: Annotated[bool, option("--resume", "Go on with what is missing in --out.")] = False
-    workers: Annotated[
-        int | None,
-        option(
-            "--workers",
-            "Number of processes; by default one per core; 0 walks in this process.",
-            "N",
-            least=0,
-        ),
-    ] = None
-    scheduler: Annotated[
-        str | None,
-        option(
-            "--scheduler", "Run on this dask scheduler: its address, tcp://HOST:8786, or its file.", "ADDRESS"
-        ),
-    ] = None
-    as_json: Json = False
+    out: Path | None = option("--out", "Folder of the result, with every walk.", "DIR")
+    resume: bool = option("--resume", "Go on with what is missing in --out.")
+    workers: int | None = option(
+        "--workers",
+        "Number of processes; by default one per core; 0 walks in this process.",
+        "N",
+        least=0,
+    )
+    scheduler: str | None = option(
+        "--scheduler", "Run on this dask scheduler: its address, tcp://HOST:8786, or its file.", "ADDRESS"
+    )
+    as_json: bool = JSON
 
     def given(self) -> dict[str, Any]:
         """All but ``as_json``, and progress on the terminal."""
@@ -240,30 +208,32 @@ class Running:
         return {**given, "progress": Narrator()}
 
     def answer(self, result: Any) -> None:
-        """Print a result with ``as_dict``, ``sentence`` and ``tables``, and name the folder that holds it."""
-        if self.as_json:
-            print_json(result.as_dict())
-        else:
-            if result.sentence:
-                print_line(result.sentence, "bold")
-            print_tables(result.tables())
+        """Print a result, and name the folder that holds it."""
+        print_result(result, as_json=self.as_json)
         Narrator().wrote(self.out)
+
+
+def print_result(result: Any, *, as_json: bool) -> None:
+    """Print a result with ``as_dict``, ``sentence`` and ``tables``."""
+    if as_json:
+        print_json(result.as_dict())
+        return
+    if result.sentence:
+        print_line(result.sentence, "bold")
+    print_tables(result.tables())
 
 
 @dataclass(frozen=True)
 class Result:
     """Where a result goes."""
 
-    out: Annotated[
-        Path | None,
-        option(
-            "--out",
-            "Folder of the result, with a sub-folder for each of several gaits; by default runs/NAME-TIME.",
-            "DIR",
-        ),
-    ] = None
-    force: Annotated[bool, option("--force", "Replace an earlier result at --out.")] = False
-    as_json: Json = False
+    out: Path | None = option(
+        "--out",
+        "Folder of the result, with a sub-folder for each of several gaits; by default runs/NAME-TIME.",
+        "DIR",
+    )
+    force: bool = option("--force", "Replace an earlier result at --out.")
+    as_json: bool = JSON
 
     def folder(self, name: str) -> Path:
         """The folder of one result."""
@@ -276,22 +246,16 @@ class Result:
 class Disturbing:
     """Disturbances beside those of the keys."""
 
-    push: Annotated[
-        list[str] | None,
-        option(
-            "--push",
-            "Push a segment by a force [N] from a time [s] on: chest,50,0,0,2,0.1. Repeatable.",
-            "SEGMENT,FX,FY,FZ,AT,DURATION",
-        ),
-    ] = None
-    disturbance: Annotated[
-        list[str] | None,
-        option(
-            "--disturbance",
-            "A disturbance of your own, a class without arguments. Repeatable.",
-            "MODULE:CLASS",
-        ),
-    ] = None
+    push: list[str] | None = option(
+        "--push",
+        "Push a segment by a force [N] from a time [s] on: chest,50,0,0,2,0.1. Repeatable.",
+        "SEGMENT,FX,FY,FZ,AT,DURATION",
+    )
+    disturbance: list[str] | None = option(
+        "--disturbance",
+        "A disturbance of your own, a class without arguments. Repeatable.",
+        "MODULE:CLASS",
+    )
 
     def load(self) -> list[Disturbance]:
         """The disturbances."""
@@ -304,8 +268,8 @@ class Disturbing:
 class Judging:
     """Limits and metrics of one's own."""
 
-    profile: OwnProfile = None
-    metric: OwnMetrics = None
+    profile: str | None = PROFILE
+    metric: list[str] | None = METRICS
 
     def load(self) -> Profile | None:
         """Register the metrics; the profile, None for that of the preset."""

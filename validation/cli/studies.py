@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -11,6 +11,7 @@ from ampm.exceptions import InputError
 from validation.cli import options
 from validation.cli.console import Narrator
 from validation.cli.options import Status, grouped, option
+from validation.store.folders import names_folder
 
 if TYPE_CHECKING:
     from validation.study.sweep.table import SweepTable
@@ -25,13 +26,13 @@ app = typer.Typer()
 )
 @grouped
 def sweep(
-    file: Annotated[Path, typer.Argument(help="Definition of the sweep (TOML).", metavar="FILE")],
+    file: Path = typer.Argument(..., help="Definition of the sweep (TOML).", metavar="FILE"),
     *,
     execution: options.Running,
-    metric: options.OwnMetrics = None,
-    dry_run: Annotated[
-        bool, option("--dry-run", "Count runs and refusals by formula; walk one run to measure its time.")
-    ] = False,
+    metric: list[str] | None = options.METRICS,
+    dry_run: bool = option(
+        "--dry-run", "Count runs and refusals by formula; walk one run to measure its time.", default=False
+    ),
 ) -> int:
     """Walk many runs over any parameters, on all cores.
 
@@ -73,20 +74,24 @@ def _sweep_status(found: SweepTable) -> int:
 @app.command(rich_help_panel=options.WALK, epilog="Exit status: 0 ranked, 2 bad input.")
 @grouped
 def rank(
-    folder: Annotated[Path, typer.Argument(help="Folder of a sweep, finished or not.", metavar="DIR")],
+    folder: Path = typer.Argument(..., help="Folder of a sweep, finished or not.", metavar="DIR"),
     *,
-    by: Annotated[
-        str, option("--by", "What is ranked: planner, controller, or a key that the sweep varies.", "KEY")
-    ] = "planner",
-    ahead: Annotated[
-        float,
-        option("--ahead", "Compare with the plan as it stood so long before: 0, .05, .1, .2 or .4 s.", "S"),
-    ] = 0.1,
-    recordings: Annotated[
-        Path | None,
-        option("--recordings", "Walk the best and worst run of each planner again, into folders.", "DIR"),
-    ] = None,
-    as_json: options.Json = False,
+    by: str = option(
+        "--by",
+        "What is ranked: planner, controller, or a key that the sweep varies.",
+        "KEY",
+        default="planner",
+    ),
+    ahead: float = option(
+        "--ahead",
+        "Compare with the plan as it stood so long before: 0, .05, .1, .2 or .4 s.",
+        "S",
+        default=0.1,
+    ),
+    recordings: Path | None = option(
+        "--recordings", "Walk the best and worst run of each planner again, into folders.", "DIR"
+    ),
+    as_json: bool = options.JSON,
 ) -> int:
     """Rank the planners of a sweep.
 
@@ -103,7 +108,7 @@ def rank(
 
         definition = load_sweep(folder / DEFINITION)
         keep_runs(definition, found.extremes, out=recordings, resume=True, progress=Narrator())
-    options.Running(as_json=as_json).answer(found)
+    options.print_result(found, as_json=as_json)
     return Status.PASS
 
 
@@ -114,11 +119,11 @@ def rank(
 )
 @grouped
 def convergence(
-    gait: options.Gait = None,
+    gait: str | None = options.GAIT,
     *,
     walk: options.WalkOptions,
-    steps: Annotated[int, option("--steps", "Steps of every walk.", "N")] = 6,
-    profile: Annotated[str, option("--profile", f"Tolerance profile: {options.PROFILES}.", "P")] = "default",
+    steps: int = option("--steps", "Steps of every walk.", "N", default=6),
+    profile: str = option("--profile", f"Tolerance profile: {options.PROFILES}.", "P", default="default"),
     execution: options.Running,
 ) -> int:
     """Measure the numerical uncertainty of a gait's metrics.
@@ -149,19 +154,16 @@ def convergence(
 )
 @grouped
 def robustness(
-    gait: options.Gait = None,
+    gait: str | None = options.GAIT,
     *,
     walk: options.WalkOptions,
-    quick: Annotated[
-        bool, option("--quick", "Fewer pushes and coarser grids: a quarter of an hour on two cores.")
-    ] = False,
-    only: Annotated[
-        list[str] | None,
-        option("--only", "Study only this: pushes, or a key of disturbance or sensors. Repeatable.", "KIND"),
-    ] = None,
-    replicas: Annotated[
-        int, option("--replicas", "Walks for each push; four fifths have to survive.", "N")
-    ] = 5,
+    quick: bool = option(
+        "--quick", "Fewer pushes and coarser grids: a quarter of an hour on two cores.", default=False
+    ),
+    only: list[str] | None = option(
+        "--only", "Study only this: pushes, or a key of disturbance or sensors. Repeatable.", "KIND"
+    ),
+    replicas: int = option("--replicas", "Walks for each push; four fifths have to survive.", "N", default=5),
     execution: options.Running,
 ) -> int:
     """Find the pushes and disturbances that a gait survives.
@@ -185,12 +187,10 @@ def robustness(
 @app.command(rich_help_panel=options.CHECK, epilog=f"Exit status: 0 explained; {options.EXITS}")
 @grouped
 def explain(
-    run: Annotated[
-        str | None, typer.Argument(help="Gait, or the folder of a run.", metavar="GAIT|RUN")
-    ] = None,
+    run: str | None = typer.Argument(None, help="Gait, or the folder of a run.", metavar="GAIT|RUN"),
     *,
     walk: options.WalkOptions,
-    steps: options.Steps = None,
+    steps: int | None = options.STEPS,
     disturbing: options.Disturbing,
     execution: options.Running,
 ) -> int:
@@ -202,7 +202,7 @@ def explain(
     """
     from validation.study.explain import explain as study
 
-    is_folder = run is not None and Path(run).is_dir()
+    is_folder = run is not None and names_folder(run)
     found = study(
         run if is_folder else walk.request(run, steps),
         walk.changes(steps) if is_folder else (),

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
@@ -26,13 +26,13 @@ EPILOG = (
 @app.command(rich_help_panel=options.WALK, epilog=EPILOG)
 @grouped
 def validate(
-    gaits: options.Gaits = None,
+    gaits: list[str] | None = options.GAITS,
     *,
     walk: options.WalkOptions,
     length: options.Length,
     disturbing: options.Disturbing,
     judging: options.Judging,
-    uncertainty: options.Uncertainty = None,
+    uncertainty: list[Path] | None = options.UNCERTAINTY,
     result: options.Result,
 ) -> int:
     """Plan, walk, measure and judge gaits: the trial.
@@ -112,7 +112,7 @@ def status_of(summary: Mapping[str, Any]) -> Status:
 
 
 @app.command(rich_help_panel=options.CHECK)
-def replay(directory: options.RunFolder) -> int:
+def replay(directory: Path = options.RUN_FOLDER) -> int:
     """Repeat a run from its recorded torques, to the bit.
 
     The engine steps again from the recorded start, without the controller. Every bit of states, contacts and
@@ -130,29 +130,23 @@ def replay(directory: options.RunFolder) -> int:
 
 @app.command(rich_help_panel=options.LOOK)
 def report(
-    directory: Annotated[
-        Path, typer.Argument(help="Folder of a run, a comparison of walks, or a sweep.", metavar="DIR")
-    ],
-    figures: Annotated[
-        Path | None, option("--figures", "Write the figures of the page for a paper, not the page.", "DIR")
-    ] = None,
-    form: Annotated[str, option("--format", "Format of the figures.", "pdf|svg|pgf")] = "pdf",
-    width: Annotated[str, option("--width", "Width of a column; wide figures span two.", "88mm")] = "88mm",
-    tables: Annotated[
-        str | None,
-        option("--tables", "Write the page's tables, too; without --figures print them.", "tex|md|csv"),
-    ] = None,
-    evidence: Annotated[
-        Path | None, option("--evidence", "Write the evidence of a run, not the page.", "FILE.zip")
-    ] = None,
-    study: Annotated[
-        list[Path] | None,
-        option(
-            "--study",
-            "A study for --evidence: robustness, a comparison of engines, a judged log. Repeatable.",
-            "DIR",
-        ),
-    ] = None,
+    directory: Path = typer.Argument(
+        ..., help="Folder of a run, a comparison of walks, or a sweep.", metavar="DIR"
+    ),
+    figures: Path | None = option(
+        "--figures", "Write the figures of the page for a paper, not the page.", "DIR"
+    ),
+    form: str = option("--format", "Format of the figures.", "pdf|svg|pgf", default="pdf"),
+    width: str = option("--width", "Width of a column; wide figures span two.", "88mm", default="88mm"),
+    tables: str | None = option(
+        "--tables", "Write the page's tables, too; without --figures print them.", "tex|md|csv"
+    ),
+    evidence: Path | None = option("--evidence", "Write the evidence of a run, not the page.", "FILE.zip"),
+    study: list[Path] | None = option(
+        "--study",
+        "A study for --evidence: robustness, a comparison of engines, a judged log. Repeatable.",
+        "DIR",
+    ),
 ) -> int:
     """Write the report of a run, a comparison or a sweep again from its files, or its figures for a paper.
 

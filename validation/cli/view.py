@@ -6,7 +6,6 @@ import shutil
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -24,14 +23,12 @@ RECORDING_FILE, SUMMARY_FILE = "recording.rrd", "summary.json"
 
 @app.command(rich_help_panel=options.LOOK)
 def view(
-    targets: Annotated[
-        list[Path], typer.Argument(help="Folders of runs, or one recording to show.", metavar="DIR|FILE.rrd")
-    ],
-    save: Annotated[
-        Path | None, option("--save", "Write what would be shown; opens nothing.", "FILE.rrd")
-    ] = None,
-    web: Annotated[bool, option("--web", "Show it in a web browser.")] = False,
-    force: Annotated[bool, option("--force", "Replace an earlier file at --save.")] = False,
+    targets: list[Path] = typer.Argument(
+        ..., help="Folders of runs, or one recording to show.", metavar="DIR|FILE.rrd"
+    ),
+    save: Path | None = option("--save", "Write what would be shown; opens nothing.", "FILE.rrd"),
+    web: bool = option("--web", "Show it in a web browser."),
+    force: bool = option("--force", "Replace an earlier file at --save."),
 ) -> int:
     """Open recordings in the Rerun viewer, one or several.
 

@@ -156,7 +156,7 @@ def recovery_time(walk: Comparison, limits: Mapping[str, float]) -> float | None
     within = np.ones(max(record.steps - step + 1, 0), dtype=bool)  # of the steps that begin at each instant
     if not within.size:
         return math.inf
-    for name, (value, reference) in signal_pairs(walk.planned, walk.measured, record).items():
+    for name, (value, reference) in signal_pairs(walk.sample, walk.measured, record).items():
         error = np.nan_to_num(np.abs(value - reference), nan=np.inf)
         for statistic in ("rmse", "maximum"):
             limit = limits.get(f"{name}_{statistic}", math.inf)

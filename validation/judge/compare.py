@@ -27,7 +27,7 @@ from validation.trial.followed import LEADS, Followed
 from validation.trial.frozen_plan import FrozenPlan, PlanRows
 from validation.trial.record import SimulationRecord
 from validation.trial.shapes import Shapes
-from validation.trial.unplanned import MeasuredSupports, heading_velocity
+from validation.trial.unplanned import heading_velocity, measured_supports
 
 RUN = "run"
 """The window that is judged: the run without its first step, or all of it if it begins at rest."""
@@ -117,7 +117,8 @@ class Comparison(Brief):
     plan: WalkPlan  # that was walked, the first one if it moved
     record: SimulationRecord  # of the simulation
     measured: MeasuredGait  # measurement of the record, independent of the plan
-    planned: PlanRows  # of the measured instants t_k, K of them, as it stood `followed.lead` before
+    # the plan that is judged, at the measured instants t_k, K of them, as it stood `followed.lead` before
+    sample: PlanRows
     rows: Mapping[str, Rows]  # window to rows, shape (K,); phases and contacts divide :data:`RUN`
     scales: Mapping[str, float]  # `body_weight` [N], `foot_length` [m], `mass_height_velocity` [N m s]
     signals: Mapping[str, Mapping[str, Statistics]]  # by signal and window
@@ -128,11 +129,6 @@ class Comparison(Brief):
     # RMS error of every signal in the judged window, by how long before the plan stood, see `LEADS`
     ahead: Mapping[float, Mapping[str, float]]
     first: PlanSample | None = None  # the first plan at the same instants; None if the plan did not move
-
-    @property
-    def sample(self) -> PlanSample:
-        """The plan that is judged, at the measured instants."""
-        return self.planned.sample
 
     @property
     def time(self) -> Array:
@@ -177,11 +173,11 @@ def compare(
     planned = valid = followed.at(time)
     first = None
     if followed.moved:
-        planned, first = followed.at(time, followed.lead), followed.plans[0].rows.at(time).sample
+        planned, first = followed.at(time, followed.lead), followed.plans[0].rows.at(time)
     command = plan.command
     if command is not None:
-        planned = valid = planned.without_plan(MeasuredSupports.of(record).stance)
-    phase = planned.sample.phase
+        planned = valid = planned.without_plan(measured_supports(record)[0])
+    phase = planned.phase
     run, feet = time >= plan.judged_from - 1e-9, measured.foot_contact.sum(axis=1)
     rows = {
         RUN: run,
@@ -201,7 +197,7 @@ def compare(
         "foot_length": plan.feet.sole.length,
     }
     costs: dict[str, Mapping[str, Any]] = {
-        "effort": feedback_effort(record, valid.sample, run),
+        "effort": feedback_effort(record, valid, run),
         "margins": margins(followed, record, measured, description, shapes),
         "energy": energy(record, run),
     }
@@ -227,14 +223,14 @@ def compare(
         plan=plan,
         record=record,
         measured=measured,
-        planned=planned,
+        sample=planned,
         rows=MappingProxyType(rows),
         scales=MappingProxyType(scales),
         signals=MappingProxyType(signals),
-        zmp_split=_split_zmp_error(planned.sample, measured, run),
+        zmp_split=_split_zmp_error(planned, measured, run),
         costs=MappingProxyType(costs),
         followed=followed,
-        valid=valid.sample,
+        valid=valid,
         ahead=MappingProxyType(ahead),
         first=first,
     )
@@ -244,14 +240,13 @@ def signal_pairs(
     planned: PlanRows, measured: MeasuredGait, record: SimulationRecord
 ) -> dict[str, tuple[Array, Array]]:
     """Measured and planned values of all :data:`SIGNALS`, both of shape (K,)."""
-    sample, feet = planned.sample, planned.feet
-    momentum = np.column_stack([sample.angular_momentum, planned.momentum_z])
+    feet, momentum = planned.feet, np.column_stack([planned.angular_momentum, planned.momentum_z])
     vectors = {
-        "zmp": (measured.zmp, sample.zmp),
-        "zmp_foot": _from_standing_foot(planned, measured, record.foot_forward[: len(sample)]),
-        "force": (measured.force, sample.force),
+        "zmp": (measured.zmp, planned.zmp),
+        "zmp_foot": _from_standing_foot(planned, measured, record.foot_forward[: len(planned)]),
+        "force": (measured.force, planned.force),
         "angular_momentum": (measured.angular_momentum, momentum),
-        "com": (measured.com, sample.com),
+        "com": (measured.com, planned.com),
         "left_foot": (measured.foot_position[:, 0], feet[:, :3]),
         "right_foot": (measured.foot_position[:, 1], feet[:, 3:]),
     }

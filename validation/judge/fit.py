@@ -79,28 +79,25 @@ class Strides(Brief):
         return np.diff(self.switches, axis=1)
 
 
-def cut_strides(log: Log, com_height: float | None = None, mass: float | None = None) -> tuple[Strides, int]:
+def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[Strides, int]:
     """Strides of a log that are alike in length and duration, and how many others it has.
 
     Args:
         log: with a ZMP.
         com_height: mean height of the COM over the floor [m], of a log without COM.
-        mass: of the body [kg]; that of the mean vertical force if None.
+        weighed: whether the log's weight is the body's, and not to be that of its mean vertical force.
 
     Raises:
         InputError: no ZMP, neither COM nor height or both, or too few strides that are alike.
     """
     if "zmp" not in log.signals:
         raise InputError(f"{log.name} has no centres of pressure; give zmp_x, _y, or those of both feet.")
-    if "com" not in log.signals and com_height is None:
-        raise InputError(f"{log.name} has no COM; give com_x, _y, _z, or its mean height (--com-height).")
-    if "com" in log.signals and com_height is not None:
-        raise InputError(f"{log.name} has a COM; leave its height out, or its columns.")
+    if ("com" in log.signals) == (com_height is not None):
+        what = "a COM; leave its height out" if com_height else "no COM; give its mean height (--com-height)"
+        raise InputError(f"{log.name} has {what}, or the columns com_x, _y, _z.")
     share = left_share(log)
     left, right = take_overs(log.time, share), take_overs(log.time, 1.0 - share)
-    if mass is not None:
-        log = replace(log, weight=mass * GRAVITY)
-    elif len(left) > 1:
+    if not weighed and len(left) > 1:
         strides_only = (log.time >= left[0]) & (log.time < left[-1])
         log = replace(log, weight=float(log.signals["force"][strides_only, 2].mean()))
     found = []
@@ -116,9 +113,10 @@ def cut_strides(log: Log, com_height: float | None = None, mass: float | None = 
     chosen = [stride for stride, kept in zip(found, alike, strict=True) if kept]
     if len(chosen) < _LEAST_STRIDES:
         raise InputError(
-            f"{log.name} has {len(chosen)} whole strides alike in length and duration, and a fit needs "
-            f"{_LEAST_STRIDES}; the left foot takes half of the weight at {len(left)} instants in "
-            f"{np.ptp(log.time):.3g} s. Give a longer log of steady walking along x, without gaps."
+            f"{log.name} has too few whole strides alike in length and duration, {len(chosen)} of the "
+            f"{_LEAST_STRIDES} or more that a fit needs; the left foot takes half of the weight at "
+            f"{len(left)} instants in {np.ptp(log.time):.3g} s. Give a longer log of "
+            "steady walking along x, without gaps."
         )
     arrays = {item.name: np.array([stride[item.name] for stride in chosen]) for item in fields(Strides)[:-1]}
     return Strides(**arrays, weight=log.weight), len(found) - len(chosen)

@@ -79,14 +79,6 @@ class Metric:
         return self.kind == "instrument" and self.nature != "count"
 
 
-@dataclass(frozen=True)
-class MetricValue:
-    """Value of a metric."""
-
-    value: float  # NaN if it could not be measured
-    unit: str  # SI unit
-
-
 def spaced(name: str) -> str:
     """Readable name made from an identifier."""
     return name.replace("_", " ")

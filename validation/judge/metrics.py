@@ -19,7 +19,6 @@ from validation.judge.built_in import COMPUTED, recovery_time
 from validation.judge.built_in import rms as rms
 from validation.judge.compare import RUN, SIGNALS, Comparison
 from validation.judge.metric import Metric as Metric
-from validation.judge.metric import MetricValue as MetricValue
 from validation.judge.metric import display_unit as display_unit
 from validation.judge.metric import limit_in_si, share_of_default, spaced
 from validation.table import own_rows
@@ -79,14 +78,11 @@ def load_metric(text: str) -> Metric:
     return metric if METRICS.get(metric.name) is metric else register(metric)
 
 
-def evaluate(walk: Comparison, metrics: Iterable[Metric] | None = None) -> dict[str, MetricValue]:
-    """Value of every metric that the walk has, by name; of all registered ones by default."""
-    found = {}
-    for metric in METRICS.values() if metrics is None else metrics:
-        value = _compute(metric, walk)
-        if value is not None:
-            found[metric.name] = MetricValue(value, metric.unit)
-    return found
+def evaluate(walk: Comparison, metrics: Iterable[Metric] | None = None) -> dict[str, float]:
+    """Value of every metric that the walk has, by name, in its SI unit; of all registered ones by default."""
+    wanted = METRICS.values() if metrics is None else metrics
+    found = ((metric.name, _compute(metric, walk)) for metric in wanted)
+    return {name: value for name, value in found if value is not None}
 
 
 def _compute(metric: Metric, walk: Comparison) -> float | None:

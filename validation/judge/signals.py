@@ -9,7 +9,6 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from validation.judge.compare import PARTS, Comparison
-from validation.measure.measure import MeasuredGait
 from validation.store.signals import KINDS
 from validation.trial.record import state_steps
 from validation.trial.unplanned import heading_velocity
@@ -30,13 +29,8 @@ def kept_rows(steps: int, time_step: float) -> slice:
     return slice(None, None, least)
 
 
-def measured_columns(measured: MeasuredGait, rows: slice = ALL) -> dict[str, NDArray[Any]]:
-    """The columns that do not depend on the plan, shape (n,) each; NaN where nothing was measured."""
-    return _columns({"measured": measured}, rows)
-
-
-def _columns(things: Mapping[str, Any], rows: slice) -> dict[str, NDArray[Any]]:
-    """The columns whose values are attributes of some things, shape (n,) each."""
+def columns_of(things: Mapping[str, Any], rows: slice) -> dict[str, NDArray[Any]]:
+    """The columns whose values are attributes of some things by name, such as `measured`, shape (n,) each."""
     found: dict[str, NDArray[Any]] = {}
     for kind in KINDS:
         thing, _, attribute = kind.source.partition(".")
@@ -57,7 +51,6 @@ def signals_table(walk: Comparison, rows: slice = ALL) -> pa.Table:
         "measured": walk.measured,
         "record": walk.record,
         "plan": walk.sample,
-        "planned": walk.planned,
         "error": SimpleNamespace(parts=parts),
     }
     if walk.first is not None:
@@ -66,7 +59,7 @@ def signals_table(walk: Comparison, rows: slice = ALL) -> pa.Table:
         asked = np.array([command.at(at) for at in walk.time.tolist()]).reshape(-1, 3)
         both = np.stack([asked, heading_velocity(walk.record)], axis=1)
         things["heading"] = SimpleNamespace(velocity=both[:, :, :2], yaw_rate=both[:, :, 2])
-    columns = _columns(things, rows)
+    columns = columns_of(things, rows)
     return pa.table(
         {name: pa.array(np.ascontiguousarray(values), from_pandas=True) for name, values in columns.items()}
     )

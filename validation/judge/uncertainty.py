@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, NonNegativeFloat
+from pydantic import NonNegativeFloat, TypeAdapter, create_model
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
@@ -63,20 +63,15 @@ class Uncertainty:
         return ""
 
 
-class _File(BaseModel):
-    """What is read of the file."""
-
-    uncertainty: Uncertainty
-
-
 def load_uncertainty(path: Path) -> Uncertainty:
     """Read the ``convergence.json`` that ``ampm convergence`` wrote, or of a folder.
 
     Raises InputError if it cannot.
     """
     file = path / FILE if path.is_dir() else path
-    table = read_json(file, _File, f"give --uncertainty the {FILE} that 'ampm convergence --out' writes")
-    found = _File.model_validate(table).uncertainty
+    kind = create_model("File", uncertainty=Uncertainty)
+    table = read_json(file, kind, f"give --uncertainty the {FILE} that 'ampm convergence --out' writes")
+    found = TypeAdapter(Uncertainty).validate_python(table["uncertainty"])
     if not found.values:
         raise InputError(f"--uncertainty {file} holds no metrics: its walk did not complete; study again.")
     return found

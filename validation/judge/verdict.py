@@ -13,7 +13,7 @@ from ampm.exceptions import InputError
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.judge.built_in import has_qp
 from validation.judge.compare import SIGNALS, Comparison, statistics_table
-from validation.judge.metrics import METRICS, MetricValue, display_unit
+from validation.judge.metrics import METRICS, display_unit
 from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.store.json import json_ready
@@ -36,7 +36,7 @@ class MetricResult:
     """One metric, judged or only reported."""
 
     name: str  # metric
-    of: MetricValue  # its value, in SI units, NaN if there is none
+    value: float  # measured, in SI units, NaN if there is none
     tolerance: float | None  # largest value that passes, in SI units; None if the profile has none
     reason: str  # of the tolerance, empty if there is none
     factor: float  # from SI to `display_unit`
@@ -51,11 +51,6 @@ class MetricResult:
     def label(self) -> str:
         """Readable name."""
         return METRICS[self.name].label
-
-    @property
-    def value(self) -> float:
-        """Measured value, in SI units."""
-        return self.of.value
 
     @property
     def bound(self) -> float:
@@ -108,7 +103,7 @@ class MetricResult:
             "label": self.label,
             "kind": METRICS[self.name].kind,
             "value": self.value,
-            "unit": self.of.unit,
+            "unit": METRICS[self.name].unit,
             "tolerance": self.tolerance,
             "pass": self.passed,
             "margin": self.margin,
@@ -155,7 +150,7 @@ class Verdict(Brief):
 
 
 def judge(
-    metrics: Mapping[str, MetricValue],
+    metrics: Mapping[str, float],
     profile: Profile,
     scales: Mapping[str, float],
     uncertainty: Uncertainty | None = None,
@@ -166,7 +161,7 @@ def judge(
     """Compare metrics with a profile; those of a walk that did not complete are reported, not judged.
 
     Args:
-        metrics: name to value. A tolerance on a metric that is not among them does not apply.
+        metrics: name to value in SI units. A tolerance on a metric that is not among them does not apply.
         profile: tolerances.
         scales: ``body_weight`` [N] and ``foot_length`` [m], as :attr:`Comparison.scales` has them.
         uncertainty: a metric whose distance to its tolerance is below its numerical uncertainty, or its
@@ -179,24 +174,24 @@ def judge(
     known = uncertainty or Uncertainty("", 0, {})
     results = []
     for name in dict.fromkeys([*limits, *metrics]):
-        of, limit = metrics[name], limits.get(name)
-        factor, unit = display_unit(of.unit, scales["body_weight"])
+        value, limit = metrics[name], limits.get(name)
+        factor, unit = display_unit(METRICS[name].unit, scales["body_weight"])
         results.append(
             MetricResult(
                 name=name,
-                of=of,
+                value=value,
                 tolerance=None if limit is None else float(limit.limit_for(scales)),
                 reason="" if limit is None else limit.reason,
                 factor=factor,
                 display_unit=unit,
                 uncertainty=known.values.get(name),
                 spread=known.spreads.get(name),
-                judged=limit is not None and not ended and not math.isnan(of.value),
+                judged=limit is not None and not ended and not math.isnan(value),
             )
         )
     if ended:
         return Verdict(VerdictName.NOT_MEASURED, profile.name, ended, tuple(results))
-    missing = [name for name in limits if math.isnan(metrics[name].value)]
+    missing = [name for name in limits if math.isnan(metrics[name])]
     lacking = [name for name in missing if not (is_log and METRICS[name].kind == "instrument")]
     verdict, reason = _conclude(results, lacking, len(limits) - len(missing), is_log=is_log)
     if verdict is VerdictName.NOT_MEASURED and not is_log:
@@ -301,9 +296,7 @@ def judge_summary(summary: Mapping[str, Any], profile: Profile, ended: str = "")
         """Numbers of the summary, in which infinity is a word."""
         return {name: float(item[key]) for name, item in entries.items() if item.get(key) is not None}
 
-    values = of("value")
-    metrics = {name: MetricValue(values.get(name, math.nan), item["unit"]) for name, item in entries.items()}
-    known = None
+    metrics, known = {**dict.fromkeys(entries, math.nan), **of("value")}, None
     if study := summary.get("uncertainty"):
         known = Uncertainty(study["gait"], study["steps"], of("uncertainty"), of("spread"))
     verdict = judge(metrics, profile, summary["scales"], known, ended=ended, is_log="log" in summary)

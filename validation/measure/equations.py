@@ -8,7 +8,6 @@ only the six of the momentum.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,10 +16,8 @@ from numpy.typing import NDArray
 
 from ampm.brief import Brief
 from ampm.geometry import Array
-from validation.trial.passive import PassiveJoints
+from validation.trial.coordinates import PassiveJoints, to_pinocchio
 from validation.trial.record import SimulationRecord, stored_rows
-
-ToPinocchio = Callable[[Array, Array], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -39,23 +36,17 @@ class Equations(Brief):
     change: float  # median over the steps of the largest change of velocity, for comparison
 
 
-def check_equations(
-    record: SimulationRecord,
-    model: pin.Model,
-    passive: PassiveJoints,
-    to_pinocchio: ToPinocchio,
-) -> Equations:
+def check_equations(record: SimulationRecord, model: pin.Model, passive: PassiveJoints) -> Equations:
     """Hold a step every 10 ms, and the last one, to the equations of motion.
 
-    The model is the simulated body, with armature and gravity, a free root first; ``to_pinocchio`` turns
-    MuJoCo's (q, qd) into Pinocchio's (q, v).
+    The model is the simulated body, with armature and gravity, a free root first.
     """
     rows = np.minimum(stored_rows(record.steps, record.time_step), record.steps - 1)
     rows = np.unique(rows[rows >= 0])
     if not len(rows):
         return Equations(0, math.nan, math.nan, "", math.nan, math.nan)
     dt, change = record.time_step, record.qd[rows + 1] - record.qd[rows]
-    size = np.abs(_defects(record, model, passive, to_pinocchio, rows))
+    size = np.abs(_defects(record, model, passive, rows))
     row, column = divmod(int(np.argmax(size)), size.shape[1])
     root = [f"root {what} {axis}" for what in ("velocity", "rate") for axis in "xyz"]  # in its own axes
     return Equations(
@@ -69,11 +60,7 @@ def check_equations(
 
 
 def _defects(
-    record: SimulationRecord,
-    model: pin.Model,
-    passive: PassiveJoints,
-    to_pinocchio: ToPinocchio,
-    rows: NDArray[np.intp],
+    record: SimulationRecord, model: pin.Model, passive: PassiveJoints, rows: NDArray[np.intp]
 ) -> Array:
     """Recorded change of velocity less that by the equations, shape (n, nv) [m/s, rad/s].
 

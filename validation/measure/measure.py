@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array, blocks, polygon_margin
-from validation.measure.equations import Equations, ToPinocchio, check_equations
-from validation.trial.passive import PassiveJoints
+from validation.measure.equations import Equations, check_equations
+from validation.trial.coordinates import PassiveJoints, to_pinocchio
 from validation.trial.record import SimulationRecord, support_height
 
 LEAST_SUPPORT = 0.01
@@ -89,12 +89,7 @@ class MeasuredGait(Brief):
         return self.mass * self.gravity
 
 
-def measure(
-    record: SimulationRecord,
-    model: pin.Model,
-    to_pinocchio: ToPinocchio,
-    passive: PassiveJoints | None = None,
-) -> MeasuredGait:
+def measure(record: SimulationRecord, model: pin.Model, passive: PassiveJoints | None = None) -> MeasuredGait:
     """Measure a run.
 
     The force of step k acts at q_k and turns v_k, the velocity that brought the body from q_(k-1) to q_k,
@@ -107,7 +102,6 @@ def measure(
     Args:
         record: the run.
         model: Pinocchio's model of the same body, free-flyer root.
-        to_pinocchio: turns MuJoCo's (q, qd), shape (N, nq) and (N, nv), into Pinocchio's (q, v).
         passive: springs and dampers of the body, for the equations of motion; without them these are not
             checked, and neither are they if a joint has dry friction, whose force is not recorded.
 
@@ -125,9 +119,9 @@ def measure(
     soles = _soles(record)
     floor, force = soles["floor"], soles["foot_force"].sum(axis=1)
     zmp = centre_of_pressure(force, soles["foot_torque"].sum(axis=1), least, floor)
-    com_pin, com_velocity, momentum = _centroidal(model, to_pinocchio, record.q, record.qd)
+    com_pin, com_velocity, momentum = _centroidal(model, record.q, record.qd)
     departed = np.concatenate([_step_back(record.q[:1], record.qd[:1], dt), record.q[:-1]])
-    _, departing_velocity, departing_momentum = _centroidal(model, to_pinocchio, departed, record.qd)
+    _, departing_velocity, departing_momentum = _centroidal(model, departed, record.qd)
     momentum_rate = np.diff(departing_momentum, axis=0) / dt
     momentum_force = mass * (np.diff(departing_velocity, axis=0) / dt + np.array([0.0, 0.0, gravity]))
     lifted = 0.0
@@ -148,7 +142,7 @@ def measure(
         else float("nan"),
         equations=None
         if passive is None or passive.friction.any()
-        else check_equations(record, model, passive, to_pinocchio),
+        else check_equations(record, model, passive),
     )
     return MeasuredGait(
         **soles,
@@ -215,9 +209,7 @@ def _soles_of(record: SimulationRecord, rows: slice) -> dict[str, Any]:
     return {**found, "floor": floor, "point_contact": contact}
 
 
-def _centroidal(
-    model: pin.Model, to_pinocchio: ToPinocchio, q: Array, qd: Array
-) -> tuple[Array, Array, Array]:
+def _centroidal(model: pin.Model, q: Array, qd: Array) -> tuple[Array, Array, Array]:
     """COM, its velocity and the angular momentum about it for every row of MuJoCo's, each shape (N, 3)."""
     data = model.createData()
     com, velocity, momentum = np.empty((3, len(q), 3))

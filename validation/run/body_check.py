@@ -17,7 +17,7 @@ from ampm.tune.tuning import NoFeasibleChoice
 from models.scene import Findings
 from validation.judge.margins import largest_tilt, tilt_warnings
 from validation.progress import Progress
-from validation.trial.bridge import to_mujoco
+from validation.trial.coordinates import to_mujoco
 from validation.trial.plan import PlannedWalk, Request, load_request, make_body, tune_walk
 from validation.trial.simulate import simulate
 

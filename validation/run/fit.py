@@ -28,9 +28,7 @@ from validation.run.judge_log import log_columns
 from validation.show.fit import LABELS, fit_page, shown_in
 from validation.store.folders import check_target
 from validation.store.json import write_json
-from validation.store.saved import load_saved_run
 from validation.table import Table, Tabled, format_number
-from validation.trial.record import FEET
 
 _FILES = ("fit.json", "gait.toml", "report.html")
 _STATURE = 1.70 / 0.865
@@ -145,11 +143,9 @@ def fit_log(
     for what, value in (("mass", mass), ("com_height", com_height)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{what} = {value:g} must be a finite number greater than 0.")
-    folder = Path(table) if isinstance(table, str | Path) and Path(table).is_dir() else None
-    signals, name = log_columns(table if folder is None else _of_run(folder), columns)
-    name = name if folder is None else folder.name
+    signals, name = log_columns(table, columns)
     log = read_log(signals, None if mass is None else mass * GRAVITY, name)
-    strides, others = cut_strides(log, com_height, mass)
+    strides, others = cut_strides(log, com_height, weighed=mass is not None)
     least, most = (f"{force / strides.weight:.1%}" for force in (strides.upward.min(), strides.upward.max()))
     error = 1e3 * float(np.sqrt(np.mean(strides.com_error**2)))
     notes = [
@@ -163,14 +159,6 @@ def fit_log(
     found = constants(strides)
     gait, why = _gait(found, strides.weight / GRAVITY)
     return Fit(name, strides, found, scores(strides, explained(strides)), gait, [*notes, *why])
-
-
-def _of_run(folder: Path) -> Mapping[str, Any]:
-    """What was measured of a run, as a log."""
-    signals = load_saved_run(folder).signals.columns
-    own = ("time", *(f"{foot}_force" for foot in FEET))
-    names = {name: name.removeprefix("measured_") for name in signals if name.startswith(("measured_", *own))}
-    return {new: signals[old] for old, new in names.items()}
 
 
 def _gait(found: Mapping[str, Constant], mass: float) -> tuple[RunParameters | None, list[str]]:

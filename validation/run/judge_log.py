@@ -23,8 +23,10 @@ from validation.measure.readers import reader_of
 from validation.progress import Progress
 from validation.run.trial import Trial
 from validation.run.walk import timed
+from validation.store.folders import names_folder
 from validation.store.saved import RUN_FILE, SavedRun, load_saved_run
 from validation.trial.plan import Request, load_request, plan_walk
+from validation.trial.record import FEET
 from validation.trial.users import SUFFIXES, read_columns
 
 
@@ -42,7 +44,7 @@ def judge_log(
     """Compare a log of measured signals with a plan, by the metrics and limits of a walk of its preset.
 
     Args:
-        table: CSV or Parquet file, or columns by name; see :mod:`validation.measure.log`.
+        table: CSV or Parquet file, columns by name (:mod:`validation.measure.log`), or the folder of a run.
         plan: parameters, preset, TOML file, folder of a run, or table of a plan.
         columns: sources of columns that have other names or units, see
             :func:`validation.measure.columns.map_columns`.
@@ -74,10 +76,10 @@ def judge_log(
         measured = measure_log(log, walked.mass, walked.gravity)
         record = log_record(log, measured, _steps(log, walked))
         comparison = compare(walked, record, measured)
-        metrics = MappingProxyType(evaluate(comparison))
+        values = MappingProxyType(evaluate(comparison))
     planned = replace(planned, request=replace(planned.request, name=f"{log.name} on {planned.name}"))
     extra = {"log": facts} | ({"planner": planned.planner} if planned.planner else {})
-    return Trial(planned, comparison, metrics, own_profile(request.name, request.run), seconds, extra)
+    return Trial(planned, comparison, values, own_profile(request.name, request.run), seconds, extra)
 
 
 def judge_run(directory: str | Path, profile: Profile | str | None = None) -> SavedRun:
@@ -97,13 +99,20 @@ def judge_run(directory: str | Path, profile: Profile | str | None = None) -> Sa
 def log_columns(
     table: str | Path | Mapping[str, Any], mapping: Mapping[str, str] | None = None
 ) -> tuple[dict[str, Any], str]:
-    """Columns of a log by name, after a mapping, and its name."""
+    """Columns of a log by name, after a mapping, and its name; of a run's folder what was measured."""
     if not isinstance(table, str | Path):
         return map_columns(table, mapping or {}), "the log"
     path = Path(table)
-    if path.is_dir():
-        raise InputError(f"{path} is a folder; judge_run judges the folder of a run, judge_log a table.")
-    return map_columns((reader_of(path) or read_columns)(path), mapping or {}), path.name
+    read = _measured if names_folder(path) else reader_of(path) or read_columns
+    return map_columns(read(path), mapping or {}), path.name
+
+
+def _measured(folder: Path) -> dict[str, Any]:
+    """What was measured of a run, as a log."""
+    signals = load_saved_run(folder).signals.columns
+    own = ("time", "command", *(f"{foot}_force" for foot in FEET))
+    names = {name: name.removeprefix("measured_") for name in signals if name.startswith(("measured_", *own))}
+    return {new: signals[old] for old, new in names.items()}
 
 
 def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Request:
@@ -112,7 +121,7 @@ def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Reque
         request = load_request(plan)
     elif Path(plan).suffix in SUFFIXES:
         request = load_request(None, [*settings, f"gait.planner='{Path(plan).resolve()}'"])
-    elif Path(plan).is_dir():
+    elif names_folder(plan):
         gait = load_saved_run(plan).summary["gait"]
         request = replace(load_request(str(Path(plan) / RUN_FILE), settings), name=gait)
     else:

@@ -21,14 +21,13 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from models.scene import BodyModel
 from validation.judge.compare import PARTS
-from validation.judge.signals import kept_rows, measured_columns
+from validation.judge.signals import columns_of, kept_rows
 from validation.measure.measure import MeasuredGait, measure
 from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.store.record import record_tables
 from validation.store.saved import ENVIRONMENT_FILE, SavedRun, load_saved_run
 from validation.store.signals import SIGNALS_FILE, Signals
-from validation.trial.bridge import to_pinocchio
 from validation.trial.disturbances import Plant, Recorded
 from validation.trial.log import RunLog
 from validation.trial.physics import Physics, quiet_mujoco
@@ -80,7 +79,7 @@ def replay(directory: str | Path, *, progress: Progress | None = None) -> Replay
     with progress.stage("replay", "steps") as stage:
         again = step_again(physics, saved.record, stage.advance)
     with progress.stage("measurement"):
-        measured = measure(again, physics.robot.model, to_pinocchio)
+        measured = measure(again, physics.robot.model)
         found = _first_difference(saved, again, measured)
     return found if found.identical else replace(found, note=_note(saved.directory / ENVIRONMENT_FILE))
 
@@ -156,7 +155,7 @@ def _tables(
     every = kept_rows(record.steps, record.time_step)
     if len(stored) != (count := len(range(record.steps)[every])):
         raise InputError(f"{SIGNALS_FILE} is damaged: it should have {count} rows; walk the gait again.")
-    held = measured_columns(measured, every)
+    held = columns_of({"measured": measured}, every)
     yield SIGNALS_FILE, {name: stored[name] for name in held}, held
     if not record.changes:
         time, names = held["time"], ("sum of zmp_error_x", "sum of zmp_error_y")

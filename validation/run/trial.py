@@ -11,12 +11,11 @@ from ampm.parameters import RunParameters
 from ampm.run_file import dump_run
 from ampm.walk import WalkPlan
 from validation.judge.compare import Comparison
-from validation.judge.metrics import MetricValue
 from validation.judge.profiles import Profile
 from validation.judge.profiles import profile as find_profile
 from validation.judge.signals import kept_rows, signals_table
 from validation.judge.uncertainty import Uncertainty
-from validation.judge.verdict import Verdict, build_summary, judge
+from validation.judge.verdict import MetricResult, Verdict, build_summary, judge
 from validation.measure.measure import MeasuredGait
 from validation.progress import Progress
 from validation.show.cost_table import cost_table
@@ -47,7 +46,7 @@ class Trial(Tabled):
 
     planned: PlannedWalk  # request, plan and body
     comparison: Comparison  # of measurement and plan
-    metrics: Mapping[str, MetricValue]  # of every metric of this walk, judged or not
+    values: Mapping[str, float]  # by metric of this walk, judged or not, in SI units
     profile: Profile  # tolerances
     seconds: Mapping[str, float]  # wall-clock time of `simulation`, `measurement` and `planning`
     extra: Mapping[str, Any]  # entries of the summary beside the usual ones, such as a controller's name
@@ -58,7 +57,7 @@ class Trial(Tabled):
         """Judge the metrics."""
         scales, ended = self.comparison.scales, self.record.outcome.ending
         found = judge(
-            self.metrics, self.profile, scales, self.uncertainty, ended=ended, is_log="log" in self.extra
+            self.values, self.profile, scales, self.uncertainty, ended=ended, is_log="log" in self.extra
         )
         object.__setattr__(self, "verdict", found)
 
@@ -81,6 +80,11 @@ class Trial(Tabled):
     def tables(self) -> list[Table]:
         """What was judged; effort and margins."""
         return [self.table(), cost_table(self.summary)]
+
+    @property
+    def metrics(self) -> Mapping[str, MetricResult]:
+        """Every metric of this walk, judged or not, by name."""
+        return {item.name: item for item in self.verdict.metrics}
 
     @property
     def record(self) -> SimulationRecord:

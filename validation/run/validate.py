@@ -18,6 +18,7 @@ from validation.run.trial import draw_run, write_inputs, write_results
 from validation.run.walk import timed, walk_planned
 from validation.store.folders import check_run_folder, run_folder
 from validation.store.record import save_record
+from validation.store.saved import read_summary
 from validation.trial.disturbances import Disturbance
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, plan_walk
@@ -101,6 +102,7 @@ def validate(
         if recording and not interruption.pending:
             try:  # a failure here must not lose the run's folder
                 draw_run(folder, request.name, progress)
+                summary = read_summary(folder)  # with the digest of the recording
                 interruption.check()
             except (Exception, KeyboardInterrupt) as error:
                 error.add_note(f"the run itself is complete in {target}, and 'ampm report' draws it again")

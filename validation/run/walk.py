@@ -23,7 +23,7 @@ from validation.judge.profiles import DEFAULT, Profile, own_profile
 from validation.measure.measure import measure
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
-from validation.trial.bridge import passive_joints, to_pinocchio
+from validation.trial.bridge import passive_joints
 from validation.trial.disturbances import Disturbance, describe
 from validation.trial.plan import PlannedWalk, load_request, make_body, plan_walk
 from validation.trial.record import SimulationRecord
@@ -120,17 +120,17 @@ def walk_planned(
         keep(record)
     with timed(taken, "measurement"), progress.stage(f"{planned.name}: measurement"):
         passive = passive_joints(planned.scene.model.compile())
-        measured = measure(record, planned.scene.robot.model, to_pinocchio, passive)
+        measured = measure(record, planned.scene.robot.model, passive)
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
-        metrics = MappingProxyType(evaluate(comparison))
+        values = MappingProxyType(evaluate(comparison))
     unusual = run.disturbance.model_dump(exclude_defaults=True)
     sensors = run.sensors.model_dump(exclude_defaults=True)
     unusual |= {f"sensors.{key}": value for key, value in sensors.items()}
     texts = [f"{key} = {value!r}" for key, value in unusual.items()] + list(map(describe, disturbances))
     known = {"controller": record.controller, "planner": planned.planner, "disturbances": texts}
     extra = {name: value for name, value in known.items() if value}
-    return Trial(planned, comparison, metrics, profile, taken, extra)
+    return Trial(planned, comparison, values, profile, taken, extra)
 
 
 def compile_once() -> None:

@@ -2,21 +2,18 @@
 
 A run is written into a folder beside its target, ``<name>.partial-...``, and takes the target's name when it
 is complete, so a folder under its own name is always a whole run. If the program is killed before, the
-partial folder stays with the files written so far.
+partial folder stays with the files written so far, until it is removed by hand.
 """
 
 import errno
-import fcntl
-import glob
-import os
 import shutil
-import tempfile
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
 from ampm.exceptions import InputError
+from ampm.presets import PRESETS
 
 RUN_FILES = frozenset(
     {
@@ -41,6 +38,12 @@ RECORDED = "joints.parquet"
 """File whose presence makes a partial folder worth keeping."""
 
 
+def names_folder(text: str | Path) -> bool:
+    """Whether a text names a folder of results, there or not; the name of a preset never does."""
+    path = Path(text)
+    return str(text) not in PRESETS and (path.is_dir() or (len(path.parts) > 1 and not path.suffix))
+
+
 def check_target(
     target: Path,
     known: Collection[str] | None,
@@ -50,20 +53,18 @@ def check_target(
     marks: Collection[str] = (),
     way_out: str = "force (--force) to replace it",
 ) -> None:
-    """Refuse a folder that must not be written, or cannot be.
+    """Refuse a folder that must not be written.
 
     A result of a kind (``what``) holds no files but the ``known`` ones, None if others may stay beside it,
     and at least one of the ``marks``. With ``force``, an option that ``way_out`` names, an earlier one may be
     replaced, or gone on with.
 
     Raises:
-        InputError: it is a file, it is not empty and ``force`` is off or it holds something else, or nothing
-            can be written there.
+        InputError: it is a file, or it is not empty and ``force`` is off or it holds something else.
     """
     if not target.is_dir():
         if target.exists() or target.is_symlink():
             raise InputError(f"{target} is a file, not a folder; give another folder.")
-        _probe(target)
         return
     entries = {entry.name for entry in target.iterdir()}
     if entries and not force:
@@ -72,88 +73,50 @@ def check_target(
     if foreign or (entries and marks and not entries & set(marks)):
         holds = f"holds {foreign[0]!r}, which no {what} writes" if foreign else f"holds no {what}"
         raise InputError(f"{target} {holds}, so it is never replaced; give another folder.")
-    _probe(target)
 
 
 def check_run_folder(target: Path, *, force: bool) -> None:
     """Refuse a folder that a run must not be written into; see :func:`check_target`."""
     check_target(target, RUN_FILES, force=force, marks={"run.toml"})
+    if target.is_mount():
+        raise InputError(f"{target} is a mounted volume, which cannot be renamed; give a folder in it.")
 
 
-def _probe(target: Path) -> None:
-    """Test early that the target can be written, by a temporary file in its folder.
-
-    Raises InputError if not.
-    """
-    folder = target.absolute()
-    while not folder.exists():
-        folder = folder.parent
+def _make_folder(folder: Path) -> None:
+    """Create a folder with those above it; raises InputError if that cannot be."""
     try:
-        with tempfile.TemporaryFile(dir=folder):
-            pass
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{target} cannot be written ({error.strerror}); give another place.") from error
+        raise InputError(f"{folder} cannot be written ({error.strerror}); give another place.") from error
 
 
 @contextmanager
 def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
-    """Write a run folder atomically: the body of the ``with`` fills a partial folder.
+    """Write a run folder atomically: the body of the ``with`` fills a partial folder, renamed at the end.
 
-    A target that exists and is empty (such as a mounted volume) is filled in place, any other is renamed at
-    the end. An earlier run is replaced only with ``force``. On an exception the folder is kept if it holds a
-    record.
+    An earlier run is replaced only with ``force``. On an exception the folder is kept if it holds a record.
 
     Raises:
         InputError: see :func:`check_run_folder`, or the folder cannot be created.
     """
     target = target.resolve()
     check_run_folder(target, force=force)
-    _remove_leftovers(target)
-    in_place = target.is_dir() and not any(target.iterdir())
-    work = target if in_place else target.with_name(f"{target.name}.partial-{uuid4().hex[:8]}")
+    work = target.with_name(f"{target.name}.partial-{uuid4().hex[:8]}")
+    _make_folder(work)
     try:
-        work.mkdir(parents=True, exist_ok=in_place)
-    except OSError as error:
-        raise InputError(f"{target} cannot be created ({error.strerror}); give another folder.") from error
-    with _locked(work):
-        try:
-            yield work
-        except BaseException as error:
-            if (work / RECORDED).exists():
-                error.add_note(f"what was recorded is in {work}")
-            elif in_place:
-                for name in RUN_FILES:
-                    (work / name).unlink(missing_ok=True)
-            else:
-                shutil.rmtree(work, ignore_errors=True)
-            raise
-    if in_place:
-        return
+        yield work
+    except BaseException as error:
+        if (work / RECORDED).exists():
+            error.add_note(f"what was recorded is in {work}")
+        else:
+            shutil.rmtree(work, ignore_errors=True)
+        raise
     check_run_folder(target, force=force)  # something may have appeared there in the meantime
     old = work.with_name(f"{work.name}.old")
     if target.exists():
         target.rename(old)
     work.rename(target)
     shutil.rmtree(old, ignore_errors=True)
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Lock a folder; the lock ends with this process in any case."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-    finally:
-        os.close(handle)
-
-
-def _remove_leftovers(target: Path) -> None:
-    """Remove partial folders of a target that a killed process left, unless they hold a record."""
-    for work in target.parent.glob(f"{glob.escape(target.name)}.partial-*"):
-        with suppress(OSError), _locked(work):
-            if not (work / RECORDED).exists() and {path.name for path in work.iterdir()} <= RUN_FILES:
-                shutil.rmtree(work)
 
 
 def disk_is_full(error: BaseException) -> bool:
@@ -169,8 +132,8 @@ def output_file(target: Path, *, force: bool = True) -> Iterator[Path]:
     """
     check_output_file(target, force=force)
     work = target.with_name(f".{target.stem}-{uuid4().hex[:8]}{target.suffix}")
+    _make_folder(target.parent)
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         yield work
         work.replace(target)
     finally:
@@ -178,12 +141,11 @@ def output_file(target: Path, *, force: bool = True) -> Iterator[Path]:
 
 
 def check_output_file(target: Path, *, force: bool) -> None:
-    """Refuse a folder, a file that exists unless ``force`` is on, and one that cannot be written."""
+    """Refuse a folder, and a file that exists unless ``force`` is on."""
     if target.is_dir():
         raise InputError(f"{target} is a folder; give the name of a file.")
     if target.exists() and not force:
         raise InputError(f"{target} exists; give another file, or force (--force) to replace it.")
-    _probe(target.parent)
 
 
 def check_new_file(target: Path, *suffixes: str, force: bool = True) -> None:

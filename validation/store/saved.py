@@ -22,13 +22,13 @@ from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.support import StepPlan
 from ampm.run_file import load_run
-from validation.store.folders import RUN_FILES
-from validation.store.json import dump_json
+from validation.store.folders import RUN_FILES, output_file
+from validation.store.json import dump_json, write_json
 from validation.store.metric_table import metric_table, summary_title
 from validation.store.record import MODEL_FILE as MODEL_FILE
 from validation.store.record import RECORD_FILES, load_model, load_record, read_header
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
-from validation.store.summary import Summary, read_json
+from validation.store.summary import SUMMARY, read_json
 from validation.table import Table, Tabled
 from validation.trial.record import SimulationRecord
 
@@ -41,7 +41,6 @@ SUMMARY_FILE = "summary.json"
 RECORDING_FILE = "recording.rrd"
 REPORT_FILE = "report.html"
 EXPLANATION = "explain.json"
-_WALK_AGAIN = "walk the gait again"
 _NEEDED = (RUN_FILE, MODEL_FILE, BODY_FILE, SIGNALS_FILE, SUMMARY_FILE)
 
 
@@ -131,6 +130,8 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
     if not isinstance(directory, str | Path):
         raise InputError(f"{directory!r} names no folder; give that of a finished run.")
     directory = Path(directory)
+    if not directory.exists():
+        raise InputError(f"there is no folder {str(directory)!r}; give that of a finished run.")
     missing = [name for name in _NEEDED if not (directory / name).is_file()]
     if missing:
         raise InputError(f"{directory} has no {', '.join(missing)}; give the folder of a finished run.")
@@ -143,8 +144,13 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
         body=load_description(directory),
         record=load_record(directory),
         signals=load_signals(directory / SIGNALS_FILE),
-        summary=read_json(directory / SUMMARY_FILE, Summary, _WALK_AGAIN),
+        summary=read_summary(directory),
     )
+
+
+def read_summary(directory: Path) -> dict[str, Any]:
+    """Contents of ``summary.json`` in a run's folder; raises InputError if it is missing or damaged."""
+    return read_json(directory / SUMMARY_FILE, SUMMARY, "walk the gait again")
 
 
 def save_description(description: BodyDescription, directory: Path) -> None:
@@ -170,8 +176,10 @@ def check_files(directory: Path) -> None:
     changed since the run was judged.
     """
     read_header(directory)
-    summary = read_json(directory / SUMMARY_FILE, Summary, _WALK_AGAIN)
+    summary = read_summary(directory)
     written, found = summary["files"], digests(directory, summary)
+    if RECORDING_FILE in written:  # it can be drawn again
+        found[RECORDING_FILE] = _digest(directory / RECORDING_FILE) or written[RECORDING_FILE]
     for name in sorted({*_NEEDED, *RECORD_FILES, *written, *found}):
         if name not in found:
             what = "is missing"
@@ -192,13 +200,27 @@ def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
     rest = {name: value for name, value in summary.items() if name != "files"}
     found = {SUMMARY_FILE: hashlib.sha256(dump_json(rest).encode()).hexdigest()}
     for name in sorted(RUN_FILES - {SUMMARY_FILE, RECORDING_FILE, REPORT_FILE, EXPLANATION}):
-        path = directory / name
-        if path.is_file():
-            with path.open("rb") as file:
-                found[name] = hashlib.file_digest(file, "sha256").hexdigest()
-        elif path.exists():  # to open a pipe would wait for its writer
-            raise InputError(f"{path} is not a regular file; give the folder of a finished run.")
+        if digest := _digest(directory / name):
+            found[name] = digest
     return found
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file, empty if there is none; raises InputError if it is not a regular file."""
+    if path.is_file():
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    if path.exists():  # to open a pipe would wait for its writer
+        raise InputError(f"{path} is not a regular file; give the folder of a finished run.")
+    return ""
+
+
+def keep_digest_of_recording(directory: Path) -> None:
+    """Enter the digest of a recording that was drawn into the summary of its run."""
+    summary = read_summary(directory)
+    summary["files"][RECORDING_FILE] = _digest(directory / RECORDING_FILE)
+    with output_file(directory / SUMMARY_FILE) as work:
+        write_json(work, summary)
 
 
 def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:

@@ -3,23 +3,26 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from types import GenericAlias
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from ampm.exceptions import InputError
 from ampm.files import read_text
 
 Number = float | Literal["inf", "-inf"] | None
 """A number of a summary: null is NaN, and infinity a word."""
-_Numbers = list[Number]
-_Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
-_Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
+_Numbers = Mapping[str, Number]
+_List = list[Number]
+_Pair = Annotated[_List, Field(min_length=2, max_length=2)]
+_Triple = Annotated[_List, Field(min_length=3, max_length=3)]
 _Positive = Annotated[float, Field(gt=0)]
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+def entries(**kinds: Any) -> type[BaseModel]:
+    """A table with some entries at least: by name their types, and maybe a default behind them."""
+    return create_model("Entries", __config__=ConfigDict(strict=True, allow_inf_nan=False), **kinds)
 
 
 def _has(*names: str) -> AfterValidator:
@@ -33,107 +36,59 @@ def _has(*names: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-class _Displayed(_Entry):
-    value: Number
-    unit: str
-    tolerance: Number
-    uncertainty: Number = None
-
-
-class _Metric(_Entry):  # see `validation.judge.verdict.MetricResult.as_dict`
-    label: str
-    kind: Literal["walk", "instrument", "cost"]
-    value: Number
-    unit: str
-    tolerance: Number
-    passed: bool | None = Field(alias="pass")
-    margin: Number
-    display: _Displayed
-    reason: str | None
-    uncertainty: Number = None
-    spread: Number = None
-
-
-class _Extreme(_Entry):
-    value: Number
-    time: Number
-    where: str
-
-
-class _Margins(_Entry):
-    torque: _Extreme
-    torque_by_joint: Mapping[str, Number]
-    saturated: Number
-    friction: _Extreme
-    friction_available: Number
-    joint: _Extreme
-    knee: _Extreme
-    clearance: _Extreme
-    plan_polygon: _Extreme
-    measured_polygon: _Extreme
-    penetration: _Extreme
-
-
-class _Effort(_Entry):
-    force: _Triple
-    angular_momentum: _Pair
-    zmp: _Pair
-
-
-class _End(_Entry):
-    time: Number
-    cause: str
-
-
-class _Split(_Entry):
-    residual: Number
-    rmse: Mapping[str, _Pair]
-    share: Mapping[str, _Pair]
-    unit: str
-
-
-class _Ahead(_Entry):
-    judged: Number
-    lead: _Numbers
-    rmse: Mapping[str, _Numbers]
-
-
-class _Study(_Entry):
-    gait: str
-    steps: int
-
-
-class Summary(_Entry):
-    """The whole file."""
-
-    outcome: str
-    steps_completed: int = Field(ge=0)
-    end: _End
-    verdict: Literal["pass", "fail", "undecided", "partial", "not_measured"]
-    reason: str
-    profile: str
-    gait: str
-    changed: Mapping[str, bool | Number | str] = Field(default_factory=dict)
-    planner: str = ""
-    controller: str = ""
-    disturbances: list[str] = Field(default_factory=list)
-    metrics: Mapping[str, _Metric] = Field(min_length=1)
-    timing: Annotated[Mapping[str, Number], _has("simulated", "real_time_factor")]
-    statistics: Mapping[str, Mapping[str, Mapping[str, Number | str]]]
-    zmp_error_split: _Split
-    ahead: _Ahead = _Ahead(judged=0.0, lead=[], rmse={})
-    velocity: Mapping[str, _Triple] = Field(default_factory=dict)
-    effort: _Effort
-    margins: _Margins
-    energy: Annotated[
-        Mapping[str, Number], _has("positive_work", "negative_work", "distance", "cost_of_transport")
-    ]
-    solver: Annotated[Mapping[str, Number], _has("ticks", "unsolved", "time_median", "time_p99")]
-    scales: Annotated[Mapping[str, _Positive], _has("body_weight", "foot_length", "mass_height_velocity")]
-    environment: Mapping[str, Any]
-    uncertainty: _Study | None = None
-    log: Mapping[str, Any] = Field(default_factory=dict)
-    files: Mapping[str, str]
+_DISPLAYED = entries(value=Number, unit=str, tolerance=Number, uncertainty=(Number, None))
+_METRIC = entries(  # see `validation.judge.verdict.MetricResult.as_dict`
+    label=str,
+    kind=Literal["walk", "instrument", "cost"],
+    value=Number,
+    unit=str,
+    tolerance=Number,
+    passed=(bool | None, Field(alias="pass")),
+    margin=Number,
+    display=_DISPLAYED,
+    reason=str | None,
+    uncertainty=(Number, None),
+    spread=(Number, None),
+)
+_EXTREME = entries(value=Number, time=Number, where=str)
+_EXTREMES = ("torque", "friction", "joint", "knee", "clearance", "penetration")
+_MARGINS = entries(
+    **dict.fromkeys((*_EXTREMES, "plan_polygon", "measured_polygon"), _EXTREME),
+    torque_by_joint=_Numbers,
+    saturated=Number,
+    friction_available=Number,
+)
+_SPLIT = entries(residual=Number, rmse=Mapping[str, _Pair], share=Mapping[str, _Pair], unit=str)
+_AHEAD = entries(judged=Number, lead=_List, rmse=Mapping[str, _List])
+SUMMARY = entries(
+    outcome=str,
+    steps_completed=Annotated[int, Field(ge=0)],
+    end=entries(time=Number, cause=str),
+    verdict=Literal["pass", "fail", "undecided", "partial", "not_measured"],
+    reason=str,
+    profile=str,
+    gait=str,
+    changed=(Mapping[str, bool | Number | str], {}),
+    planner=(str, ""),
+    controller=(str, ""),
+    disturbances=(list[str], []),
+    metrics=(GenericAlias(dict, (str, _METRIC)), Field(min_length=1)),
+    timing=Annotated[_Numbers, _has("simulated", "real_time_factor")],
+    statistics=Mapping[str, Mapping[str, Mapping[str, Number | str]]],
+    zmp_error_split=_SPLIT,
+    ahead=(_AHEAD, None),
+    velocity=(Mapping[str, _Triple], {}),
+    effort=entries(force=_Triple, angular_momentum=_Pair, zmp=_Pair),
+    margins=_MARGINS,
+    energy=Annotated[_Numbers, _has("positive_work", "negative_work", "distance", "cost_of_transport")],
+    solver=Annotated[_Numbers, _has("ticks", "unsolved", "time_median", "time_p99")],
+    scales=Annotated[Mapping[str, _Positive], _has("body_weight", "foot_length", "mass_height_velocity")],
+    environment=Mapping[str, Any],
+    uncertainty=(entries(gait=str, steps=int) | None, None),
+    log=(Mapping[str, Any], {}),
+    files=Mapping[str, str],
+)
+"""The whole file."""
 
 
 def read_json(path: Path, kind: type[BaseModel], way_out: str) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from validation.judge import profiles
 from validation.judge.margins import SATURATED
 from validation.run.walk import walk_planned
 from validation.show.text import format_value
+from validation.store.folders import names_folder
 from validation.store.json import json_ready
 from validation.store.saved import EXPLANATION, RUN_FILE, load_saved_run
 from validation.study.many import Execution, Task, study_folder, walk_many, write_study
@@ -269,7 +270,7 @@ def explain(
         InputError, RefusedGait: the trial cannot be walked, or ``out`` is used otherwise.
         StudyStopped: see :func:`validation.study.many.walk_many`.
     """
-    folder = Path(run) if isinstance(run, str | Path) and Path(run).is_dir() else None
+    folder = Path(run) if isinstance(run, str | Path) and names_folder(run) else None
     target = study_folder(execution)
     if folder is None:
         request = load_request(str(run) if isinstance(run, Path) else run, settings)

@@ -2,18 +2,8 @@
 
 The Pinocchio model is built from the *compiled* MuJoCo model, so both have the same numbers; Pinocchio's own
 MJCF reader loses the mass of geoms that touch nothing, the joint names of hinge stacks and the effort limits.
-Joint, velocity and actuator order are MuJoCo's.
-
-Conventions (R is the root's rotation, root to world):
-
-========================  ==========================  ===================================
-quantity                  MuJoCo                      Pinocchio
-========================  ==========================  ===================================
-root quaternion           w, x, y, z                  x, y, z, w
-root linear velocity      of the origin, in world     ``R^T`` times that, in the root
-root angular velocity     in the root                 the same
-root linear acceleration  d/dt of the above           spatial: ``R^T a - omega x v``
-========================  ==========================  ===================================
+Joint, velocity and actuator order are MuJoCo's, root coordinates those of
+:mod:`validation.trial.coordinates`.
 """
 
 from typing import Any
@@ -24,7 +14,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ampm.geometry import Array
-from validation.trial.passive import PassiveJoints
+from validation.trial.coordinates import PassiveJoints
 
 _ALIGNED = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
 """Hinges about an axis of their frame."""
@@ -119,32 +109,3 @@ def _inertia(model: mujoco.MjModel, body: int) -> pin.Inertia:
     pose = _pose(model.body_ipos[body], model.body_iquat[body])
     principal = np.diag(model.body_inertia[body])
     return pose * pin.Inertia(float(model.body_mass[body]), np.zeros(3), principal)
-
-
-def _rotate(quaternion_wxyz: Array, vector: Array, *, inverse: bool = False) -> Array:
-    """Rotate ``vector`` (..., 3) by unit quaternions (..., 4), or by their inverses.
-
-    With the quaternion's parts w and u: ``v + 2 w (u x v) + 2 u x (u x v)``.
-    """
-    w, u = quaternion_wxyz[..., :1], quaternion_wxyz[..., 1:]
-    across = 2.0 * np.cross(u, vector)
-    return np.asarray(vector + (-w if inverse else w) * across + np.cross(u, across))
-
-
-def to_pinocchio(qpos: ArrayLike, qvel: ArrayLike) -> tuple[Array, Array]:
-    """Convert states of a free-root body from MuJoCo to Pinocchio, as new arrays.
-
-    ``qpos`` (..., nq), with a unit quaternion, and ``qvel`` (..., nv) become q and v of the same shapes.
-    """
-    q, v = np.array(qpos, dtype=float), np.array(qvel, dtype=float)
-    v[..., :3] = _rotate(q[..., 3:7], v[..., :3], inverse=True)
-    q[..., 3:7] = np.roll(q[..., 3:7], -1, axis=-1)
-    return q, v
-
-
-def to_mujoco(q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
-    """Convert states of a free-root body from Pinocchio to MuJoCo; the inverse of :func:`to_pinocchio`."""
-    qpos, qvel = np.array(q, dtype=float), np.array(v, dtype=float)
-    qpos[..., 3:7] = np.roll(qpos[..., 3:7], 1, axis=-1)
-    qvel[..., :3] = _rotate(qpos[..., 3:7], qvel[..., :3])
-    return qpos, qvel

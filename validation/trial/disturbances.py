@@ -19,7 +19,6 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import DisturbanceParameters, RunParameters
 from ampm.section import unknown
-from ampm.walk import ControlOutput
 from validation.trial.record import SimulationRecord
 from validation.trial.users import UsersCode, load_object, real_numbers
 
@@ -176,20 +175,17 @@ def pushes_of(disturbance: DisturbanceParameters) -> list[Push]:
 
 
 class MotorFaults:
-    """Motors with limits (nu,) [N m] that act late and with a bias; controllers get no information on it."""
+    """Motors (nu) that act late and with a bias; controllers get no information on it."""
 
-    def __init__(self, run: RunParameters, torque_limit: Array) -> None:
-        fault, self._limit = run.disturbance, torque_limit
+    def __init__(self, run: RunParameters, motors: int) -> None:
+        fault = run.disturbance
         signs = np.random.default_rng([fault.seed, 1])
-        self._bias = fault.torque_bias * signs.choice([-1.0, 1.0], len(torque_limit))
+        self._bias = fault.torque_bias * signs.choice([-1.0, 1.0], motors)
         late = run.counts.ticks_late
-        self._commanded: deque[tuple[Array, Array | None]] = deque(maxlen=1 + late)
+        self._commanded: deque[tuple[Array, Array]] = deque(maxlen=1 + late)
 
-    def act(self, output: ControlOutput) -> ControlOutput:
-        """The output of a tick, with the torques that act in it."""
-        rate = None if output.rate is None else np.array(output.rate)
-        self._commanded.append((np.array(output.torque), rate))
-        torque, rate = self._commanded[0]
-        if self._bias.any():
-            torque = np.clip(torque + self._bias, -self._limit, self._limit)
-        return output._replace(torque=torque, rate=rate)
+    def act(self, torque: Array, rate: Array) -> None:
+        """Turn what was commanded in a tick into what acts in it: torques [N m] and rates [N m/s], (nu,)."""
+        self._commanded.append((torque.copy(), rate.copy()))
+        torque[:], rate[:] = self._commanded[0]
+        torque += self._bias

@@ -35,6 +35,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from ampm.geometry import Array
 from ampm.physics_parameters import DrakeParameters
+from validation.trial.bridge import passive_joints
 
 # Of contact between rigid and soft bodies, of which there is none here.
 logging.getLogger("drake").addFilter(lambda record: "half spaces" not in record.getMessage())
@@ -46,11 +47,6 @@ _LARGEST = 1e10
 """Largest number in a state that MuJoCo steps."""
 _ZERO = np.zeros(3)
 _BAD_ACCELERATION = int(mujoco.mjtWarning.mjWARN_BADQACC)
-
-
-def _damps_implicitly(model: mujoco.MjModel) -> bool:
-    """Whether MuJoCo's dampers act at the end of the step."""
-    return not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
 
 
 def _pose(position: Any, quaternion: Any) -> RigidTransform:
@@ -150,7 +146,7 @@ class _Plant:
         below = FixedOffsetFrame(f"below {j}", child.body_frame(), anchor)
         frames = plant.AddFrame(above), plant.AddFrame(below)
         low, high = model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf)
-        damping = float(model.dof_damping[model.jnt_dofadr[j]]) if _damps_implicitly(model) else 0.0
+        damping = float(model.dof_damping[model.jnt_dofadr[j]]) if passive_joints(model).implicit else 0.0
         hinge = RevoluteJoint(f"joint {j}", *frames, model.jnt_axis[j], low, high, damping)
         self._joints.append(plant.AddJoint(hinge))
 
@@ -234,7 +230,7 @@ class DrakeEngine:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, contact: DrakeParameters) -> None:
         self.model, self.data = model, data
         self._on_floor, self._in_air = _Plant(model, contact), _Plant(model, None)
-        self._passive = data.qfrc_spring if _damps_implicitly(model) else data.qfrc_passive
+        self._passive = data.qfrc_spring if passive_joints(model).implicit else data.qfrc_passive
         self._com = data.sensor("com").data
         self._angular_momentum = data.sensor("angular_momentum").data
 

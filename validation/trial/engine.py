@@ -4,9 +4,10 @@ The body is always a compiled MuJoCo model, and MuJoCo's data hold state, torque
 and contacts. An engine replaces the calls that step them; all that reads them is the same for every engine.
 """
 
+from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
-from typing import Protocol
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -16,27 +17,17 @@ from ampm.parameters import RunParameters, field_of
 from ampm.physics_parameters import ContactParameters, DrakeParameters
 
 
-class Engine(Protocol):
-    """Steps the data of a model."""
+class Engine(NamedTuple):
+    """Steps the data of a model.
 
-    def step1(self) -> None:
-        """Kinematics, sensors and contacts of the state, as ``mj_step1``; the control tick acts after it."""
-        ...
+    Attributes:
+        step1: kinematics, sensors and contacts of the state, as ``mj_step1``; the control tick acts after it.
+        step2: from state, ``ctrl`` and ``xfrc_applied`` to the next state, as ``mj_step2``. ``contact`` and
+            ``efc_force`` then hold the forces of this step; kinematics stay as they were.
+    """
 
-    def step2(self) -> None:
-        """From state, ``ctrl`` and ``xfrc_applied`` to the next state, as ``mj_step2``.
-
-        ``contact`` and ``efc_force`` then hold the forces of this step; kinematics stay as they were.
-        """
-        ...
-
-
-class MujocoEngine:
-    """MuJoCo's own calls."""
-
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        self.step1 = partial(mujoco.mj_step1, model, data)
-        self.step2 = partial(mujoco.mj_step2, model, data)
+    step1: Callable[[], None]
+    step2: Callable[[], None]
 
 
 _ONLY_MUJOCO = (
@@ -55,28 +46,28 @@ def check_drake(run: RunParameters | None = None, model: mujoco.MjModel | None =
         if run and run.value(key) != (default := field_of(key).default):
             rule = f"is of MuJoCo alone, and simulation.engine = drake needs its default, {default}"
             raise run.refusal(key, rule, "set the keys of drake instead, or walk with --engine mujoco")
+    refused = ""
     if find_spec("pydrake") is None:
-        raise InputError(
+        refused = (
             "simulation.engine = drake needs Drake, which is not installed; run pip install -e '.[drake]' in "
-            "the checkout, or walk with --engine mujoco.",
-            key="simulation.engine",
-            value="drake",
+            "the checkout, or walk with --engine mujoco."
         )
-    if model is not None and model.dof_frictionloss.any():
+    elif model is not None and model.dof_frictionloss.any():
         joint = model.joint(int(model.dof_jntid[np.flatnonzero(model.dof_frictionloss)[0]])).name
-        raise InputError(
+        refused = (
             f"the joint {joint} has dry friction, which Drake does not have; walk this body with "
-            "--engine mujoco, or without friction in its description.",
-            key="simulation.engine",
-            value="drake",
+            "--engine mujoco, or without friction in its description."
         )
+    if refused:
+        raise InputError(refused, key="simulation.engine", value="drake")
 
 
 def make_engine(model: mujoco.MjModel, data: mujoco.MjData, drake: DrakeParameters | None = None) -> Engine:
     """The engine that steps these data: Drake with this contact, or MuJoCo."""
     if drake is None:
-        return MujocoEngine(model, data)
+        return Engine(partial(mujoco.mj_step1, model, data), partial(mujoco.mj_step2, model, data))
     check_drake(model=model)
     from validation.trial.drake import DrakeEngine  # imported here: an extra, and slow to load
 
-    return DrakeEngine(model, data, drake)
+    stepped = DrakeEngine(model, data, drake)
+    return Engine(stepped.step1, stepped.step2)

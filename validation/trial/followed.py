@@ -147,7 +147,7 @@ class Stepped:
             duration[over] = spans[source[over]]
             swing[over] = shift[over, 1 - stance[over]]
         clock = np.minimum(clock + rate * left, duration)
-        columns = dict(frozen.rows.at(contacts.starts[source] + np.minimum(clock, spans[source])).columns)
+        columns = dict(vars(frozen.rows.at(contacts.starts[source] + np.minimum(clock, spans[source]))))
         repeated = np.zeros((len(times), 3))
         if again.any():
             way = contacts.placements[-1, 0, :2] - contacts.placements[-1 - CYCLE, 0, :2]
@@ -188,7 +188,7 @@ class Stepped:
             "headings": np.column_stack([heading, heading]),
             "zmp_margin": np.full(len(times), np.nan),
         }
-        return PlanRows(columns | moved)
+        return PlanRows(**columns | moved)
 
 
 def _target(shift: Array, stance: NDArray[np.intp], step: Array) -> Array:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,65 +17,47 @@ from ampm.planner.support import StepPlan
 from ampm.walk import WalkPlan
 
 _SAME = 1e-9  # time before a row that counts as the row [s]
-_SAMPLED = tuple(item.name for item in fields(PlanSample))
 _HELD = ("phase", "stance", "left_placement", "right_placement", "heading")
 """Columns that hold from one row to the next; others go on along a straight line."""
 
 
 @dataclass(frozen=True)
-class PlanRows:
-    """Columns of a plan at N ascending instants."""
+class PlanRows(PlanSample):
+    """What a plan says of N ascending instants, with feet and posture."""
 
-    # those of a `PlanSample` by name; `feet`, reference points of both soles, left first, shape (N, 6) [m];
-    # `headings` of both feet (N, 2) [rad]; `momentum_z`, L_z of the posture, (N,) [N m s]; `zmp_margin`, see
-    # :meth:`StepPlan.zmp_margin`, (N,) [m], NaN where the support is not planned
-    columns: Mapping[str, NDArray[Any]]
+    feet: Array  # reference points of both soles, left first, shape (N, 6) [m]
+    headings: Array  # of both feet, shape (N, 2) [rad]
+    momentum_z: Array  # L_z of the posture, shape (N,) [N m s]
+    zmp_margin: Array  # see :meth:`StepPlan.zmp_margin`, NaN where no support is planned, shape (N,) [m]
 
     @classmethod
     def of(cls, plan: WalkPlan, times: Array) -> PlanRows:
         """Sample a plan; one that has ended stays at its end."""
-        return cls.joined([cls._block(plan, times[rows]) for rows in blocks(len(times))])
-
-    @classmethod
-    def _block(cls, plan: WalkPlan, times: Array) -> PlanRows:
-        """Sample some rows."""
-        at = np.minimum(times, plan.duration)
-        sample, feet = plan.sample(at), plan.feet.sample(at)
-        return cls(
-            {
-                **{name: np.array(getattr(sample, name)) for name in _SAMPLED},
-                "time": times.copy(),
-                "feet": np.hstack([foot.position for foot in feet]),
-                "headings": np.column_stack([foot.heading for foot in feet]),
-                "momentum_z": np.array(plan.posture.sample(at).angular_momentum_z),
-                "zmp_margin": plan.zmp_margin(at),
-            }
-        )
-
-    def __post_init__(self) -> None:
-        for values in self.columns.values():
-            values.setflags(write=False)
-
-    def __getattr__(self, name: str) -> NDArray[Any]:
-        if name == "columns" or name not in self.columns:
-            raise AttributeError(name)
-        return self.columns[name]
-
-    @cached_property
-    def sample(self) -> PlanSample:
-        """COM, ZMP, force and momentum."""
-        return PlanSample(**{name: self.columns[name] for name in _SAMPLED})
+        parts = []
+        for rows in blocks(len(times)):
+            at = np.minimum(times[rows], plan.duration)
+            sample, feet = vars(plan.sample(at)), plan.feet.sample(at)
+            part = cls(
+                **{name: np.array(values) for name, values in sample.items()} | {"time": times[rows].copy()},
+                feet=np.hstack([foot.position for foot in feet]),
+                headings=np.column_stack([foot.heading for foot in feet]),
+                momentum_z=np.array(plan.posture.sample(at).angular_momentum_z),
+                zmp_margin=plan.zmp_margin(at),
+            )
+            parts.append(part)
+        return cls.joined(parts)
 
     def without_plan(self, stance: NDArray[np.int8]) -> PlanRows:
         """NaN for all that is planned, and what stands, shape (N,), in place of the planned stance."""
         known = {"time": self.time, "stance": stance, "phase": (stance == 2).astype(np.int8)}
-        return PlanRows({name: np.full(v.shape, np.nan) for name, v in self.columns.items()} | known)
+        unknown = {name: np.full(values.shape, np.nan) for name, values in vars(self).items()}
+        return PlanRows(**unknown | known)
 
     def at(self, times: Array) -> PlanRows:
         """Rows at times (M,) [s], between two instants on a straight line, outside at the first or last."""
         own = self.time
         if np.array_equal(times, own[: len(times)]):
-            return PlanRows({name: values[: len(times)] for name, values in self.columns.items()})
+            return PlanRows(**{name: values[: len(times)] for name, values in vars(self).items()})
         row = np.searchsorted(own, times + _SAME, side="right") - 1
         row = row.clip(0, len(own) - 1)
         ahead = np.minimum(row + 1, len(own) - 1)
@@ -89,21 +69,21 @@ class PlanRows:
             part = share.reshape(-1, *[1] * (values.ndim - 1))
             return (1.0 - part) * values[row] + part * values[ahead]
 
-        columns = {name: between(name, values) for name, values in self.columns.items()}
-        return PlanRows(columns | {"time": times.copy()})
+        found = {name: between(name, values) for name, values in vars(self).items()}
+        return PlanRows(**found | {"time": times.copy()})
 
     def until(self, end: float) -> PlanRows:
         """The rows up to a time and the one after it, without the memory of the others."""
         rows = slice(int(np.searchsorted(self.time, end)) + 1)
-        return PlanRows({name: values[rows].copy() for name, values in self.columns.items()})
+        return PlanRows(**{name: values[rows].copy() for name, values in vars(self).items()})
 
     @staticmethod
     def joined(parts: list[PlanRows]) -> PlanRows:
         """Rows one after another."""
         if len(parts) == 1:
             return parts[0]
-        names = parts[0].columns
-        return PlanRows({name: np.concatenate([part.columns[name] for part in parts]) for name in names})
+        names = vars(parts[0])
+        return PlanRows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 @dataclass(frozen=True)

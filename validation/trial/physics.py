@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
-from validation.trial.bridge import to_mujoco
+from validation.trial.coordinates import to_mujoco
 from validation.trial.engine import make_engine
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.plan import Body

@@ -368,7 +368,8 @@ def tune_walk(request: Request, progress: Progress | None = None) -> PlannedWalk
         )
     with progress.stage(f"{request.name}: what is left open") as stage:
         body = make_body(run)
-        level = run.replace({"gait.cross_slope": 0.0})  # legs of different length repeat no step
+        # Legs of different length repeat no step.
+        level = run.replace({"gait.cross_slope": 0.0}).giving(run.given)
         tuned = tune(level, body.robot, progress=stage.note)
     if run.gait.cross_slope:
         run = tuned.run.replace({"gait.cross_slope": run.gait.cross_slope})

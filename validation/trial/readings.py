@@ -17,7 +17,7 @@ from ampm.sensors.readings import Estimator, EstimatorFactory, Readings
 from ampm.sensors.soles import SoleForces
 from ampm.vectors import cross, from_quaternion, minus, plus, times, turned, vector
 from ampm.walk import State, Touch
-from validation.trial.bridge import to_pinocchio
+from validation.trial.coordinates import to_pinocchio
 from validation.trial.log import RunLog, StepLog
 from validation.trial.users import ESTIMATOR, UsersCode, real_numbers
 

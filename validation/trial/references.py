@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.parameters import RunParameters
-from ampm.reference import Reference, ReferenceTable, Timing
+from ampm.reference import Reference, Timing
 from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
 from validation.trial.followed import LEADS
 from validation.trial.frozen_plan import NEXT, PUSHED_OUTSIDE, FrozenPlan, check_contacts
@@ -45,7 +45,7 @@ class References(Course):
         table: references of all ticks of the plan followed last.
     """
 
-    table: ReferenceTable
+    table: Reference
 
     def __init__(
         self,
@@ -128,7 +128,7 @@ class References(Course):
             self._tick += 1
             yield self._last
 
-    def _sampled(self, plan: WalkPlan, ticks: NDArray[np.intp]) -> ReferenceTable:
+    def _sampled(self, plan: WalkPlan, ticks: NDArray[np.intp]) -> Reference:
         """References of some ticks, given as steps of the physics; refused if one is not a number."""
         first = max(ticks[0] - self.substeps, 0)  # rates of change need the tick before
         steps = np.arange(first, ticks[-1] + 1, self.substeps)
@@ -140,7 +140,7 @@ class References(Course):
                 )
         if self._last is not None and _jumps(table[0], self._last):
             table = table.replace(jumps=np.r_[False, True, table.jumps[2:]])
-        return table.part(len(steps) - len(ticks), len(steps))
+        return table[len(steps) - len(ticks) :]
 
 
 def _jumps(new: Reference, old: Reference) -> bool:

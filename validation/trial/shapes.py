@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from ampm.body.robot import Gaps, Robot
 from ampm.description import BodyDescription
 from ampm.geometry import Array
-from validation.trial.bridge import pinocchio_model, to_mujoco
+from validation.trial.bridge import pinocchio_model
+from validation.trial.coordinates import to_mujoco
 
 REACH = 0.1
 """Largest distance that is computed [m]."""

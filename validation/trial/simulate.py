@@ -35,9 +35,9 @@ from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References
 from validation.trial.scene import surfaces
 from validation.trial.step import act, end_step, sense
-from validation.trial.unplanned import MeasuredSupports
+from validation.trial.unplanned import measured_supports
 from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
-from validation.trial.watch import End, Watch
+from validation.trial.watch import Watch
 
 _PROGRESS_STEPS = 50
 _FLOAT = np.dtype(np.float64)
@@ -102,7 +102,7 @@ def simulate(
     followed = Followed(tuple(course.plans), since, Stepped.of(loop.stepped), tick)
     outcome, ours = record.outcome, factory is TrackingController
     if plan.command is not None:
-        outcome = replace(outcome, steps_completed=MeasuredSupports.of(record).steps)
+        outcome = replace(outcome, steps_completed=measured_supports(record)[1])
     disturbed = bool(forces) or run.disturbance != DisturbanceParameters()
     if outcome.name is OutcomeName.FELL and ours and disturbed and run.controller.stabilizer == "fixed":
         way_out = "--set controller.stabilizer=stepping may survive this disturbance"
@@ -218,7 +218,7 @@ class ClosedLoop:
         robot, fault = physics.robot, run.disturbance
         self.faults = None
         if fault.actuation_delay or fault.torque_bias:
-            self.faults = MotorFaults(run, robot.torque_limit)
+            self.faults = MotorFaults(run, robot.nu)
         self.log = RunLog(course.total, physics)
         self.command, self._row = self.log.command, self.log.row
         names = ("torque", "rate", "force", "zmp", "angular_momentum")
@@ -257,27 +257,29 @@ class ClosedLoop:
                 progress(self.done, max(self.done, course.total))
         except SolverError as error:
             refused = self.done * self.physics.time_step
-            end = End(OutcomeName.INFEASIBLE, f"the solver refused the QP at {refused:.3f} s: {error}")
+            cause = f"the solver refused the QP at {refused:.3f} s: {error}"
+            end = Outcome(OutcomeName.INFEASIBLE, refused, cause, 0)
         except InputError as error:
             # In the first step nothing is lost. Machine errors do not count as failures of the walk.
             if not self.done or isinstance(error.__cause__, MemoryError | OSError):
                 raise
             logging.getLogger("ampm").debug("The walk ends.", exc_info=True)
-            end = End(OutcomeName.CRASHED, error.fault if isinstance(error, UsersError) else str(error))
+            cause = error.fault if isinstance(error, UsersError) else str(error)
+            end = Outcome(OutcomeName.CRASHED, 0.0, cause, 0)
         except KeyboardInterrupt:
-            end = End(OutcomeName.INTERRUPTED, "the run was interrupted by the user")
-        time, step_ends = self.done * self.physics.time_step, course.step_ends
-        outcome = Outcome(OutcomeName.COMPLETED, time, "", len(step_ends))
+            end = Outcome(OutcomeName.INTERRUPTED, 0.0, "the run was interrupted by the user", 0)
+        time, steps = self.done * self.physics.time_step, len(course.step_ends)
         if end is not None:
-            outcome = Outcome(end.name, time, end.cause, int(np.searchsorted(step_ends, time + 1e-6)))
-        return self.log.close(self.done, outcome)
+            steps = int(np.searchsorted(course.step_ends, time + 1e-6))
+        end = end or Outcome(OutcomeName.COMPLETED, time, "", steps)
+        return self.log.close(self.done, replace(end, time=time, steps_completed=steps))
 
     def sense(self) -> tuple[State, Touch, Reference]:
         """Begin a control tick; what the controller gets."""
         self._begin_step()
         return self.read()
 
-    def act(self, output: ControlOutput) -> End | None:
+    def act(self, output: ControlOutput) -> Outcome | None:
         """Let the output of a tick act until the next one is due; whether the walk is over."""
         end, first = self.apply(output), self.done
         until = max(first + 1, min(first + self.physics.substeps, self.course.total))
@@ -297,7 +299,7 @@ class ClosedLoop:
                 disturbance.apply(self.done * self.physics.time_step, self.plant)
         self.log.keep_pushes(self.done, self.plant.pushes)
 
-    def _finish_step(self, end: End | None) -> End | None:
+    def _finish_step(self, end: Outcome | None) -> Outcome | None:
         """End a step of the physics; whether the walk is over, as it is if its tick said so."""
         physics, k = self.physics, self.done
         data, time = physics.data, k * physics.time_step
@@ -321,15 +323,15 @@ class ClosedLoop:
             self._sensed = self.sensors.update(k, commanded)
         return *self._sensed, self._reference
 
-    def apply(self, output: ControlOutput) -> End | None:
+    def apply(self, output: ControlOutput) -> Outcome | None:
         """Set and keep the command of this tick, and plan again; whether the walk is over."""
         reference, k = self._reference, self.done
         with self.users_code:
             if not isinstance(output, ControlOutput):
                 raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
-            if self.faults is not None:
-                output = self.faults.act(output)
             self._take(output)
+            if self.faults is not None:
+                self.faults.act(self.command.torque, self.command.rate)
             self._row[0] = reference.row if output.reference is None else output.reference.row
             status, residual = int(output.status), float(output.residual)
             if status not in (SOLVED, LIMITED, UNSOLVED):

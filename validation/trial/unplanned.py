@@ -1,7 +1,5 @@
 """A walk without a plan, as its record alone shows it: what stands, and the velocity in its own heading."""
 
-from typing import NamedTuple, Self
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
@@ -13,24 +11,20 @@ SHORTEST = 0.05
 """Time up to which a contact, or a gap in it, is a bounce and no support or swing [s]."""
 
 
-class MeasuredSupports(NamedTuple):
-    """What stands at K steps of the physics."""
+def measured_supports(record: SimulationRecord) -> tuple[NDArray[np.int8], int]:
+    """What stands at K steps of the physics, and how often a foot touched down, by the forces on the soles.
 
-    stance: NDArray[np.int8]  # 0 left, 1 right, 2 both; in flight that of before, shape (K,)
-    steps: int  # number of times that a foot touched down
-
-    @classmethod
-    def of(cls, record: SimulationRecord) -> Self:
-        """Find them in the forces on the soles."""
-        loaded = record.point_force[:, :, 2] > 0.0
-        down = np.stack([loaded[:, record.point_foot == foot].any(axis=1) for foot in (0, 1)])
-        size = 2 * round(0.5 * SHORTEST / record.time_step) + 1
-        for first, second in ((maximum_filter1d, minimum_filter1d), (minimum_filter1d, maximum_filter1d)):
-            down = second(first(down, size, mode="nearest"), size, mode="nearest")
-        landings = int(np.count_nonzero(~down[:, :-1] & down[:, 1:]))
-        last = np.maximum.accumulate(np.where(down.any(axis=0), np.arange(down.shape[1]), 0))
-        left, right = down[:, last]
-        return cls(np.where(left & right, 2, np.where(right, 1, 0)).astype(np.int8), landings)
+    The first has shape (K,): 0 left, 1 right, 2 both; in flight that of before.
+    """
+    loaded = record.point_force[:, :, 2] > 0.0
+    down = np.stack([loaded[:, record.point_foot == foot].any(axis=1) for foot in (0, 1)])
+    size = 2 * round(0.5 * SHORTEST / record.time_step) + 1
+    for first, second in ((maximum_filter1d, minimum_filter1d), (minimum_filter1d, maximum_filter1d)):
+        down = second(first(down, size, mode="nearest"), size, mode="nearest")
+    landings = int(np.count_nonzero(~down[:, :-1] & down[:, 1:]))
+    last = np.maximum.accumulate(np.where(down.any(axis=0), np.arange(down.shape[1]), 0))
+    left, right = down[:, last]
+    return np.where(left & right, 2, np.where(right, 1, 0)).astype(np.int8), landings
 
 
 def heading_velocity(record: SimulationRecord) -> Array:

@@ -13,7 +13,7 @@ from ampm.compiled import bound, compiled, refer
 from ampm.geometry import Array
 from ampm.vectors import dot, minus, vector
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
-from validation.trial.outcome import OutcomeName
+from validation.trial.outcome import Outcome, OutcomeName
 
 FALL_SHARE = 0.25
 """The body has fallen when the height of its COM over the lower sole differs from the planned one by more
@@ -107,13 +107,6 @@ def look(stance: Stance, last: Array, off: float) -> tuple[float, bool]:
     return math.sqrt(dot(way, way)), close
 
 
-class End(NamedTuple):
-    """Early end of a walk: its kind, and one sentence on it and its first sign."""
-
-    name: OutcomeName
-    cause: str
-
-
 class Watch:
     """Checks at every control tick whether the walk is over.
 
@@ -134,7 +127,7 @@ class Watch:
         self._first_sign, self._last_sign = "", 0.0
         self._look = bound(look, (refer(stance), self._last_com, self._off))
 
-    def check(self, time: float, status: int, *, residual: float = 0.0, limit: str = "") -> End | None:
+    def check(self, time: float, status: int, *, residual: float = 0.0, limit: str = "") -> Outcome | None:
         """The end of the walk at a tick [s], None while it goes on.
 
         The residual is that of its QP; ``limit`` describes the torque or joint at its limit, if there is one.
@@ -165,12 +158,12 @@ class Watch:
         elif time - self._last_sign > CALM:
             self._first_sign = ""
         if not math.isfinite(distance + lean):
-            return self._end(OutcomeName.DIVERGED, f"the state was no longer finite {at}")
+            return self._end(time, OutcomeName.DIVERGED, f"the state was no longer finite {at}")
         if speed > BLOW_UP:
             what = f"the COM moved at {speed:.3g} m/s, which no body does, {at}"
-            return self._end(OutcomeName.DIVERGED, what)
+            return self._end(time, OutcomeName.DIVERGED, what)
         if fallen := stance.fallen(self._scale):
-            return self._end(OutcomeName.FELL, f"{fallen} {at}")
+            return self._end(time, OutcomeName.FELL, f"{fallen} {at}")
         if status != UNSOLVED:
             self._unsolved = None
             return None
@@ -180,11 +173,14 @@ class Watch:
         since, allowance = self._unsolved
         if time - since < allowance - 1e-9:
             return None
-        return self._end(OutcomeName.INFEASIBLE, f"the QP stayed unsolved from {since:.3f} to {time:.3f} s")
+        unsolved = f"the QP stayed unsolved from {since:.3f} to {time:.3f} s"
+        return self._end(time, OutcomeName.INFEASIBLE, unsolved)
 
-    def blown_up(self, time: float) -> End:
+    def blown_up(self, time: float) -> Outcome:
         """The end of a walk whose accelerations the simulator refused to integrate."""
-        return self._end(OutcomeName.DIVERGED, f"the accelerations left all bounds at {time:.3f} s")
+        return self._end(time, OutcomeName.DIVERGED, f"the accelerations left all bounds at {time:.3f} s")
 
-    def _end(self, name: OutcomeName, what: str) -> End:
-        return End(name, f"{what}; the first sign was {self._first_sign}" if self._first_sign else what)
+    def _end(self, time: float, name: OutcomeName, what: str) -> Outcome:
+        """An end, with its first sign; the steps until then are not known here."""
+        cause = f"{what}; the first sign was {self._first_sign}" if self._first_sign else what
+        return Outcome(name, time, cause, 0)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from validation.judge.metrics import METRICS, MetricValue
+from validation.judge.metrics import METRICS
 from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import MetricResult, Verdict, judge
@@ -171,8 +171,7 @@ def combine(
     ended = ""
     if own["outcome"] != "completed":
         ended = f"The walk at the gait's own parameters {own['outcome']}: {own['cause']}"
-    measured = {name: MetricValue(value, METRICS[name].unit) for name, value in own_values.items()}
-    verdict = judge(measured, profile, own.get("scales", {}), known, ended=ended)
+    verdict = judge(own_values, profile, own.get("scales", {}), known, ended=ended)
     return Convergence(request, tuple(found), walks, known, studied, verdict)
 
 

@@ -14,8 +14,9 @@ from typing import Any, Literal, NamedTuple
 
 import pyarrow as pa
 
+from ampm.parameters import keys
 from ampm.planner.centroidal import PlanConstants
-from ampm.run_file import describe_keys, key_info
+from ampm.run_file import key_info
 from ampm.section import Option
 from validation.judge.metrics import METRICS
 from validation.run.trial import Trial
@@ -49,12 +50,12 @@ def columns(options: Options = MappingProxyType({})) -> tuple[Column, ...]:
     own: dict[str, list[Column]] = {"run": [], "walk": [], "cost": []}
     for row in own_rows("study/sweep/columns.csv"):
         own[row.pop("place")].append(Column(**row))  # type: ignore[arg-type]
-    keys = ((item, _KINDS[item.kind]) for item in describe_keys())
+    inputs = ((item, _KINDS[item.kind]) for item in map(key_info, keys()))
     constants = ((f"plan_{item.name}", item.metadata) for item in fields(PlanConstants))
     ahead = ((name, lead, METRICS[f"{name}_rmse"].label) for lead in LEADS for name in AHEAD)
     return (
         *own["run"],
-        *(Column(item.key, kind, "" if kind == "text" else item.unit, item.meaning) for item, kind in keys),
+        *(Column(item.key, kind, "" if kind == "text" else item.unit, item.meaning) for item, kind in inputs),
         *(Column(key, _kind(values), "", key_info(key).meaning) for key, values in options.items()),
         *(Column(name, "real", data["unit"], data["meaning"]) for name, data in constants),
         *own["walk"],
