@@ -65,7 +65,7 @@ def draw_sweep(sweep: SweepTable) -> list[Picture]:
     drawn[np.random.default_rng(1).permutation(len(sweep))[:MOST_POINTS]] = True
     axes = [_axis(sweep, key) for key in sweep.varied[:_MOST_KEYS]]
     states: Groups = {state.label: (drawn & sweep.is_state(state), _COLORS[state]) for state in RunState}
-    pictures = [_scatter(*axes[:2], states)] if len(axes) > 1 else []
+    pictures = [_scatter(axes[0], axes[1], states)] if len(axes) > 1 else []
     groups = states
     if len(named := texts(sweep)) == 1:
         ((key, names),) = named.items()
