@@ -75,7 +75,8 @@ def test_figures_of_a_sweep(tmp_path, ampm):
     assert ampm("report", folder, "--figures", out, "--format", "svg", "--tables", "tex").status == 0
     drawn = [path.read_text(encoding="utf-8") for path in sorted(out.glob("*.svg"))]
     widths = [float(_only(r'<svg [^>]*width="([\d.]+)pt"', text)) for text in drawn]
-    assert widths == pytest.approx([COLUMN] * 6, abs=1.0)
+    assert len(widths) > 6
+    assert widths == pytest.approx([COLUMN] * len(widths), abs=1.0)
     assert UNSTUDIED.split("(")[0] in (out / "tables.tex").read_text(encoding="utf-8")
 
 

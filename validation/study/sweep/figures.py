@@ -1,15 +1,22 @@
-"""Pictures of a sweep: where it passes, and how much of the tolerances its runs use."""
+"""Pictures of a sweep: where it passes, how much of the tolerances its runs use, and all judged metrics."""
 
+import math
 from collections.abc import Mapping
+from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ampm.geometry import Array
-from validation.show.chart import Picture, new_charts, numbered
+from validation.judge.metrics import METRICS
+from validation.show.chart import DASHED, Picture, new_charts, numbered
+from validation.show.style import BAD, INK, PARTS
 from validation.study.sweep.table import REPORT, RunState, SweepTable
+from validation.table import short_unit
 
+Groups = Mapping[str, tuple[NDArray[np.bool_], str]]
+"""Rows and colour of each kind of points, by what the legend says."""
 MOST_POINTS = 2000
 """Runs in a picture at most: all, or a random sample."""
 _MOST_KEYS, _MOST_USED = 6, 1000.0  # parameters that are drawn; largest share of a tolerance [%]
@@ -31,7 +38,8 @@ class Axis(NamedTuple):
 
     label: str  # with its unit
     values: Array  # shape (N,), NaN where absent
-    ticks: Mapping[str, float]  # texts at their places; empty for numbers
+    ticks: Mapping[str, float] = {}  # texts at their places; empty for numbers
+    limit: float = math.nan  # the least of all runs; NaN without one
 
 
 def texts(sweep: SweepTable) -> dict[str, list[str]]:
@@ -49,36 +57,62 @@ def links_of(sweep: SweepTable) -> dict[int, str]:
 
 
 def draw_sweep(sweep: SweepTable) -> list[Picture]:
-    """The first two varied parameters over one another, then shares of the tolerances over each of them."""
-    rows = np.sort(np.random.default_rng(1).permutation(len(sweep))[:MOST_POINTS])
+    """Two varied parameters; then shares of the tolerances over each, and each metric over the first number.
+
+    Colours are those of the states, or in the latter of the values of a text, if one varies.
+    """
+    drawn = np.zeros(len(sweep), dtype=bool)
+    drawn[np.random.default_rng(1).permutation(len(sweep))[:MOST_POINTS]] = True
     axes = [_axis(sweep, key) for key in sweep.varied[:_MOST_KEYS]]
-    used = Axis("largest share of a tolerance [%]", np.minimum(100.0 * sweep.worst_used, _MOST_USED), {})
-    pairs = [*([tuple(axes[:2])] if len(axes) > 1 else []), *((axis, used) for axis in axes)]
-    return numbered(_scatter(sweep, rows, x, y) for x, y in pairs if np.isfinite(x.values + y.values).any())
+    states: Groups = {state.label: (drawn & sweep.is_state(state), _COLORS[state]) for state in RunState}
+    pictures = [_scatter(axes[0], axes[1], states)] if len(axes) > 1 else []
+    groups = states
+    if len(named := texts(sweep)) == 1:
+        ((key, names),) = named.items()
+        colors = zip(names, cycle((*PARTS, INK)), strict=False)
+        groups = {name: (drawn & (sweep.values(key) == name), color) for name, color in colors}
+    used = np.minimum(100.0 * sweep.worst_used, _MOST_USED)
+    share = Axis("largest share of a tolerance [%]", used, limit=100.0)
+    first = [axis for axis in axes if not axis.ticks][:1] or axes[:1]
+    pairs = [*((axis, share) for axis in axes), *((axis, y) for axis in first for y in _metrics(sweep))]
+    pictures += [_scatter(x, y, groups) for x, y in pairs if np.isfinite(x.values + y.values).any()]
+    return numbered(pictures)
 
 
 def _axis(sweep: SweepTable, key: str) -> Axis:
     """A varied parameter; texts are numbered."""
     values, unit = sweep.values(key), sweep.unit(key).replace("1", "")
     if values.dtype.kind != "U":
-        return Axis(f"{key} [{unit}]" if unit else key, values.astype(float), {})
+        return Axis(f"{key} [{unit}]" if unit else key, values.astype(float))
     names, places = np.unique(values, return_inverse=True)
     return Axis(key, places.astype(float), {name: float(place) for place, name in enumerate(names.tolist())})
 
 
-def _scatter(sweep: SweepTable, rows: NDArray[np.intp], x: Axis, y: Axis) -> Picture:
+def _metrics(sweep: SweepTable) -> list[Axis]:
+    """All judged metrics but the checks of the measurement itself."""
+    checks = {item.name for item in METRICS.values() if item.kind == "instrument"}
+    found = {sweep.label(metric): sweep.shown(metric) for metric in sweep.judged if metric not in checks}
+    return [
+        Axis(f"{label} [{short_unit(unit)}]", values, limit=float(np.fmin.reduce(limits)))
+        for label, (values, limits, unit) in found.items()
+    ]
+
+
+def _scatter(x: Axis, y: Axis, groups: Groups) -> Picture:
     """Runs over two quantities."""
     (chart,) = charts = new_charts(3.2, left=1.0)
     known = np.isfinite(x.values + y.values)
-    for state, color in _COLORS.items():
-        mine = rows[(known & sweep.is_state(state))[rows]]
-        if mine.size:
-            chart.line([np.nan], [np.nan], color, 3.0, label=state.label)  # for the legend
+    if math.isfinite(y.limit):
+        chart.level(y.limit, BAD, dash=DASHED)
+    for name, (rows, color) in groups.items():
+        if (mine := rows & known).any():
+            chart.line([np.nan], [np.nan], color, 3.0, label=name)  # for the legend
             chart.dots(x.values[mine], y.values[mine], color, 4.0)
     low, high = chart.limits()
     margin = 0.05 * (high - low)[0]
     chart.xlim = float(low[0] - margin), float(high[0] + margin)
     chart.xticks, chart.yticks = dict(x.ticks), dict(y.ticks)
-    chart.name("", y.label, x.label)
-    named = [axis.label.partition(" [")[0] for axis in (y, x)]
-    return Picture(charts, f"runs: {' over '.join(named)}")
+    (name, _, unit), (over, *_) = y.label.partition("["), x.label.partition(" [")
+    chart.name(name if unit else "", f"[{unit}" if unit else name, x.label)
+    chart.top = max(chart.top, chart.heading_height() + 4.0)
+    return Picture(charts, f"runs: {name.strip()} over {over}")
