@@ -66,20 +66,6 @@ def test_the_guess_has_a_plan_whose_heel_rises_with_the_zmp_at_the_ball(step, c_
         assert guessed.value(key) == run.value(key)
 
 
-@pytest.mark.parametrize("source", ["human", "suite-humanoid"])
-def test_the_heel_of_a_foot_without_toes_rises_later_by_a_choice(source):
-    run, robot = body_of(f"body.source='{source}'")
-    toes = robot.description.sole.has_toes
-    space = FreeChoices(run, run.given, robot.description)
-    assert ("rise" in space.names) != toes
-    assert "foot.heel_rise_lead" in space.values(run)
-    guess = space.guess()
-    early, late = (space.parameters({**guess, "rise": share}).foot for share in (0.0, guess["rise"]))
-    assert (late.heel_rise_lead < early.heel_rise_lead) != toes
-    plan = plan_of(space.parameters(guess), robot)
-    assert ("turn" in plan_margins(plan, run, robot.description)) == toes
-
-
 def test_torques_give_the_accelerations_of_the_step_back():
     """Forward dynamics under torques and the one foot's ground force, against the inverse kinematics."""
     run, robot = body_of("gait.c_y=0.7", "gait.c_s=1.1", "gait.steps=2")
@@ -191,7 +177,7 @@ def test_a_saved_plan_is_walked_with_the_values_found(ampm, tmp_path):
     changed = ("plan", "--set", "gait.step_length=0.5", "--steps", 2)
     planned = ampm(*changed, "--save", path, "--json").json
     assert planned["found"].keys() == set(OPEN_KEYS)
-    assert planned["margins"].keys() == LIMITS.keys() - {"speed", "stiff_turn"}
+    assert planned["margins"].keys() == LIMITS.keys() - {"speed"}
     assert path.read_text().startswith("# normal, gait.step_length 0.5\n")
     assert load_run(path).model_dump() == planned["parameters"]
     again = ampm("plan", path, "--json").json

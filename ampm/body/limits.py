@@ -23,7 +23,6 @@ CLEARANCE = 0.010
 # By how much a fine grid may find a knee straighter, a joint nearer to its limit and two parts nearer to each
 # other than the search's coarse one [rad, rad, m].
 _KNEE_GRID, _JOINT_GRID, _GAP_GRID = 0.015, 0.002, 0.0003
-_SPEED_WALK = 0.01  # by how much a joint may turn faster in a walk, over its speed limit [1]
 
 AT_MOST, AT_LEAST = -math.inf, math.inf
 """Targets of a limit that is only checked, not searched for."""
@@ -115,10 +114,6 @@ LIMITS: Mapping[str, Limit] = {
     ),
     "clearance": Limit(f"{_FLOOR} in mid swing", "m", 0.0, 0.006, "sole_under_floor"),
     "turn": Limit("fastest turn of a foot at the floor", "rad/s", 25.0, 10.0, "foot_turns_too_fast"),
-    # Its whole load moves between an edge and the sole.
-    "stiff_turn": Limit(
-        "fastest turn of a foot without toes at the floor", "rad/s", 12.5, 5.0, "foot_turns_too_fast"
-    ),
     # With less than the whole ramp the foot that lands is late in taking the weight over.
     "handover": Limit(
         "double support over the controller's contact ramp", "1", 0.85, 1.3, "double_support_too_short"
@@ -133,7 +128,7 @@ LIMITS: Mapping[str, Limit] = {
         name: Limit(f"least distance of {words} from its limits", "rad", _JOINT_GRID, target, "joint_limits")
         for name, (words, target) in _GROUPS.items()
     },
-    "speed": Limit("largest share of a joint's speed limit", "1", 1.0 - _SPEED_WALK, 0.9, "speed_limits"),
+    "speed": Limit("largest share of a joint's speed limit", "1", 1.0, 0.9, "speed_limits"),
     "gap": Limit("least distance of two parts", "m", CLEARANCE + _GAP_GRID, 0.0135, "self_collision"),
     # Feedback needs what is left, above all in the hips, which stop and turn the legs of a fast gait.
     "hip_time": Limit(

@@ -55,20 +55,17 @@ CHOICES = (
     Choice("toe_off", "foot.toe_off_angle", 0.0, 1.15, 0.15, 0.45),  # the guess is of a step of middle length
     # Rate at toe off over the mean rate:
     Choice("toe_turn", "foot.toe_off_rate", 1.0, 2.3, 0.3, 1.8, derived=True),
-    # Of a foot without toes: how much later the heel rises, over the rest of the double support. When the ZMP
-    # reaches its front edge, it is at the edge of the support:
-    Choice("rise", "foot.heel_rise_lead", 0.0, 0.7, 0.2, 0.3, derived=True),
     Choice("toe_back", "foot.toe_return", 0.35, 1.0, 0.15, 0.8),
     Choice("strike", "foot.heel_strike_angle", 0.0, 0.6, 0.1, 0.2),
     Choice("down", "foot.full_contact", 0.12, 0.95, 0.15, 0.9),
     Choice("lift", "foot.swing_height", 0.0, 0.09, 0.02, 0.05 / _STATURE, scaled=True),
     Choice("lag", "foot.swing_lag", -0.1, 0.25, 0.06, 0.08),
 )
-"""Five more open keys follow: the heel rises when the ZMP reaches the ball, without toes later
-(``foot.heel_rise_lead``), the front foot comes down turning (``foot.heel_strike_rate``), the swing foot's
-feedback is fast beside the swing (``controller.swing_stiffness``, ``controller.swing_damping``), and L_z is
-held at zero where the feet could not hold its swing (``body.angular_momentum_z``)."""
-_ROLLING = {"toe_off", "toe_turn", "rise", "toe_back", "strike", "down"}  # without effect on flat feet
+"""Five more open keys follow: the heel rises when the ZMP reaches the ball (``foot.heel_rise_lead``), the
+front foot comes down turning (``foot.heel_strike_rate``), the swing foot's feedback is fast beside the swing
+(``controller.swing_stiffness``, ``controller.swing_damping``), and L_z is held at zero where the feet could
+not hold its swing (``body.angular_momentum_z``)."""
+_ROLLING = {"toe_off", "toe_turn", "toe_back", "strike", "down"}  # without effect on flat feet
 _SPREAD = {
     "ratio": (-0.45, 0.1),
     "height": (-0.5, 0.05),
@@ -104,7 +101,6 @@ class FreeChoices:
         self.sole = description.sole
         self.flat = run.foot.schedule == "flat"
         self.useless = (_ROLLING if self.flat else set()) | (set() if description.spread else {"spread"})
-        self.useless |= {"rise"} if self.sole.has_toes else set()
         names = {choice.name for choice in CHOICES} - self.useless
         kept = self.fixed | self.held
         free = [choice for choice in CHOICES if choice.name in names and choice.key not in kept]
@@ -137,7 +133,7 @@ class FreeChoices:
 
     def values(self, run: RunParameters) -> dict[str, float | str]:
         """Free keys and their values in a run with choices."""
-        idle = {_RANGE[name].key for name in self.useless - {"rise"}}
+        idle = {_RANGE[name].key for name in self.useless}
         if self.flat:
             idle |= {"foot.heel_rise_lead", "foot.heel_strike_rate"}
         return {key: run.value(key) for key in OPEN_KEYS if key not in self.fixed | idle}
@@ -182,8 +178,7 @@ class FreeChoices:
         if "foot.heel_rise_lead" in self.fixed:
             return rolling
         late = _later_rise(plan_steps(_begin(rolling.gait), rolling.body.mass, rolling.foot, self.sole))
-        rest = double + lead
-        late = max(min(late, 0.7 * rest), choice["rise"] * rest)
+        late = min(late, 0.7 * (double + lead))
         return self._rolling(rolling, choice, double, lead - late) if late > 0.0 else rolling
 
     def _rolling(
@@ -233,7 +228,6 @@ class FreeChoices:
         choice = {item.name: item.guess for item in CHOICES}
         choice["toe_off"] *= stride
         choice["strike"] *= stride if self.sole.has_toes else _SOFT_STRIKE * stride
-        choice["rise"] *= not self.sole.has_toes
         for item in CHOICES:
             if not item.derived:
                 scale = h if item.scaled else 1.0

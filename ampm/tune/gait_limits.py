@@ -68,7 +68,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
         "reach": leg_extension(plan, description, times),
         "floor": [(swing[end] / near[end] ** 3).min() for end in ends],
         "clearance": swing[(share > _SWING_ENDS) & (share < 1.0 - _SWING_ENDS)].min(),
-        "turn" if description.sole.has_toes else "stiff_turn": turn if run.foot.schedule == "roll" else 0.0,
+        "turn": turn if run.foot.schedule == "roll" else 0.0,
         "handover": plan.constants.double_support_duration / run.controller.contact_ramp,
         "pace": plan.constants.step_duration,
         "friction": (np.hypot(force[:, 0], force[:, 1]) / force[:, 2]).max() / run.controller.friction,
