@@ -136,7 +136,7 @@ class WalkOptions:
     )
     controller: str | None = option(
         "--controller",
-        "Short for controller.name: ampm, joint-pd, or a class of your own.",
+        "Short for controller.name: ampm, or a class of your own.",
         "NAME|MODULE:CLASS",
     )
     engine: str | None = option("--engine", "Short for simulation.engine.", "mujoco|drake")
