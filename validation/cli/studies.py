@@ -136,12 +136,7 @@ def convergence(
     """
     from validation.study.convergence.study import convergence as study
 
-    found = study(
-        walk.request(gait),
-        steps=steps,
-        profile=profile,
-        **execution.given(),
-    )
+    found = study(walk.request(gait), steps=steps, profile=profile, **execution.given())
     execution.answer(found)
     if not found.completed:
         return Status.NOT_COMPLETED
@@ -173,13 +168,7 @@ def robustness(
     """
     from validation.study.robustness.study import robustness as study
 
-    found = study(
-        walk.request(gait),
-        quick=quick,
-        only=only or (),
-        replicas=replicas,
-        **execution.given(),
-    )
+    found = study(walk.request(gait), quick=quick, only=only or (), replicas=replicas, **execution.given())
     execution.answer(found)
     return Status.CRASH if found.crashes else Status.PASS
 

@@ -26,13 +26,14 @@ from validation.store.machine import memory_peak
 from validation.store.metric_table import metric_table
 from validation.store.record import save_record
 from validation.store.saved import (
+    BODY_FILE,
+    DESCRIPTION,
     ENVIRONMENT_FILE,
     MODEL_FILE,
     RUN_FILE,
     SUMMARY_FILE,
     digests,
     load_saved_run,
-    save_description,
 )
 from validation.store.signals import SIGNALS_FILE, save_signals
 from validation.table import Table, Tabled
@@ -166,7 +167,7 @@ def write_inputs(folder: Path, planned: PlannedWalk) -> dict[str, Any]:
     environment = describe_environment()
     (folder / RUN_FILE).write_text(dump_run(planned.run), encoding="utf-8")
     (folder / MODEL_FILE).write_text(planned.scene.model.xml, encoding="utf-8")
-    save_description(planned.body.model.description, folder)
+    (folder / BODY_FILE).write_bytes(DESCRIPTION.dump_json(planned.body.model.description, indent=1))
     write_json(folder / ENVIRONMENT_FILE, environment)
     return environment
 

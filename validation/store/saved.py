@@ -32,8 +32,8 @@ from validation.store.summary import SUMMARY, read_json
 from validation.table import Table, Tabled
 from validation.trial.record import SimulationRecord
 
-_DESCRIPTION = TypeAdapter(BodyDescription)
-
+DESCRIPTION = TypeAdapter(BodyDescription)
+"""Writes and reads the description of a body."""
 RUN_FILE = "run.toml"
 BODY_FILE = "body.json"
 ENVIRONMENT_FILE = "environment.json"
@@ -153,15 +153,10 @@ def read_summary(directory: Path) -> dict[str, Any]:
     return read_json(directory / SUMMARY_FILE, SUMMARY, "walk the gait again")
 
 
-def save_description(description: BodyDescription, directory: Path) -> None:
-    """Write the description of a run's body into its folder."""
-    (directory / BODY_FILE).write_bytes(_DESCRIPTION.dump_json(description, indent=1))
-
-
 def load_description(directory: Path) -> BodyDescription:
     """Description of the body of a run, from its folder; raises InputError if it is missing or damaged."""
     try:
-        return _DESCRIPTION.validate_json((directory / BODY_FILE).read_bytes())
+        return DESCRIPTION.validate_json((directory / BODY_FILE).read_bytes())
     except (OSError, ValueError) as error:
         why = " ".join(str(error).split())
         raise InputError(

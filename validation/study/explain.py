@@ -134,11 +134,7 @@ def walk_case(case: Case) -> Row:
     planned = plan_walk(case.request)
     if case.lifted:
         planned = replace(planned, body=_stronger(planned.body))
-    trial = walk_planned(
-        planned,
-        profiles.profile(case.profile),
-        disturbances=case.pushes,
-    )
+    trial = walk_planned(planned, profiles.profile(case.profile), disturbances=case.pushes)
     end, torque = trial.record.outcome, trial.comparison.costs["margins"]["torque"]
     if end.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
