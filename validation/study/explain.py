@@ -22,11 +22,12 @@ from validation.run.walk import walk_planned
 from validation.show.text import format_value
 from validation.store.folders import names_folder
 from validation.store.json import json_ready
-from validation.store.saved import EXPLANATION, RUN_FILE, load_saved_run
+from validation.store.saved import load_saved_run
 from validation.study.many import Execution, Task, study_folder, walk_many, write_study
 from validation.study.row_file import Row
 from validation.table import Table, Tabled, own_rows
 from validation.trial.disturbances import Disturbance, Recorded
+from validation.trial.files import RunFile
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Body, Request, load_request, plan_walk
 from validation.trial.shapes import make_robot
@@ -274,7 +275,7 @@ def explain(
         given = Case(request, profile, tuple(disturbances))
     elif settings or disturbances:
         raise InputError(
-            f"{folder} is repeated as it was walked; for changes give {folder / RUN_FILE} instead."
+            f"{folder} is repeated as it was walked; for changes give {folder / RunFile.RUN} instead."
         )
     else:
         given = _saved_case(folder)
@@ -296,14 +297,15 @@ def explain(
         rows.append({"layer": change.layer, "text": text, **row})
     result = Explanation(planned.request.title, *answer(trial, rows), trial, tuple(rows))
     for place in filter(None, (target, folder)):
-        write_study(result, place / EXPLANATION)
+        write_study(result, place / RunFile.EXPLANATION)
     return result
 
 
 def _saved_case(folder: Path) -> Case:
     """The trial of a run's folder, with its recorded external forces, the run's own push among them."""
     saved = load_saved_run(folder)
-    request, record, made = load_request(str(folder / RUN_FILE)), saved.record, saved.summary.get("planner")
+    request, record = load_request(str(folder / RunFile.RUN)), saved.record
+    made = saved.summary.get("planner")
     if saved.is_log:
         raise InputError(f"{folder} is a log, which cannot be walked again; give the folder of a run.")
     ours = (None, "footsteps" if request.run.footsteps else "")
