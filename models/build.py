@@ -1,4 +1,4 @@
-"""The body of a run: the human, built from tables, or another one, read from its description."""
+"""The body of a run: the human, scaled from its file, or another one, read from its description."""
 
 from ampm.parameters import HUMAN, BodyParameters
 from ampm.physics_parameters import ContactParameters, SimulationParameters
