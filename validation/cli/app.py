@@ -85,7 +85,7 @@ def _call(arguments: Sequence[str], commands: typer.Typer) -> int:
         logging.basicConfig(level=logging.WARNING)
         logging.getLogger("ampm").setLevel(logging.DEBUG)
     try:
-        with command.make_context(command.name, list(arguments)) as context:
+        with command.make_context(commands.info.name, list(arguments)) as context:
             status = int(command.invoke(context) or 0)
         interruption.check()
         return status
