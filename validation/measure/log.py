@@ -92,7 +92,8 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
     """
     have = ", ".join(map(str, table)) or "none"
     if "time" not in table:
-        raise InputError(f"{name} has no column 'time'; it needs {NEEDED}; it has {have}.")
+        hint = " Separate the columns by commas." if ";" in have else ""
+        raise InputError(f"{name} has no column 'time'; it needs {NEEDED}; it has {have}.{hint}")
     time, signals = _numbers(table, "time", name), dict[str, Array]()
     step = _step(time, name)
     for key, axes in COLUMNS.items():
@@ -146,7 +147,7 @@ def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
 def _step(time: Array, name: str) -> float:
     """Median time from row to row [s]."""
     if len(time) < 3:
-        raise InputError(f"{name} has {len(time)} rows; give three or more.")
+        raise InputError(f"{name} has too few rows, {len(time)}; give three or more.")
     late = np.flatnonzero(np.diff(time) <= 0.0)
     if late.size:
         raise InputError(

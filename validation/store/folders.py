@@ -136,6 +136,9 @@ def output_file(target: Path, *, force: bool = True) -> Iterator[Path]:
     try:
         yield work
         work.replace(target)
+    except OSError as error:
+        error.filename = str(target) if error.filename == str(work) else error.filename
+        raise
     finally:
         work.unlink(missing_ok=True)
 

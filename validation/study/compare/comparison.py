@@ -452,7 +452,7 @@ def compare_gaits(
         given["WALK"], count = [*given["WALK"], "ipm"], 2
     if {*map(len, given.values())} - {1, count}:
         times = ", ".join(f"{name} {len(values)} times" for name, values in given.items() if len(values) > 1)
-        raise InputError(f"{times}: give each once, for all walks, or once for each of the {count} walks.")
+        raise InputError(f"{times}: give each one once, or {count} times, once for each walk.")
     alike, requests, labels = len(set(given["WALK"])) == 1, [], []
     for walk in range(count):
         text, *chosen = (values[walk % len(values)] for values in given.values())
