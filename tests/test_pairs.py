@@ -149,6 +149,8 @@ def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limit
         "other takes 12 % more torque than smooth and uses 2.5 times the friction of smooth; smooth" in said
     )
     assert "other exceeded 1 of 12 limits (ground force, RMS error along x, " in said
+    planless = replace(comparison_of([a, spent]), rows=())
+    assert planless.sentence.startswith("smooth and other have no planned ZMP. ")
     fell = changed(b, outcome="fell", end={"time": 2.3, "cause": ""})
     assert comparison_of([a, fell]).sentence.endswith("other did not walk to the end (fell after 2.30 s).")
 

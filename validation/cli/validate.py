@@ -158,17 +158,9 @@ def report(
     --evidence has one page and JSON-LD: what was verified and validated, after the factors of ASME V&V 40 and
     NASA-STD-7009, and what was not; inputs, digests and environment. The run is replayed for it.
     """
-    shaped = (form, width) != ("pdf", "88mm")
-    for wrong, said in (
-        (figures is None and shaped, "--format and --width shape --figures; give its folder, too."),
-        (evidence is None and study, "--study belongs to --evidence; give its file, too."),
-        (
-            evidence and (figures or tables),
-            "--evidence writes no --figures and no --tables; call ampm twice.",
-        ),
-    ):
-        if wrong:
-            raise InputError(said)
+    shaped = figures is None and (form, width) != ("pdf", "88mm")
+    if shaped or (study and not evidence) or (evidence and (figures or tables)):
+        raise InputError("--format and --width need --figures, --study --evidence; --evidence is alone.")
     if evidence is not None:
         from validation.study.evidence import write_evidence  # loads the simulator
 

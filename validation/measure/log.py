@@ -92,8 +92,7 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
     """
     have = ", ".join(map(str, table)) or "none"
     if "time" not in table:
-        hint = " Separate the columns by commas." if ";" in have else ""
-        raise InputError(f"{name} has no column 'time'; it needs {NEEDED}; it has {have}.{hint}")
+        raise InputError(f"{name} has no column 'time'; it needs {NEEDED}; it has {have}.")
     time, signals = _numbers(table, "time", name), dict[str, Array]()
     step = _step(time, name)
     for key, axes in COLUMNS.items():

@@ -7,6 +7,7 @@ earlier it falls.
 """
 
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -307,6 +308,8 @@ def explain(
 def _saved_case(folder: Path) -> Case:
     """The trial of a run's folder, with its recorded external forces, the run's own push among them."""
     saved = load_saved_run(folder)
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{folder} gets the explanation and cannot be written; copy it to another place.")
     request, record, made = load_request(str(folder / RUN_FILE)), saved.record, saved.summary.get("planner")
     if saved.is_log:
         raise InputError(f"{folder} is a log, which cannot be walked again; give the folder of a run.")

@@ -140,7 +140,8 @@ class Ranking(Tabled):
         walked = [cell.task for cell in self.cells if cell.runs]
         pairs = sum(math.comb(walked.count(task), 2) for task in set(walked))
         missing = f" {self.planned - self.found} runs have no result yet." * (self.found < self.planned)
-        return f"{len(self.wins)} of {pairs} differences between two in one task are decided.{missing}"
+        few = " Errors decide from six replicas on." * all(len(cell.errors) < 6 for cell in self.cells)
+        return f"{len(self.wins)} of {pairs} differences between two in one task are decided.{missing}{few}"
 
     def tables(self) -> list[Table]:
         """Ranks of all tasks, then each task."""
