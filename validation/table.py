@@ -238,7 +238,7 @@ def with_uncertainty(value: float | str | None, uncertainty: float | str | None,
         return f"{format_number(value, digits)} ± {'∞' if doubt else '0'}"
     decimals = 1 - math.floor(math.log10(float(f"{doubt:.1e}")))
     power = math.floor(math.log10(max(abs(number), doubt)))
-    if decimals > _DECIMALS and power < 0:
+    if decimals > _DECIMALS and power < -2:
         return f"({with_uncertainty(number / 10.0**power, doubt / 10.0**power)})e{power}"
     shown = [round(item, decimals) + 0.0 for item in (number, doubt)]  # no negative zero
     return " ± ".join(f"{item:.{max(decimals, 0)}f}" for item in shown)
