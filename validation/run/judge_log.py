@@ -154,6 +154,8 @@ def _aligned(
     if log.gaps:
         gaps = f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s"
         notes.append(f"{gaps}, are left out.")
+    if log.unsupported:
+        notes.append(log.unsupported)
     if strides:
         log, mean = mean_stride(log, plan)
         facts["strides"] = mean
