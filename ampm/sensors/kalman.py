@@ -23,7 +23,7 @@ _WALK = np.repeat([0.0, 0.0, 0.0, 1e-4, 1e-4], 3)
 """Random walk of the same in a second; velocity and attitude get errors of the sensors instead."""
 _ACCELERATION_ERROR = 0.02
 """Standard deviation of the acceleration at a tick from its mean over the tick [m/s^2]."""
-_CREEP = (5e-3, 5e-3, 2e-4)
+_CREEP = (1e-2, 1e-2, 1e-3)
 """Random walk of a loaded point in a second, shape (3,) [m]: loaded soles creep by up to 1 mm in a step."""
 _ERRORS = {"root_linear": 0.0, "root_angular": 0.0, "legs": 0.6, "trunk": 0.1, "arms": 0.03}
 _TOE_ERROR = 2.0
@@ -78,7 +78,10 @@ class Kalman:
             rate_variance=np.zeros(1),
             rate_error=np.zeros(1),
             angle_error=np.zeros(nu),
-            kick=np.zeros((1 + nu, 3)),
+            twist=np.zeros((1 + nu, 6)),
+            response=np.zeros(nu),
+            inertia=np.zeros((1 + nu, 6, 6)),
+            armature=robot.rigid_body.armature,
             x=np.zeros(len(growth)),
             covariance=np.diag(start_errors**2),
             offset=np.zeros(nu),
