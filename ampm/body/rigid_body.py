@@ -238,7 +238,7 @@ def respond(tree: Records, armature: Array, link: Records, inertia: Array, twist
 
 @compiled
 def spatial_inertia(mass: float, here: Any, inertia: Array) -> None:
-    """Write the inertia of one link about O, shape (6, 6): ``(m u + w x h, I w + h x u)`` of a twist (u, w)."""
+    """Write the inertia of a link about O, shape (6, 6): ``(m u + w x h, I w + h x u)`` of a twist (u, w)."""
     c = vector(here.com)
     inertia[:] = 0.0
     inertia[3:6, 3:6] = here.own

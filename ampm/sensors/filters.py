@@ -12,7 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ampm.body.rigid_body import angular_momentum, move_links, moved, place_links, place_of, respond, sum_inertia
+from ampm.body.rigid_body import (
+    angular_momentum,
+    move_links,
+    moved,
+    place_links,
+    place_of,
+    respond,
+    sum_inertia,
+)
 from ampm.compiled import compiled
 from ampm.geometry import Array
 from ampm.sensors.soles import spread_wrenches
@@ -20,8 +28,6 @@ from ampm.vectors import ZERO, Vector, cross, dot, from_quaternion, minus, plus,
 
 VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
 LOAD = 0.06  # force from which a point rests, as share of the weight; half of it to go on resting
-LANDING = 0.05  # time after a change of the loaded points in which commands are less certain [s]
-LANDING_FACTOR = 5.0  # by how much their errors are larger then
 RATE_ERROR = 0.4  # of the root's commanded angular acceleration, at least [rad/s^2]
 MEMORY = 0.02  # over which the errors of commanded accelerations are averaged [s]
 POINT_ERROR = 1e-3  # standard deviation of a resting point [m]
@@ -56,7 +62,6 @@ class Filter(NamedTuple):
     spin: int  # where the angular momentum about the COM begins in x; 0 if it is not estimated
     loaded: Any  # sole points that rest, (P,)
     touched: Any  # sole points that touched at the last tick, (P,)
-    quiet: Array  # time since the loaded points changed, (1,) [s]
     turn: Array  # axes of the root to world, (3, 3)
     link: Any  # of the body, placed
     angles: Array  # as read, (nu,) [rad]
@@ -107,7 +112,6 @@ def update(
     if period > 0.0:
         predict(f, last, period)
     f.gyro_before[:] = f.gyro
-    f.quiet[0] += period
     correct(f, period, has_fix)
     q[:] = f.q
     put(v[0:3], turned(f.turn.T, vector(f.x[VELOCITY:TURN])))
@@ -133,11 +137,10 @@ def predict(f: Filter, last: float, period: float) -> None:
     commanded = np.zeros(f.commanded.shape[1])
     for n in range(len(f.commanded)):
         commanded += acted(f, n, last, last + period) / period * f.commanded[n]
-    factor = LANDING_FACTOR if f.quiet[0] < LANDING else 1.0
-    force = predict_root(f, commanded, period, factor)
+    force = predict_root(f, commanded, period)
     sum_inertia(f.tree, f.link)
     respond(f.tree, f.armature, f.link, f.inertia, f.twist, f.response)
-    predict_joints(f, commanded, period, factor)
+    predict_joints(f, commanded, period)
     spread_rows(f, period, force, f.covariance)
     spread_rows(f, period, force, f.covariance.T)
     for e in range(len(f.x)):
@@ -145,16 +148,20 @@ def predict(f: Filter, last: float, period: float) -> None:
 
 
 @compiled
-def predict_joints(f: Filter, commanded: Array, period: float, factor: float) -> None:
+def predict_joints(f: Filter, commanded: Array, period: float) -> None:
     """Angle and rate of every hinge, by the commanded acceleration and two sensors.
 
     Where the root moves otherwise than commanded, the hinges follow it at the commanded torques.
     """
     shift = period * (0.5 * period + f.lag)  # of the angle by an acceleration
     for j in range(len(f.joint_rate)):
-        a, start, covariance = commanded[6 + j] + f.response[j] / period, f.joint_rate[j], f.joint_covariance[j]
+        a, start, covariance = (
+            commanded[6 + j] + f.response[j] / period,
+            f.joint_rate[j],
+            f.joint_covariance[j],
+        )
         angle, rate = f.q[7 + j] + period * start + shift * a, start + period * a
-        error, predicted = max((factor * f.joint_error[j]) ** 2, f.angle_error[j]), rate
+        error, predicted = max(f.joint_error[j] ** 2, f.angle_error[j]), rate
         aa = covariance[0] + period * (2.0 * covariance[1] + period * covariance[2]) + error * shift * shift
         ar = covariance[1] + period * covariance[2] + error * shift * period
         rr = covariance[2] + error * period * period
@@ -169,7 +176,7 @@ def predict_joints(f: Filter, commanded: Array, period: float, factor: float) ->
 
 
 @compiled
-def predict_root(f: Filter, commanded: Array, period: float, factor: float) -> Vector:
+def predict_root(f: Filter, commanded: Array, period: float) -> Vector:
     """Attitude by the gyro, velocity and place by the accelerometer.
 
     The filtered rate does not turn the root: a body whose COM is a millimetre off turns otherwise than
@@ -178,7 +185,7 @@ def predict_root(f: Filter, commanded: Array, period: float, factor: float) -> V
     Returns:
         Acceleration less gravity, in world axes [m/s^2].
     """
-    f.rate_variance[0] += max((factor * RATE_ERROR) ** 2, f.rate_error[0]) * period**2
+    f.rate_variance[0] += max(RATE_ERROR**2, f.rate_error[0]) * period**2
     gain = f.rate_variance[0] / (f.rate_variance[0] + f.variance[2])
     f.rate_variance[0] *= 1.0 - gain
     start = vector(f.rate)
@@ -329,7 +336,7 @@ def update_contact(f: Filter, i: int, arm: Vector) -> None:
     f.touched[i] = f.contact[i]
     loaded = f.contact[i] and f.force[i] > (0.5 if f.loaded[i] else 1.0) * LOAD * f.weight
     if loaded != f.loaded[i]:
-        f.loaded[i], f.quiet[0] = loaded, 0.0
+        f.loaded[i] = loaded
         for axis in range(3):
             row = POINTS + 3 * i + axis
             f.x[row] = part_of(f, axis, arm, i, f.x) + arm[axis]
