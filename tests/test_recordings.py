@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from ampm.exceptions import InputError
 from tests.saved_run import COARSE, make_run
 from validation.cli.app import Status, call
-from validation.cli.view import recording_of
 from validation.show.curves import DIFFERENCES
 from validation.show.rerun.record import SINGLE_SUPPORT, write_recording
 from validation.show.rerun.views import PHASE
@@ -171,8 +170,3 @@ def test_one_target_is_saved_as_it_is_and_an_existing_file_is_kept(one, tmp_path
     assert "--force" in capsys.readouterr().err
     assert save(one, "--save", target, "--force") == Status.PASS
     assert target.read_bytes() == (one / RunFile.RECORDING).read_bytes()
-
-
-def test_the_folder_of_a_sweep_has_no_recording_of_its_own(one):
-    with pytest.raises(InputError, match="such as recordings/NAME of a sweep"):
-        recording_of([one.parent], one)

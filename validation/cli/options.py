@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from validation.trial.disturbances import Disturbance
     from validation.trial.plan import Request
 
-EXITS = "2 bad input or refused, 4 crash of ampm itself, 5 stopped and 130 interrupted: --resume goes on."
+STOPPED = "5 stopped and 130 interrupted: --resume goes on."
+EXITS = f"2 bad input or refused, 4 crash of ampm itself, {STOPPED}"
 WALK, LOOK, CHECK, BODIES = "Walk", "Look", "Check", "Bodies and gaits"
 """Groups of commands in ``ampm --help``."""
 PROFILES = "default, strict, wide, jumps, footsteps, odometry or free"

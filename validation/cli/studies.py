@@ -21,8 +21,8 @@ app = typer.Typer()
 
 @app.command(
     rich_help_panel=options.WALK,
-    epilog="Exit status: 0 every run that walked passed, 1 some are out of tolerance, 2 every run refused, "
-    f"3 some did not complete, 4 some crashed; {options.EXITS}",
+    epilog="Exit status: 0 every run that walked passed, 1 some are out of tolerance, 2 bad input, or every "
+    f"run refused, 3 some did not complete, 4 some crashed, or ampm itself, {options.STOPPED}",
 )
 @grouped
 def sweep(
@@ -145,7 +145,7 @@ def convergence(
 
 @app.command(
     rich_help_panel=options.CHECK,
-    epilog=f"Exit status: 0 the study is done, 4 an error ended a walk; {options.EXITS}",
+    epilog=f"Exit status: 0 the study is done, 2 bad input or refused, 4 a crash, {options.STOPPED}",
 )
 @grouped
 def robustness(

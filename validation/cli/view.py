@@ -34,10 +34,15 @@ def view(
     One run opens unchanged. Several are aligned on the phase of the gait: the bodies stand side by side, and
     the curves lie over each other.
     """
+    if save is None and len(targets) == 1 and targets[0].suffix == ".rrd" and targets[0].is_file():
+        return show_recording(targets[0], web=web)
+    if missing := [target for target in targets if not (target / RunFile.SUMMARY).is_file()]:
+        raise InputError(
+            f"{missing[0]} is not a run; give folders of runs, such as recordings/NAME of a sweep. One .rrd "
+            "file alone is shown as it is."
+        )
     if save is None:
-        viewer_command(targets[0], web=web)  # refuses if there is no viewer or display
-        if len(targets) == 1 and targets[0].suffix == ".rrd" and targets[0].is_file():
-            return show_recording(targets[0], web=web)
+        viewer_command(targets[0], web=web)  # refuses if there is no display
     else:
         check_new_file(save, ".rrd", force=force)
     with tempfile.TemporaryDirectory(prefix="ampm-view-") as folder:
@@ -54,14 +59,8 @@ def recording_of(targets: Sequence[Path], folder: Path) -> Path:
     """The recording of one run, or a file in a folder with those of several.
 
     Raises:
-        InputError: a target is not a run, or a file of it has changed.
+        InputError: a file of a run has changed, or a run is given twice.
     """
-    for target in targets:
-        if not (target / RunFile.SUMMARY).is_file():
-            raise InputError(
-                f"{target} is not a run; give folders of runs, such as recordings/NAME of a sweep. One .rrd "
-                "file alone is shown as it is."
-            )
     # Imported here because rerun is slow to load.
     from validation.show.rerun.record import write_recording, write_several
     from validation.store.saved import load_saved_run

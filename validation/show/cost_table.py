@@ -62,7 +62,8 @@ def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
         return metric.label, ABSENT, "", "", "", where
     shown = "" if limit is None else format_number(scale * limit)
     used = format_share(value, limit)
-    return metric.label, format_number(scale * value, 3), shown, short_unit(unit), used, where
+    value = 0.0 if abs(value) < 1e-10 else scale * value  # a ZMP on the edge, but for rounding
+    return metric.label, format_number(value, 3), shown, short_unit(unit), used, where
 
 
 def cost_limit(summary: Mapping[str, Any], name: str) -> float | None:

@@ -66,7 +66,8 @@ def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder} cannot be written ({error.strerror}); give another place.") from error
+        shown = str(folder).partition(".partial-")[0]
+        raise InputError(f"{shown} cannot be written ({error.strerror}); give another place.") from error
 
 
 @contextmanager
@@ -115,6 +116,8 @@ def output_file(target: Path, *, force: bool = True) -> Iterator[Path]:
     try:
         yield work
         work.replace(target)
+    except PermissionError as error:
+        raise InputError(f"{target} cannot be written ({error.strerror}); give another place.") from error
     finally:
         work.unlink(missing_ok=True)
 

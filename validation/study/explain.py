@@ -7,6 +7,7 @@ earlier it falls.
 """
 
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -304,6 +305,8 @@ def explain(
 def _saved_case(folder: Path) -> Case:
     """The trial of a run's folder, with its recorded external forces, the run's own push among them."""
     saved = load_saved_run(folder)
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{folder} gets the explanation and cannot be written; copy it to another place.")
     request, record = load_request(str(folder / RunFile.RUN)), saved.record
     made = saved.summary.get("planner")
     if saved.is_log:
