@@ -80,7 +80,11 @@ def test_a_table_beside_our_planner_is_walked_once(tmp_path, ampm, monkeypatch):
         ([], {}, ["normal", "ipm"]),
         (["flat"], {"gait.planner": ["dcm"]}, ["flat", "ipm"]),
         (["flat"], {"gait.planner": ["ampm", "dcm"], "controller.name": ["ampm"]}, ["ampm", "dcm"]),
-        (["flat"], {"gait.planner": ["ampm", "dcm"], "controller.name": ["ampm", "joint-pd"]}, None),
+        (
+            ["flat"],
+            {"gait.planner": ["ampm", "dcm"], "controller.name": ["ampm", "docs.examples.joint_pd:JointPD"]},
+            None,
+        ),
         (["flat", "normal"], {"gait.planner": ["ampm", "dcm"]}, ["flat", "normal"]),
     ],
 )
@@ -89,7 +93,7 @@ def test_options_may_vary_together(monkeypatch, gaits, choices, labels):
     monkeypatch.setattr(comparison, "plan_walk", lambda request, _: SimpleNamespace(request=request))
     monkeypatch.setattr(comparison, "compare_runs", lambda folders, labels, *_: labels)
     found = comparison.compare_gaits(gaits, choices=choices)
-    assert found == (labels or ["ampm, ampm", "dcm, joint-pd"])
+    assert found == (labels or ["ampm, ampm", "dcm, docs.examples.joint_pd:JointPD"])
 
 
 def test_bodies_of_two_sizes_are_told_and_compared_in_shares_of_their_size(sides):

@@ -29,7 +29,7 @@ def list_bodies() -> int:
     from models.source import body_path, known_bodies, read_body_file
 
     for name in known_bodies():
-        source = "built from tables" if name == HUMAN else read_body_file(body_path(name)).source
+        source = "models/human.xml, scaled" if name == HUMAN else read_body_file(body_path(name)).source
         print_line(f"{name:<16}{source}")
     return Status.PASS
 

@@ -136,9 +136,7 @@ class WalkOptions:
         "NAME|FILE.csv|.parquet|MODULE:CLASS",
     )
     controller: str | None = option(
-        "--controller",
-        "Short for controller.name: ampm, joint-pd, or a class of your own.",
-        "NAME|MODULE:CLASS",
+        "--controller", "Short for controller.name: ampm, or a class of your own.", "NAME|MODULE:CLASS"
     )
     engine: str | None = option("--engine", "Short for simulation.engine.", "mujoco|drake")
     command: str | None = option(

@@ -31,7 +31,7 @@ def sweep(
     execution: options.Running,
     metric: list[str] | None = options.METRICS,
     dry_run: bool = option(
-        "--dry-run", "Count runs and refusals by formula; walk one run to measure its time.", default=False
+        "--dry-run", "Count runs and refusals by formula; walk one run to measure its time."
     ),
 ) -> int:
     """Walk many runs over any parameters, on all cores.
@@ -154,9 +154,7 @@ def robustness(
     gait: str | None = options.GAIT,
     *,
     walk: options.WalkOptions,
-    quick: bool = option(
-        "--quick", "Fewer pushes and coarser grids: a quarter of an hour on two cores.", default=False
-    ),
+    quick: bool = option("--quick", "Fewer pushes and coarser grids: a quarter of an hour on two cores."),
     only: list[str] | None = option(
         "--only", "Study only this: pushes, or a key of disturbance or sensors. Repeatable.", "KIND"
     ),

@@ -24,7 +24,8 @@ from validation.progress import Progress
 from validation.run.trial import Trial
 from validation.run.walk import timed
 from validation.store.folders import names_folder
-from validation.store.saved import RUN_FILE, SavedRun, load_saved_run
+from validation.store.saved import SavedRun, load_saved_run
+from validation.trial.files import RunFile
 from validation.trial.plan import Request, load_request, plan_walk
 from validation.trial.record import FEET
 from validation.trial.users import SUFFIXES, read_columns
@@ -128,7 +129,7 @@ def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Reque
         request = load_request(None, [*settings, f"gait.planner='{Path(plan).resolve()}'"])
     elif names_folder(plan):
         gait = load_saved_run(plan).summary["gait"]
-        request = replace(load_request(str(Path(plan) / RUN_FILE), settings), name=gait)
+        request = replace(load_request(str(Path(plan) / RunFile.RUN), settings), name=gait)
     else:
         request = load_request(str(plan), settings)
     return replace(request, run=request.run.undisturbed)
@@ -154,6 +155,8 @@ def _aligned(
     if log.gaps:
         gaps = f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s"
         notes.append(f"{gaps}, are left out.")
+    if log.unsupported:
+        notes.append(log.unsupported)
     if strides:
         log, mean = mean_stride(log, plan)
         facts["strides"] = mean
