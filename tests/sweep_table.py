@@ -11,9 +11,10 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from ampm.parameters import GRAVITY, RunParameters
+from ampm.section import parse_toml
 from models.human import sole_geometry
 from validation.judge.profiles import profile
-from validation.study.sweep.design import parse_sweep
+from validation.study.sweep.design import SweepDefinition, read_definition
 from validation.study.sweep.table import SweepTable, build_table, key_of, wrap_table
 
 RANGES: Mapping[str, tuple[float, float]] = {
@@ -32,6 +33,11 @@ NO_WALK: Sequence[Mapping[str, Any]] = (
     {"outcome": "crashed", "reason": "RuntimeError", "cause": "a </script> broke", "traceback": "a\nb\nc\n"},
 )
 """Ends of every tenth run if runs may fail."""
+
+
+def parse_sweep(text: str) -> SweepDefinition:
+    """A sweep's definition from TOML text; files that it names are searched in the working directory."""
+    return read_definition(parse_toml(text, "the definition"), "sweep", Path())
 
 
 def make_table(

@@ -20,12 +20,13 @@ from ampm.planner import routes
 from ampm.run_file import load_run
 from tests import test_make_plan
 from tests.solved import simulated
+from tests.sweep_table import parse_sweep
 from tests.test_body_files import TOML, URDF
 from tests.test_body_files import read as read_body
 from tests.test_table import planned, read, table_of
 from validation.cli.app import Status
 from validation.store.summary import SUMMARY, read_json
-from validation.study.sweep.design import check_classes, parse_sweep
+from validation.study.sweep.design import check_classes
 from validation.trial.disturbances import Push
 
 ROOT = Path(__file__).parents[1]

@@ -16,11 +16,12 @@ import tomli_w
 from ampm.body.feasibility import joint_groups
 from ampm.parameters import BodyParameters, RunParameters
 from models.source import body_path
+from tests.sweep_table import parse_sweep
 from tests.test_body_files import TOML, write
 from validation.run.body_check import check as check_body
 from validation.run.walk import walk
 from validation.store.saved import load_description
-from validation.study.sweep.design import dump_sweep, parse_sweep
+from validation.study.sweep.design import dump_sweep
 from validation.trial.plan import load_request, make_body, tune_walk
 
 ROOT = Path(__file__).parents[1]

@@ -10,9 +10,10 @@ from ampm.exceptions import InputError
 from ampm.planners import PeriodicPlanner
 from ampm.run_file import dump_run, load_run
 from docs.examples.joint_pd import JointPD
+from tests.sweep_table import parse_sweep
 from validation.store.environment import parameter_values
 from validation.study.many import Task
-from validation.study.sweep.design import dump_sweep, parse_sweep
+from validation.study.sweep.design import dump_sweep
 from validation.study.sweep.run import task_of
 from validation.study.sweep.table import build_table
 from validation.study.walk_options import own_classes

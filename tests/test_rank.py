@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.sweep_table import sweep_of
+from tests.sweep_table import parse_sweep, sweep_of
 from validation.study.rank import median_interval, rank, wilson
-from validation.study.sweep.design import parse_sweep
 from validation.study.sweep.table import build_table, key_of
 
 LEAGUE = """

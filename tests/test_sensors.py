@@ -18,9 +18,9 @@ from ampm.sensors.soles import SoleForces
 from ampm.walk import State, Touch
 from tests.records import first_difference
 from tests.solved import simulated, walk_of
+from tests.sweep_table import parse_sweep
 from validation.judge.compare import _from_standing_foot
 from validation.judge.profiles import own_profile
-from validation.study.sweep.design import parse_sweep
 from validation.study.walk_options import own_classes
 from validation.trial.coordinates import to_pinocchio
 from validation.trial.readings import Sensors

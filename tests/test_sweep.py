@@ -10,13 +10,13 @@ import pytest
 import validation as val
 from ampm.exceptions import BodilyRefusal, InputError, StudyStopped
 from ampm.parameters import RunParameters
-from tests.sweep_table import make_table
+from tests.sweep_table import make_table, parse_sweep
 from validation.cli.app import call
 from validation.store.environment import parameter_values, run_key
 from validation.study import walk_options
 from validation.study.row_file import ROWS, RowFile
 from validation.study.sweep import report, run
-from validation.study.sweep.design import load_sweep, parse_sweep
+from validation.study.sweep.design import load_sweep
 from validation.study.sweep.schema import columns
 from validation.study.sweep.table import read_sweep, wrap_table
 

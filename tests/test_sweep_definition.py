@@ -9,7 +9,8 @@ import tomli_w
 
 from ampm.parameters import RunParameters
 from ampm.run_file import leaves_open, load_run
-from validation.study.sweep.design import dump_sweep, load_sweep, parse_sweep
+from tests.sweep_table import parse_sweep
+from validation.study.sweep.design import dump_sweep, load_sweep
 
 DOCS = Path(__file__).parents[1] / "docs"
 EXAMPLES = [DOCS / "examples" / f"{name}.toml" for name in ("gate", "unseen")]

@@ -106,6 +106,8 @@ def rank(
         from validation.study.sweep.run import keep_runs
         from validation.study.sweep.table import DEFINITION
 
+        if recordings.resolve() == folder.resolve():
+            raise InputError(f"--recordings {recordings} is the folder of the sweep; give another one.")
         definition = load_sweep(folder / DEFINITION)
         keep_runs(definition, found.extremes, out=recordings, resume=True, progress=Narrator())
     options.print_result(found, as_json=as_json)

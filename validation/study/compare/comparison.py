@@ -129,7 +129,12 @@ class MetricRow(NamedTuple):
     @property
     def differs(self) -> bool:
         """Whether all values are known and the largest difference counts."""
-        return not any(map(math.isnan, self.values)) and max(self.values) - min(self.values) > self.doubt
+        return self.known_of_all and max(self.values) - min(self.values) > self.doubt
+
+    @property
+    def known_of_all(self) -> bool:
+        """Whether every side has a value."""
+        return not any(map(math.isnan, self.values))
 
     @property
     def better(self) -> int | None:
@@ -193,9 +198,9 @@ class WalkComparison(Tabled):
 
     def _tracking(self) -> str:
         """Who tracks the ZMP best, with the errors."""
-        rows = [row for row in self.rows if row.name in ("zmp_x_rmse", "zmp_y_rmse")]
+        rows = [row for row in self.rows if row.name in ("zmp_x_rmse", "zmp_y_rmse") and row.known_of_all]
         if not rows:
-            return f"{self.title} have no planned ZMP"
+            return f"{self.title} have no errors of the ZMP to compare"
         where: dict[str, list[str]] = {}
         for row in sorted(rows, key=lambda row: not row.differs):
             pairs = list(zip([side.label for side in self.sides], row.values, strict=True))
@@ -210,9 +215,10 @@ class WalkComparison(Tabled):
     def _spending(self) -> str:
         """Who spends more, of the costs that differ."""
         spent: dict[str, list[str]] = {}
-        for row in self.rows:
-            cost = COSTS.get(row.name, {})
-            if cost.get("verb") and row.differs and min(row.values) > 0.0:
+        rows = [row for row in self.rows if COSTS.get(row.name, {}).get("verb") and row.known_of_all]
+        for row in rows:
+            cost = COSTS[row.name]
+            if row.differs and min(row.values) > 0.0:
                 ratio = max(row.values) / min(row.values)
                 least, most = (self.sides[row.values.index(end(row.values))].label for end in (min, max))
                 more, than = (f"{100 * ratio - 100:.0f} % more", "than")
@@ -220,7 +226,10 @@ class WalkComparison(Tabled):
                     more, than = (f"{ratio:.1f} times the", "of")
                 spent.setdefault(most, []).append(f"{cost['verb']} {more} {cost['noun']} {than} {least}")
         if not spent:
-            return "Torque, friction and mechanical work are equal within the doubt"
+            nouns = [COSTS[row.name]["noun"] for row in rows]
+            return (
+                f"No difference in {listed(nouns)} exceeds the doubt" if nouns else "No cost is known of all"
+            )
         return ", ".join(f"{label} {listed(words)}" for label, words in spent.items())
 
     def _limits(self) -> str:

@@ -22,7 +22,7 @@ from ampm.exceptions import InputError
 from ampm.parameters import HUMAN, NAMES, OPTION_TABLES, RunParameters, is_option, keys
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, load_run
-from ampm.section import Option, Real, Section, parse_toml, read_toml, unknown
+from ampm.section import Option, Real, Section, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
 from validation.store.environment import parameter_values
 from validation.trial.plan import own_gait
@@ -297,21 +297,13 @@ def load_sweep(path: str | Path) -> SweepDefinition:
     path = Path(path)
     stem = path.stem.encode("utf-8", "backslashreplace").decode()  # a name may not be UTF-8
     try:
-        return _sweep_of(read_toml(path), stem, path.parent)
+        return read_definition(read_toml(path), stem, path.parent)
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"the sweep file {str(path)!r} does not exist.", value=str(path)) from None
 
 
-def parse_sweep(text: str) -> SweepDefinition:
-    """A sweep's definition from TOML text; files that it names are searched in the working directory.
-
-    Raises:
-        InputError: no valid TOML, or no valid sweep.
-    """
-    return _sweep_of(parse_toml(text, "the definition"), "sweep", Path())
-
-
-def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinition:
+def read_definition(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinition:
+    """A sweep's definition from its tables; files that it names are searched in a folder."""
     for word, value in table.items():
         if word in _HEAD and not isinstance(value, dict):
             raise InputError(
@@ -456,7 +448,7 @@ _HEAD = tuple(name for name in SweepDefinition.model_fields if name not in _TABL
 
 
 def dump_sweep(definition: SweepDefinition) -> str:
-    """TOML text that :func:`parse_sweep` reads back as an equal definition, without any other file."""
+    """TOML text that :func:`load_sweep` reads back as an equal definition, without any other file."""
     head = definition.model_dump(include=set(_HEAD), exclude_none=True)
     vary = []
     for block in definition.vary:

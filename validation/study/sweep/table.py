@@ -349,7 +349,7 @@ def read_sweep(folder: Path | str) -> SweepTable:
         table = pq.read_table(file, use_threads=False)
     except (pa.ArrowException, OSError) as error:
         line = str(error).partition("\n")[0]
-        raise InputError(f"{file} is not a Parquet file that can be read ({line}).") from error
+        raise InputError(f"{file} cannot be read ({line}); remove it, rows.jsonl has its rows.") from error
     if TABLE_METADATA not in (table.schema.metadata or {}):
         raise InputError(f"{file} is not a table of a sweep: it has no metadata {TABLE_METADATA.decode()!r}.")
     return wrap_table(table, folder)
