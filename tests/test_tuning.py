@@ -250,7 +250,7 @@ def assert_each_way_out_is_accepted(settings, error):
             pytest.param(settings.split(), limit, way_out, marks=pytest.mark.slow)
             for settings, limit, way_out in (
                 ("gait.switching_velocity=0.26", 0.002, "raise gait.switching_velocity to "),
-                ("gait.step_length=0.71 gait.c_s=1.45 gait.c_y=0.3", 1.0, "lower gait.step_length to "),
+                ("gait.step_length=0.71 gait.c_s=1.45 gait.c_y=0.3", 1.0, "lower gait.c_s to "),
                 ("gait.step_length=0.24 gait.switching_velocity=1.6", 0.175, "lower gait.switching_velocity"),
             )
         ),
