@@ -6,7 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.body.rigid_body import RigidBody, moved, respond
+from ampm.body.articulated import respond
+from ampm.body.rigid_body import RigidBody, moved
 from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.linear import substitute, triangular

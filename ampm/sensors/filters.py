@@ -12,15 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ampm.body.rigid_body import (
-    angular_momentum,
-    move_links,
-    moved,
-    place_links,
-    place_of,
-    respond,
-    sum_inertia,
-)
+from ampm.body.articulated import respond
+from ampm.body.rigid_body import angular_momentum, move_links, moved, place_links, place_of, sum_inertia
 from ampm.compiled import compiled
 from ampm.geometry import Array
 from ampm.sensors.soles import spread_wrenches
