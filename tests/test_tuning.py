@@ -33,6 +33,15 @@ HUMAN_94 = (
     "body.mass=87.798",
 )
 """A gait without a periodic step from the first guess."""
+HUMAN_1 = (
+    "gait.step_length=0.568",
+    "gait.switching_velocity=0.431",
+    "gait.c_y=0.083",
+    "gait.c_s=1.289",
+    "body.height=1.636",
+    "body.mass=90.361",
+)
+"""A gait without a periodic step from any start."""
 LONG = ("gait.step_length=0.7", "gait.switching_velocity=1.2", "gait.steps=3")
 
 
@@ -111,6 +120,13 @@ def test_starts_are_spread_over_the_ranges_and_always_the_same():
     assert (starts >= space.lower).all()
     assert (starts <= space.upper).all()
     assert len(np.unique(starts[:, space.names.index("ratio")])) == 8
+
+
+def test_starts_end_early_where_none_has_a_periodic_step():
+    run, robot = body_of(*HUMAN_1)
+    with pytest.raises(NoFeasibleChoice) as refusal:
+        tune(run, robot, advise=False)
+    assert (refusal.value.reason, refusal.value.tried) == ("no_periodic_motion", 5 + 32)  # of 64 starts
 
 
 def test_what_is_named_stays():
@@ -234,7 +250,7 @@ def assert_each_way_out_is_accepted(settings, error):
             pytest.param(settings.split(), limit, way_out, marks=pytest.mark.slow)
             for settings, limit, way_out in (
                 ("gait.switching_velocity=0.26", 0.002, "raise gait.switching_velocity to "),
-                ("gait.step_length=0.71 gait.c_s=1.45 gait.c_y=0.3", 1.0, "lower gait.step_length to "),
+                ("gait.step_length=0.71 gait.c_s=1.45 gait.c_y=0.3", 1.0, "lower gait.c_s to "),
                 ("gait.step_length=0.24 gait.switching_velocity=1.6", 0.175, "lower gait.switching_velocity"),
             )
         ),
@@ -264,8 +280,16 @@ def judged(accepted, settings=("gait.step_length=0.7", "gait.c_s=1.4", "gait.c_y
 
 def test_half_of_a_change_is_told_if_it_is_enough():
     assert judged(lambda run: run.gait.c_s <= 1.2)[0] == "lower gait.c_s to 1.2 (tried and accepted)"
-    told, _ = judged(lambda run: run.gait.c_s <= 1.1 or run.gait.step_length <= 0.6)
-    assert told == "lower gait.c_s to 1, or lower gait.step_length to 0.541 m (tried and accepted)"
+    told, asked = judged(lambda run: run.gait.c_s <= 1.1 or run.gait.step_length <= 0.6)
+    assert told == "lower gait.c_s to 1 (tried and accepted)"
+    assert len(asked) == 2
+
+
+def test_half_of_a_change_is_not_asked_about_where_all_choices_are_used():
+    told, asked = judged(lambda run: run.gait.step_length <= 0.3)
+    assert told.endswith(" (tried and accepted)")
+    assert min(most for _, most in asked) >= 1
+    assert asked[-1][0].gait.step_length <= 0.3  # all values at once are the last that is asked about
 
 
 def test_given_values_are_left_open_first():

@@ -5,6 +5,7 @@ t = 0 is the start of the first single support, on the left foot, whose referenc
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,7 @@ def plan(run: RunParameters | str | Path) -> CentroidalPlan:
     return plan_gait(run.gait, run.body.mass)
 
 
+@lru_cache(maxsize=4)  # a search plans a gait again with other feet
 @np.errstate(all="ignore")  # what overflows is refused for its jumps
 def plan_gait(gait: GaitParameters, mass: float) -> CentroidalPlan:
     """Plan a periodic straight gait in closed form.

@@ -1,6 +1,7 @@
 """Centroidal motion and feet together: support polygon and ZMP margin."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -97,6 +98,7 @@ class StepPlan(CentroidalPlan):
         return least, at
 
 
+@lru_cache(maxsize=4)  # a search plans them again with another posture
 def plan_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:
     """Plan a periodic straight gait and its feet.
 

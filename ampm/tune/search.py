@@ -39,6 +39,7 @@ _PULL = 0.06  # weight of the distance to the guess
 _TRIES = 30  # steps after which a search ends
 _RADIUS, _LEAST_RADIUS = 0.3, 0.02  # trust region at first, and that at which slopes are renewed [slacks]
 _ENOUGH_ORBITS = 12  # of starts that are spread over the ranges
+_NO_ORBIT = 32  # starts without one after which it ends: the drawn gaits that have one have it by the 14th
 _LITTLE = 0.02  # share of the residuals' squares that is worth another step
 _PROGRESS = 0.8  # what must be left of them at most to compute the slopes again
 
@@ -153,7 +154,7 @@ class ChoiceSearch:
             candidate = self.evaluate(x)
             if candidate.orbit is not None:
                 found.append(candidate)
-            if len(found) == _ENOUGH_ORBITS:
+            if len(found) == _ENOUGH_ORBITS or (not found and len(self.candidates) == _NO_ORBIT):
                 break
         return min(
             found,

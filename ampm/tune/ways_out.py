@@ -1,4 +1,4 @@
-"""Ways out of a refusal: changes of a gait with which a search has accepted it.
+"""A way out of a refusal: a change of a gait with which a search has accepted it.
 
 Every change goes towards :func:`ampm.tune.first_gait.easy_gait`, with steps at its cadence, or leaves open
 values that are given.
@@ -16,7 +16,7 @@ from ampm.tune.first_gait import easy_gait
 Change = Mapping[str, float | None]
 """Values by key; None leaves a key open."""
 
-_MOST_TOLD, _MOST_NAMED = 2, 4  # ways out, and other settings, in a message
+_MOST_NAMED = 4  # other settings in a message
 _MOST_OF_ONE = 40  # choices of one search, which also takes at most half of those that are left
 _MOST_OF_LAST = 100  # choices of the search for an easy gait: what it says of the body must hold
 _NEAR = 0.1  # distance from the easy gait's value below which it is no change [1]
@@ -28,10 +28,10 @@ def ways_out(
     accepts: Callable[[RunParameters, int], tuple[bool, int]],
     choices: int,
 ) -> str:
-    """Changes with which a refused gait is accepted, in words.
+    """A change with which a refused gait is accepted, in words.
 
-    They are changes of one value, two if there are; where no single one is enough, of all values. Half of a
-    change is told if it is accepted, too.
+    It is a change of one value; where no single one is enough, of all values. Half of it is told if it is
+    accepted, too.
 
     Args:
         run: the refused request.
@@ -42,29 +42,28 @@ def ways_out(
 
     def accepted(change: Change, most: int = _MOST_OF_ONE) -> bool:
         nonlocal choices
+        most = most if most > _MOST_OF_ONE else min(most, choices // 2)
+        if most < 1:
+            return False
         try:
             changed = _changed(run, change)
         except InputError:  # beyond the range of a key
             return False
-        answer, tried = accepts(changed, most if most > _MOST_OF_ONE else min(most, choices // 2))
+        answer, tried = accepts(changed, most)
         choices -= tried
         return answer
 
-    found = list[Change]()
-    for change in _single_changes(run, description):
-        if len(found) < _MOST_TOLD and accepted(change):
-            found.append(change)
-    if not found:
+    found = next(filter(accepted, _single_changes(run, description)), None)
+    if found is None:
         easy = {key: _rounded(value) for key, value in easy_gait(run, description).items()}
-        found.append({**easy, **_opened(run)})
-        if not accepted(found[0], _MOST_OF_LAST):
+        found = {**easy, **_opened(run)}
+        if not accepted(found, _MOST_OF_LAST):
             values = ", ".join(f"{key} = {value:g}" for key, value in easy.items())
             others = sorted(run.given - set(OPEN_KEYS) - easy.keys() - {"gait.steps", "body.source"})
             way_out = f"change {', '.join(others[:_MOST_NAMED])}, or" if others else "take"
             return f"not even a gait with {values} was accepted; {way_out} another body"
-    halves = [_half(run, change) for change in found]
-    told = [half if half and accepted(half) else change for half, change in zip(halves, found, strict=True)]
-    return f"{', or '.join(_in_words(run, change) for change in told)} (tried and accepted)"
+    half = _half(run, found)
+    return f"{_in_words(run, half if half and accepted(half) else found)} (tried and accepted)"
 
 
 def _single_changes(run: RunParameters, description: BodyDescription) -> Iterator[Change]:
