@@ -112,7 +112,7 @@ def test_without_angular_momentum_a_rolling_zmp_explains_as_much():
         assert rolling > 0.99, signal
         assert ampm == pytest.approx(rolling, abs=2e-3), signal
     assert scores["force_x"]["pendulum"]["single"]["share"] > 0.99
-    assert math.isnan(scores["momentum_y"]["ampm"]["stride"]["share"])
+    assert math.isnan(scores["angular_momentum_y"]["ampm"]["stride"]["share"])
 
 
 def test_a_simulated_walk_returns_its_plan_and_a_gait_to_walk(run_of, tmp_path, ampm):
@@ -153,13 +153,39 @@ def test_strides_that_differ_are_left_out_and_counted():
     assert len(fit.strides) < 13
 
 
+def test_single_rows_without_force_are_bridged_and_20_hz_is_enough():
+    gait = GaitParameters(c_s=1.2, c_y=0.4)
+    table = table_of(gait, rate=100.0)
+    table["force_z"][::7] = np.nan
+    fit = val.fit_log(table, mass=MASS)
+    assert len(fit.strides) == 13
+    assert max(distances(fit, gait).values()) < 1.0
+    assert len(val.fit_log(table_of(gait, rate=20.0)).strides) == 13
+
+
+def test_a_fall_is_flagged_and_the_strides_before_it_are_fitted():
+    """From 8 s on the floor carries nothing, and the COM drops."""
+    table = table_of(GaitParameters())
+    falls = np.clip(4.0 * (table["time"] - 8.0), 0.0, 1.0)
+    for axis in "xyz":
+        table[f"force_{axis}"] *= 1.0 - falls
+    table["com_z"] *= 1.0 - 0.7 * falls
+    fit = val.fit_log(table, mass=MASS)
+    assert len(fit.strides) == 5
+    assert max(distances(fit, GaitParameters()).values()) < 1.5
+    (flag,) = (note for note in fit.notes if "the body falls" in note)
+    assert 7.5 < float(flag.split()[1]) < 8.0
+    assert not any("the body falls" in note for note in val.fit_log(table_of(GaitParameters())).notes)
+
+
 def test_without_a_periodic_gait_there_is_no_file(tmp_path):
     """A pendulum with rounding of its constants may stop over the foot; the folder says why."""
     gait = GaitParameters(switching_velocity=0.8)
     fit = val.fit_log(table_of(gait))
     assert fit.gait is not None
     fit.save(tmp_path / "fit")
-    slow = val.fit_log({**table_of(gait), "time": 2.0 * table_of(gait)["time"]})
+    plates = {name: values for name, values in table_of(gait).items() if not name.startswith("com")}
+    slow = val.fit_log({**plates, "time": 2.0 * plates["time"]}, com_height=gait.com_height)
     slow.save(tmp_path / "fit", force=True)
     assert slow.gait is None
     assert not (tmp_path / "fit" / "gait.toml").exists()

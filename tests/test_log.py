@@ -25,6 +25,7 @@ from validation.run.validate import validate
 from validation.store.saved import load_saved_run
 from validation.store.tables import write_columns
 from validation.trial.plan import load_request
+from validation.trial.users import read_columns
 
 PERSON = Path(__file__).parents[1] / "validation/measure/person_0p8ms.csv"
 OF_PLAN = ("zmp", "force", "angular_momentum", "com")
@@ -297,7 +298,8 @@ def test_a_metric_of_another_process_is_asked_for(summary):
 
 def test_units_have_the_factors_of_their_prefixes():
     prefixes = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3}
-    for unit, factor in UNITS.items():
+    assert UNITS["kgf"] == 9.80665
+    for unit, factor in UNITS.items() - {("kgf", 9.80665)}:
         last = unit.split()[-1]
         assert factor == (prefixes[last[0]] if len(last) == 2 else 1.0), unit
 
@@ -333,3 +335,30 @@ def test_what_a_log_lacks_is_named_and_has_a_status_of_its_own(folder, table, tm
     lean["zmp_y"] = lean["zmp_y"] + 0.05 * np.sin(9.0 * lean["time"])
     write_columns(lean, log)
     assert ampm("judge", log, "--plan", folder, "--out", tmp_path / "b").status == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time;force_z\n0,25;700\n0,5;-1,5e3\n",
+        "time;force_z\n0.25;700\n0.5;-1500\n",
+        "time\tforce_z\n0.25\t700\n0.5\t-1500\n",
+        "time, force_z\r\n0.25, 700\r\n0.5, -1500\r\n",
+    ],
+)
+def test_csv_of_other_programs_is_read(text, tmp_path):
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8", newline="")
+    table = read_columns(tmp_path / "log.csv")
+    assert {name: values.tolist() for name, values in table.items()} == {
+        "time": [0.25, 0.5],
+        "force_z": [700.0, -1500.0],
+    }
+
+
+def test_a_fall_is_flagged_in_the_notes(folder, table):
+    """The last second without load, as the sensors of a robot on its side."""
+    gone = table["time"] > table["time"][-1] - 1.0
+    for axis in "xyz":
+        table[f"force_{axis}"][gone] = 0.0
+    notes = val.judge_log(table, folder, start=0.0, place=(0.0, 0.0)).table().notes
+    assert any("From 4." in note and "the body falls" in note for note in notes)

@@ -7,6 +7,7 @@ import zipfile
 import pytest
 from markupsafe import Markup
 
+import validation as val
 from tests.saved_run import make_run
 from tests.sweep_table import make_table, write_sweep
 from validation.judge.uncertainty import Uncertainty
@@ -53,7 +54,7 @@ def test_every_figure_of_the_page_is_a_file_with_its_caption(run_dir, page, tmp_
     cited = (out / "cite.txt").read_text(encoding="utf-8").strip()
     assert str(Markup.escape(cited)) in page
     assert cited.startswith("Run of 4 steps, gait normal, ")
-    assert re.search(r"sha256 [0-9a-f]{64}", (out / "cite.bib").read_text(encoding="utf-8"))
+    assert re.search(r"sha256 = {[0-9a-f]{64}}", (out / "cite.bib").read_text(encoding="utf-8"))
 
 
 def test_tables_have_the_uncertainty_of_a_study_or_say_that_there_is_none(run_dir, tmp_path, ampm):
@@ -97,3 +98,27 @@ def test_evidence_says_what_was_done_and_what_was_not(run_dir, tmp_path, ampm):
     assert page.count("NOT ASSESSED") == sum(item["rationale"] == "not done" for item in factors.values())
     for digest in json.loads((run_dir / "summary.json").read_text(encoding="utf-8"))["files"].values():
         assert digest in page
+
+
+def test_evidence_takes_logs_and_studies_of_its_own_gait_alone(run_dir, tmp_path, ampm):
+    logs = {}
+    for name, settings in (("own", []), ("other", ["gait.c_y=0.4"])):
+        trial = val.judge_log(run_dir, run_dir, settings=settings, start=0.0, place=(0.0, 0.0))
+        logs[name] = trial.save(tmp_path / name, recording=False)
+    answer = ampm("report", run_dir, "--evidence", file := tmp_path / "run.zip", "--study", logs["own"])
+    assert answer.status == 0, answer.err
+    with zipfile.ZipFile(file) as bundle:
+        factors = json.loads(bundle.read("evidence.jsonld"))["hasCredibilityFactor"]
+    said = {item["factorType"]: item["rationale"] for item in factors}
+    assert "normal on normal" in said["Output comparison"]
+    assert said["Use history"] == "not done"
+    answer = ampm("report", run_dir, "--evidence", file, "--study", logs["other"])
+    assert "of the gait and body of normal" in answer.err
+    answer = ampm("report", logs["own"], "--evidence", file)
+    assert "is a log; give a walk of its plan" in answer.err
+    numbers = {
+        "walks": [{"label": name, "run": str(run_dir), "study": None, "robustness": None} for name in "ab"]
+    }
+    (tmp_path / "comparison.json").write_text(json.dumps(numbers), encoding="utf-8")
+    answer = ampm("report", run_dir, "--evidence", file, "--study", tmp_path)
+    assert "nor a comparison of engines" in answer.err

@@ -15,7 +15,7 @@ from validation.judge.metrics import METRICS
 from validation.show.cost_table import cost_table, reported_table
 from validation.show.rerun.record import verdict_markdown
 from validation.store.metric_table import metric_table
-from validation.table import Table
+from validation.table import Table, with_uncertainty
 
 SNAPSHOT = Path(__file__).with_name("run_tables.md")
 TABLE = Table(
@@ -32,6 +32,23 @@ def test_page_has_headings_colours_and_escapes():
     assert '<th colspan="3" class="group">signals</th>' in html
     assert '<th scope="row">a|&lt;b&gt;</th><td class="n">2</td><td class="red">FAIL</td>' in html
     assert Table("t", ["x"], []).__html__() == ""
+
+
+@pytest.mark.parametrize(
+    ("value", "doubt", "text"),
+    [
+        (1.2004, 0.00241, "1.2004 ± 0.0024"),
+        (123.4, 25.0, "123 ± 25"),
+        (0.6000132, 3.7e-6, "0.6000132 ± 0.0000037"),
+        (-2.6e-6, 1.6e-4, "0.00000 ± 0.00016"),
+        (7e-13, 1.1e-12, "(0.7 ± 1.1)e-12"),
+        (0.0, 3e-9, "(0.0 ± 3.0)e-9"),
+        (0.6, None, "0.6"),
+        (0.6, 0.0, "0.6 ± 0"),
+    ],
+)
+def test_a_value_is_cut_at_the_second_digit_of_its_uncertainty(value, doubt, text):
+    assert with_uncertainty(value, doubt) == text
 
 
 @pytest.fixture

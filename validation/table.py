@@ -24,6 +24,8 @@ BODY_WEIGHT = "% BW"
 """Percent of body weight, short for tables."""
 USED = ">used"
 """Header of a column of percentages that a page also shows as bars."""
+_DECIMALS = 6
+"""Most decimals of a number with its uncertainty."""
 _LONG = 34
 """Characters from which a cell may break its line, whatever it holds."""
 _FILE_WIDTH = 160
@@ -225,14 +227,20 @@ def format_number(value: float | str | None, digits: int = 4) -> str:
 
 
 def with_uncertainty(value: float | str | None, uncertainty: float | str | None, digits: int = 3) -> str:
-    """A number with its uncertainty of two digits, cut at its last one; alone where none is known."""
+    """A number with its uncertainty of two digits, cut at its last one; alone where none is known.
+
+    A power of ten stands behind both if they are small.
+    """
     number, doubt = (math.nan if item is None else float(item) for item in (value, uncertainty))
     if math.isnan(number) or math.isnan(doubt):
         return format_number(value, digits)
     if math.isinf(doubt) or doubt == 0.0:
         return f"{format_number(value, digits)} ± {'∞' if doubt else '0'}"
     decimals = 1 - math.floor(math.log10(float(f"{doubt:.1e}")))
-    shown = [round(item, decimals) for item in (number, doubt)]
+    power = math.floor(math.log10(max(abs(number), doubt)))
+    if decimals > _DECIMALS and power < -2:
+        return f"({with_uncertainty(number / 10.0**power, doubt / 10.0**power)})e{power}"
+    shown = [round(item, decimals) + 0.0 for item in (number, doubt)]  # no negative zero
     return " ± ".join(f"{item:.{max(decimals, 0)}f}" for item in shown)
 
 

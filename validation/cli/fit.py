@@ -6,9 +6,7 @@ import typer
 
 from validation.cli import options
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import COLUMNS, Result, Status, grouped, option
-from validation.show.text import print_line
-from validation.table import print_tables
+from validation.cli.options import COLUMNS, Result, Status, grouped, option, print_result
 
 app = typer.Typer()
 
@@ -53,10 +51,8 @@ def fit(
         found = fit_log(log, columns=read_mapping(columns or ()), mass=mass, com_height=com_height)
         found.save(target, force=result.force)
     if result.as_json:
-        print_json({**found.summary, "directory": str(target)})
-        return Status.PASS
-    print_tables(found.tables())
-    print_line(found.sentence)
-    for path in sorted(target.iterdir()):
-        print_line(f"  {path}")
+        print_json({**found.as_dict(), "directory": str(target)})
+    else:
+        print_result(found, as_json=False)
+        Narrator().wrote(*sorted(target.iterdir()))
     return Status.PASS

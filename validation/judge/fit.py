@@ -29,8 +29,8 @@ SUPPORTS: Mapping[str, list[int]] = {"single": [0, 2], "double": [1, 3]}
 """Phases of a stride by support; it begins with the single support on the left foot."""
 MODELS = ("pendulum", "rolling", "ampm")
 """c = 1 and a ZMP that rests under a foot, and is below the COM in double support; c = 1; a, b and c free."""
-EXPLAINED = ("zmp_x", "zmp_y", "force_x", "force_y", "force_z", "momentum_x", "momentum_y")
-"""Signals that the models explain [m, N, N m s]; momentum is that about the COM, see :func:`_closed`."""
+EXPLAINED = ("zmp_x", "zmp_y", "force_x", "force_y", "force_z", "angular_momentum_x", "angular_momentum_y")
+"""Signals that the models explain [m, N, N m s]; the angular momentum as :func:`_closed` makes it."""
 CONFIDENCE = 0.95
 _LEAST_STRIDES = 3
 _POINTS = 50  # of a phase
@@ -39,6 +39,7 @@ _DEGREE = 9  # of the polynomial between integrated and measured COM: in 1.5 str
 _ALIKE = 0.1, 0.15  # strides' durations and lengths from their medians, over these [1]
 _SHORTEST = 0.05  # stride [m]: below it nothing walks
 _UNSEEN = 0.1  # longest gap in a measured COM, over the stride [1]
+_AGREE = 0.25  # least share of the acceleration of a measured COM that the force explains [1]
 _STILL = 1e-3  # of a signal that rests: over H, weight or m H sqrt(g H) [1]
 _TURN = np.array([[1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [1.0, 1.0]])[:, None]  # y to the next stance foot
 Scores = dict[str, dict[str, dict[str, dict[str, float]]]]
@@ -62,11 +63,11 @@ class Strides(Brief):
     switches: Array  # starts of the phases, and end of the last, (N, 5) [s]
     com: Array  # over the floor, (N, 4, P, 3) [m]
     signals: Array  # `EXPLAINED`, forces without the sensors' offset, (N, 4, P, 7)
-    way: Array  # of the COM along x at the switches, (N, 5) [m]
-    speed: Array  # likewise, (N, 5) [m/s]
+    ends: Array  # place [m] and speed [m/s] of the COM along x at the switches, (N, 5, 2)
     width: Array  # way of the lateral ZMP from foot to foot, (N,) [m]
     timing: Array  # error of a switch, by sampling and misfit of the ZMP, (N,) [s]
     com_error: Array  # RMS of integrated and measured COM, (N,) [m]; NaN without a measured one
+    agreement: Array  # share of the measured COM's acceleration by the force, x, y, (N, 2) [1]; likewise
     upward: Array  # mean vertical force as measured, (N,) [N]
     weight: float  # of the body [N]
 
@@ -88,7 +89,8 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
         weighed: whether the log's weight is the body's, and not to be that of its mean vertical force.
 
     Raises:
-        InputError: no ZMP, neither COM nor height or both, or too few strides that are alike.
+        InputError: no ZMP, neither COM nor height or both, too few strides that are alike, or a force that
+            contradicts the COM.
     """
     if "zmp" not in log.signals:
         raise InputError(f"{log.name} has no centres of pressure; give zmp_x, _y, or those of both feet.")
@@ -107,19 +109,29 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
             part = log.rows((log.time >= begin - margin) & (log.time <= end + margin))
             if stride := _stride(part, np.array([begin, middle[0], end]), com_height):
                 found.append(stride)
-    sizes = np.array([[np.ptp(stride["switches"]), np.ptp(stride["way"])] for stride in found]).reshape(-1, 2)
-    middles = np.median(sizes, axis=0) if found else np.ones(2)
+    sizes = np.array([[np.ptp(one["switches"]), one["ends"][-1, 0] - one["ends"][0, 0]] for one in found])
+    sizes = sizes.reshape(-1, 2)
+    middles = np.median(sizes, axis=0) if found else np.full(2, math.nan)
     alike = (np.abs(sizes / middles - 1.0) <= _ALIKE).all(axis=1) & (sizes[:, 1] >= _SHORTEST)
     chosen = [stride for stride, kept in zip(found, alike, strict=True) if kept]
     if len(chosen) < _LEAST_STRIDES:
+        of = f", of {middles[0]:.3g} s and {middles[1]:.3g} m (medians)" if found else ""
         raise InputError(
-            f"{log.name} has too few whole strides alike in length and duration, {len(chosen)} of the "
-            f"{_LEAST_STRIDES} or more that a fit needs; the left foot takes half of the weight at "
-            f"{len(left)} instants in {np.ptp(log.time):.3g} s. Give a longer log of "
-            "steady walking along x, without gaps."
+            f"{log.name} has {len(chosen)} strides of equal duration and length, and a fit needs "
+            f"{_LEAST_STRIDES}: in {np.ptp(log.time):.3g} s the left foot takes half of the weight "
+            f"{len(left)} times; whole strides between them: {len(found)}{of}; give a longer log of steady "
+            "walking without gaps, x forward, and belt_speed of a treadmill." + f" {log.unsupported}".rstrip()
         )
     arrays = {item.name: np.array([stride[item.name] for stride in chosen]) for item in fields(Strides)[:-1]}
-    return Strides(**arrays, weight=log.weight), len(found) - len(chosen)
+    strides = Strides(**arrays, weight=log.weight)
+    for axis, agrees in zip("xy", np.median(strides.agreement, axis=0), strict=True):
+        if agrees < _AGREE:
+            raise InputError(
+                f"{log.name}: along {axis} the force explains {100.0 * agrees:.0f} % of the acceleration of "
+                f"the COM, less than {100.0 * _AGREE:g} %; correct sign, unit (--columns "
+                f"force_{axis}=-COLUMN[UNIT]), axis or clock of one of them, or leave the columns of com out."
+            )
+    return strides, len(found) - len(chosen)
 
 
 def _stride(log: Log, taken: Array, height: float | None) -> dict[str, Any] | None:
@@ -136,7 +148,7 @@ def _stride(log: Log, taken: Array, height: float | None) -> dict[str, Any] | No
     floor = np.broadcast_to(signals.get("floor", 0.0), time.shape)
     known = np.isfinite(signals["zmp"]).all(axis=1)
     zmp = _at(time, time[known], signals["zmp"][known])
-    com, velocity, offset, com_error = _integrated(log, zmp, floor, taken, height)
+    com, velocity, offset, agreement, com_error = _integrated(log, zmp, floor, taken, height)
     force = signals["force"] + mass * offset
     supports = []
     for at in taken:
@@ -159,11 +171,11 @@ def _stride(log: Log, taken: Array, height: float | None) -> dict[str, Any] | No
         "switches": switches,
         "com": _at(instants, time, com),
         "signals": explained,
-        "way": np.interp(switches, time, com[:, 0]),
-        "speed": np.interp(switches, time, velocity[:, 0]),
+        "ends": _at(switches, time, np.column_stack([com[:, 0], velocity[:, 0]])),
         "width": widths.mean(),
         "timing": math.hypot(math.sqrt(np.mean(errors**2)), log.time_step / math.sqrt(12.0)),
         "com_error": com_error,
+        "agreement": agreement,
         "upward": signals["force"][inside, 2].mean(),
     }
 
@@ -175,8 +187,8 @@ def _at(times: Array, time: Array, values: Array) -> Array:
 
 def _integrated(
     log: Log, zmp: Array, floor: Array, taken: Array, height: float | None
-) -> tuple[Array, Array, Array, float]:
-    """COM and velocity (K, 3), what the acceleration lacks (3,), and the RMS distance to a measured COM [m].
+) -> tuple[Array, Array, Array, Array, float]:
+    """COM and velocity (K, 3), what the acceleration lacks (3,), and how a measured COM agrees: as `Strides`.
 
     It is the double integral of the force and a polynomial: the nearest to the measured COM, or a parabola
     with which velocity, place over the ZMP and angular momentum are the same at both ends of the stride.
@@ -184,26 +196,28 @@ def _integrated(
     time, mass, duration = log.time - taken[0], log.weight / GRAVITY, taken[2] - taken[0]
     speed = cumulative_trapezoid(log.signals["force"] / mass - [0.0, 0.0, GRAVITY], time, axis=0, initial=0.0)
     place = cumulative_trapezoid(speed, time, axis=0, initial=0.0)
-    ends = np.array([0.0, duration])
+    ends, inside = np.array([0.0, duration]), (time >= 0.0) & (time <= duration)
     if height is None:
         known = np.isfinite(log.signals["com"]).all(axis=1)
         domain, gap = [time[0], time[-1]], log.signals["com"] - place
         fits = [Legendre.fit(time[known], values, _DEGREE, domain) for values in gap[known].T]
-        added, drift = (np.column_stack([fit.deriv(n)(time) for fit in fits]) for n in (0, 1))
+        added, drift, change = (np.column_stack([fit.deriv(n)(time) for fit in fits]) for n in (0, 1, 2))
         lacking = np.diff(_at(ends, time, drift), axis=0)[0] / duration
-        return place + added, speed + drift, lacking, math.sqrt(np.nanmean((gap - added)[:, :2] ** 2))
+        pushed = log.signals["force"][inside] / mass
+        agreement = 1.0 - change[inside, :2].var(axis=0) / (pushed + change[inside])[:, :2].var(axis=0)
+        error = math.sqrt(np.nanmean((gap - added)[:, :2] ** 2))
+        return place + added, speed + drift, lacking, agreement, error
     around = duration * np.linspace(-_MARGIN, _MARGIN, _POINTS)
     way = np.append((_at(around + duration, time, zmp) - _at(around, time, zmp)).mean(axis=0), 0.0)
     lacking = -np.diff(_at(ends, time, speed), axis=0)[0] / duration
     rate = (way - np.diff(_at(ends, time, place), axis=0)[0]) / duration - 0.5 * duration * lacking
     com = place + np.outer(time, rate) + np.outer(0.5 * time**2, lacking)
-    inside = (time >= 0.0) & (time <= duration)
     force = (log.signals["force"] + mass * lacking)[inside]
     com[:, 2] += height - (com[inside, 2] - floor[inside]).mean()
     up = (com[:, 2] - floor)[inside, None]
     moment = force[:, 2:] * (zmp - com[:, :2])[inside] + up * force[:, :2]
     com[:, :2] += moment.sum(axis=0) / force[:, 2].sum()
-    return com, speed + rate + np.outer(time, lacking), lacking, math.nan
+    return com, speed + rate + np.outer(time, lacking), lacking, np.full(2, math.nan), math.nan
 
 
 def _double_support(time: Array, com: Array, zmp: Array) -> tuple[float, float, float, float]:
@@ -267,8 +281,8 @@ def constants(strides: Strides) -> dict[str, Constant]:
         found[name] = Constant(float(values.mean()), math.hypot(spread, error), unit, meaning)
 
     late = student.ppf(0.5 + 0.5 * CONFIDENCE, np.inf) * math.sqrt(np.mean(strides.timing**2))
-    travel = np.diff(strides.way, axis=1)
-    length, speed = 0.5 * travel.sum(axis=1), strides.speed.mean(axis=1)
+    travel, speed = np.diff(strides.ends[..., 0], axis=1), strides.ends[..., 1].mean(axis=1)
+    length = 0.5 * travel.sum(axis=1)
     braking = GRAVITY * np.abs(strides.signals[:, :, [0, -1], 2]).mean() / strides.weight
     single, double = (strides.durations[:, rows].mean(axis=1) for rows in SUPPORTS.values())
     share = 0.5 * travel[:, SUPPORTS["single"]].sum(axis=1) / length

@@ -22,6 +22,7 @@ _CONSTANT = 1e-3  # standard deviation of what the plan holds constant: it tells
 _LEAST = 0.5  # correlation up to which a start is a guess [1]
 _ALIKE = 0.995  # of correlations of strides that fit alike, over the largest [1]
 _WHOLE = 0.8  # share of the weight from which a foot counts as the one that stands [1]
+_HOLE = 0.03  # longest time without rows that is no gap, as all signals vary little in it [s]
 _REPEATED = 1e-6  # difference of the forces of equal strides, over the weight [1]
 
 
@@ -76,6 +77,7 @@ def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
         raise InputError(
             f"{log.name} matches the plan nowhere: the correlation of force and ZMP is {correlation:.2f} and "
             f"must be more than {_LEAST:g}; give x forward and y left, another plan, or its start (--start)."
+            + f" {log.unsupported}".rstrip()
         )
     return start, correlation
 
@@ -154,7 +156,7 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
 
 def whole_strides(log: Log, taken: Array, margin: float = 0.0) -> list[tuple[float, float]]:
     """Strides from one instant to the next [s] that a log has without a gap, with a share of them around."""
-    gaps, found = np.flatnonzero(np.diff(log.time) > 1.5 * log.time_step), []
+    gaps, found = np.flatnonzero(np.diff(log.time) > max(1.5 * log.time_step, _HOLE)), []
     leaves, returns = log.time[gaps], log.time[gaps + 1]
     for begin, end in pairwise(taken.tolist()):
         first, last = begin - margin * (end - begin), end + margin * (end - begin)

@@ -18,6 +18,7 @@ UNITS: Mapping[str, float] = {
     "ns": 1e-9,
     "cm": 1e-2,
     "kN": 1e3,
+    "kgf": 9.80665,
 }
 """Factor to SI by unit."""
 NAMES = (

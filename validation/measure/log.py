@@ -50,6 +50,8 @@ NEEDED = (
 LOADED = 0.05
 """Share of the weight from which a foot is on the floor [1]: a sensor is never quite at zero."""
 _SLOWEST = 0.05  # most time from row to row [s]
+_CARRIED = 0.85  # least mean vertical force over a time, over that of most times: less in a fall [1]
+_OVER = 0.5  # this time [s]
 _RATIO = 2.0  # of mean vertical force and weight: more is another unit, or another body [1]
 _FARTHEST = 1000.0  # of a place: more is another unit [m]
 _LEAN = 1.0  # horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
@@ -68,6 +70,20 @@ class Log(Brief):
     time_step: float  # median time from row to row [s]
     gaps: tuple[float, ...]  # lengths of the gaps [s]
     weight: float  # of the body that it is compared with [N]
+
+    @property
+    def unsupported(self) -> str:
+        """When the floor ceases to carry the body, as a sentence; empty if it never does."""
+        vertical, at = self.signals["force"][:, 2], self.time[self.time <= self.time[-1] - _OVER]
+        impulse = cumulative_trapezoid(vertical, self.time, initial=0.0)
+        means = (np.interp(at + _OVER, self.time, impulse) - impulse[: at.size]) / _OVER
+        lost = at[means < _CARRIED * np.quantile(means, 0.9)] if at.size else at
+        if not lost.size:
+            return ""
+        return (
+            f"From {lost[0]:.2f} s on the floor carries less than {100.0 * _CARRIED:g} % of the usual force "
+            f"over {_OVER:g} s: the body falls, is held, or leaves the plates."
+        )
 
     def rows(self, rows: NDArray[np.bool_]) -> "Log":
         """Some of the rows, (K,)."""
@@ -146,15 +162,15 @@ def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
 def _step(time: Array, name: str) -> float:
     """Median time from row to row [s]."""
     if len(time) < 3:
-        raise InputError(f"{name} has {len(time)} rows; give three or more.")
+        raise InputError(f"{name} has too few rows, {len(time)}; give three or more.")
     late = np.flatnonzero(np.diff(time) <= 0.0)
     if late.size:
         raise InputError(
             f"row {late[0] + 2} of {name}: time = {time[late[0] + 1]:.9g} must be later than in the row "
-            "before; sort the rows."
+            "before; sort the rows, and leave out repeated ones."
         )
     step = float(np.median(np.diff(time)))
-    if step > _SLOWEST:
+    if step > _SLOWEST * (1.0 + 1e-9):
         raise InputError(
             f"{name} has a row every {step:.4g} s, and needs one every {_SLOWEST:g} s; give time in seconds."
         )
@@ -210,11 +226,14 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
 
 
 def _check_units(signals: Mapping[str, Array], name: str, weight: float) -> None:
-    mean = float(np.nanmean(signals["force"][:, 2]))
+    vertical = signals["force"][:, 2]
+    loaded = vertical[vertical >= LOADED * weight]  # after a fall nothing is
+    mean = float(np.nanmean(loaded if loaded.size else vertical))
     if not weight / _RATIO < mean < weight * _RATIO:
         raise InputError(
-            f"{name}: the mean vertical force is {mean:.4g} N, and the body of the plan weighs {weight:.4g} "
-            "N; give the force of the floor on the body in newtons, z upwards, and the mass by body.mass."
+            f"{name}: the mean vertical force is {mean:.4g} N, and the body weighs {weight:.4g} N; give the "
+            "force of the floor on the body in newtons, z upwards, or another mass ('ampm fit --mass', 'ampm "
+            "judge --set body.mass=...')."
         )
     for key in PLACES & signals.keys():
         far = float(np.nanmax(np.abs(signals[key]), initial=0.0))

@@ -12,6 +12,7 @@ from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import GRAVITY, RunParameters
 from ampm.planner.periodic import plan
 from ampm.run_file import dump_run, load_run
+from validation.judge.compare import SIGNALS
 from validation.judge.fit import (
     CONFIDENCE,
     MODELS,
@@ -23,16 +24,18 @@ from validation.judge.fit import (
     explained,
     scores,
 )
+from validation.judge.metric import display_unit
 from validation.measure.log import read_log
 from validation.run.judge_log import log_columns
-from validation.show.fit import LABELS, fit_page, shown_in
+from validation.show.fit import fit_page
 from validation.store.folders import check_target
 from validation.store.json import write_json
-from validation.table import Table, Tabled, format_number
+from validation.table import Table, Tabled, format_number, short_unit, with_uncertainty
 
 _FILES = ("fit.json", "gait.toml", "report.html")
 _STATURE = 1.70 / 0.865
 """Of the human body, over the height of its COM [1]."""
+_LIGHTEST = 15.0  # mass over the cube of H [kg/m^3]: people have 90, robots 60 to 300
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class Fit(Tabled):
 
         def share(model: str, signal: str) -> str:
             found = self.scores[signal][model]["stride"]["share"]
-            return "none" if math.isnan(found) or found < 0.005 else f"{found:.0%}"
+            return "none" if math.isnan(found) or found < 0.005 else f"{100.0 * found:.0f} %"
 
         parts = []
         for axis, about in (("x", "y"), ("y", "x")):
@@ -62,37 +65,38 @@ class Fit(Tabled):
             )
             parts.append(
                 f"Along {axis} a rolling ZMP explains {rolling} (a resting one {resting}); with angular "
-                f"momentum it is {whole}, and {share('ampm', f'momentum_{about}')} of L_{about}."
+                f"momentum it is {whole}, and {share('ampm', f'angular_momentum_{about}')} of L_{about}."
             )
         return " ".join(parts)
 
     def tables(self) -> Sequence[Table]:
         """Constants, and what the models explain."""
         rows = [
-            [name, format_number(item.value), f"± {format_number(item.interval, 2)}", item.unit, item.meaning]
+            [name, with_uncertainty(item.value, item.interval), item.unit, item.meaning]
             for name, item in self.constants.items()
         ]
         told = []
-        for signal, models in self.scores.items():
-            factor, unit = shown_in(signal, self.strides.weight)
+        for name, models in self.scores.items():
+            signal = SIGNALS[name]
+            factor, unit = display_unit(signal.unit, self.strides.weight)
             for support in models["ampm"]:
                 cells = []
                 for model in MODELS:
                     share, rmse = models[model][support].values()
-                    cells.append("< 0" if share < -0.005 else format_number(100.0 * round(share, 6) + 0.0, 3))
-                    cells.append(format_number(factor * rmse, 3))
-                told.append([LABELS[signal], support, *cells, unit])
+                    percent = format_number(round(100.0 * share, 1) + 0.0)
+                    cells += ["< 0" if share < -0.0005 else percent, format_number(factor * rmse, 3)]
+                told.append([signal.label, support, *cells, short_unit(unit)])
         heads = [head for name in ("pendulum", "rolling ZMP", "AMPM") for head in (f">{name}: %", ">RMSE")]
         note = "%: share of the variance; a dash: the signal rests. The vertical force is the weight in all."
-        columns = ["constant", ">value", f">{CONFIDENCE:.0%} interval", "unit", "meaning"]
-        heads = ["signal", "of", *heads, "unit"]
+        columns = ["constant", f">value, {100.0 * CONFIDENCE:.0f} % interval", "unit", "meaning"]
         return [
             Table("Constants", columns, rows, self.notes),
-            Table("Explained, of strides that were not fitted", heads, told, [note]),
+            Table(
+                "Explained, of strides that were not fitted", ["signal", "of", *heads, "unit"], told, [note]
+            ),
         ]
 
-    @property
-    def summary(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """Contents of ``fit.json``, in SI units."""
         return {
             "log": self.name,
@@ -114,7 +118,7 @@ class Fit(Tabled):
         check_target(target, _FILES, force=force, what="fit", marks=("fit.json",))
         target.mkdir(parents=True, exist_ok=True)
         (target / "gait.toml").unlink(missing_ok=True)  # of an earlier fit
-        write_json(target / "fit.json", self.summary)
+        write_json(target / "fit.json", self.as_dict())
         if self.gait is not None:
             (target / "gait.toml").write_text(dump_run(self.gait), encoding="utf-8")
         page = fit_page(self.name, self.sentence, self.strides, self.tables())
@@ -138,7 +142,7 @@ def fit_log(
         com_height: mean height of the COM over the floor [m], of a log without COM.
 
     Raises:
-        InputError: the log cannot be read, or has too few strides that are alike.
+        InputError: the log cannot be read, contradicts itself, or has too few strides that are alike.
     """
     for what, value in (("mass", mass), ("com_height", com_height)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
@@ -146,19 +150,27 @@ def fit_log(
     signals, name = log_columns(table, columns)
     log = read_log(signals, None if mass is None else mass * GRAVITY, name)
     strides, others = cut_strides(log, com_height, weighed=mass is not None)
+    found, weighs = constants(strides), strides.weight / GRAVITY
+    height = found["com_height"].value
+    if mass is None and weighs < _LIGHTEST * height**3:
+        raise InputError(
+            f"{name}: by its mean vertical force of {strides.weight:.3g} N the body has {weighs:.3g} kg, and "
+            f"its COM is at {height:.2f} m; give forces in newtons (--columns force_z=COLUMN[kgf]), lengths "
+            "in metres, or the mass (--mass)."
+        )
     least, most = (f"{force / strides.weight:.1%}" for force in (strides.upward.min(), strides.upward.max()))
     error = 1e3 * float(np.sqrt(np.mean(strides.com_error**2)))
     notes = [
         f"{name}: {len(strides)} strides alike, {others} others left out.",
-        f"The body has {strides.weight / GRAVITY:.4g} kg; the mean vertical force of a stride is {least} to "
-        f"{most} of its weight.",
+        f"The body has {weighs:.4g} kg; the mean vertical force of a stride is {least} to {most} of its "
+        "weight.",
         "The COM is the double integral of the force, in strides that are taken to be periodic."
         if com_height
         else f"The double integral of the force is {error:.2g} mm from the measured COM (RMS).",
     ]
-    found = constants(strides)
-    gait, why = _gait(found, strides.weight / GRAVITY)
-    return Fit(name, strides, found, scores(strides, explained(strides)), gait, [*notes, *why])
+    gait, why = _gait(found, weighs)
+    told = [note for note in (*notes, log.unsupported, *why) if note]
+    return Fit(name, strides, found, scores(strides, explained(strides)), gait, told)
 
 
 def _gait(found: Mapping[str, Constant], mass: float) -> tuple[RunParameters | None, list[str]]:

@@ -62,7 +62,8 @@ def cite(what: str, environment: Mapping[str, Any], digest: str) -> Citation:
         "  author = {{The AMPM testbed authors}},",
         f"  title = {{{{{tex(what)}}}}},",
         f"  year = {{{day[:4]}}},",
-        f"  note = {{{tex(software)}; computed {day}; sha256 {digest}}},",
+        f"  note = {{{tex(software)}; computed {day}; sha256 {digest[:16]}}},",
+        f"  sha256 = {{{digest}}},",
         "}\n",
     ]
     return Citation(f"{what}. {software}. Computed {day}, sha256 {digest[:16]}.", "\n".join(lines))

@@ -8,6 +8,7 @@ import json
 import zipfile
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -18,30 +19,32 @@ from validation.run.replay import replay
 from validation.show.cost_table import cost_table
 from validation.show.page import render_page
 from validation.show.paper import cite_run, digest_of
-from validation.store.folders import RUN_FILES, check_output_file, output_file
+from validation.store.folders import check_output_file, output_file
 from validation.store.saved import SavedRun, digests, load_saved_run
 from validation.study.compare.report import NUMBERS, load_comparison
 from validation.study.robustness.result import RESULT, load_robustness
 from validation.table import Table, own_rows
+from validation.trial.files import RunFile
 
 
 def write_evidence(
     folder: Path, target: Path, studies: Sequence[Path] = (), progress: Progress | None = None
 ) -> Path:
-    """Write page, JSON-LD and small files of a run into a zip file; the run is replayed for it.
+    """Write page, JSON-LD and small files of a walk into a zip file; the walk is replayed for it.
 
-    ``studies`` are folders of a robustness study, of a comparison, of judged logs.
+    ``studies`` are folders of a robustness study, of a comparison of engines, of judged logs, for its gait.
 
     Raises:
-        InputError: no run, another suffix, a folder that is not a study, or the file cannot be written.
+        InputError: no walk, another suffix, a folder that is no such study, or the file cannot be written.
     """
     if target.suffix != ".zip":
         raise InputError(f"--evidence {target} must end in .zip.")
     check_output_file(target, force=True)
     saved = load_saved_run(folder)
-    found = _found(saved) | dict(map(_study, studies))
-    if not saved.is_log:
-        found["replay"] = f"replay: {replay(folder, progress=progress)}"
+    if saved.is_log:
+        raise InputError(f"{folder} is a log; give a walk of its plan, with --study {folder}.")
+    found = _found(saved) | dict(_study(study, saved) for study in studies)
+    found["replay"] = f"replay: {replay(folder, progress=progress)}"
     factors = own_rows("study/factors.csv")
     for row in factors:
         checks = row["checks"].split()
@@ -56,7 +59,7 @@ def write_evidence(
         f"Evidence: {saved.title}",
         styles=["report.css"],
         use=linked["hasContextOfUse"]["intendedUse"],
-        envelope=_envelope(saved),
+        envelope=linked["hasContextOfUse"]["hasOperatingEnvelope"],
         sentence=saved.sentence,
         tables=[
             Table("Factors of credibility", names, assessed),
@@ -70,7 +73,7 @@ def write_evidence(
     with output_file(target) as work, zipfile.ZipFile(work, "w", zipfile.ZIP_DEFLATED) as bundle:
         bundle.writestr("evidence.html", page)
         bundle.writestr("evidence.jsonld", json.dumps(linked, indent=1))
-        for path in sorted(folder / name for name in RUN_FILES):
+        for path in sorted(folder / name for name in RunFile):
             if path.is_file() and path.suffix not in (".parquet", ".rrd"):
                 bundle.write(path, path.name)
     return target
@@ -84,12 +87,11 @@ def _found(saved: SavedRun) -> dict[str, str]:
     judged = [item for item in checks if item is not None]
     changed = ", with changes" if environment["modified"] else ""
     said = {
-        "software": f"version {environment['versions']['ampm']}, commit {environment['revision']}{changed}"
+        "software": f"version {environment['versions']['ampm']}, commit {environment['revision']}{changed}",
+        "inputs": f"body {run.body.source}, {saved.record.mass:.4g} kg, friction {run.contact.friction:g}",
+        "equations": f"{sum(judged)} of {len(judged)} checks of plan and measurement met",
     }
-    said["inputs"] = f"body {run.body.source}, {saved.record.mass:.4g} kg, friction {run.contact.friction:g}"
-    if judged:
-        said["equations"] = f"{sum(judged)} of {len(judged)} checks of plan and measurement met"
-    if solver["ticks"]:
+    if solver["unsolved"] is not None:
         said["solver"] = f"{solver['unsolved']} of {solver['ticks']} QPs unsolved"
     if run.body.source == HUMAN:
         said["pedigree"] = "masses by published tables; the contact's stiffness was chosen on the presets"
@@ -98,24 +100,28 @@ def _found(saved: SavedRun) -> dict[str, str]:
     return said
 
 
-def _study(folder: Path) -> tuple[str, str]:
-    """Name of a check, and what the folder of a study found."""
+def _study(folder: Path, saved: SavedRun) -> tuple[str, str]:
+    """Name of a check, and what the folder of a study of a walk found."""
+    run, runs = saved.parameters, list[SavedRun]()
     if (folder / RESULT).is_file():
-        return "robustness", load_robustness(folder).title
-    if (folder / NUMBERS).is_file():
-        comparison = load_comparison(folder)
-        engines = {side.run.parameters.simulation.engine for side in comparison.sides}
-        return "engine" if len(engines) > 1 else "comparison", comparison.sentence
-    saved = load_saved_run(folder)
-    if not saved.is_log:
-        raise InputError(f"--study {folder} is a walk; give a robustness study, a comparison, or a log.")
-    return "log", saved.sentence
-
-
-def _envelope(saved: SavedRun) -> str:
-    """What was walked, beyond which the run says nothing."""
-    steps, friction = saved.record.outcome.steps_completed, saved.parameters.contact.friction
-    return f"{steps} steps of {saved.title}, friction {friction:g}, profile {saved.summary['profile']}."
+        study = load_robustness(folder)
+        name, found = "robustness", study.title
+        fits = study.title.startswith(f"{saved.summary['gait']}, ") and study.body == run.body.source
+    elif (folder / NUMBERS).is_file():
+        runs = [side.run for side in load_comparison(folder).sides]
+        verdicts = {side.parameters.simulation.engine: side.summary["verdict"] for side in runs}
+        name, found = "engine", ", ".join(f"{engine}: {verdict}" for engine, verdict in verdicts.items())
+        fits = len(verdicts) > 1
+    else:
+        runs = [load_saved_run(folder)]
+        name, found, fits = "log", runs[0].sentence, runs[0].is_log
+    walked = methodcaller("model_dump", include={"gait", "body"}, exclude={"gait": {"steps"}})
+    if not fits or any(walked(other.parameters) != walked(run) for other in runs):
+        raise InputError(
+            f"--study {folder} is neither a robustness study nor a comparison of engines nor a log, of the "
+            f"gait and body of {saved.title}; give another study."
+        )
+    return name, found
 
 
 def _linked(saved: SavedRun, rows: Sequence[Mapping[str, str]]) -> dict[str, Any]:
@@ -125,7 +131,9 @@ def _linked(saved: SavedRun, rows: Sequence[Mapping[str, str]]) -> dict[str, Any
     time = {"@value": summary["environment"]["time"], "@type": "http://www.w3.org/2001/XMLSchema#dateTime"}
     linked |= {"schema:name": saved.title, "prov:generatedAtTime": time}
     linked["bindsRequirement"] = {"@id": f"urn:ampm:profile:{summary['profile']}"}
-    linked["hasContextOfUse"] |= {"schema:name": saved.title, "hasOperatingEnvelope": _envelope(saved)}
+    walked = f"{saved.record.outcome.steps_completed} steps of {saved.title}, friction "
+    walked += f"{saved.parameters.contact.friction:g}, profile {summary['profile']}."
+    linked["hasContextOfUse"] |= {"schema:name": saved.title, "hasOperatingEnvelope": walked}
     if "uncertainty" in summary:
         linked["hasValidationResult"]["hasUncertaintyQuantification"] = True
     rationale = f"The trial: {summary['verdict']}. {summary['reason']}"

@@ -181,10 +181,7 @@ CONTROLLER = Role(
     name="controller",
     key="controller.name",
     options="controller.options",
-    known={
-        "ampm": "ampm.control.controller:TrackingController",
-        "joint-pd": "ampm.control.joint_pd:JointPD",
-    },
+    known={"ampm": "ampm.control.controller:TrackingController"},
     arguments=2,
 )
 ESTIMATOR = Role(
@@ -265,7 +262,8 @@ def replan_period(planner: Any) -> float:
 def read_columns(path: Path) -> dict[str, NDArray[Any]]:
     """Columns of a table by name, shape (N,) each; an empty cell is NaN, or None among texts.
 
-    Raises :class:`InputError` if it has another suffix, or is missing or no such table.
+    Columns of CSV are parted as in its first line, by commas, semicolons (then with decimal commas, too) or
+    tabs. Raises :class:`InputError` if it has another suffix, or is missing or no such table.
     """
     # Imported here: pyarrow is slow to load.
     import pyarrow.csv
@@ -280,7 +278,16 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
                     raise InputError(f"{path} has {cells:,} cells; give at most {LARGEST_TABLE // 8:,}.")
                 table = file.read()
         else:
-            table = pyarrow.csv.read_csv(io.BytesIO(read_text(path, LARGEST_TABLE).encode()))
+            text = read_text(path, LARGEST_TABLE)
+            between = max(",;\t", key=text.partition("\n")[0].count)
+            table = pyarrow.csv.read_csv(
+                io.BytesIO(text.encode()),
+                parse_options=pyarrow.csv.ParseOptions(delimiter=between),
+                convert_options=pyarrow.csv.ConvertOptions(
+                    decimal_point="," if between == ";" and "," in text else "."
+                ),
+            )
+        table = table.rename_columns([name.strip() for name in table.column_names])
         check_columns(table.column_names, path)
         return {name: table[name].to_numpy() for name in table.column_names}
     except FileNotFoundError:
