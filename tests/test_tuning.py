@@ -14,6 +14,7 @@ from ampm.parameters import OPEN_KEYS, keys
 from ampm.planner.support import plan_steps
 from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
+from ampm.tune import free_choices
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import plan_margins, step_torques
 from ampm.tune.search import RoughOrbits
@@ -73,6 +74,19 @@ def test_the_guess_has_a_plan_whose_heel_rises_with_the_zmp_at_the_ball(step, c_
         assert all(LIMITS[name].margin(value) > 0.0 for value in values[name])
     for key in run.given:
         assert guessed.value(key) == run.value(key)
+
+
+@pytest.mark.parametrize("source", ["human", "suite-humanoid"])
+def test_the_heel_of_a_foot_without_toes_rises_later(source, monkeypatch):
+    run, robot = body_of(f"body.source='{source}'")
+    space = FreeChoices(run, run.given, robot.description)
+    guess = space.guess()
+    late = space.parameters(guess)
+    monkeypatch.setattr(free_choices, "_LATER_RISE", 0.0)
+    early = space.parameters(guess).foot.heel_rise_lead
+    assert (late.foot.heel_rise_lead < early) != robot.description.sole.has_toes
+    double = plan_of(late, robot).constants.double_support_duration
+    assert late.foot.heel_rise_lead >= min(early, -0.5 * double) - 1e-12
 
 
 def test_torques_give_the_accelerations_of_the_step_back():

@@ -25,6 +25,9 @@ _NEAR_END = 0.99  # share of the sole before and behind the reference point that
 _SWING_RATE = 8.0  # least rate of the swing foot's feedback times the swing's duration: slower, it lands late
 _SOFT_STRIKE = 0.5  # heel strike angle of a foot without toes over that of a human's [1]
 _LIFT_RATE = 5.0  # most at which a foot without toes begins to turn at lift-off [rad/s]
+# When the ZMP reaches the front edge of a foot without toes, it is at the edge of the support. So its heel
+# rises later by a share of the rest of the double support, up to a share of the whole [1].
+_LATER_RISE, _LATEST_RISE = 0.3, 0.5
 _LANDING_TURN = 1.7  # heel strike rate over its mean: the foot comes down turning, and slows down
 
 
@@ -61,10 +64,10 @@ CHOICES = (
     Choice("lift", "foot.swing_height", 0.0, 0.09, 0.02, 0.05 / _STATURE, scaled=True),
     Choice("lag", "foot.swing_lag", -0.1, 0.25, 0.06, 0.08),
 )
-"""Five more open keys follow: the heel rises when the ZMP reaches the ball (``foot.heel_rise_lead``), the
-front foot comes down turning (``foot.heel_strike_rate``), the swing foot's feedback is fast beside the swing
-(``controller.swing_stiffness``, ``controller.swing_damping``), and L_z is held at zero where the feet could
-not hold its swing (``body.angular_momentum_z``)."""
+"""Five more open keys follow: the heel rises when the ZMP reaches the ball, without toes later
+(``foot.heel_rise_lead``), the front foot comes down turning (``foot.heel_strike_rate``), the swing foot's
+feedback is fast beside the swing (``controller.swing_stiffness``, ``controller.swing_damping``), and L_z is
+held at zero where the feet could not hold its swing (``body.angular_momentum_z``)."""
 _ROLLING = {"toe_off", "toe_turn", "toe_back", "strike", "down"}  # without effect on flat feet
 _SPREAD = {
     "ratio": (-0.45, 0.1),
@@ -87,6 +90,7 @@ class FreeChoices:
         fixed: keys that may not be changed.
         description: the body.
         held: open keys that keep the guess.
+        early: whether the heel of a foot without toes rises as soon as the ZMP reaches its front edge.
     """
 
     def __init__(
@@ -95,11 +99,14 @@ class FreeChoices:
         fixed: Collection[str],
         description: BodyDescription,
         held: Collection[str] = (),
+        early: bool = False,
     ) -> None:
         self.run, self.fixed, self.description = run, frozenset(fixed), description
         self.held = frozenset(held)
         self.sole = description.sole
         self.flat = run.foot.schedule == "flat"
+        rises = not (self.flat or self.sole.has_toes or "foot.heel_rise_lead" in self.fixed)
+        self.rises_later = rises and not early
         self.useless = (_ROLLING if self.flat else set()) | (set() if description.spread else {"spread"})
         names = {choice.name for choice in CHOICES} - self.useless
         kept = self.fixed | self.held
@@ -178,7 +185,10 @@ class FreeChoices:
         if "foot.heel_rise_lead" in self.fixed:
             return rolling
         late = _later_rise(plan_steps(_begin(rolling.gait), rolling.body.mass, rolling.foot, self.sole))
-        late = min(late, 0.7 * (double + lead))
+        rest = double + lead
+        late = min(late, 0.7 * rest)
+        if self.rises_later:
+            late = max(late, min(_LATER_RISE * rest, _LATEST_RISE * double + lead))
         return self._rolling(rolling, choice, double, lead - late) if late > 0.0 else rolling
 
     def _rolling(

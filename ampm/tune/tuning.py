@@ -203,8 +203,8 @@ def _searches(
 
     The first begins with the guess. Where that would twist the feet and the body has arms, L_z is held at
     zero: the arms then balance the legs about the vertical, which takes from the feet's twisting moment.
-    Where it finds nothing, a second one begins with the best of starts that are spread over the ranges, and
-    list and rotation of the pelvis are free, too.
+    Where it finds nothing, the heel of a foot without toes rises early in another one. A last one begins with
+    the best of starts that are spread over the ranges, and list and rotation of the pelvis are free, too.
     """
     search = _begun(space, robot, report, effort)
     twist = search.candidates[-1].margins().get("twist", math.inf)
@@ -215,6 +215,11 @@ def _searches(
     yield search, search.candidates[-1]
     if not effort.starts or not space.names:
         return
+    if space.rises_later:
+        run = search.space.run
+        early = FreeChoices(run, space.fixed, robot.description, _PELVIS, early=True)
+        search = _begun(early, robot, report, effort)
+        yield search, search.candidates[-1]
     wide = FreeChoices(space.run, space.fixed, robot.description)
     search = ChoiceSearch(wide, RoughOrbits(robot, space.run), report, effort)
     start = search.spread(effort.starts)
