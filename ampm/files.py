@@ -56,10 +56,13 @@ def read_text(path: Path, largest: int = LARGEST_TEXT) -> str:
 
 
 def check_columns(names: Iterable[str], path: Path) -> None:
-    """Refuse a table in which two columns have one name.
+    """Refuse a table in which two columns have one name, or no comma is between them.
 
     Raises:
-        InputError: names one of them.
+        InputError: says so.
     """
+    names = list(names)
+    if len(names) == 1 and ";" in names[0]:
+        raise InputError(f"{path} has semicolons between its columns; put commas there.")
     if twice := [name for name, number in Counter(names).items() if number > 1]:
         raise InputError(f"{path} has the column {twice[0]!r} twice; remove one of them.")

@@ -110,12 +110,7 @@ class Reference:
     foot_toe = Field(
         (2, 3),
         lambda at: np.stack(
-            [
-                at.now.both_feet("toe"),
-                at.now.both_feet("toe_velocity"),
-                at.held.both_feet("toe_acceleration"),
-            ],
-            axis=2,
+            [*map(at.now.both_feet, ("toe", "toe_velocity")), at.held.both_feet("toe_acceleration")], axis=2
         ),
     )
     """Angle, velocity and acceleration of the toe joints, shape (2, 3) [rad, rad/s, rad/s^2]."""

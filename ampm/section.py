@@ -18,7 +18,7 @@ from ampm.exceptions import InputError
 from ampm.files import read_text
 
 _LEAST = 1e-60  # of a number that is not 0
-_MOST_LISTED = 12  # known keys that are listed when none resembles the unknown one
+_MOST_LISTED = 20  # known keys that are listed when none resembles the unknown one
 
 
 def _not_nan(value: float) -> float:
@@ -139,8 +139,12 @@ def _input_error(error: ValidationError, model: type[Section]) -> InputError:
         return unknown(key, model.known_keys(), "section" if isinstance(value, Mapping) else "key")
     field = {field.alias or name: field for name, field in model.model_fields.items()}[location[0]]
     meaning = f" Meaning: {field.description}." if field.description else ""
+    if kind == "missing" and len(location) > 1:
+        key = key.rpartition(".")[0]
+        return InputError(f"{key} lacks a value; give all of them.{meaning}", key=key)
     if kind == "missing":
-        return InputError(f"{key} is missing; write {key} = ...{meaning}", key=key, way_out=f"write {key}")
+        line = f"[{key}] and its keys." if hasattr(field.annotation, "model_fields") else f"{key} = ..."
+        return InputError(f"{key} is missing; write {line}{meaning}", key=key, way_out=f"write {line}")
     unit = "" if unit_of(field) == "1" else f" {unit_of(field)}"
     limit = limit_of(detail) + (unit if kind.startswith(("greater_than", "less_than")) else "")
     way_out = None

@@ -8,6 +8,7 @@ if __name__ == "__main__":
 
     one_blas_thread()
     os.environ.setdefault("MUJOCO_GL", "disable")
-    from benchmarks.cli import main
+    from benchmarks.cli import app
+    from validation.cli.app import call
 
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(call(sys.argv[1:], app))

@@ -1,15 +1,12 @@
 """Command line of ``python -m benchmarks``."""
 
 import os
-import sys
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from validation.cli.console import Narrator, print_json
-from validation.cli.errors import explain
 from validation.cli.options import Status, option
 from validation.table import Table, print_tables
 
@@ -19,7 +16,7 @@ if TYPE_CHECKING:
 TIME_STEPS = (0.002, 0.0005)
 """Of the physics in the closed loop [s]."""
 app = typer.Typer(
-    name="benchmarks",
+    name="python -m benchmarks",
     pretty_exceptions_enable=False,
     add_completion=False,
     rich_markup_mode="markdown",
@@ -96,26 +93,3 @@ def _compare(request: "Request", narrator: Narrator) -> tuple[list[Table], dict[
         "tick of the inverse kinematics": compare_kinematics(planned, narrator),
     }
     return [peer_table(sections)], {task: list(map(asdict, found)) for task, found in sections.items()}
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Run one command line; errors become one sentence on stderr.
-
-    Args:
-        arguments: without the program's name.
-
-    Returns:
-        The exit status, as of the command ``ampm``.
-    """
-    command = typer.main.get_command(app)
-    try:
-        with command.make_context("python -m benchmarks", list(arguments)) as context:
-            return int(context.command.invoke(context) or 0)
-    except typer.Exit as end:
-        return end.exit_code
-    except (Exception, KeyboardInterrupt) as error:
-        status, text = explain(error)
-        if status is Status.CRASH:
-            raise
-        print(f"benchmarks: {text}", file=sys.stderr)
-        return status

@@ -20,6 +20,12 @@ from validation.table import Table
 ROOT = Path(__file__).resolve().parents[1]
 ROLE = re.compile(r":(?:class|func|meth|mod|data|attr|exc):<code>~?(?:[\w.]*\.)?(\w+)</code>")
 OUTSIDE = re.compile(r"\[([^\]]+)\]\(examples/?\)")
+SOURCES = {
+    r"CONTRIBUTING\.md": "contributing",
+    r"ampm/\w+\.py": "parameters",
+    r"validation/judge/limits\.csv": "tolerances",
+}
+"""Files that the pages link to, as they stand in the repository, and the page of the site made from each."""
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 BESIDE = re.compile(r"(?:(?<=</m[in]>)|(?<=</msub>))(?=<mi>[a-z]{2,}<)|(?<=[a-z]{2}</mi>)(?=<m[ifns])")
 """Where a thin space belongs: before the name of a function, and before its argument without parentheses."""
@@ -56,6 +62,13 @@ def at_root(name: str) -> str:
     """Text of a file beside docs/, with links as they are from docs/."""
     text = ROOT.joinpath(name).read_text(encoding="utf-8").replace("](docs/", "](")
     return OUTSIDE.sub(r"\1", text.replace("](CONTRIBUTING.md", "](contributing.md"))
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Let links to a source lead to the page that is made from it."""
+    for source, page in SOURCES.items():
+        markdown = re.sub(rf"\]\(\.\./((?:\.\./)*){source}", rf"](\1{page}.md", markdown)
+    return markdown
 
 
 def parameters() -> str:

@@ -1,8 +1,8 @@
-"""The body of a run: the human, built from tables, or another one, read from its description."""
+"""The body of a run: the human, scaled from its file, or another one, read from its description."""
 
 from ampm.parameters import HUMAN, BodyParameters
 from ampm.physics_parameters import ContactParameters, SimulationParameters
-from models.human import Builder
+from models.human import build_human
 from models.load import Writer
 from models.scene import BodyModel
 from models.source import body_path, compiled_source, read_body_file, source_path
@@ -12,13 +12,13 @@ from models.tree import Tree
 def build_body(
     body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters
 ) -> BodyModel:
-    """Build the body that ``body.source`` names; see :class:`models.human.Builder`.
+    """Build the body that ``body.source`` names; see :func:`models.human.build_human`.
 
     Raises:
         InputError: there is no such body, or its description or source is not usable.
     """
     if body.source == HUMAN:
-        return Builder(body, contact, simulation).build()
+        return build_human(body, contact, simulation)
     path = body_path(body.source)
     file = read_body_file(path)
     source = source_path(file.source, path.parent)

@@ -16,8 +16,8 @@ from ampm.description import SOLE_POINT_GROUPS, BodyDescription, LegDescription,
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.physics_parameters import ContactParameters, SimulationParameters
-from models import anthropometry as table
 from models import scene
+from models.human import COM_OVER_HIP, HIP_HEIGHT
 from models.scene import BodyModel, add
 from models.segments import Segment, limb_middles
 from models.source import MASSLESS
@@ -217,7 +217,7 @@ class Writer:
         )
         floor = float(self._along(self.legs[0].ankle, 1)[2]) - sole.ankle_height
         com_height, hip_height = com_z / mass - floor, float(self._along(hip, 1)[2]) - floor
-        height = com_height / (table.HIP_HEIGHT + table.COM_OVER_HIP)
+        height = com_height / (HIP_HEIGHT + COM_OVER_HIP)
         model, root = scene.new_scene("body", self.names[0], height, contact, simulation)
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
         next(model.iter("flag")).set("eulerdamp", "disable")

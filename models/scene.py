@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -73,10 +73,6 @@ class Inertial:
         com = (self.mass * self.com + other.mass * other.com) / mass
         return Inertial(mass, com, self.about(com) + other.about(com))
 
-    def seen_from(self, point: Array) -> "Inertial":
-        """The same in a frame with its origin at a point, shape (3,) [m]."""
-        return replace(self, com=self.com - point)
-
 
 def new_scene(
     name: str, root: str, height: float, contact: ContactParameters, simulation: SimulationParameters
@@ -96,14 +92,14 @@ def new_scene(
     model = fromstring(
         _SCENE.read_text(encoding="utf-8").format(
             name=name,
-            time_step=_text(simulation.time_step),
+            time_step=text(simulation.time_step),
             integrator=simulation.integrator,
             gravity=GRAVITY,
-            impratio=_text(contact.impratio),
-            middle=_text(0.5 * height),
-            friction=_text(contact.friction),
-            impedance=_text((contact.impedance_min, contact.impedance_max, contact.impedance_width)),
-            stiffness=_text((contact.time_constant, contact.damping_ratio)),
+            impratio=text(contact.impratio),
+            middle=text(0.5 * height),
+            friction=text(contact.friction),
+            impedance=text((contact.impedance_min, contact.impedance_max, contact.impedance_width)),
+            stiffness=text((contact.time_constant, contact.damping_ratio)),
             radius=SOLE_POINT_RADIUS,
         )
     )
@@ -116,10 +112,11 @@ def new_scene(
 
 def add(parent: Element, tag: str, **attributes: Any) -> Element:
     """A new element of MJCF, with texts, numbers or vectors of numbers; ``class_`` is ``class``."""
-    return SubElement(parent, tag, {key.rstrip("_"): _text(value) for key, value in attributes.items()})
+    return SubElement(parent, tag, {key.rstrip("_"): text(value) for key, value in attributes.items()})
 
 
-def _text(value: Any) -> str:
+def text(value: Any) -> str:
+    """Numbers or words of an attribute."""
     if isinstance(value, str):
         return value
     return " ".join(f"{number:.{_DIGITS}g}" for number in np.atleast_1d(value))
@@ -127,7 +124,7 @@ def _text(value: Any) -> str:
 
 def fill(segment: Element, pos: Any, inertial: Inertial) -> Element:
     """Give a segment its place in the axes of the one that it hangs on, shape (3,) [m], and its mass."""
-    segment.set("pos", _text(pos))
+    segment.set("pos", text(pos))
     values: dict[str, Any] = {"mass": inertial.mass, "pos": inertial.com}
     i = inertial.inertia
     if np.abs(i - np.diag(np.diag(i))).max() > 0.0:

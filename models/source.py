@@ -137,7 +137,7 @@ def source_path(source: str, folder: Path) -> Path:
     if not colon:
         path = folder / source
         if not path.is_file():
-            raise InputError(f"there is no file {str(path)!r}; correct source in the body's description.")
+            raise InputError(f"there is no model {str(path)!r}; correct its name.")
         return path
     try:
         files = metadata.distribution(package).files or []

@@ -4,7 +4,8 @@ from dataclasses import fields
 
 import numpy as np
 
-from validation.store.record import MODEL_FILE, load_record, save_record
+from validation.store.record import load_record, save_record
+from validation.trial.files import RunFile
 from validation.trial.record import SHAPES, STORED, stored_rows
 
 
@@ -24,7 +25,7 @@ def first_difference(first, second) -> str | None:
 def stored(record, model, folder):
     """The record, written beside the text of its model and opened again."""
     folder.mkdir(exist_ok=True)
-    (folder / MODEL_FILE).write_text(model, encoding="utf-8")
+    (folder / RunFile.MODEL).write_text(model, encoding="utf-8")
     save_record(record, folder)
     return load_record(folder)
 

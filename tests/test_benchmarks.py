@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks import cli, ik_peers, loop, page, qp_peers
 from benchmarks.peer import peer_table
+from validation.cli.app import call
 from validation.cli.options import Status
 from validation.progress import Progress
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
@@ -24,7 +25,7 @@ def test_loop_and_stages_are_measured_and_put_into_the_page(tmp_path, monkeypatc
     copy = tmp_path / "page.md"
     copy.write_text("# Title\n<!-- benchmark -->\n\n<!-- end of benchmark -->\nThe end.\n", encoding="utf-8")
     monkeypatch.setattr(page, "PAGE", copy)
-    assert cli.main(["--steps", "1", "--walks", "1", "--json", "--markdown"]) == Status.PASS
+    assert call(["--steps", "1", "--walks", "1", "--json", "--markdown"], cli.app) == Status.PASS
     found = json.loads(capsys.readouterr().out)
     assert [walk["time_step"] for walk in found["loop"]] == [0.002, 0.0005]
     for walk in found["loop"]:

@@ -12,15 +12,16 @@ import pytest
 import ampm
 import validation as val
 from ampm.control.controller import TrackingController
-from ampm.control.joint_pd import JointPD
 from ampm.exceptions import InputError
 from ampm.walk import ControlOutput
+from docs.examples.joint_pd import JointPD
 from tests.test_bad_input import assert_said, rows_of
 from validation.store.record import load_record
 from validation.trial import users
 from validation.trial.users import CONTROLLER
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
+JOINT_PD = "docs.examples.joint_pd:JointPD"
 QUICK: dict[str, Any] = {
     "gait": {"steps": 2},
     "solver": {"ik_time_step": 0.01},
@@ -47,10 +48,10 @@ def installed(monkeypatch):
 
 def test_a_controller_has_one_name_wherever_it_comes_from(installed):
     assert CONTROLLER.find("ampm") is TrackingController
-    assert CONTROLLER.find("joint-pd") is JointPD
+    assert CONTROLLER.find(JOINT_PD) is JointPD
     assert CONTROLLER.find("refined") is CONTROLLER.find(f"{__name__}:Refined") is Refined
-    assert (CONTROLLER.name_of(JointPD), CONTROLLER.name_of(Refined)) == ("joint-pd", f"{__name__}:Refined")
-    with pytest.raises(InputError, match="'joint_pd'; known: ampm, joint-pd, refined, broken"):
+    assert [*map(CONTROLLER.name_of, (JointPD, Refined))] == [JOINT_PD, f"{__name__}:Refined"]
+    with pytest.raises(InputError, match="'joint_pd'; known: ampm, refined, broken"):
         CONTROLLER.find("joint_pd")
     with pytest.raises(InputError, match="no_such_module:Controller' cannot be imported"):
         CONTROLLER.find("broken")

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ampm.control.joint_pd import JointPD
+from docs.examples.joint_pd import JointPD
 from tests.records import first_difference, same_bits, stored
 from tests.solved import COARSE, body_of, simulated, walk_of
 from tests.test_golden import definition

@@ -8,8 +8,8 @@ import ampm as planner
 import validation as val
 from ampm.exceptions import InputError
 from ampm.parameters import OPTION_TABLES, SECTIONS, keys
-from validation.store.saved import EXPLANATION
 from validation.study.explain import CHANGES, Case, answer, possible
+from validation.trial.files import RunFile
 from validation.trial.plan import load_request
 
 QUICK = ("simulation.time_step=2e-3", "gait.steps=2")
@@ -81,7 +81,7 @@ def test_late_sensing_is_named_and_written(tmp_path):
     found = val.explain("normal", [*QUICK, "sensors.delay=0.002"], workers=0, out=tmp_path / "out")
     assert found.named == "sensing"
     assert found.sentence == "The sensing: with exact sensing (sensors.delay 0.002 to 0) it passes."
-    assert json.loads((tmp_path / "out" / EXPLANATION).read_text()) == found.as_dict()
+    assert json.loads((tmp_path / "out" / RunFile.EXPLANATION).read_text()) == found.as_dict()
     (table,) = found.tables()
     assert [cells[2] for cells in table.rows[:2]] == ["FAIL", "pass"]
 
@@ -95,6 +95,6 @@ def test_a_run_is_repeated_with_its_pushes_and_its_folder_gets_the_explanation(t
     assert (found.trial["outcome"], found.named) == ("fell", "pushes")
     assert val.load(folder).sentence  # its digests still hold
     assert found.sentence in val.report(folder).read_text(encoding="utf-8")
-    (folder / EXPLANATION).write_text("{}", encoding="utf-8")
+    (folder / RunFile.EXPLANATION).write_text("{}", encoding="utf-8")
     with pytest.raises(InputError, match="is damaged"):
         val.report(folder)

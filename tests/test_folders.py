@@ -122,6 +122,8 @@ def test_a_file_appears_whole(tmp_path):
     with pytest.raises(OSError):
         write_and_fail(output_file(target), lambda place: place.write_text("half"), OSError)
     assert target.read_text() == "old"
+    with pytest.raises(InputError, match=r"motion\.parquet cannot be written"), output_file(target):
+        raise PermissionError(13, "Permission denied")
     with output_file(target) as work:
         work.write_text("new")
     assert target.read_text() == "new"

@@ -11,7 +11,7 @@ import pytest
 
 from ampm.description import BodyDescription
 from ampm.parameters import BodyParameters, RunParameters
-from models import anthropometry as table
+from docs import human as table
 from models.build import build_body
 
 
@@ -51,6 +51,10 @@ def test_split_foot_is_the_tables_foot(body) -> None:
     assert com[0] == pytest.approx(sole.heel_x + table.FOOT.com * sole.length)
     expected = masses.sum() * np.diag(np.square([longitudinal, transverse, sagittal]))
     np.testing.assert_allclose(inertia, expected, rtol=0.0, atol=1e-11)
+
+
+def test_the_file_is_derived_from_the_tables() -> None:
+    assert table.Builder().build() == table.FILE.read_text(encoding="utf-8")
 
 
 def test_table_adds_up() -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import validation as val
-from ampm.control.joint_pd import JointPD
 from ampm.exceptions import InputError
 from ampm.planners import PeriodicPlanner
 from ampm.run_file import dump_run, load_run
+from docs.examples.joint_pd import JointPD
 from validation.store.environment import parameter_values
 from validation.study.many import Task
 from validation.study.sweep.design import dump_sweep, parse_sweep
@@ -80,8 +80,8 @@ def test_options_reach_a_class_given_in_python_and_the_saved_run_keeps_them(tmp_
     assert val.replay(folder).identical
     again = val.walk(str(folder / "run.toml"))
     np.testing.assert_array_equal(again.record.q, trial.record.q)
-    with pytest.raises(InputError, match=r"the controller joint-pd: .*'gain'"):
-        val.walk(run, controller="joint-pd")
+    with pytest.raises(InputError, match=r"the controller ampm: .*'gain'"):
+        val.walk(run, controller="ampm")
 
 
 def test_a_planner_is_made_once(monkeypatch):

@@ -15,7 +15,7 @@ CACHE = platformdirs.user_cache_path()  # pytester has a home of its own
 FILE = """
 import os
 import pytest
-from ampm.control.joint_pd import JointPD
+from docs.examples.joint_pd import JointPD
 
 COARSE = dict(gait={"steps": 2}, solver={"ik_time_step": 0.01}, simulation={"time_step": 0.002})
 
@@ -90,7 +90,7 @@ def test_unknown_gait(walked):
     result.stdout.no_fnmatch_line("*cannot be saved*")
     result.stdout.fnmatch_lines(
         [
-            "normal with joint-pd: not measured (default). The body fell*",
+            "normal with docs.examples.joint_pd:JointPD: not measured (default). The body fell*",
             f"*ampm view {tmp_path / 'runs'}/ampm-runs/*test_falls/0-normal",
             "this test walked nothing; call walked() first, or give the trials.",
             "*did you mean 'normal'*",

@@ -15,13 +15,13 @@ from scipy.spatial.transform import Rotation
 from ampm.exceptions import InputError
 from tests.saved_run import COARSE, make_run
 from validation.cli.app import Status, call
-from validation.cli.view import recording_of
 from validation.show.curves import DIFFERENCES
-from validation.show.rerun.record import RECORDING_FILE, SINGLE_SUPPORT, write_recording
+from validation.show.rerun.record import SINGLE_SUPPORT, write_recording
 from validation.show.rerun.views import PHASE
 from validation.store.record import load_record
 from validation.store.saved import load_saved_run
 from validation.store.signals import load_signals
+from validation.trial.files import RunFile
 
 SLOW = ("gait.switching_velocity=0.9", "gait.a_s=2.4")
 
@@ -36,7 +36,7 @@ def walks(tmp_path_factory):
         "slow": make_run(base / "slow", steps=4, settings=(*COARSE, *SLOW)),
     }
     for folder in folders.values():
-        assert write_recording(folder) == folder / RECORDING_FILE
+        assert write_recording(folder) == folder / RunFile.RECORDING
     return folders
 
 
@@ -84,7 +84,7 @@ def save(*arguments: object) -> int:
 
 
 def test_series_are_the_signals_bit_for_bit(one):
-    signals, path = load_signals(one / "signals.parquet"), one / RECORDING_FILE
+    signals, path = load_signals(one / "signals.parquet"), one / RunFile.RECORDING
     force = column(path, "/signals/force_z", "Scalars:scalars")
     for index, kind in enumerate(("plan", "command", "measured")):
         assert np.array_equal(force[:, index], signals[f"{kind}_force_z"])
@@ -97,7 +97,7 @@ def test_series_are_the_signals_bit_for_bit(one):
 
 
 def test_segments_move_as_the_model_says(one):
-    record, path = load_record(one), one / RECORDING_FILE
+    record, path = load_record(one), one / RunFile.RECORDING
     model = mujoco.MjModel.from_xml_string((one / "model.xml").read_text(encoding="utf-8"))
     data = mujoco.MjData(model)
     for name in ("pelvis", "left_foot"):
@@ -114,7 +114,7 @@ def test_segments_move_as_the_model_says(one):
 
 
 def test_a_recording_is_sound_small_and_has_what_a_viewer_must_show(one, tmp_path):
-    path = one / RECORDING_FILE
+    path = one / RunFile.RECORDING
     assert_rrd("verify", path)
     wanted = """world/follow world/plan/polygon world/plan/footprints world/floor/zmp/plan
         world/floor/zmp/measured world/force/plan world/force/measured world/force/left world/force/right
@@ -135,7 +135,7 @@ def test_several_runs_are_in_one_file_with_curves_in_a_colour_of_each(walks, tmp
     assert save(walks["one"], walks["two"], "--save", target) == Status.PASS
     assert_rrd("verify", target)
     for letter, name in (("a", "one"), ("b", "two")):
-        own = entities(walks[name] / RECORDING_FILE)
+        own = entities(walks[name] / RunFile.RECORDING)
         assert {f"/{letter}{entity}".rstrip("/") for entity in own} <= entities(target)
         shown = last_static(target, f"/{letter}/residual/zmp", "SeriesLines:names")
         assert shown == [f"{name} x", f"{name} y"]
@@ -169,9 +169,4 @@ def test_one_target_is_saved_as_it_is_and_an_existing_file_is_kept(one, tmp_path
     assert target.read_bytes() == b"mine"
     assert "--force" in capsys.readouterr().err
     assert save(one, "--save", target, "--force") == Status.PASS
-    assert target.read_bytes() == (one / RECORDING_FILE).read_bytes()
-
-
-def test_the_folder_of_a_sweep_has_no_recording_of_its_own(one):
-    with pytest.raises(InputError, match="such as recordings/NAME of a sweep"):
-        recording_of([one.parent], one)
+    assert target.read_bytes() == (one / RunFile.RECORDING).read_bytes()

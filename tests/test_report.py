@@ -14,12 +14,13 @@ from tests.saved_run import make_run
 from validation.show.chart import decimate
 from validation.show.cost_table import cost_table, reported_table
 from validation.show.curves import CURVES
-from validation.show.report import REPORT_FILE, render, write_report
+from validation.show.report import render, write_report
 from validation.show.rerun.record import verdict_markdown, write_recording
 from validation.show.run_figures import RunFigures, middle
 from validation.show.style import MEASURED
 from validation.show.walker import INSTANTS, draw_walker
 from validation.store.saved import load_saved_run, run_events
+from validation.trial.files import RunFile
 from validation.trial.outcome import Outcome, OutcomeName
 
 
@@ -60,8 +61,8 @@ def run_dir(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def html(run_dir):
-    assert write_report(run_dir) == run_dir / REPORT_FILE
-    return (run_dir / REPORT_FILE).read_text(encoding="utf-8")
+    assert write_report(run_dir) == run_dir / RunFile.REPORT
+    return (run_dir / RunFile.REPORT).read_text(encoding="utf-8")
 
 
 def test_page_is_self_contained_small_and_well_formed(run_dir, html):

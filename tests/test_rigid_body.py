@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.body.rigid_body import RigidBody, moved
+from ampm.body.rigid_body import RigidBody, moved, respond
 from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.linear import substitute, triangular
@@ -51,6 +51,19 @@ def state(robot, seed):
     tangent = rng.normal(size=robot.nv) * 0.5
     q = pin.integrate(robot.model, pin.neutral(robot.model), tangent)
     return q, rng.normal(size=robot.nv)
+
+
+def test_hinges_respond_to_the_root_as_the_mass_matrix_says(robot):
+    q, v = state(robot, 5)
+    body, size = robot.rigid_body, robot.nv - 5
+    body.place(q)
+    twist, rate = np.zeros((size, 6)), np.zeros(robot.nu)
+    turn = body.link["turn"][0]
+    twist[0] = np.concatenate([turn @ v[:3], turn @ v[3:6]])
+    respond(body.tree, body.armature, body.link, np.zeros((size, 6, 6)), twist, rate)
+    matrix = pin.crba(robot.model, robot.model.createData(), q)
+    matrix = np.triu(matrix) + np.triu(matrix, 1).T
+    np.testing.assert_allclose(matrix[6:, 6:] @ rate + matrix[6:, :6] @ v[:6], 0.0, atol=1e-9)
 
 
 def test_names_that_the_model_lacks_are_refused(robot):

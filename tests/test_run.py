@@ -12,8 +12,8 @@ import pytest
 from ampm.run_file import dump_run, load_run
 from tests.saved_run import forge, with_column
 from validation.cli.app import Status, call
-from validation.store.folders import RUN_FILES
-from validation.store.record import TICKS_FILE, load_record
+from validation.store.record import load_record
+from validation.trial.files import RunFile
 
 STEPS = 2
 SHORT = ("--steps", str(STEPS), "--set", "simulation.time_step=0.002")
@@ -32,7 +32,7 @@ def walked(tmp_path_factory):
 def test_a_trial_fills_its_folder_and_prints_its_summary_alone(walked):
     out, answer = walked
     assert answer.returncode == Status.PASS, answer.stderr
-    assert {path.name for path in out.iterdir()} == RUN_FILES - {"explain.json", "external.parquet"}
+    assert {path.name for path in out.iterdir()} == set(RunFile) - {"explain.json", "external.parquet"}
     assert "Traceback" not in answer.stderr
     assert "simulation" in answer.stderr
     summary = json.loads((out / "summary.json").read_text())
@@ -57,7 +57,7 @@ def test_replay_stops_at_the_first_difference_and_is_quiet(walked, tmp_path, cap
         name = next(name for name in table.column_names if name.startswith("torque_"))
         return with_column(table, name, change)
 
-    changed = forge(walked[0], tmp_path / "changed", TICKS_FILE, of_a_joint)
+    changed = forge(walked[0], tmp_path / "changed", RunFile.TICKS, of_a_joint)
     monkeypatch.chdir(tmp_path)
     assert call(["replay", str(changed)]) == Status.OUT_OF_TOLERANCE
     printed = capfd.readouterr()

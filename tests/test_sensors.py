@@ -276,7 +276,7 @@ def test_wrenches_tell_where_the_com_is_over_the_foot(monkeypatch):
         levers = [(item.com - item.sole).copy() for item in (here, true)]
         if loaded.sum() == 1:
             off.append((levers[0] - levers[1])[loaded.argmax(), :2])
-    assert np.sqrt(np.mean(np.square(off), axis=0)).max() < 0.9e-3  # [m], 2.5 mm by the offsets alone
+    assert np.sqrt(np.mean(np.square(off), axis=0)).max() < 1.1e-3  # [m], 2.5 mm by the offsets alone
     walked.cache_clear()
 
 

@@ -12,11 +12,11 @@ from ampm.exceptions import InputError
 from tests.sweep_table import make_table, replaced, sweep_of, write_sweep
 from tests.test_report import Page
 from validation.cli.app import call
-from validation.store.saved import REPORT_FILE
 from validation.study.sweep.figures import draw_sweep, links_of
 from validation.study.sweep.report import judge_sweep, metric_table, render
 from validation.study.sweep.table import read_sweep
 from validation.table import is_heading
+from validation.trial.files import RunFile
 
 GRID: dict[str, Any] = {
     "gait.c_s": [0.6, 1.0],
@@ -34,7 +34,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def html(folder):
-    return (folder / REPORT_FILE).read_text(encoding="utf-8")
+    return (folder / RunFile.REPORT).read_text(encoding="utf-8")
 
 
 def test_page_is_self_contained(folder, html):

@@ -132,8 +132,9 @@ def _title(trial: Trial) -> str:
 
 def _saved(item: pytest.Item, trials: Sequence[Trial]) -> Iterator[str]:
     """Save the walks of a failed test; a line on each."""
+    test = re.sub(r"[^\w.=-]+", "-", item.nodeid).strip("-")
     for number, trial in enumerate(trials):
-        folder = item.stash[_PLACE] / _plain(item.nodeid) / f"{number}-{trial.planned.name}"
+        folder = item.stash[_PLACE] / test / f"{number}-{trial.planned.name}"
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of libraries that draw
@@ -141,8 +142,3 @@ def _saved(item: pytest.Item, trials: Sequence[Trial]) -> Iterator[str]:
             yield f"{_title(trial)}: {trial.record.outcome.summary}; ampm view {folder}"
         except Exception as error:  # the test's own failure must be shown all the same
             yield f"{_title(trial)}: cannot be saved ({error})"
-
-
-def _plain(text: str) -> str:
-    """Text as part of a file's name."""
-    return re.sub(r"[^\w.=-]+", "-", text).strip("-")

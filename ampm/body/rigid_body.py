@@ -202,6 +202,57 @@ def angular_momentum(tree: Records, link: Records) -> Vector:
 
 
 @compiled
+def respond(tree: Records, armature: Array, link: Records, inertia: Array, twist: Array, rate: Array) -> None:
+    """How hinges follow a change of the root's motion while their torques stay as they are.
+
+    Articulated inertias are summed inwards, then the motions outwards (Featherstone, 1983), all about O.
+
+    Args:
+        tree: of the body.
+        armature: of every coordinate, shape (nv,) [kg m^2].
+        link: placed, with its inertia.
+        inertia: of the links, overwritten, shape (nv - 5, 6, 6).
+        twist: changes of the velocity of what is at O, and of the rate, shape (nv - 5, 6) [m/s, rad/s]; the
+            root's is given, those of the links are written.
+        rate: changes of the hinges' rates, written, shape (nv - 6,) [rad/s].
+    """
+    axis, push = np.empty((len(tree), 6)), np.empty((len(tree), 6))
+    for i in range(len(tree)):
+        here = link[i]
+        put(axis[i, 0:3], cross(vector(here.place), vector(here.axis)))
+        put(axis[i, 3:6], vector(here.axis))
+        spatial_inertia(tree[i].mass, here, inertia[i])
+    for i in range(len(tree) - 1, 0, -1):
+        base, push[i] = inertia[tree[i].parent], 0.0
+        for k in range(6):
+            push[i] += axis[i, k] * inertia[i, k]
+        share = 1.0 / ((axis[i] * push[i]).sum() + armature[5 + i])
+        for k in range(6):
+            base[k] += inertia[i, k] - share * push[i, k] * push[i]
+        push[i] *= share
+    for i in range(1, len(tree)):
+        base = twist[tree[i].parent]
+        rate[i - 1] = -(push[i] * base).sum()
+        twist[i] = base + rate[i - 1] * axis[i]
+
+
+@compiled
+def spatial_inertia(mass: float, here: Any, inertia: Array) -> None:
+    """Write the inertia of a link about O, shape (6, 6): ``(m u + w x h, I w + h x u)`` of a twist (u, w)."""
+    c = vector(here.com)
+    inertia[:] = 0.0
+    inertia[3:6, 3:6] = here.own
+    for r in range(3):
+        after, last = (r + 1) % 3, (r + 2) % 3
+        inertia[r, r] = mass
+        inertia[3 + r, last] = inertia[last, 3 + r] = mass * c[after]
+        inertia[3 + r, after] = inertia[after, 3 + r] = -mass * c[last]
+        inertia[3 + r, 3 + r] += mass * dot(c, c)
+        for k in range(3):
+            inertia[3 + r, 3 + k] -= mass * c[r] * c[k]
+
+
+@compiled
 def accelerated(acceleration: Vector, turning: Vector, omega: Vector, arm: Vector) -> Vector:
     """Acceleration of a point of a link at an arm from another one [m/s^2]."""
     return plus(acceleration, plus(cross(turning, arm), cross(omega, cross(omega, arm))))

@@ -75,11 +75,7 @@ class LimitedQP:
         Returns:
             Unknowns: accelerations [g], forces and their slacks, slacks of the soft tasks.
         """
-        forces, limit, rows = (
-            self._contact_qp.problem,
-            work.joints.torque_limit,
-            work.tasks.scaled.T,
-        )
+        forces, limit, rows = (self._contact_qp.problem, work.joints.torque_limit, work.tasks.scaled.T)
         P, q, A, lower, upper = self.problem
         P[self._force_unknowns, self._force_unknowns] = forces.P
         q[self._accelerations] = -self._weights * (work.motion.posture / work.motion.root_weight)

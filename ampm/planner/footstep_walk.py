@@ -11,11 +11,10 @@ from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.blend import BlendLaw, HeightLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
-from ampm.planner.contacts import Contacts, check_landing
+from ampm.planner.contacts import Contacts, Footstep, check_landing
 from ampm.planner.footsteps import check_footsteps, plan_footsteps
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
-from ampm.planner.routes import footsteps_of
 from ampm.planner.support import StepPlan
 from ampm.planner.swings import plan_swings
 
@@ -39,7 +38,8 @@ def plan_footstep_walk(run: RunParameters, body: BodyDescription) -> StepPlan:
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
     """
-    footsteps, landings = footsteps_of(run)
+    footsteps = [Footstep(row.foot, (row.x, row.y, row.z), row.heading) for row in run.footsteps]
+    landings = [row.time for row in run.footsteps]
     check_footsteps(footsteps)
     walks = []
     for first, last, begin in stands(run, landings):

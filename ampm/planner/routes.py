@@ -13,7 +13,7 @@ from typing import Any
 
 from ampm.exceptions import InputError
 from ampm.files import check_columns, read_text
-from ampm.parameters import FootstepParameters, RunParameters
+from ampm.parameters import FootstepParameters
 from ampm.planner.contacts import Footstep, Side
 
 Frame = tuple[float, float, float]
@@ -94,12 +94,6 @@ def sidestep(steps: int, length: float, width: float) -> list[Footstep]:
     """Steps to the left, to the right with a negative length [m]: one foot goes, the other one follows."""
     frames = [(0.0, ((k + 1) // 2) * length, 0.0) for k in range(steps)]
     return route(frames, width, "left" if length > 0.0 else "right")
-
-
-def footsteps_of(run: RunParameters) -> tuple[list[Footstep], list[float | None]]:
-    """Footsteps of a run, and when each is reached [s], None where the run leaves it open."""
-    footsteps = [Footstep(row.foot, (row.x, row.y, row.z), row.heading) for row in run.footsteps]
-    return footsteps, [row.time for row in run.footsteps]
 
 
 def as_rows(

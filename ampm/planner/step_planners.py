@@ -169,10 +169,7 @@ def _dcm_step(steps: StepPlan, axis: _Axis, in_single: Array, in_double: Array) 
     fade = [[math.exp(-w * single), -1.0], [-axis.sign, math.exp(-w * double)]]
     decaying = np.linalg.solve(fade, np.array(gaps))
     return np.hstack(
-        [
-            motion(in_single, moving, 0.5 * divergence, decaying[0]),
-            motion(in_double, zmp, 0.0, decaying[1]),
-        ]
+        [motion(in_single, moving, 0.5 * divergence, decaying[0]), motion(in_double, zmp, 0.0, decaying[1])]
     )
 
 

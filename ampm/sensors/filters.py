@@ -12,7 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ampm.body.rigid_body import angular_momentum, move_links, moved, place_links, place_of, sum_inertia
+from ampm.body.rigid_body import (
+    angular_momentum,
+    move_links,
+    moved,
+    place_links,
+    place_of,
+    respond,
+    sum_inertia,
+)
 from ampm.compiled import compiled
 from ampm.geometry import Array
 from ampm.sensors.soles import spread_wrenches
@@ -20,9 +28,6 @@ from ampm.vectors import ZERO, Vector, cross, dot, from_quaternion, minus, plus,
 
 VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
 LOAD = 0.06  # force from which a point rests, as share of the weight; half of it to go on resting
-LANDING = 0.05  # time after a change of the loaded points in which commands are less certain [s]
-LANDING_FACTOR = 5.0  # by how much their errors are larger then
-SINK = 4e-3  # random walk of a loaded point in a second downwards, then [m]
 RATE_ERROR = 0.4  # of the root's commanded angular acceleration, at least [rad/s^2]
 MEMORY = 0.02  # over which the errors of commanded accelerations are averaged [s]
 POINT_ERROR = 1e-3  # standard deviation of a resting point [m]
@@ -43,7 +48,10 @@ class Filter(NamedTuple):
     rate_variance: Array  # (1,) [(rad/s)^2]
     rate_error: Array  # mean square of what its readings added to its acceleration lately, (1,) [(rad/s^2)^2]
     angle_error: Array  # the same of the hinges, (nu,) [(rad/s^2)^2]
-    kick: Array  # rate of root and links that was not commanded, in world axes, (1 + nu, 3) [rad/s]
+    twist: Array  # change of motion of root and links that was not commanded, (1 + nu, 6) [m/s, rad/s]
+    response: Array  # what it changes the rates of the hinges by, (nu,) [rad/s]
+    inertia: Array  # of the links, see respond, (1 + nu, 6, 6)
+    armature: Array  # of every coordinate, (nv,) [kg m^2]
     x: Array  # place, velocity, attitude, biases, points, offsets, IMU, (X,) [m, m/s, rad, rad/s, m/s^2, m]
     covariance: Array  # of x, (X, X)
     offset: Array  # of the encoders, (nu,) [rad]
@@ -54,7 +62,6 @@ class Filter(NamedTuple):
     spin: int  # where the angular momentum about the COM begins in x; 0 if it is not estimated
     loaded: Any  # sole points that rest, (P,)
     touched: Any  # sole points that touched at the last tick, (P,)
-    quiet: Array  # time since the loaded points changed, (1,) [s]
     turn: Array  # axes of the root to world, (3, 3)
     link: Any  # of the body, placed
     angles: Array  # as read, (nu,) [rad]
@@ -105,7 +112,6 @@ def update(
     if period > 0.0:
         predict(f, last, period)
     f.gyro_before[:] = f.gyro
-    f.quiet[0] += period
     correct(f, period, has_fix)
     q[:] = f.q
     put(v[0:3], turned(f.turn.T, vector(f.x[VELOCITY:TURN])))
@@ -131,33 +137,31 @@ def predict(f: Filter, last: float, period: float) -> None:
     commanded = np.zeros(f.commanded.shape[1])
     for n in range(len(f.commanded)):
         commanded += acted(f, n, last, last + period) / period * f.commanded[n]
-    landing = f.quiet[0] < LANDING
-    factor = LANDING_FACTOR if landing else 1.0
-    force = predict_root(f, commanded, period, factor)
-    predict_joints(f, commanded, period, factor)
+    force = predict_root(f, commanded, period)
+    sum_inertia(f.tree, f.link)
+    respond(f.tree, f.armature, f.link, f.inertia, f.twist, f.response)
+    predict_joints(f, commanded, period)
     spread_rows(f, period, force, f.covariance)
     spread_rows(f, period, force, f.covariance.T)
     for e in range(len(f.x)):
         f.covariance[e, e] += f.growth[e]
-    if landing:
-        for e in range(POINTS + 2, POINTS + 3 * len(f.points), 3):
-            f.covariance[e, e] += period * SINK**2
 
 
 @compiled
-def predict_joints(f: Filter, commanded: Array, period: float, factor: float) -> None:
+def predict_joints(f: Filter, commanded: Array, period: float) -> None:
     """Angle and rate of every hinge, by the commanded acceleration and two sensors.
 
-    A link keeps its rate about its hinge where what is before it is kicked: the torque is as commanded.
+    Where the root moves otherwise than commanded, the hinges follow it at the commanded torques.
     """
     shift = period * (0.5 * period + f.lag)  # of the angle by an acceleration
     for j in range(len(f.joint_rate)):
-        before, axis = vector(f.kick[f.tree[1 + j].parent]), vector(f.link[1 + j].axis)
-        back = dot(before, axis)
-        put(f.kick[1 + j], minus(before, times(back, axis)))
-        a, start, covariance = commanded[6 + j] - back / period, f.joint_rate[j], f.joint_covariance[j]
+        a, start, covariance = (
+            commanded[6 + j] + f.response[j] / period,
+            f.joint_rate[j],
+            f.joint_covariance[j],
+        )
         angle, rate = f.q[7 + j] + period * start + shift * a, start + period * a
-        error, predicted = max((factor * f.joint_error[j]) ** 2, f.angle_error[j]), rate
+        error, predicted = max(f.joint_error[j] ** 2, f.angle_error[j]), rate
         aa = covariance[0] + period * (2.0 * covariance[1] + period * covariance[2]) + error * shift * shift
         ar = covariance[1] + period * covariance[2] + error * shift * period
         rr = covariance[2] + error * period * period
@@ -172,7 +176,7 @@ def predict_joints(f: Filter, commanded: Array, period: float, factor: float) ->
 
 
 @compiled
-def predict_root(f: Filter, commanded: Array, period: float, factor: float) -> Vector:
+def predict_root(f: Filter, commanded: Array, period: float) -> Vector:
     """Attitude by the gyro, velocity and place by the accelerometer.
 
     The filtered rate does not turn the root: a body whose COM is a millimetre off turns otherwise than
@@ -181,7 +185,7 @@ def predict_root(f: Filter, commanded: Array, period: float, factor: float) -> V
     Returns:
         Acceleration less gravity, in world axes [m/s^2].
     """
-    f.rate_variance[0] += max((factor * RATE_ERROR) ** 2, f.rate_error[0]) * period**2
+    f.rate_variance[0] += max(RATE_ERROR**2, f.rate_error[0]) * period**2
     gain = f.rate_variance[0] / (f.rate_variance[0] + f.variance[2])
     f.rate_variance[0] *= 1.0 - gain
     start = vector(f.rate)
@@ -190,7 +194,7 @@ def predict_root(f: Filter, commanded: Array, period: float, factor: float) -> V
     change = times(gain, minus(read, rate))
     added = dot(change, change) / (3.0 * period**2)
     f.rate_error[0] += min(1.0, period / MEMORY) * (added - f.rate_error[0])
-    put(f.kick[0], turned(f.turn, change))
+    put(f.twist[0, 3:6], turned(f.turn, change))
     put(f.rate, plus(rate, change))
     start = from_imu(f, minus(vector(f.gyro_before), vector(f.x[GYRO:ACCELEROMETER])))
     mean = plus(times(0.5, plus(start, read)), times(f.lag / period, minus(read, start)))
@@ -199,6 +203,8 @@ def predict_root(f: Filter, commanded: Array, period: float, factor: float) -> V
     force = turned(f.turn, from_imu(f, felt))
     turn_root(f, times(0.5 * period, mean))
     acceleration, velocity = plus(force, (0.0, 0.0, -f.gravity)), vector(f.x[VELOCITY:TURN])
+    moving = plus(turned(f.turn, vector(commanded[0:3])), cross(turned(f.turn, vector(f.rate)), velocity))
+    put(f.twist[0, 0:3], times(period, minus(acceleration, moving)))
     way = plus(times(period, velocity), times(period * (0.5 * period + f.lag), acceleration))
     put(f.x[0:3], plus(vector(f.x[0:3]), way))
     put(f.x[VELOCITY:TURN], plus(velocity, times(period, acceleration)))
@@ -330,7 +336,7 @@ def update_contact(f: Filter, i: int, arm: Vector) -> None:
     f.touched[i] = f.contact[i]
     loaded = f.contact[i] and f.force[i] > (0.5 if f.loaded[i] else 1.0) * LOAD * f.weight
     if loaded != f.loaded[i]:
-        f.loaded[i], f.quiet[0] = loaded, 0.0
+        f.loaded[i] = loaded
         for axis in range(3):
             row = POINTS + 3 * i + axis
             f.x[row] = part_of(f, axis, arm, i, f.x) + arm[axis]

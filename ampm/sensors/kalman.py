@@ -23,7 +23,7 @@ _WALK = np.repeat([0.0, 0.0, 0.0, 1e-4, 1e-4], 3)
 """Random walk of the same in a second; velocity and attitude get errors of the sensors instead."""
 _ACCELERATION_ERROR = 0.02
 """Standard deviation of the acceleration at a tick from its mean over the tick [m/s^2]."""
-_CREEP = (5e-3, 5e-3, 2e-4)
+_CREEP = (7e-3, 7e-3, 1e-3)
 """Random walk of a loaded point in a second, shape (3,) [m]: loaded soles creep by up to 1 mm in a step."""
 _ERRORS = {"root_linear": 0.0, "root_angular": 0.0, "legs": 0.6, "trunk": 0.1, "arms": 0.03}
 _TOE_ERROR = 2.0
@@ -78,7 +78,10 @@ class Kalman:
             rate_variance=np.zeros(1),
             rate_error=np.zeros(1),
             angle_error=np.zeros(nu),
-            kick=np.zeros((1 + nu, 3)),
+            twist=np.zeros((1 + nu, 6)),
+            response=np.zeros(nu),
+            inertia=np.zeros((1 + nu, 6, 6)),
+            armature=robot.rigid_body.armature,
             x=np.zeros(len(growth)),
             covariance=np.diag(start_errors**2),
             offset=np.zeros(nu),
@@ -89,7 +92,6 @@ class Kalman:
             spin=len(growth) - 3 if len(spin) else 0,
             loaded=np.zeros(points, dtype=bool),
             touched=np.ones(points, dtype=bool),
-            quiet=np.zeros(1),
             turn=np.zeros((3, 3)),
             link=records(robot.model.njoints - 1, LINK),
             angles=np.zeros(nu),
@@ -128,7 +130,7 @@ class Kalman:
         """Go on from a state as known as the first one, with what was found of the sensors."""
         f = self.filter
         f.q[:], f.rate[:], f.joint_rate[:] = start.q, start.v[3:6], start.v[6:]
-        f.joint_covariance[:], f.rate_variance[:], f.quiet[:] = self._hinge, 1e-4, 0.0
+        f.joint_covariance[:], f.rate_variance[:] = self._hinge, 1e-4
         f.rate_error[:], f.angle_error[:] = 0.0, 0.0
         self._turn_root(ZERO)
         f.x[0:3], f.x[3:6] = start.q[:3], f.turn @ start.v[:3]
@@ -145,7 +147,7 @@ class Kalman:
         if commanded is None:
             commanded = self._none
             if now > self._tick:
-                f.joint_error[:], f.quiet[0] = _NOT_COMMANDED, 0.0
+                f.joint_error[:] = _NOT_COMMANDED
         f.angles[:], f.rates[:], f.gyro[:] = readings.angles, readings.rates, readings.gyro
         f.accelerometer[:] = readings.accelerometer
         f.force[:], f.contact[:] = readings.force, readings.contact

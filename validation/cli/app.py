@@ -59,32 +59,33 @@ def _root(
         print_line(context.get_help())
 
 
-def call(arguments: Sequence[str]) -> int:
+def call(arguments: Sequence[str], commands: typer.Typer = app) -> int:
     """Run one command line; every error becomes one sentence on stderr.
 
     Args:
         arguments: without the program's name.
+        commands: of the program, with its name.
 
     Returns:
         The exit status.
     """
-    status = _call(arguments)
+    status = _call(arguments, commands)
     error = close_output()
     if isinstance(error, BrokenPipeError):  # the reader closed the pipe
         return Status.BROKEN_PIPE
-    return status if error is None else _tell(error)
+    return status if error is None else _tell(error, commands)
 
 
-def _call(arguments: Sequence[str]) -> int:
+def _call(arguments: Sequence[str], commands: typer.Typer) -> int:
     """As :func:`call`, of which output is not yet written to its end."""
     debug = "--debug" in arguments
     arguments = [argument for argument in arguments if argument != "--debug"]
-    command = typer.main.get_command(app)
+    command = typer.main.get_command(commands)
     if debug:
         logging.basicConfig(level=logging.WARNING)
         logging.getLogger("ampm").setLevel(logging.DEBUG)
     try:
-        with command.make_context("ampm", list(arguments)) as context:
+        with command.make_context(command.name, list(arguments)) as context:
             status = int(command.invoke(context) or 0)
         interruption.check()
         return status
@@ -103,13 +104,13 @@ def _call(arguments: Sequence[str]) -> int:
                 print_json(describe_error(error))
         if debug or explain(error)[0] is Status.CRASH:
             traceback.print_exception(error)
-        return _tell(error)
+        return _tell(error, commands)
 
 
-def _tell(error: BaseException) -> int:
+def _tell(error: BaseException, commands: typer.Typer) -> int:
     """Print an error as one sentence; its exit status."""
     status, text = explain(error)
     with suppress(OSError):
-        print(f"ampm: {text}", file=sys.stderr)  # noqa: T201
+        print(f"{commands.info.name}: {text}", file=sys.stderr)  # noqa: T201
     close_output()
     return status

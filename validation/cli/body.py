@@ -29,20 +29,22 @@ def list_bodies() -> int:
     from models.source import body_path, known_bodies, read_body_file
 
     for name in known_bodies():
-        source = "built from tables" if name == HUMAN else read_body_file(body_path(name)).source
+        source = "models/human.xml, scaled" if name == HUMAN else read_body_file(body_path(name)).source
         print_line(f"{name:<16}{source}")
     return Status.PASS
 
 
 @group.command(epilog="Exit status: 0 written, 2 bad input.")
 def new(
-    model: str = typer.Argument(..., help="URDF or MJCF, or PACKAGE:FILE of an installed package."),
+    model: str = typer.Argument(..., help="URDF or MJCF, or PACKAGE:FILE of a package.", metavar="MODEL"),
     path: Path = typer.Argument(..., help="Description to write, a new file.", metavar="FILE.toml"),
 ) -> int:
     """Propose the description of a body from its model: root, trunk, feet, knees, sole, joints to lock."""
     from ampm.exceptions import InputError
     from models.propose import propose
 
+    if path.suffix != ".toml":
+        raise InputError(f"{path} must end in .toml; name another file.")
     text = propose(model, path.parent)
     try:
         with path.open("x", encoding="utf-8") as file:

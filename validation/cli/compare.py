@@ -80,8 +80,8 @@ def compare(
     sweeps = [text for text in done if is_sweep(Path(text))]
     if done and (len(done) < len(walks) or len(done) < 2 or settings or choices or steps or as_is):
         raise InputError(
-            f"{done[0]} names the folder of a run; compare it with other runs, without options of a gait "
-            "('ampm validate --out DIR' keeps the run of a gait)."
+            f"{done[0]} names a folder of results; give two such folders or more, without gaits and their "
+            "options ('ampm validate --out DIR' keeps the run of a gait)."
         )
     found: WalkComparison | SweepComparison
     if sweeps:

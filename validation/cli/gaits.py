@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from itertools import groupby
 from pathlib import Path
@@ -229,7 +228,12 @@ def keys(
         print_json(found)
         return Status.PASS
     for section, items in groupby(found, lambda item: item["key"].partition(".")[0]):
-        rows = [key_row(item) for item in items]
+        rows = []
+        for item in items:
+            default = "" if item["value"] == item["default"] else f"default {item['default']}"
+            more = "; ".join(filter(None, [item["bounds"], default]))
+            meaning = item["meaning"] + (f" [{more}]" if more else "")
+            rows.append((item["key"], str(item["value"]), item["unit"], meaning))
         print_tables([Table(f"{section} of {request.name}", ("key", ">value", "unit", "meaning"), rows)])
     return Status.PASS
 
@@ -244,10 +248,3 @@ def describe_key(info: KeyInfo, request: Request) -> dict[str, Any]:
         "bounds": info.range,
         "meaning": info.meaning,
     }
-
-
-def key_row(told: Mapping[str, Any]) -> tuple[str, ...]:
-    """A parameter for a reader: key, value, unit, and meaning with the bounds and the other default."""
-    default = "" if told["value"] == told["default"] else f"default {told['default']}"
-    more = "; ".join(filter(None, [told["bounds"], default]))
-    return told["key"], str(told["value"]), told["unit"], told["meaning"] + (f" [{more}]" if more else "")

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from validation.trial.disturbances import Disturbance
     from validation.trial.plan import Request
 
-EXITS = "2 bad input or refused, 4 crash of ampm itself, 5 stopped and 130 interrupted: --resume goes on."
+STOPPED = "5 stopped and 130 interrupted: --resume goes on."
+EXITS = f"2 bad input or refused, 4 crash of ampm itself, {STOPPED}"
 WALK, LOOK, CHECK, BODIES = "Walk", "Look", "Check", "Bodies and gaits"
 """Groups of commands in ``ampm --help``."""
 PROFILES = "default, strict, wide, jumps, footsteps, odometry or free"
@@ -135,9 +136,7 @@ class WalkOptions:
         "NAME|FILE.csv|.parquet|MODULE:CLASS",
     )
     controller: str | None = option(
-        "--controller",
-        "Short for controller.name: ampm, joint-pd, or a class of your own.",
-        "NAME|MODULE:CLASS",
+        "--controller", "Short for controller.name: ampm, or a class of your own.", "NAME|MODULE:CLASS"
     )
     engine: str | None = option("--engine", "Short for simulation.engine.", "mujoco|drake")
     command: str | None = option(
@@ -192,10 +191,7 @@ class Running:
     out: Path | None = option("--out", "Folder of the result, with every walk.", "DIR")
     resume: bool = option("--resume", "Go on with what is missing in --out.")
     workers: int | None = option(
-        "--workers",
-        "Number of processes; by default one per core; 0 walks in this process.",
-        "N",
-        least=0,
+        "--workers", "Number of processes; by default one per core; 0 walks in this process.", "N", least=0
     )
     scheduler: str | None = option(
         "--scheduler", "Run on this dask scheduler: its address, tcp://HOST:8786, or its file.", "ADDRESS"
@@ -252,9 +248,7 @@ class Disturbing:
         "SEGMENT,FX,FY,FZ,AT,DURATION",
     )
     disturbance: list[str] | None = option(
-        "--disturbance",
-        "A disturbance of your own, a class without arguments. Repeatable.",
-        "MODULE:CLASS",
+        "--disturbance", "A disturbance of your own, a class without arguments. Repeatable.", "MODULE:CLASS"
     )
 
     def load(self) -> list[Disturbance]:

@@ -21,8 +21,8 @@ app = typer.Typer()
 
 @app.command(
     rich_help_panel=options.WALK,
-    epilog="Exit status: 0 every run that walked passed, 1 some are out of tolerance, 2 every run refused, "
-    f"3 some did not complete, 4 some crashed; {options.EXITS}",
+    epilog="Exit status: 0 every run that walked passed, 1 some are out of tolerance, 2 bad input, or every "
+    f"run refused, 3 some did not complete, 4 some crashed, or ampm itself, {options.STOPPED}",
 )
 @grouped
 def sweep(
@@ -31,7 +31,7 @@ def sweep(
     execution: options.Running,
     metric: list[str] | None = options.METRICS,
     dry_run: bool = option(
-        "--dry-run", "Count runs and refusals by formula; walk one run to measure its time.", default=False
+        "--dry-run", "Count runs and refusals by formula; walk one run to measure its time."
     ),
 ) -> int:
     """Walk many runs over any parameters, on all cores.
@@ -136,12 +136,7 @@ def convergence(
     """
     from validation.study.convergence.study import convergence as study
 
-    found = study(
-        walk.request(gait),
-        steps=steps,
-        profile=profile,
-        **execution.given(),
-    )
+    found = study(walk.request(gait), steps=steps, profile=profile, **execution.given())
     execution.answer(found)
     if not found.completed:
         return Status.NOT_COMPLETED
@@ -150,16 +145,14 @@ def convergence(
 
 @app.command(
     rich_help_panel=options.CHECK,
-    epilog=f"Exit status: 0 the study is done, 4 an error ended a walk; {options.EXITS}",
+    epilog=f"Exit status: 0 the study is done, 2 bad input or refused, 4 a crash, {options.STOPPED}",
 )
 @grouped
 def robustness(
     gait: str | None = options.GAIT,
     *,
     walk: options.WalkOptions,
-    quick: bool = option(
-        "--quick", "Fewer pushes and coarser grids: a quarter of an hour on two cores.", default=False
-    ),
+    quick: bool = option("--quick", "Fewer pushes and coarser grids: a quarter of an hour on two cores."),
     only: list[str] | None = option(
         "--only", "Study only this: pushes, or a key of disturbance or sensors. Repeatable.", "KIND"
     ),
@@ -173,13 +166,7 @@ def robustness(
     """
     from validation.study.robustness.study import robustness as study
 
-    found = study(
-        walk.request(gait),
-        quick=quick,
-        only=only or (),
-        replicas=replicas,
-        **execution.given(),
-    )
+    found = study(walk.request(gait), quick=quick, only=only or (), replicas=replicas, **execution.given())
     execution.answer(found)
     return Status.CRASH if found.crashes else Status.PASS
 

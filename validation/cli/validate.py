@@ -158,6 +158,9 @@ def report(
     --evidence has one page and JSON-LD: what was verified and validated, after the factors of ASME V&V 40 and
     NASA-STD-7009, and what was not; inputs, digests and environment. The run is replayed for it.
     """
+    shaped = figures is None and (form, width) != ("pdf", "88mm")
+    if shaped or (study and not evidence) or (evidence and (figures or tables)):
+        raise InputError("--format and --width need --figures, --study --evidence; --evidence is alone.")
     if evidence is not None:
         from validation.study.evidence import write_evidence  # loads the simulator
 
@@ -168,7 +171,7 @@ def report(
 
     for name, value, known in (("--format", form, FORMATS), ("--tables", tables, (None, *TABLES))):
         if value not in known:
-            raise InputError(f"{name} {value} is unknown; give {' or '.join(filter(None, known))}.")
+            raise InputError(f"{name} {value} is unknown; give one of {', '.join(filter(None, known))}.")
     column = parse_width(width)
     if figures is None and tables is None:
         with Narrator().stage("report"):

@@ -15,10 +15,9 @@ from validation.cli.console import Narrator
 from validation.cli.options import Status, option
 from validation.show.viewer import show_recording, viewer_command
 from validation.store.folders import check_new_file, output_file
+from validation.trial.files import RunFile
 
 app = typer.Typer()
-
-RECORDING_FILE, SUMMARY_FILE = "recording.rrd", "summary.json"
 
 
 @app.command(rich_help_panel=options.LOOK)
@@ -35,10 +34,15 @@ def view(
     One run opens unchanged. Several are aligned on the phase of the gait: the bodies stand side by side, and
     the curves lie over each other.
     """
+    if save is None and len(targets) == 1 and targets[0].suffix == ".rrd" and targets[0].is_file():
+        return show_recording(targets[0], web=web)
+    if missing := [target for target in targets if not (target / RunFile.SUMMARY).is_file()]:
+        raise InputError(
+            f"{missing[0]} is not a run; give folders of runs, such as recordings/NAME of a sweep. One .rrd "
+            "file alone is shown as it is."
+        )
     if save is None:
-        viewer_command(targets[0], web=web)  # refuses if there is no viewer or display
-        if len(targets) == 1 and targets[0].suffix == ".rrd" and targets[0].is_file():
-            return show_recording(targets[0], web=web)
+        viewer_command(targets[0], web=web)  # refuses if there is no display
     else:
         check_new_file(save, ".rrd", force=force)
     with tempfile.TemporaryDirectory(prefix="ampm-view-") as folder:
@@ -55,21 +59,15 @@ def recording_of(targets: Sequence[Path], folder: Path) -> Path:
     """The recording of one run, or a file in a folder with those of several.
 
     Raises:
-        InputError: a target is not a run, or a file of it has changed.
+        InputError: a file of a run has changed, or a run is given twice.
     """
-    for target in targets:
-        if not (target / SUMMARY_FILE).is_file():
-            raise InputError(
-                f"{target} is not a run; give folders of runs, such as recordings/NAME of a sweep. One .rrd "
-                "file alone is shown as it is."
-            )
     # Imported here because rerun is slow to load.
     from validation.show.rerun.record import write_recording, write_several
     from validation.store.saved import load_saved_run
 
     runs = [load_saved_run(target) for target in targets]
-    if len(runs) == 1 and (targets[0] / RECORDING_FILE).is_file():
-        return targets[0] / RECORDING_FILE
+    if len(runs) == 1 and (targets[0] / RunFile.RECORDING).is_file():
+        return targets[0] / RunFile.RECORDING
     with Narrator().stage("recording"):
         if len(runs) == 1:
             return write_recording(runs[0])
@@ -78,5 +76,5 @@ def recording_of(targets: Sequence[Path], folder: Path) -> Path:
             names = [str(target) for target in targets]
         if len(set(names)) < len(names):
             raise InputError(f"{', '.join(names)}: give every run once.")
-        write_several(dict(zip(names, runs, strict=True)), folder / RECORDING_FILE)
-    return folder / RECORDING_FILE
+        write_several(dict(zip(names, runs, strict=True)), folder / RunFile.RECORDING)
+    return folder / RunFile.RECORDING

@@ -70,11 +70,6 @@ def _drift(walk: Comparison) -> float | None:
     return float(np.linalg.norm(last.mean(axis=0) - second.mean(axis=0))) / (len(ends) - 2)
 
 
-def _plan_moved(walk: Comparison) -> float | None:
-    """Largest distance of the planned ZMP from that of the first plan [m]; None if the plan did not move."""
-    return None if walk.first is None else _largest(_distances(walk.valid.zmp, walk.first.zmp, walk))
-
-
 # -------------------------------------------------------------------------------------------- the instrument
 
 
@@ -121,7 +116,9 @@ COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
     "yaw_rate_error": lambda walk: _velocity_error(walk, 2),
     "drift_per_step": _drift,
     "plan_newton_residual": lambda walk: max(plan.newton_residual for plan in walk.followed.plans),
-    "plan_moved_zmp_maximum": _plan_moved,
+    "plan_moved_zmp_maximum": lambda walk: (
+        None if walk.first is None else _largest(_distances(walk.valid.zmp, walk.first.zmp, walk))
+    ),
     "plan_changes": lambda walk: None if walk.first is None else float(walk.followed.changes),
     "zmp_agreement_relative": _zmp_gap_relative,
     "zmp_agreement_rmse": lambda walk: rms(_zmp_gaps(walk)),

@@ -162,7 +162,7 @@ def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
 def _step(time: Array, name: str) -> float:
     """Median time from row to row [s]."""
     if len(time) < 3:
-        raise InputError(f"{name} has {len(time)} rows; give three or more.")
+        raise InputError(f"{name} has too few rows, {len(time)}; give three or more.")
     late = np.flatnonzero(np.diff(time) <= 0.0)
     if late.size:
         raise InputError(

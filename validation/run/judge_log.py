@@ -24,10 +24,14 @@ from validation.progress import Progress
 from validation.run.trial import Trial
 from validation.run.walk import timed
 from validation.store.folders import names_folder
-from validation.store.saved import RUN_FILE, SavedRun, load_saved_run
+from validation.store.saved import SavedRun, load_saved_run
+from validation.trial.files import RunFile
 from validation.trial.plan import Request, load_request, plan_walk
 from validation.trial.record import FEET
 from validation.trial.users import SUFFIXES, read_columns
+
+LEAST_JUDGED = 0.5
+"""Duration that a log must share with the judged steps of a plan, about that of a step [s]."""
 
 
 def judge_log(
@@ -64,7 +68,7 @@ def judge_log(
     progress, seconds = progress or Progress(), dict[str, float]()
     if not np.isfinite([start or 0.0, *(place or ())]).all():
         raise InputError(
-            f"start {start} and place {place} must be finite numbers; leave them out to find them."
+            f"--start {start} and --place {place} must be finite; leave out what is to be found."
         )
     request = _request(plan, settings)
     signals, name = log_columns(table, columns)
@@ -103,6 +107,8 @@ def log_columns(
     if not isinstance(table, str | Path):
         return map_columns(table, mapping or {}), "the log"
     path = Path(table)
+    if not path.exists():
+        raise InputError(f"there is no file and no folder {str(path)!r}; correct the name.")
     read = _measured if names_folder(path) else reader_of(path) or read_columns
     return map_columns(read(path), mapping or {}), path.name
 
@@ -123,7 +129,7 @@ def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Reque
         request = load_request(None, [*settings, f"gait.planner='{Path(plan).resolve()}'"])
     elif names_folder(plan):
         gait = load_saved_run(plan).summary["gait"]
-        request = replace(load_request(str(Path(plan) / RUN_FILE), settings), name=gait)
+        request = replace(load_request(str(Path(plan) / RunFile.RUN), settings), name=gait)
     else:
         request = load_request(str(plan), settings)
     return replace(request, run=request.run.undisturbed)
@@ -172,11 +178,12 @@ def _aligned(
         time = log.time - start
         log = replace(log, time=time).rows((time >= 0.0) & (time <= plan.duration + 1e-9))
     judged = log.rows(log.time >= plan.judged_from - 1e-9)
-    if judged.time.size < 3:
+    span = float(np.ptp(judged.time)) if judged.time.size else 0.0
+    if span < LEAST_JUDGED:
         raise InputError(
-            f"{log.name} has {judged.time.size} rows between {plan.judged_from:.4g} and {plan.duration:.4g} "
-            f"s of the plan, which begins at {facts.get('start', 0.0):.6g} s; give a longer log, or another "
-            "start (--start)."
+            f"{log.name} has {judged.time.size} rows over {span:.3g} s, and needs {LEAST_JUDGED:g} s, "
+            f"between {plan.judged_from:.4g} and {plan.duration:.4g} s of the plan, which begins at "
+            f"{facts.get('start', 0.0):.6g} s; give a longer log, or another start (--start)."
         )
     by, mean_of = (np.array(place), "") if place is not None else find_place(judged, plan)
     if mean_of:

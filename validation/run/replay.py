@@ -26,13 +26,14 @@ from validation.measure.measure import MeasuredGait, measure
 from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.store.record import record_tables
-from validation.store.saved import ENVIRONMENT_FILE, SavedRun, load_saved_run
-from validation.store.signals import SIGNALS_FILE, Signals
+from validation.store.saved import SavedRun, load_saved_run
+from validation.store.signals import Signals
 from validation.trial.disturbances import Plant, Recorded
+from validation.trial.files import RunFile
 from validation.trial.log import RunLog
 from validation.trial.physics import Physics, quiet_mujoco
 from validation.trial.plan import Body
-from validation.trial.record import JOINTS_FILE, TICKS_FILE, SimulationRecord
+from validation.trial.record import SimulationRecord
 from validation.trial.step import keep_step
 
 _CONSTANTS = ("mass", "gravity", "time_step", "friction")
@@ -81,7 +82,7 @@ def replay(directory: str | Path, *, progress: Progress | None = None) -> Replay
     with progress.stage("measurement"):
         measured = measure(again, physics.robot.model)
         found = _first_difference(saved, again, measured)
-    return found if found.identical else replace(found, note=_note(saved.directory / ENVIRONMENT_FILE))
+    return found if found.identical else replace(found, note=_note(saved.directory / RunFile.ENVIRONMENT))
 
 
 def step_again(
@@ -147,20 +148,20 @@ def _tables(
     """A file with recorded and replayed columns (N,), for all that is on disk and was repeated."""
     record, stored = saved.record, saved.signals
     then, now = ({name: np.array([getattr(item, name)]) for name in _CONSTANTS} for item in (record, again))
-    yield JOINTS_FILE, then, {"time": np.zeros(1), **now}
+    yield RunFile.JOINTS, then, {"time": np.zeros(1), **now}
     repeated = record_tables(again)
     for file, table in record_tables(record).items():
-        if file != TICKS_FILE:  # are of the controller
+        if file != RunFile.TICKS:  # are of the controller
             yield file, table, repeated[file]
     every = kept_rows(record.steps, record.time_step)
     if len(stored) != (count := len(range(record.steps)[every])):
-        raise InputError(f"{SIGNALS_FILE} is damaged: it should have {count} rows; walk the gait again.")
+        raise InputError(f"{RunFile.SIGNALS} is damaged: it should have {count} rows; walk the gait again.")
     held = columns_of({"measured": measured}, every)
-    yield SIGNALS_FILE, {name: stored[name] for name in held}, held
+    yield RunFile.SIGNALS, {name: stored[name] for name in held}, held
     if not record.changes:
         time, names = held["time"], ("sum of zmp_error_x", "sum of zmp_error_y")
         total, error = (dict(zip(names, item[: len(time)].T, strict=True)) for item in _zmp_error(stored))
-        yield SIGNALS_FILE, total, {"time": time, **error}
+        yield RunFile.SIGNALS, total, {"time": time, **error}
 
 
 def _zmp_error(stored: Signals) -> tuple[Array, Array]:

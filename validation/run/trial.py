@@ -25,17 +25,10 @@ from validation.store.json import write_json
 from validation.store.machine import memory_peak
 from validation.store.metric_table import metric_table
 from validation.store.record import save_record
-from validation.store.saved import (
-    ENVIRONMENT_FILE,
-    MODEL_FILE,
-    RUN_FILE,
-    SUMMARY_FILE,
-    digests,
-    load_saved_run,
-    save_description,
-)
-from validation.store.signals import SIGNALS_FILE, save_signals
+from validation.store.saved import DESCRIPTION, digests, load_saved_run
+from validation.store.signals import save_signals
 from validation.table import Table, Tabled
+from validation.trial.files import RunFile
 from validation.trial.plan import PlannedWalk
 from validation.trial.record import SimulationRecord
 
@@ -164,20 +157,20 @@ class Trial(Tabled):
 def write_inputs(folder: Path, planned: PlannedWalk) -> dict[str, Any]:
     """Write parameters, simulated model, description of the body, and environment; return the environment."""
     environment = describe_environment()
-    (folder / RUN_FILE).write_text(dump_run(planned.run), encoding="utf-8")
-    (folder / MODEL_FILE).write_text(planned.scene.model.xml, encoding="utf-8")
-    save_description(planned.body.model.description, folder)
-    write_json(folder / ENVIRONMENT_FILE, environment)
+    (folder / RunFile.RUN).write_text(dump_run(planned.run), encoding="utf-8")
+    (folder / RunFile.MODEL).write_text(planned.scene.model.xml, encoding="utf-8")
+    (folder / RunFile.BODY).write_bytes(DESCRIPTION.dump_json(planned.body.model.description, indent=1))
+    write_json(folder / RunFile.ENVIRONMENT, environment)
     return environment
 
 
 def write_results(folder: Path, trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
     """Write signals and, last, the summary with the digests of all files; return the summary."""
     rows = kept_rows(trial.record.steps, trial.record.time_step)
-    save_signals(signals_table(trial.comparison, rows), folder / SIGNALS_FILE)
+    save_signals(signals_table(trial.comparison, rows), folder / RunFile.SIGNALS)
     summary = {**trial.summary, "environment": environment}
     summary["files"] = digests(folder, summary)
-    write_json(folder / SUMMARY_FILE, summary)
+    write_json(folder / RunFile.SUMMARY, summary)
     return summary
 
 

@@ -15,7 +15,6 @@ from ampm.planner.contacts import Footstep
 from ampm.planner.routes import as_rows
 from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
-from ampm.sensors.readings import EstimatorFactory
 from ampm.walk import ControllerFactory, Planner
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
@@ -96,15 +95,14 @@ def walk_planned(
     profile: Profile = DEFAULT,
     *,
     controller: ControllerFactory | None = None,
-    estimator: EstimatorFactory | None = None,
     disturbances: Sequence[Disturbance] = (),
     progress: Progress | None = None,
     keep: Callable[[SimulationRecord], None] = lambda record: None,
 ) -> Trial:
     """Walk a plan and judge the walk.
 
-    Controller and estimator are made by what the run names, if nothing else is given. ``keep`` is called with
-    the record before it is measured.
+    The controller is the one that the run names by default. ``keep`` is called with the record before it is
+    measured.
     """
     run, body, progress = planned.run, planned.body, progress or Progress()
     taken = dict[str, float]()
@@ -114,9 +112,7 @@ def walk_planned(
             interruption.check()
             stage.advance(done, total)
 
-        record = simulate(
-            planned, controller=controller, estimator=estimator, disturbances=disturbances, progress=advance
-        )
+        record = simulate(planned, controller=controller, disturbances=disturbances, progress=advance)
         keep(record)
     with timed(taken, "measurement"), progress.stage(f"{planned.name}: measurement"):
         passive = passive_joints(planned.scene.model.compile())

@@ -62,7 +62,8 @@ def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
         return metric.label, ABSENT, "", "", "", where
     shown = "" if limit is None else format_number(scale * limit)
     used = format_share(value, limit)
-    return metric.label, format_number(scale * value, 3), shown, short_unit(unit), used, where
+    value = 0.0 if abs(value) < 1e-10 else scale * value  # a ZMP on the edge, but for rounding
+    return metric.label, format_number(value, 3), shown, short_unit(unit), used, where
 
 
 def cost_limit(summary: Mapping[str, Any], name: str) -> float | None:
@@ -88,10 +89,7 @@ def _sentence(summary: Mapping[str, Any]) -> str:
     factor = f"the closed loop at {format_number(timing['real_time_factor'], 3)} times real time"
     if solver["unsolved"] is None:
         return f"{walked}, {factor}; no QP was reported."
-    median, most = (_microseconds(solver[key]) for key in ("time_median", "time_p99"))
+    seconds = (solver["time_median"], solver["time_p99"])
+    median, most = (format_number(None if time is None else 1e6 * time, 3) for time in seconds)
     times = f"median {median} us, 99th percentile {most} us"
     return f"{walked}, {factor}; {solver['ticks']} QPs, {solver['unsolved']} unsolved, {times}."
-
-
-def _microseconds(seconds: float | None) -> str:
-    return format_number(None if seconds is None else 1e6 * seconds, 3)

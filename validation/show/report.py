@@ -23,8 +23,9 @@ from validation.show.paper import cite_run
 from validation.show.run_figures import RunFigures
 from validation.store.folders import output_file
 from validation.store.json import dump_json
-from validation.store.saved import EXPLANATION, REPORT_FILE, SavedRun, load_saved_run, run_events
+from validation.store.saved import SavedRun, load_saved_run, run_events
 from validation.table import Table, format_number, short_unit
+from validation.trial.files import RunFile
 from validation.trial.outcome import OutcomeName
 
 Summary = Mapping[str, Any]
@@ -46,7 +47,7 @@ def write_report(run: str | Path | SavedRun) -> Path:
         InputError: the folder is not a run folder.
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
-    path = saved.directory / REPORT_FILE
+    path = saved.directory / RunFile.REPORT
     with output_file(path) as work:
         work.write_text(render(saved), encoding="utf-8")
     return path
@@ -76,7 +77,7 @@ def render(saved: SavedRun) -> str:
         disturbed=_disturbed(saved),
         from_rest=saved.from_rest,
         facts=_facts(saved, plan),
-        explanation=_explanation(saved.directory / EXPLANATION),
+        explanation=_explanation(saved.directory / RunFile.EXPLANATION),
         agreement=saved.table(),
         cost=cost_table(summary),
         reported=reported_table(summary),

@@ -29,7 +29,7 @@ def viewer_command(recording: Path, *, web: bool = False) -> list[str]:
     on_linux = sys.platform.startswith("linux")
     if on_linux and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise InputError(
-            f"there is no display here; view {recording} in a browser (web=True, --web), or copy it (--save) "
-            "to a machine that has one."
+            f"there is no display here; view {recording} in a browser (--web, in Python web=True), or write "
+            "a file (--save) for a machine that has one."
         )
     return [*command, str(recording)]

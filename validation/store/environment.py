@@ -112,18 +112,12 @@ def run_key(values: Mapping[str, Any]) -> str:
 
 
 @cache
-def code() -> dict[str, str]:
-    """Sources and versions of this process: name to hash or version."""
+def code_hash() -> str:
+    """One hash of all sources and versions of this process, and its machine's kind."""
     digest = hashlib.sha256()
     paths = (path for folder in FOLDERS for path in (_ROOT / folder).rglob("*") if path.suffix in _SUFFIXES)
     for path in sorted(paths):
         digest.update(path.relative_to(_ROOT).as_posix().encode())
         digest.update(path.read_bytes())
-    found = {"sources": digest.hexdigest()[:_DIGITS], "machine": platform.machine()}
-    return found | {name: version_of(name) or "none" for name in COMPUTING}
-
-
-@cache
-def code_hash() -> str:
-    """One hash of all of :func:`code`."""
-    return hashlib.sha256(json.dumps(code()).encode()).hexdigest()[:_DIGITS]
+    digest.update(repr([platform.machine(), *map(version_of, COMPUTING)]).encode())
+    return digest.hexdigest()[:_DIGITS]

@@ -14,28 +14,7 @@ from uuid import uuid4
 
 from ampm.exceptions import InputError
 from ampm.presets import PRESETS
-
-RUN_FILES = frozenset(
-    {
-        "run.toml",
-        "model.xml",
-        "body.json",
-        "environment.json",
-        "summary.json",
-        "signals.parquet",
-        "joints.parquet",
-        "contacts.parquet",
-        "ticks.parquet",
-        "external.parquet",
-        "recording.rrd",
-        "report.html",
-        "explain.json",
-    }
-)
-"""All files that a run folder may hold; a folder with other files is never replaced."""
-
-RECORDED = "joints.parquet"
-"""File whose presence makes a partial folder worth keeping."""
+from validation.trial.files import RunFile
 
 
 def names_folder(text: str | Path) -> bool:
@@ -77,7 +56,7 @@ def check_target(
 
 def check_run_folder(target: Path, *, force: bool) -> None:
     """Refuse a folder that a run must not be written into; see :func:`check_target`."""
-    check_target(target, RUN_FILES, force=force, marks={"run.toml"})
+    check_target(target, frozenset(RunFile), force=force, marks={RunFile.RUN})
     if target.is_mount():
         raise InputError(f"{target} is a mounted volume, which cannot be renamed; give a folder in it.")
 
@@ -87,7 +66,8 @@ def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder} cannot be written ({error.strerror}); give another place.") from error
+        shown = str(folder).partition(".partial-")[0]
+        raise InputError(f"{shown} cannot be written ({error.strerror}); give another place.") from error
 
 
 @contextmanager
@@ -106,7 +86,7 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
     try:
         yield work
     except BaseException as error:
-        if (work / RECORDED).exists():
+        if (work / RunFile.JOINTS).exists():
             error.add_note(f"what was recorded is in {work}")
         else:
             shutil.rmtree(work, ignore_errors=True)
@@ -136,6 +116,8 @@ def output_file(target: Path, *, force: bool = True) -> Iterator[Path]:
     try:
         yield work
         work.replace(target)
+    except PermissionError as error:
+        raise InputError(f"{target} cannot be written ({error.strerror}); give another place.") from error
     finally:
         work.unlink(missing_ok=True)
 

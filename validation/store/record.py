@@ -22,23 +22,11 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from validation.store.json import json_ready
+from validation.trial.files import RunFile
 from validation.trial.outcome import Outcome
-from validation.trial.record import (
-    CONSTANTS,
-    CONTACTS_FILE,
-    EXTERNAL_FILE,
-    INTEGERS,
-    JOINTS_FILE,
-    SHAPES,
-    STORED,
-    TICKS_FILE,
-    SimulationRecord,
-    stored_rows,
-)
+from validation.trial.record import CONSTANTS, INTEGERS, SHAPES, STORED, SimulationRecord, stored_rows
 
-RECORD_FILES = (JOINTS_FILE, CONTACTS_FILE, TICKS_FILE)
-MODEL_FILE = "model.xml"
-"""The model that was simulated."""
+RECORD_FILES = (RunFile.JOINTS, RunFile.CONTACTS, RunFile.TICKS)
 
 _FORMAT = 6
 _HEADER = b"ampm_record"
@@ -59,7 +47,7 @@ def stored_columns(about: Mapping[str, Any]) -> dict[str, tuple[list[str], tuple
     }
     found = {}
     for name, file in STORED.items():
-        if (file == EXTERNAL_FILE and not labels["S"]) or (name == "tick_plan" and not about["changes"]):
+        if (file == RunFile.EXTERNAL and not labels["S"]) or (name == "tick_plan" and not about["changes"]):
             continue
         word = re.sub("^(point|external|tick)_", "", name)
         parts = [labels[symbol] for symbol in SHAPES[name].split()[1:]]
@@ -71,8 +59,8 @@ def stored_columns(about: Mapping[str, Any]) -> dict[str, tuple[list[str], tuple
 def save_record(record: SimulationRecord, directory: str | Path) -> None:
     """Write ``record`` into ``directory``, which is created.
 
-    The files are those of :data:`RECORD_FILES`, and :data:`EXTERNAL_FILE` if anything but the floor pushed
-    the body.
+    The files are those of :data:`RECORD_FILES`, and ``external.parquet`` if anything but the floor pushed the
+    body.
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
@@ -89,9 +77,9 @@ def record_tables(record: SimulationRecord) -> dict[str, dict[str, NDArray[Any]]
     kept = np.searchsorted(record.state_rows, states)
     rows = {"R": kept, "R-1": kept[:-1]}
     files: dict[str, dict[str, NDArray[Any]]] = {
-        JOINTS_FILE: {"time": record.time[states]},
-        CONTACTS_FILE: {"time": record.time[states[:-1]]},
-        TICKS_FILE: {"time": record.time[: record.steps : record.substeps]},
+        RunFile.JOINTS: {"time": record.time[states]},
+        RunFile.CONTACTS: {"time": record.time[states[:-1]]},
+        RunFile.TICKS: {"time": record.time[: record.steps : record.substeps]},
     }
     for name, (columns, _) in stored_columns(vars(record)).items():
         array = getattr(record, name)[rows.get(SHAPES[name].split()[0], slice(None))]
@@ -113,7 +101,7 @@ def load_record(directory: str | Path) -> SimulationRecord:
     """Read what :func:`save_record` wrote; raises InputError if it is missing, damaged or another format."""
     directory = Path(directory)
     header = read_header(directory)
-    files = [*RECORD_FILES, *([EXTERNAL_FILE] if header.get("external_segments") else [])]
+    files = [*RECORD_FILES, *([RunFile.EXTERNAL] if header.get("external_segments") else [])]
     tables = {file: read_table(directory / file) for file in files}
     try:
         constants = _constants(header)
@@ -138,7 +126,7 @@ def load_record(directory: str | Path) -> SimulationRecord:
 
 def read_header(directory: Path) -> dict[str, Any]:
     """Description of the recorded run; raises InputError if there is none, or of another format."""
-    path = directory / JOINTS_FILE
+    path = directory / RunFile.JOINTS
     raw = (_readable(path, pq.read_schema).metadata or {}).get(_HEADER)
     try:
         header: dict[str, Any] = json.loads(raw or "")
@@ -175,7 +163,7 @@ def load_model(directory: Path, record: SimulationRecord) -> mujoco.MjModel:
     """
     if not record.joint_names:
         raise InputError(f"{directory} is of a log, which has no joints; give the folder of a walk.")
-    path = directory / MODEL_FILE
+    path = directory / RunFile.MODEL
     try:
         model = mujoco.MjModel.from_xml_string(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

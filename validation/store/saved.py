@@ -22,26 +22,19 @@ from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.support import StepPlan
 from ampm.run_file import load_run
-from validation.store.folders import RUN_FILES, output_file
+from validation.store.folders import output_file
 from validation.store.json import dump_json, write_json
 from validation.store.metric_table import metric_table, summary_title
-from validation.store.record import MODEL_FILE as MODEL_FILE
 from validation.store.record import RECORD_FILES, load_model, load_record, read_header
-from validation.store.signals import SIGNALS_FILE, Signals, load_signals
+from validation.store.signals import Signals, load_signals
 from validation.store.summary import SUMMARY, read_json
 from validation.table import Table, Tabled
+from validation.trial.files import RunFile
 from validation.trial.record import SimulationRecord
 
-_DESCRIPTION = TypeAdapter(BodyDescription)
-
-RUN_FILE = "run.toml"
-BODY_FILE = "body.json"
-ENVIRONMENT_FILE = "environment.json"
-SUMMARY_FILE = "summary.json"
-RECORDING_FILE = "recording.rrd"
-REPORT_FILE = "report.html"
-EXPLANATION = "explain.json"
-_NEEDED = (RUN_FILE, MODEL_FILE, BODY_FILE, SIGNALS_FILE, SUMMARY_FILE)
+DESCRIPTION = TypeAdapter(BodyDescription)
+"""Writes and reads the description of a body."""
+_NEEDED = (RunFile.RUN, RunFile.MODEL, RunFile.BODY, RunFile.SIGNALS, RunFile.SUMMARY)
 
 
 @dataclass(frozen=True)
@@ -139,33 +132,28 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
         check_files(directory)
     return SavedRun(
         directory=directory,
-        parameters=load_run(directory / RUN_FILE, ()),
-        model_xml=(directory / MODEL_FILE).read_text(encoding="utf-8"),
+        parameters=load_run(directory / RunFile.RUN, ()),
+        model_xml=(directory / RunFile.MODEL).read_text(encoding="utf-8"),
         body=load_description(directory),
         record=load_record(directory),
-        signals=load_signals(directory / SIGNALS_FILE),
+        signals=load_signals(directory / RunFile.SIGNALS),
         summary=read_summary(directory),
     )
 
 
 def read_summary(directory: Path) -> dict[str, Any]:
     """Contents of ``summary.json`` in a run's folder; raises InputError if it is missing or damaged."""
-    return read_json(directory / SUMMARY_FILE, SUMMARY, "walk the gait again")
-
-
-def save_description(description: BodyDescription, directory: Path) -> None:
-    """Write the description of a run's body into its folder."""
-    (directory / BODY_FILE).write_bytes(_DESCRIPTION.dump_json(description, indent=1))
+    return read_json(directory / RunFile.SUMMARY, SUMMARY, "walk the gait again")
 
 
 def load_description(directory: Path) -> BodyDescription:
     """Description of the body of a run, from its folder; raises InputError if it is missing or damaged."""
     try:
-        return _DESCRIPTION.validate_json((directory / BODY_FILE).read_bytes())
+        return DESCRIPTION.validate_json((directory / RunFile.BODY).read_bytes())
     except (OSError, ValueError) as error:
         why = " ".join(str(error).split())
         raise InputError(
-            f"{directory / BODY_FILE} is not a description of a body ({why}); walk again."
+            f"{directory / RunFile.BODY} is not a description of a body ({why}); walk again."
         ) from None
 
 
@@ -178,13 +166,13 @@ def check_files(directory: Path) -> None:
     read_header(directory)
     summary = read_summary(directory)
     written, found = summary["files"], digests(directory, summary)
-    if RECORDING_FILE in written:  # it can be drawn again
-        found[RECORDING_FILE] = _digest(directory / RECORDING_FILE) or written[RECORDING_FILE]
+    if RunFile.RECORDING in written:  # it can be drawn again
+        found[RunFile.RECORDING] = _digest(directory / RunFile.RECORDING) or written[RunFile.RECORDING]
     for name in sorted({*_NEEDED, *RECORD_FILES, *written, *found}):
         if name not in found:
             what = "is missing"
         elif name not in written:
-            what = f"has no digest in {SUMMARY_FILE}"
+            what = f"has no digest in {RunFile.SUMMARY}"
         elif found[name] != written[name]:
             what = "has changed since the run was judged"
         else:
@@ -198,8 +186,9 @@ def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
     Raises :class:`InputError` if one of them is not a regular file.
     """
     rest = {name: value for name, value in summary.items() if name != "files"}
-    found = {SUMMARY_FILE: hashlib.sha256(dump_json(rest).encode()).hexdigest()}
-    for name in sorted(RUN_FILES - {SUMMARY_FILE, RECORDING_FILE, REPORT_FILE, EXPLANATION}):
+    found: dict[str, str] = {RunFile.SUMMARY: hashlib.sha256(dump_json(rest).encode()).hexdigest()}
+    drawn = {RunFile.RECORDING, RunFile.REPORT, RunFile.EXPLANATION}
+    for name in sorted(set(RunFile) - drawn - {RunFile.SUMMARY}):
         if digest := _digest(directory / name):
             found[name] = digest
     return found
@@ -218,8 +207,8 @@ def _digest(path: Path) -> str:
 def keep_digest_of_recording(directory: Path) -> None:
     """Enter the digest of a recording that was drawn into the summary of its run."""
     summary = read_summary(directory)
-    summary["files"][RECORDING_FILE] = _digest(directory / RECORDING_FILE)
-    with output_file(directory / SUMMARY_FILE) as work:
+    summary["files"][RunFile.RECORDING] = _digest(directory / RunFile.RECORDING)
+    with output_file(directory / RunFile.SUMMARY) as work:
         write_json(work, summary)
 
 

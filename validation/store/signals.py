@@ -22,8 +22,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from validation.store.record import read_table, write_table
 from validation.table import own_rows
-
-SIGNALS_FILE = "signals.parquet"
+from validation.trial.files import RunFile
 
 
 class SignalKind(NamedTuple):
@@ -58,7 +57,7 @@ class Signals(Brief):
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in self.columns:
             raise InputError(
-                f"{SIGNALS_FILE} has no column '{name}': the run was saved by another version; run it again."
+                f"{RunFile.SIGNALS} has no column '{name}': the run is of another version; run it again."
             )
         return self.columns[name]
 

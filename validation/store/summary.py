@@ -101,7 +101,8 @@ def read_json(path: Path, kind: type[BaseModel], way_out: str) -> dict[str, Any]
         kind.model_validate(found)
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
+        named = (str(part) for part in first["loc"] if part not in ("float", "str"))  # not pydantic's types
+        where = ".".join(named) or "the file"
         what = first["msg"].lower().removeprefix("input ")
         raise InputError(f"{path} is damaged: {where}: {what}; {way_out}.") from None
     except (ValueError, RecursionError) as error:

@@ -19,11 +19,12 @@ from validation.run.replay import replay
 from validation.show.cost_table import cost_table
 from validation.show.page import render_page
 from validation.show.paper import cite_run, digest_of
-from validation.store.folders import RUN_FILES, check_output_file, output_file
+from validation.store.folders import check_output_file, output_file
 from validation.store.saved import SavedRun, digests, load_saved_run
 from validation.study.compare.report import NUMBERS, load_comparison
 from validation.study.robustness.result import RESULT, load_robustness
 from validation.table import Table, own_rows
+from validation.trial.files import RunFile
 
 
 def write_evidence(
@@ -72,7 +73,7 @@ def write_evidence(
     with output_file(target) as work, zipfile.ZipFile(work, "w", zipfile.ZIP_DEFLATED) as bundle:
         bundle.writestr("evidence.html", page)
         bundle.writestr("evidence.jsonld", json.dumps(linked, indent=1))
-        for path in sorted(folder / name for name in RUN_FILES):
+        for path in sorted(folder / name for name in RunFile):
             if path.is_file() and path.suffix not in (".parquet", ".rrd"):
                 bundle.write(path, path.name)
     return target

@@ -7,6 +7,7 @@ earlier it falls.
 """
 
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -22,11 +23,12 @@ from validation.run.walk import walk_planned
 from validation.show.text import format_value
 from validation.store.folders import names_folder
 from validation.store.json import json_ready
-from validation.store.saved import EXPLANATION, RUN_FILE, load_saved_run
+from validation.store.saved import load_saved_run
 from validation.study.many import Execution, Task, study_folder, walk_many, write_study
 from validation.study.row_file import Row
 from validation.table import Table, Tabled, own_rows
 from validation.trial.disturbances import Disturbance, Recorded
+from validation.trial.files import RunFile
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Body, Request, load_request, plan_walk
 from validation.trial.shapes import make_robot
@@ -134,11 +136,7 @@ def walk_case(case: Case) -> Row:
     planned = plan_walk(case.request)
     if case.lifted:
         planned = replace(planned, body=_stronger(planned.body))
-    trial = walk_planned(
-        planned,
-        profiles.profile(case.profile),
-        disturbances=case.pushes,
-    )
+    trial = walk_planned(planned, profiles.profile(case.profile), disturbances=case.pushes)
     end, torque = trial.record.outcome, trial.comparison.costs["margins"]["torque"]
     if end.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
@@ -278,7 +276,7 @@ def explain(
         given = Case(request, profile, tuple(disturbances))
     elif settings or disturbances:
         raise InputError(
-            f"{folder} is repeated as it was walked; for changes give {folder / RUN_FILE} instead."
+            f"{folder} is repeated as it was walked; for changes give {folder / RunFile.RUN} instead."
         )
     else:
         given = _saved_case(folder)
@@ -300,14 +298,17 @@ def explain(
         rows.append({"layer": change.layer, "text": text, **row})
     result = Explanation(planned.request.title, *answer(trial, rows), trial, tuple(rows))
     for place in filter(None, (target, folder)):
-        write_study(result, place / EXPLANATION)
+        write_study(result, place / RunFile.EXPLANATION)
     return result
 
 
 def _saved_case(folder: Path) -> Case:
     """The trial of a run's folder, with its recorded external forces, the run's own push among them."""
     saved = load_saved_run(folder)
-    request, record, made = load_request(str(folder / RUN_FILE)), saved.record, saved.summary.get("planner")
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{folder} gets the explanation and cannot be written; copy it to another place.")
+    request, record = load_request(str(folder / RunFile.RUN)), saved.record
+    made = saved.summary.get("planner")
     if saved.is_log:
         raise InputError(f"{folder} is a log, which cannot be walked again; give the folder of a run.")
     ours = (None, "footsteps" if request.run.footsteps else "")

@@ -228,7 +228,8 @@ def walk_many(
                     show(*["waiting for workers"] * (not processes.size()))
     except KeyboardInterrupt as error:
         if folder is not None:
-            error.add_note(f"finished runs are kept in {folder}; go on by the same command with --resume")
+            more = "" if execution.get("resume") else " with --resume"
+            error.add_note(f"finished runs are kept in {folder}; go on by the same command{more}")
         raise
     except OSError as error:
         if disk_is_full(error):

@@ -140,7 +140,8 @@ class Ranking(Tabled):
         walked = [cell.task for cell in self.cells if cell.runs]
         pairs = sum(math.comb(walked.count(task), 2) for task in set(walked))
         missing = f" {self.planned - self.found} runs have no result yet." * (self.found < self.planned)
-        return f"{len(self.wins)} of {pairs} differences of two in a task are decided.{missing}"
+        few = " Errors decide from six replicas on." * all(len(cell.errors) < 6 for cell in self.cells)
+        return f"{len(self.wins)} of {pairs} differences between two in one task are decided.{missing}{few}"
 
     def tables(self) -> list[Table]:
         """Ranks of all tasks, then each task."""
@@ -149,13 +150,13 @@ class Ranking(Tabled):
         )
         head = self.by.rpartition(".")[2]
         ranks = [(name, *(str(self.ranks.get((task, name), ABSENT)) for task in tasks)) for name in names]
-        spread = "the spread between the engines"
+        spread = " and the spread between engines leave the difference open."
         if self.engines is None:
-            spread = "the spread of the contact, which one engine does not show"
+            spread = " leave the difference open. One engine does not show the spread of the contact."
         note = (
             f"Error: median of the ZMP's RMS distance from the plan as it stood {self.ahead:g} s before. "
-            f"Ranks are shared where the replicas (95 % interval), numerical uncertainty "
-            f"({100.0 * SHARE:g} %) and {spread} leave the difference open."
+            f"Ranks are shared where replicas (95 % interval) or numerical uncertainty "
+            f"({100.0 * SHARE:g} %){spread}"
         )
         columns = (">rank", head, ">error [mm]", ">survived", ">95 % [%]", ">cost of transport", "not walked")
         overview = Table("ranks", (head, *(f">{task}" for task in tasks)), ranks, [note])

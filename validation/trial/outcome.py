@@ -54,5 +54,6 @@ class Outcome:
         """How, when and why a walk ended before its plan did, a sentence; empty if it completed."""
         if self.completed:
             return ""
-        cause = f": {self.cause.rstrip('.')}" if self.cause else ""
-        return f"{self.name.sentence[:-1]}, at {self.time:.3f} s{cause}."
+        when = f" at {self.time:.3f} s"
+        when, cause = "" if when in self.cause else when, f": {self.cause.rstrip('.')}" if self.cause else ""
+        return f"{self.name.sentence[:-1]}{when}{cause}."

@@ -366,7 +366,7 @@ def tune_walk(request: Request, progress: Progress | None = None) -> PlannedWalk
             f"{request.name} gives every value, so there is nothing to find; leave out what is open, for "
             "example gait.com_height."
         )
-    with progress.stage(f"{request.name}: what is left open") as stage:
+    with progress.stage(f"{request.name}: search of open values") as stage:
         body = make_body(run)
         # Legs of different length repeat no step.
         level = run.replace({"gait.cross_slope": 0.0}).giving(run.given)
@@ -393,7 +393,7 @@ def _summary(run: RunParameters, tuned: Tuned) -> str:
 
     new = {key: value for key, value in tuned.values.items() if value != run.value(key)}
     if not new:
-        return "what is left open fits as it is"
+        return "the open values fit as they are"
     items = ", ".join(f"{key} {text(value)} ({text(run.value(key))})" for key, value in new.items())
     found = f"found {items}; --as-is keeps the values in brackets"
     own = [] if run.body.source == HUMAN else [key for key in EASY_KEYS if key not in run.given]

@@ -13,7 +13,7 @@ from ampm.compiled import bound, compiled
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.sensor_parameters import WRENCH
-from ampm.sensors.readings import Estimator, EstimatorFactory, Readings
+from ampm.sensors.readings import Estimator, Readings
 from ampm.sensors.soles import SoleForces
 from ampm.vectors import cross, from_quaternion, minus, plus, times, turned, vector
 from ampm.walk import State, Touch
@@ -209,15 +209,12 @@ class Sensors:
         return State(readings.time, q, v, 0.5 * self._time_step), touch
 
 
-def make_estimator(
-    run: RunParameters, robot: Robot, start: State, factory: EstimatorFactory | None = None
-) -> Estimator | None:
+def make_estimator(run: RunParameters, robot: Robot, start: State) -> Estimator | None:
     """The estimator of a walk that is planned to start in a state; None for ``exact``.
 
-    The factory is the one that the run names by default. Raises :class:`InputError` if there is none, or it
-    cannot be made.
+    Raises :class:`InputError` if there is none that the run names, or it cannot be made.
     """
-    factory = factory or ESTIMATOR.find(run.sensors.estimator, run.sensors.options)
+    factory = ESTIMATOR.find(run.sensors.estimator, run.sensors.options)
     if factory is None:
         return None
     informed = run.undisturbed.model_copy(update={"sensors": run.sensors.known})

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array, blocks
+from validation.trial.files import RunFile
 
 if TYPE_CHECKING:
     from validation.trial.followed import Followed
@@ -21,12 +22,6 @@ if TYPE_CHECKING:
 
 
 FEET = ("left", "right")
-
-JOINTS_FILE = "joints.parquet"
-CONTACTS_FILE = "contacts.parquet"
-TICKS_FILE = "ticks.parquet"
-EXTERNAL_FILE = "external.parquet"
-"""Beside the others if the walk was disturbed."""
 
 
 def _array(
@@ -78,16 +73,16 @@ class SimulationRecord:
     time: Array = _array("K+1")  # t_k [s]
     state_rows: NDArray[np.int64] = _array("R", np.int64)  # instants of the states, ascending
     # MuJoCo `qpos`, root position [m], root quaternion wxyz, hinges [rad]
-    q: Array = _array("R nq", logged=True, file=JOINTS_FILE)
+    q: Array = _array("R nq", logged=True, file=RunFile.JOINTS)
     # MuJoCo `qvel`, root velocity in world [m/s], root angular velocity in the root [rad/s], hinges [rad/s]
-    qd: Array = _array("R nv", logged=True, file=JOINTS_FILE)
+    qd: Array = _array("R nv", logged=True, file=RunFile.JOINTS)
     # joint torque with which a tick begins, within the motors' limits, actuator order [N m]
-    tick_torque: Array = _array("T nu", logged=True, file=TICKS_FILE)
+    tick_torque: Array = _array("T nu", logged=True, file=RunFile.TICKS)
     # rate at which the torques of a tick go on until the next one, NaN where they are held [N m/s]
-    torque_rate: Array = _array("T nu", logged=True, file=TICKS_FILE)
+    torque_rate: Array = _array("T nu", logged=True, file=RunFile.TICKS)
     # force of the floor on the body at each sole point [N]
-    point_force: Array = _array("R-1 P 3", logged=True, file=CONTACTS_FILE)
-    point_position: Array = _array("R-1 P 3", logged=True, file=CONTACTS_FILE)  # where it acts [m]
+    point_force: Array = _array("R-1 P 3", logged=True, file=RunFile.CONTACTS)
+    point_position: Array = _array("R-1 P 3", logged=True, file=RunFile.CONTACTS)  # where it acts [m]
     point_penetration: Array = _array("K P", logged=True)  # depth under the floor, >= 0 [m]
     point_place: Array = _array("K+1 P 3", logged=True)  # the sole points themselves [m]
     point_foot: NDArray[np.int8] = _array("P", np.int8)  # foot of each point, 0 left, 1 right
@@ -104,14 +99,14 @@ class SimulationRecord:
     command_angular_momentum: Array = _array("K 3", logged=True)
     tick_time: Array = _array("T")  # time of each control tick [s]
     # 0 solved, 1 solved in the form with limits, 2 unsolved
-    qp_status: NDArray[np.int8] = _array("T", np.int8, logged=True, file=TICKS_FILE)
+    qp_status: NDArray[np.int8] = _array("T", np.int8, logged=True, file=RunFile.TICKS)
     # largest constraint or stationarity residual of the tick's QP
-    qp_residual: Array = _array("T", logged=True, file=TICKS_FILE)
-    qp_iterations: NDArray[np.int32] = _array("T", np.int32, logged=True, file=TICKS_FILE)  # iterations
+    qp_residual: Array = _array("T", logged=True, file=RunFile.TICKS)
+    qp_iterations: NDArray[np.int32] = _array("T", np.int32, logged=True, file=RunFile.TICKS)  # iterations
     # wall-clock time of the solve [s]; the one column that equal runs differ in
-    qp_time: Array = _array("T", logged=True, file=TICKS_FILE)
+    qp_time: Array = _array("T", logged=True, file=RunFile.TICKS)
     # number of the plan followed, 0 the first one; `STEPPING` where the stabiliser stepped off the plan
-    tick_plan: NDArray[np.int32] = _array("T", np.int32, file=TICKS_FILE, optional=True)
+    tick_plan: NDArray[np.int32] = _array("T", np.int32, file=RunFile.TICKS, optional=True)
     outcome: Outcome  # how the run ended
     mass: float  # total mass [kg]
     gravity: float  # g, positive [m/s^2]
@@ -122,11 +117,11 @@ class SimulationRecord:
     joint_range: Array = _array("nu 2")  # lower and upper limit per hinge [rad]
     joint_names: tuple[str, ...]  # the hinges in actuator order, nu names
     external_segments: tuple[str, ...] = ()  # the segments that anything but the floor pushed, S names
-    external_force: Array = _array("K S 3", file=EXTERNAL_FILE, optional=True)  # force on each of them [N]
+    external_force: Array = _array("K S 3", file=RunFile.EXTERNAL, optional=True)  # force on each of them [N]
     # moment on each of them [N m]
-    external_moment: Array = _array("K S 3", file=EXTERNAL_FILE, optional=True)
+    external_moment: Array = _array("K S 3", file=RunFile.EXTERNAL, optional=True)
     # where the force acts, the segment's COM [m]
-    external_position: Array = _array("K S 3", file=EXTERNAL_FILE, optional=True)
+    external_position: Array = _array("K S 3", file=RunFile.EXTERNAL, optional=True)
     point_sites: tuple[str, ...] = ()  # sites of the sole points in the model, P names
     changes: int = 0  # number of plans followed after the first one
     controller: str = ""  # name of a user's, empty for the project's own

@@ -21,7 +21,7 @@ from ampm.parameters import NO_PLAN, DisturbanceParameters, RunParameters
 from ampm.planners import StandingPlanner
 from ampm.reference import Reference
 from ampm.sensor_parameters import EXACT
-from ampm.sensors.readings import Estimator, EstimatorFactory
+from ampm.sensors.readings import Estimator
 from ampm.stepping.tracker import SteppedTick
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, Controller, ControllerFactory, ControlOutput, State, Touch
 from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, describe, pushes_of
@@ -47,7 +47,6 @@ def simulate(
     planned: PlannedWalk,
     *,
     controller: ControllerFactory | None = None,
-    estimator: EstimatorFactory | None = None,
     disturbances: Sequence[Disturbance] = (),
     steps: int | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -58,7 +57,6 @@ def simulate(
         planned: it starts on the plan's own posture; the disturbances of its run are unknown to the
             controller.
         controller: makes the controller from robot and run; the one that the run names by default.
-        estimator: makes the estimator; the one that the run names by default.
         disturbances: further forces, likewise unknown.
         steps: walking steps; by default those of the plan, and of a planner that goes on ``gait.steps``, or
             over footsteps all.
@@ -89,10 +87,10 @@ def simulate(
     forces = forces_of(run, disturbances, end)
     estimating = None
     if run.sensors.stand and run.sensors.estimator != EXACT:
-        estimating = stand(planned, physics, estimator)
+        estimating = stand(planned, physics)
     start = place(physics, run, course.table[0])
     if estimating is None:
-        estimating = make_estimator(run, known, start, estimator)
+        estimating = make_estimator(run, known, start)
     else:
         estimating.begin(start)
     loop = ClosedLoop(physics, follower, course, run, estimator=estimating, disturbances=forces)
@@ -120,7 +118,7 @@ def simulate(
     return record if np.array_equal(floor, [0.0]) else _on_floor(record, floor)
 
 
-def stand(planned: PlannedWalk, physics: Physics, factory: EstimatorFactory | None) -> Any:
+def stand(planned: PlannedWalk, physics: Physics) -> Any:
     """The run's estimator with what it found, standing on two soles side by side before the walk.
 
     Raises:
@@ -135,7 +133,7 @@ def stand(planned: PlannedWalk, physics: Physics, factory: EstimatorFactory | No
     controller = TrackingController(robot, run.undisturbed)
     course = References(plan, run, physics, controller=controller)
     start = place(physics, run, course.table[0])
-    estimator = make_estimator(run, robot, start, factory)
+    estimator = make_estimator(run, robot, start)
     if not hasattr(estimator, "begin"):
         raise InputError(f"the estimator {run.sensors.estimator} has no method begin; add it, {way_out}.")
     outcome = ClosedLoop(physics, controller, course, run, estimator=estimator).run().outcome

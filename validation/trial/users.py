@@ -181,10 +181,7 @@ CONTROLLER = Role(
     name="controller",
     key="controller.name",
     options="controller.options",
-    known={
-        "ampm": "ampm.control.controller:TrackingController",
-        "joint-pd": "ampm.control.joint_pd:JointPD",
-    },
+    known={"ampm": "ampm.control.controller:TrackingController"},
     arguments=2,
 )
 ESTIMATOR = Role(

@@ -18,8 +18,6 @@ def reader_of(path: Path) -> Callable[[Path], dict[str, Any]] | None:
     """Function that reads a file as columns, None for a table; raises InputError without its library."""
     if path.suffix not in READERS:
         return None
-    if not path.is_file():
-        raise InputError(f"there is no file {str(path)!r}; correct the name.")
     try:
         return import_module(f"{__name__}.{READERS[path.suffix]}").read
     except ModuleNotFoundError as error:

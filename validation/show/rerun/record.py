@@ -35,9 +35,9 @@ from validation.show.rerun import views
 from validation.show.rerun.body import segment_entity, segment_poses, segment_shapes
 from validation.show.rerun.views import COMMAND, FAINT, LEFT, MEASURED, PLAN, RIGHT, Color
 from validation.store.folders import output_file
-from validation.store.saved import RECORDING_FILE as RECORDING_FILE
 from validation.store.saved import SavedRun, keep_digest_of_recording, load_saved_run, run_events
 from validation.store.signals import Signals, changes
+from validation.trial.files import RunFile
 from validation.trial.record import support_height
 
 PICTURE_RATE = 100.0
@@ -84,7 +84,7 @@ def write_recording(run: str | Path | SavedRun) -> Path:
         InputError: the folder is not a run folder.
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
-    path, curves = saved.directory / RECORDING_FILE, _curves(saved)
+    path, curves = saved.directory / RunFile.RECORDING, _curves(saved)
     with _open_stream("ampm", "ampm-run", path, views.run_blueprint(_ranges([curves]))) as stream:
         _Log(stream, saved).everything(curves)
     keep_digest_of_recording(saved.directory)

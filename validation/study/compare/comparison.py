@@ -193,20 +193,19 @@ class WalkComparison(Tabled):
 
     def _tracking(self) -> str:
         """Who tracks the ZMP best, with the errors."""
-        rows = {row.name[4]: row for row in self.rows if row.name in ("zmp_x_rmse", "zmp_y_rmse")}
-        errors = []
-        for axis, row in rows.items():
-            values = (f"{side.label} {_shown(v)}" for side, v in zip(self.sides, row.values, strict=True))
-            errors.append(f"{axis}: {', '.join(values)} {row.unit}")
-        said = "; ".join(errors)
-        best = {axis: self.sides[row.better].label for axis, row in rows.items() if row.better is not None}
-        if best:
-            where = {name: listed([axis for axis in best if best[axis] == name]) for name in best.values()}
-            who = listed([f"{label} along {axes}" for label, axes in where.items()])
-            return f"The ZMP is tracked best by {who} ({said})"
-        if any(row.differs for row in rows.values()):
-            return f"No walk tracks the ZMP best ({said})"
-        return f"{self.title} track the ZMP equally well ({said}; the differences are within the doubt)"
+        rows = [row for row in self.rows if row.name in ("zmp_x_rmse", "zmp_y_rmse")]
+        if not rows:
+            return f"{self.title} have no planned ZMP"
+        where: dict[str, list[str]] = {}
+        for row in sorted(rows, key=lambda row: not row.differs):
+            pairs = list(zip([side.label for side in self.sides], row.values, strict=True))
+            leaders = [label for label, value in pairs if value - min(row.values) <= row.doubt]
+            said = f"{listed(leaders)} {'tracks' if len(leaders) == 1 else 'track'} the ZMP best"
+            values = ", ".join(f"{label} {_shown(value)}" for label, value in pairs)
+            said = said if row.differs else "the difference is within the doubt"
+            where.setdefault(said, []).append(f"along {row.name[4]} ({values} {row.unit})")
+        equal = "" if any(row.differs for row in rows) else f"{self.title} track the ZMP equally well: "
+        return equal + ", ".join(f"{said} {listed(axes)}" for said, axes in where.items())
 
     def _spending(self) -> str:
         """Who spends more, of the costs that differ."""
@@ -216,27 +215,28 @@ class WalkComparison(Tabled):
             if cost.get("verb") and row.differs and min(row.values) > 0.0:
                 ratio = max(row.values) / min(row.values)
                 least, most = (self.sides[row.values.index(end(row.values))].label for end in (min, max))
-                more = f"{ratio:.1f} times the" if ratio >= 2.0 else f"{100 * ratio - 100:.0f} % more"
-                words = f"{cost['verb']} {more} {cost['noun']}"
-                than = f" compared with {least}" if len(self.sides) > 2 else ""
-                spent.setdefault(most, []).append(words + than)
+                more, than = (f"{100 * ratio - 100:.0f} % more", "than")
+                if ratio >= 2.0:
+                    more, than = (f"{ratio:.1f} times the", "of")
+                spent.setdefault(most, []).append(f"{cost['verb']} {more} {cost['noun']} {than} {least}")
         if not spent:
             return "Torque, friction and mechanical work are equal within the doubt"
         return ", ".join(f"{label} {listed(words)}" for label, words in spent.items())
 
     def _limits(self) -> str:
         """How much of their limits the walks use."""
-        said = []
+        said: dict[tuple[str, str], list[tuple[str, str]]] = {}
         for k, side in enumerate(self.sides):
             used = [(row.used[k], row.label) for row in self.rows if not math.isnan(row.used[k])]
             share, label = max(used, default=(math.nan, "no limit is known"))
-            most = f"{label}, {format_share(share, 1.0)}".removesuffix(", ")
+            kept = f"stayed {'far ' if share < _FAR else ''}below every limit"
             if over := sum(item[0] > 1.0 for item in used):
-                said.append(f"{side.label} exceeds {over} of {len(used)} limits ({most})")
-            else:
-                far = "far " if share < _FAR else ""
-                said.append(f"{side.label} stays {far}below every limit ({most})")
-        return ", ".join(said)
+                kept = f"exceeded {over} of {len(used)} limits"
+            said.setdefault((kept, label), []).append((side.label, format_share(share, 1.0)))
+        return ", ".join(
+            f"{listed([who for who, _ in items])} {kept} ({label}, {listed([share for _, share in items])})"
+            for (kept, label), items in said.items()
+        )
 
     def cells(self, row: MetricRow) -> tuple[str, ...]:
         """Label, all values, each with its share of a limit, unit, doubt and the better side, for tables."""
@@ -355,7 +355,7 @@ def listed(words: Sequence[str]) -> str:
 
 def _shown(value: float, known: float = math.nan) -> str:
     """A value for a table, with its uncertainty where it is known: rounding errors are 0."""
-    return "0" if abs(value) < 1e-9 else with_uncertainty(value, known)
+    return "0" if abs(value) < 1e-8 else with_uncertainty(value, known)
 
 
 def comparison_of(sides: Sequence[Side]) -> WalkComparison:
@@ -452,7 +452,7 @@ def compare_gaits(
         given["WALK"], count = [*given["WALK"], "ipm"], 2
     if {*map(len, given.values())} - {1, count}:
         times = ", ".join(f"{name} {len(values)} times" for name, values in given.items() if len(values) > 1)
-        raise InputError(f"{times}: give each once, for all walks, or once for each of the {count} walks.")
+        raise InputError(f"{times}: give each one once, or {count} times, once for each walk.")
     alike, requests, labels = len(set(given["WALK"])) == 1, [], []
     for walk in range(count):
         text, *chosen = (values[walk % len(values)] for values in given.values())

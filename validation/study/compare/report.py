@@ -19,13 +19,14 @@ from validation.show.run_figures import middle, middle_name, shade_double_suppor
 from validation.show.style import INK, PARTS
 from validation.store.folders import output_file
 from validation.store.json import write_json
-from validation.store.saved import RECORDING_FILE, REPORT_FILE, load_saved_run
+from validation.store.saved import load_saved_run
 from validation.store.summary import read_json
 from validation.study.compare.comparison import Side, WalkComparison, comparison_of
 from validation.study.compare.sweeps import SweepComparison
 from validation.study.robustness.result import Robustness
+from validation.trial.files import RunFile
 
-REPORT, NUMBERS = REPORT_FILE, "comparison.json"
+REPORT, NUMBERS = RunFile.REPORT, "comparison.json"
 
 
 class _Walk(BaseModel):
@@ -68,7 +69,7 @@ def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> 
     numbers = result.as_dict()
     for side, entry in zip(_sides(result), numbers.get("walks", ()), strict=True):
         entry["run"] = os.path.relpath(side.run.directory, folder)
-        if not all((side.run.directory / name).is_file() for name in (REPORT_FILE, RECORDING_FILE)):
+        if not all((side.run.directory / name).is_file() for name in (RunFile.REPORT, RunFile.RECORDING)):
             draw_run(side.run.directory, side.label)
     write_json(folder / NUMBERS, numbers)
     with output_file(folder / REPORT) as work:

@@ -164,7 +164,7 @@ class SweepDefinition(Section, section="sweep"):
     gait: str | tuple[str, ...] = Field(
         "normal", description="preset, or TOML file relative to the sweep's; or a list of them", min_length=1
     )
-    steps: int | None = Field(30, description="steps of every run; None: those of its gait", ge=1, le=10_000)
+    steps: int | None = Field(30, description="steps of every run, by default of its gait", ge=1, le=10_000)
     tune: bool = Field(False, description="find the values that every run leaves open; otherwise keep them")
     seed: int = Field(1, description="of the sampled blocks", ge=0, le=2**63 - 1)
     profile: str = Field("default", description="tolerance profile that judges the runs")
@@ -313,6 +313,10 @@ def parse_sweep(text: str) -> SweepDefinition:
 
 def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinition:
     for word, value in table.items():
+        if word in _HEAD and not isinstance(value, dict):
+            raise InputError(
+                f"{word} = {value!r} belongs in the table [sweep]; put it below a line [sweep].", key=word
+            )
         if word in RunParameters.model_fields:
             raise InputError(f"[{word}] is not a table of a sweep; put its keys under [set].", key=word)
         if word not in _TABLES:
@@ -328,7 +332,9 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
         fixed = {key: key_info(key).convert(value) for key, value in _flat(table.get("set", {})).items()}
     fixed |= {key: _beside(folder, str(fixed[key])) for key in (BODY_KEY, PLANNER_KEY) if key in fixed}
     gait = head.get("gait")
-    gaits = tuple(gait) if isinstance(gait, list) and gait else (gait,)
+    gaits = tuple(gait) if isinstance(gait, list) else (gait,)
+    if not gaits:
+        raise InputError("sweep.gait = [] names no gait; name one, or leave the line out.", key="sweep.gait")
     if "base" in table:
         base = tuple(RunParameters(**item) for item in table["base"])
     else:
@@ -404,7 +410,7 @@ def _values(key: str, value: Any) -> Range | tuple[Option, ...]:
         return found
     if not isinstance(value, list) or not value:
         raise InputError(
-            f"{key} = {value!r} must be a list of values or a range; one value alone belongs under [set].",
+            f"{key} = {value!r} must be a list with values, or a range; one value alone belongs under [set].",
             key=key,
         )
     classes = {f"{section}.{name}" for section, name in NAMES.values()}

@@ -1,5 +1,7 @@
 """Joint PD along the planned posture, with the planned torques fed forward: a baseline.
 
+ampm validate normal --controller docs.examples.joint_pd:JointPD
+
 Springs follow the inertia of each joint, and in the standing legs the strength of the motors. The controller
 uses neither COM nor contact, so the body falls.
 """
