@@ -1,6 +1,7 @@
 """Constants of the AMPM, fitted to walks whose constants are known, and refusals of what cannot be fitted."""
 
 import math
+import tomllib
 from typing import Any
 
 import numpy as np
@@ -129,6 +130,24 @@ def test_a_simulated_walk_returns_its_plan_and_a_gait_to_walk(run_of, tmp_path, 
     assert fit.sentence in (tmp_path / "fit" / "report.html").read_text(encoding="utf-8")
     assert ampm("fit", folder, "--out", tmp_path / "fit").status == 2
     assert ampm("fit", folder, "--out", tmp_path / "fit", "--force").status == 0
+
+
+def test_the_gait_of_a_person_can_be_planned(tmp_path, ampm):
+    """Constants as of a person at 1.12 m/s: with the preset's feet the heel would rise too early."""
+    gait = GaitParameters(
+        com_height=0.995,
+        step_length=0.685,
+        switching_velocity=1.175,
+        single_support_ratio=0.694,
+        a_s=3.47,
+        c_s=0.84,
+        c_y=1.5,
+        step_width=0.207,
+    )
+    val.fit_log(table_of(gait)).save(tmp_path / "fit")
+    assert set(tomllib.loads((tmp_path / "fit" / "gait.toml").read_text())) == {"gait", "body"}
+    answer = ampm("plan", tmp_path / "fit" / "gait.toml")
+    assert answer.status == 0, answer.err
 
 
 def refit(statement, **options):

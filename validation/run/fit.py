@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomli_w
 
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import GRAVITY, RunParameters
 from ampm.planner.periodic import plan
-from ampm.run_file import dump_run, load_run
+from ampm.run_file import load_run
 from validation.judge.compare import SIGNALS
 from validation.judge.fit import (
     CONFIDENCE,
@@ -120,7 +121,8 @@ class Fit(Tabled):
         (target / "gait.toml").unlink(missing_ok=True)  # of an earlier fit
         write_json(target / "fit.json", self.as_dict())
         if self.gait is not None:
-            (target / "gait.toml").write_text(dump_run(self.gait), encoding="utf-8")
+            given = self.gait.model_dump(exclude_unset=True)  # the search finds the others
+            (target / "gait.toml").write_text(tomli_w.dumps(given), encoding="utf-8")
         page = fit_page(self.name, self.sentence, self.strides, self.tables())
         (target / "report.html").write_text(page, encoding="utf-8")
         return target
