@@ -306,20 +306,19 @@ def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
 
 def _keys_that_help(reason: str, robot: Robot, step: StepTrajectory) -> str:
     """A clause on keys of the description that may mend a refusal, by its reason; empty if none may."""
+    damping, stiffness, spring, friction = robot.passive.T
+    q, v = step.q[:, 7:], step.v[:, 6:]
+    lost = np.abs(damping * v + stiffness * (q - spring) + friction * np.sign(v)) / robot.torque_limit
+    joint = int(lost.max(axis=0).argmax())
+    if (most := float(lost[:, joint].max())) > (_LOST if reason == "torque_limits" else 1.0):
+        return (
+            f"; dampers, springs and dry friction alone take {most:.2f} of the torque limit of "
+            f"{robot.joint_names[joint]}: correct them with [body.damping] and [body.friction], or "
+            "[body.effort]"
+        )
     d = robot.description
     if reason == "self_collision" and d.has_arms and not (d.spread or d.rest):
         return "; arms that rest farther from the body may help: give [body.rest]"
-    if reason == "torque_limits":
-        damping, stiffness, spring, friction = robot.passive.T
-        q, v = step.q[:, 7:], step.v[:, 6:]
-        lost = np.abs(damping * v + stiffness * (q - spring) + friction * np.sign(v)) / robot.torque_limit
-        joint = int(lost.max(axis=0).argmax())
-        if (most := float(lost[:, joint].max())) > _LOST:
-            return (
-                f"; dampers, springs and dry friction alone take {most:.2f} of the torque limit of "
-                f"{robot.joint_names[joint]}: correct them with [body.damping] and [body.friction], or "
-                "[body.effort]"
-            )
     return ""
 
 
