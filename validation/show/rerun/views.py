@@ -77,8 +77,9 @@ def axis_range(values: Array) -> tuple[float, float]:
 
 def run_blueprint(ranges: Ranges) -> rrb.Blueprint:
     """Of one run: body and ZMP from above on the left; verdict and curves on the right."""
-    colors = "Plan blue, command green, measured orange, left foot pink, right foot yellow"
-    left = _scenes("", colors, "From above: ZMP, COM, soles and planned support")
+    colors = "command green, measured orange, left foot pink, right foot yellow"
+    colors = colors.capitalize() if _is_free(ranges) else f"Plan blue, {colors}"
+    left = _scenes("", colors, "From above: ZMP, COM and soles")
     right = rrb.Vertical(
         rrb.Horizontal(_verdict_view("Verdict", ""), _events_view("Events", ""), column_shares=[3, 2]),
         _tabs([""], ranges),
@@ -105,6 +106,11 @@ def several_blueprint(runs: Labels, ranges: Ranges) -> rrb.Blueprint:
     return _laid_out(rrb.Vertical(rrb.Horizontal(*columns), below, row_shares=[4, 3]), PHASE)
 
 
+def _is_free(ranges: Ranges) -> bool:
+    """Whether there is no plan, but a commanded velocity."""
+    return "signals/yaw_rate" in ranges
+
+
 def _near() -> rrb.TimeAxis:
     """Time axis that follows the cursor."""
     boundary = rrb.TimeRangeBoundary.cursor_relative
@@ -115,7 +121,7 @@ def _near() -> rrb.TimeAxis:
 def _plot(entity: str, runs: Sequence[str], ranges: Ranges) -> rrb.TimeSeriesView:
     """Curves of one entity of some runs: signals about the cursor, others over the whole run."""
     is_signal, title = entity.startswith("signals/"), _TITLES[entity]
-    if "signals/yaw_rate" in ranges:  # there is no plan
+    if _is_free(ranges):
         title = title.replace(", from the planned COM", "").replace(", from the plan", "")
     return rrb.TimeSeriesView(
         name=title,
