@@ -49,8 +49,8 @@ def test_long_walks_keep_within_their_profile(run_of, name, settings, steps):
     summary = json.loads((run_of(name, settings, steps=steps) / "summary.json").read_text(encoding="utf-8"))
     assert (summary["outcome"], summary["steps_completed"]) == ("completed", steps)
     assert summary["solver"]["unsolved"] == 0
-    judged = [item for item in own_profile(name).tolerances if item.metric in summary["metrics"]]
-    assert len(judged) == 18  # all but the joint rates, which the human does not limit
-    for tolerance in judged:
+    for tolerance in own_profile(name).tolerances:
+        if tolerance.metric == "speed_excess":  # the human's joints have no limit of speed
+            continue
         limit = tolerance.limit_for(summary["scales"]) * (2.0 if settings else 1.0)
         assert summary["metrics"][tolerance.metric]["value"] <= limit, tolerance.metric

@@ -55,6 +55,7 @@ _EXTREMES = ("torque", "friction", "joint", "knee", "clearance", "penetration")
 _MARGINS = entries(
     **dict.fromkeys((*_EXTREMES, "plan_polygon", "measured_polygon"), _EXTREME),
     torque_by_joint=_Numbers,
+    tilt=(_EXTREME, None),
     saturated=Number,
     friction_available=Number,
 )
