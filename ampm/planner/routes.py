@@ -126,10 +126,16 @@ def read_footsteps(path: Path) -> list[dict[str, Any]]:
     try:
         text = io.StringIO(read_text(path), newline="")
         table = csv.DictReader(text, skipinitialspace=True, restkey="more cells than the header")
-        check_columns(map(str.strip, table.fieldnames or ()), path)
+        names = [name.strip() for name in table.fieldnames or ()]
+        check_columns(names, path)
         lines = [(table.line_num, row) for row in table]
-    except (FileNotFoundError, NotADirectoryError, csv.Error) as error:
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"there is no file {str(path)!r}; correct the name.") from None
+    except csv.Error as error:
         raise InputError(f"the file {str(path)!r} cannot be read ({error}); give a CSV file.") from None
+    needed = [name for name, field in FootstepParameters.model_fields.items() if field.is_required()]
+    if missing := [name for name in needed if names and name not in names]:
+        raise InputError(f"{path} has no column {missing[0]!r}; footsteps need {', '.join(needed)}.")
     rows = []
     for line, cells in lines:
         row = {str(name).strip(): _value(cell) for name, cell in cells.items() if cell}
