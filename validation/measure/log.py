@@ -118,7 +118,7 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
             columns = [_numbers(table, part, name) for part in parts]
             signals[key] = np.column_stack(columns) if axes else columns[0]
         elif len(missing) < len(parts):
-            raise InputError(f"{name} has no column {missing[0]!r}; {key} needs {', '.join(parts)}.")
+            raise InputError(f"{name} has no column {missing[0]!r}; give {', '.join(parts)}, or none.")
     if "belt_speed" in signals:
         signals["belt_way"] = cumulative_trapezoid(signals["belt_speed"], time, initial=0.0)
         for key in PLACES & signals.keys():
