@@ -127,7 +127,7 @@ class Table:
         return self.markdown()
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Title, table and notes for a terminal."""
+        """Title, table and notes for a terminal; empty without rows and notes."""
         table = TerminalTable()
         for number, header in enumerate(self.headers):
             words = all(" " not in row[number] and len(row[number]) < _LONG for row in self.rows)
@@ -141,7 +141,7 @@ class Table:
         for row in self.rows:
             style = "bold" if is_heading(row) else ""
             table.add_row(*(Text(cell, COLORS.get(cell.lower(), style)) for cell in row))
-        if self.title:
+        if self.title and (self.rows or self.notes):
             yield Text(self.title, style="bold")
         if self.rows:
             yield table
