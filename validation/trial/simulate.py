@@ -78,7 +78,7 @@ def simulate(
             f"take 1 ... {plan.contacts.steps} or raise gait.steps."
         )
     physics = Physics(planned.scene, run)
-    factory = controller or CONTROLLER.find(run.controller.name, run.controller.options)
+    factory = controller or CONTROLLER.find(*CONTROLLER.named(run))
     known = planned.body.again()
     with UsersCode("controller", factory):
         follower = factory(known, run.undisturbed, **run.controller.options)
