@@ -22,7 +22,6 @@ from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.support import StepPlan
 from ampm.run_file import load_run
-from validation.store.folders import output_file
 from validation.store.json import dump_json, write_json
 from validation.store.metric_table import metric_table, summary_title
 from validation.store.record import RECORD_FILES, load_model, load_record, read_header
@@ -208,8 +207,7 @@ def keep_digest_of_recording(directory: Path) -> None:
     """Enter the digest of a recording that was drawn into the summary of its run."""
     summary = read_summary(directory)
     summary["files"][RunFile.RECORDING] = _digest(directory / RunFile.RECORDING)
-    with output_file(directory / RunFile.SUMMARY) as work:
-        write_json(work, summary)
+    write_json(directory / RunFile.SUMMARY, summary)
 
 
 def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:

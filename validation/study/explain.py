@@ -22,9 +22,9 @@ from validation.judge.margins import SATURATED
 from validation.run.walk import walk_planned
 from validation.show.text import format_value
 from validation.store.folders import names_folder
-from validation.store.json import json_ready
+from validation.store.json import json_ready, write_json
 from validation.store.saved import load_saved_run
-from validation.study.many import Execution, Task, study_folder, walk_many, write_study
+from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.row_file import Row
 from validation.table import Table, Tabled, own_rows
 from validation.trial.disturbances import Disturbance, Recorded
@@ -298,7 +298,7 @@ def explain(
         rows.append({"layer": change.layer, "text": text, **row})
     result = Explanation(planned.request.title, *answer(trial, rows), trial, tuple(rows))
     for place in filter(None, (target, folder)):
-        write_study(result, place / RunFile.EXPLANATION)
+        write_json(place / RunFile.EXPLANATION, result.as_dict())
     return result
 
 
