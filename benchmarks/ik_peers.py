@@ -87,7 +87,11 @@ DISTRIBUTIONS = {"pink": "pin-pink", "mink": "mink"}
 
 def compare_kinematics(planned: PlannedWalk, progress: Progress) -> list[Peer]:
     """Ticks of our inverse kinematics, which also keeps the angular momentum, and of the others."""
-    robot, reference = planned.body.robot, ik_reference(planned)
+    run, robot = planned.run, planned.body.robot
+    steps = plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
+    offset = planned.motion.report.angular_momentum_y_offset / robot.mass
+    reference = step_reference(steps, step_grid(steps, run.solver.ik_time_step))
+    reference = reference.with_angular_momentum_y(offset)
     with progress.stage("inverse kinematics"):
         seconds, step = time_ik(planned, reference)
     peers = [Peer.of("ours", np.array(seconds), error_text(robot, reference, step.q))]
@@ -100,15 +104,6 @@ def compare_kinematics(planned: PlannedWalk, progress: Progress) -> list[Peer]:
                 continue
         peers.append(Peer.of(name, spans, error_text(robot, reference, q), DISTRIBUTIONS[name]))
     return peers
-
-
-def ik_reference(planned: PlannedWalk) -> StepReference:
-    """Tasks of the inverse kinematics over the first step of a periodic walk."""
-    run, robot = planned.run, planned.body.robot
-    steps = plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
-    offset = planned.motion.report.angular_momentum_y_offset / robot.mass
-    reference = step_reference(steps, step_grid(steps, run.solver.ik_time_step))
-    return reference.with_angular_momentum_y(offset)
 
 
 def time_ik(planned: PlannedWalk, reference: StepReference) -> tuple[list[float], StepTrajectory]:

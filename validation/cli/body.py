@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from ampm.files import absolute
 from validation.cli import options
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import JSON, SETTINGS, Status
@@ -67,8 +68,7 @@ def check(
     """
     from validation.run.body_check import check as check_body
 
-    source = str(Path(body).resolve()) if Path(body).is_file() else body
-    found = check_body(source, tuple(settings or ()), Narrator())
+    found = check_body(absolute(body), tuple(settings or ()), Narrator())
     if as_json:
         print_json(asdict(found))
     else:

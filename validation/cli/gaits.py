@@ -20,7 +20,6 @@ from validation.table import Table, format_number, print_tables
 
 if TYPE_CHECKING:
     from ampm.planner.centroidal import CentroidalPlan
-    from ampm.run_file import KeyInfo
     from ampm.tune.tuning import Tuned
     from validation.trial.plan import PlannedWalk, Request
 
@@ -223,7 +222,17 @@ def keys(
     from validation.trial.plan import load_request
 
     request = load_request(gait, settings or ())
-    found = [describe_key(info, request) for info in find_keys(*words or ())]
+    found = [
+        {
+            "key": info.key,
+            "value": request.run.value(info.key),
+            "default": info.default,
+            "unit": "" if info.unit == "1" else info.unit,
+            "bounds": info.range,
+            "meaning": info.meaning,
+        }
+        for info in find_keys(*words or ())
+    ]
     if as_json:
         print_json(found)
         return Status.PASS
@@ -236,15 +245,3 @@ def keys(
             rows.append((item["key"], str(item["value"]), item["unit"], meaning))
         print_tables([Table(f"{section} of {request.name}", ("key", ">value", "unit", "meaning"), rows)])
     return Status.PASS
-
-
-def describe_key(info: KeyInfo, request: Request) -> dict[str, Any]:
-    """A parameter as a JSON object: key, value in this gait, default, unit, bounds and meaning."""
-    return {
-        "key": info.key,
-        "value": request.run.value(info.key),
-        "default": info.default,
-        "unit": "" if info.unit == "1" else info.unit,
-        "bounds": info.range,
-        "meaning": info.meaning,
-    }

@@ -45,17 +45,6 @@ _SHOWN = 3  # keys of a change that are named
 Values = Mapping[str, Any]
 
 
-def other_controller(run: RunParameters) -> Values:
-    """Keys of the project's controller with its settings for the body; from these on, of a tighter one."""
-    usual = load_request(None, body=run.body.source).run
-    values = {key: usual.value(key) for key in keys() if key.startswith("controller.")}
-    values |= {"controller.frequency": run.controller.frequency, "controller.options": {}}
-    if any(run.value(key) != value for key, value in values.items()):
-        return values
-    factors = {"controller.com_stiffness": TIGHTER, "controller.com_damping": math.sqrt(TIGHTER)}
-    return {key: factor * run.value(key) for key, factor in factors.items()}
-
-
 @dataclass(frozen=True)
 class Change:
     """One layer made ideal, or another one in its place: a row of ``layers.csv``."""
@@ -70,8 +59,14 @@ class Change:
         wanted = self.keys.split()
         every = (*keys(), *OPTION_TABLES)
         changed = [key for key in every if key in wanted or key.partition(".")[0] in wanted]
-        if self.value == "another":
-            return other_controller(run)
+        if self.value == "another":  # the project's controller with its settings for the body, else tighter
+            usual = load_request(None, body=run.body.source).run
+            values = {key: usual.value(key) for key in keys() if key.startswith("controller.")}
+            values |= {"controller.frequency": run.controller.frequency, "controller.options": {}}
+            if any(run.value(key) != value for key, value in values.items()):
+                return values
+            factors = {"controller.com_stiffness": TIGHTER, "controller.com_damping": math.sqrt(TIGHTER)}
+            return {key: factor * run.value(key) for key, factor in factors.items()}
         if self.value == "drake":
             return dict.fromkeys(changed if find_spec("pydrake") else [], self.value)
         if self.value == "default":
