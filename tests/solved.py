@@ -52,7 +52,7 @@ class Walk(NamedTuple):
 def walk_of(*overrides: str) -> Walk:
     """The walk :data:`WALK` with some settings changed."""
     run = load_run(None, [*WALK, *overrides])
-    model = build_body(run.body, run.contact, run.simulation)
+    model = build_body(run)
     robot = make_robot(model.compile(), model.description)
     plan = plan_steps(run.gait, run.body.mass, run.foot, model.description.sole)
     return Walk(run, plan, robot)
@@ -69,7 +69,7 @@ def motion_of(*overrides: str) -> WholeBodyMotion:
 def body_of(*overrides: str) -> BodyModel:
     """The simulated body, with some settings changed."""
     run = walk_of(COARSE, *overrides).run
-    return build_body(run.body, run.contact, run.simulation)
+    return build_body(run)
 
 
 def replays(record: SimulationRecord, *overrides: str) -> bool:

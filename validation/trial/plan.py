@@ -223,7 +223,7 @@ def own_gait(run: RunParameters) -> RunParameters:
     from ampm.tune.first_gait import first_gait
     from models.build import build_body
 
-    return first_gait(run, build_body(run.body, run.contact, run.simulation).description)
+    return first_gait(run, build_body(run).description)
 
 
 def make_body(run: RunParameters) -> Body:
@@ -232,7 +232,7 @@ def make_body(run: RunParameters) -> Body:
     from models.build import build_body
     from validation.trial.engine import check_drake
 
-    model = build_body(run.body, run.contact, run.simulation)
+    model = build_body(run)
     if run.simulation.engine == "drake":
         check_drake(run, model.compile())
     return Body.of(model)

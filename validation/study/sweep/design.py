@@ -30,7 +30,7 @@ from validation.trial.plan import own_gait
 
 MOST_CASES = 100_000
 """Runs of one sweep at most, and points of a sampled block: of 10 s each they take 12 days of a core."""
-STEPS_KEY, CONTROLLER_KEY, PLANNER_KEY = "gait.steps", "controller.name", "gait.planner"
+STEPS_KEY, PLANNER_KEY = "gait.steps", "gait.planner"
 ENGINE_KEY = "simulation.engine"
 BODY_KEY = "body.source"
 DELAY_KEY = "sensors.delay"
