@@ -72,12 +72,11 @@ def check(
     if as_json:
         print_json(asdict(found))
     else:
-        print_check(found)
+        _print(found)
     return Status.REFUSED if found.refusal else Status.PASS
 
 
-def print_check(found: BodyCheck) -> None:
-    """Print a check for a reader."""
+def _print(found: BodyCheck) -> None:
     facts = [
         (name, format_number(value), "" if unit == "1" else unit)
         for name, (value, unit) in found.facts.items()

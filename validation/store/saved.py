@@ -17,6 +17,7 @@ from pydantic import TypeAdapter
 
 from ampm.description import BodyDescription
 from ampm.exceptions import AmpmError, InputError
+from ampm.files import check_regular
 from ampm.parameters import RunParameters
 from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.step_planners import STEP_PLANNERS
@@ -195,12 +196,11 @@ def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
 
 def _digest(path: Path) -> str:
     """SHA-256 of a file, empty if there is none; raises InputError if it is not a regular file."""
-    if path.is_file():
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    if path.exists():  # to open a pipe would wait for its writer
-        raise InputError(f"{path} is not a regular file; give the folder of a finished run.")
-    return ""
+    check_regular(path)
+    if not path.exists():
+        return ""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def keep_digest_of_recording(directory: Path) -> None:
