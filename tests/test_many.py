@@ -4,7 +4,6 @@ import os
 import re
 import sys
 import time
-from collections.abc import Iterable
 from contextlib import nullcontext
 from pathlib import Path
 from types import ModuleType
@@ -19,7 +18,7 @@ from validation.cli import console
 from validation.progress import Progress, Stage
 from validation.store.machine import hidden_main
 from validation.study.many import Task, walk_many
-from validation.study.row_file import ROWS, RowFile, read_rows
+from validation.study.row_file import ROWS, RowFile
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 
@@ -41,35 +40,10 @@ def tasks(count: int) -> list[Task]:
     return [Task(str(n), square, {"number": n}) for n in range(count)]
 
 
-def squares(folder: Path | None, items: Iterable[Task]) -> dict[str, int]:
-    rows = walk_many(items, out=folder, resume=folder is not None, workers=0)
-    return {row["key"]: row["square"] for row in rows}
-
-
-def test_other_options_are_another_run(tmp_path):
-    squares(tmp_path, [Task("a", square, {"number": 2})])
-    assert squares(tmp_path, [Task("a", square, {"number": 3})]) == {"a": 9}
-    assert len(list(read_rows(tmp_path))) == 2
-
-
-def test_stored_rows_are_not_walked_again(tmp_path):
-    first = squares(tmp_path, tasks(4))
-    lines = (tmp_path / ROWS).read_text().splitlines(keepends=True)
-    (tmp_path / ROWS).write_text("".join(lines[:2]))
-    assert squares(tmp_path, tasks(4)) == first == {str(n): n**2 for n in range(4)}
-    assert len(list(read_rows(tmp_path))) == len(first)
-
-
-def test_known_rows_need_no_walk(tmp_path):
-    refused = Task("no", fail, {"number": 0}, known={"outcome": "refused", "square": -1})
-    assert squares(tmp_path, [refused, *tasks(1)]) == {"no": -1, "0": 0}
-
-
 def test_damaged_line_is_named(tmp_path):
-    squares(tmp_path, tasks(1))
     (tmp_path / ROWS).write_text("no row\n")
     with pytest.raises(InputError, match="line 1 of"):
-        squares(tmp_path, tasks(1))
+        list(walk_many(tasks(1), out=tmp_path, resume=True, workers=0))
 
 
 def test_bad_runs_are_rows_and_the_others_go_on(tmp_path):

@@ -208,9 +208,9 @@ def walk_many(
             yield from refill()
             while workers == 0 and ready:  # in this very process
                 task = ready.pop()
+                yield from refill()
                 yield finished(task, {"worker": "", **attempt(task.work, task.options)})
                 show()
-                yield from refill()
             if not ready:
                 return
             with open_pool(workers, scheduler, limit) as processes:
