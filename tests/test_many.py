@@ -18,7 +18,7 @@ from validation.cli import console
 from validation.progress import Progress, Stage
 from validation.store.machine import hidden_main
 from validation.study.many import Task, walk_many
-from validation.study.row_file import ROWS, RowFile
+from validation.study.row_file import ROWS, RowFile, read_rows
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 
@@ -38,6 +38,13 @@ def fail(number: int) -> dict[str, object]:
 
 def tasks(count: int) -> list[Task]:
     return [Task(str(n), square, {"number": n}) for n in range(count)]
+
+
+def test_other_options_are_another_run(tmp_path):
+    for number in (2, 3):
+        rows = walk_many([Task("a", square, {"number": number})], out=tmp_path, resume=True, workers=0)
+        assert [row["square"] for row in rows] == [number**2]
+    assert len(list(read_rows(tmp_path))) == 2
 
 
 def test_damaged_line_is_named(tmp_path):
