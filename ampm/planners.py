@@ -10,14 +10,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ampm.body.constant_posture import ConstantPosture
 from ampm.body.feasibility import check_body
-from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
-from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
-from ampm.body.step_reference import step_reference
-from ampm.body.walk_motion import check_walk
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import GRAVITY, NO_PLAN, RunParameters
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
@@ -76,6 +71,9 @@ def _across(walk: WalkPlan, steps: StepPlan, run: RunParameters, robot: Robot) -
     Raises:
         BodilyRefusal: a leg is too short for the start.
     """
+    from ampm.body.inverse_kinematics import InverseKinematics  # here, as it is compiled
+    from ampm.body.step_reference import step_reference
+
     posture = walk.posture.sample(0.0)
     reference = step_reference(steps, np.zeros(1))
     start = InverseKinematics(robot, run).project(reference, 0, posture.q[0], posture.v[0])
@@ -90,6 +88,9 @@ def periodic_motion(steps: StepPlan, run: RunParameters, robot: Robot) -> WholeB
         InputError: the grid is too coarse for the posture's gains.
     """
     check_body(steps, robot.description)
+    # Imported here, as the inverse kinematics is compiled.
+    from ampm.body.orbit import solve_motion
+
     return solve_motion(steps, run, robot)
 
 
@@ -181,6 +182,9 @@ def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkP
         momentum = closed.phases[0].angular_momentum
         steps = replace(steps, phases=(steps.phases[0]._replace(angular_momentum=momentum),))
         return periodic_walk(steps, periodic_motion(closed, run, robot), robot)
+    # Imported here, as the inverse kinematics is compiled.
+    from ampm.body.constant_posture import ConstantPosture
+
     check_body(steps, robot.description)
     return WalkPlan.of(steps, posture=ConstantPosture(steps, run, robot))
 
@@ -261,6 +265,10 @@ class StandingPlanner:
         Raises:
             BodilyRefusal: the body cannot stand.
         """
+        # Imported here, as the inverse kinematics is compiled.
+        from ampm.body.constant_posture import ConstantPosture
+        from ampm.body.inverse_kinematics import InverseKinematics
+
         q, duration, sole = pin.neutral(robot.model), run.command.duration, robot.description.sole
         q[7:] = InverseKinematics(robot, run).rest
         q[robot.knee_joints + 1] = robot.straight_knees
@@ -314,6 +322,10 @@ def _walk_over(steps: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:
     Raises:
         BodilyRefusal: the body cannot walk it.
     """
+    # Imported here, as the inverse kinematics is compiled.
+    from ampm.body.constant_posture import ConstantPosture
+    from ampm.body.walk_motion import check_walk
+
     for angle in (SPREAD_ARMS, 2.0 * SPREAD_ARMS):
         spread = run.replace({"body.arm_abduction": max(run.body.arm_abduction, angle)})
         posture = ConstantPosture(steps, spread, robot, stops(steps.contacts))
