@@ -36,6 +36,9 @@ WALK = (
 )
 """A walk well within the body's reach, whatever the presets are tuned to, a step of the physics per tick."""
 
+QUICK = {"gait": {"steps": 2}, "solver": {"ik_time_step": 0.01}, "simulation": {"time_step": 0.002}}
+"""Sections of a short walk, for tests that need no accuracy."""
+
 COARSE = "solver.ik_time_step=0.004"
 """Half the default's instants, for tests that need no more."""
 

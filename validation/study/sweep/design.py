@@ -451,16 +451,13 @@ def dump_sweep(definition: SweepDefinition) -> str:
         words = block.model_dump(by_alias=True, exclude_none=True)
         values = words.pop("keys")
         vary.append({**words, **values})
-    table = {"sweep": head, "set": dict(definition.set), "vary": vary}
+    table: dict[str, Any] = {"sweep": head, "set": dict(definition.set), "vary": vary}
     # The file of a gait may change or be missing later, so its contents are included.
     gaits = definition.gaits
     if not set(gaits) <= set(PRESETS) or definition.base != tuple(map(load_run, gaits)):
-        table["base"] = [_kept(base) for base in definition.base]
+        table["base"] = []
+        for run in definition.base:  # what is given, and what differs from the defaults
+            kept = run.given | {key for key in keys() if run.value(key) != key_info(key).default}
+            sections = run.giving(kept).model_dump(exclude_unset=True)
+            table["base"].append({name: section for name, section in sections.items() if section})
     return tomli_w.dumps(table)
-
-
-def _kept(run: RunParameters) -> dict[str, Any]:
-    """What is given of a run, and what differs from the defaults."""
-    kept = run.given | {key for key in keys() if run.value(key) != key_info(key).default}
-    sections = run.giving(kept).model_dump(exclude_unset=True)
-    return {name: section for name, section in sections.items() if section}
