@@ -6,7 +6,7 @@ import sys
 import time
 from contextlib import nullcontext
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ import pytest
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.cli import console
-from validation.progress import Progress, Stage
+from validation.progress import Stage
 from validation.store.machine import hidden_main
 from validation.study.many import Task, walk_many
 from validation.study.row_file import ROWS, RowFile, read_rows
@@ -117,18 +117,10 @@ def test_a_log_gets_lines_with_the_count_the_time_that_is_left_and_the_note(caps
     assert re.fullmatch(r"walks: \d+\.\d s", lines[2])
 
 
-class Counted(Progress):
-    """Keeps what is reported."""
-
-    def __init__(self) -> None:
-        self.seen: list[tuple[int, int]] = []
-
-    def stage(self, label, unit=""):
-        return nullcontext(Stage(lambda done, total: self.seen.append((done, total))))
-
-
 def test_a_study_counts_its_tasks():
-    progress = Counted()
+    seen: list[tuple[int, int]] = []
+    stage = Stage(lambda done, total: seen.append((done, total)))
+    progress: Any = SimpleNamespace(stage=lambda label, unit: nullcontext(stage))
     assert len(list(walk_many(tasks(3), workers=0, progress=progress))) == 3
-    assert progress.seen == sorted(progress.seen)
-    assert (progress.seen[0], progress.seen[-1]) == ((0, 3), (3, 3))
+    assert seen == sorted(seen)
+    assert (seen[0], seen[-1]) == ((0, 3), (3, 3))
