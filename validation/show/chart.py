@@ -144,7 +144,8 @@ class Chart:
         lines: list[list[tuple[float, Mark]]] = []
         room = math.inf
         for mark in self.marks:
-            needed = 22 + _width(mark.label)
+            widths = (next((w for of, w in _LETTERS.items() if x in of), 5.2) for x in mark.label)
+            needed = 22 + sum(widths)
             if mark.label:
                 if room + needed > self.width + 4:
                     lines.append([])
@@ -243,11 +244,6 @@ def _fitted(charts: Sequence[Chart], width: float) -> list[Chart]:
         found.append(replace(new, top=chart.top + moved))
         moved += height - chart.height
     return found
-
-
-def _width(text: str) -> float:
-    """Width of a text in letters of 8 pt [pt]."""
-    return sum(next((size for of, size in _LETTERS.items() if letter in of), 5.2) for letter in text)
 
 
 def _points(x: ArrayLike, y: ArrayLike) -> Array:
