@@ -110,7 +110,7 @@ class Table:
         notes = [rf"\par\raggedright {tex(note)}" for note in self.notes]
         lines = [
             r"\begin{table*}\centering\footnotesize",
-            rf"\caption{{{tex(self.title)}}}",
+            rf"\caption{{{tex(self.title[:1].upper() + self.title[1:])}}}",
             rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}\toprule",
             " & ".join(map(tex, self.headers)) + r" \\ \midrule",
             *body,

@@ -257,6 +257,8 @@ def _ticks(low: float, high: float, most: float) -> list[tuple[float, str]]:
     step = next(n * 10.0**power for n in (1, 2, 2.5, 5, 10) if n * 10.0**power >= least * (1 - 1e-9))
     decimals = len(f"{step:.12f}".rstrip("0").partition(".")[2])
     numbers = range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
+    if len(numbers) < 2:  # one shows no scale
+        return _ticks(low, high, 2.0 * max(most, 2.0))
     return [(n * step, f"{n * step:.{decimals}f}".replace("-", "\u2212")) for n in numbers]
 
 
