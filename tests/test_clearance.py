@@ -35,7 +35,7 @@ def between_segments(a, b):
 def bent(**angles):
     """The closest parts of the default human, some of whose joints are bent."""
     run = load_run("normal")
-    model = build_body(run.body, run.contact, run.simulation).compile()
+    model = build_body(run).compile()
     q = model.qpos0.copy()
     for joint, angle in angles.items():
         q[model.joint(joint).qposadr[0]] = angle

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ampm.description import SoleGeometry
-from ampm.geometry import Array, blocks, convex_hull, polygon_margin
+from ampm.geometry import Array, blocks, polygon_margin
 from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.contacts import times_within
@@ -32,18 +32,6 @@ class StepPlan(CentroidalPlan):
         points = np.concatenate([left.sole_points[:, :, :2], right.sole_points[:, :, :2]], axis=1)
         contact = np.concatenate([left.contact.repeat(2, axis=1), right.contact.repeat(2, axis=1)], axis=1)
         return points, contact
-
-    def support_polygon(self, time: float) -> Array:
-        """Convex hull of the sole points planned in contact at one time.
-
-        Returns:
-            Corners in world, anticlockwise, shape (k, 2) [m]; two where only a line touches the floor.
-
-        Raises:
-            InputError: the time lies outside the plan.
-        """
-        points, contact = self.points_in_contact(times_within(time, self.duration))
-        return convex_hull(points[0, contact[0]])
 
     def zmp_margin(self, times: ArrayLike) -> Array:
         """Signed distance of the planned ZMP to the edge of the support polygon.
