@@ -191,11 +191,13 @@ class Touch(NamedTuple):
         contact: sole points in contact, shape (P,), bool.
         normal_force: latest normal force of every sole point, shape (P,) [N].
         age: how old that force is [s].
+        threshold: load below which a touch may be missed [N].
     """
 
     contact: Flags
     normal_force: Array
     age: float = 0.0
+    threshold: float = 0.0
 
 
 SOLVED, LIMITED, UNSOLVED = 0, 1, 2

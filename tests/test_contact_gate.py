@@ -29,10 +29,10 @@ class Gate:
         self.wanted = wanted_of(np.zeros(1, reference_type(robot.nq, robot.nv)))
         self.wanted.until_lift[:] = np.inf
 
-    def update(self, planned, due, sensed):
+    def update(self, planned, due, sensed, missed=0.0):
         self.points["touching"] = sensed
         self.wanted.planned[:], self.wanted.due[:] = planned, due
-        self.landing = update_gate(self.wanted, GAINS, self.first, False, self.points, self.lines)
+        self.landing = update_gate(self.wanted, GAINS, self.first, False, missed, self.points, self.lines)
         self.first = False
 
     def limits(self):
@@ -76,6 +76,16 @@ def test_a_group_opens_where_it_is_due_and_has_touched(robot, gate, planned, due
     assert gate.limits() == pytest.approx(expected)
     assert gate.landing == bool(left)
     assert gate.lines["touching"][0].tolist() == [group in left for group in range(3)]
+
+
+def test_a_planned_line_whose_touch_may_be_missed_opens_a_little(robot, gate):
+    for _ in range(3):
+        gate.update(ALL, ALL, touch(robot, right=(0, 1, 2)), missed=0.03)
+    assert gate.limits() == [0.03, 0.03, 0.0]
+    assert gate.landing
+    assert not gate.lines["touched"][0].any()
+    gate.update(ALL, ALL, touch(robot, left=(HEEL,), right=(0, 1, 2)), missed=0.03)
+    assert gate.limits() == pytest.approx([0.03 + RATE, 0.03, 0.0])
 
 
 def test_a_group_opens_over_the_ramp_once_one_of_its_points_has_touched(robot, gate):

@@ -5,6 +5,10 @@ floor, and the ZMP would jump by centimetres. A line (the heel, ball or tip poin
 points touches and stays open until its planned lift-off: a foot that stands on one point of a line is turned
 back by the planned force of the other point, and would be turned over without it. Tips open after the ball,
 unless they alone hold the body.
+
+A foot that presses with less than the threshold of its sensor is not found, and without an opening it would
+not press with more. So a planned line that does not touch opens a little: the share of the threshold in the
+weight.
 """
 
 from typing import Any
@@ -18,7 +22,7 @@ OFF = 2
 
 @compiled
 def update_gate(
-    wanted: Any, gains: Any, first: bool, close_lifted_tips: bool, points: Any, lines: Any
+    wanted: Any, gains: Any, first: bool, close_lifted_tips: bool, missed: float, points: Any, lines: Any
 ) -> bool:
     """Advance the lines by one tick, and give the points their openings.
 
@@ -28,6 +32,7 @@ def update_gate(
         first: a run starts standing on the planned points.
         close_lifted_tips: tips off the floor carry no force, or that of a toe that a torque has lifted would
             keep it there.
+        missed: load below which a touch may be missed, as share of the weight; a planned line opens so far.
         points: that touch.
         lines: of the last tick.
 
@@ -55,7 +60,8 @@ def update_gate(
             if group == TIP:  # a loaded tip would keep the ball off the floor
                 held = held and lines[foot, BALL].touched
             line.touched = held
-            line.opening = min(line.opening + rate, 1.0) if held else 0.0
+            most = 1.0 if held else missed if line.planned and group != TIP else 0.0
+            line.opening = min(line.opening + rate, most)
             line.limit = min(line.opening, until_lift / ramp)
             line.off = 0 if line.touching else line.off + 1
             if close_lifted_tips and group == TIP and line.off > OFF and until_lift > ramp:

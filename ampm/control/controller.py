@@ -109,6 +109,7 @@ class TrackingController:
         sensed = work.sensed
         sensed.q[:], sensed.v[:] = state.q, state.v
         sensed.normal_force[:], sensed.contact[:] = touch.normal_force, touch.contact
+        sensed.threshold[0] = touch.threshold
         if first:
             work.motion.last_acceleration[:] = work.wanted.acceleration
         if self._before is None:  # with the stepping stabiliser if it is used

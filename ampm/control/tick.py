@@ -112,11 +112,12 @@ def kinematics(body: PlacedBody, motion: Motion, tasks: Tasks, sensed: Sensed, v
 @compiled
 def contacts(work: Workspace, first: bool) -> bool:
     """Which sole points may carry force; whether any of them has just touched down."""
-    points, stepping = work.body.points, work.stepping[0]
+    points, stepping, lines = work.body.points, work.stepping[0], work.contact.lines
     for i in range(len(points)):
         points[i].sensed, points[i].touching = work.sensed.normal_force[i], work.sensed.contact[i]
     close_lifted_tips = stepping.active and not stepping.off_plan
-    return update_gate(work.wanted, work.gains, first, close_lifted_tips, points, work.contact.lines)
+    missed = work.sensed.threshold[0] / (work.body.mass * work.body.gravity)
+    return update_gate(work.wanted, work.gains, first, close_lifted_tips, missed, points, lines)
 
 
 @compiled

@@ -130,6 +130,7 @@ class Sensed(NamedTuple):
     v: Annotated[Array, ("nv",)]  # velocity
     normal_force: Annotated[Array, ("P",)]  # of every sole point [N]
     contact: Annotated[Flags, ("P",)]  # sole points that touch
+    threshold: Annotated[Array, (1,)]  # load below which a touch may be missed [N]
 
 
 Wanted: Any = namedtuple("Wanted", ["smooth", *FIELDS])  # type: ignore[misc]

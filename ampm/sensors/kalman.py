@@ -123,6 +123,7 @@ class Kalman:
         self._turn_root = bound(turn_root, (handle,), ZERO)
         self._constant = np.r_[9:15, POINTS + 3 * points : len(growth) - len(spin)]
         self._start = start_errors**2
+        self._threshold = sensors.contact_threshold
         self._hinge = max(1e-8, sensors.angle_bias**2), 0.0, 1e-4
         self.begin(start)
 
@@ -157,7 +158,8 @@ class Kalman:
             f.position[:] = fix
         self._update(commanded, self._read, now, age, fix is not None, self._q, self._v)
         self._tick, self._read = now, now - age
-        return State(now, self._q, self._v, f.lag), Touch(f.contact, f.force, 2.0 * f.lag + age)
+        touch = Touch(f.contact, f.force, 2.0 * f.lag + age, self._threshold)
+        return State(now, self._q, self._v, f.lag), touch
 
 
 def _hinges(robot: Robot, worn: bool) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:

@@ -31,9 +31,6 @@ IN_AIR = 0.1
 TARE = 0.1
 """Time constant of that offset [s]."""
 
-
-FAINT = 4.0
-"""Load, over the noise, that a foot bears on the floor if it does so at two ticks [1]."""
 SCALE = 0.3
 """Time constant in which a foot that stands alone finds the scale of its sensor [s]."""
 
@@ -47,13 +44,11 @@ class Soles(NamedTuple):
     scale: Array  # what of the wrenches is read, found by the weight on a foot that stands alone, (2,) [1]
     felt: Array  # the wrenches without offset and scale, in world axes, (2, 6) [N, N m]
     tared: Any  # whether the offsets were found, (2,)
-    pressed: Any  # ticks since its load was faint, (2,)
     unloaded: Array  # time since the foot was loaded, (2,) [s]
     loaded: Any  # feet that carry load, (2,)
     touching: Any  # their lines of points, (2, 3)
     line: Any  # of every sole point, (P,)
     threshold: float  # load at which a foot or a line touches; half of it to go on touching [N]
-    faint: float  # load at which a foot with a known offset touches at the second tick [N]
     period: float  # of a control tick [s]
     weight: float  # of the body, if the sensors have errors of scale; else 0 [N]
 
@@ -67,13 +62,11 @@ def soles_of(robot: Robot, run: RunParameters) -> Soles:
         scale=np.ones(2),
         felt=np.zeros((2, 6)),
         tared=np.full(2, not (run.sensors.force_bias or run.sensors.moment_bias)),
-        pressed=np.zeros(2, dtype=np.int64),
         unloaded=np.zeros(2),
         loaded=np.zeros(2, dtype=bool),
         touching=np.zeros((2, 3), dtype=bool),
         line=robot.point_group.copy(),
         threshold=run.sensors.contact_threshold,
-        faint=FAINT * max(run.sensors.force_noise, 0.5),
         period=1.0 / run.controller.frequency,
         weight=robot.mass * robot.gravity if run.sensors.force_scale_bias else 0.0,
     )
@@ -125,9 +118,7 @@ def tared(s: Soles, link: Any, foot: int) -> tuple[Vector, Vector]:
     share = 1.0 / s.scale[foot]
     load = times(share, turned(turn, vector(s.wrench[foot, 0:3] - s.offset[foot, 0:3])))
     moment = times(share, turned(turn, vector(s.wrench[foot, 3:6] - s.offset[foot, 3:6])))
-    s.pressed[foot] = s.pressed[foot] + 1 if load[2] > s.faint else 0
-    touches = s.tared[foot] and s.pressed[foot] > 1
-    s.loaded[foot] = touches or load[2] > (0.5 if s.loaded[foot] else 1.0) * s.threshold
+    s.loaded[foot] = load[2] > (0.5 if s.loaded[foot] else 1.0) * s.threshold
     if s.weight > 0.0 and s.loaded[foot] and not s.loaded[1 - foot]:
         s.scale[foot] *= 1.0 + s.period / SCALE * (load[2] / s.weight - 1.0)
     s.unloaded[foot] = 0.0 if s.loaded[foot] else s.unloaded[foot] + s.period

@@ -205,7 +205,7 @@ class Sensors:
         contact, force = readings.contact, readings.force
         if self._soles is not None and readings.wrench is not None:
             force, contact = self._soles.update(q, readings.wrench)
-        touch = Touch(contact, force, self._time_step)
+        touch = Touch(contact, force, self._time_step, self.parameters.contact_threshold)
         return State(readings.time, q, v, 0.5 * self._time_step), touch
 
 
