@@ -20,7 +20,7 @@ from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import orbit_margins, plan_margins, tightest
+from ampm.tune.gait_limits import least, orbit_margins, plan_margins, tightest
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Candidate:
 
     def worst(self) -> float:
         """Least normalised margin; minus infinity where there is no periodic step."""
-        return -math.inf if self.orbit is None else min(self.margins().values())
+        return -math.inf if self.orbit is None else least(self.values)
 
     def state(self) -> Array:
         """Margins and unknowns of the periodic step, which the search takes as linear in the choices."""
