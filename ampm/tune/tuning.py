@@ -125,10 +125,10 @@ def _tuned(run: RunParameters, robot: Robot, report: Report, effort: Effort) -> 
     space = FreeChoices(run, run.given, robot.description, _PELVIS)
     _check_pace(space)
     present = _present(space, robot)
-    if present is not None and present.worst() >= _SPARE:
-        return present
     if present is None:
         return _searched(space, robot, report, effort)
+    if present.worst() >= _SPARE:
+        return present
     try:
         tuned = _searched(space, robot, report, replace(effort, starts=0))
     except RefusedGait:
@@ -260,7 +260,7 @@ class NoFeasibleChoice(BodilyRefusal):
 
     Attributes:
         tried: how many choices had been tried.
-        values: of all limits for the best choice, by name in :data:`LIMITS`.
+        values: of all limits for the best choice, by name in :data:`LIMITS`; none without a periodic step.
     """
 
     def __init__(self, why: str, *, tried: int, values: Mapping[str, float], **refusal: Any) -> None:

@@ -59,7 +59,7 @@ class Shapes:
         ]
         self._pairs = pairs[:, np.array(apart, dtype=bool)]
         ellipsoid = model.geom_type == mujoco.mjtGeom.mjGEOM_ELLIPSOID
-        self._boxes = model.geom_aabb.reshape(-1, 2, 3), ellipsoid, np.ascontiguousarray(self._pairs.T)
+        self.boxes = model.geom_aabb.reshape(-1, 2, 3), ellipsoid, np.ascontiguousarray(self._pairs.T)
         segment = [str(model.body(number).name).replace("_", " ") for number in model.geom_bodyid.tolist()]
         self._names = [f"{segment[a]} and {segment[b]}" for a, b in self._pairs.T.tolist()]
 
@@ -106,7 +106,7 @@ class Shapes:
         for row, configuration in enumerate(configurations):
             data.qpos[:] = configuration
             mujoco.mj_kinematics(model, data)
-            bound = least_distances(*self._boxes, data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3))
+            bound = least_distances(*self.boxes, data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3))
             close = np.flatnonzero(bound < REACH)
             close = close[np.argsort(bound[close])]
             best, nearest = REACH, -1
