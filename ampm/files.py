@@ -66,3 +66,8 @@ def check_columns(names: Iterable[str], path: Path) -> None:
         raise InputError(f"{path} has semicolons between its columns; put commas there.")
     if twice := [name for name, number in Counter(names).items() if number > 1]:
         raise InputError(f"{path} has the column {twice[0]!r} twice; remove one of them.")
+
+
+def absolute(name: str) -> str:
+    """The name of a file with its folder, so that it holds everywhere; any other text unchanged."""
+    return str(Path(name).resolve()) if Path(name).is_file() else name

@@ -232,12 +232,12 @@ class FootstepParameters(Section, section="footsteps"):
     )
 
 
-NAMES: Mapping[str, tuple[str, str]] = {
-    "planner": ("gait", "planner"),
-    "controller": ("controller", "name"),
-    "sensors": ("sensors", "estimator"),
+OPTION_TABLES: Mapping[str, str] = {
+    "planner.options": "gait.planner",
+    "controller.options": "controller.name",
+    "sensors.options": "sensors.estimator",
 }
-"""Section with the options of a class to section and key of its name, after which they may stand, too."""
+"""Tables of the options of users' classes, and the keys of their names, after which they may stand, too."""
 
 
 class Counts(NamedTuple):
@@ -281,7 +281,8 @@ class RunParameters(Section):
     def _split_names(cls, table: dict[str, Any]) -> dict[str, Any]:
         """Take the options of a class from its name, as in ``quintic:Quintic,roll=0.09``."""
         table = dict(table)
-        for where, (section, key) in NAMES.items():
+        for options, names in OPTION_TABLES.items():
+            (section, key), where = names.split("."), options.partition(".")[0]
             named: Any = table.get(section)
             text = named.get(key) if isinstance(named, dict) else None
             if isinstance(text, str) and "," in text and not os.path.isfile(text):
@@ -427,8 +428,6 @@ FIELDS: Mapping[str, Any] = {
     for key, field in section.model_fields.items()
 }
 """Fields by namespaced key in the order of the file: meaning, unit, default and bounds."""
-OPTION_TABLES = tuple(key for key in FIELDS if key.endswith(f".{OPTIONS}"))
-"""Tables of the options of users' classes: ``controller.options`` and others."""
 OPEN_KEYS = tuple(key for key, field in FIELDS.items() if OPEN in field.metadata)
 """Keys that a gait may leave open, to be found for the rest."""
 
@@ -444,12 +443,13 @@ def drop_options(table: dict[str, Any], changes: Mapping[str, Any]) -> None:
 
     Options beside a default name are meant for a class that is still to be named.
     """
-    for where, (section, key) in NAMES.items():
+    for options, name in OPTION_TABLES.items():
+        section, key = name.split(".")
         sides = [side.get(section) for side in (table, changes)]
         old, new = (side.get(key) if isinstance(side, Mapping) else None for side in sides)
         names = {str(text).partition(",")[0] for text in (old, new)}
-        if None not in (old, new) and len(names) > 1 and old != FIELDS[f"{section}.{key}"].default:
-            table.get(where, {}).pop(OPTIONS, None)
+        if None not in (old, new) and len(names) > 1 and old != FIELDS[name].default:
+            table.get(options.partition(".")[0], {}).pop(OPTIONS, None)
 
 
 def is_option(key: str) -> bool:

@@ -73,7 +73,7 @@ def _time(request: "Request", walks: int, narrator: Narrator) -> tuple[list[Tabl
     for time_step in TIME_STEPS:
         changed = request.run.replace({"simulation.time_step": time_step})
         loops.append(time_loop(plan_walk(replace(request, run=changed)), walks, narrator))
-    results = {"loop": [asdict(walk) for walk in loops], "run": [asdict(cost) for cost in costs]}
+    results = {"loop": [asdict(walk) for walk in loops], "run": [cost._asdict() for cost in costs]}
     return [loop_table(loops), cost_table(costs)], results
 
 

@@ -1,7 +1,7 @@
 """One step of differential inverse kinematics by pink and mink, on the tasks of ours."""
 
 import time
-from typing import Any, Protocol
+from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
@@ -25,100 +25,73 @@ DAMPING = 1e-9
 _ROUNDS = 3  # equal passes over the step, of which the least times count
 
 
-class Follower(Protocol):
-    """A library with one body."""
-
-    def tick(self, com: Array, sole: Array, turn: Array, time_step: float) -> None:
-        """Move towards targets for one time step [s].
-
-        Args:
-            com: in world, shape (3,) [m].
-            sole: places of both soles in world, shape (2, 3) [m].
-            turn: their rotations to world, shape (2, 3, 3).
-            time_step: [s].
-        """
-        ...
-
-    @property
-    def q(self) -> Array:
-        """Configuration in Pinocchio's coordinates, shape (nq,)."""
-        ...
+Move = Callable[[Array, Array, Array, float], None]
+"""One time step [s] towards targets in world: COM (3,) [m], both soles (2, 3) [m], and their rotations."""
+Follower = tuple[Move, Callable[[], Array]]
+"""A library with one body: its time step, and the configuration in Pinocchio's coordinates, shape (nq,)."""
 
 
-class Pink:
-    """pink on the Pinocchio model of the robot, from a first configuration (nq,)."""
+def pink_follower(planned: PlannedWalk, q: Array) -> Follower:
+    """Pink on the Pinocchio model of the robot, from a first configuration (nq,)."""
+    import pink  # an optional package
 
-    def __init__(self, planned: PlannedWalk, q: Array) -> None:
-        import pink  # an optional package
+    robot = planned.body.robot
+    frames = robot.model.frames
+    feet = [pink.tasks.FrameTask(frames[frame].name, TASK, TASK) for frame in robot.sole_frames]
+    com, posture = pink.tasks.ComTask(TASK), pink.tasks.PostureTask(POSTURE)
+    trunk = pink.tasks.FrameTask(frames[robot.trunk_frame].name, 0.0, TRUNK)
+    configuration = pink.Configuration(robot.model, robot.model.createData(), q)
+    for task in (trunk, posture):
+        task.set_target_from_configuration(configuration)
+    tasks = [*feet, com, trunk, posture]
 
-        self.pink, robot = pink, planned.body.robot
-        frames = robot.model.frames
-        self.feet = [pink.tasks.FrameTask(frames[frame].name, TASK, TASK) for frame in robot.sole_frames]
-        self.com = pink.tasks.ComTask(TASK)
-        trunk = pink.tasks.FrameTask(frames[robot.trunk_frame].name, 0.0, TRUNK)
-        posture = pink.tasks.PostureTask(POSTURE)
-        self.tasks = [*self.feet, self.com, trunk, posture]
-        self.configuration = pink.Configuration(robot.model, robot.model.createData(), q)
-        for task in (trunk, posture):
-            task.set_target_from_configuration(self.configuration)
-
-    def tick(self, com: Array, sole: Array, turn: Array, time_step: float) -> None:
-        """See :class:`Follower`."""
-        for foot, task in enumerate(self.feet):
+    def move(place: Array, sole: Array, turn: Array, time_step: float) -> None:
+        for foot, task in enumerate(feet):
             task.set_target(pin.SE3(turn[foot], sole[foot]))
-        self.com.set_target(com)
-        v = self.pink.solve_ik(self.configuration, self.tasks, time_step, "daqp", damping=DAMPING)
-        self.configuration.integrate_inplace(v, time_step)
+        com.set_target(place)
+        v = pink.solve_ik(configuration, tasks, time_step, "daqp", damping=DAMPING)
+        configuration.integrate_inplace(v, time_step)
 
-    @property
-    def q(self) -> Array:
-        """See :class:`Follower`."""
-        return np.array(self.configuration.q)
+    return move, lambda: np.array(configuration.q)
 
 
-class Mink:
-    """mink on the MuJoCo model of the body, from a first configuration (nq,)."""
+def mink_follower(planned: PlannedWalk, q: Array) -> Follower:
+    """Mink on the MuJoCo model of the body, from a first configuration (nq,)."""
+    import mink  # an optional package
 
-    def __init__(self, planned: PlannedWalk, q: Array) -> None:
-        import mink  # an optional package
+    robot, model = planned.body.robot, planned.body.model.compile()
+    still, body = np.zeros(robot.nv), robot.description
+    configuration = mink.Configuration(model, q=to_mujoco(q, still)[0])
+    feet = [mink.FrameTask(leg.sole_frame, "site", TASK, TASK) for leg in body.legs]
+    com, posture = mink.ComTask(TASK), mink.PostureTask(model, POSTURE)
+    trunk = mink.FrameTask(body.trunk_segment, "body", 0.0, TRUNK)
+    for task in (trunk, posture):
+        task.set_target_from_configuration(configuration)
+    tasks = [*feet, com, trunk, posture]
 
-        self.mink, robot, model = mink, planned.body.robot, planned.body.model.compile()
-        self.still = np.zeros(robot.nv)
-        qpos, _ = to_mujoco(q, self.still)
-        self.configuration = mink.Configuration(model, q=qpos)
-        body = robot.description
-        self.feet = [mink.FrameTask(leg.sole_frame, "site", TASK, TASK) for leg in body.legs]
-        self.com = mink.ComTask(TASK)
-        trunk = mink.FrameTask(body.trunk_segment, "body", 0.0, TRUNK)
-        posture = mink.PostureTask(model, POSTURE)
-        self.tasks = [*self.feet, self.com, trunk, posture]
-        for task in (trunk, posture):
-            task.set_target_from_configuration(self.configuration)
+    def move(place: Array, sole: Array, turn: Array, time_step: float) -> None:
+        for foot, task in enumerate(feet):
+            rotation = mink.SO3.from_matrix(turn[foot])
+            task.set_target(mink.SE3.from_rotation_and_translation(rotation, sole[foot]))
+        com.set_target(place)
+        v = mink.solve_ik(configuration, tasks, time_step, "daqp", damping=DAMPING)
+        configuration.integrate_inplace(v, time_step)
 
-    def tick(self, com: Array, sole: Array, turn: Array, time_step: float) -> None:
-        """See :class:`Follower`."""
-        SE3, SO3 = self.mink.SE3, self.mink.SO3
-        for foot, task in enumerate(self.feet):
-            task.set_target(SE3.from_rotation_and_translation(SO3.from_matrix(turn[foot]), sole[foot]))
-        self.com.set_target(com)
-        v = self.mink.solve_ik(self.configuration, self.tasks, time_step, "daqp", damping=DAMPING)
-        self.configuration.integrate_inplace(v, time_step)
-
-    @property
-    def q(self) -> Array:
-        """See :class:`Follower`."""
-        q, _ = to_pinocchio(self.configuration.q, self.still)
-        return q
+    return move, lambda: to_pinocchio(configuration.q, still)[0]
 
 
-FOLLOWERS: dict[str, Any] = {"pink": Pink, "mink": Mink}
+FOLLOWERS = {"pink": pink_follower, "mink": mink_follower}
 """Libraries by the name of their module."""
 DISTRIBUTIONS = {"pink": "pin-pink", "mink": "mink"}
 
 
 def compare_kinematics(planned: PlannedWalk, progress: Progress) -> list[Peer]:
     """Ticks of our inverse kinematics, which also keeps the angular momentum, and of the others."""
-    robot, reference = planned.body.robot, ik_reference(planned)
+    run, robot = planned.run, planned.body.robot
+    steps = plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
+    offset = planned.motion.report.angular_momentum_y_offset / robot.mass
+    reference = step_reference(steps, step_grid(steps, run.solver.ik_time_step))
+    reference = reference.with_angular_momentum_y(offset)
     with progress.stage("inverse kinematics"):
         seconds, step = time_ik(planned, reference)
     peers = [Peer.of("ours", np.array(seconds), error_text(robot, reference, step.q))]
@@ -131,15 +104,6 @@ def compare_kinematics(planned: PlannedWalk, progress: Progress) -> list[Peer]:
                 continue
         peers.append(Peer.of(name, spans, error_text(robot, reference, q), DISTRIBUTIONS[name]))
     return peers
-
-
-def ik_reference(planned: PlannedWalk) -> StepReference:
-    """Tasks of the inverse kinematics over the first step of a periodic walk."""
-    run, robot = planned.run, planned.body.robot
-    steps = plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
-    offset = planned.motion.report.angular_momentum_y_offset / robot.mass
-    reference = step_reference(steps, step_grid(steps, run.solver.ik_time_step))
-    return reference.with_angular_momentum_y(offset)
 
 
 def time_ik(planned: PlannedWalk, reference: StepReference) -> tuple[list[float], StepTrajectory]:
@@ -156,7 +120,9 @@ def time_ik(planned: PlannedWalk, reference: StepReference) -> tuple[list[float]
     return [seconds / ticks for seconds in repeat(walk, _ROUNDS)], walk()
 
 
-def follow(library: Any, planned: PlannedWalk, reference: StepReference) -> tuple[Array, Array]:
+def follow(
+    library: Callable[[PlannedWalk, Array], Follower], planned: PlannedWalk, reference: StepReference
+) -> tuple[Array, Array]:
     """Times of the n ticks, shape (n,) [s], and configurations, shape (n + 1, nq).
 
     Raises:
@@ -165,14 +131,14 @@ def follow(library: Any, planned: PlannedWalk, reference: StepReference) -> tupl
     start, steps = planned.motion.q[0], np.diff(reference.time)
     rounds = []
     for _ in range(_ROUNDS):
-        follower: Follower = library(planned, start)
+        move, configuration = library(planned, start)
         spans, q = [], [start]
         for k, time_step in enumerate(steps.tolist(), start=1):
             com, sole = reference.position[k, 0], reference.position[k, 1:]
             begin = time.perf_counter()
-            follower.tick(com, sole, reference.rotation[k], time_step)
+            move(com, sole, reference.rotation[k], time_step)
             spans.append(time.perf_counter() - begin)
-            q.append(follower.q)
+            q.append(configuration())
         rounds.append(spans)
     return least(rounds), np.stack(q)
 

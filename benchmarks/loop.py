@@ -35,11 +35,6 @@ class LoopTimes:
     physics: float  # the physics of one control period alone [s]
     ending: str  # how the walk ended; empty if it was completed
 
-    @property
-    def ratio(self) -> float:
-        """Time of the closed loop over that of the physics alone [1]."""
-        return self.period / self.physics
-
 
 def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes:
     """Make the same walk several times and step its physics alone; of each period the least time counts.
@@ -111,28 +106,22 @@ def timed_ticks() -> Iterator[tuple[list[float], list[float]]]:
         yield starts, spans
 
 
+_COLUMNS = {
+    "control period": "period",
+    "control tick": "tick",
+    "99th percentile": "tick_p99",
+    "QP alone": "solve",
+    "physics alone": "physics",
+}
+"""Times in the table, and their fields."""
+
+
 def loop_table(walks: Sequence[LoopTimes]) -> Table:
     """One row for each time step."""
-    columns = (
-        "time step",
-        ">control period",
-        ">control tick",
-        ">99th percentile",
-        ">QP alone",
-        ">physics alone",
-        ">period / physics",
-    )
-    rows = [
-        (
-            f"{1e3 * walk.time_step:g} ms",
-            format_duration(walk.period),
-            format_duration(walk.tick),
-            format_duration(walk.tick_p99),
-            format_duration(walk.solve),
-            format_duration(walk.physics),
-            f"{walk.ratio:.2f}",
-        )
-        for walk in walks
-    ]
+    columns = ("time step", *(f">{name}" for name in _COLUMNS), ">period / physics")
+    rows = []
+    for walk in walks:
+        times = (format_duration(getattr(walk, field)) for field in _COLUMNS.values())
+        rows.append((f"{1e3 * walk.time_step:g} ms", *times, f"{walk.period / walk.physics:.2f}"))
     endings = [f"{1e3 * walk.time_step:g} ms: {walk.ending}" for walk in walks if walk.ending]
     return Table("closed loop", columns, rows, endings)

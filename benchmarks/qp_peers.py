@@ -58,18 +58,6 @@ def compare_solvers(planned: PlannedWalk, problems: Sequence[QPProblem], progres
     return peers
 
 
-class _Recorder:
-    """A solver that keeps its problems."""
-
-    def __init__(self, solver: QPSolver) -> None:
-        self.solver, self.problems = solver, list[QPProblem]()
-
-    def solve(self) -> QPSolution:
-        """See :class:`ampm.qp.QPSolver`."""
-        self.problems.append(QPProblem._make(array.copy() for array in self.solver.problem))
-        return self.solver.solve()
-
-
 def solve(solver: QPSolver, problem: QPProblem) -> QPSolution:
     """Solve a problem with a solver of its shape and pattern."""
     for array, values in zip(solver.problem, problem, strict=True):
@@ -79,17 +67,23 @@ def solve(solver: QPSolver, problem: QPProblem) -> QPSolution:
 
 def record_problems(planned: PlannedWalk, progress: Progress) -> list[QPProblem]:
     """The QPs of a walk as the controller hands them to its solver, one for each tick."""
-    recorders: list[_Recorder] = []
+    problems: list[QPProblem] = []
 
     def recorded(robot: Robot, run: RunParameters) -> TrackingController:
         controller = TrackingController(robot, run)
-        recorders.append(_Recorder(controller.contact_qp.solver))
-        controller.contact_qp.solver = recorders[0]  # type: ignore[assignment]
+        solver = controller.contact_qp.solver
+        solve = solver.solve
+
+        def keep() -> QPSolution:
+            problems.append(QPProblem._make(array.copy() for array in solver.problem))
+            return solve()
+
+        solver.solve = keep  # type: ignore[method-assign]
         return controller
 
     with progress.stage("control QPs of a walk"):
         simulate(planned, controller=recorded)
-    return recorders[0].problems
+    return problems
 
 
 def _solve(

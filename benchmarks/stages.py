@@ -5,8 +5,8 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from validation.progress import Progress, Stage
 from validation.run.validate import validate
@@ -16,18 +16,12 @@ from validation.table import Table
 from validation.trial.plan import Request
 
 
-@dataclass(frozen=True)
-class Cost:
+class Cost(NamedTuple):
     """One cost of a run."""
 
     name: str  # what costs
     value: float  # in `unit`; NaN if unknown
     unit: str = "s"  # s, MB, or MB/s for megabytes per simulated second
-
-    @property
-    def text(self) -> str:
-        """Value and unit."""
-        return format_duration(self.value) if self.unit == "s" else f"{self.value:.3g} {self.unit}"
 
 
 class StageClock(Progress):
@@ -74,4 +68,5 @@ def time_run(request: Request, runs: int, progress: Progress) -> list[Cost]:
 
 def cost_table(costs: list[Cost]) -> Table:
     """One row for each cost."""
-    return Table("run", ("", ">"), [(cost.name, cost.text) for cost in costs])
+    rows = [(name, format_duration(x) if unit == "s" else f"{x:.3g} {unit}") for name, x, unit in costs]
+    return Table("run", ("", ">"), rows)

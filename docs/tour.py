@@ -87,7 +87,7 @@ def print_endings() -> None:
     segments = {}
     for body, (gait, settings) in BODIES.items():
         run = complete(load_request(gait, settings)).run
-        segments[body] = hinged(build_body(run.body, run.contact, run.simulation).compile())
+        segments[body] = hinged(build_body(run).compile())
     hits, falls = Counter[tuple[str, str, str]](), Counter[tuple[str, str, str]]()
     with DATA.joinpath("tour.csv").open(encoding="utf-8", newline="") as file:
         for walk in csv.DictReader(file):

@@ -12,8 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ampm.description import BodyDescription, LegDescription, SoleGeometry
-from ampm.parameters import BodyParameters
-from ampm.physics_parameters import ContactParameters, SimulationParameters
+from ampm.parameters import RunParameters
 from models import scene
 from models.scene import BodyModel
 
@@ -55,18 +54,16 @@ def sole_geometry(height: float) -> SoleGeometry:
     return SoleGeometry(**{name: share * height for name, share in SOLE.items()})
 
 
-def build_human(
-    body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters
-) -> BodyModel:
-    """Build the human of a height and a mass; at ``q = 0`` it stands with hanging arms, its hips at x = 0."""
-    height, mass, sole = body.height, body.mass, sole_geometry(body.height)
+def build_human(run: RunParameters) -> BodyModel:
+    """Build the human of a run's height and mass; at ``q = 0`` it stands with hanging arms, hips at x = 0."""
+    height, mass, sole = run.body.height, run.body.mass, sole_geometry(run.body.height)
     human = ElementTree.parse(FILE).getroot()
     for element in human.iter():
         for key in _POWERS.keys() & element.attrib.keys():
             length, weight = _POWERS[key]
             factor = (height / STATURE) ** length * (mass / MASS) ** weight
             element.set(key, scene.text(factor * np.array(element.attrib[key].split(), dtype=float)))
-    model, root = scene.new_scene("human", "pelvis", height, contact, simulation)
+    model, root = scene.new_scene("human", "pelvis", height, run)
     (pelvis,) = human.iterfind("worldbody/body")
     root.set("pos", pelvis.attrib["pos"])
     root.extend(pelvis)

@@ -15,7 +15,7 @@ import numpy as np
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription, LegDescription, Passive, SoleGeometry
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from ampm.physics_parameters import ContactParameters, SimulationParameters
+from ampm.parameters import RunParameters
 from models import scene
 from models.human import COM_OVER_HIP, HIP_HEIGHT
 from models.scene import BodyModel, add
@@ -205,8 +205,8 @@ class Writer:
 
     # ---------------------------------------------------------------------------------------------- result
 
-    def write(self, contact: ContactParameters, simulation: SimulationParameters) -> BodyModel:
-        """MJCF and description."""
+    def write(self, run: RunParameters) -> BodyModel:
+        """MJCF, with contact and simulation of a run, and description."""
         self._check()
         tree, sole = self.tree, self._sole()
         hip = self.legs[0].hip
@@ -218,7 +218,7 @@ class Writer:
         floor = float(self._along(self.legs[0].ankle, 1)[2]) - sole.ankle_height
         com_height, hip_height = com_z / mass - floor, float(self._along(hip, 1)[2]) - floor
         height = com_height / (HIP_HEIGHT + COM_OVER_HIP)
-        model, root = scene.new_scene("body", self.names[0], height, contact, simulation)
+        model, root = scene.new_scene("body", self.names[0], height, run)
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
         next(model.iter("flag")).set("eulerdamp", "disable")
         segments = self._add_segments(model, root, floor)

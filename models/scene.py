@@ -13,8 +13,7 @@ import numpy as np
 
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription, SoleGeometry
 from ampm.geometry import Array
-from ampm.parameters import GRAVITY
-from ampm.physics_parameters import ContactParameters, SimulationParameters
+from ampm.parameters import GRAVITY, RunParameters
 
 SIDES = ("left", "right")
 SOLE_POINT_RADIUS = 0.00001
@@ -74,21 +73,19 @@ class Inertial:
         return Inertial(mass, com, self.about(com) + other.about(com))
 
 
-def new_scene(
-    name: str, root: str, height: float, contact: ContactParameters, simulation: SimulationParameters
-) -> tuple[Element, Element]:
+def new_scene(name: str, root: str, height: float, run: RunParameters) -> tuple[Element, Element]:
     """A model with options, floor, sensors, and an empty root segment that moves freely.
 
     Args:
         name: of the model.
         root: name of the root segment.
         height: of the body, for the camera [m].
-        contact: stiffness and friction of the soles on the floor.
-        simulation: ``time_step`` [s] and ``integrator``.
+        run: its ``contact``, and of ``simulation`` time step and integrator.
 
     Returns:
         The model and its root segment.
     """
+    contact, simulation = run.contact, run.simulation
     model = fromstring(
         _SCENE.read_text(encoding="utf-8").format(
             name=name,

@@ -36,6 +36,9 @@ WALK = (
 )
 """A walk well within the body's reach, whatever the presets are tuned to, a step of the physics per tick."""
 
+QUICK = {"gait": {"steps": 2}, "solver": {"ik_time_step": 0.01}, "simulation": {"time_step": 0.002}}
+"""Sections of a short walk, for tests that need no accuracy."""
+
 COARSE = "solver.ik_time_step=0.004"
 """Half the default's instants, for tests that need no more."""
 
@@ -52,7 +55,7 @@ class Walk(NamedTuple):
 def walk_of(*overrides: str) -> Walk:
     """The walk :data:`WALK` with some settings changed."""
     run = load_run(None, [*WALK, *overrides])
-    model = build_body(run.body, run.contact, run.simulation)
+    model = build_body(run)
     robot = make_robot(model.compile(), model.description)
     plan = plan_steps(run.gait, run.body.mass, run.foot, model.description.sole)
     return Walk(run, plan, robot)
@@ -69,7 +72,7 @@ def motion_of(*overrides: str) -> WholeBodyMotion:
 def body_of(*overrides: str) -> BodyModel:
     """The simulated body, with some settings changed."""
     run = walk_of(COARSE, *overrides).run
-    return build_body(run.body, run.contact, run.simulation)
+    return build_body(run)
 
 
 def replays(record: SimulationRecord, *overrides: str) -> bool:

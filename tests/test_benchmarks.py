@@ -69,11 +69,10 @@ def test_solvers_agree_on_the_control_qps(planned):
 
 
 def test_a_peer_that_is_not_installed_is_listed_with_the_reason(planned, monkeypatch):
-    class Missing:
-        def __init__(self, *_):
-            raise ImportError("No module named 'pink'")
+    def missing(*_):
+        raise ImportError("No module named 'pink'")
 
-    monkeypatch.setattr(ik_peers, "FOLLOWERS", {"pink": Missing})
+    monkeypatch.setattr(ik_peers, "FOLLOWERS", {"pink": missing})
     ours, pink = ik_peers.compare_kinematics(planned, Progress())
     assert ours.median > 0.0
     heading, own, other = peer_table({"work": [ours, pink]}).rows

@@ -27,7 +27,7 @@ HINGE = (
 
 def load(path: Path) -> BodyModel:
     run = RunParameters(body=BodyParameters(source=str(path)))
-    return build_body(run.body, run.contact, run.simulation)
+    return build_body(run)
 
 
 def write(folder: Path, urdf: str = URDF, toml: str = TOML) -> Path:

@@ -44,8 +44,7 @@ ODD_XML = """
 
 
 def human_model(height: float, mass: float) -> mujoco.MjModel:
-    run = RunParameters()
-    return build_body(BodyParameters(height=height, mass=mass), run.contact, run.simulation).compile()
+    return build_body(RunParameters(body=BodyParameters(height=height, mass=mass))).compile()
 
 
 @pytest.fixture(scope="module", params=["odd", *SIZES], ids=str)

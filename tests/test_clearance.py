@@ -35,7 +35,7 @@ def between_segments(a, b):
 def bent(**angles):
     """The closest parts of the default human, some of whose joints are bent."""
     run = load_run("normal")
-    model = build_body(run.body, run.contact, run.simulation).compile()
+    model = build_body(run).compile()
     q = model.qpos0.copy()
     for joint, angle in angles.items():
         q[model.joint(joint).qposadr[0]] = angle
@@ -65,7 +65,7 @@ def test_the_distance_of_two_capsules_is_that_of_their_axes_less_the_radii():
 
 def test_no_shapes_are_nearer_than_by_their_boxes():
     run = load_run("normal")
-    model = build_body(run.body, run.contact, run.simulation).compile()
+    model = build_body(run).compile()
     data, shapes = mujoco.MjData(model), Shapes(model)
     for angles in np.random.default_rng(0).uniform(-0.6, 0.6, (5, model.nq - 7)):
         data.qpos[7:] = angles

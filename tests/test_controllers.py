@@ -4,7 +4,6 @@ from functools import partial
 from importlib import import_module
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
 from ampm.walk import ControlOutput
 from docs.examples.joint_pd import JointPD
+from tests.solved import QUICK
 from tests.test_bad_input import assert_said, rows_of
 from validation.store.record import load_record
 from validation.trial import users
@@ -22,14 +22,7 @@ from validation.trial.users import CONTROLLER
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 JOINT_PD = "docs.examples.joint_pd:JointPD"
-QUICK: dict[str, Any] = {
-    "gait": {"steps": 2},
-    "solver": {"ik_time_step": 0.01},
-    "simulation": {"time_step": 0.002},
-}
-SETTINGS = [
-    f"--set={section}.{key}={value}" for section, keys in QUICK.items() for key, value in keys.items()
-]
+SETTINGS = ["--steps=2", "--set=solver.ik_time_step=0.01", "--set=simulation.time_step=0.002"]
 
 
 class Refined(TrackingController):

@@ -16,12 +16,11 @@ from validation.judge.profiles import DEFAULT
 from validation.judge.uncertainty import FILE, load_uncertainty, matching
 from validation.judge.verdict import VerdictName
 from validation.store.environment import parameter_values
-from validation.store.json import json_ready
+from validation.store.json import json_ready, write_json
 from validation.study.convergence import study as convergence
 from validation.study.convergence.order import CONFIRMED, Kind, estimate
 from validation.study.convergence.result import OWN
 from validation.study.convergence.study import runs_of, studies
-from validation.study.many import write_study
 from validation.study.row_file import ROWS
 from validation.trial.plan import load_request
 
@@ -127,7 +126,7 @@ def test_a_margin_below_the_spread_over_contact_laws_is_undecided(margin, undeci
 
 
 def test_the_files_are_whole_and_serve_any_number_of_steps_of_their_gait(tmp_path, result):
-    write_study(result, tmp_path / FILE)
+    write_json(tmp_path / FILE, result.as_dict())
     assert [path.name for path in tmp_path.iterdir()] == [FILE]
     assert "| unsolved QPs |" in result.tables()[0].markdown()
     known = load_uncertainty(tmp_path / FILE)

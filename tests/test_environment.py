@@ -15,15 +15,12 @@ from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
 from ampm.walk import ControlOutput
 from tests.records import same_bits
+from tests.solved import QUICK
 from validation import environment
 from validation.trial.disturbances import Push
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
-COARSE: dict[str, Any] = {
-    "gait": {"steps": 3},
-    "solver": {"ik_time_step": 0.01},
-    "simulation": {"time_step": 0.002},
-}
+COARSE = QUICK | {"gait": {"steps": 3}}
 
 
 def load(**options: Any) -> Any:

@@ -148,7 +148,7 @@ def test_models_of_bodies(examples, tmp_path):
         words[number % len(words)] = str(value)
         element.set(name, " ".join(words))
         (tmp_path / "biped.urdf").write_text(ET.tostring(tree, encoding="unicode"), encoding="utf-8")
-        body = build_body(run.body, run.contact, run.simulation).description
+        body = build_body(run).description
         assert math.isfinite(body.mass)
 
     fuzz(max(examples // 3, 8), check, st.sampled_from(attributes()), NUMBERS, st.integers(0, 2))

@@ -18,8 +18,8 @@ from models.build import build_body
 @pytest.fixture(scope="module", params=[(1.70, 60.0), (1.20, 25.0)], ids=str)
 def body(request: pytest.FixtureRequest) -> tuple[BodyDescription, mujoco.MjModel, mujoco.MjData]:
     """A body in its neutral posture."""
-    (height, mass), run = request.param, RunParameters()
-    built = build_body(BodyParameters(height=height, mass=mass), run.contact, run.simulation)
+    height, mass = request.param
+    built = build_body(RunParameters(body=BodyParameters(height=height, mass=mass)))
     model = built.compile()
     mujoco.mj_forward(model, data := mujoco.MjData(model))
     return built.description, model, data

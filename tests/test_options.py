@@ -1,7 +1,5 @@
 """Options of users' controllers and planners: in files, settings, Python, sweeps, and in what is saved."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -10,6 +8,7 @@ from ampm.exceptions import InputError
 from ampm.planners import PeriodicPlanner
 from ampm.run_file import dump_run, load_run
 from docs.examples.joint_pd import JointPD
+from tests.solved import QUICK
 from tests.sweep_table import parse_sweep
 from validation.store.environment import parameter_values
 from validation.study.many import Task
@@ -19,11 +18,6 @@ from validation.study.sweep.table import build_table
 from validation.study.walk_options import own_classes
 from validation.trial.plan import load_request, plan_walk
 
-QUICK: dict[str, Any] = {
-    "gait": {"steps": 1},
-    "solver": {"ik_time_step": 0.01},
-    "simulation": {"time_step": 0.002},
-}
 SOFT = f"{__name__}:Soft"
 SLOW = f"{__name__}:Slow"
 

@@ -11,7 +11,7 @@ import pytest
 import ampm as planner
 from tests.solved import body_of, walk_of
 from validation.cli.app import Status
-from validation.study.many import write_study
+from validation.store.json import write_json
 from validation.study.robustness import study as robustness
 from validation.study.robustness.cells import (
     Cell,
@@ -75,7 +75,7 @@ def test_the_table_and_the_files(tmp_path):
     cause = "fell: the trunk leaned over by 60 degrees"
     assert table.rows[0] == ("com early forward", "m/s", "0.4", cause)
     assert table.rows[-1] == ("up", "degrees", "1 (all tried)", "")
-    write_study(found, tmp_path / robustness.RESULT)
+    write_json(tmp_path / robustness.RESULT, found.as_dict())
     written = json.loads((tmp_path / robustness.RESULT).read_text())
     assert written == found.as_dict()
     assert written["cells"][0]["survived"] == 0.4

@@ -5,21 +5,12 @@ import pytest
 
 import ampm
 import validation as val
+from ampm.planner import routes
 from ampm.planner.newton import check_newton
 from validation.trial.plan import load_request, plan_walk
 
 STEEP = 0.0524
-FOOTSTEPS = [
-    {"foot": side, "x": x, "y": y}
-    for side, x, y in [
-        ("left", 0.0, 0.09),
-        ("right", 0.0, -0.09),
-        ("left", 0.5, 0.09),
-        ("right", 1.0, -0.09),
-        ("left", 1.5, 0.09),
-        ("right", 1.5, -0.09),
-    ]
-]
+FOOTSTEPS = routes.as_rows(routes.straight(4, 0.5, 0.18))
 
 
 def sloping(slope, preset="normal", *, across=0.0, steps=6, **sections):

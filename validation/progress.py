@@ -9,6 +9,7 @@ possible.
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import NamedTuple
 
 INTERRUPTED = 130
 
@@ -56,20 +57,12 @@ interruption = Interruption()
 """Process-wide interruption flag."""
 
 
-class Stage:
-    """One stage of a pipeline; by default it reports nothing.
+class Stage(NamedTuple):
+    """One stage of a pipeline; by default it reports nothing."""
 
-    Attributes:
-        advance: reports how much is done, and how much there is, in the stage's unit.
-        note: reports a message.
-    """
-
-    def __init__(
-        self,
-        advance: Callable[[int, int], None] = lambda done, total: None,
-        note: Callable[[str], None] = lambda text: None,
-    ) -> None:
-        self.advance, self.note = advance, note
+    # reports how much is done, and how much there is, in the stage's unit
+    advance: Callable[[int, int], None] = lambda done, total: None
+    note: Callable[[str], None] = lambda text: None  # reports a message
 
 
 class Progress:

@@ -69,8 +69,10 @@ def assert_within(request: pytest.FixtureRequest) -> Callable[..., None]:
 
     def check(profile: Profile | str | None = None, *trials: Trial) -> None:
         __tracebackhide__ = True
-        wrong = []
-        for trial in trials or _walks_of(request):
+        trials, wrong = trials or tuple(request.node.stash.get(_WALKED, ())), []
+        if not trials:
+            pytest.fail("this test walked nothing; call walked() first, or give the trials.", pytrace=False)
+        for trial in trials:
             verdict = (trial if profile is None else trial.judged(profile)).verdict
             if not verdict.passed:
                 wrong.append(
@@ -115,14 +117,6 @@ def walk_once(
     trial = walk(run, name=name, **options)
     _walks.append((inputs, trial))
     return trial
-
-
-def _walks_of(request: pytest.FixtureRequest) -> list[Trial]:
-    __tracebackhide__ = True
-    found = request.node.stash.get(_WALKED, [])
-    if not found:
-        pytest.fail("this test walked nothing; call walked() first, or give the trials.", pytrace=False)
-    return list(found)
 
 
 def _title(trial: Trial) -> str:

@@ -68,9 +68,7 @@ class Table:
 
     title: str  # line above; empty for none
     columns: Sequence[str]  # header of each column; a `>` before it aligns the column to the right
-    rows: Sequence[
-        Sequence[str]
-    ]  # cells, as many in each row as there are columns; a page shows markup as such
+    rows: Sequence[Sequence[str]]  # as many cells in each as there are columns; a page shows markup as such
     notes: Sequence[str] = field(default=())  # sentences below
 
     def __post_init__(self) -> None:
@@ -112,7 +110,7 @@ class Table:
         notes = [rf"\par\raggedright {tex(note)}" for note in self.notes]
         lines = [
             r"\begin{table*}\centering\footnotesize",
-            rf"\caption{{{tex(self.title)}}}",
+            rf"\caption{{{tex(self.title[:1].upper() + self.title[1:])}}}",
             rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}\toprule",
             " & ".join(map(tex, self.headers)) + r" \\ \midrule",
             *body,
@@ -165,12 +163,12 @@ class Table:
     def _html_row(self, row: Sequence[str]) -> str:
         if is_heading(row):
             return f'<th colspan="{len(row)}" class="group">{escape(row[0])}</th>'
-        return "".join(self._html_cell(number, cell) for number, cell in enumerate(row))
-
-    def _html_cell(self, column: int, cell: str) -> str:
-        tag, scope = ("td", "") if column else ("th", ' scope="row"')
-        content = f"{escape(cell)}{self._bar(column, cell)}"
-        return f"<{tag}{scope}{self._html_class(column, cell)}>{content}</{tag}>"
+        cells = []
+        for column, cell in enumerate(row):
+            tag, scope = ("td", "") if column else ("th", ' scope="row"')
+            content = f"{escape(cell)}{self._bar(column, cell)}"
+            cells.append(f"<{tag}{scope}{self._html_class(column, cell)}>{content}</{tag}>")
+        return "".join(cells)
 
     def _html_class(self, column: int, cell: str = "") -> str:
         names = ["n"] * self.is_right(column) + ["long"] * (len(cell) > _LONG)

@@ -86,12 +86,7 @@ class TrackingController:
         """
         if self._steps:
             self._tracker = StepTracker(plan, timing, self.robot, self.workspace)
-            self._stepper = self._tracker.handle
-        self._compile()
-
-    def _compile(self) -> None:
-        """Compile the first half of the tick, with the stepping stabiliser if it is used."""
-        self._before = bound(before, (self._reference,), self._stepper, 0.0, 0.0, True)
+            self._stepper, self._before = self._tracker.handle, None
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One control tick.
@@ -116,8 +111,8 @@ class TrackingController:
         sensed.normal_force[:], sensed.contact[:] = touch.normal_force, touch.contact
         if first:
             work.motion.last_acceleration[:] = work.wanted.acceleration
-        if self._before is None:
-            self._compile()
+        if self._before is None:  # with the stepping stabiliser if it is used
+            self._before = bound(before, (self._reference,), self._stepper, 0.0, 0.0, True)
         if self._before(self._stepper, state.velocity_lag, touch.age, first):
             solution, status = self.contact_qp.solve(), SOLVED
             if solution.solved:
@@ -140,12 +135,8 @@ class TrackingController:
             solution.iterations,
             solution.seconds,
             work.joints.rate if work.extrapolates else None,
-            self._followed() if self._tracker is not None else None,
+            Reference(self._row[0]) if work.stepping["off_plan"][0] else None,
         )
-
-    def _followed(self) -> Reference | None:
-        """The reference of a walk that has left its plan; None on the plan."""
-        return Reference(self._row[0]) if self.workspace.stepping["off_plan"][0] else None
 
     # ------------------------------------------------------------------ the QP has no or no good solution
 

@@ -55,18 +55,8 @@ def plan_gait(gait: GaitParameters, mass: float) -> CentroidalPlan:
     if not (math.isfinite(mass) and mass > 0.0):
         raise InputError(f"the mass is {mass:g} kg; it must be a finite number greater than 0 kg.")
     plan = _assemble(gait, float(mass), step_laws(gait))
-    _refuse_rounded(plan, plain=gait.planner == LIPM)
-    return plan
-
-
-def _refuse_rounded(plan: CentroidalPlan, *, plain: bool) -> None:
-    """Refuse a plan that jumps at a switch, which the closed form does not: its numbers lose their digits.
-
-    Acceleration, ZMP and moment of the plain inverted pendulum do jump.
-    """
-    jumps = plan.residuals()
-    if plain:
-        jumps |= dict.fromkeys(MAY_JUMP, 0.0)
+    # The closed form does not jump at a switch, unless its numbers lose their digits; a plain pendulum may.
+    jumps = plan.residuals() | dict.fromkeys(MAY_JUMP if gait.planner == LIPM else (), 0.0)
     largest = max(np.nan_to_num(list(jumps.values()), nan=math.inf).tolist())
     if not largest <= RESIDUAL_LIMIT:
         raise MathematicalRefusal(
@@ -79,6 +69,7 @@ def _refuse_rounded(plan: CentroidalPlan, *, plain: bool) -> None:
             way_out="bring gait.com_height, gait.step_length, gait.step_width and gait.c_y nearer to each "
             "other, and gait.single_support_ratio away from 0 and 1, or raise gait.switching_velocity",
         )
+    return plan
 
 
 def _mirrored(law: AffineLaw) -> AffineLaw:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ampm.description import SoleGeometry
-from ampm.geometry import Array, blocks, convex_hull, polygon_margin
+from ampm.geometry import Array, blocks, polygon_margin
 from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.contacts import times_within
@@ -26,17 +26,9 @@ class StepPlan(CentroidalPlan):
 
     feet: FeetPlan  # motion of both feet; it may go on after the plan's end
 
-    def support_polygon(self, time: float) -> Array:
-        """Convex hull of the sole points planned in contact at one time.
-
-        Returns:
-            Corners in world, anticlockwise, shape (k, 2) [m]; two where only a line touches the floor.
-
-        Raises:
-            InputError: the time lies outside the plan.
-        """
-        points, contact = points_in_contact(self.feet.sample(times_within(time, self.duration)))
-        return convex_hull(points[0, contact[0]])
+    def points_in_contact(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """World (x, y) of all twelve sole points, (N, 12, 2) [m], and which are in contact, (N, 12)."""
+        return _points_of(self.feet.sample(time))
 
     def zmp_margin(self, times: ArrayLike) -> Array:
         """Signed distance of the planned ZMP to the edge of the support polygon.
@@ -89,15 +81,14 @@ class StepPlan(CentroidalPlan):
         return least, at
 
 
-def points_in_contact(feet: tuple[FootSample, FootSample]) -> tuple[Array, NDArray[np.bool_]]:
-    """World (x, y) of all twelve sole points, (N, 12, 2) [m], and which are in contact, (N, 12)."""
+def _points_of(feet: tuple[FootSample, FootSample]) -> tuple[Array, NDArray[np.bool_]]:
     points = np.concatenate([foot.sole_points[:, :, :2] for foot in feet], axis=1)
     return points, np.concatenate([foot.contact.repeat(2, axis=1) for foot in feet], axis=1)
 
 
 def margin_on(feet: tuple[FootSample, FootSample], zmp: Array) -> Array:
     """See :meth:`StepPlan.zmp_margin`: of a ZMP, shape (N, 2), on the feet at the same times, (N,) [m]."""
-    points, contact = points_in_contact(feet)
+    points, contact = _points_of(feet)
     return np.where(contact.any(axis=1), polygon_margin(points, contact, zmp), -np.inf)
 
 

@@ -16,7 +16,7 @@ from ampm.geometry import Array, polygon_margin
 from ampm.parameters import OPEN_KEYS, GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.periodic import plan_gait
-from ampm.planner.support import StepPlan, plan_steps, points_in_contact
+from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.gait_limits import mid_stance_share, step_instants
 
 _STATURE = 1.70  # of the body on which the guess was made [m]
@@ -382,7 +382,7 @@ def _later_rise(plan: StepPlan) -> float:
     """By how much later the heel must rise to leave the ZMP before the line from ball to front foot [s]."""
     times, double = step_instants(plan)
     times = times[double]
-    points, contact = points_in_contact(plan.feet.sample(times))
+    points, contact = plan.points_in_contact(times)
     zmp = plan.sample(times).zmp
     risen = ~contact[:, 0]
     standing = contact.copy()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from ampm.files import absolute
 from validation.cli import options
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import JSON, SETTINGS, Status
@@ -67,17 +68,15 @@ def check(
     """
     from validation.run.body_check import check as check_body
 
-    source = str(Path(body).resolve()) if Path(body).is_file() else body
-    found = check_body(source, tuple(settings or ()), Narrator())
+    found = check_body(absolute(body), tuple(settings or ()), Narrator())
     if as_json:
         print_json(asdict(found))
     else:
-        print_check(found)
+        _print(found)
     return Status.REFUSED if found.refusal else Status.PASS
 
 
-def print_check(found: BodyCheck) -> None:
-    """Print a check for a reader."""
+def _print(found: BodyCheck) -> None:
     facts = [
         (name, format_number(value), "" if unit == "1" else unit)
         for name, (value, unit) in found.facts.items()

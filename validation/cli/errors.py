@@ -68,7 +68,10 @@ def explain(error: BaseException) -> tuple[Status, str]:
         text = f"crash of ampm itself ({type(error).__name__}: {text}); please report it."
     for note in getattr(error, "__notes__", ()):
         text = f"{text.removesuffix('.')}; {_one_line(note)}"
-    return status, text if status in (Status.INTERRUPTED, Status.CRASH) else _sentence(text) + way_out
+    if status not in (Status.INTERRUPTED, Status.CRASH):
+        text = _one_line(text)
+        text += way_out if text.endswith((".", "?", "!")) else f".{way_out}"
+    return status, text
 
 
 def _bad_value(error: Any) -> str:
@@ -87,9 +90,3 @@ def _bad_value(error: Any) -> str:
 
 def _one_line(text: str) -> str:
     return " ".join(text.split())
-
-
-def _sentence(text: str) -> str:
-    """One line that ends with a full stop."""
-    text = _one_line(text)
-    return text if text.endswith((".", "?", "!")) else f"{text}."

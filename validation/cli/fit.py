@@ -30,14 +30,10 @@ def fit(
 ) -> int:
     """Fit the AMPM to a measured walk, and say how much of it the AMPM explains.
 
-    LOG is a table as 'ampm judge' takes it, of steady walking along x: force, centres of pressure, and the
-    COM or its height. For single and double support and both axes it prints 1/a, b and c, with H and timings,
-    each with its 95 % interval over the strides. ZMP, ground force and angular momentum of every stride are
-    explained by the constants of the other strides, beside a plain pendulum (c = 1, resting ZMP) and one with
-    a rolling ZMP (c = 1).
-
-    The folder holds report.html, fit.json, and gait.toml for 'ampm validate', if the closed form has a gait
-    with these constants.
+    LOG is a table as 'ampm judge' takes it, of steady walking along x, with the COM or its height. 1/a, b, c,
+    H and timings have 95 % intervals over the strides. They explain ZMP, ground force and angular momentum of
+    other strides, beside pendulums with a resting and with a rolling ZMP (c = 1). The folder holds
+    report.html, fit.json, and gait.toml for 'ampm validate', if the closed form has such a gait.
 
     ampm fit walk.csv --out runs/fit
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, fields
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -20,7 +20,6 @@ from validation.table import Table, format_number, print_tables
 
 if TYPE_CHECKING:
     from ampm.planner.centroidal import CentroidalPlan
-    from ampm.run_file import KeyInfo
     from ampm.tune.tuning import Tuned
     from validation.trial.plan import PlannedWalk, Request
 
@@ -119,30 +118,24 @@ def plan(
         title = f"plan of {request.title}" + (f" over {length.footsteps.name}" if length.footsteps else "")
         plot_plan(planned, files.plot, title=title)
     if as_json:
-        print_json(describe_plan(request, planned, walked, margin))
+        tuned, posture = (None, None) if walked is None else (walked.tuned, walked.plan.posture)
+        described = {
+            "gait": request.name,
+            "parameters": request.run.model_dump(),
+            **asdict(planned.constants),
+            "step_duration": planned.constants.step_duration,
+            "duration": planned.duration,
+            "residuals": planned.residuals(),
+            "zmp_margin": None if margin is None else margin[0],
+            "motion": None if posture is None else posture.report(),
+            "found": None if tuned is None else dict(tuned.values),
+            "margins": None if tuned is None else dict(tuned.margins),
+        }
+        print_json(described)
     else:
         print_tables(plan_tables(request, planned, walked, margin))
     narrator.wrote(files.save, files.samples, files.motion, files.plot)
     return Status.PASS
-
-
-def describe_plan(
-    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, margin: tuple[float, float] | None
-) -> dict[str, Any]:
-    """A plan as a JSON object: parameters, constants, residuals, and with a body motion and margins."""
-    tuned = None if walk is None else walk.tuned
-    return {
-        "gait": request.name,
-        "parameters": request.run.model_dump(),
-        **asdict(plan.constants),
-        "step_duration": plan.constants.step_duration,
-        "duration": plan.duration,
-        "residuals": plan.residuals(),
-        "zmp_margin": None if margin is None else margin[0],
-        "motion": None if walk is None else walk.plan.posture.report(),
-        "found": None if tuned is None else dict(tuned.values),
-        "margins": None if tuned is None else dict(tuned.margins),
-    }
 
 
 def plan_tables(
@@ -223,7 +216,17 @@ def keys(
     from validation.trial.plan import load_request
 
     request = load_request(gait, settings or ())
-    found = [describe_key(info, request) for info in find_keys(*words or ())]
+    found = [
+        {
+            "key": info.key,
+            "value": request.run.value(info.key),
+            "default": info.default,
+            "unit": "" if info.unit == "1" else info.unit,
+            "bounds": info.range,
+            "meaning": info.meaning,
+        }
+        for info in find_keys(*words or ())
+    ]
     if as_json:
         print_json(found)
         return Status.PASS
@@ -236,15 +239,3 @@ def keys(
             rows.append((item["key"], str(item["value"]), item["unit"], meaning))
         print_tables([Table(f"{section} of {request.name}", ("key", ">value", "unit", "meaning"), rows)])
     return Status.PASS
-
-
-def describe_key(info: KeyInfo, request: Request) -> dict[str, Any]:
-    """A parameter as a JSON object: key, value in this gait, default, unit, bounds and meaning."""
-    return {
-        "key": info.key,
-        "value": request.run.value(info.key),
-        "default": info.default,
-        "unit": "" if info.unit == "1" else info.unit,
-        "bounds": info.range,
-        "meaning": info.meaning,
-    }

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 import typer
 
 from ampm.exceptions import InputError
+from ampm.files import absolute
 from ampm.presets import preset_names
 from validation.cli.console import Narrator, print_json
 from validation.show.text import print_line
@@ -102,10 +103,9 @@ def with_short(settings: Sequence[str] | None, **options: str | int | None) -> l
     """Settings of ``--set``, and those of options that are short for a key; a file's path is absolute."""
     found = list(settings or ())
     for name, value in options.items():
-        if name in ("body", "planner") and value is not None and Path(str(value)).is_file():
-            value = str(Path(str(value)).resolve())
         if value is not None:
-            found.append(f"{SHORT[name]}='{value}'" if isinstance(value, str) else f"{SHORT[name]}={value}")
+            text = f"'{absolute(value)}'" if isinstance(value, str) else str(value)
+            found.append(f"{SHORT[name]}={text}")
     return found
 
 

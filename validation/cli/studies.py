@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -12,9 +11,6 @@ from validation.cli import options
 from validation.cli.console import Narrator
 from validation.cli.options import Status, grouped, option
 from validation.store.folders import names_folder
-
-if TYPE_CHECKING:
-    from validation.study.sweep.table import SweepTable
 
 app = typer.Typer()
 
@@ -42,6 +38,7 @@ def sweep(
     """
     from validation.study.sweep.run import forecast  # loads simulator and measurement
     from validation.study.sweep.run import sweep as walk_sweep
+    from validation.study.sweep.table import RunState
 
     options.load_metrics(metric)
     if dry_run:
@@ -54,14 +51,7 @@ def sweep(
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
     found = walk_sweep(file, **execution.given())
     execution.answer(found)
-    return _sweep_status(found)
-
-
-def _sweep_status(found: SweepTable) -> int:
-    """Exit status of a sweep: the worst of its runs."""
-    from validation.study.sweep.table import RunState
-
-    ended = {state for state, count in found.counts.items() if count}
+    ended = set(found.states)
     if RunState.CRASHED in ended:
         return Status.CRASH
     if ended - {RunState.PASS, RunState.OUT_OF_TOLERANCE, RunState.NOT_MEASURED, RunState.REFUSED}:

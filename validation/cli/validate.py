@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import typer
+from rich.text import Text
 
 from ampm.exceptions import InputError, RefusedGait
 from validation.cli import options
@@ -12,8 +13,8 @@ from validation.cli.console import Narrator, print_json
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import Status, grouped, option
 from validation.progress import interruption
-from validation.show.text import print_line, print_verdict
-from validation.table import print_tables
+from validation.show.text import print_line
+from validation.table import COLORS, print_tables
 
 app = typer.Typer()
 
@@ -199,7 +200,9 @@ def print_result(summary: Mapping[str, Any], folder: Path) -> None:
     print_tables([metric_table(summary), cost_table(summary)])
     failed = status_of(summary) in (Status.OUT_OF_TOLERANCE, Status.NOT_COMPLETED) and "log" not in summary
     why = f" ampm explain {folder} says why." if failed else ""
-    print_verdict(summary_title(summary), summary["verdict"], f"{summary['reason']}{why}")
+    word = f"{summary_title(summary)}: {summary['verdict'].replace('_', ' ').upper()}"
+    color = COLORS.get(summary["verdict"], "yellow")
+    print_line(Text.assemble((word, f"bold {color}"), f"  {summary['reason']}{why}"))
     for file, what in (("recording.rrd", f"ampm view {folder}"), ("report.html", "open in a browser")):
         if (folder / file).is_file():
             print_line(f"  {folder / file}  ({what})")

@@ -155,22 +155,12 @@ def recovery_time(walk: Comparison, limits: Mapping[str, float]) -> float | None
         return math.inf
     for name, (value, reference) in signal_pairs(walk.sample, walk.measured, record).items():
         error = np.nan_to_num(np.abs(value - reference), nan=np.inf)
-        for statistic in ("rmse", "maximum"):
-            limit = limits.get(f"{name}_{statistic}", math.inf)
-            if limit < math.inf:
-                within &= (
-                    _rms_ahead(error, step) if statistic == "rmse" else _largest_ahead(error, step)
-                ) <= limit
+        squares = np.cumsum(np.append(0.0, np.minimum(error, 1e6) ** 2))
+        ahead = {  # over the step that begins at each instant
+            "rmse": np.sqrt(np.maximum(squares[step:] - squares[:-step], 0.0) / step),
+            "maximum": maximum_filter1d(error, step, origin=-(step // 2))[: within.size],
+        }
+        for statistic, values in ahead.items():
+            within &= values <= limits.get(f"{name}_{statistic}", math.inf)
     begins = np.flatnonzero(within[pushed[-1] + 1 :])
     return float(begins[0] * record.time_step) if begins.size else math.inf
-
-
-def _rms_ahead(error: Array, step: int) -> Array:
-    """RMS over the ``step`` instants from each one on."""
-    sums = np.cumsum(np.append(0.0, np.minimum(error, 1e6) ** 2))
-    return np.sqrt(np.maximum(sums[step:] - sums[:-step], 0.0) / step)
-
-
-def _largest_ahead(error: Array, step: int) -> Array:
-    """Largest value over the ``step`` instants from each one on."""
-    return np.asarray(maximum_filter1d(error, step, origin=-(step // 2)))[: error.size - step + 1]

@@ -335,14 +335,3 @@ def _split_zmp_error(sample: PlanSample, measured: MeasuredGait, rows: Rows) -> 
             share[name] = tuple((np.sum(part[used] * error[used], axis=0) / squares).tolist())
     residual = float(np.nanmax(gap)) if np.isfinite(gap).any() else math.nan
     return ZmpErrorSplit(MappingProxyType(parts), residual, MappingProxyType(rmse), MappingProxyType(share))
-
-
-def statistics_table(comparison: Comparison) -> dict[str, dict[str, dict[str, Any]]]:
-    """Signal to window to statistics, as plain data for JSON and reports."""
-    return {
-        name: {
-            window: {**vars(found), "unit": SIGNALS[name].unit, "reference": SIGNALS[name].reference}
-            for window, found in windows.items()
-        }
-        for name, windows in comparison.signals.items()
-    }

@@ -8,11 +8,11 @@ measured COM, or make the stride periodic if there is none.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.polynomial import Legendre
+from numpy.polynomial import Legendre, Polynomial
 from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import least_squares
 from scipy.stats import sem
@@ -38,7 +38,6 @@ _MARGIN = 0.25  # of a stride, before and after it, that is needed, too [1]
 _DEGREE = 9  # of the polynomial between integrated and measured COM: in 1.5 strides
 _ALIKE = 0.1, 0.15  # strides' durations and lengths from their medians, over these [1]
 _SHORTEST = 0.05  # stride [m]: below it nothing walks
-_UNSEEN = 0.1  # longest gap in a measured COM, over the stride [1]
 _AGREE = 0.25  # least share of the acceleration of a measured COM that the force explains [1]
 _STILL = 1e-3  # of a signal that rests: over H, weight or m H sqrt(g H) [1]
 _TURN = np.array([[1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [1.0, 1.0]])[:, None]  # y to the next stance foot
@@ -64,10 +63,10 @@ class Strides(Brief):
     com: Array  # over the floor, (N, 4, P, 3) [m]
     signals: Array  # `EXPLAINED`, forces without the sensors' offset, (N, 4, P, 7)
     ends: Array  # place [m] and speed [m/s] of the COM along x at the switches, (N, 5, 2)
-    width: Array  # way of the lateral ZMP from foot to foot, (N,) [m]
     timing: Array  # error of a switch, by sampling and misfit of the ZMP, (N,) [s]
+    width: Array  # way of the lateral ZMP from foot to foot, (N,) [m]
     com_error: Array  # RMS of integrated and measured COM, (N,) [m]; NaN without a measured one
-    agreement: Array  # share of the measured COM's acceleration by the force, x, y, (N, 2) [1]; likewise
+    agreement: Array  # share of the COM's acceleration by the force, x, y, (N, 2) [1]
     upward: Array  # mean vertical force as measured, (N,) [N]
     weight: float  # of the body [N]
 
@@ -97,20 +96,17 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
     if ("com" in log.signals) == (com_height is not None):
         what = "a COM; leave its height out" if com_height else "no COM; give its mean height (--com-height)"
         raise InputError(f"{log.name} has {what}, or the columns com_x, _y, _z.")
+    for name in {"zmp", "com"} & log.signals.keys():
+        log = log.rows(np.asarray(np.isfinite(log.signals[name]).all(axis=1)))
     share = left_share(log)
     left, right = take_overs(log.time, share), take_overs(log.time, 1.0 - share)
     if not weighed and len(left) > 1:
         strides_only = (log.time >= left[0]) & (log.time < left[-1])
         log = replace(log, weight=float(log.signals["force"][strides_only, 2].mean()))
-    found = []
-    for begin, end in whole_strides(log, left, _MARGIN):
-        middle, margin = right[(right > begin) & (right < end)], _MARGIN * (end - begin)
-        if len(middle) == 1:
-            part = log.rows((log.time >= begin - margin) & (log.time <= end + margin))
-            if stride := _stride(part, np.array([begin, middle[0], end]), com_height):
-                found.append(stride)
-    sizes = np.array([[np.ptp(one["switches"]), one["ends"][-1, 0] - one["ends"][0, 0]] for one in found])
-    sizes = sizes.reshape(-1, 2)
+    bounds = whole_strides(log, left, _MARGIN)
+    found = [one for ends in bounds if (one := _stride(log, ends, right, com_height))]
+    sizes = np.array([(one["switches"][[0, -1]], one["ends"][[0, -1], 0]) for one in found]).reshape(-1, 2, 2)
+    sizes = sizes[..., 1] - sizes[..., 0]
     middles = np.median(sizes, axis=0) if found else np.full(2, math.nan)
     alike = (np.abs(sizes / middles - 1.0) <= _ALIKE).all(axis=1) & (sizes[:, 1] >= _SHORTEST)
     chosen = [stride for stride, kept in zip(found, alike, strict=True) if kept]
@@ -122,8 +118,9 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
             f"{len(left)} times; whole strides between them: {len(found)}{of}; give a longer log of steady "
             "walking without gaps, x forward, and belt_speed of a treadmill." + f" {log.unsupported}".rstrip()
         )
-    arrays = {item.name: np.array([stride[item.name] for stride in chosen]) for item in fields(Strides)[:-1]}
+    arrays = {name: np.array([stride[name] for stride in chosen]) for name in chosen[0]}
     strides = Strides(**arrays, weight=log.weight)
+    strides.signals[..., 5:] = _closed(strides.signals[..., 5:], strides.durations)
     for axis, agrees in zip("xy", np.median(strides.agreement, axis=0), strict=True):
         if agrees < _AGREE:
             raise InputError(
@@ -134,49 +131,43 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
     return strides, len(found) - len(chosen)
 
 
-def _stride(log: Log, taken: Array, height: float | None) -> dict[str, Any] | None:
+def _stride(log: Log, ends: tuple[float, float], right: Array, height: float | None) -> dict[str, Any] | None:
     """One stride, by the arrays of :class:`Strides`; None if its phases are not found.
 
-    The log has a margin around it. Left, right and left foot have ``taken`` half of the weight at three
-    instants [s]; the height of the COM over the floor [m] is given if it was not measured.
+    The left foot takes half of the weight at both ends, the right one at some instants [s]; the height of the
+    COM over the floor [m] is given if it was not measured.
     """
-    time, mass, signals = log.time, log.weight / GRAVITY, log.signals
-    if height is None:
-        seen = time[np.isfinite(signals["com"]).all(axis=1)]
-        if np.diff([time[0], *seen, time[-1]]).max() > _UNSEEN * (taken[2] - taken[0]):
-            return None
-    floor = np.broadcast_to(signals.get("floor", 0.0), time.shape)
-    known = np.isfinite(signals["zmp"]).all(axis=1)
-    zmp = _at(time, time[known], signals["zmp"][known])
-    com, velocity, offset, agreement, com_error = _integrated(log, zmp, floor, taken, height)
-    force = signals["force"] + mass * offset
+    middle, margin = right[(right > ends[0]) & (right < ends[1])], _MARGIN * (ends[1] - ends[0])
+    log = log.rows((log.time >= ends[0] - margin) & (log.time <= ends[1] + margin))
+    time, zmp = log.time, log.signals["zmp"]
+    floor = np.broadcast_to(log.signals.get("floor", 0.0), time.shape)
+    com, velocity, offset, agreement = _integrated(log, floor, ends, height)
     supports = []
-    for at in taken:
-        rows = np.abs(time - at) <= _MARGIN * (taken[2] - taken[0])
+    for at in (ends[0], *middle, ends[1]):
+        rows = np.abs(time - at) <= margin
         supports.append(_double_support(time[rows], com[rows, 1], zmp[rows, 1]))
-    begins, ends, widths, errors = np.array(supports).T
-    switches = np.array([ends[0], begins[1], ends[1], begins[2], ends[2]])
-    if not (np.diff(switches) > 0.0).all():  # also of NaN
+    begins, stops, widths, errors = np.array(supports).T
+    switches = np.column_stack([begins, stops]).ravel()[1:]
+    if len(switches) != 5 or not (np.diff(switches) > 0.0).all():  # also of NaN
         return None
-    com[:, 2] -= floor
-    momentum = signals.get("angular_momentum", np.full((1, 3), np.nan))[:, :2]
+    inside = (time >= ends[0]) & (time < ends[1])
+    gap = log.signals.get("com", np.full((1, 3), np.nan)) - com
+    force, com[:, 2] = log.signals["force"] + log.weight / GRAVITY * offset, com[:, 2] - floor
+    momentum = log.signals.get("angular_momentum", np.full((1, 3), np.nan))[:, :2]
     if not np.isfinite(momentum).all():
         lever = force[:, 2:] * (zmp - com[:, :2]) + com[:, 2:] * force[:, :2]
         momentum = cumulative_trapezoid(lever[:, ::-1] * [1.0, -1.0], time, axis=0, initial=0.0)
     instants = switches[:-1, None] + np.diff(switches)[:, None] * (np.arange(_POINTS) + 0.5) / _POINTS
-    explained = _at(instants, time, np.hstack([zmp, force, momentum]))
-    explained[..., 5:] = _closed(explained[..., 5:], np.diff(switches))
-    inside = (time >= taken[0]) & (time < taken[2])
     return {
         "switches": switches,
         "com": _at(instants, time, com),
-        "signals": explained,
+        "signals": _at(instants, time, np.hstack([zmp, force, momentum])),
         "ends": _at(switches, time, np.column_stack([com[:, 0], velocity[:, 0]])),
-        "width": widths.mean(),
         "timing": math.hypot(math.sqrt(np.mean(errors**2)), log.time_step / math.sqrt(12.0)),
-        "com_error": com_error,
+        "width": widths.mean(),
+        "com_error": math.sqrt(np.mean(gap[:, :2] ** 2)),
         "agreement": agreement,
-        "upward": signals["force"][inside, 2].mean(),
+        "upward": log.signals["force"][inside, 2].mean(),
     }
 
 
@@ -186,38 +177,39 @@ def _at(times: Array, time: Array, values: Array) -> Array:
 
 
 def _integrated(
-    log: Log, zmp: Array, floor: Array, taken: Array, height: float | None
-) -> tuple[Array, Array, Array, Array, float]:
-    """COM and velocity (K, 3), what the acceleration lacks (3,), and how a measured COM agrees: as `Strides`.
+    log: Log, floor: Array, ends: tuple[float, float], height: float | None
+) -> tuple[Array, Array, Array, Array]:
+    """COM and velocity (K, 3), what the force's acceleration lacks (3,), and the `agreement` of `Strides`.
 
-    It is the double integral of the force and a polynomial: the nearest to the measured COM, or a parabola
-    with which velocity, place over the ZMP and angular momentum are the same at both ends of the stride.
+    The COM is the double integral of the force and a polynomial: it is nearest to the measured COM, or makes
+    velocity, place over the ZMP and angular momentum the same at both ends of the stride [s].
     """
-    time, mass, duration = log.time - taken[0], log.weight / GRAVITY, taken[2] - taken[0]
-    speed = cumulative_trapezoid(log.signals["force"] / mass - [0.0, 0.0, GRAVITY], time, axis=0, initial=0.0)
+    time, zmp, duration = log.time - ends[0], log.signals["zmp"], ends[1] - ends[0]
+    both_ends, inside = np.array([0.0, duration]), (time >= 0.0) & (time <= duration)
+    pushed = log.signals["force"] / (log.weight / GRAVITY) - [0.0, 0.0, GRAVITY]
+    speed = cumulative_trapezoid(pushed, time, axis=0, initial=0.0)
     place = cumulative_trapezoid(speed, time, axis=0, initial=0.0)
-    ends, inside = np.array([0.0, duration]), (time >= 0.0) & (time <= duration)
     if height is None:
-        known = np.isfinite(log.signals["com"]).all(axis=1)
-        domain, gap = [time[0], time[-1]], log.signals["com"] - place
-        fits = [Legendre.fit(time[known], values, _DEGREE, domain) for values in gap[known].T]
-        added, drift, change = (np.column_stack([fit.deriv(n)(time) for fit in fits]) for n in (0, 1, 2))
-        lacking = np.diff(_at(ends, time, drift), axis=0)[0] / duration
-        pushed = log.signals["force"][inside] / mass
-        agreement = 1.0 - change[inside, :2].var(axis=0) / (pushed + change[inside])[:, :2].var(axis=0)
-        error = math.sqrt(np.nanmean((gap - added)[:, :2] ** 2))
-        return place + added, speed + drift, lacking, agreement, error
-    around = duration * np.linspace(-_MARGIN, _MARGIN, _POINTS)
-    way = np.append((_at(around + duration, time, zmp) - _at(around, time, zmp)).mean(axis=0), 0.0)
-    lacking = -np.diff(_at(ends, time, speed), axis=0)[0] / duration
-    rate = (way - np.diff(_at(ends, time, place), axis=0)[0]) / duration - 0.5 * duration * lacking
-    com = place + np.outer(time, rate) + np.outer(0.5 * time**2, lacking)
-    force = (log.signals["force"] + mass * lacking)[inside]
-    com[:, 2] += height - (com[inside, 2] - floor[inside]).mean()
-    up = (com[:, 2] - floor)[inside, None]
-    moment = force[:, 2:] * (zmp - com[:, :2])[inside] + up * force[:, :2]
-    com[:, :2] += moment.sum(axis=0) / force[:, 2].sum()
-    return com, speed + rate + np.outer(time, lacking), lacking, np.full(2, math.nan), math.nan
+        gap, domain = log.signals["com"] - place, [time[0], time[-1]]
+        added: list[Any] = [Legendre.fit(time, values, _DEGREE, domain) for values in gap.T]
+    else:
+        around = duration * np.linspace(-_MARGIN, _MARGIN, _POINTS)
+        way = np.append((_at(around + duration, time, zmp) - _at(around, time, zmp)).mean(axis=0), 0.0)
+        faster, further = (np.diff(_at(both_ends, time, part), axis=0)[0] for part in (speed, place))
+        rate = (way - further) / duration + 0.5 * faster
+        added = [Polynomial([0.0, *both]) for both in zip(rate, -0.5 * faster / duration, strict=True)]
+    com, velocity, change = (
+        part + np.column_stack([one.deriv(n)(time) for one in added])
+        for n, part in enumerate((place, speed, pushed))
+    )
+    lacking = np.diff(_at(both_ends, time, velocity - speed), axis=0)[0] / duration
+    if height is not None:
+        com[:, 2] += height - (com[:, 2] - floor)[inside].mean()
+        up, force = (com[:, 2] - floor)[inside, None], (pushed + lacking + [0.0, 0.0, GRAVITY])[inside]
+        moment = force[:, 2:] * (zmp - com[:, :2])[inside] + up * force[:, :2]
+        com[:, :2] += moment.sum(axis=0) / force[:, 2].sum()
+    accelerated, missed = change[inside, :2], (change - pushed)[inside, :2]
+    return com, velocity, lacking, 1.0 - missed.var(axis=0) / accelerated.var(axis=0)
 
 
 def _double_support(time: Array, com: Array, zmp: Array) -> tuple[float, float, float, float]:
@@ -232,24 +224,24 @@ def _double_support(time: Array, com: Array, zmp: Array) -> tuple[float, float, 
     def misfit(of: Array) -> Array:
         return of[0] + (of[1] - of[0]) * np.clip((along - of[2]) / max(of[3] - of[2], 1e-9), 0.0, 1.0) - zmp
 
-    start = [before, after, *np.quantile(along, (0.35, 0.65))]
-    found = least_squares(misfit, start, x_scale=0.01)
+    found = least_squares(misfit, [before, after, *np.quantile(along, (0.35, 0.65))], x_scale=0.01)
     passed = np.maximum.accumulate(along)  # a COM that sways back passes a place once
     if not passed[0] <= found.x[2] < found.x[3] <= passed[-1]:
         return (math.nan,) * 4
     begin, end = np.interp(found.x[2:], passed, time)
-    way, half = abs(found.x[1] - found.x[0]), 0.5 * (end - begin)
-    around = np.abs(time - begin - half) <= 2.0 * half + time[1] - time[0]
-    return begin, end, way, math.sqrt(np.mean(found.fun[around] ** 2)) * 2.0 * half / way
+    around = np.abs(2.0 * time - begin - end) <= 2.0 * (end - begin + time[1] - time[0])
+    way = abs(found.x[1] - found.x[0])
+    return begin, end, way, math.sqrt(np.mean(found.fun[around] ** 2)) * (end - begin) / way
 
 
 def _closed(values: Array, durations: Array) -> Array:
-    """Values over a stride, (..., 4, P, n), without drift and mean, as a periodic one has them."""
-    flat = values.reshape(*values.shape[:-3], -1, values.shape[-1])
-    shares = durations / durations.sum(axis=-1, keepdims=True)
-    weights = np.repeat(shares / _POINTS, _POINTS, axis=-1)[..., None]
-    flat = flat - (flat[..., -1:, :] - flat[..., :1, :]) * weights.cumsum(axis=-2)
-    return (flat - (flat * weights).sum(axis=-2, keepdims=True)).reshape(values.shape)
+    """Values over strides, (N, 4, P, n), without drift and mean, as periodic ones have them."""
+    weights = np.repeat(durations / durations.sum(axis=1, keepdims=True) / _POINTS, _POINTS, axis=1)[
+        ..., None
+    ]
+    flat = values.reshape(len(values), -1, values.shape[-1])
+    flat = flat - (flat[:, -1:] - flat[:, :1]) * weights.cumsum(axis=1)
+    return (flat - (flat * weights).sum(axis=1, keepdims=True)).reshape(values.shape)
 
 
 def _laws(strides: Strides) -> tuple[Array, Array, Array, Array]:
@@ -327,22 +319,21 @@ def explained(strides: Strides) -> dict[str, Array]:
     """
     com, _, *laws = _laws(strides)
     slopes, means = ((law.sum(axis=1, keepdims=True) - law) / (len(strides) - 1) for law in laws)
-    # With c = 1 and b = 0 ZMP and force add to the COM: the nearest such laws.
+    slopes, means = slopes[:, :, :, None], means[:, :, :, None]
+    # With c = 1 and b = 0 ZMP and force add to the COM: the nearest such law.
     slope, mean = 0.5 * (slopes[0] + 1.0 - slopes[1]), 0.5 * (means[0] - means[1])
-    double = np.array([0.0, 1.0, 0.0, 1.0])[:, None]
-    resting = double + 0.0 * slope
-    nearest = {
-        "pendulum": ([resting, 1.0 - resting], [(1.0 - double) * mean, (double - 1.0) * mean]),
-        "rolling": ([slope, 1.0 - slope], [mean, -mean]),
-        "ampm": (slopes, means),
+    double = np.array([0.0, 1.0, 0.0, 1.0])[:, None, None]
+    zmps = {
+        "pendulum": double * com + (1.0 - double) * mean,
+        "rolling": slope * com + mean,
+        "ampm": slopes[0] * com + means[0],
     }
     middle = strides.com[..., :2].mean(axis=2, keepdims=True)
     scale = strides.weight / strides.com[..., 2].mean(axis=(1, 2))[:, None, None, None]
     steps = strides.durations[:, :, None, None] / _POINTS
     found = {}
-    for model in MODELS:
-        rises, levels = (np.asarray(part)[:, :, :, None] for part in nearest[model])
-        zmp, force = levels + rises * com
+    for model, zmp in zmps.items():
+        force = slopes[1] * com + means[1] if model == "ampm" else com - zmp
         moment = steps * strides.weight * (_TURN * (zmp + force - com))[..., ::-1] * [1.0, -1.0]
         momentum = moment.reshape(len(strides), -1, 2).cumsum(axis=1).reshape(moment.shape) - 0.5 * moment
         upward = np.full_like(force[..., :1], strides.weight)
@@ -351,12 +342,13 @@ def explained(strides: Strides) -> dict[str, Array]:
     return found
 
 
-def scores(strides: Strides, told: Mapping[str, Array]) -> Scores:
-    """How well models tell every signal.
+def scores(strides: Strides) -> Scores:
+    """How well the models tell every signal.
 
     The variance of a ZMP is about its mean in the phase, that of horizontal forces and momenta about 0, of
     the vertical force about the weight. The share is NaN where a signal rests.
     """
+    told = explained(strides)
     about = np.where(np.arange(7) < 2, strides.signals.mean(axis=2, keepdims=True), 0.0)
     about[..., EXPLAINED.index("force_z")] = strides.weight
     height = float(strides.com[..., 2].mean())
@@ -364,10 +356,11 @@ def scores(strides: Strides, told: Mapping[str, Array]) -> Scores:
     sizes = np.repeat([height, strides.weight, pace], (2, 3, 2))
     found: Scores = {name: {model: {} for model in told} for name in EXPLAINED}
     for support, rows in {**SUPPORTS, "stride": [0, 1, 2, 3]}.items():
-        weights = strides.durations[:, rows, None, None] / strides.durations[:, rows].sum()
+        weights = strides.durations[:, rows].ravel()
 
         def root(gap: Array) -> Array:
-            return np.sqrt((weights * gap[:, rows] ** 2).mean(axis=2).sum(axis=(0, 1)))  # noqa: B023
+            squares = (gap[:, rows] ** 2).mean(axis=2).reshape(-1, len(EXPLAINED))  # noqa: B023
+            return np.sqrt(np.average(squares, axis=0, weights=weights))  # noqa: B023
 
         size = root(strides.signals - about)
         known = np.where(size > _STILL * sizes, size, np.nan)

@@ -58,7 +58,8 @@ def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Rows) ->
         "angular_momentum": record.command_angular_momentum[:, :2] - sample.angular_momentum,
         "zmp": record.command_zmp - sample.zmp,
     }
-    return {name: _rms_columns(gap[rows]) for name, gap in gaps.items()}
+    many = np.count_nonzero(rows) or math.nan
+    return {name: tuple(np.sqrt((gap[rows] ** 2).sum(axis=0) / many).tolist()) for name, gap in gaps.items()}
 
 
 def margins(
@@ -181,9 +182,3 @@ def _extreme(values: Array, time: Array, names: Sequence[str] = (), *, largest: 
     filled = np.where(known, values, -np.inf if largest else np.inf)
     row, column = divmod(int(filled.argmax() if largest else filled.argmin()), values.shape[1])
     return Extreme(float(values[row, column]), float(time[row]), names[column] if names else "")
-
-
-def _rms_columns(values: Array) -> tuple[float, ...]:
-    if values.shape[0] == 0:
-        return (math.nan,) * values.shape[1]
-    return tuple(float(value) for value in np.sqrt(np.mean(values * values, axis=0)))

@@ -78,10 +78,9 @@ def load_metric(text: str) -> Metric:
     return metric if METRICS.get(metric.name) is metric else register(metric)
 
 
-def evaluate(walk: Comparison, metrics: Iterable[Metric] | None = None) -> dict[str, float]:
-    """Value of every metric that the walk has, by name, in its SI unit; of all registered ones by default."""
-    wanted = METRICS.values() if metrics is None else metrics
-    found = ((metric.name, _compute(metric, walk)) for metric in wanted)
+def evaluate(walk: Comparison) -> dict[str, float]:
+    """Value of every metric that the walk has, by name, in its SI unit."""
+    found = ((metric.name, _compute(metric, walk)) for metric in METRICS.values())
     return {name: value for name, value in found if value is not None}
 
 

@@ -12,7 +12,7 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.judge.built_in import has_qp
-from validation.judge.compare import SIGNALS, Comparison, statistics_table
+from validation.judge.compare import SIGNALS, Comparison
 from validation.judge.metrics import METRICS, display_unit
 from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
@@ -257,7 +257,13 @@ def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> d
         "end": {"time": outcome.time, "cause": outcome.cause},
         **_entries(verdict),
         "timing": {},
-        "statistics": statistics_table(comparison),
+        "statistics": {
+            name: {
+                window: {**vars(found), "unit": SIGNALS[name].unit, "reference": SIGNALS[name].reference}
+                for window, found in windows.items()
+            }
+            for name, windows in comparison.signals.items()
+        },
         "zmp_error_split": {
             "residual": split.residual,
             "rmse": split.rmse,

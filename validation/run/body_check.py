@@ -102,6 +102,9 @@ def _facts(robot: Robot, model: mujoco.MjModel, findings: Findings) -> dict[str,
     limits, weight = dict(d.torque_limits), d.mass * GRAVITY
     ankle, hip = (max(limits[name] for name in part) for part in (d.left_leg.ankle, d.left_leg.hip))
     hip_share = hip / (weight * d.hip_half_width)
+    q = pin.neutral(robot.model)
+    q[robot.knee_joints + 1] = robot.knee_angles(_BENT)
+    leg = robot.jacobian(q).jacobian[6:12, robot.leg_joints[0][:6]]  # of the left sole [m/rad and 1]
     return {
         "mass": (d.mass, "kg"),
         "height of the COM": (d.hip_height + d.com_over_hip, "m"),
@@ -111,21 +114,13 @@ def _facts(robot: Robot, model: mujoco.MjModel, findings: Findings) -> dict[str,
         "length of a sole": (sole.length, "m"),
         _FEET: (_feet_over_soles(model, robot), "m"),
         "straight knee at": (d.left_leg.straight_knee, "rad"),
-        _LEG: (_leg_singular_value(robot), "1"),
+        _LEG: (float(np.linalg.svd(leg, compute_uv=False)[-1]), "1"),
         "ZMP from the ankle, as far as its torque reaches": (ankle / weight, "m"),
         "hip torque over weight times half the distance of the hips": (hip_share, "1"),
         "asymmetry of the source: places": (findings.place, "m"),
         "asymmetry of the source: COM": (findings.com, "m"),
         "asymmetry of the source: masses": (findings.mass, "kg"),
     }
-
-
-def _leg_singular_value(robot: Robot) -> float:
-    """Least singular value of the Jacobian of the left sole by its leg's joints [m/rad and 1]."""
-    q = pin.neutral(robot.model)
-    q[robot.knee_joints + 1] = robot.knee_angles(_BENT)
-    jacobian = robot.jacobian(q).jacobian[6:12, robot.leg_joints[0][:6]]
-    return float(np.linalg.svd(jacobian, compute_uv=False)[-1])
 
 
 def _feet_over_soles(model: mujoco.MjModel, robot: Robot) -> float:

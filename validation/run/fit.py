@@ -14,17 +14,7 @@ from ampm.parameters import GRAVITY, RunParameters
 from ampm.planner.periodic import plan
 from ampm.run_file import load_run
 from validation.judge.compare import SIGNALS
-from validation.judge.fit import (
-    CONFIDENCE,
-    MODELS,
-    Constant,
-    Scores,
-    Strides,
-    constants,
-    cut_strides,
-    explained,
-    scores,
-)
+from validation.judge.fit import CONFIDENCE, MODELS, Constant, Scores, Strides, constants, cut_strides, scores
 from validation.judge.metric import display_unit
 from validation.measure.log import read_log
 from validation.run.judge_log import log_columns
@@ -54,21 +44,16 @@ class Fit(Tabled):
     def sentence(self) -> str:
         """What the models explain over whole strides."""
 
-        def share(model: str, signal: str) -> str:
-            found = self.scores[signal][model]["stride"]["share"]
-            return "none" if math.isnan(found) or found < 0.005 else f"{100.0 * found:.0f} %"
+        def share(signal: str, model: str) -> str:
+            return f"{max(0.0, 100.0 * self.scores[signal][model]['stride']['share']):.0f} %"
 
-        parts = []
-        for axis, about in (("x", "y"), ("y", "x")):
-            rolling, resting, whole = (
-                f"{share(model, f'zmp_{axis}')} of the ZMP and {share(model, f'force_{axis}')} of the force"
-                for model in ("rolling", "pendulum", "ampm")
-            )
-            parts.append(
-                f"Along {axis} a rolling ZMP explains {rolling} (a resting one {resting}); with angular "
-                f"momentum it is {whole}, and {share('ampm', f'angular_momentum_{about}')} of L_{about}."
-            )
-        return " ".join(parts)
+        return " ".join(
+            f"Along {axis} a rolling ZMP explains {share(f'zmp_{axis}', 'rolling')} of the ZMP and "
+            f"{share(f'force_{axis}', 'rolling')} of the force; with angular momentum it is "
+            f"{share(f'zmp_{axis}', 'ampm')} and {share(f'force_{axis}', 'ampm')}, and "
+            f"{share(f'angular_momentum_{about}', 'ampm')} of L_{about}."
+            for axis, about in ("xy", "yx")
+        )
 
     def tables(self) -> Sequence[Table]:
         """Constants, and what the models explain."""
@@ -172,7 +157,7 @@ def fit_log(
     ]
     gait, why = _gait(found, weighs)
     told = [note for note in (*notes, log.unsupported, *why) if note]
-    return Fit(name, strides, found, scores(strides, explained(strides)), gait, told)
+    return Fit(name, strides, found, scores(strides), gait, told)
 
 
 def _gait(found: Mapping[str, Constant], mass: float) -> tuple[RunParameters | None, list[str]]:

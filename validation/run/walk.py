@@ -27,7 +27,7 @@ from validation.trial.disturbances import Disturbance, describe
 from validation.trial.plan import PlannedWalk, load_request, make_body, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
-from validation.trial.users import CONTROLLER, check_planner
+from validation.trial.users import CONTROLLER
 
 
 def walk(
@@ -72,13 +72,10 @@ def walk(
     names = {"gait.planner": planner, "controller.name": controller}
     sections = {} if footsteps is None else {"footsteps": as_rows(footsteps)}
     chosen = request.run.replace({k: text for k, text in names.items() if isinstance(text, str)}, **sections)
-    options = chosen.controller.options
-    factory = controller if callable(controller) else CONTROLLER.find(chosen.controller.name, options)
-    if isinstance(planner, str):
-        check_planner(chosen.gait.planner, chosen.planner.options)
-        planner = None
+    factory = controller if callable(controller) else CONTROLLER.find(*CONTROLLER.named(chosen))
+    planner = None if isinstance(planner, str) else planner
     name_of_class = CONTROLLER.name_of(factory)
-    CONTROLLER.check_options(name_of_class, factory, options)
+    CONTROLLER.check_options(name_of_class, factory, chosen.controller.options)
     if controller is not None:
         chosen = chosen.replace({"controller.name": name_of_class})
     request = replace(request, name=name or request.name, run=chosen)

@@ -144,7 +144,8 @@ class Chart:
         lines: list[list[tuple[float, Mark]]] = []
         room = math.inf
         for mark in self.marks:
-            needed = 22 + _width(mark.label)
+            widths = (next((w for of, w in _LETTERS.items() if x in of), 5.2) for x in mark.label)
+            needed = 22 + sum(widths)
             if mark.label:
                 if room + needed > self.width + 4:
                     lines.append([])
@@ -245,11 +246,6 @@ def _fitted(charts: Sequence[Chart], width: float) -> list[Chart]:
     return found
 
 
-def _width(text: str) -> float:
-    """Width of a text in letters of 8 pt [pt]."""
-    return sum(next((size for of, size in _LETTERS.items() if letter in of), 5.2) for letter in text)
-
-
 def _points(x: ArrayLike, y: ArrayLike) -> Array:
     return np.column_stack([x, y]).astype(float)
 
@@ -261,6 +257,8 @@ def _ticks(low: float, high: float, most: float) -> list[tuple[float, str]]:
     step = next(n * 10.0**power for n in (1, 2, 2.5, 5, 10) if n * 10.0**power >= least * (1 - 1e-9))
     decimals = len(f"{step:.12f}".rstrip("0").partition(".")[2])
     numbers = range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
+    if len(numbers) < 2:  # one shows no scale
+        return _ticks(low, high, 2.0 * max(most, 2.0))
     return [(n * step, f"{n * step:.{decimals}f}".replace("-", "\u2212")) for n in numbers]
 
 

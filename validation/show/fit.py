@@ -41,8 +41,8 @@ def _picture(strides: Strides, told: dict[str, Array], column: int) -> Picture:
     scale, unit = display_unit(signal.unit, strides.weight)
     is_zmp = signal.group == "zmp"
     ends = np.append(0.0, np.cumsum(strides.durations.mean(axis=0)))
-    points = strides.com.shape[2]
-    time = (ends[:-1, None] + np.diff(ends)[:, None] * (np.arange(points) + 0.5) / points).ravel()
+    shares = (np.arange(strides.com.shape[2]) + 0.5) / strides.com.shape[2]
+    time = (ends[:-1, None] + np.outer(np.diff(ends), shares)).ravel()
 
     def drawn(values: Array) -> Array:
         return scale * (values[..., column] - is_zmp * strides.com[..., column % 3]).reshape(len(strides), -1)

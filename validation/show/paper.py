@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -119,7 +120,8 @@ def write_paper(
         texts[f"tables.{table_form}"] = as_text(tables, table_form)
     files = {name: text.encode() for name, text in texts.items()}
     for figure in figures:
-        slug = re.sub(r"\W+", "-", figure.label.lower()).strip("-")[:40].strip("-")
+        words = re.sub(r"\W+", " ", figure.label.lower())
+        slug = textwrap.shorten(words, 40, placeholder="").replace(" ", "-")
         points = (two if figure.wide else width) / _POINT
         files[f"figure-{figure.number:02d}-{slug}.{form}"] = figure.as_file(form, points)
     for name, content in files.items():

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ampm.geometry import convex_hull
 from ampm.planner.centroidal import CentroidalPlan, PlanSample
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
@@ -71,8 +72,8 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
 def _draw_top(chart: Chart, plan: CentroidalPlan, sample: PlanSample) -> None:
     """Footprints, support polygons, COM and ZMP seen from above."""
     if isinstance(plan, StepPlan):
-        for time in sample.time[:: _POINTS // 150]:
-            corners = plan.support_polygon(float(time))
+        for points, contact in zip(*plan.points_in_contact(sample.time[:: _POINTS // 150]), strict=True):
+            corners = convex_hull(points[contact])
             if len(corners) >= 3:
                 chart.area(corners[:, 0], corners[:, 1], RIGHT, opacity=0.02)
         low, high = sample.com[:, :2].min(axis=0) - _BEYOND, sample.com[:, :2].max(axis=0) + _BEYOND

@@ -74,7 +74,7 @@ def render(saved: SavedRun) -> str:
         outcome_sentence="" if saved.is_log else outcome.name.sentence,
         is_log=saved.is_log,
         is_free=saved.is_free,
-        disturbed=_disturbed(saved),
+        disturbed="; ".join(summary.get("disturbances", ())),
         from_rest=saved.from_rest,
         facts=_facts(saved, plan),
         explanation=_explanation(saved.directory / RunFile.EXPLANATION),
@@ -99,15 +99,6 @@ def _explanation(path: Path) -> tuple[str, Table] | None:
         return str(found["said"]), TypeAdapter(Table).validate_python(found["table"])
     except (ValueError, LookupError, TypeError, RecursionError):
         raise InputError(f"{path} is damaged; remove it, or run ampm explain again.") from None
-
-
-def _disturbed(saved: SavedRun) -> str:
-    """What disturbed the walk, empty if nothing did; pushes are in the record."""
-    own = saved.parameters.disturbance.model_dump(exclude_defaults=True)
-    parts = [f"{key} = {value}" for key, value in own.items() if not key.startswith(("push_", "seed"))]
-    sensors = saved.parameters.sensors.model_dump(exclude_defaults=True)
-    parts += [f"sensors.{key} = {value}" for key, value in sensors.items()]
-    return "; ".join([*parts, *filter(None, [saved.record.disturbances])])
 
 
 def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:

@@ -135,9 +135,11 @@ class RunFigures:
         title = f"Error of {SIGNALS[name].label}"
         large.name(f"{title}, {middle_name(signals)}", f"[{short_unit(unit)}]")
         self._finish_run(whole, f"{title}, whole run", f"[{short_unit(unit)}]")
-        caption = "The plan is that of the whole-body motion; the AMPM does not plan it." * (
-            curve.reference == "motion"
-        )
+        caption = "Grey: double support."
+        if self._tolerance(f"{name}_rmse") is not None:
+            caption += " Green: tolerance of the RMS error."
+        if curve.reference == "motion":
+            caption += " The plan is that of the whole-body motion; the AMPM does not plan it."
         return Picture(charts, f"{curve.title}: error, plan and measurement", caption)
 
     def _signal(self, chart: Chart, curve: Curve, title: str) -> Chart:
@@ -200,7 +202,7 @@ class RunFigures:
         chart.line(time, parts.sum(axis=0), INK, 1.1, label="error")
         shade_double_support(chart, self.signals, self.window)
         chart.name("", f"error along {axis} [mm]")
-        return Picture(charts, f"Causes of the ZMP error along {axis}, stacked")
+        return Picture(charts, f"Causes of the ZMP error along {axis}, stacked", "Grey: double support.")
 
     def top_view(self, steps: int = 4) -> Picture:
         """ZMP and COM over the footprints, seen from above: some steps from the middle, or all from rest."""
@@ -243,7 +245,8 @@ class RunFigures:
             for row, value in enumerate(values):
                 corners = [0.0, value, value, 0.0], [-row - half, -row - half, -row + half, -row + half]
                 chart.area(*corners, PLAN, opacity=opacity, label=label if row == 0 else "")
-        chart.yticks = {record.joint_names[index]: -row for row, index in enumerate(order)}
+        names = [name.replace("_", " ") for name in record.joint_names]
+        chart.yticks = {names[index]: -row for row, index in enumerate(order)}
         chart.xlim = (0.0, max(100.0, 1.05 * float(peak.max())))
         chart.instant(100.0, BAD, 0.9, dash=DASHED)
         chart.name("The busiest motors", "", "torque [% of the motor's limit]")

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.text import Text
 
 from validation.output import results
-from validation.table import ABSENT, COLORS, format_number
+from validation.table import ABSENT, format_number
 
 
 def print_line(text: str | Text = "", style: str = "") -> None:
@@ -15,12 +15,6 @@ def print_line(text: str | Text = "", style: str = "") -> None:
     Console(file=results(), highlight=False, soft_wrap=True).print(
         Text(text) if isinstance(text, str) else text, style=style
     )
-
-
-def print_verdict(name: str, verdict: str, reason: str) -> None:
-    """Print a verdict in its colour on one line, with its reason."""
-    word, color = f"{name}: {verdict.replace('_', ' ').upper()}", COLORS.get(verdict, "yellow")
-    print_line(Text.assemble((word, f"bold {color}"), f"  {reason}"))
 
 
 def format_value(value: Any) -> str:

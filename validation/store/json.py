@@ -7,6 +7,8 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+from validation.store.folders import output_file
+
 
 def json_ready(value: Any) -> Any:
     """Copy of a nested value in which every number is one that JSON has.
@@ -39,5 +41,6 @@ def dump_json(value: Any) -> str:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write a nested value as JSON, see :func:`json_ready`."""
-    path.write_text(dump_json(value) + "\n", encoding="utf-8")
+    """Write a nested value as JSON, see :func:`json_ready`; whole or not at all."""
+    with output_file(path) as work:
+        work.write_text(dump_json(value) + "\n", encoding="utf-8")

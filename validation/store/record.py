@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
+from ampm.files import check_regular
 from validation.store.json import json_ready
 from validation.trial.files import RunFile
 from validation.trial.outcome import Outcome
@@ -184,9 +185,9 @@ def read_table(path: Path) -> pa.Table:
 
 
 def _readable(path: Path, read: Callable[[Path], Any]) -> Any:
-    if not path.is_file():  # to open a pipe would wait for its writer
-        what = "is not a regular file" if path.exists() else "is missing"
-        raise InputError(f"{path} {what}; give the folder of a recorded run.")
+    check_regular(path)
+    if not path.exists():
+        raise InputError(f"{path} is missing; give the folder of a recorded run.")
     try:
         return read(path)
     except (pa.ArrowException, OSError) as error:

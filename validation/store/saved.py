@@ -17,12 +17,12 @@ from pydantic import TypeAdapter
 
 from ampm.description import BodyDescription
 from ampm.exceptions import AmpmError, InputError
+from ampm.files import check_regular
 from ampm.parameters import RunParameters
 from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.support import StepPlan
 from ampm.run_file import load_run
-from validation.store.folders import output_file
 from validation.store.json import dump_json, write_json
 from validation.store.metric_table import metric_table, summary_title
 from validation.store.record import RECORD_FILES, load_model, load_record, read_header
@@ -196,20 +196,18 @@ def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
 
 def _digest(path: Path) -> str:
     """SHA-256 of a file, empty if there is none; raises InputError if it is not a regular file."""
-    if path.is_file():
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    if path.exists():  # to open a pipe would wait for its writer
-        raise InputError(f"{path} is not a regular file; give the folder of a finished run.")
-    return ""
+    check_regular(path)
+    if not path.exists():
+        return ""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def keep_digest_of_recording(directory: Path) -> None:
     """Enter the digest of a recording that was drawn into the summary of its run."""
     summary = read_summary(directory)
     summary["files"][RunFile.RECORDING] = _digest(directory / RunFile.RECORDING)
-    with output_file(directory / RunFile.SUMMARY) as work:
-        write_json(work, summary)
+    write_json(directory / RunFile.SUMMARY, summary)
 
 
 def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:

@@ -53,7 +53,10 @@ def write_evidence(
     linked = _linked(saved, factors)
     names = ("factor", "standard", "criterion", "found")
     assessed = [tuple(row[name] or "NOT ASSESSED" for name in names) for row in factors]
-    environment = [(name, str(value)) for name, value in saved.summary["environment"].items()]
+    facts = saved.summary["environment"]
+    versions = ", ".join(f"{name} {version}" for name, version in facts["versions"].items())
+    facts = facts | {"versions": versions, "memory": f"{facts['memory']} GB"}
+    environment = [(name, str(value)) for name, value in facts.items()]
     page = render_page(
         "evidence.html.j2",
         f"Evidence: {saved.title}",

@@ -22,9 +22,9 @@ from validation.judge.margins import SATURATED
 from validation.run.walk import walk_planned
 from validation.show.text import format_value
 from validation.store.folders import names_folder
-from validation.store.json import json_ready
+from validation.store.json import json_ready, write_json
 from validation.store.saved import load_saved_run
-from validation.study.many import Execution, Task, study_folder, walk_many, write_study
+from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.row_file import Row
 from validation.table import Table, Tabled, own_rows
 from validation.trial.disturbances import Disturbance, Recorded
@@ -45,17 +45,6 @@ _SHOWN = 3  # keys of a change that are named
 Values = Mapping[str, Any]
 
 
-def other_controller(run: RunParameters) -> Values:
-    """Keys of the project's controller with its settings for the body; from these on, of a tighter one."""
-    usual = load_request(None, body=run.body.source).run
-    values = {key: usual.value(key) for key in keys() if key.startswith("controller.")}
-    values |= {"controller.frequency": run.controller.frequency, "controller.options": {}}
-    if any(run.value(key) != value for key, value in values.items()):
-        return values
-    factors = {"controller.com_stiffness": TIGHTER, "controller.com_damping": math.sqrt(TIGHTER)}
-    return {key: factor * run.value(key) for key, factor in factors.items()}
-
-
 @dataclass(frozen=True)
 class Change:
     """One layer made ideal, or another one in its place: a row of ``layers.csv``."""
@@ -70,8 +59,14 @@ class Change:
         wanted = self.keys.split()
         every = (*keys(), *OPTION_TABLES)
         changed = [key for key in every if key in wanted or key.partition(".")[0] in wanted]
-        if self.value == "another":
-            return other_controller(run)
+        if self.value == "another":  # the project's controller with its settings for the body, else tighter
+            usual = load_request(None, body=run.body.source).run
+            values = {key: usual.value(key) for key in keys() if key.startswith("controller.")}
+            values |= {"controller.frequency": run.controller.frequency, "controller.options": {}}
+            if any(run.value(key) != value for key, value in values.items()):
+                return values
+            factors = {"controller.com_stiffness": TIGHTER, "controller.com_damping": math.sqrt(TIGHTER)}
+            return {key: factor * run.value(key) for key, factor in factors.items()}
         if self.value == "drake":
             return dict.fromkeys(changed if find_spec("pydrake") else [], self.value)
         if self.value == "default":
@@ -298,7 +293,7 @@ def explain(
         rows.append({"layer": change.layer, "text": text, **row})
     result = Explanation(planned.request.title, *answer(trial, rows), trial, tuple(rows))
     for place in filter(None, (target, folder)):
-        write_study(result, place / RunFile.EXPLANATION)
+        write_json(place / RunFile.EXPLANATION, result.as_dict())
     return result
 
 

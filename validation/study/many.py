@@ -24,10 +24,9 @@ from ampm.parameters import RunParameters
 from validation.judge.metrics import added_metrics
 from validation.progress import Progress, interruption
 from validation.store.environment import code_hash
-from validation.store.folders import check_target, disk_is_full, output_file
-from validation.store.json import write_json
+from validation.store.folders import check_target, disk_is_full
 from validation.store.machine import cores
-from validation.study.pool import open_pool, users_file
+from validation.study.pool import attempt, open_pool, users_file
 from validation.study.row_file import ROWS, Row, RowFile
 from validation.study.walk_options import own_classes, users_files
 
@@ -137,12 +136,6 @@ def study_folder(execution: Execution) -> Path | None:
     return Path(out)
 
 
-def write_study(result: Any, path: Path) -> None:
-    """Write the numbers of a study as JSON, whole or not at all."""
-    with output_file(path) as work:
-        write_json(work, result.as_dict())
-
-
 def walk_many(
     tasks: Iterable[Task],
     *,
@@ -186,6 +179,11 @@ def walk_many(
         outcomes[row.get("outcome", "finished")] += 1
         return row
 
+    def finished(task: Task, columns: Row) -> Row:
+        row = {"key": task.key, "digest": task.digest, **columns}
+        rows.append(row)
+        return counted(row)
+
     def show(*more: str) -> None:
         """Report the progress, unless Ctrl-C was pressed."""
         interruption.check()
@@ -197,19 +195,22 @@ def walk_many(
     def refill() -> Iterator[Row]:
         """Take tasks whose rows are known, until one wants a walk or none is left."""
         while not ready and (task := next(source, None)) is not None:
-            row = rows.get(task.key, task.digest)
-            if row is None and task.known is not None:
-                row = {"key": task.key, "digest": task.digest, **task.known}
-                rows.append(row)
-            if row is None:
-                ready.append(task)
-            else:
+            if (row := rows.get(task.key, task.digest)) is not None:
                 yield counted(row)
+            elif task.known is not None:
+                yield finished(task, task.known)
+            else:
+                ready.append(task)
             show()
 
     try:
         with progress.stage(label, unit) as stage:
             yield from refill()
+            while workers == 0 and ready:  # in this very process
+                task = ready.pop()
+                yield from refill()
+                yield finished(task, {"worker": "", **attempt(task.work, task.options)})
+                show()
             if not ready:
                 return
             with open_pool(workers, scheduler, limit) as processes:
@@ -221,10 +222,7 @@ def walk_many(
                         yield from refill()
                         continue
                     for name, columns in processes.wait():
-                        task = flying.pop(name)
-                        row = {"key": task.key, "digest": task.digest, **columns}
-                        rows.append(row)
-                        yield counted(row)
+                        yield finished(flying.pop(name), columns)
                     show(*["waiting for workers"] * (not processes.size()))
     except KeyboardInterrupt as error:
         if folder is not None:

@@ -171,26 +171,6 @@ def _packed(work: Work, options: Options) -> bytes:
 # ------------------------------------------------------------------------------------------ in the client
 
 
-class ThisProcess:
-    """This very process, for tests, debuggers and single walks. It has no limit of time."""
-
-    def __init__(self) -> None:
-        self._waiting: list[tuple[Work, Options]] = []
-
-    def size(self) -> int:
-        """One."""
-        return 1
-
-    def send(self, work: Work, options: Options) -> str:
-        """Remember a run; returns its name."""
-        self._waiting.append((work, options))
-        return ""
-
-    def wait(self) -> Iterator[tuple[str, Row]]:
-        """Walk it."""
-        yield "", {"worker": "", **attempt(*self._waiting.pop())}
-
-
 class Workers:
     """Workers of a dask client, one run each at a time.
 
@@ -278,17 +258,12 @@ class Workers:
 
 
 @contextmanager
-def open_pool(
-    workers: int | None, scheduler: str | None, limit: float | None
-) -> Iterator[ThisProcess | Workers]:
-    """Processes of this machine, 0 for this very one and None for one a core, or workers of a dask scheduler.
+def open_pool(workers: int | None, scheduler: str | None, limit: float | None) -> Iterator[Workers]:
+    """Processes of this machine, None for one a core, or workers of a dask scheduler.
 
     Raises:
         InputError: nothing answers at that address.
     """
-    if workers == 0:
-        yield ThisProcess()
-        return
     import dask  # slow to load
     import distributed  # noqa: F401  # sets its defaults once: within `config.set` they would be lost at the end
 

@@ -26,14 +26,14 @@ from numpy.typing import NDArray
 from ampm.exceptions import InputError
 from validation.store.json import json_ready
 from validation.study.compare.comparison import SHARE
-from validation.study.sweep.design import CONTROLLER_KEY, ENGINE_KEY, PLANNER_KEY
+from validation.study.sweep.design import ENGINE_KEY
 from validation.study.sweep.schema import AHEAD, ahead_column
 from validation.study.sweep.table import BROKEN, RunState, SweepTable, read_sweep
 from validation.table import ABSENT, Table, Tabled, format_number
 from validation.trial.followed import JUDGED_LEAD, LEADS
 from validation.trial.users import SUFFIXES
 
-SHORT = {"planner": PLANNER_KEY, "controller": CONTROLLER_KEY}
+SHORT = {"planner": "gait.planner", "controller": "controller.name"}
 """Short names of keys."""
 FILES = (".toml", *SUFFIXES)
 """Endings of gaits and tables, which are named without them."""

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from ampm.exceptions import InputError
-from ampm.parameters import RunParameters
+from ampm.parameters import OPTION_TABLES, RunParameters
 from validation.judge.profiles import profile as find_profile
 from validation.run.trial import Trial
 from validation.run.walk import timed, walk_planned
 from validation.study.row_file import Row
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, plan_walk
-from validation.trial.users import CONTROLLER, ESTIMATOR, PLANNER, SUFFIXES, load_planner
+from validation.trial.users import ROLES
 
 
 def own_classes(value: Any) -> dict[str, Any]:
@@ -25,17 +25,8 @@ def own_classes(value: Any) -> dict[str, Any]:
         InputError: there is no such controller, planner or estimator.
     """
     if isinstance(value, RunParameters):
-        found = {}
-        for role, name, options in (
-            (PLANNER, value.gait.planner, value.planner.options),
-            (CONTROLLER, value.controller.name, value.controller.options),
-            (ESTIMATOR, value.sensors.estimator, value.sensors.options),
-        ):
-            if Path(name).suffix in SUFFIXES:
-                found[name] = load_planner(name)
-            elif name not in role.known:
-                found[name] = role.find(name, options)
-        return found
+        named = ((role, *role.named(value)) for role in ROLES)
+        return {name: role.find(name, options) for role, name, options in named if name not in role.known}
     if is_dataclass(value):
         value = vars(value)
     items = value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ()
@@ -44,7 +35,7 @@ def own_classes(value: Any) -> dict[str, Any]:
 
 def users_files(run: RunParameters) -> list[Path]:
     """A user's own body and its model, without meshes, and files that options name, such as a policy."""
-    options = (run.controller.options, run.planner.options, run.sensors.options)
+    options = map(run.value, OPTION_TABLES)
     values = [value for table in options for value in table.values() if isinstance(value, str)]
     files = [Path(value) for value in (run.body.source, *values) if os.path.isfile(value)]
     if Path(run.body.source) in files:

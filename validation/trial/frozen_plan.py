@@ -145,9 +145,7 @@ def check_contacts(
                         f"at {times[row]:.4g} s the path of its {side} foot is {off:.3g} m off the "
                         "footstep of its contacts"
                     )
-    points = np.concatenate([foot.sole_points[:, :, :2] for foot in feet], axis=1)
-    contact = np.concatenate([foot.contact.repeat(2, axis=1) for foot in feet], axis=1)
-    margin = polygon_margin(points, contact, plan.sample(times).zmp)
+    margin = polygon_margin(*plan.points_in_contact(times), plan.sample(times).zmp)
     worst = int(margin.argmin())
     if margin[worst] < -outside:
         raise ValueError(

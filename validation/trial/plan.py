@@ -25,10 +25,8 @@ from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
 from validation.progress import Progress
 from validation.trial.users import (
-    CONTROLLER,
-    ESTIMATOR,
     UsersCode,
-    check_planner,
+    check_classes,
     load_planner,
     planner_problem,
     real_numbers,
@@ -172,9 +170,7 @@ def load_request(
     run = own_gait(run)
     if as_is:
         run = run.as_is()
-    CONTROLLER.check(run.controller.name, run.controller.options)
-    ESTIMATOR.check(run.sensors.estimator, run.sensors.options)
-    check_planner(run.gait.planner, run.planner.options)
+    check_classes(run)
     path = Path(run.body.source if gait is None else gait)
     # A run folder's own run.toml is named after the folder.
     name = path.resolve().parent.name if path.name == "run.toml" else path.stem
@@ -227,7 +223,7 @@ def own_gait(run: RunParameters) -> RunParameters:
     from ampm.tune.first_gait import first_gait
     from models.build import build_body
 
-    return first_gait(run, build_body(run.body, run.contact, run.simulation).description)
+    return first_gait(run, build_body(run).description)
 
 
 def make_body(run: RunParameters) -> Body:
@@ -236,7 +232,7 @@ def make_body(run: RunParameters) -> Body:
     from models.build import build_body
     from validation.trial.engine import check_drake
 
-    model = build_body(run.body, run.contact, run.simulation)
+    model = build_body(run)
     if run.simulation.engine == "drake":
         check_drake(run, model.compile())
     return Body.of(model)
@@ -263,13 +259,14 @@ def plan_walk(
     from ampm.planners import FootstepPlanner
     from ampm.walk import WalkPlan
 
-    if planner is None and run.footsteps and run.gait.planner == "ampm":
-        planner = FootstepPlanner()
-        if run.body.source != HUMAN and leaves_open(run):  # height and feet are those of the body's own gait
-            request = tune_walk(replace(request, run=run.replace({}, footsteps=())), progress).request
-            request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
-            run = request.run
-    planner = planner or load_planner(run.gait.planner, run.planner.options)
+    if planner is None:
+        planner = load_planner(run.gait.planner, run.planner.options)
+        if run.footsteps and run.gait.planner == "ampm":
+            planner = FootstepPlanner()
+            if run.body.source != HUMAN and leaves_open(run):  # height and feet of its own gait
+                request = tune_walk(replace(request, run=run.replace({}, footsteps=())), progress).request
+                request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
+                run = request.run
     says = vars(type(planner))  # see ampm.walk.Planner
     tunes, checked = says.get("tunes", False), says.get("checked", False)
     name = str(getattr(planner, "name", type(planner).__name__))

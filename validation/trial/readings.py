@@ -214,7 +214,7 @@ def make_estimator(run: RunParameters, robot: Robot, start: State) -> Estimator 
 
     Raises :class:`InputError` if there is none that the run names, or it cannot be made.
     """
-    factory = ESTIMATOR.find(run.sensors.estimator, run.sensors.options)
+    factory = ESTIMATOR.find(*ESTIMATOR.named(run))
     if factory is None:
         return None
     informed = run.undisturbed.model_copy(update={"sensors": run.sensors.known})

@@ -125,7 +125,6 @@ class SimulationRecord:
     point_sites: tuple[str, ...] = ()  # sites of the sole points in the model, P names
     changes: int = 0  # number of plans followed after the first one
     controller: str = ""  # name of a user's, empty for the project's own
-    disturbances: str = ""  # pushes and other forces, in words
     followed: Followed | None = None  # what the plans that were followed said, not on disk; None of a log
 
     def __post_init__(self) -> None:

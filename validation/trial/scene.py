@@ -114,7 +114,14 @@ def _change_floor(
         if wanted.floor_height:
             plane.set("pos", f"0 0 {wanted.floor_height!r}")
         return
-    step = _footstep(contacts, wanted.step_number) if wanted.step_height else contacts.footsteps[0]
+    if wanted.step_height and wanted.step_number > len(contacts.footsteps):
+        raise InputError(
+            f"disturbance.step_number = {wanted.step_number} is not a footstep of the plan, which has "
+            f"{len(contacts.footsteps)}; take one of them, or raise gait.steps.",
+            key="disturbance.step_number",
+            value=wanted.step_number,
+        )
+    step = contacts.footsteps[wanted.step_number - 1 if wanted.step_height else 0]
     turn = _about_z(step.heading)
     feet = np.array([item.position for item in contacts.footsteps]) @ turn  # in the walk's frame
     tiles = [_Tile((-_FAR, -_FAR), (_FAR, _FAR))]
@@ -173,17 +180,6 @@ def _box(
     own = {"name": name, "type": "box", "size": _text([*half, 0.5 * _THICK]), "pos": _text(centre)}
     own["xyaxes"] = _text([*rotation[:, 0], *rotation[:, 1]])
     return ElementTree.Element("geom", dict(plane.attrib) | own)
-
-
-def _footstep(contacts: Contacts, number: int) -> Footstep:
-    if number > len(contacts.footsteps):
-        raise InputError(
-            f"disturbance.step_number = {number} is not a footstep of the plan, which has "
-            f"{len(contacts.footsteps)}; take one of them, or raise gait.steps.",
-            key="disturbance.step_number",
-            value=number,
-        )
-    return contacts.footsteps[number - 1]
 
 
 def _place(

@@ -24,7 +24,7 @@ from ampm.sensor_parameters import EXACT
 from ampm.sensors.readings import Estimator
 from ampm.stepping.tracker import SteppedTick
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, Controller, ControllerFactory, ControlOutput, State, Touch
-from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, describe, pushes_of
+from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, pushes_of
 from validation.trial.followed import Followed, Stepped
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
@@ -78,7 +78,7 @@ def simulate(
             f"take 1 ... {plan.contacts.steps} or raise gait.steps."
         )
     physics = Physics(planned.scene, run)
-    factory = controller or CONTROLLER.find(run.controller.name, run.controller.options)
+    factory = controller or CONTROLLER.find(*CONTROLLER.named(run))
     known = planned.body.again()
     with UsersCode("controller", factory):
         follower = factory(known, run.undisturbed, **run.controller.options)
@@ -109,7 +109,6 @@ def simulate(
         record,
         outcome=outcome if outcome.completed else explained(outcome, physics.model),
         controller="" if ours else CONTROLLER.name_of(factory),
-        disturbances="; ".join(map(describe, forces)),
         followed=followed,
         changes=followed.changes,
         tick_plan=followed.numbers(record.tick_time),

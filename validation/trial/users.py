@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import ampm
 from ampm.exceptions import AmpmError, InputError, words_of
 from ampm.files import LARGEST_TABLE, check_columns, read_file, read_text
-from ampm.parameters import NO_PLAN
+from ampm.parameters import NO_PLAN, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.support import StepPlan
@@ -116,14 +116,24 @@ class Role:
     arguments: int  # number of arguments that a class gets before its options
     otherwise: str = "MODULE:CLASS"  # what may stand in the place of a name, for messages
 
+    def named(self, run: RunParameters) -> tuple[str, Mapping[str, Option]]:
+        """Name and options of the class in a run."""
+        return run.value(self.key), run.value(self.options)
+
     def find(self, text: str, options: Mapping[str, Option] = MappingProxyType({})) -> Any:
         """Import the class or function of a name: ours, an installed package's, or ``module:Class``.
 
-        None is that of a name of ours that stands for no class.
+        None is that of a name of ours that stands for no class. A table of a plan makes a planner.
 
         Raises:
-            InputError: nothing has this name, it cannot be imported, or an option is unknown or missing.
+            InputError: nothing has this name, it cannot be imported or read, or an option is unknown or
+                missing.
         """
+        if self is PLANNER and (path := Path(text)).suffix in SUFFIXES:
+            from ampm.planners import TablePlanner  # imported here: Pinocchio is slow to load
+
+            self.check_options(text, None, options)
+            return SENT.get(text) or TablePlanner(read_columns(path), path.name)
         known = dict(self.known)
         if ":" not in text and text not in known:
             known |= {item.name: item.value for item in entry_points(group=f"ampm.{self.name}s")}
@@ -138,14 +148,6 @@ class Role:
         factory = load_object(self.key, place) if place else None
         self.check_options(text, factory, options)
         return factory
-
-    def check(self, text: str, options: Mapping[str, Option]) -> None:
-        """Refuse a name and options as :meth:`find` does, before anything is planned.
-
-        Nothing is imported for a name of ours without options.
-        """
-        if text not in self.known or options:
-            self.find(text, options)
 
     def check_options(
         self, text: str, factory: Callable[..., Any] | None, options: Mapping[str, Option]
@@ -201,6 +203,21 @@ PLANNER = Role(
 )
 
 
+ROLES = (CONTROLLER, ESTIMATOR, PLANNER)
+"""All of them."""
+
+
+def check_classes(run: RunParameters) -> None:
+    """Refuse names and options of a run as :meth:`Role.find` does, before anything is planned.
+
+    Nothing is imported for a name of ours without options; a planner is not made.
+    """
+    for role in ROLES:
+        name, options = role.named(run)
+        if name not in role.known or options:
+            role.find(name, options)
+
+
 def load_planner(text: str, options: Mapping[str, Option] = MappingProxyType({})) -> "Planner":
     """The planner that a text names.
 
@@ -212,27 +229,14 @@ def load_planner(text: str, options: Mapping[str, Option] = MappingProxyType({})
     """
     from ampm.planners import PeriodicPlanner, TablePlanner  # imported here: Pinocchio is slow to load
 
-    path = Path(text)
-    if path.suffix in SUFFIXES:
-        PLANNER.check_options(text, None, options)
-        return SENT.get(text) or TablePlanner(read_columns(path), path.name)
     factory = PLANNER.find(text, options)
     if factory is None:
         return PeriodicPlanner(text)
+    if isinstance(factory, TablePlanner):
+        return factory
     with UsersCode("planner", factory):
         planner: Planner = factory(**options)
     return planner
-
-
-def check_planner(text: str, options: Mapping[str, Option]) -> None:
-    """Refuse a name that is not a planner, and options that it does not take, before anything is planned.
-
-    A user's planner is not made for it.
-    """
-    if Path(text).suffix in SUFFIXES:
-        load_planner(text, options)
-    else:
-        PLANNER.check(text, options)
 
 
 def planner_problem(made: Any) -> str:

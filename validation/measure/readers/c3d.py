@@ -33,9 +33,8 @@ def read(path: Path) -> dict[str, Any]:
         raise InputError(f"{path} has no force plates; a log needs the force of the floor.")
     rate = file["header"]["analogs"]["frame_rate"]
     table: dict[str, Any] = {"time": np.arange(plates[0]["force"].shape[1]) / rate}
-    sign = (
-        np.sign(sum(plate["force"][2].mean() for plate in plates)) or 1.0
-    )  # some hold the force on the plate
+    # Some hold the force on the plate.
+    sign = np.sign(sum(plate["force"][2].mean() for plate in plates)) or 1.0
     total, lever = np.zeros((3, len(table["time"]))), np.zeros((2, len(table["time"])))
     for number, plate in enumerate(plates, start=1):
         force = sign * plate["force"]

@@ -290,13 +290,11 @@ class _Log:
 
     def polygon(self, plan: StepPlan) -> None:
         """Support polygon of the points planned in contact: sent when it changes."""
-        feet = plan.feet.sample(np.minimum(self.times, plan.duration))
-        contact = np.concatenate([foot.contact for foot in feet], axis=1)
+        times = np.minimum(self.times, plan.duration)
+        points, contact = plan.points_in_contact(times)
         change = changes(contact)
-        points = np.concatenate([foot.sole_points[change, :, :2] for foot in feet], axis=1)
-        loaded = contact[change].repeat(2, axis=1)
-        floor = plan.sample(np.minimum(self.times[change], plan.duration)).floor
-        rows = zip(points, loaded, floor.tolist(), strict=True)
+        floor = plan.sample(times[change]).floor
+        rows = zip(points[change], contact[change], floor.tolist(), strict=True)
         polygons = [_on_floor(convex_hull(mine[here]), height) for mine, here, height in rows]
         strips = [np.vstack([polygon, polygon[:1]]).astype(np.float32) for polygon in polygons]
         self.static("world/plan/polygon", rr.LineStrips3D.from_fields(colors=[PLAN], radii=[0.004]))

@@ -19,6 +19,7 @@ import numpy as np
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
+from ampm.files import absolute
 from validation.judge.compare import PARTS
 from validation.judge.metric import BODY_WEIGHT, FOOT_LENGTH, FOOT_MOMENTUM, size_in_si
 from validation.judge.metrics import METRICS, added_metrics, cost_entry, display_unit
@@ -465,7 +466,7 @@ def compare_gaits(
     alike, requests, labels = len(set(given["WALK"])) == 1, [], []
     for walk in range(count):
         text, *chosen = (values[walk % len(values)] for values in given.values())
-        own = [f"{key}={json.dumps(_absolute(str(name)))}" for key, name in zip(choices, chosen, strict=True)]
+        own = [f"{key}={json.dumps(absolute(str(name)))}" for key, name in zip(choices, chosen, strict=True)]
         request = load_request(text, [*own, *settings], as_is=as_is)
         # With the values that are found; a refused gait is named before the first walk.
         requests.append(plan_walk(request, execution.get("progress")).request)
@@ -489,8 +490,3 @@ def compare_gaits(
                 kind = kinds.get(row["outcome"], kinds.get(row["reason"], RuntimeError))
                 raise kind(f"{walks[row['key']].title}: {row['cause']}")
         return compare_runs(list(walks), labels, uncertainty, robustness)
-
-
-def _absolute(value: str) -> str:
-    """The value of an option; a file's path is absolute."""
-    return str(Path(value).resolve()) if Path(value).is_file() else value

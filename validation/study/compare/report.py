@@ -136,4 +136,4 @@ def _draw(sides: Sequence[Side], name: str) -> Picture:
     chart.title, chart.xlabel, chart.ylabel = f"{title}, {middle_name(first)}", "time [s]", f"[{unit}]"
     chart.top = max(chart.top, chart.heading_height() + 4.0)
     caption = "Measured minus planned." if is_error else "Measured; dashed: the plan of each."
-    return Picture(charts, f"{title} of all walks", caption)
+    return Picture(charts, f"{title} of all walks", f"{caption} Grey: double support of {sides[0].label}.")

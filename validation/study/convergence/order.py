@@ -89,8 +89,9 @@ def estimate(levels: Iterable[float], ratio: float, *, forbidden: bool = False) 
     spread = max(values) - min(values)
     if spread <= _ROUNDING * max(abs(value) for value in values):
         return Estimate(Kind.CONSTANT, orders, spread, spread)
-    last = abs(values[-1] - values[-2])
-    if forbidden or not _is_asymptotic(orders):
+    last, pair = abs(values[-1] - values[-2]), orders[-2:]
+    in_range = all(ORDERS[0] <= order <= ORDERS[1] for order in pair)  # false for NaN
+    if forbidden or len(pair) < 2 or not in_range or abs(pair[0] - pair[1]) > AGREEMENT:
         # The larger of the last two changes, at formal order: the last one may be accidentally small.
         before = abs(values[-2] - values[-3]) / ratio**FORMAL_ORDER
         beyond = UNCONFIRMED * max(last, before) / (ratio**FORMAL_ORDER - 1.0)
@@ -106,10 +107,3 @@ def estimate(levels: Iterable[float], ratio: float, *, forbidden: bool = False) 
         order=order,
         extrapolated=values[-1] + (values[-1] - values[-2]) / (ratio**order - 1.0),
     )
-
-
-def _is_asymptotic(orders: Sequence[float]) -> bool:
-    """Whether the finest two triplets converge from one side, at orders of the method that agree."""
-    pair = orders[-2:]
-    in_range = all(ORDERS[0] <= order <= ORDERS[1] for order in pair)  # false for NaN
-    return len(pair) == 2 and in_range and abs(pair[0] - pair[1]) <= AGREEMENT

@@ -10,8 +10,9 @@ from ampm.parameters import RunParameters
 from validation.judge import profiles
 from validation.judge.uncertainty import FILE
 from validation.store.environment import parameter_values
+from validation.store.json import write_json
 from validation.study.convergence.result import OWN, Convergence, Study, combine
-from validation.study.many import Execution, Task, study_folder, walk_many, write_study
+from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.row_file import Row
 from validation.study.sweep.design import ENGINE_KEY
 from validation.study.walk_options import walk_request
@@ -121,5 +122,5 @@ def convergence(
     walks = {row["key"]: row for row in walk_many(tasks, label=f"{request.name}: convergence", **execution)}
     result = combine(request, limits, found, {task: walks[task] for task in runs})
     if folder is not None:
-        write_study(result, folder / FILE)
+        write_json(folder / FILE, result.as_dict())
     return result

@@ -8,7 +8,8 @@ from typing import Any, Unpack
 from ampm.exceptions import InputError
 from ampm.parameters import NO_PLAN, RunParameters
 from models.scene import BodyModel
-from validation.study.many import Execution, Task, study_folder, walk_many, write_study
+from validation.store.json import write_json
+from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.pool import attempt
 from validation.study.robustness.cells import (
     AFTER,
@@ -161,7 +162,7 @@ def robustness(
         crashes=tuple(crashes),
     )
     if folder is not None:
-        write_study(found, folder / RESULT)
+        write_json(folder / RESULT, found.as_dict())
     return found
 
 

@@ -19,19 +19,18 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ampm.exceptions import InputError
-from ampm.parameters import HUMAN, NAMES, OPTION_TABLES, RunParameters, is_option, keys
+from ampm.parameters import HUMAN, OPTION_TABLES, RunParameters, is_option, keys
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, load_run
 from ampm.section import Option, Real, Section, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
 from validation.store.environment import parameter_values
+from validation.trial import users
 from validation.trial.plan import own_gait
-from validation.trial.users import CONTROLLER, ESTIMATOR, check_planner
 
 MOST_CASES = 100_000
 """Runs of one sweep at most, and points of a sampled block: of 10 s each they take 12 days of a core."""
-STEPS_KEY, CONTROLLER_KEY, PLANNER_KEY = "gait.steps", "controller.name", "gait.planner"
-ESTIMATOR_KEY = "sensors.estimator"
+STEPS_KEY, PLANNER_KEY = "gait.steps", "gait.planner"
 ENGINE_KEY = "simulation.engine"
 BODY_KEY = "body.source"
 DELAY_KEY = "sensors.delay"
@@ -354,12 +353,9 @@ def read_definition(table: Mapping[str, Any], name: str, folder: Path) -> SweepD
 def check_classes(definition: SweepDefinition) -> None:
     """Refuse a controller, planner, estimator or engine that there is not, before anything is walked."""
     first = {key: values[0] for key, values in definition.options.items()}
-    for key in (CONTROLLER_KEY, PLANNER_KEY, ESTIMATOR_KEY):
+    for key in OPTION_TABLES.values():
         for name in definition.values(key):
-            run = definition.shared[0].replace({**first, key: name})
-            CONTROLLER.check(run.controller.name, run.controller.options)
-            check_planner(run.gait.planner, run.planner.options)
-            ESTIMATOR.check(run.sensors.estimator, run.sensors.options)
+            users.check_classes(definition.shared[0].replace({**first, key: name}))
     if "drake" in definition.values(ENGINE_KEY):
         from validation.trial.engine import check_drake  # loads the simulator
 
@@ -405,8 +401,8 @@ def _values(key: str, value: Any) -> Range | tuple[Option, ...]:
             f"{key} = {value!r} must be a list with values, or a range; one value alone belongs under [set].",
             key=key,
         )
-    classes = {f"{section}.{name}" for section, name in NAMES.values()}
-    return tuple(info.convert(_one_text(item) if key in classes else item) for item in value)
+    is_class = key in OPTION_TABLES.values()
+    return tuple(info.convert(_one_text(item) if is_class else item) for item in value)
 
 
 def _one_text(value: Any) -> Any:
@@ -455,16 +451,13 @@ def dump_sweep(definition: SweepDefinition) -> str:
         words = block.model_dump(by_alias=True, exclude_none=True)
         values = words.pop("keys")
         vary.append({**words, **values})
-    table = {"sweep": head, "set": dict(definition.set), "vary": vary}
+    table: dict[str, Any] = {"sweep": head, "set": dict(definition.set), "vary": vary}
     # The file of a gait may change or be missing later, so its contents are included.
     gaits = definition.gaits
     if not set(gaits) <= set(PRESETS) or definition.base != tuple(map(load_run, gaits)):
-        table["base"] = [_kept(base) for base in definition.base]
+        table["base"] = []
+        for run in definition.base:  # what is given, and what differs from the defaults
+            kept = run.given | {key for key in keys() if run.value(key) != key_info(key).default}
+            sections = run.giving(kept).model_dump(exclude_unset=True)
+            table["base"].append({name: section for name, section in sections.items() if section})
     return tomli_w.dumps(table)
-
-
-def _kept(run: RunParameters) -> dict[str, Any]:
-    """What is given of a run, and what differs from the defaults."""
-    kept = run.given | {key for key in keys() if run.value(key) != key_info(key).default}
-    sections = run.giving(kept).model_dump(exclude_unset=True)
-    return {name: section for name, section in sections.items() if section}

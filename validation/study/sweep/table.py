@@ -344,7 +344,13 @@ def read_sweep(folder: Path | str) -> SweepTable:
     if not is_sweep(folder):
         raise InputError(f"{folder} holds no sweep; give the --out folder of one.")
     if not file.is_file():
-        return wrap_table(_unfinished(folder), folder)
+        definition = load_sweep(folder / DEFINITION)
+        rows = {row["key"]: row for row in (read_rows(folder) if (folder / ROWS).is_file() else ())}
+        keys = (key_of(definition, run) for run in range(len(definition)))
+        table = build_table(definition, (rows[key] for key in keys if key in rows))
+        if not table.num_rows:
+            raise InputError(f"the sweep in {folder} has no result yet; wait for its first rows.")
+        return wrap_table(table, folder)
     try:
         table = pq.read_table(file, use_threads=False)
     except (pa.ArrowException, OSError) as error:
@@ -353,21 +359,6 @@ def read_sweep(folder: Path | str) -> SweepTable:
     if TABLE_METADATA not in (table.schema.metadata or {}):
         raise InputError(f"{file} is not a table of a sweep: it has no metadata {TABLE_METADATA.decode()!r}.")
     return wrap_table(table, folder)
-
-
-def _unfinished(folder: Path) -> pa.Table:
-    """Table of the rows that are there.
-
-    Raises:
-        InputError: there is none yet.
-    """
-    definition = load_sweep(folder / DEFINITION)
-    rows = {row["key"]: row for row in (read_rows(folder) if (folder / ROWS).is_file() else ())}
-    keys = (key_of(definition, run) for run in range(len(definition)))
-    table = build_table(definition, (rows[key] for key in keys if key in rows))
-    if not table.num_rows:
-        raise InputError(f"the sweep in {folder} has no result yet; wait for its first rows.")
-    return table
 
 
 def wrap_table(table: pa.Table, directory: Path | None, source: str = "") -> SweepTable:
