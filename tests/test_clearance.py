@@ -11,7 +11,7 @@ from models.build import build_body
 from tests.saved_run import make_run
 from validation.show.report import render
 from validation.store.saved import load_saved_run
-from validation.trial.shapes import REACH, Shapes
+from validation.trial.shapes import REACH, Shapes, least_distances
 
 LIMB = """<body name="{name}" pos="0 {y} 0">
   <joint name="{name}_x" axis="1 0 0"/><joint name="{name}_y" axis="0 1 0"/>
@@ -61,6 +61,18 @@ def test_the_distance_of_two_capsules_is_that_of_their_axes_less_the_radii():
             assert gaps.parts == ("one and two",)
             assert np.linalg.norm(np.diff(gaps.points[0], axis=0)) == pytest.approx(distance, abs=1e-5)
     assert near > 5
+
+
+def test_no_shapes_are_nearer_than_by_their_boxes():
+    run = load_run("normal")
+    model = build_body(run).compile()
+    data, shapes = mujoco.MjData(model), Shapes(model)
+    for angles in np.random.default_rng(0).uniform(-0.6, 0.6, (5, model.nq - 7)):
+        data.qpos[7:] = angles
+        mujoco.mj_kinematics(model, data)
+        least = least_distances(*shapes.boxes, data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3))
+        exact = [mujoco.mj_geomDistance(model, data, *pair, 2.0, None) for pair in shapes.boxes[-1].tolist()]
+        assert (least < np.array(exact) + 1e-6).all()
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,8 @@ from ampm.body.limits import (
 )
 from ampm.description import BodyDescription
 from ampm.geometry import Array
-from ampm.planner.feet import HEEL
-from ampm.planner.support import StepPlan
+from ampm.planner.feet import HEEL, FootSample
+from ampm.planner.support import StepPlan, margin_on
 
 if TYPE_CHECKING:
     from ampm.body.motion import MotionReport
@@ -101,7 +101,8 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     yield Limit(what, "m", width, AT_LEAST, "soles_overlap", wider), contacts.step_width
 
     # The AMPM's ZMP runs from -l_s/a_s to +l_s/a_s under the flat stance foot.
-    sample, margin = plan.sample(times), plan.zmp_margin(times)
+    sample, feet = plan.sample(times), plan.feet.sample(times)
+    margin = margin_on(feet, sample.zmp)
     place = np.where((sample.stance == 1)[:, None], sample.right_placement, sample.left_placement)
     travel = np.where(sample.phase == 0, np.abs(sample.zmp - place)[:, 0], 0.0)
     most = int(travel.argmax())
@@ -126,7 +127,7 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
         yield Limit(what, "m", sole.ball_x, AT_LEAST, reason, less, ROLL_TOLERANCE), reached
 
     reach = description.leg_length * (1.0 + LEG_ALLOWANCE)
-    longest = leg_extension(plan, description, times) * description.leg_length
+    longest = leg_extension(sample.com, feet, description) * description.leg_length
     what = (
         f"the leg is too short for steps of {contacts.step_length:.4g} m with the COM at "
         f"{plan.com_height:.4g} m: the largest distance of hip and ankle"
@@ -134,7 +135,7 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     less = "lower gait.com_height, shorten gait.step_length or raise body.height"
     yield Limit(what, "m", reach, AT_MOST, "leg_too_short", less), longest
 
-    depth = -plan.feet.heights(times).T
+    depth = -plan.feet.heights(feet).T
     foot, at = np.unravel_index(int(depth.argmax()), depth.shape)
     what = f"the {('left', 'right')[foot]} sole is planned under the floor at {times[at]:.3f} s: its depth"
     more = "raise foot.swing_height or foot.heel_strike_angle"
@@ -153,11 +154,13 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     yield limit, float(margin[worst])
 
 
-def leg_extension(plan: StepPlan, description: BodyDescription, times: Array) -> float:
-    """Largest distance of hip and ankle centres over the straight leg's; the pelvis upright under the COM."""
-    sole, com = description.sole, plan.sample(times).com
-    longest = 0.0
-    for foot, side in zip(plan.feet.sample(times), (1.0, -1.0), strict=True):
+def leg_extension(com: Array, feet: tuple[FootSample, FootSample], description: BodyDescription) -> float:
+    """Largest distance of hip and ankle centres over the straight leg's; the pelvis upright under the COM.
+
+    COM, shape (N, 3) [m], and feet at the same times.
+    """
+    sole, longest = description.sole, 0.0
+    for foot, side in zip(feet, (1.0, -1.0), strict=True):
         c, s = np.cos(foot.pitch), np.sin(foot.pitch)
         forward, up = sole.ankle_x * c + sole.ankle_height * s, sole.ankle_height * c - sole.ankle_x * s
         lever = np.stack([forward, np.zeros_like(c), up], axis=1)

@@ -18,7 +18,16 @@ constraints (position and velocity), in the metric of the same weights, which pr
 import numpy as np
 
 from ampm.body.robot import Robot
-from ampm.body.step_kinematics import EXACT, Kinematics, StepTrajectory, correct, follow, upright
+from ampm.body.step_kinematics import (
+    EXACT,
+    Kinematics,
+    StepTrajectory,
+    correct,
+    follow,
+    nearest,
+    tasks_of,
+    upright,
+)
 from ampm.body.step_reference import StepReference
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
@@ -116,13 +125,13 @@ class InverseKinematics:
         Raises:
             Unreachable: Newton does not converge; the legs are too short for this instant.
         """
-        q, v = q.copy(), v.copy()
+        q = q.copy()
         try:
-            reached = correct(self.body, reference, k, q, v, EXACT, np.inf)
+            if not correct(self.body, reference, k, q, EXACT, np.inf):
+                raise self._miss(float(reference.time[k]))
+            v = nearest(tasks_of(self.body, self.body.rows), v, reference.velocity[k][self.body.rows])
         except np.linalg.LinAlgError as error:
             raise _dependent(float(reference.time[k])) from error
-        if not reached:
-            raise self._miss(float(reference.time[k]))
         self._check_knees(reference.time[k : k + 1], q[None])
         return q, v
 

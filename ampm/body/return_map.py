@@ -255,7 +255,10 @@ def start_orbit(step_map: StepMap, tolerance: float) -> Orbit:
     for path in _PATHS:
         first, *others = (step_map.easier(scale * drop, share) for drop, share in path)
         try:
-            orbit = newton(first, first.guess(), enough)
+            z = first.guess()
+            for easier in others[:1]:  # from a guess that cannot walk the next step no orbit leads there
+                easier.step(z)
+            orbit = newton(first, z, enough)
             for easier in others:
                 orbit = newton(easier, orbit.z, enough, orbit.inverse)
         except Unreachable:

@@ -227,7 +227,8 @@ class Robot:
         jacobian, torque = np.empty((count, self.task_rows, self.nu)), np.empty((count, self.nu))
         force, moment = np.empty((2, count, 3))
         for k in range(count):
-            rows = self.jacobian(q[k]).jacobian
+            self.rigid_body.place(q[k])
+            rows = np.ascontiguousarray(self.rigid_body.columns.T)
             total = pin.rnea(self.model, self.data, q[k], v[k], acceleration[k])
             passive_torques(self.passive, q[k], v[k], v[k], torque[k])
             torque[k] += total[6:]

@@ -80,21 +80,27 @@ def place(body: Kinematics, tasks: StepReference, k: int, q: Array) -> float:
 
 
 @compiled
-def nearest(body: Kinematics, rows: Rows, x: Array, wanted: Array) -> Array:
-    """The vector nearest to another one, in the metric of the weights, that meets some rows of the tasks.
+def tasks_of(body: Kinematics, rows: Rows) -> tuple[Array, Array, Array]:
+    """``J'``, ``W^-1 J'`` and ``J W^-1 J'`` of some rows of the tasks, where a body is placed."""
+    jacobian = body.columns[:, rows]
+    weighted = jacobian / body.weight.reshape(-1, 1)
+    return jacobian, weighted, jacobian.T @ weighted
+
+
+@compiled
+def nearest(tasks: tuple[Array, Array, Array], x: Array, wanted: Array) -> Array:
+    """The vector nearest to another one, in the metric of the weights, that meets the tasks.
 
     It minimises ``1/2 || y - x ||^2_W`` subject to ``J y = wanted``:
     ``y = x + W^-1 J' (J W^-1 J')^-1 (wanted - J x)``.
 
     Args:
-        body: supplies W, and J of the state that it is placed in.
-        rows: of the tasks, shape (m,).
+        tasks: m of them, see :func:`tasks_of`.
         x: change, velocity or acceleration of the coordinates, shape (nv,).
         wanted: shape (m,).
     """
-    jacobian = body.columns[:, rows]  # J'
-    weighted = jacobian / body.weight.reshape(-1, 1)
-    return x + weighted @ np.linalg.solve(jacobian.T @ weighted, wanted - jacobian.T @ x)
+    jacobian, weighted, gram = tasks
+    return x + weighted @ np.linalg.solve(gram, wanted - jacobian.T @ x)
 
 
 @compiled
@@ -131,17 +137,14 @@ def posture(body: Kinematics, q: Array, v: Array, phase: float, rate: float) -> 
 
 
 @compiled
-def correct(
-    body: Kinematics, tasks: StepReference, k: int, q: Array, v: Array, tolerance: float, far: float
-) -> bool:
-    """Bring a state onto the tasks at node k, by Newton's method for positions and once for velocities.
+def correct(body: Kinematics, tasks: StepReference, k: int, q: Array, tolerance: float, far: float) -> bool:
+    """Bring a configuration onto the tasks at node k by Newton's method.
 
     Args:
-        body: is placed in the corrected state.
+        body: is placed in the corrected configuration.
         tasks: of all nodes.
         k: the node.
         q: corrected, shape (nq,).
-        v: corrected, shape (nv,).
         tolerance: of the position error [m, rad].
         far: position error at which it gives up [m, rad].
 
@@ -154,13 +157,12 @@ def correct(
             break
         if not size < far or iteration == _MOST - 1:
             return False
-        change = nearest(body, body.position_rows, np.zeros(len(v)), body.miss)
+        change = nearest(tasks_of(body, body.position_rows), np.zeros(len(body.weight)), body.miss)
         q[:] = moved(q, limited(change, _LONGEST))
         converged = size * size < tolerance  # Newton's next error is about the square of the last
         size = place(body, tasks, k, q)
         if converged:
             break
-    v[:] = nearest(body, body.rows, v, tasks.velocity[k][body.rows])
     return True
 
 
@@ -170,32 +172,12 @@ def upright(body: Kinematics, tasks: StepReference, k: int, q: Array) -> Array:
     still = np.zeros(len(body.weight))
     for _ in range(60):
         place(body, tasks, k, q)
-        change = nearest(
-            body, body.position_rows, posture(body, q, still, 0.0, 0.0) / body.stiffness, body.miss
-        )
+        pull = posture(body, q, still, 0.0, 0.0) / body.stiffness
+        change = nearest(tasks_of(body, body.position_rows), pull, body.miss)
         q = moved(q, limited(change, 0.2))
         if np.abs(change).max() < 1e-6:
             break
     return q
-
-
-@compiled
-def accelerate(body: Kinematics, wanted: Array, q: Array, v: Array, phase: float, rate: float) -> Array:
-    """Accelerations that meet the tasks and are closest to the posture's.
-
-    Eqs. 8-12: minimise ``1/2 || a - p ||^2_W`` subject to ``J a = wanted - dJ/dt v``, p the posture's.
-
-    Args:
-        body: placed in the state.
-        wanted: task accelerations, shape (R,).
-        q: shape (nq,).
-        v: shape (nv,).
-        phase: see :func:`posture`.
-        rate: likewise.
-    """
-    drift = np.zeros(len(wanted))
-    task_drift(body.tree, body.link, body.soles, v, v, np.zeros(len(v)), drift)
-    return nearest(body, body.rows, posture(body, q, v, phase, rate), (wanted - drift)[body.rows])
 
 
 @compiled
@@ -221,11 +203,16 @@ def follow(body: Kinematics, tasks: StepReference, step: StepTrajectory) -> int:
     for k in range(last + 1):
         if k > 0:
             advance(step, tasks.time, k - 1)
-        q, v = step.q[k], step.v[k]
+        q, v, drift = step.q[k], step.v[k], np.zeros(tasks.velocity.shape[1])
         tolerance, far = EXACT if k in (0, last) else CORRECTED, _FAR if k else np.inf
-        if not correct(body, tasks, k, q, v, tolerance, far):
+        if not correct(body, tasks, k, q, tolerance, far):
             return k
-        step.acceleration[k] = accelerate(body, tasks.acceleration[k], q, v, rate * tasks.time[k], rate)
+        met = tasks_of(body, body.rows)
+        v[:] = nearest(met, v, tasks.velocity[k][body.rows])
+        # Eqs. 8-12: minimise 1/2 || a - p ||^2_W subject to J a = wanted - dJ/dt v, p the posture's.
+        task_drift(body.tree, body.link, body.soles, v, v, np.zeros(len(v)), drift)
+        wanted = (tasks.acceleration[k] - drift)[body.rows]
+        step.acceleration[k] = nearest(met, posture(body, q, v, rate * tasks.time[k], rate), wanted)
         step.angular_momentum_z[k] = body.link[0].mass * (body.columns[:, _L_Z] * v).sum()
         axis = turned(body.link[body.trunk[0].joint].turn, column(body.trunk[0].turn, 2))
         step.trunk_pitch[k] = math.atan2(axis[0], axis[2])

@@ -307,6 +307,8 @@ class CentroidalPlan(Brief):
         """
         if not math.isfinite(offset):
             raise InputError(f"the angular momentum offset is {offset}; give a finite number [N m s].")
+        if offset == self.constants.angular_momentum_y_offset:
+            return self
         constants = replace(self.constants, angular_momentum_y_offset=float(offset))
         return replace(self, constants=constants)
 

@@ -113,9 +113,9 @@ class FeetPlan(Brief):
         left, right = _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
         return (_rolled(left, self.roll), _rolled(right, self.roll)) if self.slope[1] else (left, right)
 
-    def heights(self, times: ArrayLike) -> Array:
-        """Height of the lowest sole point of both feet over the floor's plane, shape (N, 2) [m]."""
-        points = np.stack([foot.sole_points for foot in self.sample(times)], axis=1)
+    def heights(self, feet: tuple[FootSample, FootSample]) -> Array:
+        """Height of the lowest sole point of sampled feet over the floor's plane, shape (N, 2) [m]."""
+        points = np.stack([foot.sole_points for foot in feet], axis=1)
         return np.asarray((points[..., 2] - points[..., :2] @ self.slope).min(axis=2))
 
     def contact(self, times: Array) -> NDArray[np.bool_]:
@@ -221,18 +221,25 @@ def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
     yaw, yaw_velocity = value[:, HEADING], first[:, HEADING]
     x = np.where(path.pivot[index] == PIVOT_HEEL, sole.heel_x, sole.ball_x)
     c, s = np.cos(pitch), np.sin(pitch)
-    zero = np.zeros_like(c)
+    zero, rate, turning = np.zeros_like(c), pitch_velocity[:, None], yaw_velocity[:, None]
     # From the reference point to the pivot, and the derivative with respect to the pitch.
-    arm = _turned(yaw, np.stack([x * c, zero, -x * s], axis=1))
-    per_pitch = _turned(yaw, np.stack([-x * s, zero, -x * c], axis=1))
-    rate, turning = pitch_velocity[:, None], yaw_velocity[:, None]
-    yaw_part = second[:, HEADING, None] * _turned_left(arm) + turning**2 * _turned_left(_turned_left(arm))
-    yaw_part += 2.0 * turning * rate * _turned_left(per_pitch)
+    arm, per_pitch = np.stack([x * c, zero, -x * s], axis=1), np.stack([-x * s, zero, -x * c], axis=1)
+    points = _sole_points(sole, c, s, pitch + value[:, TOE])
+    turns = path.curve[:, HEADING].any()
+    if turns:
+        arm, per_pitch, points = (_turned(yaw, vectors) for vectors in (arm, per_pitch, points))
     position = value[:, :PITCH] - arm
+    velocity = first[:, :PITCH] - rate * per_pitch
+    acceleration = second[:, :PITCH] - pitch_acceleration[:, None] * per_pitch + rate**2 * arm
+    if turns:
+        across = _turned_left(arm)
+        velocity -= turning * across
+        yaw_part = second[:, HEADING, None] * across + turning**2 * _turned_left(across)
+        acceleration -= yaw_part + 2.0 * turning * rate * _turned_left(per_pitch)
     return FootSample(
         position=position,
-        velocity=first[:, :PITCH] - rate * per_pitch - turning * _turned_left(arm),
-        acceleration=second[:, :PITCH] - pitch_acceleration[:, None] * per_pitch + rate**2 * arm - yaw_part,
+        velocity=velocity,
+        acceleration=acceleration,
         pitch=pitch,
         pitch_velocity=pitch_velocity,
         pitch_acceleration=pitch_acceleration,
@@ -244,7 +251,7 @@ def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
         toe_acceleration=second[:, TOE],
         contact=path.contact[index],
         roll=zero,
-        sole_points=position[:, None] + _turned(yaw, _sole_points(sole, c, s, pitch + value[:, TOE])),
+        sole_points=position[:, None] + points,
     )
 
 
@@ -266,6 +273,6 @@ def _sole_points(sole: SoleGeometry, c: Array, s: Array, toes_pitch: Array) -> A
         dx, dz = x * c, -x * s
         if group == TIP:
             dx, dz = dx + toes * ct, dz - toes * st
-        for side, sign in enumerate((1.0, -1.0)):
-            points[:, 2 * group + side] = np.stack([dx, np.full_like(dx, sign * half_width), dz], axis=1)
+        pair = points[:, 2 * group : 2 * group + 2]
+        pair[..., 0], pair[..., 1], pair[..., 2] = dx[:, None], (half_width, -half_width), dz[:, None]
     return points

@@ -11,7 +11,7 @@ from ampm.geometry import Array, blocks, polygon_margin
 from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.contacts import times_within
-from ampm.planner.feet import FeetPlan
+from ampm.planner.feet import FeetPlan, FootSample
 from ampm.planner.periodic import gait_contacts, plan_gait
 from ampm.planner.stride import plan_feet
 
@@ -28,10 +28,7 @@ class StepPlan(CentroidalPlan):
 
     def points_in_contact(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
         """World (x, y) of all twelve sole points, (N, 12, 2) [m], and which are in contact, (N, 12)."""
-        left, right = self.feet.sample(time)
-        points = np.concatenate([left.sole_points[:, :, :2], right.sole_points[:, :, :2]], axis=1)
-        contact = np.concatenate([left.contact.repeat(2, axis=1), right.contact.repeat(2, axis=1)], axis=1)
-        return points, contact
+        return _points_of(self.feet.sample(time))
 
     def zmp_margin(self, times: ArrayLike) -> Array:
         """Signed distance of the planned ZMP to the edge of the support polygon.
@@ -48,9 +45,7 @@ class StepPlan(CentroidalPlan):
         time = times_within(times, self.duration)
         margin = np.empty(len(time))
         for block in blocks(len(time)):
-            points, contact = self.points_in_contact(time[block])
-            distance = polygon_margin(points, contact, self.sample(time[block]).zmp)
-            margin[block] = np.where(contact.any(axis=1), distance, -np.inf)
+            margin[block] = margin_on(self.feet.sample(time[block]), self.sample(time[block]).zmp)
         return margin
 
     def least_zmp_margin(self, until: float | None = None) -> tuple[float, float]:
@@ -84,6 +79,17 @@ class StepPlan(CentroidalPlan):
             around = times[max(worst - 1, 0)], times[min(worst + 1, len(times) - 1)]
             times = np.linspace(*around, _GRID)
         return least, at
+
+
+def _points_of(feet: tuple[FootSample, FootSample]) -> tuple[Array, NDArray[np.bool_]]:
+    points = np.concatenate([foot.sole_points[:, :, :2] for foot in feet], axis=1)
+    return points, np.concatenate([foot.contact.repeat(2, axis=1) for foot in feet], axis=1)
+
+
+def margin_on(feet: tuple[FootSample, FootSample], zmp: Array) -> Array:
+    """See :meth:`StepPlan.zmp_margin`: of a ZMP, shape (N, 2), on the feet at the same times, (N,) [m]."""
+    points, contact = _points_of(feet)
+    return np.where(contact.any(axis=1), polygon_margin(points, contact, zmp), -np.inf)
 
 
 @lru_cache(maxsize=4)  # a search plans them again with another posture

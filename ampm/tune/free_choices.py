@@ -91,6 +91,9 @@ class FreeChoices:
         description: the body.
         held: open keys that keep the guess.
         early: whether the heel of a foot without toes rises as soon as the ZMP reaches its front edge.
+
+    Attributes:
+        deferred: whether a heel has risen later than it must.
     """
 
     def __init__(
@@ -106,7 +109,7 @@ class FreeChoices:
         self.sole = description.sole
         self.flat = run.foot.schedule == "flat"
         rises = not (self.flat or self.sole.has_toes or "foot.heel_rise_lead" in self.fixed)
-        self.rises_later = rises and not early
+        self.rises_later, self.deferred = rises and not early, False
         self.useless = (_ROLLING if self.flat else set()) | (set() if description.spread else {"spread"})
         names = {choice.name for choice in CHOICES} - self.useless
         kept = self.fixed | self.held
@@ -188,7 +191,9 @@ class FreeChoices:
         rest = double + lead
         late = min(late, 0.7 * rest)
         if self.rises_later:
-            late = max(late, min(_LATER_RISE * rest, _LATEST_RISE * double + lead))
+            later = min(_LATER_RISE * rest, _LATEST_RISE * double + lead)
+            self.deferred |= later > late
+            late = max(late, later)
         return self._rolling(rolling, choice, double, lead - late) if late > 0.0 else rolling
 
     def _rolling(
@@ -343,7 +348,9 @@ class FreeChoices:
 
         def spare(height: float) -> float:
             plan = self._steps({**choice, "height": height})
-            return wanted - leg_extension(plan, self.description, step_instants(plan)[0])
+            times = step_instants(plan)[0]
+            com, feet = plan.sample(times).com, plan.feet.sample(times)
+            return wanted - leg_extension(com, feet, self.description)
 
         try:
             if spare(top) >= 0.0:

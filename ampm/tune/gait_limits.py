@@ -20,7 +20,7 @@ from ampm.geometry import Array
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.feet import HEEL, FootSample
-from ampm.planner.support import StepPlan
+from ampm.planner.support import StepPlan, margin_on
 
 _BETWEEN = np.array([0.2, 0.4, 0.6, 0.8])  # places between two nodes
 _NARROW = 3  # nodes with the least distances, next to which it is also looked
@@ -54,11 +54,11 @@ def step_instants(plan: CentroidalPlan) -> tuple[Array, NDArray[np.bool_]]:
 def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescription) -> dict[str, Array]:
     """Values that plan and feet alone give, by name in :data:`LIMITS`, in its unit; one or more of each."""
     times, double = step_instants(plan)
-    margin, force = plan.zmp_margin(times), plan.sample(times).force
-    feet = plan.feet.sample(times)
+    sample, feet = plan.sample(times), plan.feet.sample(times)
+    margin, force = margin_on(feet, sample.zmp), sample.force
     level = ~double & feet[0].contact[:, HEEL]  # a rising heel leaves the ZMP on the edge
     share = times / plan.contacts.phases[0].duration
-    swing = plan.feet.heights(times)[:, 1]
+    swing = plan.feet.heights(feet)[:, 1]
     turn = max(run.foot.toe_off_rate, run.foot.heel_strike_rate)
     near = np.minimum(share, 1.0 - share) / _SWING_ENDS
     ends = [(near > 0.1) & (near < 1.0) & side for side in (share < 0.5, share > 0.5)]
@@ -66,7 +66,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
         "mid_stance": mid_stance_share(run.gait),
         "zmp_single": [part.min() for part in np.array_split(margin[level], 2)],
         "zmp_double": [part.min() for part in np.array_split(margin[~level], 2)],
-        "reach": leg_extension(plan, description, times),
+        "reach": leg_extension(sample.com, feet, description),
         "floor": [(swing[end] / near[end] ** 3).min() for end in ends],
         "clearance": swing[(share > _SWING_ENDS) & (share < 1.0 - _SWING_ENDS)].min(),
         "turn": turn if run.foot.schedule == "roll" else 0.0,
@@ -80,6 +80,11 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
 def tightest(values: Mapping[str, Array]) -> dict[str, float]:
     """Of every limit the value with the least margin."""
     return {name: float(min(every, key=LIMITS[name].margin)) for name, every in values.items()}
+
+
+def least(values: Mapping[str, float]) -> float:
+    """The least normalised margin of some limits [1]."""
+    return min(LIMITS[name].margin(value) for name, value in values.items())
 
 
 def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, Array]:

@@ -20,7 +20,7 @@ from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import orbit_margins, plan_margins, tightest
+from ampm.tune.gait_limits import least, orbit_margins, plan_margins, tightest
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,8 @@ class Candidate:
     x: Array  # free unknowns
     run: RunParameters  # complete, if there is a plan
     plan: StepPlan | None = None  # None where the formula has no solution
-    # limit to value; those of the orbit are missing where there is none
+    # limit to value, and normalised margins of every joint and phase; empty where there is no periodic step
     values: dict[str, float] = field(default_factory=dict)
-    # normalised margins of every joint and phase; empty where there is no periodic step
     detail: Array = field(default_factory=lambda: np.empty(0))
     orbit: Orbit | None = None  # the periodic step, if there is one
     why: Unreachable | None = None  # why there is none
@@ -98,7 +97,7 @@ class Candidate:
 
     def worst(self) -> float:
         """Least normalised margin; minus infinity where there is no periodic step."""
-        return -math.inf if self.orbit is None else min(self.margins().values())
+        return -math.inf if self.orbit is None else least(self.values)
 
     def state(self) -> Array:
         """Margins and unknowns of the periodic step, which the search takes as linear in the choices."""
@@ -170,7 +169,6 @@ class ChoiceSearch:
             plan = plan_steps(gait, run.body.mass, run.foot, space.sole)
         except (RefusedGait, InputError):  # values that were set may not fit those tried
             return Candidate(x, space.run)
-        values = plan_margins(plan, run, space.description)
         try:
             if near is None or near.orbit is None:
                 orbit = orbits.solve(plan, run)
@@ -179,8 +177,8 @@ class ChoiceSearch:
                 shift = 0.0 if self._slopes is None else self._slopes[len(near.detail) :] @ step
                 orbit = orbits.solve(plan, run, near.orbit, shift)
         except Unreachable as error:
-            return Candidate(x, run, plan, tightest(values), why=error)
-        values |= orbit_margins(orbit, plan, orbits.robot)
+            return Candidate(x, run, plan, why=error)
+        values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, orbits.robot)
         detail = [LIMITS[name].margin(value) for name, every in values.items() for value in every.tolist()]
         return Candidate(x, run, plan, tightest(values), np.array(detail), orbit)
 

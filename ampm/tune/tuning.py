@@ -13,6 +13,7 @@ to spare; the guess and least squares from there, with L_z held at zero where th
 the values that there are, if they keep the limits at all; least squares from other starts.
 """
 
+import contextlib
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -28,9 +29,10 @@ from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import RunParameters
 from ampm.planner.closed_form import LIPM
 from ampm.planner.periodic import plan_gait
+from ampm.planner.support import plan_steps
 from ampm.planners import PeriodicPlanner
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import orbit_margins, plan_margins, tightest
+from ampm.tune.gait_limits import least, orbit_margins, plan_margins, tightest
 from ampm.tune.search import Candidate, ChoiceSearch, Effort, RoughOrbits
 from ampm.tune.ways_out import ways_out
 from ampm.walk import WalkPlan
@@ -67,7 +69,7 @@ class Tuned:
 
     def worst(self) -> float:
         """Least normalised margin [1]."""
-        return min(map(self.margin, self.margins))
+        return least(self.margins)
 
 
 def tune(run: RunParameters, robot: Robot, *, progress: Report | None = None, advise: bool = True) -> Tuned:
@@ -104,6 +106,9 @@ def tune(run: RunParameters, robot: Robot, *, progress: Report | None = None, ad
     try:
         return _tuned(run, robot, report, Effort(starts=_STARTS))
     except RefusedGait as error:
+        with contextlib.suppress(RefusedGait, InputError):
+            PeriodicPlanner().plan(run, robot)
+            error.add_note("as it is, the gait has a plan beyond these limits: --as-is walks it")
         if advise:
             error.way_out = ways_out(run, robot.description, accepts, _FOR_WAYS_OUT)
         raise
@@ -120,19 +125,15 @@ def _tuned(run: RunParameters, robot: Robot, report: Report, effort: Effort) -> 
     space = FreeChoices(run, run.given, robot.description, _PELVIS)
     _check_pace(space)
     present = _present(space, robot)
-    if present is not None and present.worst() >= _SPARE:
+    if present is None:
+        return _searched(space, robot, report, effort)
+    if present.worst() >= _SPARE:
         return present
-    kept = present is not None and present.worst() >= -_GRID
     try:
-        tuned = _searched(space, robot, report, replace(effort, starts=0) if kept else effort)
-    except RefusedGait as error:
-        if present is None:
-            raise
-        if kept:
-            return present
-        error.add_note("as it is, the gait has a plan beyond these limits: --as-is walks it")
-        raise
-    return tuned if present is None or tuned.worst() >= present.worst() else present
+        tuned = _searched(space, robot, report, replace(effort, starts=0))
+    except RefusedGait:
+        return present
+    return tuned if tuned.worst() >= present.worst() else present
 
 
 def _check_pace(space: FreeChoices) -> None:
@@ -150,15 +151,20 @@ def _check_pace(space: FreeChoices) -> None:
 
 
 def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
-    """The gait with the values that it has, a preset's own or defaults, if the body accepts the plan."""
+    """The gait with the values that it has, a preset's own or defaults, if they keep the limits so far."""
     run = space.run
     try:
+        steps = plan_steps(run.gait, run.body.mass, run.foot, space.sole)
+        values = tightest(plan_margins(steps, run, space.description))
+        if least(values) >= -_GRID:  # else there is no use in a periodic step
+            orbit = RoughOrbits(robot, run).solve(steps, run)
+            values |= tightest(orbit_margins(orbit, steps, robot))
+        if not least(values) >= -_GRID:
+            return None
         plan = PeriodicPlanner().plan(run, robot)
-        orbit = RoughOrbits(robot, run).solve(plan, run)
     except (RefusedGait, InputError, Unreachable):
         return None
-    values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, robot)
-    return Tuned(run.as_is(), plan, space.values(run), tightest(values), 1)
+    return Tuned(run.as_is(), plan, space.values(run), values, 1)
 
 
 def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> Tuned:
@@ -203,8 +209,9 @@ def _searches(
 
     The first begins with the guess. Where that would twist the feet and the body has arms, L_z is held at
     zero: the arms then balance the legs about the vertical, which takes from the feet's twisting moment.
-    Where it finds nothing, the heel of a foot without toes rises early in another one. A last one begins with
-    the best of starts that are spread over the ranges, and list and rotation of the pelvis are free, too.
+    Where it finds nothing, and the heel of a foot without toes rose late, it rises early in another one. A
+    last one begins with the best of starts that are spread over the ranges, and list and rotation of the
+    pelvis are free, too.
     """
     search = _begun(space, robot, report, effort)
     twist = search.candidates[-1].margins().get("twist", math.inf)
@@ -215,7 +222,7 @@ def _searches(
     yield search, search.candidates[-1]
     if not effort.starts or not space.names:
         return
-    if space.rises_later:
+    if search.space.deferred:
         run = search.space.run
         early = FreeChoices(run, space.fixed, robot.description, _PELVIS, early=True)
         search = _begun(early, robot, report, effort)
@@ -253,7 +260,7 @@ class NoFeasibleChoice(BodilyRefusal):
 
     Attributes:
         tried: how many choices had been tried.
-        values: of all limits for the best choice, by name in :data:`LIMITS`.
+        values: of all limits for the best choice, by name in :data:`LIMITS`; none without a periodic step.
     """
 
     def __init__(self, why: str, *, tried: int, values: Mapping[str, float], **refusal: Any) -> None:

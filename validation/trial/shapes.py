@@ -4,6 +4,7 @@ Only the soles of the body collide, so parts of the body can penetrate each othe
 between the drawn shapes.
 """
 
+import math
 from collections.abc import Sequence
 
 import mujoco
@@ -11,8 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ampm.body.robot import Gaps, Robot
+from ampm.compiled import compiled
 from ampm.description import BodyDescription
 from ampm.geometry import Array
+from ampm.vectors import Vector, column, dot, minus, plus, put, turned, vector
 from validation.trial.bridge import pinocchio_model
 from validation.trial.coordinates import to_mujoco
 
@@ -55,7 +58,10 @@ class Shapes:
             for pair, (a, b) in zip(pairs.T.tolist(), segments.T.tolist(), strict=True)
         ]
         self._pairs = pairs[:, np.array(apart, dtype=bool)]
-        self._radii = model.geom_rbound[self._pairs].sum(axis=0)
+        ellipsoid = model.geom_type == mujoco.mjtGeom.mjGEOM_ELLIPSOID
+        self.boxes = model.geom_aabb.reshape(-1, 2, 3), ellipsoid, np.ascontiguousarray(self._pairs.T)
+        segment = [str(model.body(number).name).replace("_", " ") for number in model.geom_bodyid.tolist()]
+        self._names = [f"{segment[a]} and {segment[b]}" for a, b in self._pairs.T.tolist()]
 
     def _joined(self, upper: int, lower: int) -> bool:
         """Whether a joint connects a segment with one below it."""
@@ -91,8 +97,7 @@ class Shapes:
 
     def recorded_gaps(self, qpos: ArrayLike) -> Gaps:
         """Parts that come closest at MuJoCo configurations (T, nq)."""
-        model, data, (first, second) = self._model, self._data, self._pairs
-        pairs = self._pairs.T.tolist()
+        model, data, pairs = self._model, self._data, self._pairs.T.tolist()
         configurations = np.atleast_2d(np.asarray(qpos, dtype=np.float64))
         distance = np.full(len(configurations), REACH)
         points = np.full((len(configurations), 2, 3), np.nan)
@@ -101,8 +106,7 @@ class Shapes:
         for row, configuration in enumerate(configurations):
             data.qpos[:] = configuration
             mujoco.mj_kinematics(model, data)
-            centre = data.geom_xpos
-            bound = np.linalg.norm(centre[first] - centre[second], axis=1) - self._radii
+            bound = least_distances(*self.boxes, data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3))
             close = np.flatnonzero(bound < REACH)
             close = close[np.argsort(bound[close])]
             best, nearest = REACH, -1
@@ -113,13 +117,49 @@ class Shapes:
                 if found < best:
                     best, nearest, points[row] = found, pair, ends.reshape(2, 3)
             distance[row] = best
-            parts.append(
-                "" if nearest < 0 else " and ".join(self._segment(shape) for shape in pairs[nearest])
-            )
+            parts.append("" if nearest < 0 else self._names[nearest])
         return Gaps(distance, tuple(parts), points)
 
-    def _segment(self, shape: int) -> str:
-        return str(self._model.body(self._model.geom_bodyid[shape]).name).replace("_", " ")
+
+@compiled
+def least_distances(
+    boxes: Array, ellipsoid: NDArray[np.bool_], pairs: NDArray[np.intp], place: Array, turn: Array
+) -> Array:
+    """What shapes of N pairs are apart at least, along the line between the middles of their boxes.
+
+    Args:
+        boxes: middle and half sizes of the box about every shape, in its axes, shape (G, 2, 3) [m].
+        ellipsoid: which shapes fill their boxes as ellipsoids, shape (G,).
+        pairs: numbers of the shapes, shape (N, 2).
+        place: of every shape, in world, shape (G, 3) [m].
+        turn: its axes to world, shape (G, 3, 3).
+
+    Returns:
+        Negative where the boxes overlap along the line, shape (N,) [m].
+    """
+    least, middle, size = np.empty(len(pairs)), np.empty((len(boxes), 3)), np.empty(len(boxes))
+    for i in range(len(boxes)):
+        put(middle[i], plus(vector(place[i]), turned(turn[i], vector(boxes[i, 0]))))
+        size[i] = math.sqrt(dot(vector(boxes[i, 1]), vector(boxes[i, 1])))
+    for k in range(len(pairs)):
+        a, b = pairs[k]
+        way = minus(vector(middle[b]), vector(middle[a]))
+        length = max(math.sqrt(dot(way, way)), 1e-9)
+        least[k] = length - size[a] - size[b]
+        if least[k] < REACH:
+            reach = _reach(boxes[a, 1], ellipsoid[a], turn[a], way)
+            least[k] = length - (reach + _reach(boxes[b, 1], ellipsoid[b], turn[b], way)) / length
+    return least
+
+
+@compiled
+def _reach(half: Array, ellipsoid: bool, turn: Array, way: Vector) -> float:
+    """How far a shape reaches from the middle of its box along a way, times the way's length."""
+    total = 0.0
+    for i in range(3):
+        part = half[i] * abs(dot(column(turn, i), way))
+        total += part * part if ellipsoid else part
+    return math.sqrt(total) if ellipsoid else total
 
 
 def _limbs(parents: NDArray[np.integer]) -> NDArray[np.intp]:
