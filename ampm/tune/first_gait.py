@@ -17,7 +17,7 @@ _C_Y = 0.8  # of other bodies than the human: the trunk then rolls a little towa
 _C_S_WITHOUT_ARMS = 0.8  # the trunk alone balances the swing of the legs, and pitches less for a smaller c_s
 _SOFT = 0.4  # velocity and rate at which a foot closes in on the floor, over those of a human's [1]
 _SLOW = 0.25  # how fast it takes them up, over the same [1]
-_FELT = {"controller.stance_yield": 0.65, "controller.contact_ramp": 0.03, "controller.torque_change": 0.1}
+_FELT = {"controller.stance_yield": 0.5, "controller.contact_ramp": 0.03, "controller.torque_change": 0.1}
 """Of robots with exact sensors: their soles turn as the floor yields, and the load crosses in few ticks."""
 _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foot's feedback was chosen [m]
 
