@@ -27,6 +27,9 @@ class ControllerParameters(Section, section="controller"):
         "first-order",
         "torque between two ticks: first-order goes on with the slope of the last tick, zero-order is held",
     )
+    torque_change: Real = parameter(
+        0.03, "largest change of a torque in a tick that first-order goes on with, of its limit", ge=0, le=1
+    )
     stabilizer: Literal["fixed", "stepping"] = parameter(
         "fixed",
         "what keeps the body up: fixed follows the plan's footsteps and times, stepping changes them where "
@@ -47,6 +50,9 @@ class ControllerParameters(Section, section="controller"):
     swing_stiffness: Open = _stiffness(400.0, "feedback from the swing foot's pose to its acceleration")
     swing_damping: Open = _damping(40.0, "feedback from the swing foot's velocity to its acceleration")
     stance_damping: Real = _damping(50.0, "feedback from the stance foot's velocity to its acceleration")
+    stance_yield: Real = parameter(
+        0.0, "share of its own acceleration that a stance foot is left with, as the floor yields", ge=0, le=1
+    )
     roll_stiffness: Real = _stiffness(1500.0, "feedback from the pose of a rolling foot to its rotation")
     roll_damping: Real = _damping(80.0, "feedback from the rate of a rolling foot to its rotation")
     touchdown_damping: Real = _damping(200.0, "how fast a late foot takes up the touch-down velocity")

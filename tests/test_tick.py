@@ -21,6 +21,7 @@ from ampm.parameters import BodyParameters, RunParameters
 from validation.trial.plan import make_body
 
 BODIES = ("human", "suite-humanoid")
+YIELD = 0.4
 TICKS = 12 if config.DISABLE_JIT else 120
 ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 SCALE = np.array([1.0, 1.0, 1.0, ANGULAR, ANGULAR, ANGULAR])
@@ -129,7 +130,7 @@ def ticks(source, count=TICKS):
     robot = make_body(run).robot
     numbers = gains_of(run.controller)._asdict()
     chosen = {name: float(rng.uniform(0.7, 1.3) * value) for name, value in numbers.items()}
-    gains = run.controller.model_copy(update=chosen)
+    gains = run.controller.model_copy(update=chosen | {"stance_yield": YIELD})
     controller = TrackingController(robot, run.model_copy(update={"controller": gains}))
     c = controller.workspace
     handle, done = refer(c), []
@@ -171,6 +172,23 @@ def test_kinematics(walked):
         close(c.body.com + c.body.feet["place"], places)
         close(c.body.feet["pose"], turns)
         close(c.body.com + c.body.points["arm"], frames(robot, q, robot.point_frames)[0])
+
+
+def test_a_flat_foot_is_left_with_a_share_of_its_angular_acceleration_unless_its_contact_changes(walked):
+    left = 0
+    for it in walked:
+        gains, lines = it.c.gains, it.c.contact.lines
+        for i, (foot, before_it) in enumerate(zip(it.c.body.feet, it.old.body.feet, strict=True)):
+            on = lines[i]["planned"] | lines[i]["touched"]
+            if not (on[:2].all() and (on[2] or foot["toe"] < 0) and lines[i]["touched"][:2].all()):
+                continue
+            omega = it.c.tasks.rates[9 + 6 * i : 12 + 6 * i]
+            share = YIELD if before_it["stood"] and before_it["touches"] == foot["touches"] else 0.0
+            actual = gains.frequency * (omega - before_it["turning"])
+            wanted = share * actual - (1.0 - share) * gains.stance_damping * omega
+            close(it.c.tasks.wanted[9 + 6 * i : 12 + 6 * i], wanted)
+            left += share > 0.0
+    assert left or config.DISABLE_JIT  # with fewer ticks
 
 
 def test_elimination(walked):

@@ -116,7 +116,7 @@ LIMITS: Mapping[str, Limit] = {
     "turn": Limit("fastest turn of a foot at the floor", "rad/s", 25.0, 10.0, "foot_turns_too_fast"),
     # With less than the whole ramp the foot that lands is late in taking the weight over.
     "handover": Limit(
-        "double support over the controller's contact ramp", "1", 0.85, 1.3, "double_support_too_short"
+        "double support over 0.04 s or a longer contact ramp", "1", 0.85, 1.3, "double_support_too_short"
     ),
     # The shortest of which walks are known: 0.177 s.
     "pace": Limit("duration of a step", "s", 0.175, 0.185, "step_too_short_in_time"),

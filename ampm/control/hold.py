@@ -10,23 +10,19 @@ from ampm.compiled import compiled
 from ampm.control.workspace import Joints
 from ampm.vectors import clip
 
-LARGEST_CHANGE = 0.03
-"""Largest change of a torque in one tick that is extrapolated, as share of the motor's limit [1]. A larger
-one is the response to an event, such as a landing, and is not repeated in the next tick."""
-
 
 @compiled
-def update_rate(joints: Joints, frequency: float, lines: Any, still: bool) -> None:
+def update_rate(joints: Joints, gains: Any, lines: Any, still: bool) -> None:
     """Rates of the torques until the next tick, from those until this one.
 
-    The rate is the last difference over the period, with three exceptions. It is limited by
-    :data:`LARGEST_CHANGE`. Where the contact has changed, the difference is the response to it, and the
+    The rate is the last difference over the period, with three exceptions. It is limited: a larger difference
+    is the response to an event, such as a landing, and is not repeated in the next tick. Where the contact has changed, the difference is the response to it, and the
     earlier rate is kept. Where the plan jumps, it is zero, and the reference is that of the middle of the
     hold.
 
     Args:
         joints: torques of this tick and of the last one, and limits; the rate is written.
-        frequency: of the ticks [1/s].
+        gains: ``frequency`` of the ticks [1/s], and ``torque_change``, the largest difference [motor's limit].
         lines: of this tick; they keep what of the contact determines the slope of the torque.
         still: this is the first tick, or the plan jumps in this tick or has jumped in the last one.
     """
@@ -39,8 +35,8 @@ def update_rate(joints: Joints, frequency: float, lines: Any, still: bool) -> No
             line.was_planned, line.was_opening = line.planned, opening
     torque, last, limit, rate = joints.torque, joints.last_torque, joints.torque_limit, joints.rate
     for j in range(len(torque)):
-        largest = LARGEST_CHANGE * limit[j]
+        largest = gains.torque_change * limit[j]
         if still:
             rate[j] = 0.0
         elif same:
-            rate[j] = clip(torque[j] - last[j], -largest, largest) * frequency
+            rate[j] = clip(torque[j] - last[j], -largest, largest) * gains.frequency

@@ -65,15 +65,22 @@ def _stance(
     landing = heel.planned or ball.planned or lines[TIP].planned
     press = 1.0 - max(heel.opening, ball.opening) if landing else 0.0
     damping = gains.stance_damping + press * (gains.touchdown_damping - gains.stance_damping)
+    # A sole turns on a floor that yields as its load moves, see `_vertical`; an impact is not repeated.
+    touches = 1 * heel.touching + 2 * ball.touching + 4 * lines[TIP].touching
+    share = gains.stance_yield if foot.stood and touches == foot.touches else 0.0
+    turned = times(share * gains.frequency, minus(omega, vector(foot.turning)))
+    foot.touches = touches
+    put(foot.turning, omega)
     if all_planned and heel.touched and ball.touched:  # flat
         put(acceleration[0:3], times(-damping, velocity))
-        acceleration[2] = _vertical(gains, foot, lines, press, damping, velocity[2])
-        put(acceleration[3:6], times(-gains.stance_damping, omega))
+        acceleration[2] = _vertical(gains, foot, lines, press, damping, velocity[2], share)
+        put(acceleration[3:6], plus(times((share - 1.0) * gains.stance_damping, omega), turned))
         return
     # Roll and pitch in the axes of the foot's heading: about its x and y axis.
     c, s = wanted.foot_rotation[i, 1, 1], -wanted.foot_rotation[i, 0, 1]
     turning = minus(times(gains.roll_stiffness, off), times(gains.roll_damping, omega))
     roll, level = c * turning[0] + s * turning[1], c * turning[1] - s * turning[0]
+    roll = (1.0 - share) * roll + c * turned[0] + s * turned[1]
     pitch_rate = c * omega[1] - s * omega[0]
     holds = heel.touched or ball.touched or lines[TIP].touched
     if all_planned:  # a line is late: turn it to the floor
@@ -91,14 +98,16 @@ def _stance(
     pivot = minus(_middle(body.points, i, HEEL if on_heel else BALL), vector(foot.place))
     slide = cross(omega, pivot)
     speed = plus(velocity, slide)
-    down = _vertical(gains, foot, lines, press, damping, speed[2])
+    down = _vertical(gains, foot, lines, press, damping, speed[2], share)
     still = -damping * speed[0], -damping * speed[1], down
     put(acceleration[0:3], minus(minus(still, cross(turning, pivot)), cross(omega, slide)))
     put(acceleration[3:6], turning)
 
 
 @compiled
-def _vertical(gains: Any, foot: Any, lines: Any, press: float, damping: float, speed: float) -> float:
+def _vertical(
+    gains: Any, foot: Any, lines: Any, press: float, damping: float, speed: float, share: float
+) -> float:
     """Wanted vertical acceleration of the line that holds the foot [m/s^2].
 
     The floor yields under a foot that takes its load. On any floor, a commanded acceleration that differs
@@ -112,12 +121,13 @@ def _vertical(gains: Any, foot: Any, lines: Any, press: float, damping: float, s
         press: share of its load that the foot has still to take, 1 ... 0.
         damping: towards the touch-down velocity [1/s].
         speed: of the line [m/s].
+        share: least share of the actual acceleration in the command [1].
     """
     heel, ball = lines[HEEL], lines[BALL]
     asked = -damping * (speed + press * (gains.touchdown_velocity + foot.hurry))
     touching = heel.touching or ball.touching or lines[TIP].touching
     if foot.stood and touching and foot.on_heel == heel.touched and foot.on_ball == ball.touched:
-        share = press * gains.landing_yield
+        share = max(share, press * gains.landing_yield)
         asked = (1.0 - share) * asked + share * (speed - foot.speed) * gains.frequency
     foot.stood, foot.speed = True, speed
     foot.on_heel, foot.on_ball = heel.touched, ball.touched

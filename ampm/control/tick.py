@@ -218,7 +218,7 @@ def keep(work: Workspace, still: bool, first: bool) -> None:
     """Clip the torques to the motors' limits, give them their rates, and keep what the next tick needs."""
     joints, contact = work.joints, work.contact
     joints.torque[:] = np.minimum(np.maximum(joints.torque, -joints.torque_limit), joints.torque_limit)
-    update_rate(joints, work.gains.frequency, contact.lines, still or first)
+    update_rate(joints, work.gains, contact.lines, still or first)
     joints.last_torque[:] = joints.torque
     if not first:
         contact.change[:] = contact.solution - contact.forces

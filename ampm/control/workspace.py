@@ -42,6 +42,8 @@ FOOT = [
     ("on_heel", np.bool_),  # whether its heel held it then
     ("on_ball", np.bool_),
     ("speed", np.float64),  # upward speed of the line that held it [m/s]
+    ("turning", *_VECTOR),  # its angular velocity then [rad/s]
+    ("touches", np.int64),  # which of its lines touched then: 1 heel, 2 ball, 4 tip, added
     ("late", np.float64),  # time for which its planned contact has been missing [s]
     ("hurry", np.float64),  # its speed downwards beyond the touch-down velocity [m/s]
     ("floor", np.float64),  # height of the floor under it over the plan's [m]
