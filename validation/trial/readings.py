@@ -193,8 +193,7 @@ class Sensors:
                     pass
                 case _:
                     raise TypeError("it must return a State and a Touch")
-            for name, size in (("q", self._robot.nq), ("v", self._robot.nv)):
-                real_numbers(f"'{name}' of its state", getattr(state, name), (size,), finite=True)
+            _check(state, touch, self._robot)
         return state, touch
 
     def _state(self, k: int, readings: Readings) -> tuple[State, Touch]:
@@ -207,6 +206,23 @@ class Sensors:
             force, contact = self._soles.update(q, readings.wrench)
         touch = Touch(contact, force, self._time_step, self.parameters.contact_threshold)
         return State(readings.time, q, v, 0.5 * self._time_step), touch
+
+
+def _check(state: State, touch: Touch, robot: Robot) -> None:
+    """Refuse what no controller can use, with the name of its field."""
+    points = (len(robot.point_group),)
+    for name, value, shape in (
+        ("'q' of its state", state.q, (robot.nq,)),
+        ("'v' of its state", state.v, (robot.nv,)),
+        ("'velocity_lag' of its state", state.velocity_lag, ()),
+        ("'contact' of its touch", np.asarray(touch.contact) + 0, points),
+        ("'normal_force' of its touch", touch.normal_force, points),
+        ("'age' of its touch", touch.age, ()),
+        ("'threshold' of its touch", touch.threshold, ()),
+    ):
+        real_numbers(name, value, shape, finite=True)
+    if touch.threshold < 0.0:
+        raise ValueError(f"'threshold' of its touch is {touch.threshold:g} N and must be at least 0 N")
 
 
 def make_estimator(run: RunParameters, robot: Robot, start: State) -> Estimator | None:
