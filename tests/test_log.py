@@ -42,10 +42,6 @@ def summary(folder):
 
 @pytest.fixture
 def table(folder):
-    return signals_of(folder)
-
-
-def signals_of(folder):
     """What a robot would have told of a run: every fifth row, force and ZMP of both feet, COM, momentum."""
     signals = load_saved_run(folder).signals
     names = {"time": "time"}
