@@ -117,7 +117,8 @@ def test_a_sweep_varies_an_option():
     assert parse_sweep(dump_sweep(definition)) == definition
     assert [definition.parameters(run).controller.options["gain"] for run in (0, 1)] == [1, 0.5]
     tasks = [task_of(definition, run) for run in (0, 1)]
-    assert tasks[0].digest != tasks[1].digest
+    other = parse_sweep(SWEEP.replace('"plain"', '"other"'))
+    assert len({task.digest for task in (*tasks, task_of(other, 0))}) == 3
     found = build_table(definition, [{"key": task.key, **task.work(**task.options)} for task in tasks])
     assert set(found["outcome"].to_pylist()) <= {"completed", "fell"}
     assert found["controller.options.gain"].to_pylist() == [1.0, 0.5]
