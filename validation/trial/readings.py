@@ -210,17 +210,12 @@ class Sensors:
 
 def _check(state: State, touch: Touch, robot: Robot) -> None:
     """Refuse what no controller can use, with the name of its field."""
-    points = (len(robot.point_group),)
-    for name, value, shape in (
-        ("'q' of its state", state.q, (robot.nq,)),
-        ("'v' of its state", state.v, (robot.nv,)),
-        ("'velocity_lag' of its state", state.velocity_lag, ()),
-        ("'contact' of its touch", np.asarray(touch.contact) + 0, points),
-        ("'normal_force' of its touch", touch.normal_force, points),
-        ("'age' of its touch", touch.age, ()),
-        ("'threshold' of its touch", touch.threshold, ()),
-    ):
-        real_numbers(name, value, shape, finite=True)
+    shapes = {"q": (robot.nq,), "v": (robot.nv,)}
+    shapes |= dict.fromkeys(("contact", "normal_force"), robot.point_group.shape)
+    touches = touch._asdict() | {"contact": np.asarray(touch.contact) + 0}
+    for what, values in (("state", state._asdict()), ("touch", touches)):
+        for name, value in values.items():
+            real_numbers(f"'{name}' of its {what}", value, shapes.get(name, ()), finite=True)
     if touch.threshold < 0.0:
         raise ValueError(f"'threshold' of its touch is {touch.threshold:g} N and must be at least 0 N")
 
