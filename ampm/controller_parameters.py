@@ -51,7 +51,7 @@ class ControllerParameters(Section, section="controller"):
     swing_damping: Open = _damping(40.0, "feedback from the swing foot's velocity to its acceleration")
     stance_damping: Real = _damping(50.0, "feedback from the stance foot's velocity to its acceleration")
     stance_yield: Real = parameter(
-        0.0, "share of its own acceleration that a stance foot is left with, as the floor yields", ge=0, le=1
+        0.0, "share of its vertical, roll and pitch acceleration that a stance foot is left with", ge=0, le=1
     )
     roll_stiffness: Real = _stiffness(1500.0, "feedback from the pose of a rolling foot to its rotation")
     roll_damping: Real = _damping(80.0, "feedback from the rate of a rolling foot to its rotation")

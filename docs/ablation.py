@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
@@ -19,9 +20,18 @@ from numpy.typing import NDArray
 from trials import write_rows
 
 from ampm.run_file import load_run
-from validation.study.robustness.cells import DIRECTIONS, PUSH_STEP, Cell, other_cells, push_cells
-from validation.study.robustness.study import replica_task
-from validation.study.row_file import Row
+from validation.run.trial import Trial
+from validation.run.walk import walk_planned
+from validation.study.robustness.cells import (
+    AFTER,
+    DIRECTIONS,
+    PUSH_STEP,
+    STEPS,
+    Cell,
+    other_cells,
+    push_cells,
+)
+from validation.study.robustness.study import cause_of, disturbance_of
 from validation.trial.plan import Request, plan_walk
 
 PUSHES: Mapping[str, Sequence[float]] = {
@@ -74,24 +84,26 @@ def row(variant: str) -> list[str]:
         getattr(module, constant)  # an unknown name would change nothing
         setattr(module, constant, value)
     name = "fixed" if variant == "fixed" else "stepping"
-    run = load_run("normal", controller={"stabilizer": name}, gait={"steps": PUSH_STEP + 2})
-    planned = plan_walk(Request("normal", run))
+    run = load_run("normal", controller={"stabilizer": name})
 
-    def walk(cell: Cell, value: float, replica: int) -> Row:
-        task = replica_task(cell, value, replica, planned, "default")
-        return task.work(**task.options)
+    def walk(cell: Cell, value: float) -> tuple[Trial, str]:
+        """A trial of one disturbance, and why it does not count as survived."""
+        steps = PUSH_STEP + 1 + AFTER if cell.is_push else STEPS
+        planned = plan_walk(Request("normal", run.replace({"gait.steps": steps})))
+        changed = planned.run.replace(disturbance_of(cell, value, 0, planned))
+        trial = walk_planned(replace(planned, request=Request("normal", changed)))
+        return trial, cause_of(trial.record, planned.body.model).partition(":")[0]
 
     count, walks = 0, []
     for cell in push_cells():
         if cell.height == "com":
             value = PUSHES[cell.phase][DIRECTIONS.index(cell.direction)]
-            count += not walk(cell, value, 0)["cause"]
+            count += not walk(cell, value)[1]
     for cell in other_cells():
         if cell.name in OTHERS:
-            _, value = OTHERS[cell.name]
-            row = walk(cell, value, 0)
-            x, y = row["zmp"]
-            walks.append((cell.name, row["cause"].partition(":")[0] or f"{1e3 * x:.1f}, {1e3 * y:.1f}"))
+            trial, cause = walk(cell, OTHERS[cell.name][1])
+            errors = [f"{1e3 * trial.metrics[f'zmp_{axis}_rmse'].value:.1f}" for axis in "xy" if not cause]
+            walks.append((cell.name, cause or ", ".join(errors)))
     errors = dict(walks)
     return [str(count), *(errors[name] for name in OTHERS)]
 

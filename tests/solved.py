@@ -69,6 +69,13 @@ def motion_of(*overrides: str) -> WholeBodyMotion:
 
 
 @cache
+def planned_walk(*overrides: str) -> WalkPlan:
+    """Its complete plan; the periodic step is that of :data:`COARSE`, whatever is changed."""
+    walk = walk_of(COARSE, *overrides)
+    return periodic_walk(walk.plan, motion_of(COARSE), walk.robot)
+
+
+@cache
 def body_of(*overrides: str) -> BodyModel:
     """The simulated body, with some settings changed."""
     run = walk_of(COARSE, *overrides).run
@@ -84,8 +91,7 @@ def replays(record: SimulationRecord, *overrides: str) -> bool:
 
 def simulated(*overrides: str, body: BodyModel | None = None, **options: Any) -> SimulationRecord:
     """A short walk under some settings; the motion does not depend on controller and contact."""
-    asked = walk_of(COARSE, *overrides)
-    plan = periodic_walk(asked.plan, motion_of(COARSE), asked.robot)
+    plan = planned_walk(*overrides)
     return simulate_plan(plan, *overrides, body=body or body_of(*overrides), **{"steps": 2, **options})
 
 

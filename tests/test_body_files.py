@@ -142,13 +142,6 @@ def test_a_proposal_says_what_is_to_be_filled_in(tmp_path: Path, ampm) -> None:
 BACKWARD = URDF.replace('lower="0" upper="2.4"', 'lower="-2.4" upper="0"')
 
 
-def test_a_model_without_joints_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "drone.urdf"
-    path.write_text('<robot name="drone"><link name="base"/></robot>', encoding="utf-8")
-    with pytest.raises(InputError, match="it has no joints"):
-        compiled_source(path)
-
-
 def test_keys_of_the_description_replace_what_the_model_has() -> None:
     """A range, as of a knee that bends forward, and inertia."""
     body = read(BACKWARD, TOML + 'range."._knee" = [0.0, 2.4]')

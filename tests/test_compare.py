@@ -20,18 +20,6 @@ def walk():
     return perfect_walk()
 
 
-def recorded(walk, **change):
-    """Comparison with something else in the record."""
-    plan, record, measured = walk
-    return compare(plan, replace(record, **change), measured)
-
-
-def measuring(walk, **change):
-    """Comparison with something else in the measurement."""
-    plan, record, measured = walk
-    return compare(plan, record, replace(measured, **change))
-
-
 def moving(walk, **change):
     """Comparison with another state."""
     plan, record, measured = walk
@@ -107,10 +95,10 @@ def test_the_split_is_exact_for_large_and_mixed_errors(walk):
 
 
 def test_an_instant_without_support_is_counted_not_dropped_silently(walk):
-    zmp, other = walk[2].zmp.copy(), walk[2].zmp_momentum.copy()
-    zmp[-5:], other[-5:], force = np.nan, np.nan, walk[2].force.copy()
-    force[-5:] = 0.0
-    comparison = measuring(walk, zmp=zmp, zmp_momentum=other, force=force)
+    plan, record, measured = walk
+    zmp, other, force = (getattr(measured, name).copy() for name in ("zmp", "zmp_momentum", "force"))
+    zmp[-5:], other[-5:], force[-5:] = np.nan, np.nan, 0.0
+    comparison = compare(plan, record, replace(measured, zmp=zmp, zmp_momentum=other, force=force))
     assert comparison.rows["measured_flight"].nonzero()[0].tolist() == [*range(len(zmp))[-5:]]
     assert comparison.signals["zmp_x"][RUN].unmeasured == 5
     assert evaluate(comparison)["unsupported_instants"] == 5
@@ -150,8 +138,8 @@ def test_effort_is_command_minus_plan_after_the_first_step(walk):
     force[~first] += [6.0, -3.0, 12.0]
     force[first] += 100.0
     momentum[:, 0] += 0.25
-    comparison = recorded(walk, command_force=force, command_angular_momentum=momentum)
-    effort = comparison.costs["effort"]
+    other = replace(record, command_force=force, command_angular_momentum=momentum)
+    effort = compare(plan, other, measured).costs["effort"]
     np.testing.assert_allclose(effort["force"], [6.0, 3.0, 12.0])
     np.testing.assert_allclose(effort["angular_momentum"], [0.25, 0.0], rtol=0.0, atol=1e-12)
 

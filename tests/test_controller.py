@@ -10,9 +10,8 @@ from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
 from ampm.control.limited_qp import acceleration_bounds, limit_broken
 from ampm.control.workspace import Joints
-from ampm.planners import periodic_walk
 from ampm.walk import LIMITED, UNSOLVED, State, Timing, Touch
-from tests.solved import COARSE, motion_of, walk_of
+from tests.solved import COARSE, planned_walk, walk_of
 from tests.test_tick import inverse_dynamics
 
 INSTANTS = (0.2, 0.62, 0.66, 0.9)
@@ -22,9 +21,8 @@ INSTANTS = (0.2, 0.62, 0.66, 0.9)
 @cache
 def reference(time, row=0):
     """The reference of an instant of the walk, or of ticks after it."""
-    walk = walk_of(COARSE)
     ticks = time + 0.002 * np.arange(200)
-    return periodic_walk(walk.plan, motion_of(COARSE), walk.robot).table(ticks, Timing(early=0.04))[row]
+    return planned_walk().table(ticks, Timing(early=0.04))[row]
 
 
 def controller(*overrides, weaker=1.0):

@@ -50,18 +50,13 @@ def test_a_controller_has_one_name_wherever_it_comes_from(installed):
         CONTROLLER.find("broken")
 
 
-@pytest.fixture
-def with_tsid(monkeypatch):
-    """The example's module."""
+def test_tsid_walks_on_flat_feet(monkeypatch):
     monkeypatch.syspath_prepend(EXAMPLES)
-    return import_module("tsid_controller")
-
-
-def test_tsid_walks_on_flat_feet(with_tsid):
-    if with_tsid.tsid is None:
+    example = import_module("tsid_controller")
+    if example.tsid is None:
         pytest.skip("needs the extra tsid, in an environment of its own: pip install -e '.[tsid]'")
     run = ampm.load_run("flat", gait={"steps": 3}, simulation={"time_step": 0.001})
-    trial = val.walk(run, controller=with_tsid.TsidController)
+    trial = val.walk(run, controller=example.TsidController)
     assert trial.record.outcome.name == "completed"
     limits = {"failed_qp": 0, "zmp_x_rmse": 2e-3, "zmp_y_rmse": 1.5e-3, "angular_momentum_y_rmse": 0.05}
     for name, limit in limits.items():

@@ -4,6 +4,7 @@ A block of TOML or Python whose first line is a comment with a file's name is wr
 of a page share one folder and one namespace, in their order.
 """
 
+import ast
 import importlib
 import math
 import os
@@ -145,6 +146,13 @@ def test_examples_print_and_save_a_picture(example, tmp_path, monkeypatch, capsy
     picture = tmp_path / f"{example.stem.lstrip('0123456789_')}.png"
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert example in PLANNERS or (ROOT / "docs/images" / picture.name).is_file()
+
+
+def test_scripts_of_the_pages_import_what_there_is():
+    for path in (ROOT / "docs").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith(("ampm", "validation")):
+                exec(ast.unparse(node))
 
 
 def test_the_planner_of_the_tutorial_is_that_of_the_examples():

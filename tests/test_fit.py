@@ -107,13 +107,15 @@ def test_offsets_and_drift_of_the_plates_are_in_the_intervals():
 
 def test_without_angular_momentum_a_rolling_zmp_explains_as_much():
     """Negative control: with c = 1 the AMPM adds nothing; with a ZMP that rests a resting ZMP is enough."""
-    scores = val.fit_log(table_of(GaitParameters(**GAITS[8]), noise=1.0), mass=MASS).scores
+    fit = val.fit_log(table_of(GaitParameters(**GAITS[8]), noise=1.0), mass=MASS)
+    scores = fit.scores
     for signal in ("zmp_x", "zmp_y", "force_x", "force_y"):
         rolling, ampm = (scores[signal][model]["stride"]["share"] for model in MODELS[1:])
         assert rolling > 0.99, signal
         assert ampm == pytest.approx(rolling, abs=2e-3), signal
     assert scores["force_x"]["pendulum"]["single"]["share"] > 0.99
     assert math.isnan(scores["angular_momentum_y"]["ampm"]["stride"]["share"])
+    assert "– of L_y" in fit.sentence
 
 
 def test_a_simulated_walk_returns_its_plan_and_a_gait_to_walk(run_of, tmp_path, ampm):

@@ -13,25 +13,15 @@ from ampm.planner.footsteps import plan_footsteps
 from ampm.planner.periodic import plan_gait
 from ampm.planner.support import plan_steps
 from ampm.planner.swings import plan_swings
-from tests.test_footsteps import turned
-from tests.walk import stones, stop_and_go
+from tests.test_footsteps import BODY, WALKS, turned
+from tests.walk import stop_and_go
 from validation.store.saved import load_saved_run
-from validation.trial.plan import load_request, make_body, plan_walk
+from validation.trial.plan import load_request, plan_walk
 
 RUN = ampm.load_run("normal")
-BODY = make_body(RUN).model.description
-WIDTH = 0.2
 REST_START = 0.8
 """Time in which a walk starts or settles [s]."""
 SINGLE = plan_gait(RUN.gait, 60.0).constants.single_support_duration
-WALKS = {
-    "straight": routes.straight(6, 0.6, WIDTH),
-    "backward": routes.straight(5, -0.3, WIDTH),
-    "arc": routes.arc(7, 0.4, -1.0, WIDTH),
-    "turn": routes.turn(7, 2.0, WIDTH),
-    "sidestep": routes.sidestep(6, 0.2, WIDTH),
-    "stones": stones(8, 0.5, WIDTH, seed=2),
-}
 
 
 def over(footsteps, run=RUN):
@@ -146,4 +136,4 @@ def test_posture_follows_the_heading_of_the_feet():
     np.testing.assert_allclose((high[0] - low[0]) / (2 * h), mid[1], atol=1e-7)
     np.testing.assert_allclose((high[1] - low[1]) / (2 * h), mid[2], atol=1e-5)
     ends = posture.heading(np.array([0.0, walk.duration]))[0]  # the mean of feet that are turned out
-    np.testing.assert_allclose(ends, [0.7, 2.7], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(ends, [0.7, 0.7 + math.pi / 2], rtol=0.0, atol=1e-12)

@@ -40,7 +40,7 @@ def turned(footsteps, angle, shift=(0.0, 0.0)):
 WALKS = {
     "straight": routes.straight(10, 0.6, WIDTH),
     "backward": routes.straight(8, -0.3, WIDTH),
-    "arc": routes.arc(9, 0.4, 1.0, WIDTH),
+    "arc": routes.arc(9, 0.4, -1.0, WIDTH),
     "turn": routes.turn(8, math.pi / 2, WIDTH),
     "sidestep": routes.sidestep(10, 0.2, WIDTH),
     "stones": stones(20, 0.5, WIDTH, seed=3),

@@ -6,15 +6,12 @@ import pytest
 import ampm
 import validation as val
 from ampm.planner import routes
-from ampm.planner.footstep_walk import plan_footstep_walk
-from ampm.planner.footsteps import plan_footsteps
 from ampm.planner.heights import Ground
+from tests.test_footstep_walk import plan as plan_feet
+from tests.test_footsteps import BODY, GAITS, plan
 from tests.test_walk_motion import gait_of
 from tests.walk import assert_follows
-from validation.trial.plan import make_body
 
-RUNS = {name: ampm.load_run(name, gait={"a_s": 3.0}) for name in ("normal", "momentum")}
-BODY = make_body(RUNS["normal"]).model.description
 WIDTH = 0.2
 
 
@@ -38,19 +35,11 @@ WALKS = {
     "arc": raised(routes.arc(8, 0.45, 4.0, WIDTH), [0.0] * 4 + [0.03]),
 }
 # momentum turns the trunk too far at the end of the arc, as on level ground
-CASES = [(gait, name) for gait in RUNS for name in WALKS if (gait, name) != ("momentum", "arc")]
+CASES = [(gait, name) for gait in GAITS for name in WALKS if (gait, name) != ("momentum", "arc")]
 
 
-def plan(footsteps, gait="normal"):
-    return plan_footsteps(footsteps, RUNS[gait].gait, BODY)
-
-
-def over(footsteps, gait="normal"):
-    return RUNS[gait].replace({}, footsteps=routes.as_rows(footsteps))
-
-
-def steps_of(footsteps, gait="normal"):
-    return plan_footstep_walk(over(footsteps, gait), BODY)
+def steps_of(footsteps):
+    return plan_feet(footsteps, GAITS["normal"])
 
 
 @pytest.mark.parametrize(("gait", "name"), CASES)

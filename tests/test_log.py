@@ -17,9 +17,8 @@ from ampm.planners import PeriodicPlanner
 from tests.saved_run import make_run
 from tests.test_bad_input import assert_said, rows_of
 from validation.judge.log import whole_strides
-from validation.judge.profiles import DEFAULT, own_profile
+from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty
-from validation.judge.verdict import judge_summary
 from validation.measure.columns import UNITS
 from validation.run.validate import validate
 from validation.store.saved import load_saved_run
@@ -43,10 +42,6 @@ def summary(folder):
 
 @pytest.fixture
 def table(folder):
-    return signals_of(folder)
-
-
-def signals_of(folder):
     """What a robot would have told of a run: every fifth row, force and ZMP of both feet, COM, momentum."""
     signals = load_saved_run(folder).signals
     names = {"time": "time"}
@@ -289,11 +284,6 @@ def test_so_is_the_log_of_a_treadmill(folder, table, tmp_path, ampm):
         refused = ampm("judge", tmp_path / "log", *words)
         assert refused.status == 2
         assert f"{words[0]} is for a table" in refused.err
-
-
-def test_a_metric_of_another_process_is_asked_for(summary):
-    with pytest.raises(InputError, match="metric 'strange' is not known here; register it"):
-        judge_summary({**summary, "metrics": {"strange": {}}}, DEFAULT)
 
 
 def test_units_have_the_factors_of_their_prefixes():

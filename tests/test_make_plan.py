@@ -1,15 +1,13 @@
 """Plans of samples by ampm.make_plan, before and during a walk, and whether a plan obeys Newton's law."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 
 import ampm
 import validation as val
 from ampm.planner.contacts import Footstep
-from ampm.planners import TablePlanner, periodic_walk
-from tests.solved import COARSE, motion_of, walk_of
+from ampm.planners import TablePlanner
+from tests.solved import COARSE, planned_walk, walk_of
 from validation.store.tables import plan_table, sample_times
 from validation.trial.users import load_planner
 
@@ -18,15 +16,9 @@ NOW = 0.8
 """A time in the second step's single support [s]."""
 
 
-@cache
-def ours():
-    """The AMPM's plan of four steps, complete."""
-    return periodic_walk(walk_of(COARSE).plan, motion_of(COARSE), walk_of(COARSE).robot)
-
-
 @pytest.fixture
 def walk():
-    return ours()
+    return planned_walk()
 
 
 def samples_of(plan, begin=0.0, rate=200.0):
@@ -56,7 +48,7 @@ def opened_later(contacts):
 
 def changed(statement):
     """Samples from NOW on, changed by a statement on their names."""
-    samples = samples_of(ours(), NOW) | {"after": ours()}
+    samples = samples_of(planned_walk(), NOW) | {"after": planned_walk()}
     exec(statement, globals(), samples)
     return made(samples)
 

@@ -3,7 +3,6 @@
 That it appears in a convergence study, too, is in test_convergence.
 """
 
-import json
 import math
 import sys
 from dataclasses import replace
@@ -16,7 +15,6 @@ from tests.saved_run import make_run
 from tests.sweep_table import make_table, sweep_of
 from tests.test_verdict import compared, named, verdict_of
 from tests.walk import perfect_walk
-from validation.cli.app import call
 from validation.judge.metrics import (
     METRICS,
     Metric,
@@ -88,10 +86,9 @@ def test_a_sweeps_table_keeps_the_readable_name_for_processes_without_the_metric
         register(drop)
 
 
-def test_comparison(drop, tmp_path, capsys):
-    folder = str(make_run(tmp_path / "run"))
-    assert call(["compare", folder, folder, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["metrics"][drop.name]["label"] == drop.label
+def test_comparison(drop, tmp_path, ampm):
+    folder = make_run(tmp_path / "run")
+    assert ampm("compare", folder, folder, "--json").json["metrics"][drop.name]["label"] == drop.label
 
 
 def test_one_that_fails_names_itself_and_one_without_an_instant_is_not_measured(drop):

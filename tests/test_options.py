@@ -117,19 +117,13 @@ def test_a_sweep_varies_an_option():
     assert parse_sweep(dump_sweep(definition)) == definition
     assert [definition.parameters(run).controller.options["gain"] for run in (0, 1)] == [1, 0.5]
     tasks = [task_of(definition, run) for run in (0, 1)]
+    other = parse_sweep(SWEEP.replace('"plain"', '"other"'))
+    assert len({task.digest for task in (*tasks, task_of(other, 0))}) == 3
     found = build_table(definition, [{"key": task.key, **task.work(**task.options)} for task in tasks])
     assert set(found["outcome"].to_pylist()) <= {"completed", "fell"}
     assert found["controller.options.gain"].to_pylist() == [1.0, 0.5]
     assert found["controller.options.mode"].to_pylist() == ["plain"] * 2
     assert len(set(found["key"].to_pylist())) == 2
-
-
-def test_an_option_decides_on_the_digest_of_a_row():
-    definition = parse_sweep(SWEEP)
-    one, two = (task_of(definition, run) for run in (0, 1))
-    changed = parse_sweep(SWEEP.replace('"plain"', '"other"'))
-    assert len({one.digest, two.digest, task_of(changed, 0).digest}) == 3
-    assert task_of(parse_sweep(SWEEP), 0).digest == one.digest
 
 
 def test_sources_that_a_class_imports_decide_on_the_digest(tmp_path, monkeypatch):

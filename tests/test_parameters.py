@@ -13,11 +13,6 @@ from ampm.physics_parameters import ContactParameters
 from ampm.run_file import dump_run, key_info, load_run
 
 
-def read_back(run, path):
-    path.write_text(dump_run(run), encoding="utf-8")
-    return load_run(path)
-
-
 @given(
     com_height=st.floats(1e-6, 100.0, exclude_min=True),
     c_s=st.floats(-100, 100).filter(lambda value: value == 0.0 or abs(value) > 1e-60),
@@ -31,7 +26,9 @@ def test_a_file_gives_back_the_same_bits(tmp_path_factory, com_height, c_s, a_s,
         gait=GaitParameters(com_height=com_height, c_s=c_s, a_s=a_s, steps=steps),
         contact=ContactParameters(friction=friction),
     )
-    again = read_back(run, tmp_path_factory.mktemp("run") / "run.toml")
+    path = tmp_path_factory.mktemp("run") / "run.toml"
+    path.write_text(dump_run(run), encoding="utf-8")
+    again = load_run(path)
     assert again == run
     assert again.gait.c_s.hex() == run.gait.c_s.hex()
 

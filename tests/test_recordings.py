@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
 from tests.saved_run import COARSE, make_run
-from validation.cli.app import Status, call
+from validation.cli.app import Status
 from validation.show.curves import DIFFERENCES
 from validation.show.rerun.record import SINGLE_SUPPORT, write_recording
 from validation.show.rerun.views import PHASE
@@ -79,10 +79,6 @@ def last_static(path: Path, entity: str, column: str) -> Any:
     return max(rows)[1]
 
 
-def save(*arguments: object) -> int:
-    return call(["view", *(str(argument) for argument in arguments)])
-
-
 def test_series_are_the_signals_bit_for_bit(one):
     signals, path = load_signals(one / "signals.parquet"), one / RunFile.RECORDING
     force = column(path, "/signals/force_z", "Scalars:scalars")
@@ -130,9 +126,9 @@ def test_a_recording_is_sound_small_and_has_what_a_viewer_must_show(one, tmp_pat
     assert load_saved_run(again.parent)
 
 
-def test_several_runs_are_in_one_file_with_curves_in_a_colour_of_each(walks, tmp_path):
+def test_several_runs_are_in_one_file_with_curves_in_a_colour_of_each(walks, tmp_path, ampm):
     target = tmp_path / "both.rrd"
-    assert save(walks["one"], walks["two"], "--save", target) == Status.PASS
+    assert ampm("view", walks["one"], walks["two"], "--save", target).status == Status.PASS
     assert_rrd("verify", target)
     for letter, name in (("a", "one"), ("b", "two")):
         own = entities(walks[name] / RunFile.RECORDING)
@@ -143,9 +139,9 @@ def test_several_runs_are_in_one_file_with_curves_in_a_colour_of_each(walks, tmp
     assert not {*colours[0]} & {*colours[1]}
 
 
-def test_phases_of_different_gaits_coincide_and_data_is_not_touched(walks, tmp_path):
+def test_phases_of_different_gaits_coincide_and_data_is_not_touched(walks, tmp_path, ampm):
     target = tmp_path / "both.rrd"
-    assert save(walks["one"], walks["slow"], "--save", target) == Status.PASS
+    assert ampm("view", walks["one"], walks["slow"], "--save", target).status == Status.PASS
     signals = load_signals(walks["slow"] / "signals.parquet")
     values = column(target, "/b/signals/force_z", "Scalars:scalars")
     np.testing.assert_array_equal(values[:, 2], signals["measured_force_z"])
@@ -162,11 +158,12 @@ def test_phases_of_different_gaits_coincide_and_data_is_not_touched(walks, tmp_p
         assert phase[-1] == pytest.approx(4.0, abs=2 * pace)
 
 
-def test_one_target_is_saved_as_it_is_and_an_existing_file_is_kept(one, tmp_path, capsys):
+def test_one_target_is_saved_as_it_is_and_an_existing_file_is_kept(one, tmp_path, ampm):
     target = tmp_path / "copy.rrd"
     target.write_bytes(b"mine")
-    assert save(one, "--save", target) == Status.REFUSED
+    refused = ampm("view", one, "--save", target)
+    assert refused.status == Status.REFUSED
+    assert "--force" in refused.err
     assert target.read_bytes() == b"mine"
-    assert "--force" in capsys.readouterr().err
-    assert save(one, "--save", target, "--force") == Status.PASS
+    assert ampm("view", one, "--save", target, "--force").status == Status.PASS
     assert target.read_bytes() == (one / RunFile.RECORDING).read_bytes()

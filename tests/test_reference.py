@@ -6,34 +6,27 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ampm.planners import periodic_walk
 from ampm.reference import FIELDS
 from ampm.walk import Reference, Timing
-from tests.solved import COARSE, motion_of, walk_of
+from tests.solved import COARSE, planned_walk, walk_of
 
 EARLY, LEAD = 0.04, 0.01
 TIMES = np.arange(0.0, 2.6, 0.002)
 
 
 @cache
-def plan():
-    walk = walk_of(COARSE)
-    return periodic_walk(walk.plan, motion_of(COARSE), walk.robot)
-
-
-@cache
 def rows(**spans) -> Reference:
-    return plan().table(TIMES, Timing(**spans))
+    return planned_walk().table(TIMES, Timing(**spans))
 
 
 def test_a_torque_that_goes_on_is_held_only_where_the_plan_jumps():
-    assert plan().jump_times.size == 0
+    assert planned_walk().jump_times.size == 0
     smooth = rows(hold=0.001, slope=0.002)
     assert not smooth.jumps.any()
     np.testing.assert_array_equal(smooth.row, rows().row)
     jumping = walk_of(COARSE, "gait.planner=lipm").plan
     assert jumping.jump_times == pytest.approx(jumping.contacts.starts[1:])
-    walk = replace(plan(), phases=jumping.phases)
+    walk = replace(planned_walk(), phases=jumping.phases)
     held, exact, late = (
         walk.table(times, timing)
         for times, timing in (
@@ -62,10 +55,7 @@ def test_contacts_widen_by_lead_and_window_but_never_shrink():
 def test_a_walk_ends_as_if_it_went_on():
     """Or the rear foot's forces would not close at the end, and ticks there might stay unsolved."""
     timing = Timing(LEAD, EARLY)
-    shorter, longer = (
-        periodic_walk(walk_of(COARSE, f"gait.steps={steps}").plan, motion_of(COARSE), walk_of(COARSE).robot)
-        for steps in (2, 3)
-    )
+    shorter, longer = (planned_walk(f"gait.steps={steps}") for steps in (2, 3))
     ticks = np.arange(0.0, shorter.duration, 0.002)
     ends = [plan.table(ticks, timing) for plan in (shorter, longer)]
     for name in ("planned", "due", "until_lift"):
@@ -77,7 +67,7 @@ def test_a_walk_ends_as_if_it_went_on():
 
 
 def test_a_table_is_a_sequence_and_cannot_be_changed():
-    table = plan().table(TIMES)
+    table = planned_walk().table(TIMES)
     assert len(table) == len(TIMES)
     assert table[3:5][1].time == table[4].time == TIMES[4]
     for changed in (table.com, table.row, table[4].com, table[4].foot_position):
@@ -86,7 +76,7 @@ def test_a_table_is_a_sequence_and_cannot_be_changed():
 
 
 def test_a_reference_is_made_of_fields_in_their_shapes():
-    row = plan().table(TIMES)[4]
+    row = planned_walk().table(TIMES)[4]
     fields = {name: getattr(row, name) for name in FIELDS}
     assert Reference.of(time=0.0, q=row.q, v=row.v).com.tolist() == [0.0, 0.0, 0.0]
     assert Reference.of(**fields).row == row.row

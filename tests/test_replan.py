@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from ampm.exceptions import InputError
-from ampm.planners import PeriodicPlanner, periodic_walk
+from ampm.planners import PeriodicPlanner
 from tests.records import same_bits
-from tests.solved import COARSE, motion_of, simulate_plan, simulated, walk_of
+from tests.solved import COARSE, planned_walk, simulate_plan, simulated, walk_of
 from tests.test_make_plan import Moved
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
@@ -91,8 +91,7 @@ def test_a_plan_holds_from_the_next_tick_on():
 
 def plan_of(steps):
     """The plan of the same gait with another number of steps."""
-    walk = walk_of(COARSE, f"gait.steps={steps}")
-    return periodic_walk(walk.plan, motion_of(COARSE), walk.robot)
+    return planned_walk(f"gait.steps={steps}")
 
 
 @pytest.mark.parametrize(

@@ -9,19 +9,18 @@ import pytest
 
 import validation as val
 from ampm.exceptions import InputError
-from tests.saved_run import forge, make_run, with_column
+from tests.saved_run import COARSE, forge, make_run, with_column
 from tests.walk import perfect_walk
 from validation.judge import signals
 from validation.store.signals import load_signals
 
-COARSE = "simulation.time_step=0.002"
 PUSH = ("disturbance.push_y=20", "disturbance.push_at=0.3", "disturbance.push_segment=thorax")
 ROW = 30
 
 
 @pytest.fixture(scope="module")
 def pushed(tmp_path_factory):
-    return make_run(tmp_path_factory.mktemp("pushed") / "run", steps=2, settings=(COARSE, *PUSH))
+    return make_run(tmp_path_factory.mktemp("pushed") / "run", steps=2, settings=(*COARSE, *PUSH))
 
 
 def add(by, rows=slice(ROW, ROW + 1)):

@@ -71,6 +71,18 @@ class Short(Naive):
         return state._replace(v=state.v[:5]), touch
 
 
+class Odd(Naive):
+    """Gives a touch that no controller can use."""
+
+    def __init__(self, robot, run, start, **touch):
+        super().__init__(robot, run, start)
+        self.touch = touch
+
+    def update(self, readings, commanded):
+        state, touch = super().update(readings, commanded)
+        return state, touch._replace(**self.touch)
+
+
 class Mine(Kalman):
     """Ours, which is kept with what it was told."""
 

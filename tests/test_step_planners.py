@@ -9,6 +9,7 @@ import ampm
 from ampm.parameters import GRAVITY
 from ampm.planner.step_planners import JERK_WEIGHT, SAMPLE_TIME, STEP_PLANNERS, reference_zmp
 from ampm.planner.step_planners import step_axes as axes_of
+from tests.properties import inside
 from tests.solved import body_of
 
 STEPS = 4
@@ -19,13 +20,6 @@ def plans(name, planner):
     run = ampm.load_run(name, gait={"steps": STEPS})
     sole = body_of().description.sole
     return [STEP_PLANNERS[which](run.gait, 60.0, run.foot, sole) for which in ("ampm", planner)]
-
-
-def inside(plan, count=401):
-    """Times within every phase, none on a switch, and their phases."""
-    phases = plan.contacts.phases
-    share = (np.arange(count) + 0.5) / count
-    return np.concatenate([phase.start + phase.duration * share for phase in phases])
 
 
 def test_the_dcm_obeys_its_dynamics_and_its_recursion():

@@ -1,7 +1,7 @@
 """A walk that follows its plan to the last bit, and ways to spoil it by a known amount."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,35 +24,18 @@ from validation.trial.record import SimulationRecord
 MASS = 60.0
 EXACT = Equations(steps=1, median=0.0, largest=0.0, coordinate="", time=0.0, change=1.0)
 """Steps that obey the equations of motion."""
-
-
-class _Apart:
-    """Two shapes that never come near each other."""
-
-    def __len__(self) -> int:
-        return 1
-
-    def recorded_gaps(self, q: np.ndarray) -> Gaps:
-        return Gaps(np.full(len(q), 0.1), ("",) * len(q), np.full((len(q), 2, 3), np.nan))
-
-
-APART: Any = _Apart()
+APART: Any = SimpleNamespace(
+    recorded_gaps=lambda q: Gaps(np.full(len(q), 0.1), ("",) * len(q), np.full((len(q), 2, 3), np.nan))
+)
+"""Two shapes that never come near each other."""
 SOLE = SoleGeometry(-0.107, 0.083, 0.151, 0.03, 0.045, 0.03, -0.042, 0.066)
 
 
-@dataclass(frozen=True)
-class PlannedMomentum:
-    """A posture of which only L_z is known, as a function of time."""
-
-    momentum_z: Callable[[np.ndarray], np.ndarray]
-
-    def sample(self, times):
-        times = np.asarray(times)
-        nothing, trunk = np.zeros((len(times), 0)), np.zeros((len(times), 3, 3))
-        return PostureState(nothing, nothing, nothing, trunk, self.momentum_z(times))
-
-    def report(self):
-        return {}
+def planned_momentum(times):
+    """L_z, all that is known of the posture."""
+    times = np.asarray(times)
+    nothing, trunk = np.zeros((len(times), 0)), np.zeros((len(times), 3, 3))
+    return PostureState(nothing, nothing, nothing, trunk, 0.5 * np.sin(3 * times))
 
 
 def stop_and_go(steps, length, run, pause=1.0):
@@ -142,7 +125,7 @@ def perfect_walk(steps=4, count=None):
         time_step=dt,
         self_checks=SelfChecks(0.0, 0.0, 0.0, EXACT),
     )
-    return (WalkPlan.of(plan, posture=PlannedMomentum(lambda t: 0.5 * np.sin(3 * t))), record, measured)
+    return (WalkPlan.of(plan, posture=SimpleNamespace(sample=planned_momentum)), record, measured)
 
 
 def with_state(measured, com_shift=0.0, force_shift=0.0, moment_shift=0.0, instrument=0.0):

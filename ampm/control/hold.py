@@ -16,13 +16,13 @@ def update_rate(joints: Joints, gains: Any, lines: Any, still: bool) -> None:
     """Rates of the torques until the next tick, from those until this one.
 
     The rate is the last difference over the period, with three exceptions. It is limited: a larger difference
-    is the response to an event, such as a landing, and is not repeated in the next tick. Where the contact has changed, the difference is the response to it, and the
-    earlier rate is kept. Where the plan jumps, it is zero, and the reference is that of the middle of the
-    hold.
+    is the response to an event, such as a landing, and is not repeated in the next tick. Where the contact
+    has changed, the difference is the response to it, and the earlier rate is kept. Where the plan jumps, it
+    is zero, and the reference is that of the middle of the hold.
 
     Args:
         joints: torques of this tick and of the last one, and limits; the rate is written.
-        gains: ``frequency`` of the ticks [1/s], and ``torque_change``, the largest difference [motor's limit].
+        gains: ``frequency`` [1/s], and ``torque_change``, the largest difference over the motor's limit [1].
         lines: of this tick; they keep what of the contact determines the slope of the torque.
         still: this is the first tick, or the plan jumps in this tick or has jumped in the last one.
     """

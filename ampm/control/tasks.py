@@ -74,7 +74,9 @@ def _stance(
     if all_planned and heel.touched and ball.touched:  # flat
         put(acceleration[0:3], times(-damping, velocity))
         acceleration[2] = _vertical(gains, foot, lines, press, damping, velocity[2], share)
-        put(acceleration[3:6], plus(times((share - 1.0) * gains.stance_damping, omega), turned))
+        still = times(-gains.stance_damping, omega)
+        put(acceleration[3:6], plus(times(1.0 - share, still), turned))
+        acceleration[5] = still[2]  # the floor yields upwards and downwards
         return
     # Roll and pitch in the axes of the foot's heading: about its x and y axis.
     c, s = wanted.foot_rotation[i, 1, 1], -wanted.foot_rotation[i, 0, 1]

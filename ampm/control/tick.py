@@ -116,7 +116,7 @@ def contacts(work: Workspace, first: bool) -> bool:
     for i in range(len(points)):
         points[i].sensed, points[i].touching = work.sensed.normal_force[i], work.sensed.contact[i]
     close_lifted_tips = stepping.active and not stepping.off_plan
-    missed = work.sensed.threshold[0] / (work.body.mass * work.body.gravity)
+    missed = min(work.sensed.threshold[0] / (work.body.mass * work.body.gravity), 1.0)
     return update_gate(work.wanted, work.gains, first, close_lifted_tips, missed, points, lines)
 
 

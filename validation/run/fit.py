@@ -21,7 +21,7 @@ from validation.run.judge_log import log_columns
 from validation.show.fit import fit_page
 from validation.store.folders import check_target
 from validation.store.json import write_json
-from validation.table import Table, Tabled, format_number, short_unit, with_uncertainty
+from validation.table import ABSENT, Table, Tabled, format_number, short_unit, with_uncertainty
 
 _FILES = ("fit.json", "gait.toml", "report.html")
 _STATURE = 1.70 / 0.865
@@ -45,7 +45,8 @@ class Fit(Tabled):
         """What the models explain over whole strides."""
 
         def share(signal: str, model: str) -> str:
-            return f"{max(0.0, 100.0 * self.scores[signal][model]['stride']['share']):.0f} %"
+            found = 100.0 * self.scores[signal][model]["stride"]["share"]
+            return ABSENT if math.isnan(found) else f"{max(0.0, found):.0f} %"
 
         return " ".join(
             f"Along {axis} a rolling ZMP explains {share(f'zmp_{axis}', 'rolling')} of the ZMP and "

@@ -193,8 +193,7 @@ class Sensors:
                     pass
                 case _:
                     raise TypeError("it must return a State and a Touch")
-            for name, size in (("q", self._robot.nq), ("v", self._robot.nv)):
-                real_numbers(f"'{name}' of its state", getattr(state, name), (size,), finite=True)
+            _check(state, touch, self._robot)
         return state, touch
 
     def _state(self, k: int, readings: Readings) -> tuple[State, Touch]:
@@ -207,6 +206,18 @@ class Sensors:
             force, contact = self._soles.update(q, readings.wrench)
         touch = Touch(contact, force, self._time_step, self.parameters.contact_threshold)
         return State(readings.time, q, v, 0.5 * self._time_step), touch
+
+
+def _check(state: State, touch: Touch, robot: Robot) -> None:
+    """Refuse what no controller can use, with the name of its field."""
+    shapes = {"q": (robot.nq,), "v": (robot.nv,)}
+    shapes |= dict.fromkeys(("contact", "normal_force"), robot.point_group.shape)
+    touches = touch._asdict() | {"contact": np.asarray(touch.contact) + 0}
+    for what, values in (("state", state._asdict()), ("touch", touches)):
+        for name, value in values.items():
+            real_numbers(f"'{name}' of its {what}", value, shapes.get(name, ()), finite=True)
+    if touch.threshold < 0.0:
+        raise ValueError(f"'threshold' of its touch is {touch.threshold:g} N and must be at least 0 N")
 
 
 def make_estimator(run: RunParameters, robot: Robot, start: State) -> Estimator | None:

@@ -409,8 +409,11 @@ def _one_text(value: Any) -> Any:
     """The name of a class with its options, if it is a table: ``{ name = "mine:Planner", gain = 2 }``."""
     if not (isinstance(value, dict) and isinstance(value.get("name"), str)):
         return value
-    options = [f"{key}={toml_text(option)}" for key, option in value.items() if key != "name"]
-    return ",".join([value["name"], *options])
+    options = {key: option for key, option in value.items() if key != "name"}
+    for key, option in options.items():
+        if isinstance(option, list | dict) or "," in str(option):
+            raise InputError(f"{key} = {option!r} of {value['name']} must be one value without a comma.")
+    return ",".join([value["name"], *(f"{key}={toml_text(option)}" for key, option in options.items())])
 
 
 def toml_text(value: Option) -> str:
