@@ -75,7 +75,7 @@ class OwnPlanner:
 class LatePlan(WalkPlan):
     """A plan whose centroidal part is late [s]."""
 
-    late: float
+    late: float = 0.0
 
     def sample(self, times: Any) -> PlanSample:
         """The plan at times."""
@@ -86,7 +86,7 @@ class LatePlan(WalkPlan):
 class HigherPlan(WalkPlan):
     """A plan of a COM that is higher by a share [1]."""
 
-    share: float
+    share: float = 0.0
 
     def sample(self, times: Any) -> PlanSample:
         """The plan at times."""
@@ -100,7 +100,7 @@ class HigherPlan(WalkPlan):
 class ShiftedPlan(WalkPlan):
     """A plan whose ZMP is ahead [m]."""
 
-    ahead: float
+    ahead: float = 0.0
 
     def sample(self, times: Any) -> PlanSample:
         """The plan at times."""
@@ -112,7 +112,7 @@ class ShiftedPlan(WalkPlan):
 class LateFeet(FeetPlan):
     """Feet that are late [s]."""
 
-    late: float
+    late: float = 0.0
 
     def _earlier(self, times: Any) -> Any:
         return np.maximum(np.asarray(times, dtype=float) - self.late, 0.0)
