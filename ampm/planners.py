@@ -137,7 +137,8 @@ def make_plan(
             begins at 0, a later one now, on the walk's clock.
         com: in world; without z in the height of ``after`` or the gait. Shape (N, 2) or (N, 3) [m].
         contacts: of the whole walk, what has passed included, see :meth:`ampm.Contacts.in_turn`.
-        zmp: on the floor, shape (N, 2) [m].
+        zmp: on the floor. Over footsteps of different heights, on the level plane of the standing foot, in
+            double support between both by their shares of the load. Shape (N, 2) [m].
         com_velocity: by default from differences of ``com``, shape (N, 2) or (N, 3) [m/s].
         com_acceleration: shape (N, 2) [m/s^2]; with shape (N, 3) its z column belongs to a height that
             varies, else it follows by differences.

@@ -9,6 +9,7 @@ from ampm.planner import routes
 from ampm.planner.heights import Ground
 from tests.test_footstep_walk import plan as plan_feet
 from tests.test_footsteps import BODY, GAITS, plan
+from tests.test_make_plan import made, samples_of
 from tests.test_walk_motion import gait_of
 from tests.walk import assert_follows
 
@@ -52,6 +53,19 @@ def test_the_horizontal_motion_is_that_of_level_ground(gait, name):
     for field in ("moment", "angular_momentum", "stance"):
         np.testing.assert_array_equal(getattr(here, field), getattr(there, field))
     np.testing.assert_allclose(here.zmp, there.zmp, atol=2e-4 if gait == "normal" else 3e-3)
+
+
+@pytest.mark.parametrize("left_out", ["zmp", "com_acceleration"])
+def test_samples_of_a_walk_up_stairs_have_its_floor(left_out):
+    walk = plan(WALKS["stairs"])
+    samples = samples_of(walk)
+    samples["com_acceleration"] = walk.sample(samples["times"]).com_acceleration
+    del samples[left_out]
+    times = np.linspace(0.0, walk.duration, 997)
+    here, there = made(samples).sample(times), walk.sample(times)
+    assert np.ptp(there.floor) == pytest.approx(0.2)
+    np.testing.assert_allclose(here.floor, there.floor, atol=1e-3)
+    np.testing.assert_allclose(here.zmp, there.zmp, atol=3e-3)
 
 
 @pytest.mark.parametrize("name", WALKS)

@@ -16,6 +16,7 @@ from examples.planners.alip import Alip, wanted_step
 from examples.planners.centroidal import MOST_MOMENT, Centroidal
 from examples.planners.hlip import Deadbeat, Lqr, deadbeat, regulator, step_to_step
 from examples.planners.pendulum import GRAVITY
+from examples.planners.stiffness import Stiffness
 from examples.planners.vhip import HIGH, LOW, K, Vhip, feedback
 from tests.solved import COARSE, walk_of
 from validation.study.sweep.design import load_sweep
@@ -33,6 +34,14 @@ def planned(kind, **changes):
     run = walk_of(COARSE).run.replace({}, **changes)
     planner = kind()
     return planner, planner.plan(run, walk_of(COARSE).robot)
+
+
+def replanned(planner, plan, velocity):
+    """The plan after a change of the velocity [m/s]."""
+    reference = plan.table(np.array([NOW]))
+    state = ampm.State(NOW, reference.q[0].copy(), reference.v[0].copy())
+    state.v[:3] += velocity
+    return planner.replan(NOW, state, None, plan)
 
 
 def over(**last):
@@ -91,10 +100,7 @@ def test_the_vhip_uses_its_height_where_the_sole_does_not_suffice():
     """A push forward over a ZMP at its limit: the plan goes on with a COM that leaves its height."""
     planner, plan = planned(Vhip)
     run, robot = walk_of(COARSE).run, walk_of(COARSE).robot
-    reference = plan.table(np.array([NOW]))
-    state = ampm.State(NOW, reference.q[0].copy(), reference.v[0].copy())
-    state.v[:3] += [0.2, 0.0, 0.0]  # [m/s]
-    pushed = planner.replan(NOW, state, None, plan)
+    pushed = replanned(planner, plan, [0.2, 0.0, 0.0])
     times = np.linspace(NOW, plan.duration, 1001)
     height = pushed.sample(times).com[:, 2] - run.gait.com_height
     assert 2 * LOW < height.min() < -0.005
@@ -105,7 +111,34 @@ def test_the_vhip_uses_its_height_where_the_sole_does_not_suffice():
     assert force[:, 2].min() > 0.3 * robot.mass * GRAVITY
 
 
-@pytest.mark.parametrize("kind", [Alip, Deadbeat, Lqr, Centroidal])
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of OSQP
+def test_in_a_piece_springs_at_the_contacts_move_the_body_as_planned():
+    """Forces and moments as ``Centroid::CalcEndWrench`` of the source has them, integrated."""
+    planner, plan = planned(Stiffness)
+    pushed = replanned(planner, plan, [0.2, -0.1, 0.0])
+    on_both = (planner.times > NOW) & ((planner.weights > 0).sum(axis=1) == 2)
+    piece = on_both.argmax()
+    begin, end = planner.times[piece : piece + 2]
+    first, last = (pushed.sample(time) for time in (begin, end))
+    share, places = planner.weights[piece], planner.places + planner.moved
+    offset = first.zmp[0] - share @ places  # of the centres of pressure from the soles
+    centres = np.column_stack([places + offset, planner.heights])
+    cmp = first.moment[0, ::-1] / plan.weight * [1.0, -1.0]
+    assert np.abs(cmp).max() > 0.002
+
+    def rate(t, state):
+        com, velocity, _ = state.reshape(3, 3)
+        forces = plan.mass * planner.w**2 * share[:, None] * (com - centres - np.append(cmp, 0.0))
+        acceleration = forces.sum(axis=0) / plan.mass - [0.0, 0.0, GRAVITY]
+        return np.concatenate([velocity, acceleration, np.cross(centres - com, forces).sum(axis=0)])
+
+    start = np.concatenate([first.com[0], first.com_velocity[0], *first.angular_momentum, [0.0]])
+    found = solve_ivp(rate, (begin, end), start, rtol=1e-10, atol=1e-12).y[:, -1]
+    np.testing.assert_allclose(found[:3], last.com[0], atol=1e-7)
+    np.testing.assert_allclose(found[6:8], last.angular_momentum[0], atol=1e-4)
+
+
+@pytest.mark.parametrize("kind", [Alip, Deadbeat, Lqr, Centroidal, Stiffness])
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of OSQP
 def test_a_deviation_ends_over_the_moved_footsteps(kind):
     planner, plan = planned(kind)
@@ -116,9 +149,9 @@ def test_a_deviation_ends_over_the_moved_footsteps(kind):
     assert np.abs(planner.moved).max() > 0.02
     np.testing.assert_allclose(moves[0, -1], planner.moved[-1], atol=1e-3)
     np.testing.assert_allclose(zmp[-1], planner.moved[-1], atol=1e-6)
-    if kind in (Alip, Centroidal):
+    if kind in (Alip, Centroidal, Stiffness):
         np.testing.assert_allclose(np.trapezoid(moment, times, axis=0), [1.0, -1.5], rtol=0.02)
-    if kind is Centroidal:
+    if kind in (Centroidal, Stiffness):
         assert np.abs(moment).max() <= MOST_MOMENT * 1.01
 
 

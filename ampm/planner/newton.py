@@ -60,13 +60,15 @@ def check_newton(plan: CentroidalPlan, or_else: str = "") -> float:
 
 def _windows(plan: CentroidalPlan, begin: float, end: float) -> list[NDArray[np.float64]]:
     """Instants of every window, and there (1 - u^2)^4 and two derivatives, of mean one; (4, n) each."""
-    starts, windows = [phase.start for phase in plan.phases], []
+    # A law of samples bends or jumps at each of them.
+    parts = [phase.start + np.append(0.0, getattr(phase.x, "time", ())) for phase in plan.phases]
+    bends, windows = np.concatenate(parts), []
     for phase in plan.contacts.phases:
         a, b = max(phase.start, begin), min(phase.start + phase.duration, end)
         ends = np.linspace(a, b, max(int((b - a) / WINDOW), 1) + 1).tolist() if b - a >= SHORTEST else []
         for left, right in pairwise(ends):
-            pieces = np.linspace(left, right, math.ceil((right - left) / _PIECE) + 1).tolist()
-            edges = np.array(sorted({*pieces, *(start for start in starts if left < start < right)}))
+            pieces = np.linspace(left, right, math.ceil((right - left) / _PIECE) + 1)
+            edges = np.union1d(pieces, bends[(bends > left) & (bends < right)])
             half, reach = 0.5 * np.diff(edges)[:, None], 0.5 * (right - left)
             time = (edges[:-1, None] + half * (1.0 + _NODES)).ravel()
             u = (time - left) / reach - 1.0

@@ -11,7 +11,7 @@ from ampm.geometry import Array
 from ampm.parameters import GRAVITY
 from ampm.planner.blend import HeightLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
-from ampm.planner.contacts import LEVEL, ascending, finite
+from ampm.planner.contacts import LEVEL, Contacts, ascending, finite
 from ampm.planner.newton import check_newton
 from ampm.planner.pendulum import LawState
 
@@ -92,10 +92,11 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
             raise InputError(
                 f"{name} has the shape {values.shape}, not {shape}; give it a row for each time."
             )
-    law = _height_law(given, times, plan.contacts.slope)
+    law = _height_law(given, times, plan)
     height, lift = plan.com_height, 1.0  # of the COM [m]; vertical force over the weight
     if law is not None:
-        height, lift = law.blend.position[:, None], 1.0 + law.blend.acceleration[:, None] / plan.gravity
+        over = law.blend.position - law.blend.zmp
+        height, lift = over[:, None], 1.0 + law.blend.acceleration[:, None] / plan.gravity
     elif given["com"].shape[1] == 3:
         height = float(given["com"][0, 2])
         plan = replace(plan, com_height=height)
@@ -135,14 +136,15 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     return plan
 
 
-def _height_law(given: dict[str, Array], times: Array, slope: tuple[float, float]) -> HeightLaw | None:
-    """The law of a COM whose height varies; None at a constant height."""
-    if given["com"].shape[1] == 2:
+def _height_law(given: dict[str, Array], times: Array, plan: CentroidalPlan) -> HeightLaw | None:
+    """The law of heights that vary, of the COM or of footsteps; None if none does."""
+    slope, climbs = plan.contacts.slope, bool(plan.contacts.placements[..., 2].any())
+    if given["com"].shape[1] == 2 and not climbs:
         return None
-    height = given["com"][:, 2]
+    height = given["com"][:, 2] if given["com"].shape[1] == 3 else np.full(len(times), plan.com_height)
     if not height.min() > 0.0:
         raise InputError(f"com has the height {height.min():g} m; give heights above 0 m.")
-    if np.ptp(height) <= _LEVEL:
+    if np.ptp(height) <= _LEVEL and not climbs:
         return None
     if slope != LEVEL:
         key, value = ("slope", slope[0]) if slope[0] else ("cross_slope", slope[1])
@@ -164,7 +166,27 @@ def _height_law(given: dict[str, Array], times: Array, slope: tuple[float, float
             "as the floor only pushes."
         )
     still = np.zeros_like(times)
-    return HeightLaw(SampledLaw(times - times[0], height, velocity, acceleration, still, still))
+    floor = _support_height(given, times, height, acceleration, plan.contacts) if climbs else still
+    return HeightLaw(SampledLaw(times - times[0], height, velocity, acceleration, floor, still))
+
+
+def _support_height(
+    given: dict[str, Array], times: Array, height: Array, acceleration: Array, contacts: Contacts
+) -> Array:
+    """Height of the standing foot, in double support between both by their shares of the load, (N,) [m]."""
+    phase = np.clip(np.searchsorted(contacts.starts, times, side="right") - 1, 0, len(contacts.starts) - 1)
+    left, right = np.moveaxis(contacts.placements[phase], 1, 0)
+    stance, way, heading = contacts.stance_codes[phase], right - left, contacts.headings[phase]
+    across = np.stack([-np.sin(heading), np.cos(heading)])  # shares as PlanSample.right_load has them
+    if "zmp" in given:
+        zmp, by_height = given["zmp"], np.zeros((len(times), 2))
+    else:  # where the force through the COM meets the plane of height 0, and by how much it moves per height
+        by_height = given["com_acceleration"][:, :2] / (GRAVITY + acceleration)[:, None]
+        zmp = given["com"][:, :2] - height[:, None] * by_height
+    off, moves, width = ((across * part[:, :2].T).sum(axis=0) for part in (zmp - left[:, :2], by_height, way))
+    share = (off + left[:, 2] * moves) / (width - way[:, 2] * moves)
+    share = np.where(stance == 2, np.clip(share, 0.0, 1.0), stance)
+    return left[:, 2] + share * way[:, 2]
 
 
 def plan_constants(plan: CentroidalPlan) -> PlanConstants:

@@ -38,23 +38,34 @@ class Centroidal(Pendulum):
             raise ampm.InputError("footsteps.heading: the soles of this planner point along x; leave it out.")
         return super().plan(run, robot)
 
+    def basis(self, time):
+        """Instants of what is found, its values between them by those there, and integrals up to there."""
+        ahead = time + STRIDE * np.arange(KNOTS)
+        integral = STRIDE * (np.tri(KNOTS) - 0.5 * np.eye(KNOTS))
+        integral[:, 0] -= 0.5 * STRIDE
+        integral[0] = 0.0
+        return ahead, lambda times: np.maximum(1.0 - np.abs(times[:, None] - ahead) / STRIDE, 0.0), integral
+
     def deviate(self, time, off, surplus):
         """What the QPs find, see :meth:`Pendulum.deviate`."""
         weight = self.first.weight
-        ahead = time + STRIDE * np.arange(KNOTS)
+        ahead, between, integral = self.basis(time)
         times = self.samples(time, self.times[-1], np.append(self.times, ahead))
         shares = np.column_stack([np.interp(times, self.times, column) for column in self.weights.T])
-        hats = np.maximum(1.0 - np.abs(times[:, None] - ahead) / STRIDE, 0.0)
+        hats = between(times)
         needed = self.bounded(times, np.hstack([hats, shares]))[0]  # DCM now, by knot and by footstep
-        found = [self.solve(k, time, off[0, k] + off[1, k] / self.w, surplus, needed, ahead) for k in (0, 1)]
+        found = [
+            self.solve(k, time, off[0, k] + off[1, k] / self.w, surplus, needed, ahead, integral)
+            for k in (0, 1)
+        ]
         p, q, self.moved = (np.column_stack(columns) for columns in zip(*found, strict=True))
         zmp, arm = hats @ p + shares @ self.moved, hats @ q
         walked, moves = times <= self.switches[-1], self.motion(times, zmp - arm, off)
         return times[walked], moves[:, walked], zmp[walked], weight * (arm[:, ::-1] * [1.0, -1.0])[walked]
 
-    def solve(self, axis, time, dcm, surplus, needed, ahead):
-        """ZMP and arm at the knots (33,), and displacements of all footsteps (F,), along an axis [m]."""
-        moved, weight, n = self.moved[:, axis], self.first.weight, KNOTS
+    def solve(self, axis, time, dcm, surplus, needed, ahead, integral):
+        """ZMP and arm at the n instants (n,), and displacements of all footsteps (F,), along an axis [m]."""
+        moved, weight, n = self.moved[:, axis], self.first.weight, len(ahead)
         lands = np.append([-1.0, -1.0], self.alone[1:-1, 1])  # when each footstep is landed on
         free = np.flatnonzero((lands > time + FREEZE) & (lands < ahead[-1]))
         by = np.zeros((len(moved), len(free)))
@@ -62,9 +73,6 @@ class Centroidal(Pendulum):
         by[free[-1] if len(free) else len(moved) :, -1:] = 1.0  # the last one displaces all after it
         fixed = np.where(by.any(axis=1), 0.0, moved) if len(free) else moved
         begun = (surplus[::-1] * [-1.0, 1.0] / weight)[axis]
-        integral = STRIDE * (np.tri(n) - 0.5 * np.eye(n))
-        integral[:, 0] -= 0.5 * STRIDE
-        integral[0] = 0.0
         sole, off_place = self.first.feet.sole, np.interp(ahead, self.times, self.rolls[:, axis])
         half = min(sole.heel_half_width, sole.ball_half_width) - MARGIN
         back, front = ((sole.heel_x + MARGIN, sole.ball_x - MARGIN), (-half, half))[axis]

@@ -5,10 +5,9 @@ The force passes through the COM, which stays at the height H, and the ZMP p is 
     com'' = w^2 (com - p),   w = sqrt(g / H)
 
 In single support the ZMP goes from heel to ball of the standing foot, as far as in the AMPM's plan, in double
-support to the other foot. Of all motions over this ZMP the first plan is the one that stays bounded.
-
-Before and after a walk over footsteps, and where a landing comes late, the ZMP rests between both feet.
-SAME, FREEZE and REACH were chosen with `normal`, pushed and not, in view.
+support to the other foot. Of all motions over this ZMP the first plan is the one that stays bounded. Before
+and after a walk over footsteps, and where a landing comes late, the ZMP rests between both feet. SAME, FREEZE
+and REACH were chosen with `normal`, pushed and not, in view.
 """
 
 import numpy as np
@@ -27,6 +26,7 @@ class Pendulum:
     """Plans the pendulum over the footsteps of a run; a subclass says how to deviate while walking."""
 
     replan_period = 0.05  # [s]
+    climbs = False  # whether the COM follows footsteps of different heights
 
     def deviate(self, time, off, surplus):
         """How the walk goes on from a deviation of COM and velocity, (2, 2), and of the momentum (2,).
@@ -38,21 +38,26 @@ class Pendulum:
 
     def plan(self, run, robot):
         """The walk without disturbances; of equal steps some more than are asked for."""
-        if any(step.z for step in run.footsteps):
+        if not self.climbs and any(step.z for step in run.footsteps):
             raise ampm.InputError("footsteps.z: the COM of this planner stays at one height; leave out z.")
         self.run, self.robot, self.w = run, robot, np.sqrt(GRAVITY / run.gait.com_height)
         timing = ampm.plan(run.replace({}, footsteps=())).constants
         self.single, self.double = timing.single_support_duration, timing.double_support_duration
         self.roll = timing.l_s * timing.inverse_a_s  # of the ZMP, behind and ahead of the sole's origin [m]
         self.set_steps(*(self.given() if run.footsteps else self.repeated()))
-        zmp = self.weights @ self.places + self.rolls
+        self.heights = np.array([step.z for step in run.footsteps] or [0.0] * len(self.places))
+        zmp = np.column_stack([self.weights @ self.places + self.rolls, self.weights @ self.heights])
         times = self.samples(self.times[0], self.times[-1], self.times)
         zmp = np.column_stack([np.interp(times, self.times, axis) for axis in zmp.T])
         dcm, ccm = self.bounded(times, zmp), self.bounded(-times[::-1], zmp[::-1])[::-1]
+        com = 0.5 * (dcm + ccm)
+        motion = {"times": times, "com_velocity": 0.5 * self.w * (dcm - ccm)}
+        motion["com_acceleration"] = self.w**2 * (com - zmp)
+        motion["com"] = com + np.array([0.0, 0.0, run.gait.com_height])  # vertically as horizontally
         walked = (times >= 0.0) & (times <= self.switches[-1])
-        samples = {"times": times[walked], "com": 0.5 * (dcm + ccm)[walked], "zmp": zmp[walked]}
+        motion = {name: rows[walked] for name, rows in motion.items()}
         self.moved = np.zeros_like(self.places)  # of the footsteps, while walking [m]
-        self.first = ampm.make_plan(run, robot, **samples, contacts=self.contacts())
+        self.first = ampm.make_plan(run, robot, **motion, contacts=self.contacts())
         return self.first
 
     def repeated(self):
@@ -100,9 +105,9 @@ class Pendulum:
 
     def contacts(self):
         """Contacts of the whole walk with the footsteps where they are now."""
-        places, turns = (self.places + self.moved).tolist(), self.headings.tolist()
-        rows = list(zip(self.sides, places, turns, strict=True))[self.walked]
-        feet = [ampm.Footstep("right" if side else "left", (x, y, 0.0), turn) for side, (x, y), turn in rows]
+        places = np.column_stack([self.places + self.moved, self.heights]).tolist()
+        rows = list(zip(self.sides, places, self.headings.tolist(), strict=True))[self.walked]
+        feet = [ampm.Footstep("right" if side else "left", place, turn) for side, place, turn in rows]
         return ampm.Contacts.in_turn(feet, self.switches)
 
     def samples(self, begin, end, knots):
@@ -141,20 +146,14 @@ class Pendulum:
         first, before = self.first.sample(time), self.moved.copy()
         off = np.array([com - first.com[0, :2], velocity - first.com_velocity[0, :2]])
         times, moves, zmp, moment = self.deviate(time, off, momentum - first.angular_momentum[0])
-        ahead = self.first.sample(times)
+        ahead, level = self.first.sample(times), ((0, 0), (0, 1))
+        motion = {"com": ahead.com + np.pad(moves[0], level), "zmp": ahead.zmp + zmp}
+        motion["com_velocity"] = ahead.com_velocity + np.pad(moves[1], level)
+        if moment is not None:
+            motion |= {"moment": moment, "angular_momentum": momentum}
+        motion |= {"times": times, "contacts": self.contacts(), "after": plan}
         try:
-            return ampm.make_plan(
-                self.run,
-                self.robot,
-                times=times,
-                com=ahead.com[:, :2] + moves[0],
-                com_velocity=ahead.com_velocity[:, :2] + moves[1],
-                zmp=ahead.zmp + zmp,
-                moment=moment,
-                angular_momentum=None if moment is None else momentum,
-                contacts=self.contacts(),
-                after=plan,
-            )
+            return ampm.make_plan(self.run, self.robot, **motion)
         except (ampm.InputError, ampm.RefusedGait):  # there is no such walk: keep the plan
             self.moved = before
             return None
