@@ -1,9 +1,10 @@
-"""Walk the league with steps of 2 ms; rewrite data/league.csv, and tables and picture of docs/league.md.
+"""Walk the league in MuJoCo and Drake; rewrite data/league.csv, and tables and picture of docs/league.md.
 
     python docs/league.py [page]
 
-Half an hour on two idle cores. Finished walks are kept in build/league, so a stopped league goes on. With
-``page`` nothing is walked: tables and picture are made from the data.
+Three hours on two idle cores. Finished walks are kept in build/league, so a stopped league goes on. With
+``page`` nothing is walked: tables and picture are made from the data. Needs the extras ``drake`` and
+``robots``.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import validation as val
 from validation.cli.console import Narrator
 from validation.show.text import replace_between
 from validation.study.rank import Ranking
-from validation.study.sweep.design import SweepDefinition, load_sweep
+from validation.study.sweep.design import ENGINE_KEY, Block, SweepDefinition, load_sweep
 from validation.table import ABSENT, Table, format_number
 
 PAGE = Path(__file__).with_suffix(".md")
@@ -30,7 +31,9 @@ PICTURE = PAGE.parent / "images" / "league.png"
 ROOT = PAGE.parents[1]
 KEPT = ROOT / "build" / "league"
 LEAGUE = "examples/league/league.toml"
-COARSE = {"simulation.time_step": 0.002}  # [s]
+ENGINES = ("mujoco", "drake")
+REPLICAS = 4
+"""In each engine: a push comes at every phase once."""
 TABLES = {"league": False, "league-pushed": True}
 """Tables of the page, and whether their tasks are pushed."""
 LIKE_NORMAL = ("slow", "turn", "stop", "stairs")
@@ -65,10 +68,14 @@ def main() -> None:
 
 
 def league() -> SweepDefinition:
-    """The league, with a coarse time step."""
-    fine = load_sweep(LEAGUE)
-    fields = {name: getattr(fine, name) for name in SweepDefinition.model_fields}
-    return SweepDefinition(**{**fields, "set": {**fine.set, **COARSE}})
+    """The league in both engines, with fewer replicas in each."""
+    definition = load_sweep(LEAGUE)
+    fields = {name: getattr(definition, name) for name in SweepDefinition.model_fields}
+    planners, replicas = definition.vary
+    fewer = {key: values[:REPLICAS] for key, values in replicas.keys.items()}
+    engines = Block(method="list", count=None, keys={ENGINE_KEY: ENGINES})
+    vary = planners, engines, Block(method="list", count=None, keys=fewer)
+    return SweepDefinition(**{**fields, "vary": vary})
 
 
 def rows_of(ranking: Ranking) -> list[tuple[str, ...]]:
