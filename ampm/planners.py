@@ -128,7 +128,8 @@ def make_plan(
 
     What is left out of ZMP, acceleration and moment follows from the others by Newton's law; the moment is 0
     where two are left out, so that the force passes through the COM. If all are given, all remain.
-    Between samples the COM is cubic and the rest linear. All arrays are copied.
+    Between samples the COM is cubic and the rest linear; a jump is two samples some microseconds apart.
+    All arrays are copied.
 
     Args:
         run: parameters of body, gait and feet.
