@@ -61,8 +61,7 @@ def test_samples_of_a_walk_up_stairs_have_its_floor(left_out):
     samples = samples_of(walk)
     samples["com_acceleration"] = walk.sample(samples["times"]).com_acceleration
     del samples[left_out]
-    times = np.linspace(0.0, walk.duration, 997)
-    here, there = made(samples).sample(times), walk.sample(times)
+    here, there = (one.sample(np.linspace(0.0, walk.duration, 997)) for one in (made(samples), walk))
     assert np.ptp(there.floor) == pytest.approx(0.2)
     np.testing.assert_allclose(here.floor, there.floor, atol=1e-3)
     np.testing.assert_allclose(here.zmp, there.zmp, atol=3e-3)

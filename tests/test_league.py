@@ -116,24 +116,22 @@ def test_in_a_piece_springs_at_the_contacts_move_the_body_as_planned():
     """Forces and moments as ``Centroid::CalcEndWrench`` of the source has them, integrated."""
     planner, plan = planned(Stiffness)
     pushed = replanned(planner, plan, [0.2, -0.1, 0.0])
-    on_both = (planner.times > NOW) & ((planner.weights > 0).sum(axis=1) == 2)
-    piece = on_both.argmax()
-    begin, end = planner.times[piece : piece + 2]
-    first, last = (pushed.sample(time) for time in (begin, end))
-    share, places = planner.weights[piece], planner.places + planner.moved
-    offset = first.zmp[0] - share @ places  # of the centres of pressure from the soles
-    centres = np.column_stack([places + offset, planner.heights])
+    piece = ((planner.times > NOW) & ((planner.weights > 0).sum(axis=1) == 2)).argmax()
+    span, share = planner.times[piece : piece + 2], planner.weights[piece]
+    first, last = map(pushed.sample, span)
+    places = planner.places + planner.moved
+    centres = np.column_stack([places + first.zmp[0] - share @ places, planner.heights])
     cmp = first.moment[0, ::-1] / plan.weight * [1.0, -1.0]
     assert np.abs(cmp).max() > 0.002
 
     def rate(t, state):
         com, velocity, _ = state.reshape(3, 3)
         forces = plan.mass * planner.w**2 * share[:, None] * (com - centres - np.append(cmp, 0.0))
-        acceleration = forces.sum(axis=0) / plan.mass - [0.0, 0.0, GRAVITY]
-        return np.concatenate([velocity, acceleration, np.cross(centres - com, forces).sum(axis=0)])
+        fall, turn = np.array([0.0, 0.0, GRAVITY]), np.cross(centres - com, forces).sum(axis=0)
+        return np.concatenate([velocity, forces.sum(axis=0) / plan.mass - fall, turn])
 
     start = np.concatenate([first.com[0], first.com_velocity[0], *first.angular_momentum, [0.0]])
-    found = solve_ivp(rate, (begin, end), start, rtol=1e-10, atol=1e-12).y[:, -1]
+    found = solve_ivp(rate, span, start, rtol=1e-10, atol=1e-12).y[:, -1]
     np.testing.assert_allclose(found[:3], last.com[0], atol=1e-7)
     np.testing.assert_allclose(found[6:8], last.angular_momentum[0], atol=1e-4)
 
