@@ -149,8 +149,8 @@ def _height_law(given: dict[str, Array], times: Array, plan: CentroidalPlan) -> 
     if slope != LEVEL:
         key, value = ("slope", slope[0]) if slope[0] else ("cross_slope", slope[1])
         raise InputError(
-            f"com has heights from {height.min():g} to {height.max():g} m, and gait.{key} is {value:g}; give "
-            f"all the same height over a slope, or leave out gait.{key}."
+            f"heights of {'footsteps' if climbs else 'com'} vary, and gait.{key} is {value:g}; give all the "
+            f"same height over a slope, or leave out gait.{key}."
         )
     velocity, acceleration = (
         given[name][:, 2] if given.get(name, height).shape[-1] == 3 else None
@@ -167,6 +167,8 @@ def _height_law(given: dict[str, Array], times: Array, plan: CentroidalPlan) -> 
         )
     still = np.zeros_like(times)
     floor = _support_height(given, times, height, acceleration, plan.contacts) if climbs else still
+    if not (low := float((height - floor).min())) > 0.0:
+        raise InputError(f"com has the height {low:g} m over the floor; give heights above it.")
     return HeightLaw(SampledLaw(times - times[0], height, velocity, acceleration, floor, still))
 
 
