@@ -152,14 +152,11 @@ def _height_law(given: dict[str, Array], times: Array, plan: CentroidalPlan) -> 
             f"heights of {'footsteps' if climbs else 'com'} vary, and gait.{key} is {value:g}; give all the "
             f"same height over a slope, or leave out gait.{key}."
         )
-    velocity, acceleration = (
-        given[name][:, 2] if given.get(name, height).shape[-1] == 3 else None
-        for name in ("com_velocity", "com_acceleration")
-    )
-    if velocity is None:
-        velocity = np.gradient(height, times, edge_order=2)
-    if acceleration is None:
-        acceleration = np.gradient(velocity, times, edge_order=2)
+    motion = [height]
+    for rows in (given.get("com_velocity"), given.get("com_acceleration")):
+        differences = np.gradient(motion[-1], times, edge_order=2)
+        motion.append(differences if rows is None or rows.shape[1] == 2 else rows[:, 2])
+    _, velocity, acceleration = motion
     if not acceleration.min() > -GRAVITY:
         raise InputError(
             f"com accelerates downwards by {-acceleration.min():.3g} m/s^2; keep it below {GRAVITY} m/s^2, "
