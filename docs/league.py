@@ -2,7 +2,7 @@
 
     python docs/league.py [page]
 
-Three hours on two idle cores. Finished walks are kept in build/league, so a stopped league goes on. With
+Two hours on two idle cores. Finished walks are kept in build/league, so a stopped league goes on. With
 ``page`` nothing is walked: tables and picture are made from the data. Needs the extras ``drake`` and
 ``robots``.
 """
