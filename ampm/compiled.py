@@ -119,14 +119,7 @@ def _handle_of(parts: Any) -> Any:
 
 
 def _lines(kind: Any, source: str, target: str, space: dict[str, Any]) -> list[str]:
-    """Statements that make a reference to a named tuple of this type, and to those in it.
-
-    Args:
-        kind: numba's type of the named tuple.
-        source: expression of the named tuple.
-        target: variable of the reference.
-        space: names that the statements use, to which the types are added.
-    """
+    """Statements that make a reference of a named tuple of numba's type; ``space`` gets the types' names."""
     space[f"{target}_type"] = _handle_type(kind)
     lines = [f"    {target} = new({target}_type)"]
     for name, part in zip(kind.fields, kind, strict=True):

@@ -27,9 +27,6 @@ class ControllerParameters(Section, section="controller"):
         "first-order",
         "torque between two ticks: first-order goes on with the slope of the last tick, zero-order is held",
     )
-    torque_change: Real = parameter(
-        0.03, "largest change of a torque in a tick that first-order goes on with, of its limit", ge=0, le=1
-    )
     stabilizer: Literal["fixed", "stepping"] = parameter(
         "fixed",
         "what keeps the body up: fixed follows the plan's footsteps and times, stepping changes them where "
@@ -51,13 +48,16 @@ class ControllerParameters(Section, section="controller"):
     swing_damping: Open = _damping(40.0, "feedback from the swing foot's velocity to its acceleration")
     stance_damping: Real = _damping(50.0, "feedback from the stance foot's velocity to its acceleration")
     stance_yield: Real = parameter(
-        0.0, "share of its vertical, roll and pitch acceleration that a stance foot is left with", ge=0, le=1
+        0.3, "share of its vertical, roll and pitch acceleration that a stance foot is left with", ge=0, le=1
     )
     roll_stiffness: Real = _stiffness(1500.0, "feedback from the pose of a rolling foot to its rotation")
     roll_damping: Real = _damping(80.0, "feedback from the rate of a rolling foot to its rotation")
     touchdown_damping: Real = _damping(200.0, "how fast a late foot takes up the touch-down velocity")
-    contact_ramp: Real = parameter(
+    contact_ramp: Open = parameter(
         0.04, "time in which a point's force limit opens at touch-down, closes at lift-off", "s", gt=0, le=1
+    )
+    force_smoothing: Real = parameter(
+        0.015, "time in which the forces of the sole's points adapt to another sharing", "s", ge=0, le=1
     )
     landing_share: Real = parameter(
         0.6, "share of a landing foot's sensed force that the QP takes as given", ge=0, le=1
@@ -77,8 +77,8 @@ class ControllerParameters(Section, section="controller"):
     touchdown_window: Real = parameter(
         0.04, "time before its planned contact from which a touch counts as contact", "s", ge=0, le=0.5
     )
-    roll_down_bias: Real = parameter(
-        0.004, "how much later than planned the front foot's ball comes down, as pitch", "rad", ge=0, le=0.1
+    sink_compensation: Real = parameter(
+        0.55, "share of a landed heel's sinking by which the ball is held up as it comes down", ge=0, le=1
     )
     touchdown_velocity: Real = parameter(0.05, "speed of a late foot towards the floor", "m/s", ge=0, le=2)
     touchdown_rate: Real = parameter(1.0, "rate of a late sole's turn to the floor", "rad/s", ge=0, le=20)

@@ -47,11 +47,7 @@ def run_of(tmp_path_factory: pytest.TempPathFactory) -> RunOf:
 
 
 def run_in(shared_folder: Path) -> RunOf:
-    """Folder of a real run, simulated by the first test that asks for it.
-
-    ``run_of("normal", {"gait.c_y": 0.4})``: gait, settings by namespaced key, number of steps, footsteps. All
-    other values are the preset's own: nothing is tuned.
-    """
+    """Folder of a real run, simulated by the first test that asks for it; nothing is tuned."""
 
     def get(
         gait: str = "normal",

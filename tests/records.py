@@ -10,10 +10,7 @@ from validation.trial.record import SHAPES, STORED, stored_rows
 
 
 def first_difference(first, second) -> str | None:
-    """Name of the first array in which two records differ, None if there is none.
-
-    Wall-clock times are not compared. If one of the records is on disk, what is on disk is compared.
-    """
+    """Name of the first array in which two records differ, but for times; on disk, if one is there."""
     of = stored_arrays if first.com is None or second.com is None else arrays
     one, two = of(first), of(second)
     for name in dict.fromkeys([*one, *two]):

@@ -48,15 +48,7 @@ def make_table(
     failures: bool = True,
     recordings: bool = True,
 ) -> pa.Table:
-    """Build a table.
-
-    Args:
-        count: rows of a Latin hypercube of ``vary``, ranges by key.
-        vary: see ``count``.
-        grid: levels by key, whose product is the rows instead.
-        failures: whether runs may be refused, fall and so on.
-        recordings: whether the first failures have a recording's name.
-    """
+    """Build a table of rows of a Latin hypercube of ``vary``, ranges by key, or of a ``grid``."""
     block: dict[str, Any] = {"method": "grid", **(grid or {})}
     if grid is None:
         ranges = {key: {"from": low, "to": high} for key, (low, high) in vary.items()}

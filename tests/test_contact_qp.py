@@ -6,7 +6,8 @@ import pytest
 from ampm.compiled import records
 from ampm.control.contact_qp import L_Z, MOMENTUM_SLACK, TWIST_SHARE, ContactQP, fill_qp
 from ampm.control.forces import LARGEST_NORMAL, LEAST_NORMAL, TWIST_ARM, share_forces, wrench_map
-from ampm.control.workspace import LINE, POINT, Contact
+from ampm.control.workspace import LINE, POINT, Contact, gains_of
+from ampm.controller_parameters import ControllerParameters
 from ampm.qp import QPSettings
 
 POINTS = 6
@@ -15,6 +16,8 @@ FORCES = 2 * FOOT
 LINES = np.tile(np.repeat([0, 1, 2], 2), (2, 1))
 SEEDS = range(4)
 FRICTION = 0.6
+NONE = np.zeros(FORCES)
+GAINS = gains_of(ControllerParameters(friction=FRICTION))
 UPRIGHT = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # a wrench that carries the weight
 X = np.array([-0.1, -0.1, 0.08, 0.08, 0.15, 0.15])
 Y = np.array([0.03, -0.03, 0.045, -0.045, 0.03, -0.03])
@@ -47,22 +50,22 @@ def wrench_of(points):
 
 
 def contact_qp(tolerance=1e-10):
-    return ContactQP(QPSettings(tolerance=tolerance, max_iterations=20_000), FRICTION, LINES)
+    return ContactQP(QPSettings(tolerance=tolerance, max_iterations=20_000), GAINS, LINES)
 
 
-def fill(qp, points, momentum):
+def fill(qp, points, momentum, forces=NONE):
     """Fill in a QP, with curvature and gradient of the posture's cost over the vertical moment."""
     none = np.empty(0)
     lines, by_point = records((2, 3), LINE), np.zeros((2 * POINTS, 3))
-    contact = Contact(lines, none, none, none, wrench_of(points), np.array(momentum), by_point)
+    contact = Contact(lines, forces, none, none, wrench_of(points), np.array(momentum), by_point)
     system = np.zeros((20, 27))
     system[L_Z, 20 + L_Z], system[L_Z, 26] = 0.2, -0.03
-    fill_qp(2, points, contact, system, 0.4, FRICTION, qp.problem)
+    fill_qp(2, points, contact, system, 0.4, GAINS, qp.problem)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_wanted_wrench_is_given_where_it_can_be(seed):
-    """That of forces shared as planned: hardly any slack, but for the yaw, which has little weight."""
+    """That of the last tick's forces, shared as planned: hardly any slack, but for the light yaw."""
     rng, (arm, opening), qp = np.random.default_rng(seed), stance(seed), contact_qp()
     points = soles(arm, opening)
     wrench, share = wrench_of(points), np.maximum(opening.reshape(2, POINTS)[:, :4], 1e-3)
@@ -70,7 +73,7 @@ def test_wanted_wrench_is_given_where_it_can_be(seed):
     phi[:, :4] = np.array([[0.6], [0.4]]) * share / share.sum(axis=1, keepdims=True)
     phi[:, 6:8] = 0.02 * rng.normal(size=(2, 2))
     wanted = wrench @ phi.ravel()
-    fill(qp, points, wanted)
+    fill(qp, points, wanted, phi.ravel())
     solution = qp.solve()
     assert solution.solved
     got = wrench @ solution.x[:FORCES]

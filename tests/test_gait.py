@@ -32,10 +32,7 @@ def changed(**values):
 
 
 def force_law_integration(p, steps):
-    """Integrate xdd = F/m from the ZMP and force laws alone; switch where the COM has travelled its share.
-
-    Returns the switch times and, per phase, a dense solution of (x, y, vx, vy, L_x, L_y).
-    """
+    """Switch times and solutions (x, y, vx, vy, L_x, L_y) of xdd = F/m, from the ZMP and force laws alone."""
     half, w, plain = p.step_length / 2, p.step_width / 2, p.planner == "lipm"
     l_s, l_d = half * p.single_support_ratio, half * (1 - p.single_support_ratio)
     a_d, c_d = (1.0, 1.0) if plain else (l_d / (half - l_s / p.a_s), (half - p.c_s * l_s) / l_d)

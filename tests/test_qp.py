@@ -15,11 +15,7 @@ N, M, EQUALITIES = 12, 16, 3
 
 
 def problem(seed):
-    """A strictly convex QP made around its solution: ``P, q, A, lower, upper, x``.
-
-    The KKT conditions are met by construction: a multiplier is positive at an upper bound, negative at a
-    lower one, zero in between.
-    """
+    """A strictly convex QP made around its solution, by its KKT conditions: ``P, q, A, lower, upper, x``."""
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(N, N))
     P = root @ root.T / N + np.eye(N)

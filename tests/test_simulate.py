@@ -228,7 +228,7 @@ def test_an_interrupt_keeps_whole_steps(monkeypatch, spoil, tmp_path, where, at)
 
 
 def test_a_fall_between_control_ticks_is_noticed():
-    push = "disturbance.push_x=60", "disturbance.push_at=0.1"
+    push = "disturbance.push_x=60", "disturbance.push_at=0.12"
     record = walk("controller.frequency=25", "controller.hold=zero-order", *push)
     assert record.outcome.name == OutcomeName.FELL
     assert record.steps % 20 > 1  # neither at a tick nor at the step after it

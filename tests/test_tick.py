@@ -21,7 +21,6 @@ from ampm.parameters import BodyParameters, RunParameters
 from validation.trial.plan import make_body
 
 BODIES = ("human", "suite-humanoid")
-YIELD = 0.4
 TICKS = 12 if config.DISABLE_JIT else 120
 ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 SCALE = np.array([1.0, 1.0, 1.0, ANGULAR, ANGULAR, ANGULAR])
@@ -130,7 +129,7 @@ def ticks(source, count=TICKS):
     robot = make_body(run).robot
     numbers = gains_of(run.controller)._asdict()
     chosen = {name: float(rng.uniform(0.7, 1.3) * value) for name, value in numbers.items()}
-    gains = run.controller.model_copy(update=chosen | {"stance_yield": YIELD})
+    gains = run.controller.model_copy(update=chosen)
     controller = TrackingController(robot, run.model_copy(update={"controller": gains}))
     c = controller.workspace
     handle, done = refer(c), []
@@ -183,7 +182,9 @@ def test_a_flat_foot_is_left_with_a_share_of_its_angular_acceleration_unless_its
             if not (on[:2].all() and (on[2] or foot["toe"] < 0) and lines[i]["touched"][:2].all()):
                 continue
             omega = it.c.tasks.rates[9 + 6 * i : 12 + 6 * i]
-            share = YIELD if before_it["stood"] and before_it["touches"] == foot["touches"] else 0.0
+            share = (
+                gains.stance_yield if before_it["stood"] and before_it["touches"] == foot["touches"] else 0.0
+            )
             actual = gains.frequency * (omega - before_it["turning"])
             tilting = np.array([1.0, 1.0, 0.0])  # not about the vertical
             wanted = share * tilting * actual - (1.0 - share * tilting) * gains.stance_damping * omega

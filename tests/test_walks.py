@@ -38,8 +38,7 @@ SLOPES = {"c_y": (0.2, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.1, 1.2), "c_s": (0.8, 0.9
 LONG = [
     *((name, {}, 30) for name in preset_names()),
     *(("normal", {f"gait.{key}": value}, 30) for key, values in SLOPES.items() for value in values),
-    ("normal", {}, 200),
-    ("momentum", {}, 200),
+    *((name, {}, 200) for name in ("normal", "momentum")),
 ]
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.compiled import compiled
-from ampm.control.forces import NORMAL_COST, TWIST_ARM
+from ampm.control.forces import NORMAL_COST, TWIST_ARM, change_cost
 from ampm.control.workspace import ANGULAR, TIP, Contact, Tasks
 from ampm.geometry import Array
 from ampm.linear import add_combination, add_gram, substitute, triangular
@@ -96,7 +96,7 @@ def fill_qp(
     contact: Contact,
     system: Array,
     right_load: float,
-    friction: float,
+    gains: Any,
     problem: QPProblem,
 ) -> None:
     """Fill in what changes from tick to tick.
@@ -107,9 +107,10 @@ def fill_qp(
         contact: wrench map and wanted momentum rate plus weight, [m g] and ANGULAR [m g m].
         system: of :func:`eliminate_tasks`; it has the posture's cost over the vertical moment.
         right_load: planned share of the right foot [1].
-        friction: coefficient that the forces may use [1].
+        gains: of the controller.
         problem: written.
     """
+    friction, keeping = gains.friction, change_cost(gains.force_smoothing, gains.frequency)
     P, q, A, lower, upper = problem.P, problem.q, problem.A, problem.lower, problem.upper
     per_foot, rows = len(points) // feet, len(system)
     unknowns, first = per_foot + 3, 6 + 6 * feet
@@ -124,7 +125,7 @@ def fill_qp(
             q[i] = YAW_COST * yaw_gradient * yaw[i]
         for i in range(per_foot):
             point, unknown = points[per_foot * foot + i], unknowns * foot + i
-            q[unknown] = load * point.load_gradient
+            q[unknown] = load * point.load_gradient - keeping * contact.forces[unknown]
             if foot:
                 q[unknown] -= LOAD_COST * load
             for row in (10 + 6 * foot, 11 + 6 * foot):
@@ -141,11 +142,11 @@ class ContactQP:
 
     Args:
         settings: of the solver.
-        friction: coefficient that the forces may use [1].
+        gains: of the controller.
         lines: of every point, by foot, shape (F, k).
     """
 
-    def __init__(self, settings: QPSettings, friction: float, lines: NDArray[np.int64]) -> None:
+    def __init__(self, settings: QPSettings, gains: Any, lines: NDArray[np.int64]) -> None:
         feet, per_foot = lines.shape
         unknowns = per_foot + 3
         self.forces = feet * unknowns
@@ -153,7 +154,8 @@ class ContactQP:
         by_foot = np.arange(self.forces).reshape(feet, unknowns)
         self.normals, self._tangents = by_foot[:, :per_foot].ravel(), by_foot[:, per_foot:].ravel()
         base = np.ones(size)
-        base[self.normals] = np.where(lines.ravel() == TIP, TIP_COST, NORMAL_COST)
+        keeping = change_cost(gains.force_smoothing, gains.frequency)
+        base[self.normals] = keeping + np.where(lines.ravel() == TIP, TIP_COST, NORMAL_COST)
         base[self._tangents] = TANGENT_COST
         P, A = np.diag(base), np.zeros((rows, size))
         self.problem = QPProblem(P, np.zeros(size), A, np.full(rows, -np.inf), np.zeros(rows))
@@ -162,7 +164,7 @@ class ContactQP:
         A[np.arange(6), self.forces + np.arange(6)] = -MOMENTUM_SLACK
         for foot in range(feet):
             cone = slice(6 + 6 * foot, 12 + 6 * foot)
-            A[cone, by_foot[foot, :per_foot]] = -friction
+            A[cone, by_foot[foot, :per_foot]] = -gains.friction
             A[cone, by_foot[foot, per_foot:]] = _CONE
         A[rows - lines.size + np.arange(lines.size), self.normals] = 1.0
         self.problem.lower[-lines.size :] = 0.0

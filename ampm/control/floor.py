@@ -62,15 +62,7 @@ def _stands(lines: Any) -> bool:
 
 @compiled
 def _feel(foot: Any, lines: Any, planned: Array, height: float, tick: float) -> None:
-    """Height and slope of the floor over the plan's, under a foot that stands flat, as planned.
-
-    Args:
-        foot: it keeps both.
-        lines: of the foot.
-        planned: rotation of its sole to world, shape (3, 3).
-        height: of the COM over the planned sole [m].
-        tick: period of the control [s].
-    """
+    """Height and slope of the floor over the plan's, under a foot that stands flat; the foot keeps both."""
     heel, ball = lines[HEEL], lines[BALL]
     loaded = (
         heel.planned and ball.planned and heel.opening == 1.0 and heel.limit == 1.0 and ball.opening == 1.0

@@ -19,16 +19,19 @@ TWIST_ARM = 0.1
 NORMAL_COST = 0.6
 """Regularisation of normal forces."""
 
-LARGEST_NORMAL = 0.6
-"""Largest normal force of one point [m g]."""
-
-LARGEST_PUSHED = 1.2
-"""The same off the plan [m g]: two points carry the weight where the ZMP is in a corner of the sole."""
+LARGEST_NORMAL = 1.2
+"""Largest normal force of one point [m g]: it carries the weight where the ZMP is in a corner of the sole."""
 
 LEAST_NORMAL = 0.004
 """Least normal force of an open point [m g]: enough to keep it from chattering on a compliant floor."""
 
 _LEAST_OPENING = 1e-3  # a foot with all points closed has shares, too
+
+
+@compiled
+def change_cost(smoothing: float, frequency: float) -> float:
+    """Cost of a change of a normal force in a tick: a floor deforms in time, and forces follow it."""
+    return NORMAL_COST * smoothing * frequency
 
 
 @compiled
@@ -56,7 +59,6 @@ def share_forces(feet: int, points: Any, phi: Array, by_load: bool) -> None:
         if by_load:
             total = 0.0
             for i in range(per_foot):
-                soles[i].largest = max(LARGEST_PUSHED * soles[i].limit, soles[i].least)
                 soles[i].share = max(phi[(per_foot + 3) * foot + i], _LEAST_OPENING)
                 total += soles[i].share
         x = y = 0.0

@@ -10,19 +10,21 @@ from ampm.compiled import compiled
 from ampm.control.workspace import Joints
 from ampm.vectors import clip
 
+LARGEST = 0.1
+"""Largest difference of a torque in a tick, over the motor's limit [1]: a larger one answers an event."""
+
 
 @compiled
 def update_rate(joints: Joints, gains: Any, lines: Any, still: bool) -> None:
     """Rates of the torques until the next tick, from those until this one.
 
-    The rate is the last difference over the period, with three exceptions. It is limited: a larger difference
-    is the response to an event, such as a landing, and is not repeated in the next tick. Where the contact
+    The rate is the last difference over the period, with three exceptions. It is limited. Where the contact
     has changed, the difference is the response to it, and the earlier rate is kept. Where the plan jumps, it
     is zero, and the reference is that of the middle of the hold.
 
     Args:
         joints: torques of this tick and of the last one, and limits; the rate is written.
-        gains: ``frequency`` [1/s], and ``torque_change``, the largest difference over the motor's limit [1].
+        gains: ``frequency`` [1/s].
         lines: of this tick; they keep what of the contact determines the slope of the torque.
         still: this is the first tick, or the plan jumps in this tick or has jumped in the last one.
     """
@@ -35,7 +37,7 @@ def update_rate(joints: Joints, gains: Any, lines: Any, still: bool) -> None:
             line.was_planned, line.was_opening = line.planned, opening
     torque, last, limit, rate = joints.torque, joints.last_torque, joints.torque_limit, joints.rate
     for j in range(len(torque)):
-        largest = gains.torque_change * limit[j]
+        largest = LARGEST * limit[j]
         if still:
             rate[j] = 0.0
         elif same:

@@ -4,16 +4,19 @@ A task is some consecutive rows of the task Jacobian, ``jacobian qdd + drift ~ w
 all of them, 0 for rows that are met exactly.
 """
 
+import math
 from typing import Any
 
 from ampm.compiled import compiled
 from ampm.control.stabilizer import rotation_error
 from ampm.control.workspace import BALL, HEEL, TIP, Workspace
 from ampm.geometry import Array
-from ampm.vectors import ZERO, Vector, cross, minus, plus, put, times, vector
+from ampm.vectors import ZERO, Vector, clip, cross, minus, plus, put, times, vector
 
 STANCE, SWING = 1e-8, 1e-4
 """Softness of a foot's acceleration task when it stands and when it swings, in the metric of the posture."""
+DEEPEST = 0.01
+"""Most pitch by which a heel's sinking is made up for [rad]: a lower floor is not followed."""
 HURRIED = 1e-3
 """Softness of a swinging foot off the plan: where its leg is too weak it lags, and the trunk stays."""
 
@@ -92,8 +95,8 @@ def _stance(
         planned, change = wanted.foot_angular_velocity[i], wanted.foot_angular_acceleration[i]
         planned_rate = c * planned[1] - s * planned[0]
         pitch = level + (c * change[1] - s * change[0]) + gains.roll_damping * planned_rate
-        if not (ball.planned or ball.touched):
-            pitch -= gains.roll_stiffness * gains.roll_down_bias
+        if heel.touched and not (ball.planned or ball.touched):
+            pitch -= _sinking(work, i, off, velocity, omega)
     turning = c * roll - s * pitch, s * roll + c * pitch, turning[2]
     # The line that holds the foot stays where it is; the reference point turns about it.
     on_heel = heel.touched if holds else heel.planned or heel.touched
@@ -134,6 +137,19 @@ def _vertical(
     foot.stood, foot.speed = True, speed
     foot.on_heel, foot.on_ball = heel.touched, ball.touched
     return asked
+
+
+@compiled
+def _sinking(work: Workspace, i: int, off: Vector, velocity: Vector, omega: Vector) -> float:
+    """Pitch acceleration that makes up for a loaded heel's sinking, so that the ball lands as planned."""
+    gains, foot, points = work.gains, work.body.feet[i], work.body.points
+    heel, ball = _middle(points, i, HEEL), _middle(points, i, BALL)
+    length, arm = math.hypot(ball[0] - heel[0], ball[1] - heel[1]), minus(heel, vector(foot.place))
+    planned = work.wanted.foot_position[i, 2] + cross(off, arm)[2]
+    sunk = (planned - work.body.com[2] - foot.place[2]) / length
+    rate = -(velocity[2] + cross(omega, arm)[2]) / length if 0.0 < sunk < DEEPEST else 0.0
+    pull = gains.roll_stiffness * clip(sunk, 0.0, DEEPEST) + gains.roll_damping * rate
+    return gains.sink_compensation * pull
 
 
 @compiled

@@ -173,8 +173,8 @@ def contact_qp(work: Workspace, landing: bool, load_age: float) -> None:
     if landing:
         since = 1.0 - load_age * work.gains.frequency if work.extrapolates else 0.0
         land(work.gains, body.points, weight, contact, since)
-    right_load, friction = work.wanted.right_load[0], work.gains.friction
-    fill_qp(feet, body.points, contact, tasks.system, right_load, friction, work.problem)
+    right_load = work.wanted.right_load[0]
+    fill_qp(feet, body.points, contact, tasks.system, right_load, work.gains, work.problem)
 
 
 # ------------------------------------------------------------------------------ after the QP

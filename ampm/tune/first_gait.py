@@ -17,8 +17,8 @@ _C_Y = 0.8  # of other bodies than the human: the trunk then rolls a little towa
 _C_S_WITHOUT_ARMS = 0.8  # the trunk alone balances the swing of the legs, and pitches less for a smaller c_s
 _SOFT = 0.4  # velocity and rate at which a foot closes in on the floor, over those of a human's [1]
 _SLOW = 0.25  # how fast it takes them up, over the same [1]
-_FELT = {"controller.stance_yield": 0.5, "controller.contact_ramp": 0.03, "controller.torque_change": 0.1}
-"""Of robots with exact sensors: their soles turn as the floor yields, and the load crosses in few ticks."""
+_FELT = {"stance_yield": 0.5, "force_smoothing": 0.0, "sink_compensation": 0.7}
+"""Of robots with exact sensors: their small soles turn as the floor yields, and load crosses in few ticks."""
 _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foot's feedback was chosen [m]
 
 
@@ -67,7 +67,7 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
         # The swing of a short leg is quick.
         "controller.swing_stiffness": usual.swing_stiffness * _HIPS / hips,
         "controller.swing_damping": usual.swing_damping * math.sqrt(_HIPS / hips),
-        **(_FELT if run.sensors.perfect else {}),
+        **({f"controller.{key}": gain for key, gain in _FELT.items()} if run.sensors.perfect else {}),
     }
     free = {key: value for key, value in sized.items() if key not in run.given}
     body = {"body.mass": description.mass, "body.height": description.height}

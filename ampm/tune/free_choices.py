@@ -28,6 +28,8 @@ _LIFT_RATE = 5.0  # most at which a foot without toes begins to turn at lift-off
 # When the ZMP reaches the front edge of a foot without toes, it is at the edge of the support. So its heel
 # rises later by a share of the rest of the double support, up to a share of the whole [1].
 _LATER_RISE, _LATEST_RISE = 0.3, 0.5
+# In which a point opens: share of the double support, with toes and without [1], and at most [s].
+_RAMP, _RAMP_WITHOUT_TOES, _LONGEST_RAMP = 0.35, 0.5, 0.09
 _LANDING_TURN = 1.7  # heel strike rate over its mean: the foot comes down turning, and slows down
 
 
@@ -64,10 +66,11 @@ CHOICES = (
     Choice("lift", "foot.swing_height", 0.0, 0.09, 0.02, 0.05 / _STATURE, scaled=True),
     Choice("lag", "foot.swing_lag", -0.1, 0.25, 0.06, 0.08),
 )
-"""Five more open keys follow: the heel rises when the ZMP reaches the ball, without toes later
+"""Six more open keys follow: the heel rises when the ZMP reaches the ball, without toes later
 (``foot.heel_rise_lead``), the front foot comes down turning (``foot.heel_strike_rate``), the swing foot's
-feedback is fast beside the swing (``controller.swing_stiffness``, ``controller.swing_damping``), and L_z is
-held at zero where the feet could not hold its swing (``body.angular_momentum_z``)."""
+feedback is fast beside the swing (``controller.swing_stiffness``, ``controller.swing_damping``), the load
+goes from foot to foot in the double support (``controller.contact_ramp``), and L_z is held at zero where the
+feet could not hold its swing (``body.angular_momentum_z``)."""
 _ROLLING = {"toe_off", "toe_turn", "toe_back", "strike", "down"}  # without effect on flat feet
 _SPREAD = {
     "ratio": (-0.45, 0.1),
@@ -107,6 +110,7 @@ class FreeChoices:
         self.run, self.fixed, self.description = run, frozenset(fixed), description
         self.held = frozenset(held)
         self.sole = description.sole
+        self.ramp = _RAMP if self.sole.has_toes else _RAMP_WITHOUT_TOES
         self.flat = run.foot.schedule == "flat"
         rises = not (self.flat or self.sole.has_toes or "foot.heel_rise_lead" in self.fixed)
         self.rises_later, self.deferred = rises and not early, False
@@ -172,18 +176,19 @@ class FreeChoices:
         )
         plan = plan_gait(_begin(run.gait), run.body.mass)
         gains, swing = self.run.controller, plan.constants.single_support_duration
+        double = plan.constants.double_support_duration
         faster = max(1.0, _SWING_RATE / (swing * math.sqrt(max(gains.swing_stiffness, 1.0))))
         run = self._replaced(
             run,
             {
                 "controller.swing_stiffness": gains.swing_stiffness * faster**2,
                 "controller.swing_damping": gains.swing_damping * faster,
+                "controller.contact_ramp": min(self.ramp * double, _LONGEST_RAMP),
             },
         )
         if self.flat:
             return run
         lead = self._kept("foot.heel_rise_lead", _heel_rise_lead(plan, ball))
-        double = plan.constants.double_support_duration
         rolling = self._rolling(run, choice, double, lead)
         if "foot.heel_rise_lead" in self.fixed:
             return rolling

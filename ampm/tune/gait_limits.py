@@ -25,7 +25,7 @@ from ampm.planner.support import StepPlan, margin_on
 _BETWEEN = np.array([0.2, 0.4, 0.6, 0.8])  # places between two nodes
 _NARROW = 3  # nodes with the least distances, next to which it is also looked
 _SWING_ENDS = 0.2  # share of the swing at either end in which the sole's height grows with time's cube
-_HANDOVER = 0.04  # in which the load can go from foot to foot, at the controller's usual ramp [s]
+_HANDOVER = 0.04  # in which the load can go from foot to foot [s]
 _TWIST_LEVER = 0.03  # moment about the vertical over the force that a foot on its ball gives easily [m]
 
 
@@ -70,7 +70,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
         "floor": [(swing[end] / near[end] ** 3).min() for end in ends],
         "clearance": swing[(share > _SWING_ENDS) & (share < 1.0 - _SWING_ENDS)].min(),
         "turn": turn if run.foot.schedule == "roll" else 0.0,
-        "handover": plan.constants.double_support_duration / max(run.controller.contact_ramp, _HANDOVER),
+        "handover": plan.constants.double_support_duration / _HANDOVER,
         "pace": plan.constants.step_duration,
         "friction": (np.hypot(force[:, 0], force[:, 1]) / force[:, 2]).max() / run.controller.friction,
     }
