@@ -140,10 +140,12 @@ def test_steps_that_do_not_repeat_are_walked_with_a_constant_posture():
     assert trial.summary["planner"] == "table"
 
 
-def test_a_turning_walk_as_a_table(tmp_path):
+def test_a_walk_that_turns_and_climbs_as_a_table(tmp_path):
     """Written and read as 'ampm plan --footsteps --samples' and 'ampm validate --planner' do."""
     run, path = ampm.load_run("normal", simulation={"time_step": 0.002}), tmp_path / "arc.csv"
-    own = val.walk(run, footsteps=routes.arc(4, 0.4, radius=1.0, width=0.2))
+    arc = enumerate(routes.arc(4, 0.4, radius=1.0, width=0.2))
+    climb = [step._replace(position=(*step.position[:2], 0.03 * (number > 3))) for number, step in arc]
+    own = val.walk(run, footsteps=climb)
     write_columns(table_of(own.plan), path)
     found = read(read_columns(path))
     for a_step, b_step in zip(own.plan.contacts.footsteps, found.contacts.footsteps, strict=True):

@@ -9,6 +9,7 @@ Columns, one row per instant, SI units, world frame (x forward, y left):
 ``com_x com_y``                 COM [m]
 ``zmp_x zmp_y``                 ZMP [m]
 ``left_placement_x`` ...        (x, y) of either foot's footstep, of the next one while it swings [m]
+``left_placement_z`` ...        optional: its height over the floor [m]; 0 by default
 ``left_placement_heading`` ...  optional: its heading [rad]; 0 by default
 ``phase_start``                 optional: when the row's phase began [s]; by default at its first row, and
                                 equal steps, to a row, at equal times
@@ -19,7 +20,7 @@ Columns, one row per instant, SI units, world frame (x forward, y left):
 ==============================  ===========================================================================
 
 Other columns are not read. The feet are placed on the footsteps; how they swing and roll is the gait's.
-A table that begins with a double support is a walk from standing to standing, and only its feet may turn.
+Only a table that begins with a double support, a walk from standing to standing, may turn and climb.
 """
 
 from collections.abc import Mapping
@@ -45,7 +46,7 @@ _ORDER = np.array(["left", "both", "right", "both"])
 _SAME = 1e-6  # of footsteps and durations that repeat [m, s]
 _LARGEST = {"angular_momentum": 1e3, "com_acceleration": 1e3, "": 1e4}  # by the begin of a name [SI]
 _NOISE, _NOISY = 1e-3, 0.25  # of the ZMP between rows [m], and in which share of them
-_PLACE = ("x", "y", "heading")
+_PLACE = ("x", "y", "z", "heading")
 _GRID = 64  # instants of a step that are compared with the first one's
 
 
@@ -77,7 +78,7 @@ def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
     _check(stance, "stance", stance == order, rule)
     if stance[-1] != "both":
         raise InputError(
-            f"the table ends with stance = '{stance[-1]}'; end it with a double support, 'both'."
+            f"the table ends with stance = '{stance[-1]}'; end it with 'both', a double support."
         )
     for foot, place in (("left", left), ("right", right)):
         on_floor = np.isin(stance, (foot, "both"))
@@ -85,9 +86,9 @@ def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
         for axis, values in zip(_PLACE, place.T, strict=True):
             rests = ~on_floor | (np.abs(np.diff(values, prepend=values[0])) <= _SAME)
             _check(values, f"{foot}_placement_{axis}", rests, "stay in place while the foot stands")
-            if axis == "heading" and not stands:
+            if axis in ("z", "heading") and not stands:
                 rule = "be 0 as the table begins with a single support; begin with a double support, standing"
-                _check(values, f"{foot}_placement_heading", np.abs(values) <= _SAME, rule)
+                _check(values, f"{foot}_placement_{axis}", np.abs(values) <= _SAME, rule)
     started = time
     if "phase_start" in table:
         started = _numbers(table, "phase_start")
@@ -109,16 +110,16 @@ def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
 def _contacts(times: Array, stance: NDArray[np.str_], left: Array, right: Array) -> Contacts:
     """Contacts of P phases with begins and end (P + 1,) [s], from the columns' rows at their begins.
 
-    Places are (x, y, heading). Where a single support comes first, the foot that swings starts as far behind
-    the standing foot as it lands ahead of it.
+    Places are (x, y, z, heading). Where a single support comes first, the foot that swings starts as far
+    behind the standing foot as it lands ahead of it.
     """
     places: dict[str, Array] = {"left": left, "right": right}
     stands = bool(stance[0] == "both")
     sides: tuple[Side, Side] = ("right", "left") if stance[int(stands)] == "right" else ("left", "right")
 
     def placed(side: Side, phase: int) -> Footstep:
-        x, y, heading = places[side][phase].tolist()
-        return Footstep(side, (x, y, 0.0), heading)
+        x, y, z, heading = places[side][phase].tolist()
+        return Footstep(side, (x, y, z), heading)
 
     landings = range(1 + stands, len(stance), 2)
     footsteps = [placed(sides[number % 2], phase) for number, phase in enumerate([0, *landings])]
@@ -187,10 +188,11 @@ def _vectors(table: Mapping[str, Any], name: str, axes: str = "xy") -> Array:
 
 
 def _placements(table: Mapping[str, Any], name: str) -> Array:
-    """x, y and heading of a foot's footsteps, shape (N, 3) [m, m, rad]."""
-    places, heading = _vectors(table, name), f"{name}_heading"
-    turned = _numbers(table, heading) if heading in table else np.zeros(len(places))
-    return np.column_stack([places, turned])
+    """x, y, z and heading of a foot's footsteps, shape (N, 4) [m, m, m, rad]."""
+    places = _vectors(table, name)
+    for column in (f"{name}_z", f"{name}_heading"):
+        places = np.c_[places, _numbers(table, column) if column in table else np.zeros(len(places))]
+    return places
 
 
 def _check(values: NDArray[Any], name: str, good: NDArray[np.bool_], rule: str) -> None:

@@ -58,9 +58,9 @@ def plan_table(plan: CentroidalPlan, times: NDArray[np.float64]) -> dict[str, ND
     for name, axes in (("dcm", "xy"), ("zmp", "xy"), ("force", "xyz"), ("moment", "xy")):
         add(name, getattr(sample, name), axes)
     add("angular_momentum", sample.angular_momentum, "xy")
-    for foot, heading in zip(FEET, plan.contacts.foot_headings[phase].T, strict=True):
-        add(f"{foot}_placement", getattr(sample, f"{foot}_placement"), "xy")
-        columns[f"{foot}_placement_heading"] = heading
+    for side, foot in enumerate(FEET):
+        add(f"{foot}_placement", plan.contacts.placements[phase, side], "xyz")
+        columns[f"{foot}_placement_heading"] = plan.contacts.foot_headings[phase, side]
     if not isinstance(plan, StepPlan):
         return columns
     for foot, motion in zip(FEET, plan.feet.sample(times), strict=True):
