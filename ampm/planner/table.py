@@ -77,9 +77,7 @@ def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
     rule = f"come in the order {', '.join(_ORDER)}, and so on; give 20 ms or more to a change of feet"
     _check(stance, "stance", stance == order, rule)
     if stance[-1] != "both":
-        raise InputError(
-            f"the table ends with stance = '{stance[-1]}'; end it with 'both', a double support."
-        )
+        raise InputError(f"the table ends with stance = '{stance[-1]}'; end it with double support, 'both'.")
     for foot, place in (("left", left), ("right", right)):
         on_floor = np.isin(stance, (foot, "both"))
         on_floor[1:] &= on_floor[:-1]
