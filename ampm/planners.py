@@ -53,14 +53,14 @@ class PeriodicPlanner:
         steps, repeated = (
             self.steps(gait, run.body.mass, run.foot, robot.description.sole) for gait in (run.gait, level)
         )
-        walk = periodic_walk(steps, periodic_motion(repeated, run, robot), robot)
-        return _across(walk, steps, run, robot) if run.gait.cross_slope else walk
+        return periodic_walk(steps, periodic_motion(repeated, run, robot), run, robot)
 
 
-def periodic_walk(steps: StepPlan, motion: WholeBodyMotion, robot: Robot) -> WalkPlan:
-    """A plan of equal steps and its periodic motion as one plan."""
+def periodic_walk(steps: StepPlan, motion: WholeBodyMotion, run: RunParameters, robot: Robot) -> WalkPlan:
+    """A plan of equal steps and its periodic motion, that without a slope across, as one plan."""
     steps = steps.with_angular_momentum_offset(motion.report.angular_momentum_y_offset)
-    return WalkPlan.of(steps, posture=PeriodicPosture(motion, robot))
+    walk = WalkPlan.of(steps, posture=PeriodicPosture(motion, robot))
+    return _across(walk, steps, run, robot) if run.gait.cross_slope else walk
 
 
 def _across(walk: WalkPlan, steps: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:
@@ -136,7 +136,8 @@ def make_plan(
         robot: the body.
         times: ascending to the end of the contacts, at 100 a second or more, shape (N,) [s]. A first plan
             begins at 0, a later one now, on the walk's clock.
-        com: in world; without z in the height of ``after`` or the gait. Shape (N, 2) or (N, 3) [m].
+        com: in world; without z in the height of ``after`` or the gait over the floor; over a slope z
+            may only follow it. Shape (N, 2) or (N, 3) [m].
         contacts: of the whole walk, what has passed included, see :meth:`ampm.Contacts.in_turn`.
         zmp: on the floor. Over footsteps of different heights, on the level plane of the standing foot, in
             double support between both by their shares of the load. Shape (N, 2) [m].
@@ -179,11 +180,12 @@ def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkP
     steps = _with_feet(plan, run, robot)
     if plan.contacts.phases[0].stance == "both":
         return _walk_over(steps, run, robot)
-    if repeats(steps):
-        closed = closed_step(steps)
+    along = replace(plan, contacts=replace(plan.contacts, slope=(run.gait.slope, 0.0)))
+    if repeats(along):
+        closed = closed_step(_with_feet(along, run, robot))
         momentum = closed.phases[0].angular_momentum
         steps = replace(steps, phases=(steps.phases[0]._replace(angular_momentum=momentum),))
-        return periodic_walk(steps, periodic_motion(closed, run, robot), robot)
+        return periodic_walk(steps, periodic_motion(closed, run, robot), run, robot)
     # Imported here, as the inverse kinematics is compiled.
     from ampm.body.constant_posture import ConstantPosture
 
@@ -229,7 +231,7 @@ class TablePlanner:
     """
 
     plans_footsteps = False
-    gait_keys = ("gait.com_height",)
+    gait_keys = ("gait.com_height", "gait.slope", "gait.cross_slope")
 
     def __init__(self, table: Mapping[str, Any], name: str = "table") -> None:
         if isinstance(table, str | Path):

@@ -52,9 +52,7 @@ class Writer:
         self.tree, self.file = tree, tree.file
         self.hinges = [hinge.name for hinge in tree.hinges]
         if taken := sorted(_OURS.intersection(self.hinges)):
-            raise InputError(
-                f"the model has joints with names that ampm needs: {', '.join(taken)}; rename them."
-            )
+            raise InputError(f"joints have names that ampm needs: {', '.join(taken)}; rename them.")
         names = _OURS.union(self.hinges)  # Pinocchio has one set of names for all
         self.names = [f"{s.name}_segment" if s.name in names else s.name for s in tree.segments]
         places = [tree.segments[segment].place for segment in tree.segment_of]

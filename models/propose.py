@@ -93,9 +93,7 @@ class _Proposal:
             if len(chains[one]) == len(chains[two]) and not set(chains[one][-3:]) & set(chains[two][-3:])
         ]
         if not pairs:
-            raise InputError(
-                "the model has no two chains of as many joints, and so no legs; take another one."
-            )
+            raise InputError("the model has no two chains of as many joints, and so no legs; take another.")
         return list(max(pairs)[1:])
 
     def keys(self) -> dict[str, Any]:

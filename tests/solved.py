@@ -72,7 +72,7 @@ def motion_of(*overrides: str) -> WholeBodyMotion:
 def planned_walk(*overrides: str) -> WalkPlan:
     """Its complete plan; the periodic step is that of :data:`COARSE`, whatever is changed."""
     walk = walk_of(COARSE, *overrides)
-    return periodic_walk(walk.plan, motion_of(COARSE), walk.robot)
+    return periodic_walk(walk.plan, motion_of(COARSE), walk.run, walk.robot)
 
 
 @cache

@@ -88,10 +88,8 @@ def by_name(paths, long):
 @pytest.mark.parametrize("page", by_name(WITH_PYTHON, LONG))
 def test_python_runs(page, tmp_path):
     write_files(page, tmp_path)
-    script = "\n".join(
-        text for language, text in blocks(page) if language == "python" and not FILE.match(text)
-    )
-    answer = run(tmp_path, sys.executable, "-c", script)
+    code = "\n".join(text for language, text in blocks(page) if language == "python" and not FILE.match(text))
+    answer = run(tmp_path, sys.executable, "-c", code)
     assert answer.returncode == 0, answer.stderr
     tests = sorted(tmp_path.glob("test_*.py"))
     if tests:

@@ -19,9 +19,7 @@ WIDTH = 0.2
 def raised(footsteps, heights):
     """Footsteps at the given heights [m], the last of which goes on."""
     heights = [*heights, *[heights[-1]] * (len(footsteps) - len(heights))]
-    return [
-        step._replace(position=(*step.position[:2], z)) for step, z in zip(footsteps, heights, strict=True)
-    ]
+    return [one._replace(position=(*one.position[:2], z)) for one, z in zip(footsteps, heights, strict=True)]
 
 
 WALKS = {

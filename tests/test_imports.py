@@ -30,10 +30,8 @@ The tick calls the stabiliser that steps, which reads the workspace of the tick:
 def loaded_by(statement: str) -> set[str]:
     """Modules that a fresh interpreter holds after a statement."""
     code = f"{statement}\nimport sys\nprint(*sys.modules)"
-    answer = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
-    )
-    return set(answer.stdout.split())
+    end = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    return set(end.stdout.split())
 
 
 @cache

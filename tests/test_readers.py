@@ -121,16 +121,14 @@ def test_a_run_of_eurobench(tmp_path):
     """Kinematics of a model, and wrenches at its soles, at other times than the angles."""
     model = pin.buildSampleModelHumanoid()
     soles = {"left": "lleg_effector_body", "right": "rleg_effector_body"}
-    random, time = np.random.default_rng(1), np.arange(0.0, 1.0, 0.02)
+    rng, time = np.random.default_rng(1), np.arange(0.0, 1.0, 0.02)
     joints = {
-        name: random.normal(size=50)
+        name: rng.normal(size=50)
         for name, joint in zip(model.names, model.joints, strict=True)
         if joint.nq == 1
     }
-    base = {
-        f"base_link_{name}": 0.1 * random.normal(size=50) for name in ("tx", "ty", "tz", "rz", "ry", "rx")
-    }
-    loads = {f"{kind}_{axis}": random.normal(size=50) for kind in ("force", "torque") for axis in "xyz"}
+    base = {f"base_link_{name}": 0.1 * rng.normal(size=50) for name in ("tx", "ty", "tz", "rz", "ry", "rx")}
+    loads = {f"{kind}_{axis}": rng.normal(size=50) for kind in ("force", "torque") for axis in "xyz"}
     tables = {"pos": base | joints, "ftl": loads, "ftr": {name: -load for name, load in loads.items()}}
     for name, columns in tables.items():
         write_columns({"time": time, **columns}, path := tmp_path / f"{name}.csv")

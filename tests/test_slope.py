@@ -1,5 +1,7 @@
 """Floors that slope: their plans, and what is measured; walks.csv has walks on them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import ampm
 import validation as val
 from ampm.planner import routes
 from ampm.planner.newton import check_newton
+from ampm.planner.sampled import sampled_plan
 from validation.trial.plan import load_request, plan_walk
 
 STEEP = 0.0524
@@ -61,6 +64,16 @@ def test_soles_lie_on_the_slope_and_move_continuously(plans):
         moved = np.diff(foot.position, axis=0) / np.diff(times)[:, None]
         mean = 0.5 * (foot.velocity[1:] + foot.velocity[:-1])
         assert np.abs(moved - mean).max() < 2e-3
+
+
+@pytest.mark.parametrize("left_out", ["zmp", "com_acceleration", "moment"])
+def test_samples_on_a_slope_are_those_of_the_plan(plans, left_out):
+    names, times = ("zmp", "com_acceleration", "moment"), np.linspace(0.0, plans[1].duration, 2001)
+    sample = plans[1].sample(times)
+    given = {name: getattr(sample, name)[:, :2] for name in names if name != left_out}
+    found = sampled_plan(replace(plans[1], phases=()), times, com=sample.com, **given).sample(times)
+    for name in names:
+        np.testing.assert_allclose(getattr(found, name), getattr(sample, name), atol=1e-6, err_msg=name)
 
 
 def test_footsteps_on_the_slope_pass():

@@ -110,12 +110,14 @@ def exchanged(table):
     return found
 
 
-def test_a_file_is_walked_as_the_plan_that_wrote_it(tmp_path):
+@pytest.mark.parametrize(("slope", "across"), [(0.0, 0.0), (0.05, -0.03)])
+def test_a_file_is_walked_as_the_plan_that_wrote_it(tmp_path, slope, across):
     """It begins on the right foot: the mirrored walk alone changes the error by 4 %."""
-    run = ampm.load_run("momentum", gait={"steps": STEPS}, simulation={"time_step": 0.002})
+    gait = {"steps": STEPS, "slope": slope, "cross_slope": across}
+    run = ampm.load_run("momentum", gait=gait, simulation={"time_step": 0.002})
     own, path = val.walk(run), tmp_path / "plan.parquet"
     write_columns(exchanged(table_of(own.plan)), path)
-    other = run.replace({"gait.com_height": 1.2})  # the table has its own
+    other = own.run.replace({"gait.com_height": 1.2, "gait.cross_slope": -across})  # the table has its height
     trial = val.walk(other, planner=str(path))
     assert isinstance(trial.plan.posture, PeriodicPosture)
     assert trial.summary["planner"] == path.name

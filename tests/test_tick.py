@@ -53,9 +53,7 @@ def drift(robot, q, v, now):
     model, data, still = robot.model, robot.model.createData(), np.zeros(robot.nv)
     momentum = pin.computeCentroidalMomentumTimeVariation(model, data, q, v, still).vector / robot.mass
     pin.forwardKinematics(model, data, q, now, still)
-    soles = [
-        pin.getFrameClassicalAcceleration(model, data, sole, ALIGNED).vector for sole in robot.sole_frames
-    ]
+    soles = [pin.getFrameClassicalAcceleration(model, data, f, ALIGNED).vector for f in robot.sole_frames]
     return np.concatenate([momentum, *soles, np.zeros(len(robot.toe_joints))])
 
 
@@ -216,11 +214,9 @@ def test_elimination(walked):
 def test_torques_and_what_the_next_tick_reads(walked):
     for it in walked:
         c, weight, limit = it.c, it.robot.mass * it.robot.gravity, it.c.joints.torque_limit
-        total = inverse_dynamics(
-            it.robot, c.sensed.q, c.sensed.v, c.motion.acceleration, c.contact.point_force
-        )
-        assert np.abs(total[:6]).max() < 1e-8 * weight  # nothing but the floor drives the root
-        close(c.joints.torque, np.clip(total[6:] + c.motion.passive_torque, -limit, limit))
+        net = inverse_dynamics(it.robot, c.sensed.q, c.sensed.v, c.motion.acceleration, c.contact.point_force)
+        assert np.abs(net[:6]).max() < 1e-8 * weight  # nothing but the floor drives the root
+        close(c.joints.torque, np.clip(net[6:] + c.motion.passive_torque, -limit, limit))
         np.testing.assert_array_equal(c.joints.last_torque, c.joints.torque)
         np.testing.assert_array_equal(c.motion.last_acceleration, c.motion.acceleration)
         np.testing.assert_array_equal(c.contact.forces, c.contact.solution)

@@ -130,9 +130,7 @@ def contacts_over(
     single, double = nominal.constants.single_support_duration, nominal.constants.double_support_duration
     wanted = [None] * len(footsteps) if landings is None else list(landings)
     if len(wanted) != len(footsteps):
-        raise InputError(
-            f"{len(wanted)} landings for {len(footsteps)} footsteps; give one for each, or None."
-        )
+        raise InputError(f"{len(wanted)} landings for {len(footsteps)} footsteps; give one each, or None.")
     switches, lifted = [0.0], SETTLING
     for number in range(2, len(footsteps)):
         landing = lifted + single if wanted[number] is None else float(wanted[number])  # type: ignore[arg-type]

@@ -89,9 +89,8 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     for name, values in given.items():
         shape = (2,) if name == "angular_momentum" else (len(times), 2)
         if values.shape != shape and not (name.startswith("com") and values.shape == (len(times), 3)):
-            raise InputError(
-                f"{name} has the shape {values.shape}, not {shape}; give it a row for each time."
-            )
+            raise InputError(f"{name} has the shape {values.shape}, not {shape}; give a row for each time.")
+    given["com"][:, 2:] -= (given["com"][:, :2] @ plan.contacts.slope)[:, None]  # heights over the floor
     law = _height_law(given, times, plan)
     height, lift = plan.com_height, 1.0  # of the COM [m]; vertical force over the weight
     if law is not None:
@@ -105,6 +104,13 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     arm = np.zeros_like(com)
     if "moment" in given:
         arm = given["moment"][:, ::-1] * [-1.0, 1.0] / plan.weight
+    if "zmp" in given and plan.contacts.slope != LEVEL:
+        away, slope = com - given["zmp"], np.array(plan.contacts.slope)
+        pull = plan.gravity * (away + arm)
+        pull += away * (pull @ slope)[:, None] / height
+        pull = given.get("com_acceleration", pull / (height + away @ slope)[:, None])
+        lever = away * (plan.gravity + pull @ slope)[:, None] - (away @ slope)[:, None] * pull
+        given["zmp"] = com - lever / plan.gravity  # on the level plane, see `CentroidalPlan`
     if "com_acceleration" in given:
         acceleration = given["com_acceleration"]
         zmp = given.get("zmp", com + arm / lift - acceleration / (rate * lift))
@@ -147,10 +153,9 @@ def _height_law(given: dict[str, Array], times: Array, plan: CentroidalPlan) -> 
     if np.ptp(height) <= _LEVEL and not climbs:
         return None
     if slope != LEVEL:
-        key, value = ("slope", slope[0]) if slope[0] else ("cross_slope", slope[1])
         raise InputError(
-            f"heights of {'footsteps' if climbs else 'com'} vary, and gait.{key} is {value:g}; give all the "
-            f"same height over a slope, or leave out gait.{key}."
+            f"heights of {'footsteps' if climbs else 'com'} vary, and gait.slope = {slope[0]:g} and "
+            f"gait.cross_slope = {slope[1]:g}; give all the same height over the slope, or leave out both."
         )
     motion = [height]
     for rows in (given.get("com_velocity"), given.get("com_acceleration")):

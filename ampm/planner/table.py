@@ -13,7 +13,7 @@ Columns, one row per instant, SI units, world frame (x forward, y left):
 ``left_placement_heading`` ...  optional: its heading [rad]; 0 by default
 ``phase_start``                 optional: when the row's phase began [s]; by default at its first row, and
                                 equal steps, to a row, at equal times
-``com_z``                       optional: height of the COM; that of the gait by default
+``com_z``                       optional: height of the COM; by default that of the gait over the floor
 ``com_acceleration_x ..._y``    optional: by default the force passes through the COM, ``(g/H)(com - zmp)``;
                                 refused if the COM moves otherwise, by 0.2 mm of ZMP or more
 ``angular_momentum_x ..._y``    optional: about the COM; if the steps do not repeat, only the first row counts
@@ -216,7 +216,7 @@ def repeats(plan: CentroidalPlan) -> bool:
         return False
     times = step * np.arange(_GRID * len(number) + 1) / _GRID
     times = times[times <= plan.duration]
-    com = plan.sample(times).com
+    com = plan.sample(times).com @ [[1.0, 0.0, -contacts.slope[0]], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     later, index = np.divmod(np.arange(len(com)), _GRID)
     first = np.column_stack([mirrored(com[index, :2], later, length), com[index, 2]])
     return bool(np.abs(com - first).max() <= REPEATED)

@@ -40,9 +40,7 @@ def register(metric: Metric) -> Metric:
     if metric.name in METRICS:
         raise InputError(f"metric '{metric.name}' exists; choose another name.")
     if metric.tolerances and not metric.reason:
-        raise InputError(
-            f"metric '{metric.name}' has a tolerance and no reason; give the reason for its value."
-        )
+        raise InputError(f"metric '{metric.name}' has a tolerance without a reason; give the reason.")
     _ADDED[metric.name] = metric
     return metric
 

@@ -67,9 +67,7 @@ def judge_log(
     """
     progress, seconds = progress or Progress(), dict[str, float]()
     if not np.isfinite([start or 0.0, *(place or ())]).all():
-        raise InputError(
-            f"--start {start} and --place {place} must be finite; leave out what is to be found."
-        )
+        raise InputError(f"--start {start} and --place {place} must be finite; leave out what to find.")
     request = _request(plan, settings)
     signals, name = log_columns(table, columns)
     with timed(seconds, "planning"):
