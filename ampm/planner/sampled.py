@@ -154,8 +154,8 @@ def _height_law(given: dict[str, Array], times: Array, plan: CentroidalPlan) -> 
         return None
     if slope != LEVEL:
         raise InputError(
-            f"heights of {'footsteps' if climbs else 'com'} vary, and gait.slope = {slope[0]:g} and "
-            f"gait.cross_slope = {slope[1]:g}; give all the same height over the slope, or leave out both."
+            f"heights of {'footsteps' if climbs else 'com'} over the floor vary, with gait.slope = {slope[0]:g} "
+            f"and gait.cross_slope = {slope[1]:g}; give all the same height over the floor, or leave out both."
         )
     motion = [height]
     for rows in (given.get("com_velocity"), given.get("com_acceleration")):

@@ -54,6 +54,7 @@ class Pendulum:
         motion = {"times": times, "com_velocity": 0.5 * self.w * (dcm - ccm)}
         motion["com_acceleration"] = self.w**2 * (com - zmp)
         motion["com"] = com + np.array([0.0, 0.0, run.gait.com_height])  # vertically as horizontally
+        motion["com"][:, 2] += com[:, :2] @ run.gait.slopes
         walked = (times >= 0.0) & (times <= self.switches[-1])
         motion = {name: rows[walked] for name, rows in motion.items()}
         self.moved = np.zeros_like(self.places)  # of the footsteps, while walking [m]
