@@ -104,13 +104,13 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     arm = np.zeros_like(com)
     if "moment" in given:
         arm = given["moment"][:, ::-1] * [-1.0, 1.0] / plan.weight
-    if "zmp" in given and plan.contacts.slope != LEVEL:
+    if "zmp" in given and plan.contacts.slope != LEVEL:  # laws have the ZMP of level ground
         away, slope = com - given["zmp"], np.array(plan.contacts.slope)
-        pull = plan.gravity * (away + arm)
-        pull += away * (pull @ slope)[:, None] / height
-        pull = given.get("com_acceleration", pull / (height + away @ slope)[:, None])
-        lever = away * (plan.gravity + pull @ slope)[:, None] - (away @ slope)[:, None] * pull
-        given["zmp"] = com - lever / plan.gravity  # on the level plane, see `CentroidalPlan`
+        rise, pull = (away @ slope)[:, None], plan.gravity * (away + arm)
+        solved = (pull + away * (pull @ slope)[:, None] / height) / (height + rise)  # by Newton's law
+        acceleration = given.get("com_acceleration", solved)
+        lever = away * (plan.gravity + acceleration @ slope)[:, None] - rise * acceleration
+        given["zmp"] = com - lever / plan.gravity
     if "com_acceleration" in given:
         acceleration = given["com_acceleration"]
         zmp = given.get("zmp", com + arm / lift - acceleration / (rate * lift))
@@ -154,8 +154,8 @@ def _height_law(given: dict[str, Array], times: Array, plan: CentroidalPlan) -> 
         return None
     if slope != LEVEL:
         raise InputError(
-            f"heights of {'footsteps' if climbs else 'com'} over the floor vary, with gait.slope = {slope[0]:g} "
-            f"and gait.cross_slope = {slope[1]:g}; give all the same height over the floor, or leave out both."
+            f"heights of {'footsteps' if climbs else 'com'} over the floor vary; gait.slope is {slope[0]:g} "
+            f"and gait.cross_slope {slope[1]:g}: give all the same height over the floor, or leave out both."
         )
     motion = [height]
     for rows in (given.get("com_velocity"), given.get("com_acceleration")):
