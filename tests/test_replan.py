@@ -94,13 +94,11 @@ def plan_of(steps):
     return planned_walk(f"gait.steps={steps}")
 
 
-@pytest.mark.parametrize(
-    ("first", "then", "asked", "walked"), [(1, 3, None, 3), (1, 3, 1, 1), (2, 6, None, 4)]
-)
-def test_the_plan_then_valid_says_when_a_walk_ends(fixed, first, then, asked, walked):
+@pytest.mark.parametrize(("first", "then", "ask", "walked"), [(1, 3, None, 3), (1, 3, 1, 1), (2, 6, None, 4)])
+def test_the_plan_then_valid_says_when_a_walk_ends(fixed, first, then, ask, walked):
     """The run asks for 4 steps; a record of a walk that became longer than planned has no gap."""
     planner = Replanning(lambda time, plan: plan_of(then) if time > 0.3 else None, 0.05)
-    record = simulate_plan(plan_of(first), planner=planner, steps=asked)
+    record = simulate_plan(plan_of(first), planner=planner, steps=ask)
     assert record.outcome.completed
     assert record.outcome.steps_completed == walked
     rows = min(record.steps, fixed.steps) - 1

@@ -87,6 +87,9 @@ def test_the_heel_of_a_foot_without_toes_rises_later(source, monkeypatch):
     assert (late.foot.heel_rise_lead < early) != robot.description.sole.has_toes
     double = plan_of(late, robot).constants.double_support_duration
     assert late.foot.heel_rise_lead >= min(early, -0.5 * double) - 1e-12
+    quick = late.replace({"foot.heel_rise_lead": 0.003 - double})
+    margins = plan_margins(plan_of(quick, robot), quick, robot.description)
+    assert LIMITS["rise"].margin(margins["rise"][0]) < 0.0 < LIMITS["rise"].margin(15.0)
 
 
 def test_torques_give_the_accelerations_of_the_step_back():

@@ -68,9 +68,7 @@ def test_steps_and_velocity_are_found_in_the_record():
     com = np.column_stack([np.sin(heading), 1.0 - np.cos(heading), np.ones(1001)]) / 0.5  # a circle at 1 m/s
     force = np.zeros((1000, 2, 3))
     force[:, :, 2] = 300.0 * down
-    record: Any = SimpleNamespace(
-        point_force=force, point_foot=np.array([0, 1]), time_step=0.002, q=q, com=com
-    )
+    record: Any = SimpleNamespace(point_force=force, point_foot=np.arange(2), time_step=0.002, q=q, com=com)
     stance, steps = measured_supports(record)
     assert steps == 2
     assert [int(stance[k]) for k in (50, 200, 350, 500, 705)] == [2, 1, 2, 0, 2]
