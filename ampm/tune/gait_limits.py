@@ -60,7 +60,6 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
     share = times / plan.contacts.phases[0].duration
     swing = plan.feet.heights(feet)[:, 1]
     turn = max(run.foot.toe_off_rate, run.foot.heel_strike_rate)
-    rise = max(plan.constants.double_support_duration + run.foot.heel_rise_lead, 1e-3)
     near = np.minimum(share, 1.0 - share) / _SWING_ENDS
     ends = [(near > 0.1) & (near < 1.0) & side for side in (share < 0.5, share > 0.5)]
     values = {
@@ -71,11 +70,13 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
         "floor": [(swing[end] / near[end] ** 3).min() for end in ends],
         "clearance": swing[(share > _SWING_ENDS) & (share < 1.0 - _SWING_ENDS)].min(),
         "turn": turn if run.foot.schedule == "roll" else 0.0,
-        "rise": run.foot.toe_off_rate / rise if run.foot.schedule == "roll" else 0.0,
         "handover": plan.constants.double_support_duration / _HANDOVER,
         "pace": plan.constants.step_duration,
         "friction": (np.hypot(force[:, 0], force[:, 1]) / force[:, 2]).max() / run.controller.friction,
     }
+    if run.foot.schedule == "roll" and not description.sole.has_toes:
+        rise = plan.constants.double_support_duration + run.foot.heel_rise_lead
+        values["rise"] = run.foot.toe_off_rate / max(rise, 1e-3)
     return {name: np.atleast_1d(value) for name, value in values.items()}
 
 
