@@ -114,7 +114,6 @@ LIMITS: Mapping[str, Limit] = {
     ),
     "clearance": Limit(f"{_FLOOR} in mid swing", "m", 0.0, 0.006, "sole_under_floor"),
     "turn": Limit("fastest turn of a foot at the floor", "rad/s", 25.0, 10.0, "foot_turns_too_fast"),
-    "rise": Limit("angular acceleration of a rising heel", "rad/s^2", 400.0, 300.0, "foot_turns_too_fast"),
     # With less than the whole ramp the foot that lands is late in taking the weight over.
     "handover": Limit(
         "double support over 0.04 s or a longer contact ramp", "1", 0.85, 1.3, "double_support_too_short"
