@@ -25,7 +25,7 @@ from ampm.planner.support import StepPlan, margin_on
 _BETWEEN = np.array([0.2, 0.4, 0.6, 0.8])  # places between two nodes
 _NARROW = 3  # nodes with the least distances, next to which it is also looked
 _SWING_ENDS = 0.2  # share of the swing at either end in which the sole's height grows with time's cube
-_RISE = 0.06  # a heel without toes that rises in less counts as turning faster in proportion [s]
+_RISE = 0.025  # a heel without toes that rises in less counts as turning faster, by the square [s]
 _HANDOVER = 0.04  # in which the load can go from foot to foot [s]
 _TWIST_LEVER = 0.03  # moment about the vertical over the force that a foot on its ball gives easily [m]
 
@@ -61,7 +61,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
     share = times / plan.contacts.phases[0].duration
     swing = plan.feet.heights(feet)[:, 1]
     rise = plan.constants.double_support_duration + run.foot.heel_rise_lead
-    quick = 1.0 if description.sole.has_toes else max(_RISE / max(rise, 1e-3), 1.0)
+    quick = 1.0 if description.sole.has_toes else max(_RISE / max(rise, 1e-3), 1.0) ** 2
     turn = max(run.foot.toe_off_rate * quick, run.foot.heel_strike_rate)
     near = np.minimum(share, 1.0 - share) / _SWING_ENDS
     ends = [(near > 0.1) & (near < 1.0) & side for side in (share < 0.5, share > 0.5)]
