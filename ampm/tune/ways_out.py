@@ -112,7 +112,7 @@ def _in_words(run: RunParameters, change: Change) -> str:
     for key, value in change.items():
         if value is None:
             words.append(f"leave {key} open")
-        elif value != _rounded(run.value(key)):
+        elif value != run.value(key):
             verb, unit = "raise" if value > run.value(key) else "lower", key_info(key).unit
             words.append(f"{verb} {key} to {value:g}" + ("" if unit == "1" else f" {unit}"))
     return " and ".join(words)
