@@ -17,7 +17,7 @@ _C_Y = 0.8  # of other bodies than the human: the trunk then rolls a little towa
 _C_S_WITHOUT_ARMS = 0.8  # the trunk alone balances the swing of the legs, and pitches less for a smaller c_s
 _SOFT = 0.4  # velocity and rate at which a foot closes in on the floor, over those of a human's [1]
 _SLOW = 0.25  # how fast it takes them up, over the same [1]
-_FELT = {"stance_yield": 0.5, "force_smoothing": 0.0, "sink_compensation": 0.7, "landing_share": 0.3}
+_FELT = {"stance_yield": 0.5, "force_smoothing": 0.0, "sink_compensation": 0.7}
 """Of robots with exact sensors: their small soles turn as the floor yields, and load crosses in few ticks."""
 _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foot's feedback was chosen [m]
 
