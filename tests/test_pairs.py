@@ -153,10 +153,8 @@ def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limit
         "other takes 12 % more torque than smooth and uses 2.5 times the friction of smooth; smooth" in said
     )
     assert "other exceeded 1 of 12 limits (ground force, RMS error along x, " in said
-    none = dict.fromkeys(("zmp_x_rmse", "zmp_y_rmse"), math.nan)
-    said = comparison_of(
-        [a, changed(b, none, margins={**margins, "torque": None, "friction": None})]
-    ).sentence
+    nan = dict.fromkeys(("zmp_x_rmse", "zmp_y_rmse"), math.nan)
+    said = comparison_of([a, changed(b, nan, margins={**margins, "torque": None, "friction": None})]).sentence
     assert said.startswith("smooth and other have no errors of the ZMP to compare. No difference in mech")
     fell = changed(b, outcome="fell", end={"time": 2.3, "cause": ""})
     assert comparison_of([a, fell]).sentence.endswith("other did not walk to the end (fell after 2.30 s).")

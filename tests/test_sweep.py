@@ -102,10 +102,8 @@ def test_rows_become_a_table_and_refusals_need_no_walk(command, out, capsys):
     assert said["refusals"] == {"switching_velocity_too_low": 3, "bad_parameter": 3}
     assert json.loads((out / "sweep.json").read_text())["runs"] == 9
     table = read_sweep(out).table
-    kinds = {"real": pa.float64(), "whole": pa.int64(), "text": pa.string()}
-    assert [(field.name, field.type) for field in table.schema] == [
-        (c.name, kinds[c.kind]) for c in columns()
-    ]
+    kind = {"real": pa.float64(), "whole": pa.int64(), "text": pa.string()}
+    assert [(field.name, field.type) for field in table.schema] == [(c.name, kind[c.kind]) for c in columns()]
     rows = table.to_pylist()
     assert [row["run"] for row in rows] == list(range(9))
     assert len({row["key"] for row in rows}) == 9

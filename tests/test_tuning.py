@@ -305,6 +305,11 @@ def test_half_of_a_change_is_not_asked_about_where_all_choices_are_used():
     assert asked[-1][0].gait.step_length <= 0.3  # all values at once are the last that is asked about
 
 
+def test_a_way_out_that_rounds_values_tells_them():
+    nearly = ("gait.step_length=0.2703", "gait.switching_velocity=0.446", "gait.c_s=1", "gait.c_y=1")
+    assert "to 0.27 m (tried" in judged(lambda run: run.gait.step_length == 0.27, nearly)[0]
+
+
 def test_given_values_are_left_open_first():
     settings = ("gait.step_length=0.5", "gait.com_height=0.8", "gait.a_s=2")
     told, asked = judged(lambda run: "gait.com_height" not in run.given, settings)
