@@ -67,9 +67,7 @@ class GaitParameters(Section, section="gait"):
     c_s: Real = parameter(
         1.0, "slope of the force line over the COM in single support; 1 passes through the COM", le=100
     )
-    c_y: Real = parameter(
-        1.0, "slope of the force line in the frontal plane; 1 passes through the COM", le=100
-    )
+    c_y: Real = parameter(1.0, "slope of the force line in the frontal plane; 1 goes through the COM", le=100)
     step_width: Open = parameter(0.18, "lateral distance of the feet (2 (s + beta))", "m", gt=0, le=100)
     slope: Real = parameter(
         0.0, "rise of the floor over the way along x; the soles are planned on it", "1", ge=-0.15, le=0.15
@@ -187,9 +185,7 @@ class DisturbanceParameters(Section, section="disturbance"):
     step_height: Real = parameter(
         0.0, "height of the floor under one footstep over the rest", "m", ge=-0.5, le=0.5
     )
-    step_number: Whole = parameter(
-        4, "number of that footstep; the walk starts from 1 and 2", ge=3, le=10_000
-    )
+    step_number: Whole = parameter(4, "number of that footstep; a walk starts from 1 and 2", ge=3, le=10_000)
     slope_along: Real = parameter(
         0.0, "slope of the floor along the walk after footstep 2; positive: front up", "rad", ge=-0.3, le=0.3
     )
@@ -197,9 +193,7 @@ class DisturbanceParameters(Section, section="disturbance"):
         0.0, "slope of the floor across the walk after footstep 2; positive: left up", "rad", ge=-0.3, le=0.3
     )
     friction_factor: Real = parameter(1.0, "friction of the floor over contact.friction", gt=0, le=100)
-    softness_factor: Real = parameter(
-        1.0, "time constant of contacts over contact.time_constant", ge=1, le=100
-    )
+    softness_factor: Real = parameter(1.0, "contacts' time constant over contact.time_constant", ge=1, le=100)
     mass_segment: str = parameter(
         "all", "segments of mass_change, separated by commas, or all; chest: the trunk", min_length=1
     )

@@ -26,9 +26,7 @@ class DrakeParameters(Section, section="drake"):
 
     stiffness: Real = parameter(1.5e5, "stiffness of a sole point", "N/m", ge=1e3, le=1e8)
     dissipation: Real = parameter(20.0, "dissipation of a sole point", "s/m", ge=0, le=1e3)
-    approximation: Literal["lagged", "similar"] = parameter(
-        "lagged", "Drake's discrete contact approximation"
-    )
+    approximation: Literal["lagged", "similar"] = parameter("lagged", "Drake's contact approximation")
 
 
 class SimulationParameters(Section, section="simulation"):

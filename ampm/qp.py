@@ -208,7 +208,6 @@ class QPSolver:
                 verbose=False,
             )
         except osqp.OSQPException as error:
-            raise SolverError(
-                f"OSQP does not take the problem (error {error}); is its cost convex?"
-            ) from error
+            why = "its numbers are too large" if error.args == (1,) else "its cost may not be convex"
+            raise SolverError(f"OSQP does not take the problem (error {error}): {why}") from error
         return solver._solver

@@ -68,9 +68,7 @@ class SensorParameters(Section, section="sensors"):
         "force and moment of every foot about its sole's reference point, in its own axes",
     )
     force_noise: Real = _noise("the normal force of every sole point, or the forces of a wrench", "N", 1e4)
-    force_bias: Real = _bias(
-        "the normal force of every loaded sole point, or the forces of a wrench", "N", 1e4
-    )
+    force_bias: Real = _bias("the normal force of each loaded sole point, or forces of a wrench", "N", 1e4)
     force_drift: Real = _drift("the same", "N", 1e4)
     force_scale_bias: Real = _bias("every sensor of force, as a share of what it reads", "1", 0.5)
     moment_noise: Real = _noise("the moments of a wrench", "N m", 1e4)
@@ -78,7 +76,7 @@ class SensorParameters(Section, section="sensors"):
     contact_threshold: Real = parameter(
         0.0,
         "a switch closes at this force of its sole point, or with wrenches of its line of points, and opens "
-        "at half of it; 0: the sole points' switches read the true contact",
+        "at half of it; 0: the points' read the true contact, the lines' close at 0.001 of the weight",
         "N",
         ge=0,
         le=1e4,

@@ -134,9 +134,7 @@ def test_commands_run(page, tmp_path):
             assert answer.returncode in (0, 1), f"{line}\n{answer.stderr}"
 
 
-@pytest.mark.parametrize(
-    "example", by_name([path for path in EXAMPLES if path.stem != "tour"], LONG_EXAMPLES)
-)
+@pytest.mark.parametrize("example", by_name([p for p in EXAMPLES if p.stem != "tour"], LONG_EXAMPLES))
 def test_examples_print_and_save_a_picture(example, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(example), run_name="__main__")

@@ -222,9 +222,7 @@ def test_a_plan_that_contradicts_itself_is_refused():
     plan = plan_of(2)
     off = Moved(plan.phases[0].x, "zmp", 3e-4)
     wrong = replace(plan, phases=(plan.phases[0]._replace(x=off), *plan.phases[1:]))
-    with pytest.raises(
-        InputError, match=r"contradicts itself at .* s: its ZMP .* 0\.3 mm of ZMP, .* 0\.2 mm"
-    ):
+    with pytest.raises(InputError, match=r"contradicts itself at .* s: its ZMP .* 0\.3 mm .* 0\.2 mm"):
         simulate_plan(wrong)
     record = simulated(planner=Replanning(lambda time, plan: wrong if time > 0.1 else None), steps=2)
     assert record.outcome.completed or "contradicts itself" in record.outcome.cause

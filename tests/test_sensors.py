@@ -250,7 +250,8 @@ def test_sole_forces_give_the_wrench_again_and_push_only(toes):
 
 
 def test_a_walk_on_wrenches_of_the_feet_passes():
-    assert (relative(**WRENCH) < [1.2, 0.6]).all()  # the true root
+    for threshold in (0.0, WRENCH["contact_threshold"]):
+        assert (relative(**WRENCH | {"contact_threshold": threshold}) < [1.2, 0.6]).all()  # the true root
     trial = walked(estimator="kalman", seed=11, **NOISE | FORCE_TORQUE)
     assert trial.verdict.passed, trial.verdict.reason
 

@@ -74,6 +74,9 @@ def test_samples_on_a_slope_are_those_of_the_plan(plans, left_out):
     found = sampled_plan(replace(plans[1], phases=()), times, com=sample.com, **given).sample(times)
     for name in names:
         np.testing.assert_allclose(getattr(found, name), getattr(sample, name), atol=1e-6, err_msg=name)
+    other = replace(plans[1], phases=(), contacts=replace(plans[1].contacts, slope=(0.01, 0.0)))
+    with pytest.raises(ampm.InputError, match="{:g} and {:g} fit best".format(*plans[1].contacts.slope)):
+        sampled_plan(other, times, com=sample.com, **given)
 
 
 def test_footsteps_on_the_slope_pass():

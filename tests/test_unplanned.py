@@ -14,8 +14,8 @@ QUICK = ("--planner", "none", "--set", "simulation.time_step=2e-3", "--set", "co
 
 
 def test_with_the_projects_controller_a_body_stands(ampm, tmp_path):
-    more = ("--body", "suite-humanoid", "--steps", 4, "--out", tmp_path / "run", "--json")
-    answer = ampm("validate", *QUICK, *more)
+    more = ("--steps", 4, "--out", tmp_path / "run", "--json", "--set", "disturbance.slope_across=0.02")
+    answer = ampm("validate", "--body", "suite-humanoid", *QUICK, *more)
     assert answer.status == 0
     assert "planner none does not use: gait.steps" in answer.err
     summary = answer.json

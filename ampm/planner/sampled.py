@@ -153,9 +153,12 @@ def _height_law(given: dict[str, Array], times: Array, plan: CentroidalPlan) -> 
     if np.ptp(height) <= _LEVEL and not climbs:
         return None
     if slope != LEVEL:
+        places = np.column_stack([given["com"][:, :2], np.ones_like(times)])
+        along, across = (np.linalg.lstsq(places, height)[0][:2] + slope).round(4) + 0.0
         raise InputError(
             f"heights of {'footsteps' if climbs else 'com'} over the floor vary; gait.slope is {slope[0]:g} "
-            f"and gait.cross_slope {slope[1]:g}: give all the same height over the floor, or leave out both."
+            f"and gait.cross_slope {slope[1]:g}, {along:g} and {across:g} fit best: set these, or give "
+            "all the same height over the floor."
         )
     motion = [height]
     for rows in (given.get("com_velocity"), given.get("com_acceleration")):

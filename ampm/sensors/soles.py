@@ -20,6 +20,8 @@ FIRST = 0.15
 """Share of the threshold from which a line touches at the height of the lowest point [1]."""
 TIP = 2
 """Line of a foot's points, after those of heel and ball."""
+NO_LOAD = 1e-3
+"""Share of the weight below which no load counts, whatever the threshold [1]."""
 TIP_SHARE = 0.05
 """What a tip takes where another point at its place would take 1: toes give way [1]."""
 ROUNDS = 8
@@ -66,7 +68,7 @@ def soles_of(robot: Robot, run: RunParameters) -> Soles:
         loaded=np.zeros(2, dtype=bool),
         touching=np.zeros((2, 3), dtype=bool),
         line=robot.point_group.copy(),
-        threshold=run.sensors.contact_threshold,
+        threshold=max(run.sensors.contact_threshold, NO_LOAD * robot.mass * robot.gravity),
         period=1.0 / run.controller.frequency,
         weight=robot.mass * robot.gravity if run.sensors.force_scale_bias else 0.0,
     )

@@ -24,14 +24,18 @@ app.add_typer(group, name="body", rich_help_panel=options.BODIES)
 
 
 @group.command(name="list")
-def list_bodies() -> int:
+def list_bodies(as_json: bool = JSON) -> int:
     """List the bodies that are known by name, and where their models come from."""
     from ampm.parameters import HUMAN
     from models.source import body_path, known_bodies, read_body_file
 
-    for name in known_bodies():
-        source = "models/human.xml, scaled" if name == HUMAN else read_body_file(body_path(name)).source
-        print_line(f"{name:<16}{source}")
+    robots = [name for name in known_bodies() if name != HUMAN]
+    sources = {HUMAN: "models/human.xml, scaled"}
+    sources |= {name: read_body_file(body_path(name)).source for name in robots}
+    if as_json:
+        print_json(sources)
+    else:
+        print_line("\n".join(f"{name:<16}{source}" for name, source in sources.items()))
     return Status.PASS
 
 

@@ -82,9 +82,7 @@ COLUMNS: Any = option(
     "file of such lines. Repeatable.",
     "NAME=COLUMN[UNIT]|FILE.toml",
 )
-METRICS: Any = option(
-    "--metric", "A metric of your own, a val.Metric in a module. Repeatable.", "MODULE:NAME"
-)
+METRICS: Any = option("--metric", "Your own metric, a val.Metric in a module. Repeatable.", "MODULE:NAME")
 PROFILE: Any = option("--profile", f"Tolerance profile: {PROFILES}; by default the preset's own.", "P")
 JSON: Any = option("--json", "Print JSON, and nothing else, on stdout.")
 

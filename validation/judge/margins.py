@@ -38,8 +38,8 @@ def tilt_warnings(tilt: float | None, where: str) -> list[str]:
     """A sentence on a pelvis or trunk that tilts far [rad]; none if it does not."""
     if tilt is None or not tilt > _TILTED:
         return []
-    why = "as it balances the legs: try a smaller gait.c_s, or shorter steps."
-    return [f"The segment {where} tilts by {tilt:.2f} rad, {why}"]
+    why = "Undisturbed, it balances the legs: try a smaller gait.c_s, or shorter steps."
+    return [f"The segment {where} tilts by {tilt:.2f} rad. {why}"]
 
 
 def largest_tilt(q: Array, time: Array, description: BodyDescription, shapes: Shapes) -> Extreme:

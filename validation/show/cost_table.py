@@ -21,7 +21,7 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
     """Effort of a walk, and what was left to its limits, beside which agreement must be read."""
     notes = [_sentence(summary)]
     margin = summary["margins"]["plan_polygon"]["value"]
-    if margin is not None and 0.0 <= margin < _SMALL:
+    if margin is not None and abs(margin) < _SMALL:
         notes.append(
             "The planned ZMP margin is that of the worst instant: when a rolling foot lifts its heel, the "
             "ZMP passes the ball, which is then the edge of the support."

@@ -117,7 +117,7 @@ def _change_floor(
     if wanted.step_height and wanted.step_number > len(contacts.footsteps):
         raise InputError(
             f"disturbance.step_number = {wanted.step_number} is not a footstep of the plan, which has "
-            f"{len(contacts.footsteps)}; take one of them, or raise gait.steps.",
+            f"{len(contacts.footsteps)}; take one of them, or 0 as disturbance.step_height.",
             key="disturbance.step_number",
             value=wanted.step_number,
         )
@@ -129,7 +129,8 @@ def _change_floor(
     if sloped:
         sole = body.description.sole
         front = feet[:2, 0].max() + sole.tip_x
-        hinge[:2] = 0.5 * (front + feet[2, 0] + sole.heel_x), feet[:2, 1].mean()
+        behind = feet[2, 0] + sole.heel_x if len(feet) > 2 else front + sole.length
+        hinge[:2] = 0.5 * (front + behind), feet[:2, 1].mean()
         tiles = [
             _Tile((-_FAR, -_FAR), (float(hinge[0]), _FAR)),
             _Tile((float(hinge[0]), -_FAR), (_FAR, _FAR), tilted=True),

@@ -125,7 +125,9 @@ def stand(planned: PlannedWalk, physics: Physics) -> Any:
     """
     robot, way_out = planned.body.again(), "or sensors.stand = 0"
     if not np.array_equal(surfaces(planned.run.disturbance, planned.plan.contacts), [0.0]):
-        raise InputError(f"sensors.stand needs a level floor; leave out its slopes and steps, {way_out}.")
+        raise InputError(
+            f"sensors.stand needs a level floor at z = 0; leave out slopes and heights, {way_out}."
+        )
     still = {"gait.planner": NO_PLAN, "controller.stabilizer": "fixed", "command.settling": 0.0}
     run = planned.run.replace({**still, "command.duration": planned.run.sensors.stand}, footsteps=())
     plan = StandingPlanner().plan(run.undisturbed, robot)
@@ -137,9 +139,7 @@ def stand(planned: PlannedWalk, physics: Physics) -> Any:
         raise InputError(f"the estimator {run.sensors.estimator} has no method begin; add it, {way_out}.")
     outcome = ClosedLoop(physics, controller, course, run, estimator=estimator).run().outcome
     if not outcome.completed:
-        raise InputError(
-            f"the body does not stand before its walk: {outcome.cause}; lower errors, {way_out}."
-        )
+        raise InputError(f"the body does not stand before a walk: {outcome.cause}; lower errors, {way_out}.")
     return estimator
 
 
@@ -343,9 +343,12 @@ class ClosedLoop:
             self._bind()
         limit = ""
         if status == LIMITED:
-            share = np.abs(self.command.torque) / self.physics.robot.torque_limit
-            worst = int(np.argmax(share))
-            limit = f"{self.physics.robot.joint_names[worst]} at {share[worst]:.0%} of its torque"
+            robot, q = self.physics.robot, self.physics.body.q[7:]
+            share = np.abs(self.command.torque) / robot.torque_limit
+            room = np.minimum(q - robot.lower, robot.upper - q)
+            limit = f"{robot.joint_names[share.argmax()]} at {share.max():.0%} of its torque"
+            if share.max() < 0.99:  # it was the other one
+                limit = f"{robot.joint_names[room.argmin()]} {room.min():.2g} rad from its end"
         return self.watch.check(k * self.physics.time_step, status, residual=residual, limit=limit)
 
     def _take(self, output: ControlOutput) -> None:
