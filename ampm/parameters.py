@@ -65,7 +65,7 @@ class GaitParameters(Section, section="gait"):
         2.63, "COM travel over ZMP travel in single support; inf holds the ZMP still", gt=0
     )
     c_s: Real = parameter(
-        1.0, "slope of the force line over the COM in single support; 1 passes through the COM", le=100
+        1.0, "slope of the force line over the COM in single support; 1 goes through the COM", le=100
     )
     c_y: Real = parameter(1.0, "slope of the force line in the frontal plane; 1 goes through the COM", le=100)
     step_width: Open = parameter(0.18, "lateral distance of the feet (2 (s + beta))", "m", gt=0, le=100)

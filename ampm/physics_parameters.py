@@ -45,8 +45,6 @@ class SimulationParameters(Section, section="simulation"):
 class SolverParameters(Section, section="solver"):
     """Numerical solvers and grids."""
 
-    tolerance: Real = parameter(
-        5e-5, "tolerance of the controller's QP, forces in body weights", gt=0, le=1e-2
-    )
+    tolerance: Real = parameter(5e-5, "tolerance of the controller's QP, forces over weight", gt=0, le=1e-2)
     max_iterations: Whole = parameter(4000, "iterations after which a QP is unsolved", ge=10, le=100_000)
     ik_time_step: Real = parameter(0.002, "largest step of the inverse kinematics' grid", "s", gt=0, le=0.05)

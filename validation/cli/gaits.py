@@ -198,9 +198,7 @@ def keys(
     words: list[str] | None = typer.Argument(
         None, help="Sections and words; all keys if none.", metavar="WORD"
     ),
-    gait: str | None = option(
-        "--gait", "Show the values of this preset or TOML file; normal if none.", "GAIT"
-    ),
+    gait: str | None = option("--gait", "Show the values of a preset or TOML file; normal if none.", "GAIT"),
     settings: list[str] | None = options.SETTINGS,
     as_json: bool = options.JSON,
 ) -> int:

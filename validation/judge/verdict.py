@@ -221,8 +221,12 @@ def _conclude(
     signals = dict.fromkeys(METRICS[name].label.partition(",")[0] for name in missing)
     unknown = f" Not measured: {', '.join(signals)}." if missing else ""
     if failed:
-        worst = min(failed, key=lambda item: item.margin or 0.0)
-        reason = f"{len(failed)} of {limits} tolerances not met; the furthest is {against(worst)}."
+        relative = [item for item in failed if item.tolerance]  # nothing tells how far is from a limit of 0
+        worst = min(relative or failed, key=lambda item: item.margin or 0.0)
+        reason = f"{len(failed)} of {limits} tolerances not met; the furthest is {against(worst)}"
+        if relative and (zero := [item for item in failed if not item.tolerance]):
+            reason += f", and {against(zero[0])}"
+        reason += "."
         reason += f" {len(undecided)} undecided: {why}." if undecided else ""
         return VerdictName.FAIL, reason + unknown
     if missing and is_log and passed and not undecided:
