@@ -18,9 +18,7 @@ def _damping(default: float, description: str) -> Any:
 class ControllerParameters(Section, section="controller"):
     """The torque-level tracking controller; another one reads what it needs of these."""
 
-    name: str = parameter(
-        "ampm", "controller: ampm, the name of an installed one, or MODULE:CLASS", min_length=1
-    )
+    name: str = parameter("ampm", "controller: ampm, an installed one, or MODULE:CLASS", min_length=1)
     options: Options = options_of("controller", "controller.name")
     frequency: Real = parameter(500.0, "control ticks per second", "Hz", ge=20, le=10_000)
     hold: Literal["first-order", "zero-order"] = parameter(

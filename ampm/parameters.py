@@ -182,9 +182,7 @@ class DisturbanceParameters(Section, section="disturbance"):
     push_at: Real = parameter(1.0, "time at which the push begins", "s", ge=0, le=1e5)
     push_duration: Real = parameter(0.1, "duration of the push", "s", gt=0, le=1e5)
     floor_height: Real = parameter(0.0, "height of the floor; the body starts on it", "m", ge=-0.5, le=0.5)
-    step_height: Real = parameter(
-        0.0, "height of the floor under one footstep over the rest", "m", ge=-0.5, le=0.5
-    )
+    step_height: Real = parameter(0.0, "height of one footstep's floor over the rest", "m", ge=-0.5, le=0.5)
     step_number: Whole = parameter(4, "number of that footstep; a walk starts from 1 and 2", ge=3, le=10_000)
     slope_along: Real = parameter(
         0.0, "slope of the floor along the walk after footstep 2; positive: front up", "rad", ge=-0.3, le=0.3

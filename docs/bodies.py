@@ -27,6 +27,7 @@ _OP3 = {
         "l_(hip_yaw|hip_roll|hip_pitch|ank_pitch|ank_roll)": [-1.6, 1.6],
         "l_knee": [0.0, 2.3],
     },
+    "damping": {".*": 0.1},  # a tenth of the model's
 }
 _ICUB = {"gyration": {"._wrist_1": 0.05}, "armature": {"._wrist_prosup": 0.0005}}
 _ROMEO = {

@@ -25,6 +25,7 @@ from models.tree import Tree
 
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
 _LEAST_JOINTS = 6  # of a leg
+_TALLEST = 3.0  # stature, as of body.height [m]
 _THIN = 0.005  # least half axis of a segment's shape [m]
 _POINTS = product(scene.SIDES, SOLE_POINT_GROUPS, scene.SIDES)
 _OURS = frozenset({"root", "imu", "universe", "left_sole", "right_sole", *map("_".join, _POINTS)})
@@ -99,9 +100,7 @@ class Writer:
         self.trunk = tree.of_body[tree.body(file.trunk, "trunk")]
         self.trunk_joints = shared + [k for k in self._path(self.trunk) if k not in shared]
         if set(self.trunk_joints) & set(self.legs[0].joints + self.legs[1].joints):
-            raise InputError(
-                "the trunk hangs on a leg; correct trunk in the body's description.", key="body.trunk"
-            )
+            raise InputError("the trunk hangs on a leg; correct body.trunk.", key="body.trunk")
 
     def _find_arms(self) -> None:
         """Hinges of left arm, right arm, and those that are of no group."""
@@ -192,6 +191,13 @@ class Writer:
                 f"sole.bottom = {outline.bottom:g} is {-sole.ankle_height:g} m over the ankle; measure it "
                 "from the foot's origin, z upwards."
             )
+        elif not (
+            outline.heel < outline.reference < outline.front and sole.heel_x < sole.ankle_x < sole.tip_x
+        ):
+            wrong = (
+                f"the ankle, at x = {under[0]:.4g} m, and sole.reference = {outline.reference:g} must be "
+                f"between sole.heel = {outline.heel:g} and sole.front = {outline.front:g}; correct them."
+            )
         elif longest > length:
             wrong = (
                 f"a side of the sole, {longest:g} m, is longer than the leg, {length:.4g} m; give the "
@@ -216,6 +222,8 @@ class Writer:
         floor = float(self._along(self.legs[0].ankle, 1)[2]) - sole.ankle_height
         com_height, hip_height = com_z / mass - floor, float(self._along(hip, 1)[2]) - floor
         height = com_height / (HIP_HEIGHT + COM_OVER_HIP)
+        if not height <= _TALLEST:
+            raise InputError(f"the body is {height:.4g} m tall, {_TALLEST:g} m at most; give it in metres.")
         model, root = scene.new_scene("body", self.names[0], height, run)
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
         next(model.iter("flag")).set("eulerdamp", "disable")
@@ -250,9 +258,7 @@ class Writer:
             ),
             torque_limits=limits,
             rest=self._rest(),
-            speed_limits=tuple(
-                (hinge.name, hinge.speed) for hinge in tree.hinges if math.isfinite(hinge.speed)
-            ),
+            speed_limits=tuple((h.name, h.speed) for h in tree.hinges if math.isfinite(h.speed)),
             passive=tuple(
                 Passive(hinge.name, hinge.damping, hinge.stiffness, hinge.spring, hinge.friction)
                 for hinge in tree.hinges
@@ -299,6 +305,7 @@ class Writer:
             if not (moments[0] > MASSLESS and moments[-1] <= segment.inertial.mass * leg_length**2):
                 wrong.append(segment.name)
         weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]
+        still = [hinge.name for hinge in hinges if not hinge.speed > 0.0]
         loose = [hinges[k].name for k in of_legs if not math.isfinite(hinges[k].high - hinges[k].low)]
         for names, what, way_out in (
             (below, "joints below a foot", "weld them with lock"),
@@ -306,11 +313,12 @@ class Writer:
             (outside, "angles at rest outside of their range", "correct them"),
             (
                 light,
-                "moving segments without mass",
-                "give them mass in the model, or weld their joints with lock",
+                "moving segments without positive mass",
+                "give it in the model, or lock joints of no leg",
             ),
             (wrong, "segments with moments of inertia of 0 or too large", "give radii with [body.gyration]"),
             (weak, "joints without a torque limit", "give it with [body.effort]"),
+            (still, "joints with a speed limit of 0", "give it with [body.speed]"),
             (loose, "joints of a leg without a range", "give it with [body.range]"),
         ):
             if names:

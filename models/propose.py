@@ -24,6 +24,7 @@ _NO_SOLE = """
 _STEEP = 0.7  # largest angle of a sole from the level with all joints at 0 [rad]
 _BESIDE, _SPREAD = 0.05, 0.4  # from the middle to a shoulder [m], and of an arm at rest [rad]
 _HEAD = 0.2  # mass of what hangs on the trunk, over the trunk's, if it is no further part of it [1]
+_NARROW = 0.05  # least half width of a sole over its length [1]
 _INSETS = np.linspace(0.0, 0.25, 11)  # of heel and front from the ends of the outline, over its length [1]
 _RING = np.array([(np.cos(a), np.sin(a), 0.0) for a in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)])
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -65,10 +66,8 @@ class _Proposal:
         self.root = int(model.body_rootid[ends[0]])
         self.axes = upright_axes(self.data.xpos[self.root], *self.data.xpos[ends])
         shared = set(self.chains[ends[0]]) & set(self.chains[ends[1]])
-        lateral = self.data.xaxis @ self.axes[1]
-        bends = [
-            [j for j in self.chains[end] if j not in shared and abs(lateral[j]) > _LATERAL] for end in ends
-        ]
+        left = self.data.xaxis @ self.axes[1]
+        bends = [[j for j in self.chains[end] if j not in shared and abs(left[j]) > _LATERAL] for end in ends]
         if min(map(len, bends)) < 2:
             names = " and ".join(model.body(end).name for end in ends)
             raise InputError(f"the model has no legs: what ends at {names} has no knee; take another model.")
@@ -76,7 +75,7 @@ class _Proposal:
         self.feet = ends
         self.legs = {joint for foot in self.feet for joint in self.chains[foot]}
         # A knee bends about the axis to the left by more than it can be stretched.
-        if lateral[self.knees[0]] * model.jnt_range[self.knees[0]].sum() < 0.0:
+        if left[self.knees[0]] * model.jnt_range[self.knees[0]].sum() < 0.0:
             self.feet.reverse()
             self.knees.reverse()
             self.axes[:2] *= -1.0
@@ -201,7 +200,7 @@ def fit_sole(points: Array) -> dict[str, float]:
     for key in ("middle", "pitch"):
         if not values[key]:
             del values[key]
-    return values if size[k] > 0.0 else {}
+    return values if halves[k].min() > _NARROW * length else {}  # else a line or a point
 
 
 def _shape_points(model: mujoco.MjModel, geom: int) -> Array:

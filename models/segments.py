@@ -108,7 +108,7 @@ def _images(segments: Sequence[Segment], near: float) -> tuple[list[int], float]
         names = [hinges[k].name for k in np.flatnonzero(lonely)]
         raise InputError(
             f"no mirror image within {near:.3g} m of the joints {', '.join(names)}; a periodic walk needs a "
-            f"symmetric body: correct the model, or add lock = {names} to the body's description."
+            f"symmetric body: correct it, or add lock = {names} to the body's description, if of no leg."
         )
     return images.tolist(), float(least.max())
 

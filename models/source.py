@@ -79,9 +79,7 @@ class BodyFile(Section, section="body"):
     effort: ByPattern = Field({}, description="largest torque by regular expression of joints [N m]")
     speed: ByPattern = Field({}, description="largest speed by regular expression of joints [rad/s]")
     damping: ByPattern = Field({}, description="damping by regular expression of joints [N m s/rad]")
-    stiffness: ByPattern = Field(
-        {}, description="stiffness of a spring by regular expression of joints [N m/rad]"
-    )
+    stiffness: ByPattern = Field({}, description="stiffness by regular expression of joints [N m/rad]")
     friction: ByPattern = Field({}, description="dry friction by regular expression of joints [N m]")
 
 
@@ -174,6 +172,10 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
             spec = mujoco.MjSpec.from_file(str(path))
             for pair in list(spec.pairs):  # only soles collide, and some name the floor of another file
                 spec.delete(pair)
+            for texture in list(spec.textures):  # drawn only, and their files may be missing
+                spec.delete(texture)
+            for material in spec.materials:
+                material.textures = [""] * len(material.textures)
         _find_meshes(spec, path)
         for mesh in spec.meshes:
             mesh.maxhullvert = _HULL_POINTS
@@ -190,9 +192,7 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
     except (OSError, ValueError, ET.ParseError, mujoco.FatalError) as error:
         what = " ".join(str(error).split())
         way_out = ", or add balance_inertia = true to the body's description" if "A + B >= C" in what else ""
-        raise InputError(
-            f"the model {str(path)!r} cannot be compiled ({what}); correct it{way_out}."
-        ) from None
+        raise InputError(f"the model {str(path)!r} cannot be compiled ({what}); mend it{way_out}.") from None
 
 
 def _check_numbers(model: mujoco.MjModel) -> None:

@@ -79,11 +79,11 @@ class Tree:
         self.segments: list[Segment] = []
         self.of_body: dict[int, int] = {}
         self._read(root, -1)
-        for foot in self.feet:
-            if foot not in self.of_body:
+        for role, name in (("trunk", file.trunk), *(("foot", foot) for foot in file.foot)):
+            if self.body(name, role) not in self.of_body:
                 raise InputError(
-                    f"the foot {model.body(foot).name!r} does not hang on the root {file.root!r}; correct "
-                    "root in the body's description.",
+                    f"the {role} {name!r} does not hang on the root {file.root!r}; correct root or {role} in "
+                    "the body's description.",
                     key="body.root",
                 )
         left = self.feet[0]
@@ -101,13 +101,11 @@ class Tree:
         """Refuse forces and couplings that a body cannot have, and patterns that match nothing."""
         model = self.model
         if forces := [name for name in _FORCES_OF_NO_JOINT if getattr(model, name).any()]:
-            raise InputError(
-                f"the model has {', '.join(forces)}, which a body cannot have; remove them from it."
-            )
+            raise InputError(f"the model has {', '.join(forces)}, which a body cannot have; remove them.")
         if coupled := sorted(name for name in coupled_joints(model) if not self._is_locked(name)):
             raise InputError(
-                f"the model has closed loops or coupled joints ({', '.join(coupled)}); lock these "
-                "joints or remove them."
+                f"the model has closed loops or coupled joints ({', '.join(coupled)}); remove the coupling "
+                "from it, or lock these joints where they are of no leg."
             )
         joints = [model.joint(j).name for j in np.flatnonzero(model.jnt_type != _FREE).tolist()]
         links = [model.body(i).name for i in range(1, model.nbody)]
@@ -142,6 +140,10 @@ class Tree:
         Raises:
             InputError: there is none of this name.
         """
+        if self._is_locked(name):
+            raise InputError(
+                f"{role} names the joint {name!r}, which lock welds; leave it out of one of them."
+            )
         if name not in self.index:
             raise unknown(name, self.index, f"joint for {role}", key=f"body.{role}")
         return self.index[name]
@@ -171,7 +173,9 @@ class Tree:
             if (kind == _FREE and not self.segments) or self._is_locked(name):
                 continue
             if kind != _HINGE:
-                raise InputError(f"the joint {name!r} is not a hinge; lock it or take a model of hinges.")
+                raise InputError(
+                    f"the joint {name!r} is not a hinge; lock it, or in a leg take another model."
+                )
             limits = tuple(model.jnt_range[j]) if model.jnt_limited[j] else (-math.inf, math.inf)
             low, high = by_pattern(file.range, name, limits)
             hinges.append(

@@ -28,11 +28,8 @@ def pytest_configure(config: pytest.Config) -> None:
         is_new = not (folder() / "complete").exists()
         compile_once()
         if is_new:  # the estimator, too, which several files of tests use
-            walk(
-                load_run(
-                    "normal", gait={"steps": 1}, sensors={"estimator": "kalman", "force_sensor": "wrench"}
-                )
-            )
+            sensed = {"estimator": "kalman", "force_sensor": "wrench"}
+            walk(load_run("normal", gait={"steps": 1}, sensors=sensed))
 
 
 @pytest.fixture(scope="session")

@@ -46,9 +46,8 @@ def with_toes(urdf: str) -> str:
 
 
 def with_neck(urdf: str, limit: str = "<limit") -> str:
-    neck = f'<link name="skull">{INERTIA.format(1.0)}</link>' + HINGE.format(
-        "neck", "chest", "skull", "0 0 0.45"
-    )
+    joint = HINGE.format("neck", "chest", "skull", "0 0 0.45")
+    neck = f'<link name="skull">{INERTIA.format(1.0)}</link>{joint}'
     return urdf.replace("</robot>", neck.replace("<limit", limit) + "</robot>")
 
 
@@ -130,9 +129,7 @@ def test_a_proposal_says_what_is_to_be_filled_in(tmp_path: Path, ampm) -> None:
     assert "Fill in [body.sole]: heel, front" in answer.out
     with pytest.raises(InputError, match=r"body\.sole is missing"):
         load(tmp_path / "new.toml")
-    alone = "<robot name='arm'><link name='one'/><link name='two'/>" + HINGE.format(
-        "j", "one", "two", "0 0 1"
-    )
+    alone = "<robot name='arm'><link name='a'/><link name='b'/>" + HINGE.format("j", "a", "b", "0 0 1")
     (tmp_path / "arm.urdf").write_text(f"{alone}</robot>", encoding="utf-8")
     answer = ampm("body", "new", tmp_path / "arm.urdf", tmp_path / "arm.toml")
     assert answer.status == 2
@@ -169,9 +166,8 @@ def test_the_sole_is_measured_from_the_foot_that_is_named() -> None:
 
 def test_toes_can_be_welded_names_of_ours_are_no_trouble_and_the_rest_is_the_head() -> None:
     toml = TOML.replace("knee =", 'lock = ["._toe"]\nknee =')
-    body = read(
-        with_neck(with_toes(URDF).replace('"l_thigh"', '"imu"').replace('"waist_a"', '"waist_yaw"')), toml
-    )
+    urdf = with_toes(URDF).replace('"l_thigh"', '"imu"').replace('"waist_a"', '"waist_yaw"')
+    body = read(with_neck(urdf), toml)
     assert body.description.mass == pytest.approx(41.8)
     assert body.compile().body("imu_segment").mass[0] == pytest.approx(4.0)
     assert body.description.head == ("neck",)

@@ -104,9 +104,8 @@ def test_joint_order_names_and_limits(model: mujoco.MjModel) -> None:
             assert twin.lowerPositionLimit[entry.idx_q] == model.jnt_range[i, 0]
             assert twin.upperPositionLimit[entry.idx_q] == model.jnt_range[i, 1]
         if model.nu:
-            assert (
-                twin.effortLimit[entry.idx_v] == np.pad(model.actuator_ctrlrange[:, 1], (6, 0))[entry.idx_v]
-            )
+            limit = np.pad(model.actuator_ctrlrange[:, 1], (6, 0))
+            assert twin.effortLimit[entry.idx_v] == limit[entry.idx_v]
     assert pin.computeTotalMass(twin) == pytest.approx(model.body_mass.sum(), abs=1e-12)
 
 

@@ -434,9 +434,7 @@ def test_e13_the_plan_leaves_the_constant_of_l_y_open():
     report = walk().motion.report
     constant = report.angular_momentum_y_offset
     assert continued(2, lambda _: constant) == pytest.approx(np.full(2, report.mean_trunk_pitch), abs=1e-5)
-    assert (
-        abs(continued(2, lambda _: 0.0)[-1] - report.mean_trunk_pitch) > 0.1
-    )  # the mean that a plan alone takes
+    assert abs(continued(2, lambda _: 0.0)[-1] - report.mean_trunk_pitch) > 0.1  # the mean of a plan alone
 
 
 def test_e29_integrated_step_by_step_the_posture_is_unstable_for_long_walks():

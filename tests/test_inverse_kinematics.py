@@ -63,8 +63,6 @@ def test_second_order_in_the_grid():
     ik, motion = InverseKinematics(robot, run), motion_of()
     offset = motion.report.angular_momentum_y_offset / robot.mass
     grids = [step_reference(plan, step_grid(plan, h)) for h in (0.008, 0.004, 0.002)]
-    ends = [
-        ik.integrate(grid.with_angular_momentum_y(offset), motion.q[0], motion.v[0]).q[-1] for grid in grids
-    ]
+    ends = [ik.integrate(g.with_angular_momentum_y(offset), motion.q[0], motion.v[0]).q[-1] for g in grids]
     first, second = (np.abs(a - b).max() for a, b in pairwise(ends))
     assert 2.5 < first / second < 6.0

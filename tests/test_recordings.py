@@ -84,9 +84,7 @@ def test_series_are_the_signals_bit_for_bit(one):
     force = column(path, "/signals/force_z", "Scalars:scalars")
     for index, kind in enumerate(("plan", "command", "measured")):
         assert np.array_equal(force[:, index], signals[f"{kind}_force_z"])
-    np.testing.assert_allclose(
-        column(path, "/signals/force_z", "sim_time"), signals["time"], rtol=0, atol=1e-12
-    )
+    np.testing.assert_allclose(column(path, "/signals/force_z", "sim_time"), signals["time"], 0, 1e-12)
     zmp = column(path, "/residual/zmp", "Scalars:scalars")
     error = [signals[f"measured_zmp_{axis}"] - signals[f"plan_zmp_{axis}"] for axis in "xy"]
     np.testing.assert_allclose(zmp, 1e3 * np.stack(error, axis=1), rtol=0.0, atol=1e-9)

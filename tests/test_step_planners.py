@@ -44,9 +44,7 @@ def test_the_dcm_obeys_its_dynamics_and_its_recursion():
         plan.sample(double.start).dcm[0], toe + (middle - toe) * fade, rtol=0.0, atol=1e-12
     )
     roll = own.constants.l_s * own.constants.inverse_a_s
-    np.testing.assert_allclose(
-        plan.sample([0.0, single.duration]).zmp[:, 0], [-roll, roll], rtol=0.0, atol=1e-12
-    )
+    np.testing.assert_allclose(plan.sample([0, single.duration]).zmp[:, 0], [-roll, roll], rtol=0, atol=1e-12)
 
 
 def preview_gains(height, period):

@@ -149,9 +149,8 @@ def test_options_behind_a_name_are_of_one_planner_alone(tmp_path, monkeypatch):
 
 
 def test_several_gaits_are_crossed_with_all_blocks_and_keep_their_own_values(tmp_path):
-    rows = [
-        {"foot": foot, "x": 0.3 * n, "y": y} for n in range(3) for foot, y in (("right", -0.1), ("left", 0.1))
-    ]
+    sides = (("right", -0.1), ("left", 0.1))
+    rows = [{"foot": foot, "x": 0.3 * n, "y": y} for n in range(3) for foot, y in sides]
     (tmp_path / "stones.toml").write_text(
         tomli_w.dumps({"footsteps": rows, "gait": {"steps": 7}, "sensors": {"delay": 0.002}})
     )

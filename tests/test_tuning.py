@@ -3,6 +3,8 @@
 import math
 import re
 from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pinocchio as pin
@@ -15,11 +17,13 @@ from ampm.planner.support import plan_steps
 from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
 from ampm.tune import free_choices
+from ampm.tune.first_gait import first_gait
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import plan_margins, step_torques
 from ampm.tune.search import RoughOrbits
 from ampm.tune.tuning import NoFeasibleChoice, tune
 from ampm.tune.ways_out import ways_out
+from tests.test_body_files import TOML, URDF, write
 from validation.cli.app import Status
 from validation.run.walk import walk_planned
 from validation.study.sweep.run import walk_run
@@ -56,6 +60,21 @@ def body_of(*settings):
 def tuned(*settings):
     run, robot = body_of(*settings)
     return tune(run, robot)
+
+
+def found_for(toml, urdf=URDF, *settings):
+    """The choices of a body as the example's, with a gait of its size."""
+    with TemporaryDirectory() as folder:
+        run, robot = body_of(f"body.source='{write(Path(folder), urdf, toml)}'", *settings)
+    return tune(first_gait(run, robot.description), robot, advise=False)
+
+
+def test_a_step_may_be_shorter_than_a_wide_foot_of_a_body_with_a_joint_without_range():
+    loose = URDF.replace('waist_pitch" type="revolute"', 'waist_pitch" type="continuous"')
+    wide = TOML.replace("front = 0.14", "front = 0.2").replace("half_width = 0.045", "half_width = 0.08")
+    found = found_for(wide, loose, "gait.step_length=0.15", "gait.switching_velocity=0.3")
+    assert (found.worst(), found.run.foot.toe_off_angle) == (1.0, 0.0)  # no heel rises
+    assert found.run.gait.step_width > 0.16
 
 
 def plan_of(run, robot):
@@ -320,4 +339,4 @@ def test_given_values_are_left_open_first():
 def test_a_refusal_without_a_way_out_says_what_was_tried():
     told, _ = judged(lambda run: False, ("gait.step_length=0.5", "controller.friction=0.02"))
     assert told.startswith("not even a gait with gait.step_length = 0.27, ")
-    assert told.endswith("was accepted; change controller.friction, or another body")
+    assert told.endswith("was accepted; change controller.friction, or take another body")

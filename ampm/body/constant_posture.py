@@ -56,9 +56,9 @@ class ConstantPosture:
             raise BodilyRefusal(
                 f"the body cannot stand as the walk begins: {error}",
                 reason="no_start",
-                value=error.value,
-                limit=error.limit,
-                unit=error.unit,
+                value=0.0,
+                limit=0.0,
+                unit="1",
                 way_out="lower gait.com_height",
             ) from error
         self.q = q.copy()

@@ -56,17 +56,14 @@ class Unreachable(Exception):
     Attributes:
         time: of the step [s].
         what: clause on what cannot be done at that time.
-        value: by how much, or how far, in ``unit``.
-        limit: what it should have been at most or at least.
-        unit: of both.
         drop: by how much lower the COM is with which the step has a periodic motion, if one was found [m].
     """
 
     drop = 0.0
 
-    def __init__(self, time: float, what: str, value: float, limit: float, unit: str) -> None:
+    def __init__(self, time: float, what: str) -> None:
         super().__init__(f"at {time:.3f} s of the step {what}")
-        self.time, self.what, self.value, self.limit, self.unit = time, what, value, limit, unit
+        self.time, self.what = time, what
 
 
 class InverseKinematics:
@@ -174,12 +171,9 @@ class InverseKinematics:
 
     def _miss(self, time: float) -> Unreachable:
         """Message for the errors of the state that was placed last."""
-        error = self.body.miss
-        com, left, right = (float(np.abs(part).max()) for part in (error[:3], error[3:9], error[9:15]))
+        left, right = np.abs(self.body.miss[3:15]).reshape(2, 6).max(axis=1)
         side = "left" if left >= right else "right"
-        size = max(com, left, right)
-        what = f"the {side} leg does not reach from the hip to the planned foot (it misses by {size:.2g} m)"
-        return Unreachable(time, what, size, 0.0, "m")
+        return Unreachable(time, f"the {side} leg does not reach from the hip to the planned foot")
 
     def _check_knees(self, time: Array, q: Array) -> None:
         """Refuse the first of some configurations, shape (n, nq), with a knee that is bent backwards."""
@@ -187,9 +181,8 @@ class InverseKinematics:
         for k, foot in np.argwhere(flexion < 0.0):
             back = f"bend backwards by {-flexion[k, foot]:.2g} rad"
             what = f"the {('left', 'right')[foot]} knee would {back}: the leg is too short"
-            raise Unreachable(float(time[k]), what, float(flexion[k, foot]), 0.0, "rad")
+            raise Unreachable(float(time[k]), what)
 
 
 def _dependent(time: float) -> Unreachable:
-    what = "feet, COM and angular momentum cannot be chosen independently: a leg is straight"
-    return Unreachable(time, what, 0.0, 0.0, "1")
+    return Unreachable(time, "a leg is straight: feet, COM and angular momentum depend on each other")

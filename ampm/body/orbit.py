@@ -72,18 +72,16 @@ def solve_motion(plan: StepPlan, run: RunParameters, robot: Robot) -> WholeBodyM
 
 def _refusal(cause: Unreachable, height: float) -> BodilyRefusal:
     """Error for a missing orbit of a plan with the COM at a height [m]."""
-    why, way_out, value, limit, unit = str(cause), LESS, cause.value, cause.limit, cause.unit
-    drop = cause.drop
+    why, way_out, drop = str(cause), LESS, cause.drop
     if drop > 0.0:
         why += f"; one was found only with the COM {1000.0 * drop:.3g} mm lower"
-        value, limit, unit = height, height - drop, "m"
         way_out = f"lower gait.com_height, {height - drop:.3f} m is enough, or shorten gait.step_length"
     return BodilyRefusal(
         f"this body has no periodic motion for this plan: {why}",
         reason="no_periodic_motion",
-        value=float(value),
-        limit=float(limit),
-        unit=unit,
+        value=height,
+        limit=height - drop,
+        unit="m",
         way_out=way_out,
     )
 

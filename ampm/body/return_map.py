@@ -196,8 +196,7 @@ def newton(
     """
 
     def stalled(residual: float) -> Unreachable:
-        what = f"no state was found that returns mirrored at the end (it misses by {residual:.2g} rad)"
-        return Unreachable(0.0, what, residual, tolerance, "rad")
+        return Unreachable(0.0, f"no state was found that returns mirrored (residual {residual:.2g})")
 
     trajectory = step_map.step(z)
     value = step_map.residual(z, trajectory)

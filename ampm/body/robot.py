@@ -126,9 +126,7 @@ class Robot:
         indices = []
         for name in joints:
             if not self.model.existJointName(name):
-                raise InputError(
-                    f"the model has no joint {name!r}, which the body's description names; rename it."
-                )
+                raise InputError(f"the model has no joint {name!r}; correct the body's description.")
             indices.append(self.model.joints[self.model.getJointId(name)].idx_v)
         return np.array(indices, dtype=np.intp)
 

@@ -50,9 +50,7 @@ or a yaw that the friction cannot give would move the ZMP."""
 TWIST_SHARE = 0.5
 """Share of the friction at its points with which a foot may twist; the rest is left for the forces along."""
 
-MOMENTUM_SLACK = np.array([1.0, 1.0, 1.0, ANGULAR, ANGULAR, ANGULAR]) / np.sqrt(
-    [1e4, 1e4, 1e4, 4e3, 4e3, 0.04]
-)
+MOMENTUM_SLACK = np.repeat([1.0, ANGULAR], 3) / np.sqrt([1e4, 1e4, 1e4, 4e3, 4e3, 0.04])
 """Scale of the slacks: linear and horizontal angular momentum far above everything else, L_z far below."""
 
 L_Z = 5

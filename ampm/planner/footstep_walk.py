@@ -117,9 +117,7 @@ def in_turn(walks: Sequence[tuple[float, CentroidalPlan]]) -> CentroidalPlan:
         stood = begin + walk.duration
         if end > stood:
             motions.append(_rest(walk, walk.duration, stood, end - stood))
-        switches += (
-            begin + walk.contacts.switches[1:-1]
-        ).tolist()  # both feet stand from one walk to the next
+        switches += (begin + walk.contacts.switches[1:-1]).tolist()  # both feet stand between walks
         footsteps += walk.contacts.footsteps[2:]
     switches.append(ends[-1])
     contacts = replace(plan.contacts, footsteps=tuple(footsteps), switches=np.array(switches))

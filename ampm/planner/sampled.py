@@ -136,9 +136,7 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
             constants = replace(constants, mean_velocity=float(way) / end)
         plan = replace(plan, switching_velocity=constants.mean_velocity, constants=constants)
     rate = float(np.median(1.0 / np.diff(times)))
-    check_newton(
-        plan, "" if rate >= _ENOUGH else f", or give {_ENOUGH:g} rows a second instead of {rate:.3g}"
-    )
+    check_newton(plan, "" if rate >= _ENOUGH else f", or give {_ENOUGH:g} rows a second, not {rate:.3g}")
     return plan
 
 

@@ -120,9 +120,7 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry) -> F
             it has left.
     """
     if any(step.heading or step.position[2] for step in contacts.footsteps):
-        raise InputError(
-            "feet are planned straight ahead on level ground; give footsteps of zero heading and z."
-        )
+        raise InputError("feet are planned straight ahead on level ground; let heading and z be 0.")
     n = contacts.steps
     double = np.array([phase.duration for phase in contacts.phases[1::2]])
     rolls = float(foot.schedule == "roll")

@@ -21,10 +21,12 @@ from ampm.tune.gait_limits import mid_stance_share, step_instants
 
 _STATURE = 1.70  # of the body on which the guess was made [m]
 _HIP_HALF_WIDTH = 0.05  # of that body, as a share of stature [1]
+_BETWEEN_SOLES = 0.015  # of the guess, at least [m]
 _NEAR_END = 0.99  # share of the sole before and behind the reference point that the ZMP may use [1]
 _SWING_RATE = 8.0  # least rate of the swing foot's feedback times the swing's duration: slower, it lands late
 _SOFT_STRIKE = 0.5  # heel strike angle of a foot without toes over that of a human's [1]
 _LIFT_RATE = 5.0  # most at which a foot without toes begins to turn at lift-off [rad/s]
+_FASTEST_LIFT = 30.0  # of foot.toe_off_rate [rad/s]
 # When the ZMP reaches the front edge of a foot without toes, it is at the edge of the support. So its heel
 # rises later by a share of the rest of the double support, up to a share of the whole [1].
 _LATER_RISE, _LATEST_RISE = 0.3, 0.5
@@ -124,6 +126,8 @@ class FreeChoices:
         self.slack = np.array([choice.slack for choice in free])
         # Between hips as wide as the body's and a human's: a wide step makes a long arm of a landing's force.
         self.wide = math.sqrt(description.hip_half_width / (_HIP_HALF_WIDTH * description.height))
+        beside = 2.0 * self.sole.half_width + _BETWEEN_SOLES
+        self.wide = max(self.wide, beside / (_RANGE["width"].guess * description.height))
         # The sole ends behind and before the reference point.
         self.most_roll = min(
             _RANGE["roll"].upper, _NEAR_END * min(-self.sole.heel_x, self.sole.tip_x) / self.sole.ball_x
@@ -217,7 +221,7 @@ class FreeChoices:
                 "foot.full_contact": down,
                 "foot.toe_off_angle": toe_off,
                 "foot.toe_return": choice["toe_back"],
-                "foot.toe_off_rate": min(30.0, choice["toe_turn"] * toe_off / (double + lead)),
+                "foot.toe_off_rate": min(_FASTEST_LIFT, choice["toe_turn"] * toe_off / (double + lead)),
             },
         )
 
@@ -257,18 +261,23 @@ class FreeChoices:
         # c_s - 1/a_s must stay well above 0: short steps and small c_s let the ZMP roll less.
         choice["roll"] = min(1.0, self.most_roll - 0.05, 0.55 * gait.c_s * l_s / self.sole.ball_x)
         choice = self._passing_choice(choice)
+        if self._lift_rate(choice) >= _FASTEST_LIFT:  # the step is shorter than the foot: no heel rises
+            choice["toe_off"] = 0.0
         if "height" in self.names:
             choice["height"] = self._height(choice)
         return choice if self.flat else self._lift_off(self._set_down(choice))
 
+    def _lift_rate(self, choice: Mapping[str, float]) -> float:
+        """Rate at which a foot without toes begins to turn at lift-off [rad/s]; 0 where it is set."""
+        if not (self.sole.has_toes or self.flat or "toe_off" not in self.names):
+            with contextlib.suppress(RefusedGait):
+                return self.parameters(choice).foot.toe_off_rate
+        return 0.0
+
     def _lift_off(self, choice: dict[str, float]) -> dict[str, float]:
         """Turn a foot without toes less: its heel rises late, and so in a short time."""
-        if self.sole.has_toes or "toe_off" not in self.names:
-            return choice
-        with contextlib.suppress(RefusedGait):
-            rate = self.parameters(choice).foot.toe_off_rate
-            return {**choice, "toe_off": choice["toe_off"] * min(1.0, _LIFT_RATE / max(rate, 1e-9))}
-        return choice
+        slower = min(1.0, _LIFT_RATE / max(self._lift_rate(choice), 1e-9))
+        return {**choice, "toe_off": choice["toe_off"] * slower}
 
     def _set_down(self, choice: dict[str, float]) -> dict[str, float]:
         """Bring the front foot down before the ZMP needs more of it than its heel, and not too fast."""

@@ -40,6 +40,7 @@ _TRIES = 30  # steps after which a search ends
 _RADIUS, _LEAST_RADIUS = 0.3, 0.02  # trust region at first, and that at which slopes are renewed [slacks]
 _ENOUGH_ORBITS = 12  # of starts that are spread over the ranges
 _NO_ORBIT = 32  # starts without one after which it ends: the drawn gaits that have one have it by the 14th
+_AMPLE = 1e6  # margin of a joint without a range
 _LITTLE = 0.02  # share of the residuals' squares that is worth another step
 _PROGRESS = 0.8  # what must be left of them at most to compute the slopes again
 
@@ -180,7 +181,7 @@ class ChoiceSearch:
             return Candidate(x, run, plan, why=error)
         values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, orbits.robot)
         detail = [LIMITS[name].margin(value) for name, every in values.items() for value in every.tolist()]
-        return Candidate(x, run, plan, tightest(values), np.array(detail), orbit)
+        return Candidate(x, run, plan, tightest(values), np.minimum(detail, _AMPLE), orbit)
 
     def minimise(
         self, start: Candidate, *, wanted: float = 1.0, pull: float = _PULL, enough: float = math.inf

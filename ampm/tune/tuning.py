@@ -23,16 +23,16 @@ import numpy as np
 
 from ampm.body.inverse_kinematics import Unreachable
 from ampm.body.limits import LIMITS
+from ampm.body.return_map import Orbit
 from ampm.body.robot import Robot
-from ampm.body.step_kinematics import StepTrajectory
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import RunParameters
 from ampm.planner.closed_form import LIPM
 from ampm.planner.periodic import plan_gait
-from ampm.planner.support import plan_steps
+from ampm.planner.support import StepPlan, plan_steps
 from ampm.planners import PeriodicPlanner
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import least, orbit_margins, plan_margins, tightest
+from ampm.tune.gait_limits import least, orbit_margins, plan_margins, step_torques, tightest
 from ampm.tune.search import Candidate, ChoiceSearch, Effort, RoughOrbits
 from ampm.tune.ways_out import ways_out
 from ampm.walk import WalkPlan
@@ -268,19 +268,19 @@ class NoFeasibleChoice(BodilyRefusal):
         self.tried, self.values = tried, values
 
 
-def broken_limit(name: str, values: Mapping[str, float], tried: int, keys: str = "") -> NoFeasibleChoice:
+def broken_limit(name: str, values: Mapping[str, float], tried: int, cause: str = "") -> NoFeasibleChoice:
     """The refusal by one limit.
 
     Args:
         name: in :data:`LIMITS`.
         values: of all known limits for the best choice.
         tried: number of choices; 1 where the best choice of all is known.
-        keys: clause on keys of the body's description that may mend it.
+        cause: clause on what breaks it.
     """
     limit, value = LIMITS[name], values[name]
     reached, rule = limit.told(value)
     return NoFeasibleChoice(
-        f"{_none(tried)}: {limit.what} is {reached} at best and must be {rule}{keys}",
+        f"{_none(tried)}: {limit.what} is {reached} at best and must be {rule}{cause}",
         tried=tried,
         values=values,
         reason=limit.reason,
@@ -293,11 +293,11 @@ def broken_limit(name: str, values: Mapping[str, float], tried: int, keys: str =
 def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
     """The limit that stayed broken in the best of all choices, or why none has a periodic step."""
     best = search.best()
-    if best.orbit is not None:
+    if best.orbit is not None and best.plan is not None:
         margins = best.margins()
         name = min(margins, key=lambda name: margins[name])
-        keys = _keys_that_help(LIMITS[name].reason, search.orbits.robot, best.orbit.trajectory)
-        return broken_limit(name, best.values, tried, keys)
+        cause = _cause(name, best.plan, best.orbit, search.orbits.robot)
+        return broken_limit(name, best.values, tried, cause)
     causes = [candidate.why for candidate in search.candidates if candidate.why is not None]
     why = max(causes, key=lambda cause: cause.time, default=None)  # of the choice that came farthest
     return NoFeasibleChoice(
@@ -305,27 +305,35 @@ def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
         tried=tried,
         values=best.values,
         reason="no_periodic_motion",
-        value=0.0 if why is None else why.value,
-        limit=0.0 if why is None else why.limit,
-        unit="1" if why is None else why.unit,
+        value=0.0,
+        limit=0.0,
+        unit="1",
     )
 
 
-def _keys_that_help(reason: str, robot: Robot, step: StepTrajectory) -> str:
-    """A clause on keys of the description that may mend a refusal, by its reason; empty if none may."""
-    damping, stiffness, spring, friction = robot.passive.T
-    q, v = step.q[:, 7:], step.v[:, 6:]
-    lost = np.abs(damping * v + stiffness * (q - spring) + friction * np.sign(v)) / robot.torque_limit
-    joint = int(lost.max(axis=0).argmax())
-    if (most := float(lost[:, joint].max())) > (_LOST if reason == "torque_limits" else 1.0):
-        return (
-            f"; dampers, springs and dry friction alone take {most:.2f} of the torque limit of "
-            f"{robot.joint_names[joint]}: correct them with [body.damping] and [body.friction], or "
-            "[body.effort]"
-        )
-    d = robot.description
-    if reason == "self_collision" and d.has_arms and not (d.spread or d.rest):
-        return "; arms that rest farther from the body may help: give [body.rest]"
+def _cause(name: str, plan: StepPlan, orbit: Orbit, robot: Robot) -> str:
+    """A clause on what breaks a limit in a periodic step, and keys of the body that may mend it."""
+    step, names, reason = orbit.trajectory, robot.joint_names, LIMITS[name].reason
+    if reason == "torque_limits":
+        torque, _ = step_torques(step, orbit.reference.time, plan, robot)
+        damping, stiffness, spring, friction = robot.passive.T
+        q, v, limit = step.q[:, 7:], step.v[:, 6:], robot.torque_limit
+        lost = damping * v + stiffness * (q - spring) + friction * np.sign(v)
+        share, alone, left = (np.abs(part / limit).max(axis=0) for part in (torque, lost, torque - lost))
+        most = int(alone.argmax())
+        if alone[most] > _LOST and left.max() <= 1.0:
+            return (
+                f"; dampers, springs and dry friction alone take {alone[most]:.2f} of the torque limit of "
+                f"{names[most]}: correct them with [body.damping] and [body.friction], or [body.effort]"
+            )
+        over = [f"{names[j]} {share[j]:.2f}" for j in np.argsort(-share)[:3] if share[j] > 1.0]
+        return f"; torque over its limit: {', '.join(over)}" if over else ""
+    if reason == "self_collision":
+        gaps, d = robot.shapes.gaps(step.q), robot.description
+        arms = "; [body.rest] may spread arms" if d.has_arms and not d.spread else ""
+        return f"; they are {gaps.parts[int(gaps.distance.argmin())]}, as the model draws them{arms}"
+    if name == "ankle" and not robot.description.sole.has_toes:
+        return "; a sole that ends nearer to the ankle bends it less: lower front in [body.sole]"
     return ""
 
 

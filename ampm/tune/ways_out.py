@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 from ampm.description import BodyDescription
 from ampm.exceptions import InputError
-from ampm.parameters import OPEN_KEYS, RunParameters
+from ampm.parameters import HUMAN, OPEN_KEYS, RunParameters
 from ampm.run_file import key_info
 from ampm.tune.first_gait import easy_gait
 
@@ -19,6 +19,7 @@ Change = Mapping[str, float | None]
 _MOST_NAMED = 4  # other settings in a message
 _MOST_OF_ONE = 40  # choices of one search, which also takes at most half of those that are left
 _MOST_OF_LAST = 100  # choices of the search for an easy gait: what it says of the body must hold
+_OF_A_GAIT = ("gait.", "foot.", "body.", "controller.friction")  # sections with what it may fail by
 _NEAR = 0.1  # distance from the easy gait's value below which it is no change [1]
 
 
@@ -58,9 +59,12 @@ def ways_out(
         easy = {key: _rounded(value) for key, value in easy_gait(run, description).items()}
         found = {**easy, **_opened(run)}
         if not accepted(found, _MOST_OF_LAST):
-            values = ", ".join(f"{key} = {value:g}" for key, value in easy.items())
-            others = sorted(run.given - set(OPEN_KEYS) - easy.keys() - {"gait.steps", "body.source"})
-            way_out = f"change {', '.join(others[:_MOST_NAMED])}, or" if others else "take"
+            values = ", ".join(f"{key} = {value:.3g}" for key, value in easy.items())
+            given = run.given - set(OPEN_KEYS) - easy.keys() - {"gait.steps", "body.source"}
+            others = sorted(key for key in given if key.startswith(_OF_A_GAIT))[:_MOST_NAMED]
+            if run.body.source != HUMAN:
+                others.append("the body's description")
+            way_out = f"change {', '.join(others)}, or take" if others else "take"
             return f"not even a gait with {values} was accepted; {way_out} another body"
     half = _half(run, found)
     return f"{_in_words(run, half if half and accepted(half) else found)} (tried and accepted)"
@@ -109,7 +113,9 @@ def _half(run: RunParameters, change: Change) -> Change:
 def _in_words(run: RunParameters, change: Change) -> str:
     """A change as advice."""
     words = []
-    for key, value in change.items():
+    # Values that are only rounded are told where there is no other change.
+    news = {key: value for key, value in change.items() if value is None or value != _rounded(run.value(key))}
+    for key, value in (news or change).items():
         if value is None:
             words.append(f"leave {key} open")
         elif value != run.value(key):

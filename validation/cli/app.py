@@ -50,9 +50,7 @@ def _version(value: bool) -> None:
 @app.callback(invoke_without_command=True)
 def _root(
     context: typer.Context,
-    version: bool = typer.Option(
-        False, "--version", callback=_version, is_eager=True, help="Print the version."
-    ),
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print version."),
     debug: bool = option("--debug", "Show the traceback of an error; may stand anywhere."),
 ) -> None:
     if context.invoked_subcommand is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import typer
@@ -56,7 +57,7 @@ def new(
             file.write(text)
     except OSError as error:
         raise InputError(f"{str(path)!r} cannot be written ({error.strerror}); name another file.") from None
-    print_line(f"{text}Wrote {path}. Correct what is wrong in it, then run: ampm body check {path}")
+    print_line(f"{text}Wrote {path}. Correct its mistakes, then run: ampm body check {quote(str(path))}")
     return Status.PASS
 
 

@@ -20,9 +20,7 @@ def fit(
     log: Path = typer.Argument(..., help="Table of a measured walk, or the folder of a run.", metavar="LOG"),
     *,
     columns: list[str] | None = COLUMNS,
-    mass: float | None = option(
-        "--mass", "Mass of the body; by default that of the mean vertical force.", "KG"
-    ),
+    mass: float | None = option("--mass", "Mass of the body; by default of the mean vertical force.", "KG"),
     com_height: float | None = option(
         "--com-height", "Mean height of the COM over the floor, for a log without COM.", "M"
     ),

@@ -62,9 +62,7 @@ def plan(
     gait: str | None = options.GAIT,
     *,
     walk: options.WalkOptions,
-    no_body: bool = option(
-        "--no-body", "Closed form alone: no soles, no joints, mean L_y zero; implies --as-is."
-    ),
+    no_body: bool = option("--no-body", "Closed form alone, no soles or joints, L_y 0; implies --as-is."),
     length: options.Length,
     as_json: bool = options.JSON,
     files: Files,
@@ -195,9 +193,7 @@ def _margins(tuned: Tuned) -> list[str]:
 
 @app.command(rich_help_panel=options.BODIES)
 def keys(
-    words: list[str] | None = typer.Argument(
-        None, help="Sections and words; all keys if none.", metavar="WORD"
-    ),
+    words: list[str] | None = typer.Argument(None, help="Sections and words; all if none.", metavar="WORD"),
     gait: str | None = option("--gait", "Show the values of a preset or TOML file; normal if none.", "GAIT"),
     settings: list[str] | None = options.SETTINGS,
     as_json: bool = options.JSON,

@@ -26,9 +26,7 @@ def sweep(
     *,
     execution: options.Running,
     metric: list[str] | None = options.METRICS,
-    dry_run: bool = option(
-        "--dry-run", "Count runs and refusals by formula; walk one run to measure its time."
-    ),
+    dry_run: bool = option("--dry-run", "Count runs and refusals by formula; walk one to measure the time."),
 ) -> int:
     """Walk many runs over any parameters, on all cores.
 

@@ -134,9 +134,7 @@ def report(
     directory: Path = typer.Argument(
         ..., help="Folder of a run, a comparison of walks, or a sweep.", metavar="DIR"
     ),
-    figures: Path | None = option(
-        "--figures", "Write the figures of the page for a paper, not the page.", "DIR"
-    ),
+    figures: Path | None = option("--figures", "Write the figures of a paper's page, not the page.", "DIR"),
     form: str = option("--format", "Format of the figures.", "pdf|svg|pgf", default="pdf"),
     width: str = option("--width", "Width of a column; wide figures span two.", "88mm", default="88mm"),
     tables: str | None = option(

@@ -42,9 +42,7 @@ def read_mapping(texts: Iterable[str]) -> dict[str, str]:
         elif name and column:
             found[name] = column
         else:
-            raise InputError(
-                f"cannot read the column {text!r}; write for example com_x=COMx[mm], or FILE.toml."
-            )
+            raise InputError(f"cannot read the column {text!r}; write as com_x=COMx[mm], or FILE.toml.")
     return found
 
 
@@ -66,9 +64,7 @@ def map_columns(table: Mapping[str, Any], mapping: Mapping[str, str]) -> dict[st
         column, unit = parts.get("column"), parts.get("unit")
         column = next((key for key in (text, text.removeprefix("-"), column) if key in table), None)
         if column is None:
-            raise InputError(
-                f"there is no column {text!r} for {name}; there are {', '.join(map(str, table))}."
-            )
+            raise InputError(f"no column {text!r} for {name}; there are {', '.join(map(str, table))}.")
         if unit is not None and unit not in UNITS:
             raise unknown(unit, UNITS, "unit", value=unit)
         sign = -1.0 if parts.get("sign") and column != text else 1.0

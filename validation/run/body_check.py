@@ -26,6 +26,7 @@ _LEAST_SINGULAR = 0.02  # of a leg's Jacobian: below it, the joints hardly move 
 _FEET = "lowest point of the feet over their soles"
 _LEG = f"least singular value of a leg, knee bent by {_BENT} rad"
 _STANDING = 1.0  # time for which the body stands, long enough for a simulation to diverge [s]
+_TWICE_AROUND = 4.0 * np.pi  # of a joint's range: more is in degrees [rad]
 _OFF = 0.1  # of the feet's lowest point from the soles, over the soles' length: more is a mistake
 _GROUPS = ("hip", "knee", "ankle", "toe", "trunk", "arms")
 _GAIT = ("step_length", "switching_velocity", "c_s", "c_y", "com_height", "step_width")
@@ -61,6 +62,8 @@ def check(source: str, settings: tuple[str, ...] = (), progress: Progress | None
     try:
         walk = tune_walk(load_request(None, [f"body.source='{source}'", *settings]), progress)
         torque = _torque_shares(walk)
+        if over := [f"{name} {share:.2f}" for name, share in torque.items() if share > 1.0]:
+            notes.append(f"The plan exceeds a torque limit, which the simulation keeps: {', '.join(over)}.")
         gait = {key: float(walk.run.value(f"gait.{key}")) for key in _GAIT}
         found = walk.tuned.values if walk.tuned is not None else {}
         motion, nothing = walk.motion, np.zeros((len(walk.motion.q), robot.model.nv))
@@ -146,22 +149,22 @@ def _feet_over_soles(model: mujoco.MjModel, robot: Robot) -> float:
 def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, str]]) -> list[str]:
     """What is worth knowing of the model."""
     d, off = robot.description, facts[_FEET][0]
-    ends = zip(robot.joint_names, robot.lower, robot.upper, strict=True)
+    ends = list(zip(robot.joint_names, robot.lower, robot.upper, strict=True))
     endless = ", ".join(name for name, low, high in ends if not np.isfinite(high - low))
+    wide = ", ".join(name for name, low, high in ends if _TWICE_AROUND < high - low < np.inf)
     rubbing = ", dry friction" if any(item.friction for item in d.passive) else ""
     known = {
-        f"The feet end {abs(off):.3g} m {'over' if off > 0.0 else 'under'} their soles, or are not level "
-        "with all joints at 0: correct sole in the description, which 'ampm body new' proposes, with pitch "
-        "where a sole is not level.": abs(off) > _OFF * d.sole.length,
+        f"The feet end {abs(off):.3g} m {'over' if off > 0.0 else 'under'} their soles: correct sole in the "
+        "description, with pitch where a sole is not level with all joints at 0, or the angles of the model "
+        "if the body then does not stand upright.": abs(off) > _OFF * d.sole.length,
         f"Joints without a range: {endless}.": endless,
+        f"Joints that turn more than twice around: {wide}. Ranges are in radians.": wide,
         f"Joints of neither leg, trunk nor arm, which rest: {', '.join(d.head)}.": d.head,
         "The joints of a leg hardly move its sole in some direction: it cannot be held flat.": (
             facts[_LEG][0] < _LEAST_SINGULAR
         ),
         "No joint between pelvis and trunk: legs and arms carry all angular momentum.": not d.trunk,
-        f"{len(d.passive)} joints have dampers or springs{rubbing}: the controller overcomes them.": (
-            d.passive
-        ),
+        f"{len(d.passive)} joints have dampers or springs{rubbing}: the controller knows them.": (d.passive),
         "No joint has a speed limit: speeds are not judged.": not d.speed_limits,
         f"{findings.bare} segments have no shape: clearance is that of ellipsoids of their inertia.": (
             findings.bare
