@@ -26,6 +26,7 @@ from models.tree import Tree
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
 _LEAST_JOINTS = 6  # of a leg
 _TALLEST = 3.0  # stature, as of body.height [m]
+_DRY = (0.001, 1.0)  # of dry friction, which MuJoCo's default makes viscous at slow rates [s, 1]
 _THIN = 0.005  # least half axis of a segment's shape [m]
 _POINTS = product(scene.SIDES, SOLE_POINT_GROUPS, scene.SIDES)
 _OURS = frozenset({"root", "imu", "universe", "left_sole", "right_sole", *map("_".join, _POINTS)})
@@ -352,6 +353,7 @@ def _add_joints(element: Element, segment: Segment) -> None:
             armature=hinge.armature,
             damping=hinge.damping,
             frictionloss=hinge.friction,
+            solreffriction=_DRY,
             **values,
         )
 

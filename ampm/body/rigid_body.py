@@ -46,7 +46,7 @@ from ampm.vectors import (
 Records = Any
 """Structured array, whose entries numba and a record array give as attributes."""
 
-_STILL = 0.05  # rate at which dry friction begins to have a direction [rad/s]
+_STILL = 0.01  # rate at which dry friction begins to have a direction [rad/s]
 _VECTOR, _MATRIX = (np.float64, (3,)), (np.float64, (3, 3))
 
 TREE = [
