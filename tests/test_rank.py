@@ -35,9 +35,7 @@ def league(seed, change=lambda task, planner, row: row):
     for number in range(len(definition)):
         run, task = definition.parameters(number), definition.gaits[definition.gait_of(number)]
         planner = run.gait.planner
-        error = (
-            ERRORS[planner] * rng.lognormal(0.0, 0.04) * (1.1 if run.simulation.engine == "drake" else 1.0)
-        )
+        error = ERRORS[planner] * rng.lognormal(0.0, 0.04) * (1.1 if run.simulation.engine == "drake" else 1)
         row = {
             "outcome": "completed",
             "verdict": "pass",

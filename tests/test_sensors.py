@@ -375,6 +375,8 @@ def test_a_known_delay_costs_at_most_half_a_millimetre():
     now, late = relative(estimator="kalman"), relative(estimator="kalman", delay=0.002)
     assert np.abs(late - now).max() < 0.5
     assert (relative(delay=0.002) > late + np.array([1.0, 0.5])).all()  # the same delay, unknown
+    trial = walked(estimator="kalman", delay=0.012)  # six control periods
+    assert trial.verdict.passed, trial.verdict.reason
 
 
 def test_an_estimated_walk_keeps_its_place_relative_to_the_foot_and_with_fixes_in_the_world():

@@ -80,7 +80,7 @@ def update_gate(
 
 
 @compiled
-def land(gains: Any, points: Any, weight: float, contact: Contact, since: float) -> None:
+def land(gains: Any, points: Any, weight: float, contact: Contact, since: float, gain: float) -> None:
     """Account for points of landing lines, whose forces differ from those commanded.
 
     The floor pushes as the foot arrives. The QP takes a share of this force as given, their least force, and
@@ -88,7 +88,7 @@ def land(gains: Any, points: Any, weight: float, contact: Contact, since: float)
     once, or it would bounce.
 
     With ``f`` the commanded force of a point when ``s`` was sensed there, a force ``k (s - f)`` is expected
-    beyond the QP's, with k the gain ``landing_compensation``. The net wrench of the QP's forces and of these
+    beyond the QP's, with k the gain. The net wrench of the QP's forces and of these
     is the commanded one.
 
     Args:
@@ -97,6 +97,7 @@ def land(gains: Any, points: Any, weight: float, contact: Contact, since: float)
         weight: of the body [N].
         contact: forces of the last tick; the expected forces are taken from its wanted momentum.
         since: time between the last tick and the sensed forces, in ticks [1].
+        gain: ``landing_compensation``, or 0 where the sensed forces are too old [1].
     """
     forces, change, momentum = contact.forces, contact.change, contact.momentum
     for i in range(len(points)):
@@ -106,7 +107,7 @@ def land(gains: Any, points: Any, weight: float, contact: Contact, since: float)
             if point.line != TIP:
                 least = max(least, gains.landing_force)
             asked = forces[unknown] + since * change[unknown]
-            missing = gains.landing_compensation * (point.sensed / weight - asked)
+            missing = gain * (point.sensed / weight - asked)
             for e in range(6):
                 momentum[e] -= contact.wrench_map[e, unknown] * missing
         point.least = max(point.least, least)

@@ -35,9 +35,8 @@ def follow_floor(work: Workspace) -> None:
     for i in range(len(feet)):
         foot, other, lines = feet[i], feet[1 - i], work.contact.lines
         if _stands(lines[i]):
-            _feel(
-                foot, lines[i], wanted.foot_rotation[i], work.body.com[2] - wanted.foot_position[i, 2], tick
-            )
+            height = work.body.com[2] - wanted.foot_position[i, 2]
+            _feel(foot, lines[i], wanted.foot_rotation[i], height, tick)
         elif _stands(lines[1 - i]):
             x, y, _ = wanted.foot_position[i] - wanted.foot_position[1 - i]
             foot.floor = other.floor + _beyond(other.slope[0], FLAT) * x + _beyond(other.slope[1], FLAT) * y
@@ -64,10 +63,9 @@ def _stands(lines: Any) -> bool:
 def _feel(foot: Any, lines: Any, planned: Array, height: float, tick: float) -> None:
     """Height and slope of the floor over the plan's, under a foot that stands flat; the foot keeps both."""
     heel, ball = lines[HEEL], lines[BALL]
-    loaded = (
-        heel.planned and ball.planned and heel.opening == 1.0 and heel.limit == 1.0 and ball.opening == 1.0
-    )
-    if loaded and heel.touching and ball.touching and foot.pose[2, 2] > UPRIGHT:
+    loaded = heel.opening == 1.0 and heel.limit == 1.0 and ball.opening == 1.0
+    level = heel.touching and ball.touching and foot.pose[2, 2] > UPRIGHT
+    if heel.planned and ball.planned and loaded and level:
         foot.floor = _beyond(height + foot.place[2], LEVEL)
         for axis in range(2):
             slope = planned[axis, 2] / planned[2, 2] - foot.pose[axis, 2] / foot.pose[2, 2]

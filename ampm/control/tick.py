@@ -32,24 +32,24 @@ from ampm.stepping.stepper import Stepper
 from ampm.stepping.walker import follow
 from ampm.vectors import minus, multiply, plus, put, times, vector
 
+_OLDEST = 0.005  # sensed forces that the other foot makes up for: with later ones it oscillates [s]
+
 
 @compiled
-def before(
-    work: Workspace, stepper: Stepper | None, velocity_lag: float, load_age: float, first: bool
-) -> bool:
+def before(work: Workspace, stepper: Stepper | None, lag: float, load_age: float, first: bool) -> bool:
     """From what is sensed and wanted to the QP of the contact forces.
 
     Args:
         work: all that the tick reads and writes.
         stepper: of a walk that may leave its plan; None for one that may not, and is not compiled then.
-        velocity_lag: how much older the measured velocity is than the configuration [s].
+        lag: how much older the measured velocity is than the configuration [s].
         load_age: how old the measured normal forces are [s].
         first: whether this is the first tick of a run.
 
     Returns:
         Whether the QP is stated: the task rows are independent, and all numbers finite.
     """
-    kinematics(work.body, work.motion, work.tasks, work.sensed, velocity_lag)
+    kinematics(work.body, work.motion, work.tasks, work.sensed, lag)
     if stepper is not None:
         follow(stepper, work.wanted)
     else:
@@ -172,7 +172,8 @@ def contact_qp(work: Workspace, landing: bool, load_age: float) -> None:
     contact.momentum[3:] = tasks.scale[3:6] * wrench.moment / weight
     if landing:
         since = 1.0 - load_age * work.gains.frequency if work.extrapolates else 0.0
-        land(work.gains, body.points, weight, contact, since)
+        gain = work.gains.landing_compensation if load_age <= _OLDEST else 0.0
+        land(work.gains, body.points, weight, contact, since, gain)
     right_load = work.wanted.right_load[0]
     fill_qp(feet, body.points, contact, tasks.system, right_load, work.gains, work.problem)
 
