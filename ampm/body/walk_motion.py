@@ -205,9 +205,7 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
     *phases, last = plan.contacts.phases
     counts = [math.ceil(phase.duration / _PIECE) for phase in phases]
     stance = np.repeat(plan.contacts.stance_codes[:-1], counts)
-    begins = [
-        phase.start + phase.duration * np.arange(n) / n for phase, n in zip(phases, counts, strict=True)
-    ]
+    begins = [p.start + p.duration * np.arange(n) / n for p, n in zip(phases, counts, strict=True)]
     edges = np.append(np.concatenate(begins), last.start)
     length = np.diff(edges)
     time = edges[:-1, None] + length[:, None] * np.linspace(0.0, 1.0, nodes)

@@ -342,6 +342,8 @@ class FreeChoices:
                     return trial
         if best < limit:
             gait = self._gait(at)
+            if not gait.c_s > 1.0 / gait.a_s:
+                plan_gait(gait, self.run.body.mass)  # refuses a force line that pulls the COM back
             least = gait.switching_velocity * math.sqrt((1.0 - best) / (1.0 - limit))
             raise MathematicalRefusal(
                 f"gait.switching_velocity = {gait.switching_velocity:.4g} m/s is too slow to pass over the "

@@ -324,14 +324,13 @@ def _cause(name: str, plan: StepPlan, orbit: Orbit, robot: Robot) -> str:
         if alone[most] > _LOST and left.max() <= 1.0:
             return (
                 f"; dampers, springs and dry friction alone take {alone[most]:.2f} of the torque limit of "
-                f"{names[most]}: correct them with [body.damping] and [body.friction], or [body.effort]"
+                f"{names[most]}: correct [body.damping], [body.stiffness], [body.friction] or [body.effort]"
             )
         over = [f"{names[j]} {share[j]:.2f}" for j in np.argsort(-share)[:3] if share[j] > 1.0]
         return f"; torque over its limit: {', '.join(over)}" if over else ""
     if reason == "self_collision":
-        gaps, d = robot.shapes.gaps(step.q), robot.description
-        arms = "; [body.rest] may spread arms" if d.has_arms and not d.spread else ""
-        return f"; they are {gaps.parts[int(gaps.distance.argmin())]}, as the model draws them{arms}"
+        gaps = robot.shapes.gaps(step.q)
+        return f"; they are {gaps.parts[int(gaps.distance.argmin())]}"
     if name == "ankle" and not robot.description.sole.has_toes:
         return "; a sole that ends nearer to the ankle bends it less: lower front in [body.sole]"
     return ""
