@@ -25,6 +25,8 @@ from models.tree import Tree
 
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
 _LEAST_JOINTS = 6  # of a leg
+_SIDEWAYS = 0.7  # least part along y of a knee's axis [1]
+_LEAST_PART = 0.2  # of thigh or shank, of both together [1]
 _TALLEST = 3.0  # stature, as of body.height [m]
 _DRY = (0.001, 1.0)  # of dry friction, which MuJoCo's default makes viscous at slow rates [s, 1]
 _THIN = 0.005  # least half axis of a segment's shape [m]
@@ -98,10 +100,23 @@ class Writer:
                 )
             at = joints.index(knee)
             self.legs.append(_Leg(joints[:at], knee, joints[at + 1 :], foot))
+            self._check_knee(self.legs[-1])
         self.trunk = tree.of_body[tree.body(file.trunk, "trunk")]
         self.trunk_joints = shared + [k for k in self._path(self.trunk) if k not in shared]
         if set(self.trunk_joints) & set(self.legs[0].joints + self.legs[1].joints):
             raise InputError("the trunk hangs on a leg; correct body.trunk.", key="body.trunk")
+
+    def _check_knee(self, leg: _Leg) -> None:
+        """Refuse a knee that does not bend its leg."""
+        joint, centre = self.tree.hinges[leg.knee], self.anchors[leg.knee]
+        to_hip, to_ankle = (np.linalg.norm(self._along(k, 1) - centre) for k in (leg.hip, leg.ankle))
+        if abs(joint.axis[1]) < _SIDEWAYS or min(to_hip, to_ankle) < _LEAST_PART * (to_hip + to_ankle):
+            axis = ", ".join(f"{part:.2g}" for part in joint.axis)
+            raise InputError(
+                f"the knee {joint.name!r} does not bend the leg: its axis is ({axis}), {to_hip:.3g} m from "
+                f"the hip and {to_ankle:.3g} m from the ankle; correct knee in the body's description.",
+                key="body.knee",
+            )
 
     def _find_arms(self) -> None:
         """Hinges of left arm, right arm, and those that are of no group."""
@@ -305,6 +320,7 @@ class Writer:
             moments = np.linalg.eigvalsh(segment.inertial.inertia)
             if not (moments[0] > MASSLESS and moments[-1] <= segment.inertial.mass * leg_length**2):
                 wrong.append(segment.name)
+        inverse = [hinge.name for hinge in hinges if not hinge.low < hinge.high]
         weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]
         still = [hinge.name for hinge in hinges if not hinge.speed > 0.0]
         loose = [hinges[k].name for k in of_legs if not math.isfinite(hinges[k].high - hinges[k].low)]
@@ -320,6 +336,7 @@ class Writer:
             (wrong, "segments with moments of inertia of 0 or too large", "give radii with [body.gyration]"),
             (weak, "joints without a torque limit", "give it with [body.effort]"),
             (still, "joints with a speed limit of 0", "give it with [body.speed]"),
+            (inverse, "joints whose range is empty", "give it with [body.range], least angle first"),
             (loose, "joints of a leg without a range", "give it with [body.range]"),
         ):
             if names:

@@ -33,6 +33,7 @@ class Findings:
     com: float = 0.0  # the same of a segment's COM, times its share of the mass [m]
     mass: float = 0.0  # largest difference of two masses [kg]
     bare: int = 0  # number of segments without a shape
+    unlike: tuple[str, ...] = ()  # values of right joints that were not those of the left
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from models.scene import Findings, Inertial
 _MIRROR = np.array([1.0, -1.0, 1.0])  # of a vector; of an axis of rotation with the opposite sign
 _ALIKE = 0.02  # largest difference of mirrored places over the body's height, and of masses [1]
 _UNLIKE = 0.05  # largest angle between an axis and its image [rad]
+_VALUES = ("effort", "speed", "armature", "damping", "stiffness", "friction")  # of a hinge
 
 
 @dataclass
@@ -53,7 +54,8 @@ class Segment:
 def symmetrise(segments: Sequence[Segment]) -> tuple[list[int], Array, Findings]:
     """Give segments and hinges at angles of 0 the mean of themselves and of their image's mirror image.
 
-    The image of a hinge is found by its place and axis, whatever its name.
+    The image of a hinge is found by its place and axis, whatever its name. Limits, dampers and springs of a
+    right hinge are those of its image.
 
     Args:
         segments: of a body whose left is towards +y; changed.
@@ -71,7 +73,7 @@ def symmetrise(segments: Sequence[Segment]) -> tuple[list[int], Array, Findings]
     pairs = list(range(len(segments)))
     for hinge, image in enumerate(images):
         pairs[segment_of[hinge]] = segment_of[image]
-    signs = _mean_hinges(segments, images)
+    signs, unlike = _mean_hinges(segments, images)
     place, com, mass = _mean_segments(segments, pairs)
     total = sum(segment.inertial.mass for segment in segments)
     for value, limit, unit, what in (
@@ -85,7 +87,7 @@ def symmetrise(segments: Sequence[Segment]) -> tuple[list[int], Array, Findings]
                 "a periodic walk needs a symmetric body: correct the model, or the names in its description."
             )
     bare = sum(not segment.shapes for segment in segments)
-    return images, signs, Findings(max(place, apart), com, mass, bare)
+    return images, signs, Findings(max(place, apart), com, mass, bare, unlike)
 
 
 def _images(segments: Sequence[Segment], near: float) -> tuple[list[int], float]:
@@ -128,12 +130,12 @@ def limb_middles(segments: Sequence[Segment]) -> Array:
     return np.array([means[i] for i, segment in enumerate(segments) for _ in segment.joints])
 
 
-def _mean_hinges(segments: Sequence[Segment], images: Sequence[int]) -> Array:
-    """Make hinges the mirror images of each other; signs of their angles, shape (n,)."""
+def _mean_hinges(segments: Sequence[Segment], images: Sequence[int]) -> tuple[Array, tuple[str, ...]]:
+    """Make hinges the mirror images of each other; signs of their angles, shape (n,), and what differed."""
     hinges = [hinge for segment in segments for hinge in segment.joints]
     right = limb_middles(segments)[:, 1] < 0.0
     before = [replace(hinge) for hinge in hinges]
-    signs = np.empty(len(hinges))
+    signs, unlike = np.empty(len(hinges)), list[str]()
     for k, (mean, here) in enumerate(zip(hinges, before, strict=True)):
         image = before[images[k]]
         axis = -_MIRROR * image.axis
@@ -141,13 +143,17 @@ def _mean_hinges(segments: Sequence[Segment], images: Sequence[int]) -> Array:
         axis = here.axis + sign * axis
         mean.axis = axis / np.linalg.norm(axis)
         mean.anchor = 0.5 * (here.anchor + _MIRROR * image.anchor)
-        for name in ("effort", "armature", "damping", "stiffness", "friction"):
-            setattr(mean, name, 0.5 * (getattr(here, name) + getattr(image, name)))
-        mean.spring = 0.5 * (here.spring + sign * image.spring)
-        mean.speed = min(here.speed, image.speed)
-        if images[k] != k and right[k]:  # the ranges are those of the left side
-            mean.low, mean.high = sorted((sign * image.low, sign * image.high))
-    return signs
+        if images[k] != k and right[k]:
+            low, high = sorted((0.0 + sign * image.low, 0.0 + sign * image.high))
+            values = {name: getattr(image, name) for name in _VALUES}
+            values |= {"low": low, "high": high, "spring": sign * image.spring}
+            unlike += [
+                f"{here.name} {name} {getattr(here, name):g}, now {value:g}"
+                for name, value in values.items()
+                if not math.isclose(getattr(here, name), value, rel_tol=1e-3, abs_tol=1e-6)
+            ]
+            vars(mean).update(values)
+    return signs, tuple(unlike)
 
 
 def _mean_segments(segments: Sequence[Segment], pairs: Sequence[int]) -> tuple[float, float, float]:

@@ -12,7 +12,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.section import unknown
 from models.scene import Inertial, quaternion
-from models.segments import Hinge, Segment, symmetrise
+from models.segments import Hinge, Segment, limb_middles, symmetrise
 from models.source import DRAWN, MASSLESS, BodyFile, by_pattern
 
 _FREE, _HINGE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_HINGE)
@@ -96,6 +96,7 @@ class Tree:
             for name in names:
                 self.joint(name, role)
         self.images, self.signs, self.findings = symmetrise(self.segments)
+        self._check_sides()
 
     def _check_source(self) -> None:
         """Refuse forces and couplings that a body cannot have, and patterns that match nothing."""
@@ -116,6 +117,23 @@ class Tree:
                     raise InputError(
                         f"{key} has {pattern.pattern!r}, which matches no {what}; take names of "
                         f"{', '.join(names)}.",
+                        key=f"body.{key}",
+                    )
+
+    def _check_sides(self) -> None:
+        """Refuse patterns for right joints alone, as these get the values of the left ones."""
+        side = limb_middles(self.segments)[:, 1]
+        left = [
+            h.name for h, image, y in zip(self.hinges, self.images, side, strict=True) if y >= side[image]
+        ]
+        for key in _BY_JOINT:
+            for pattern in getattr(self.file, key):
+                names = [name for name in self.index if pattern.fullmatch(name)]
+                if names and not any(name in left for name in names):
+                    first = self.hinges[self.images[self.index[names[0]]]].name
+                    raise InputError(
+                        f"{key} has {pattern.pattern!r}, which matches right joints alone, and these get "
+                        f"the values of the left; name the left, such as {first!r}.",
                         key=f"body.{key}",
                     )
 

@@ -263,10 +263,10 @@ def footprint(sole: SoleGeometry, step: Footstep) -> NDArray[np.float64]:
     return outline @ rotations(step.heading).T + np.asarray(step.position[:2])
 
 
-def check_landing(number: int, landing: float, lifted: float, least: float) -> None:
-    """Refuse a landing of the footstep at an index that leaves less than a time to swing [s]."""
+def check_landing(number: int, landing: float, lifted: float, least: float, usual: float) -> None:
+    """Refuse a landing of the footstep at an index that leaves too little of its usual time to swing [s]."""
     if not landing - lifted >= least:
         raise InputError(
             f"footstep {number + 1} is reached at {landing:g} s, but its swing begins at {lifted:.4g} s; "
-            f"give a time of at least {lifted + least:.4g} s."
+            f"give a time such as the gait's, {lifted + usual:.4g} s, {lifted + least:.4g} s at least."
         )

@@ -72,7 +72,7 @@ def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[i
     parts, first, begin, lifted = [], 0, 0.0, SETTLING
     for number, wanted in enumerate(landings[2:], start=2):
         landing = lifted + single if wanted is None else wanted
-        check_landing(number, landing, lifted, double)
+        check_landing(number, landing, lifted, double, single)
         spare = landing - lifted - single
         if number == 2 and spare >= SETTLING:
             begin = spare

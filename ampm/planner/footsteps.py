@@ -134,7 +134,7 @@ def contacts_over(
     switches, lifted = [0.0], SETTLING
     for number in range(2, len(footsteps)):
         landing = lifted + single if wanted[number] is None else float(wanted[number])  # type: ignore[arg-type]
-        check_landing(number, landing, lifted, double)
+        check_landing(number, landing, lifted, double, single)
         switches += [lifted, landing]
         lifted = landing + double
     switches.append(switches[-1] + SETTLING)

@@ -18,6 +18,7 @@ from models.scene import Findings
 from validation.judge.margins import largest_tilt, tilt_warnings
 from validation.progress import Progress
 from validation.trial.coordinates import to_mujoco
+from validation.trial.physics import firm_dampers
 from validation.trial.plan import PlannedWalk, Request, load_request, make_body, tune_walk
 from validation.trial.simulate import simulate
 
@@ -28,6 +29,7 @@ _LEG = f"least singular value of a leg, knee bent by {_BENT} rad"
 _STANDING = 1.0  # time for which the body stands, long enough for a simulation to diverge [s]
 _TWICE_AROUND = 4.0 * np.pi  # of a joint's range: more is in degrees [rad]
 _OFF = 0.1  # of the feet's lowest point from the soles, over the soles' length: more is a mistake
+_RUBBING = 0.05  # dry friction over a torque limit: with more, walks were seen to fail [1]
 _GROUPS = ("hip", "knee", "ankle", "toe", "trunk", "arms")
 _GAIT = ("step_length", "switching_velocity", "c_s", "c_y", "com_height", "step_width")
 
@@ -91,7 +93,9 @@ def _torque_shares(walk: PlannedWalk) -> dict[str, float]:
 
 
 def _standing_refusal(walk: PlannedWalk) -> str:
-    """Why the body does not stand under the controller at the height of the walk; empty if it does."""
+    """Why the body diverges, or does not stand at the height of the walk; empty if it does."""
+    if firm := firm_dampers(walk.body.model.compile()):
+        return f"{firm}."
     height, still = walk.run.gait.com_height, {"command.settling": 0.0, "command.duration": _STANDING}
     run = walk.run.undisturbed.replace({"gait.planner": NO_PLAN, **still})
     plan = StandingPlanner(height).plan(run, walk.body.robot)
@@ -152,7 +156,8 @@ def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, st
     ends = list(zip(robot.joint_names, robot.lower, robot.upper, strict=True))
     endless = ", ".join(name for name, low, high in ends if not np.isfinite(high - low))
     wide = ", ".join(name for name, low, high in ends if _TWICE_AROUND < high - low < np.inf)
-    rubbing = ", dry friction" if any(item.friction for item in d.passive) else ""
+    limits = dict(d.torque_limits)
+    friction = max((item.friction / limits[item.joint] for item in d.passive), default=0.0)
     known = {
         f"The feet end {abs(off):.3g} m {'over' if off > 0.0 else 'under'} their soles: correct sole in the "
         "description, with pitch where a sole is not level with all joints at 0, or the angles of the model "
@@ -164,13 +169,21 @@ def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, st
             facts[_LEG][0] < _LEAST_SINGULAR
         ),
         "No joint between pelvis and trunk: legs and arms carry all angular momentum.": not d.trunk,
-        f"{len(d.passive)} joints have dampers or springs{rubbing}: the controller knows them.": (d.passive),
+        f"{len(d.passive)} joints have dampers, springs or dry friction: the controller knows them.": (
+            d.passive
+        ),
+        f"Dry friction takes {friction:.2g} of a torque limit: over {_RUBBING:g}, walks may fail by it.": (
+            friction > _RUBBING
+        ),
         "No joint has a speed limit: speeds are not judged.": not d.speed_limits,
         f"{findings.bare} segments have no shape: clearance is that of ellipsoids of their inertia.": (
             findings.bare
         ),
-        "Left and right differ in the source: the body has their mean.": (
+        "Left and right differ in the source: the body has the mean of places and masses.": (
             max(findings.place, findings.com, findings.mass) > 1e-6
+        ),
+        f"Right joints differ from the left, whose values they get: {'; '.join(findings.unlike)}.": (
+            findings.unlike
         ),
     }
     return [note for note, holds in known.items() if holds]

@@ -2,7 +2,6 @@
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import mujoco
@@ -13,7 +12,6 @@ from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from validation.trial.coordinates import to_mujoco
 from validation.trial.engine import make_engine
-from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.plan import Body
 
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
@@ -127,13 +125,11 @@ class Physics:
         self.data.qpos[:], self.data.qvel[:] = to_mujoco(q, v)
 
 
-def explained(outcome: Outcome, model: mujoco.MjModel) -> Outcome:
-    """An outcome, with joints whose dampers let the simulation of a model diverge, and the line that helps.
+def firm_dampers(model: mujoco.MjModel) -> str:
+    """Joints whose dampers let the simulation of a model diverge, and the line that helps; empty if none do.
 
     A step from ``v`` to ``v - h M^-1 D v`` is unstable if an eigenvalue of ``h M^-1 D`` is over 2.
     """
-    if outcome.name is not OutcomeName.DIVERGED:
-        return outcome
     data, mass = mujoco.MjData(model), np.empty((model.nv, model.nv))
     mujoco.mj_forward(model, data)
     mujoco.mj_fullM(model, data, mass)
@@ -141,11 +137,10 @@ def explained(outcome: Outcome, model: mujoco.MjModel) -> Outcome:
     values, modes = np.linalg.eig(inverse * damping)
     firm = sorted({int(np.abs(mode).argmax()) for mode in modes.T[values.real > 2.0]})
     if not firm:
-        return outcome
+        return ""
     names = [model.joint(int(model.dof_jntid[k])).name for k in firm]
-    return replace(
-        outcome,
-        cause=f"{outcome.cause}; the dampers of {', '.join(names)} are too strong for their inertia of "
+    return (
+        f"the dampers of {', '.join(names)} are too strong for their inertia of "
         f"{1.0 / inverse[firm, firm].max():.2g} kg m^2 and the time step: add armature.'{'|'.join(names)}' = "
-        f"{damping[firm].max():.1g} to the body's description, or lower damping or simulation.time_step",
+        f"{damping[firm].max():.1g} to the body's description, or lower damping or simulation.time_step"
     )

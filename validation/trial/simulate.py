@@ -28,7 +28,7 @@ from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push,
 from validation.trial.followed import Followed, Stepped
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.physics import Physics, explained, quiet_mujoco
+from validation.trial.physics import Physics, firm_dampers, quiet_mujoco
 from validation.trial.plan import PlannedWalk
 from validation.trial.readings import Sensors, make_estimator
 from validation.trial.record import SimulationRecord, support_height
@@ -102,12 +102,14 @@ def simulate(
     if plan.command is not None:
         outcome = replace(outcome, steps_completed=measured_supports(record)[1])
     disturbed = bool(forces) or run.disturbance != DisturbanceParameters()
-    if outcome.name is OutcomeName.FELL and ours and disturbed and run.controller.stabilizer == "fixed":
+    fixed, way_out = ours and run.controller.stabilizer == "fixed", ""
+    if outcome.name is OutcomeName.FELL and disturbed and fixed and outcome.steps_completed:
         way_out = "--set controller.stabilizer=stepping may survive this disturbance"
-        outcome = replace(outcome, cause=f"{outcome.cause}; {way_out}")
+    elif outcome.name is OutcomeName.DIVERGED:
+        way_out = firm_dampers(physics.model)
     record = replace(
         record,
-        outcome=outcome if outcome.completed else explained(outcome, physics.model),
+        outcome=replace(outcome, cause=f"{outcome.cause}; {way_out}") if way_out else outcome,
         controller="" if ours else CONTROLLER.name_of(factory),
         followed=followed,
         changes=followed.changes,
