@@ -19,7 +19,7 @@ import numpy as np
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError, RefusedGait
-from ampm.parameters import HUMAN, NO_PLAN, OPEN_KEYS, CommandParameters, RunParameters
+from ampm.parameters import HUMAN, NO_PLAN, OPEN_KEYS, BodyParameters, CommandParameters, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
@@ -246,7 +246,7 @@ def plan_walk(
     Where gait, body and feet are those of no preset, the values that the request leaves open are found first
     and reported (:func:`ampm.run_file.leaves_open`), for the AMPM's plan: the other planners of
     :data:`ampm.planner.step_planners.STEP_PLANNERS` have its footsteps, times and feet. Over footsteps only
-    another body than the human gets values found, those of its own gait. Any other planner gets the request
+    another body, or height, gets values found, those of its own gait. Any other planner gets the request
     unchanged.
 
     The planner is that of the run by default, and for footsteps :class:`ampm.planners.FootstepPlanner`.
@@ -263,7 +263,8 @@ def plan_walk(
         planner = load_planner(run.gait.planner, run.planner.options)
         if run.footsteps and run.gait.planner == "ampm":
             planner = FootstepPlanner()
-            if run.body.source != HUMAN and leaves_open(run):  # height and feet of its own gait
+            human = run.body.source == HUMAN and run.body.height == BodyParameters().height
+            if not human and leaves_open(run):  # height and feet of its own gait
                 request = tune_walk(replace(request, run=run.replace({}, footsteps=())), progress).request
                 request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
                 run = request.run
