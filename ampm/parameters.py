@@ -326,7 +326,7 @@ class RunParameters(Section):
         if not value:
             return 0
         number = per_second / value if is_rate else per_second * value
-        nearest = max(round(number), int(is_rate))
+        nearest = max(round(number), 1)
         if abs(number - nearest) > 1e-9 * max(1.0, number):
             good = per_second / nearest if is_rate else nearest / per_second
             rule = f"gives {number:.4g} {what}, not a whole number"

@@ -330,7 +330,7 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: in
             value=float(apart[worst]),
             limit=least,
             unit="m",
-            way_out="put it further out on its own side",
+            way_out="put it further out on its own side, and give headings in radians",
         )
 
 

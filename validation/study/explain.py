@@ -40,6 +40,7 @@ MOST = 0.5
 REPLACED = frozenset({"contact law", "controller", "planner"})
 """Layers of which another one is tried; the others are made ideal."""
 _FALL, _MOST_USED = 1e4, 100.0  # excess of a fall; most that a limit counts as used [1]
+_LEAST_GAIN = 0.01  # share of a limit or of the excess that a change takes to be named [1]
 _SHOWN = 3  # keys of a change that are named
 
 Values = Mapping[str, Any]
@@ -225,7 +226,7 @@ def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
     if trial["passed"]:
         best = min(walked, key=lambda row: (not row["passed"], row["tightest"]))
         before, after = trial["tightest"], best["tightest"]
-        if not best["passed"] or after >= before:
+        if not best["passed"] or after > before - _LEAST_GAIN:
             return "", "It passes, and no layer costs margin."
         shares = f"{after:.0%} of the tightest limit is used instead of {before:.0%}"
         return "", f"It passes. The {best['layer']} costs most of the margin: {best['text']} {shares}."
@@ -240,6 +241,8 @@ def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
     if best["passed"]:
         return layer, f"The {layer}: {text} it passes."
     left = best["excess"] / trial["excess"]
+    if left > 1.0 - _LEAST_GAIN:
+        return "", f"Nothing restores the pass, or takes {_LEAST_GAIN:.0%} of the excess."
     said = f"Nothing restores the pass; {text} {left:.0%} of the excess is left."
     return (layer, f"The {layer}. {said}") if left <= MOST else ("", said)
 
