@@ -116,8 +116,8 @@ def _change_floor(
         return
     if wanted.step_height and wanted.step_number > len(contacts.footsteps):
         raise InputError(
-            f"disturbance.step_number = {wanted.step_number} is not a footstep of the plan, which has "
-            f"{len(contacts.footsteps)}; take 3 to {len(contacts.footsteps)}, or 0 as disturbance.step_height.",
+            f"disturbance.step_number = {wanted.step_number} is not a footstep of the plan; take 3 to "
+            f"{len(contacts.footsteps)}, or 0 as disturbance.step_height.",
             key="disturbance.step_number",
             value=wanted.step_number,
         )
