@@ -156,9 +156,8 @@ class Writer:
         bends = 1.0 if joint.high - straight > straight - joint.low else -1.0
         if not bends * joint.axis[1] > 0.0:
             raise InputError(
-                f"the knee {joint.name!r} bends forward; exchange left and right in the body's "
-                f"description, or give the joint's range, now {joint.low:g} to {joint.high:g} rad, with "
-                "[body.range].",
+                f"the knee {joint.name!r} bends forward; exchange left and right in the body's description, "
+                f"or give the range, now {joint.low:g} to {joint.high:g} rad, with [body.range].",
                 key="body.foot",
             )
         return LegDescription(
@@ -198,10 +197,7 @@ class Writer:
         )
         longest, length = max(sole.length, 2.0 * sole.half_width, sole.ankle_height), float(hip[2] - ankle[2])
         if not outline.heel < outline.front:
-            wrong = (
-                f"sole.heel = {outline.heel:g} must be less than sole.front = {outline.front:g}: x is "
-                "forward; correct the outline."
-            )
+            wrong = f"sole.heel = {outline.heel:g} must be less than sole.front = {outline.front:g}, forward."
         elif not sole.ankle_height > 0.0:
             wrong = (
                 f"sole.bottom = {outline.bottom:g} is {-sole.ankle_height:g} m over the ankle; measure it "

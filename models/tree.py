@@ -82,8 +82,7 @@ class Tree:
         for role, name in (("trunk", file.trunk), *(("foot", foot) for foot in file.foot)):
             if self.body(name, role) not in self.of_body:
                 raise InputError(
-                    f"the {role} {name!r} does not hang on the root {file.root!r}; correct root or {role} in "
-                    "the body's description.",
+                    f"the {role} {name!r} does not hang on the root {file.root!r}; correct root or {role}.",
                     key="body.root",
                 )
         left = self.feet[0]
@@ -115,8 +114,7 @@ class Tree:
             for pattern in getattr(self.file, key):
                 if not any(map(pattern.fullmatch, names)):
                     raise InputError(
-                        f"{key} has {pattern.pattern!r}, which matches no {what}; take names of "
-                        f"{', '.join(names)}.",
+                        f"{key} has {pattern.pattern!r}, which matches no {what}; known: {', '.join(names)}.",
                         key=f"body.{key}",
                     )
 
@@ -159,9 +157,7 @@ class Tree:
             InputError: there is none of this name.
         """
         if self._is_locked(name):
-            raise InputError(
-                f"{role} names the joint {name!r}, which lock welds; leave it out of one of them."
-            )
+            raise InputError(f"{role} names the joint {name!r}, which lock welds; leave it out of one.")
         if name not in self.index:
             raise unknown(name, self.index, f"joint for {role}", key=f"body.{role}")
         return self.index[name]
@@ -191,9 +187,7 @@ class Tree:
             if (kind == _FREE and not self.segments) or self._is_locked(name):
                 continue
             if kind != _HINGE:
-                raise InputError(
-                    f"the joint {name!r} is not a hinge; lock it, or in a leg take another model."
-                )
+                raise InputError(f"the joint {name!r} is not a hinge; lock it, or take another model.")
             limits = tuple(model.jnt_range[j]) if model.jnt_limited[j] else (-math.inf, math.inf)
             low, high = by_pattern(file.range, name, limits)
             hinges.append(

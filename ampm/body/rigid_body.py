@@ -98,8 +98,7 @@ def tree_of(model: pin.Model) -> Records:
         axis = _hinge_axis(source) if i else np.zeros(3)
         if axis is None or (i == 0 and source.shortname() != "JointModelFreeFlyer"):
             raise InputError(
-                f"joint {model.names[i + 1]!r} is a {source.shortname()}; the body needs a free root, and "
-                "hinges only."
+                f"joint {model.names[i + 1]!r} is a {source.shortname()}; a body has a free root and hinges."
             )
         placement = model.jointPlacements[i + 1]
         tree["parent"][i], tree["axis"][i] = model.parents[i + 1] - 1, axis

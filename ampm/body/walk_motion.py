@@ -87,9 +87,7 @@ def _range_limit(
     Instants that a leg does not reach are left out: a pelvis that tilts may reach them.
     """
     swings = [phase for phase in plan.contacts.phases if phase.kind == "single_support"]
-    times = np.concatenate(
-        [swing.start + swing.duration * np.linspace(0.0, 1.0, _INSTANTS) for swing in swings]
-    )
+    times = np.concatenate([part.start + part.duration * np.linspace(0.0, 1.0, _INSTANTS) for part in swings])
     ik, q = InverseKinematics(robot, run), posture.q.copy()
     reference = step_reference(plan, times).turned(posture.heading(times)[0])
     beyond = np.full((len(times), robot.nu), -math.inf)

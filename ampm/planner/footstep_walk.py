@@ -96,9 +96,7 @@ def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[i
 def stops(contacts: Contacts) -> list[tuple[float, float]]:
     """When a walk comes to rest, and when it goes on, infinity at its end [s]."""
     still = [phase for phase in contacts.phases[1:-1] if phase.duration >= 2.0 * SETTLING - 1e-9]
-    ends = [
-        (phase.start, phase.start + phase.duration - SETTLING) for phase in still if phase.stance == "both"
-    ]
+    ends = [(part.start, part.start + part.duration - SETTLING) for part in still if part.stance == "both"]
     return [*ends, (contacts.phases[-1].start, math.inf)]
 
 

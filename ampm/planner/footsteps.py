@@ -109,14 +109,12 @@ def check_footsteps(footsteps: Sequence[Footstep]) -> None:
     """Refuse a list that is not a walk."""
     if len(footsteps) < 4:
         raise InputError(
-            f"a walk takes at least 4 footsteps, not {len(footsteps)}; give where both feet stand, then two "
-            "steps or more."
+            f"a walk takes at least 4 footsteps, not {len(footsteps)}: both feet at first, then steps."
         )
     for number, (here, ahead) in enumerate(pairwise(footsteps), start=2):
         if here.foot == ahead.foot:
             raise InputError(
-                f"footsteps {number - 1} and {number} are both of the {here.foot} foot; give left and right "
-                "in turn."
+                f"footsteps {number - 1} and {number} are of the {here.foot} foot; give left and right in turn."
             )
     for number, step in enumerate(footsteps, start=1):
         if not all(map(math.isfinite, (*step.position, step.heading))):

@@ -223,12 +223,10 @@ class StepTracker:
     def _is_back(self) -> bool:
         """Whether a walk that begins a phase is on the plan again; then it is followed by the time."""
         state = self._state
-        on_time = (
-            state.single and abs(state.late) < self._stepper.tick and self._index < len(self._starts) - 1
-        )
+        timely = state.single and abs(state.late) < self._stepper.tick and self._index < len(self._starts) - 1
         in_place = np.abs(state.shift).max(axis=0) < (BACK, BACK, OFF_HEIGHT)
         level = max(abs(state.height[0]), 0.1 * np.abs(state.slope).max()) < OFF_HEIGHT
-        return bool(on_time and level and in_place.all() and state.away < BACK)
+        return bool(timely and level and in_place.all() and state.away < BACK)
 
     def _return(self) -> None:
         """Follow the plan again."""

@@ -47,9 +47,8 @@ class Each:
 def compare(
     walks: list[str] | None = typer.Argument(
         None,
-        help="Presets, TOML files, folders of runs (./normal is a folder, normal the preset), or two "
-        "sweeps; normal if none. One alone is compared with ipm, or with itself where an option is given "
-        "several times.",
+        help="Presets, TOML files, folders of runs (./normal is a folder, normal the preset), or two sweeps; "
+        "normal if none. One alone is compared with ipm, or with itself where an option comes repeatedly.",
         metavar="WALK",
     ),
     *,

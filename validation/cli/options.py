@@ -65,8 +65,7 @@ SETTINGS: Any = option("--set", "Change one parameter, e.g. gait.c_s=1.2; see 'a
 AS_IS: Any = option("--as-is", "Take open values from the preset or the defaults; find none.")
 BODY: Any = option(
     "--body",
-    "Body that walks: a name of 'ampm body list', or a description. Without GAIT it walks a gait of its "
-    "size.",
+    "Body that walks: a name of 'ampm body list', or a description. Without GAIT its gait is of its size.",
     "NAME|FILE.toml",
 )
 STEPS: Any = option("--steps", "Short for gait.steps=N.", "N")
@@ -162,8 +161,7 @@ class Length:
     steps: int | None = STEPS
     footsteps: Path | None = option(
         "--footsteps",
-        "Walk over footsteps from rest to rest: columns foot, x, y [m], heading [rad]; optional z [m], "
-        "time [s].",
+        "Walk over footsteps, from rest to rest: foot, x, y [m], heading [rad]; optional z [m], time [s].",
         "FILE.csv",
     )
 

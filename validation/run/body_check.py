@@ -169,9 +169,7 @@ def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, st
             facts[_LEG][0] < _LEAST_SINGULAR
         ),
         "No joint between pelvis and trunk: legs and arms carry all angular momentum.": not d.trunk,
-        f"{len(d.passive)} joints have dampers, springs or dry friction: the controller knows them.": (
-            d.passive
-        ),
+        f"{len(d.passive)} joints have dampers, springs or dry friction, known to the controller.": d.passive,
         f"Dry friction takes {friction:.2g} of a torque limit: over {_RUBBING:g}, walks may fail by it.": (
             friction > _RUBBING
         ),
@@ -182,8 +180,6 @@ def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, st
         "Left and right differ in the source: the body has the mean of places and masses.": (
             max(findings.place, findings.com, findings.mass) > 1e-6
         ),
-        f"Right joints differ from the left, whose values they get: {'; '.join(findings.unlike)}.": (
-            findings.unlike
-        ),
+        f"Right joints get the values of the left: {'; '.join(findings.unlike)}.": findings.unlike,
     }
     return [note for note, holds in known.items() if holds]

@@ -78,9 +78,7 @@ class Fit(Tabled):
         columns = ["constant", f">value, {100.0 * CONFIDENCE:.0f} % interval", "unit", "meaning"]
         return [
             Table("Constants", columns, rows, self.notes),
-            Table(
-                "Explained, of strides that were not fitted", ["signal", "of", *heads, "unit"], told, [note]
-            ),
+            Table("Explained, of strides not fitted", ["signal", "of", *heads, "unit"], told, [note]),
         ]
 
     def as_dict(self) -> dict[str, Any]:
@@ -150,8 +148,7 @@ def fit_log(
     error = 1e3 * float(np.sqrt(np.mean(strides.com_error**2)))
     notes = [
         f"{name}: {len(strides)} strides alike, {others} others left out.",
-        f"The body has {weighs:.4g} kg; the mean vertical force of a stride is {least} to {most} of its "
-        "weight.",
+        f"The body has {weighs:.4g} kg; the mean vertical force of a stride {least} to {most} of it.",
         "The COM is the double integral of the force, in strides that are taken to be periodic."
         if com_height
         else f"The double integral of the force is {error:.2g} mm from the measured COM (RMS).",

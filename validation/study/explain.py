@@ -273,9 +273,7 @@ def explain(
         profile = profiles.own_profile(request.name, request.run, disturbances).name
         given = Case(request, profile, tuple(disturbances))
     elif settings or disturbances:
-        raise InputError(
-            f"{folder} is repeated as it was walked; for changes give {folder / RunFile.RUN} instead."
-        )
+        raise InputError(f"{folder} is repeated as it was walked; for changes give {folder / RunFile.RUN}.")
     else:
         given = _saved_case(folder)
     planned = plan_walk(given.request, execution.get("progress"))

@@ -204,9 +204,7 @@ class Workers:
         if self._workers:
             self._alive = now
         elif now - self._alive > self._patience:
-            raise StudyStopped(
-                "no worker process comes up on this machine", "find out what ends them (memory?)"
-            )
+            raise StudyStopped("no worker process comes up on this machine", "see what ends them (memory?)")
         return self._workers
 
     def send(self, work: Work, options: Options) -> str:

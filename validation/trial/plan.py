@@ -361,8 +361,7 @@ def tune_walk(request: Request, progress: Progress | None = None) -> PlannedWalk
     run, progress = request.run, progress or Progress()
     if run.given >= set(OPEN_KEYS):
         raise InputError(
-            f"{request.name} gives every value, so there is nothing to find; leave out what is open, for "
-            "example gait.com_height."
+            f"{request.name} gives every value: nothing is open; leave out some, such as gait.com_height."
         )
     with progress.stage(f"{request.name}: search of open values") as stage:
         body = make_body(run)

@@ -100,8 +100,7 @@ def _change_floor(
     sloped = bool(wanted.slope_along or wanted.slope_across)
     if uneven(contacts.footsteps) and (sloped or wanted.step_height):
         raise InputError(
-            "disturbance.slope_along, slope_across and step_height need footsteps of one height; leave them "
-            "out, or the footsteps' z."
+            "disturbance.slope_along, slope_across, step_height need footsteps of one height; leave out z."
         )
     if contacts.slope != LEVEL and not (sloped or wanted.step_height):
         plane.set("pos", f"0 0 {wanted.floor_height!r}")

@@ -151,8 +151,7 @@ def forces_of(run: RunParameters, disturbances: Sequence[Disturbance], end: floa
     for push in forces:
         if isinstance(push, Push) and push.at >= end:
             raise InputError(
-                f"a push at {push.at:g} s comes after the walk, which ends at {end:.3g} s; "
-                "push earlier, or walk more steps."
+                f"a push at {push.at:g} s is after the end, {end:.3g} s; push earlier, or walk more steps."
             )
     return forces
 

@@ -98,8 +98,7 @@ def load_object(option: str, text: str) -> Any:
         return getattr(import_module(module), name)
     except (Exception, SystemExit) as error:
         raise InputError(
-            f"{option} {text!r} cannot be imported ({type(error).__name__}: {words_of(error)}); "
-            "correct name or module."
+            f"{option} {text!r} cannot be imported ({type(error).__name__}: {words_of(error)}); mend it."
         ) from error
     finally:
         sys.path.pop(0)

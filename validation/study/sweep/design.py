@@ -51,8 +51,7 @@ class Range(Section):
     def _check(self) -> Self:
         if not self.start < self.stop:
             raise InputError(
-                f"from = {self.start:g} must be less than to = {self.stop:g}; exchange them, or put one "
-                "value alone under [set]."
+                f"from = {self.start:g} must be less than to = {self.stop:g}; one value goes under [set]."
             )
         if self.scale == "log" and not self.start > 0.0:
             raise InputError(f"from = {self.start:g} must be > 0 with the scale log; take scale linear.")
@@ -167,9 +166,7 @@ class SweepDefinition(Section, section="sweep"):
     tune: bool = Field(False, description="find the values that every run leaves open; otherwise keep them")
     seed: int = Field(1, description="of the sampled blocks", ge=0, le=2**63 - 1)
     profile: str = Field("default", description="tolerance profile that judges the runs")
-    recordings: Literal["none", "failures", "worst"] = Field(
-        "failures", description="which runs keep a recording"
-    )
+    recordings: Literal["none", "failures", "worst"] = Field("failures", description="runs that are recorded")
     worst: int = Field(10, description="how many runs keep one at most, the worst first", ge=1, le=10_000)
     wall_clock: Real = Field(600.0, description="seconds after which a run counts as hung", gt=0)
     set: Mapping[str, Option] = Field(default_factory=dict)

@@ -170,9 +170,7 @@ class Forecast(Tabled):
             one, every = (format_duration(found[name]) for name in ("seconds", "wall_clock"))
             note = f"one run takes about {one}, the sweep about {every} with {found['workers']} workers"
             if found["kept"]:
-                note += (
-                    f"; up to {found['kept']} of them are walked again, and kept with report and recording"
-                )
+                note += f"; up to {found['kept']} of them are walked again, with report and recording"
         return [Table(f"dry run of {self.refused.name}", ("", ">runs", "for example"), rows, [note])]
 
 
