@@ -114,7 +114,7 @@ def check_footsteps(footsteps: Sequence[Footstep]) -> None:
     for number, (here, ahead) in enumerate(pairwise(footsteps), start=2):
         if here.foot == ahead.foot:
             raise InputError(
-                f"footsteps {number - 1} and {number} are of the {here.foot} foot; give left and right in turn."
+                f"footsteps {number - 1} and {number} are of the {here.foot} foot; alternate left and right."
             )
     for number, step in enumerate(footsteps, start=1):
         if not all(map(math.isfinite, (*step.position, step.heading))):
