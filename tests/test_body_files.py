@@ -14,6 +14,7 @@ from models.build import build_body
 from models.scene import BodyModel
 from models.source import body_path, compiled_source, read_body_file, source_path
 from validation.show.rerun.body import mesh_of
+from validation.trial.physics import firm_dampers
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 URDF, TOML = ((EXAMPLES / f"biped.{suffix}").read_text(encoding="utf-8") for suffix in ("urdf", "toml"))
@@ -76,6 +77,18 @@ Y_UP = URDF.replace(
     '<link name="base"/><joint name="turn" type="fixed"><parent link="base"/><child link="pelvis"/>'
     '<origin xyz="0 0 0" rpy="-1.5707963267948966 0 0"/></joint></robot>',
 )
+
+
+def test_values_of_a_left_joint_hold_for_the_right_one() -> None:
+    left, right = URDF.split('<joint name="r_hip_yaw"')
+    body = read(left + '<joint name="r_hip_yaw"' + right.replace('upper="2.4"', 'upper="0.4"'))
+    assert body.findings.unlike == ("r_knee high 0.4, now 2.4",)
+    assert body.xml == read().xml
+
+
+def test_dampers_that_are_too_strong_for_the_time_step_are_found() -> None:
+    assert "armature.'l_ankle_pitch|" in firm_dampers(read(toml=TOML + 'damping.".*" = 20').compile())
+    assert not firm_dampers(read(toml=TOML + 'damping.".*" = 5').compile())
 
 
 def test_a_model_with_y_upwards_is_turned() -> None:
