@@ -121,9 +121,7 @@ class Tree:
     def _check_sides(self) -> None:
         """Refuse patterns for right joints alone, as these get the values of the left ones."""
         side = limb_middles(self.segments)[:, 1]
-        left = [
-            h.name for h, image, y in zip(self.hinges, self.images, side, strict=True) if y >= side[image]
-        ]
+        left = [h.name for h, k, y in zip(self.hinges, self.images, side, strict=True) if y >= side[k]]
         for key in _BY_JOINT:
             for pattern in getattr(self.file, key):
                 names = [name for name in self.index if pattern.fullmatch(name)]

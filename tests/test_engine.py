@@ -71,10 +71,8 @@ def test_recorded_forces_and_torques_give_mujocos_step_in_drake(drake, settings)
         data.qpos[:], data.qvel[:], data.ctrl[:] = record.q[k], record.qd[k], record.torque[k]
         stepper.step1()
         data.xfrc_applied[:] = 0.0
-        for segment, force, place in zip(
-            segments, record.point_force[k], record.point_position[k], strict=True
-        ):
-            moment = np.cross(place - data.xipos[segment], force)
+        for segment, force, at in zip(segments, record.point_force[k], record.point_position[k], strict=True):
+            moment = np.cross(at - data.xipos[segment], force)
             data.xfrc_applied[segment] += [*force, *moment]
         stepper.step2()
         worst.append(np.abs(data.qvel - record.qd[k + 1]).max())

@@ -53,9 +53,7 @@ def found(name, run_of):
     numbers |= {key: metric["value"] for key, metric in summary["metrics"].items()}
     for section in ("margins", "energy"):
         for key, item in summary[section].items():
-            numbers[f"{section}: {key}"] = (
-                item["value"] if isinstance(item, dict) and "value" in item else item
-            )
+            numbers[f"{section}: {key}"] = item.get("value", item) if isinstance(item, dict) else item
     kept = {
         key: f"{value:.6g}"
         for key, value in numbers.items()

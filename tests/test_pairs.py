@@ -33,9 +33,7 @@ def folders(run_of):
 
 @pytest.fixture(scope="module")
 def sides(folders):
-    return [
-        Side(name, load_saved_run(folder)) for name, folder in zip(("smooth", "jumps"), folders, strict=True)
-    ]
+    return [Side(name, load_saved_run(at)) for name, at in zip(("smooth", "jumps"), folders, strict=True)]
 
 
 def test_finished_runs_of_two_planners(folders, tmp_path, ampm):

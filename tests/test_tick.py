@@ -175,15 +175,13 @@ def test_a_flat_foot_is_left_with_a_share_of_its_angular_acceleration_unless_its
     left = 0
     for it in walked:
         gains, lines = it.c.gains, it.c.contact.lines
-        for i, (foot, before_it) in enumerate(zip(it.c.body.feet, it.old.body.feet, strict=True)):
+        for i, (foot, old) in enumerate(zip(it.c.body.feet, it.old.body.feet, strict=True)):
             on = lines[i]["planned"] | lines[i]["touched"]
             if not (on[:2].all() and (on[2] or foot["toe"] < 0) and lines[i]["touched"][:2].all()):
                 continue
             omega = it.c.tasks.rates[9 + 6 * i : 12 + 6 * i]
-            share = (
-                gains.stance_yield if before_it["stood"] and before_it["touches"] == foot["touches"] else 0.0
-            )
-            actual = gains.frequency * (omega - before_it["turning"])
+            share = gains.stance_yield if old["stood"] and old["touches"] == foot["touches"] else 0.0
+            actual = gains.frequency * (omega - old["turning"])
             tilting = np.array([1.0, 1.0, 0.0])  # not about the vertical
             wanted = share * tilting * actual - (1.0 - share * tilting) * gains.stance_damping * omega
             close(it.c.tasks.wanted[9 + 6 * i : 12 + 6 * i], wanted)

@@ -126,9 +126,8 @@ class Contacts(Brief):
     def phases(self) -> tuple[Phase, ...]:
         """Which footsteps are stood on, and when. Supports of extreme gaits may have no duration."""
         phases = []
-        for number, (start, end) in zip(
-            self._numbers.tolist(), pairwise(self.switches.tolist()), strict=True
-        ):
+        ends = pairwise(self.switches.tolist())
+        for number, (start, end) in zip(self._numbers.tolist(), ends, strict=True):
             feet = {step.foot: step for step in self.footsteps[(number + 1) // 2 : number // 2 + 2]}
             phases.append(Phase(start, end - start, feet.get("left"), feet.get("right")))
         return tuple(phases)

@@ -105,9 +105,8 @@ def margins(
         found["tilt"] = largest_tilt(*_postures(record), description, shapes)
     if fastest := dict(() if description is None else description.speed_limits):
         columns, limits = [joints.index(name) for name in fastest], np.array(list(fastest.values()))
-        found["speed"] = _extreme(
-            np.abs(rates[:, columns]) / limits, record.time, list(fastest), largest=True
-        )
+        shares = np.abs(rates[:, columns]) / limits
+        found["speed"] = _extreme(shares, record.time, list(fastest), largest=True)
     return found
 
 

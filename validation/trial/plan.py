@@ -337,12 +337,10 @@ def _check_plan(plan: WalkPlan, run: RunParameters, robot: Robot) -> None:
     for name, shape in shapes.items():
         real_numbers(f"'{name}' of its posture at 0 s", getattr(state, name), shape, finite=True)
     check_contacts(plan)
-    for key, planned, floor in zip(
-        ("slope", "cross_slope"), plan.contacts.slope, run.gait.slopes, strict=True
-    ):
-        if planned != floor:
+    for key, slope, floor in zip(("slope", "cross_slope"), plan.contacts.slope, run.gait.slopes, strict=True):
+        if slope != floor:
             raise ValueError(
-                f"it plans for a slope of {planned:g}, and gait.{key} is {floor:g}; make the plan with "
+                f"it plans for a slope of {slope:g}, and gait.{key} is {floor:g}; make the plan with "
                 "ampm.make_plan, which takes it from the run"
             )
 

@@ -166,11 +166,9 @@ def _raise_floor(
     """Put boxes on the plane, which is as high as the lowest footstep."""
     up, turn = np.array([0.0, 0.0, wanted.floor_height]), _about_z(ground.heading)
     plane.set("pos", _text([0.0, 0.0, ground.base + wanted.floor_height]))
-    for number, (low, high, top) in enumerate(
-        zip(ground.low, ground.high, ground.height, strict=True), start=1
-    ):
+    for k, (low, high, top) in enumerate(zip(ground.low, ground.high, ground.height, strict=True), start=1):
         centre = turn @ np.array([*(0.5 * (low + high)), float(top) - 0.5 * _THICK]) + up
-        world.insert(number, _box(plane, f"floor_{number}", 0.5 * (high - low), centre, turn))
+        world.insert(k, _box(plane, f"floor_{k}", 0.5 * (high - low), centre, turn))
 
 
 def _box(

@@ -127,9 +127,7 @@ def stand(planned: PlannedWalk, physics: Physics) -> Any:
     """
     robot, way_out = planned.body.again(), "or sensors.stand = 0"
     if not np.array_equal(surfaces(planned.run.disturbance, planned.plan.contacts), [0.0]):
-        raise InputError(
-            f"sensors.stand needs a level floor at z = 0; leave out slopes and heights, {way_out}."
-        )
+        raise InputError(f"sensors.stand needs a level floor at z = 0; take no slopes or heights, {way_out}.")
     still = {"gait.planner": NO_PLAN, "controller.stabilizer": "fixed", "command.settling": 0.0}
     run = planned.run.replace({**still, "command.duration": planned.run.sensors.stand}, footsteps=())
     plan = StandingPlanner().plan(run.undisturbed, robot)
