@@ -267,8 +267,13 @@ class StandingPlanner:
         """Stand for the duration of the command, the COM over the middle of the feet.
 
         Raises:
+            InputError: the height is below 0.
             BodilyRefusal: the body cannot stand.
         """
+        if not self.com_height >= 0.0:
+            raise InputError(
+                f"planner.options.com_height = {self.com_height} must be at least 0 m; raise it."
+            )
         # Imported here, as the inverse kinematics is compiled.
         from ampm.body.constant_posture import ConstantPosture
         from ampm.body.inverse_kinematics import InverseKinematics
@@ -296,6 +301,16 @@ class StandingPlanner:
         except BodilyRefusal as refusal:
             refusal.way_out = "lower planner.options.com_height, or leave it out"
             raise
+        beyond = np.maximum(robot.lower - posture.q[7:], posture.q[7:] - robot.upper)
+        if (most := float(beyond.max())) > 0.0:
+            raise BodilyRefusal(
+                f"at this height {robot.joint_names[beyond.argmax()]} is {most:.3g} rad beyond its range",
+                reason="joint_limits",
+                value=most,
+                limit=0.0,
+                unit="rad",
+                way_out="raise planner.options.com_height, or leave it out",
+            )
         return WalkPlan.of(steps, posture=posture, command=run.command)
 
 

@@ -69,7 +69,7 @@ class EstimatorFactory(Protocol):
 
         Args:
             robot: the body, :class:`ampm.body.robot.Robot`.
-            run: its section ``sensors`` without biases and seed.
+            run: its section ``sensors`` without seed, so that signs of biases are unknown.
             start: state in which the walk is planned to start.
             options: the run's ``sensors.options``.
         """

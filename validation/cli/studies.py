@@ -113,7 +113,7 @@ def convergence(
     *,
     walk: options.WalkOptions,
     steps: int = option("--steps", "Steps of every walk.", "N", default=6),
-    profile: str = option("--profile", f"Tolerance profile: {options.PROFILES}.", "P", default="default"),
+    profile: str | None = options.PROFILE,
     execution: options.Running,
 ) -> int:
     """Measure the numerical uncertainty of a gait's metrics.
@@ -144,7 +144,7 @@ def robustness(
     walk: options.WalkOptions,
     quick: bool = option("--quick", "Fewer pushes and coarser grids: a quarter of an hour on two cores."),
     only: list[str] | None = option(
-        "--only", "Study only this: pushes, or a key of disturbance or sensors. Repeatable.", "KIND"
+        "--only", "Study only this, such as pushes or torque_bias; a wrong one lists all. Repeatable.", "KIND"
     ),
     replicas: int = option("--replicas", "Walks for each push; four fifths have to survive.", "N", default=5),
     execution: options.Running,

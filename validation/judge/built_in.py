@@ -139,11 +139,11 @@ COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
 """Metric to its value; None if the walk has no such metric."""
 
 
-def recovery_time(walk: Comparison, limits: Mapping[str, float]) -> float | None:
+def recovery_time(walk: Comparison, limits: Mapping[str, float], most: float) -> float | None:
     """Time from the end of the last push until every error stays within its limits for one step [s].
 
-    Infinite if they do not; None if nothing pushed the body. Limits are of the RMS and largest error over a
-    step, by the names of the metrics, in SI units.
+    Infinite if they do not within a time [s], NaN if the walk ends before it; None if nothing pushed the
+    body. Limits are of the RMS and largest error over a step, by the names of the metrics, in SI units.
     """
     record = walk.record
     pushed = np.flatnonzero(record.external_force.any(axis=(1, 2)) | record.external_moment.any(axis=(1, 2)))
@@ -151,8 +151,6 @@ def recovery_time(walk: Comparison, limits: Mapping[str, float]) -> float | None
         return None
     step = max(round(walk.plan.constants.step_duration / record.time_step), 1)
     within = np.ones(max(record.steps - step + 1, 0), dtype=bool)  # of the steps that begin at each instant
-    if not within.size:
-        return math.inf
     for name, (value, reference) in signal_pairs(walk.sample, walk.measured, record).items():
         error = np.nan_to_num(np.abs(value - reference), nan=np.inf)
         squares = np.cumsum(np.append(0.0, np.minimum(error, 1e6) ** 2))
@@ -163,4 +161,5 @@ def recovery_time(walk: Comparison, limits: Mapping[str, float]) -> float | None
         for statistic, values in ahead.items():
             within &= values <= limits.get(f"{name}_{statistic}", math.inf)
     begins = np.flatnonzero(within[pushed[-1] + 1 :])
-    return float(begins[0] * record.time_step) if begins.size else math.inf
+    ends = record.time_step * (len(within) - pushed[-1]) < most
+    return float(begins[0] * record.time_step) if begins.size else math.nan if ends else math.inf

@@ -129,6 +129,7 @@ class Comparison(Brief):
     # RMS error of every signal in the judged window, by how long before the plan stood, see `LEADS`
     ahead: Mapping[float, Mapping[str, float]]
     first: PlanSample | None = None  # the first plan at the same instants; None if the plan did not move
+    relative: bool = False  # see :attr:`ampm.sensor_parameters.SensorParameters.relative`
 
     @property
     def time(self) -> Array:

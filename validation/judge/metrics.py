@@ -164,12 +164,13 @@ def _recovery_time(walk: Comparison) -> float | None:
         return None
     profile = "footsteps" if walk.plan.judged_from == 0.0 else "default"
     profile = "jumps" if walk.plan.jump_times.size else profile
+    profile = "odometry" if walk.relative else profile
     limits = {}
     for name, metric in METRICS.items():
         found = metric.tolerances.get(profile, metric.tolerances.get("default"))
-        if found is not None:
+        if found is not None and not (walk.relative and name.startswith(("zmp_x", "zmp_y"))):
             limits[name] = float(limit_in_si(found, metric.tolerance_unit, walk.scales))
-    return recovery_time(walk, limits)
+    return recovery_time(walk, limits, METRICS["recovery_time"].tolerances["pushed"])
 
 
 def _cost(walk: Comparison, name: str) -> float:

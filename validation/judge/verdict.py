@@ -189,13 +189,16 @@ def judge(
                 judged=limit is not None and not ended and not math.isnan(value),
             )
         )
+    if not ended and profile.name == "pushed" and "recovery_time" not in metrics:
+        ended = "Nothing pushed the body: judge it by another profile."
     if ended:
         return Verdict(VerdictName.NOT_MEASURED, profile.name, ended, tuple(results))
     missing = [name for name in limits if math.isnan(metrics[name])]
     lacking = [name for name in missing if not (is_log and METRICS[name].kind == "instrument")]
     verdict, reason = _conclude(results, lacking, len(limits) - len(missing), is_log=is_log)
     if verdict is VerdictName.NOT_MEASURED and not is_log:
-        reason += " A run must last longer than its first step."
+        pushed = "recovery_time" in lacking
+        reason += f" A run must last longer {'after its push' if pushed else 'than its first step'}."
     if checks := len(missing) - len(lacking):
         reason += f" {checks} checks of the measurement were not made."
     return Verdict(verdict, profile.name, reason, tuple(results))

@@ -116,11 +116,11 @@ def walk_planned(
         measured = measure(record, planned.scene.robot.model, passive)
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
+        comparison = replace(comparison, relative=run.sensors.relative)
         values = MappingProxyType(evaluate(comparison))
-    unusual = run.disturbance.model_dump(exclude_defaults=True)
-    sensors = run.sensors.model_dump(exclude_defaults=True)
-    unusual |= {f"sensors.{key}": value for key, value in sensors.items()}
-    texts = [f"{key} = {value!r}" for key, value in unusual.items()] + list(map(describe, disturbances))
+    unusual = run.model_dump(include={"disturbance", "sensors"}, exclude_defaults=True)
+    texts = [f"{name}.{key} = {value!r}" for name, of in unusual.items() for key, value in of.items()]
+    texts += map(describe, disturbances)
     known = {"controller": record.controller, "planner": planned.planner, "disturbances": texts}
     extra = {name: value for name, value in known.items() if value}
     return Trial(planned, comparison, values, profile, taken, extra)

@@ -108,8 +108,8 @@ class Push:
 
     def __post_init__(self) -> None:
         """Refuse invalid values."""
-        if np.shape(self.force) != (3,) or not np.isfinite(self.force).all():
-            raise InputError(f"a push of force {self.force} needs three finite numbers [N].")
+        if np.shape(self.force) != (3,) or not np.isfinite(self.force).all() or not np.any(self.force):
+            raise InputError(f"a push of force {self.force} needs three finite numbers, not all 0 [N].")
         numbers = isinstance(self.at, Real) and isinstance(self.duration, Real)
         if not (numbers and math.isfinite(self.at) and self.at >= 0.0 and self.duration > 0.0):
             raise InputError(

@@ -22,7 +22,8 @@ from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import HUMAN, NO_PLAN, OPEN_KEYS, BodyParameters, CommandParameters, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
-from ampm.run_file import leaves_open, load_run
+from ampm.run_file import key_info, leaves_open, load_run
+from ampm.sensor_parameters import EXACT
 from validation.progress import Progress
 from validation.trial.users import (
     UsersCode,
@@ -40,6 +41,16 @@ if TYPE_CHECKING:
     from ampm.walk import Planner, Replanner, WalkPlan
     from models.scene import BodyModel
     from validation.trial.shapes import Shapes
+
+
+_OF_ESTIMATORS = ("stand", "fix_rate", "accelerometer_noise", "accelerometer_bias", "accelerometer_drift")
+_IDLE: Mapping[str, tuple[Any, Sequence[str]]] = {
+    "sensors.estimator": (EXACT, [f"sensors.{name}" for name in _OF_ESTIMATORS]),
+    "sensors.force_sensor": ("points", ["sensors.moment_noise", "sensors.moment_bias"]),
+    "disturbance.step_height": (0.0, ["disturbance.step_number"]),
+    "disturbance.mass_change": (0.0, ["disturbance.mass_segment"]),
+}
+"""Keys that have no effect where another key has some value."""
 
 
 @dataclass(frozen=True)
@@ -268,10 +279,17 @@ def plan_walk(
                 request = tune_walk(replace(request, run=run.replace({}, footsteps=())), progress).request
                 request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
                 run = request.run
+    for key, (value, names) in _IDLE.items():
+        idle = [name for name in names if run.value(name) != key_info(name).default]
+        if idle and run.value(key) == value:
+            progress.say(f"{request.name}: {key} = {value} does not use: {', '.join(idle)}")
     says = vars(type(planner))  # see ampm.walk.Planner
     tunes, checked = says.get("tunes", False), says.get("checked", False)
     name = str(getattr(planner, "name", type(planner).__name__))
-    if run.command != CommandParameters() and name != NO_PLAN and checked:
+    commanded = run.command != CommandParameters() or any(
+        key.startswith("command.") for key in request.changed
+    )
+    if commanded and name != NO_PLAN and checked:
         raise InputError(
             f"the planner {name or 'ampm'} follows no commanded velocity; leave out the keys command.*, or "
             "walk with --planner none.",

@@ -75,11 +75,10 @@ def _scale(element: ElementTree.Element, key: str, factor: float, *, all_of_it: 
 def _change_masses(root: ElementTree.Element, body: BodyModel, wanted: DisturbanceParameters) -> None:
     """Scale mass and inertia of some segments."""
     segments = {item.get("name", ""): item for item in root.findall(".//worldbody//body")}
-    names = [name.strip() for name in wanted.mass_segment.split(",")]
-    if "all" in names:
-        names = list(segments)
-    for name in names:
-        item = segments.get(body.description.trunk_segment if name == "chest" else name)
+    trunk = {"chest": body.description.trunk_segment}
+    names = dict.fromkeys(trunk.get(name.strip(), name.strip()) for name in wanted.mass_segment.split(","))
+    for name in segments if "all" in names else names:
+        item = segments.get(name)
         if item is None:
             known, key = ["all", "chest", *segments], "disturbance.mass_segment"
             raise unknown(name, known, f"segment in {key}", key=key, value=name)
@@ -113,6 +112,8 @@ def _change_floor(
         if wanted.floor_height:
             plane.set("pos", f"0 0 {wanted.floor_height!r}")
         return
+    if wanted.step_height and len(contacts.footsteps) < 3:
+        raise InputError("disturbance.step_height raises a footstep, and the plan has none; leave it out.")
     if wanted.step_height and wanted.step_number > len(contacts.footsteps):
         raise InputError(
             f"disturbance.step_number = {wanted.step_number} is not a footstep of the plan; take 3 to "

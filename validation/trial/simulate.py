@@ -144,13 +144,17 @@ def stand(planned: PlannedWalk, physics: Physics) -> Any:
 
 
 def forces_of(run: RunParameters, disturbances: Sequence[Disturbance], end: float) -> list[Disturbance]:
-    """The push of a run and further forces; raises InputError if one begins after the walk's end [s]."""
-    forces = [*pushes_of(run.disturbance), *disturbances]
+    """The push of a run and further forces; raises InputError if one never acts before a walk's end [s]."""
+    forces, step = [*pushes_of(run.disturbance), *disturbances], run.simulation.time_step
+    longer = "raise command.duration" if run.gait.planner == NO_PLAN else "walk more steps"
     for push in forces:
-        if isinstance(push, Push) and push.at >= end:
+        if isinstance(push, Push) and push.at > end - (1.0 - 1e-9) * step:
             raise InputError(
-                f"a push at {push.at:g} s is after the end, {end:.3g} s; push earlier, or walk more steps."
+                f"a push at {push.at:g} s is after the end, at {end:.6g} s; push earlier, or {longer}."
             )
+        if isinstance(push, Push) and push.duration < (1.0 - 1e-9) * step:
+            rule = f"shorter than simulation.time_step = {step:g} s"
+            raise InputError(f"a push of {push.duration:g} s is {rule}; let it last longer.")
     return forces
 
 

@@ -53,6 +53,7 @@ _SIZES = {
     "N m s": (FOOT_MOMENTUM, "% of m√(gL³)"),
 }
 """Unit to the size of which bodies that differ are compared in shares, and its name in tables."""
+_ZMP_ERRORS = frozenset(f"zmp_{place}{axis}_rmse" for place in ("", "foot_") for axis in "xy")
 _FAR = 0.5
 """Share of every limit up to which walks stay far below [1]."""
 
@@ -199,7 +200,7 @@ class WalkComparison(Tabled):
 
     def _tracking(self) -> str:
         """Who tracks the ZMP best, with the errors."""
-        rows = [row for row in self.rows if row.name in ("zmp_x_rmse", "zmp_y_rmse") and row.known_of_all]
+        rows = [row for row in self.rows if row.name in _ZMP_ERRORS and row.known_of_all]
         if not rows:
             return f"{self.title} have no errors of the ZMP to compare"
         where: dict[str, list[str]] = {}
@@ -209,7 +210,7 @@ class WalkComparison(Tabled):
             said = f"{listed(leaders)} {'tracks' if len(leaders) == 1 else 'track'} the ZMP best"
             values = ", ".join(f"{label} {_shown(value)}" for label, value in pairs)
             said = said if row.differs else "the difference is within the doubt"
-            where.setdefault(said, []).append(f"along {row.name[4]} ({values} {row.unit})")
+            where.setdefault(said, []).append(f"along {row.name[-6]} ({values} {row.unit})")
         equal = "" if any(row.differs for row in rows) else f"{self.title} track the ZMP equally well: "
         return equal + ", ".join(f"{said} {listed(axes)}" for said, axes in where.items())
 

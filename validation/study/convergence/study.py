@@ -90,7 +90,7 @@ def convergence(
     settings: Sequence[str] = (),
     *,
     steps: int = STEPS,
-    profile: str = "default",
+    profile: str | None = None,
     **execution: Unpack[Execution],
 ) -> Convergence:
     """Study one gait.
@@ -99,7 +99,7 @@ def convergence(
         gait: parameters, preset or TOML file; normal by default.
         settings: ``key=value`` texts, for a preset or file.
         steps: walked at every level.
-        profile: name of the tolerance profile.
+        profile: name of the tolerance profile, by default the gait's own.
         execution: workers and folder, see :class:`validation.study.many.Execution`.
 
     Raises:
@@ -108,8 +108,8 @@ def convergence(
     """
     if steps < 2:
         raise InputError(f"--steps {steps}: the first step is not judged; walk 2 or more.", value=steps)
-    limits, folder = profiles.profile(profile), study_folder(execution)
-    request = load_request(gait, settings)
+    request, folder = load_request(gait, settings), study_folder(execution)
+    limits = profiles.profile(profile or profiles.own_profile(request.name, request.run))
     request = replace(request, run=request.run.replace({"gait.steps": steps}))
     request = plan_walk(request, execution.get("progress")).request  # with all values
     found = studies(request.run)

@@ -136,11 +136,11 @@ def robustness(
     cells = chosen([*push_cells(quick), *other_cells(quick)], only)
     folder = study_folder(execution)
     request = load_request(run, settings)
-    if request.run.gait.planner == NO_PLAN and any(cell.is_push for cell in cells):
-        kinds = ", ".join(sorted({cell.kind for cell in other_cells(quick)}))
+    other = {cell.kind for cell in other_cells(quick)} - {"step_height"}
+    if request.run.gait.planner == NO_PLAN and not {cell.kind for cell in cells} <= other:
         raise InputError(
-            "gait.planner = none plans no steps, so that a push has no phase of a step; study other "
-            f"disturbances with --only: {kinds}."
+            "gait.planner = none plans no steps, so that pushes have no phase and step_height no step; study "
+            f"other disturbances with --only: {', '.join(sorted(other))}."
         )
     short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
     run = plan_walk(short, execution.get("progress")).run.as_is()

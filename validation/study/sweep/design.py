@@ -7,7 +7,7 @@ SciPy. ``docs/sweeps.md`` has an example and explains every key.
 
 import math
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -23,6 +23,7 @@ from ampm.parameters import HUMAN, OPTION_TABLES, RunParameters, is_option, keys
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, load_run
 from ampm.section import Option, Real, Section, read_toml, unknown
+from validation.judge.profiles import DEFAULT, Profile, own_profile
 from validation.judge.profiles import profile as find_profile
 from validation.store.environment import parameter_values
 from validation.trial import users
@@ -151,6 +152,14 @@ def _scaled(value: Range, is_whole: bool, unit: NDArray[np.float64]) -> list[Opt
     return np.clip(values, value.start, value.stop).astype(values.dtype).tolist()
 
 
+_OF_PROFILES = (
+    "gait.planner",
+    *(f"disturbance.push_{axis}" for axis in "xyz"),
+    "sensors.estimator",
+    "sensors.fix_rate",
+)  # they decide on one
+
+
 class SweepDefinition(Section, section="sweep"):
     """A complete sweep: the same definition gives the same runs in the same order.
 
@@ -165,7 +174,9 @@ class SweepDefinition(Section, section="sweep"):
     steps: int | None = Field(30, description="steps of every run, by default of its gait", ge=1, le=10_000)
     tune: bool = Field(False, description="find the values that every run leaves open; otherwise keep them")
     seed: int = Field(1, description="of the sampled blocks", ge=0, le=2**63 - 1)
-    profile: str = Field("default", description="tolerance profile that judges the runs")
+    profile: str = Field(
+        "", description="profile that judges the runs; by default their own, if it is the same"
+    )
     recordings: Literal["none", "failures", "worst"] = Field("failures", description="runs that are recorded")
     worst: int = Field(10, description="how many runs keep one at most, the worst first", ge=1, le=10_000)
     wall_clock: Real = Field(600.0, description="seconds after which a run counts as hung", gt=0)
@@ -175,7 +186,7 @@ class SweepDefinition(Section, section="sweep"):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        find_profile(self.profile)
+        find_profile(self.profile or "default")
         if not self.vary:
             raise InputError(
                 "the sweep varies nothing; add a [[vary]] block, for example with "
@@ -221,6 +232,18 @@ class SweepDefinition(Section, section="sweep"):
     def gait_of(self, run: int) -> int:
         """Number of the gait of a run."""
         return run // (len(self) // len(self.base))
+
+    @cached_property
+    def judge(self) -> Profile:
+        """The profile that judges the runs: by default their own, or ``default`` where they have several."""
+        alike: dict[Any, int] = {}
+        for run in range(len(self)):
+            alike.setdefault((self.gait_of(run), *map(self.varied(run).get, _OF_PROFILES)), run)
+        names = {self.profile} if self.profile else set[str]()
+        for run in () if self.profile else alike.values():
+            with suppress(InputError):  # a run beyond the bounds of a key
+                names.add(own_profile(self.gaits[self.gait_of(run)], self.parameters(run)).name)
+        return find_profile(*names) if len(names) == 1 else DEFAULT
 
     @property
     def keys(self) -> tuple[str, ...]:

@@ -105,7 +105,7 @@ def task_of(definition: SweepDefinition, run: int) -> Task:
 def _options(definition: SweepDefinition, run: int) -> dict[str, Any]:
     """Arguments of :func:`validation.study.walk_options.walk_request`."""
     request = Request(definition.name_of(run), definition.parameters(run), definition.varied(run))
-    return {"request": request, "profile": definition.profile}
+    return {"request": request, "profile": definition.judge.name}
 
 
 def walk_run(**options: Any) -> Row:

@@ -24,7 +24,6 @@ from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
 from validation.judge.metrics import METRICS, display_unit, metric_label
 from validation.judge.profiles import Tolerance
-from validation.judge.profiles import profile as find_profile
 from validation.store.environment import code_hash, describe_environment, parameter_values, run_key
 from validation.study.row_file import ROWS, Row, read_rows
 from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep, toml_text
@@ -274,7 +273,7 @@ class SweepTable(Tabled):
 
 def key_of(definition: SweepDefinition, run: int) -> str:
     """Key of a run among the rows of a folder: its number, and a hash of what the definition says of it."""
-    shared = {"profile": definition.profile, "tune": definition.tune}
+    shared = {"profile": definition.judge.name, "tune": definition.tune}
     return f"{definition.name_of(run)}-{run_key({**_values(definition, run), **shared})}"
 
 
@@ -309,7 +308,7 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
     ``limit``, ``unit`` and ``reason``; forces in body weights), ``labels`` (metric to readable name),
     ``columns`` (name to ``unit`` and ``words``) and ``environment`` (versions, platform, hash of the code).
     """
-    profile = find_profile(definition.profile)
+    profile = definition.judge
     return {
         "definition": dump_sweep(definition),
         "name": definition.name,
