@@ -9,6 +9,7 @@ move at random. Here both feet stand at every target, and a way takes as long as
 import argparse
 import itertools
 import math
+import sys
 from statistics import fmean
 
 import numpy as np
@@ -152,5 +153,11 @@ if __name__ == "__main__":
     parser.add_argument("--workers", type=int, help="processes; by default one a core")
     parser.add_argument("--out", metavar="DIR", help="keep every tour")
     parser.add_argument("--resume", action="store_true", help="go on with the tours of the folder")
-    walks = walk_tours(**vars(parser.parse_args()))
+    given = parser.parse_args()
+    if given.seeds < 1 or given.count < 2 or not 0.0 <= given.share <= 100.0:
+        parser.error("--seeds of 1 or more, --targets of 2 or more, --punches of 0 to 100")
+    try:
+        walks = walk_tours(**vars(given))
+    except ampm.AmpmError as error:
+        sys.exit(f"tour.py: {error}")
     print(f"{sum(not walk['cause'] for walk in walks)} of {len(walks)} completed")
