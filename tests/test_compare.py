@@ -129,6 +129,10 @@ def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):
     pushed = replace(record, external_segments=("thorax",), external_force=force)
     recovery = evaluate(compare(plan, pushed, replace(measured, zmp=zmp)))["recovery_time"]
     assert recovery == pytest.approx(49 * record.time_step)
+    zmp = np.where(
+        np.arange(len(zmp))[:, None] > 210, 0.5, zmp
+    )  # to the end, which comes before the limit on the recovery
+    assert np.isnan(evaluate(compare(plan, pushed, replace(measured, zmp=zmp)))["recovery_time"])
 
 
 def test_effort_is_command_minus_plan_after_the_first_step(walk):

@@ -110,7 +110,7 @@ def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
     answer = ampm("validate", "normal", "--footsteps", path, *disturbed, "--out", out, "--json")
     assert answer.status in (0, 1), answer.err
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert "Disturbed, unknown to plan and controller: start_velocity = 1e-06." in page
+    assert "Disturbed, unknown to plan and controller: disturbance.start_velocity = 1e-06." in page
     assert "stride" not in page  # steps differ
     assert answer.json["outcome"] == "completed"
     assert answer.json["planner"] == "footsteps"

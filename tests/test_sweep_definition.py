@@ -63,7 +63,12 @@ def test_defaults_and_nested_quoted_and_dotted_keys():
     texts = "gait.c_y = [0.4, 1.0]", '"gait.c_y" = [0.4, 1]', "[vary.gait]\nc_y = [0.4, 1.0]"
     sweep, *others = (parse_sweep(GRID + text) for text in texts)
     assert all(other == sweep for other in others)
-    assert (sweep.name, sweep.gait, sweep.steps, sweep.profile) == ("sweep", "normal", 30, "default")
+    assert (sweep.name, sweep.gait, sweep.steps, sweep.judge.name) == ("sweep", "normal", 30, "default")
+    for text in (
+        "disturbance.push_x = [5.0, 9.0]",
+        "disturbance.push_x = [0.0, 9.0]",
+    ):  # all, or some of them
+        assert parse_sweep(GRID + text).judge.name == ("default" if "0.0" in text else "pushed")
     assert (sweep.recordings, sweep.wall_clock, sweep.shared) == ("failures", 600.0, (load_run("normal"),))
     assert sweep.keys == ("gait.c_y",)
 

@@ -15,9 +15,11 @@ QUICK = ("--planner", "none", "--set", "simulation.time_step=2e-3", "--set", "co
 
 def test_with_the_projects_controller_a_body_stands(ampm, tmp_path):
     more = ("--steps", 4, "--out", tmp_path / "run", "--json", "--set", "disturbance.slope_across=0.02")
+    more += ("--set", "sensors.stand=1")
     answer = ampm("validate", "--body", "suite-humanoid", *QUICK, *more)
     assert answer.status == 0
     assert "planner none does not use: gait.steps" in answer.err
+    assert "sensors.estimator = exact does not use: sensors.stand" in answer.err
     summary = answer.json
     assert (summary["profile"], summary["verdict"], summary["steps_completed"]) == ("free", "pass", 0)
     assert summary["metrics"]["velocity_x_error"]["pass"]
