@@ -11,6 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ampm.body.feasibility import check_body
+from ampm.body.limits import AT_MOST, Limit, check
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
 from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, InputError
@@ -271,9 +272,7 @@ class StandingPlanner:
             BodilyRefusal: the body cannot stand.
         """
         if not self.com_height >= 0.0:
-            raise InputError(
-                f"planner.options.com_height = {self.com_height} must be at least 0 m; raise it."
-            )
+            raise InputError(f"planner.options.com_height = {self.com_height} must be 0 m or more; raise it.")
         # Imported here, as the inverse kinematics is compiled.
         from ampm.body.constant_posture import ConstantPosture
         from ampm.body.inverse_kinematics import InverseKinematics
@@ -302,15 +301,9 @@ class StandingPlanner:
             refusal.way_out = "lower planner.options.com_height, or leave it out"
             raise
         beyond = np.maximum(robot.lower - posture.q[7:], posture.q[7:] - robot.upper)
-        if (most := float(beyond.max())) > 0.0:
-            raise BodilyRefusal(
-                f"at this height {robot.joint_names[beyond.argmax()]} is {most:.3g} rad beyond its range",
-                reason="joint_limits",
-                value=most,
-                limit=0.0,
-                unit="rad",
-                way_out="raise planner.options.com_height, or leave it out",
-            )
+        what = f"at this height the angle of {robot.joint_names[beyond.argmax()]} beyond its range"
+        less = "raise planner.options.com_height, or leave it out"
+        check([(Limit(what, "rad", 0.0, AT_MOST, "joint_limits", less), float(beyond.max()))])
         return WalkPlan.of(steps, posture=posture, command=run.command)
 
 

@@ -77,7 +77,7 @@ def build_human(run: RunParameters) -> BodyModel:
 
     def leg(side: str) -> LegDescription:
         foot, toe = segments[f"{side}_foot"], segments[f"{side}_toe"]
-        to_ankle, to_toe = np.array([sole.ankle_x, 0.0, sole.ankle_height]), np.array([sole.ball_x, 0.0, 0.0])
+        ankle, ball = np.array([sole.ankle_x, 0.0, sole.ankle_height]), np.array([sole.ball_x, 0.0, 0.0])
         return LegDescription(
             hip=joints(f"{side}_hip"),
             knee=f"{side}_knee_pitch",
@@ -86,9 +86,7 @@ def build_human(run: RunParameters) -> BodyModel:
             foot_segment=f"{side}_foot",
             toe_segment=f"{side}_toe",
             sole_frame=f"{side}_sole",
-            sole_points=scene.add_sole_points(
-                side, sole, [(foot, -to_ankle), (foot, -to_ankle), (toe, -to_toe)]
-            ),
+            sole_points=scene.add_sole_points(side, sole, [(foot, -ankle), (foot, -ankle), (toe, -ball)]),
         )
 
     left_leg, right_leg = map(leg, scene.SIDES)

@@ -52,16 +52,16 @@ def make_run(
 
 @cache
 def walked(
-    steps: int, settings: tuple[str, ...], outcome: Outcome | None
+    steps: int, settings: tuple[str, ...], end: Outcome | None
 ) -> tuple[PlannedWalk, SimulationRecord]:
     planned = plan_walk(load_request("normal", [f"gait.steps={steps}", *settings], as_is=True))
 
     def stop(done: int, _: int) -> None:
-        if outcome is not None and done * planned.run.simulation.time_step >= outcome.time:
+        if end is not None and done * planned.run.simulation.time_step >= end.time:
             raise KeyboardInterrupt
 
     record = simulate(planned, progress=stop)
-    return planned, replace(record, outcome=outcome or record.outcome)
+    return planned, replace(record, outcome=end or record.outcome)
 
 
 def forge(source: Path, target: Path, file: str, change: Callable[[pa.Table], pa.Table]) -> Path:

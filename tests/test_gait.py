@@ -60,10 +60,8 @@ def force_law_integration(p, steps):
     state = [-l_s, constants.beta, p.switching_velocity, constants.lateral_switching_velocity, 0.0, 0.0]
     now, switches, pieces = 0.0, [], []
     for k in range(2 * steps):
-        accuracy = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
-        found = solve_ivp(
-            rates, (now, now + 2.0), state, events=passed, dense_output=True, args=(k,), **accuracy
-        )
+        how = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13, "dense_output": True}
+        found = solve_ivp(rates, (now, now + 2.0), state, events=passed, args=(k,), **how)
         now, state = found.t_events[0][0], found.y_events[0][0]
         switches.append(now)
         pieces.append(found.sol)

@@ -72,9 +72,8 @@ def test_hlip_needs_two_steps_and_its_regulator_more(w, single, double):
 def test_the_step_of_alip_brings_the_momentum_about_the_contact_to_zero(w, duration, _):
     x, speed = 0.04, 0.3  # the momentum about the contact, over m H
     step = wanted_step(w, duration, x, speed)
-    end = solve_ivp(
-        lambda t, s: [s[1], w * w * s[0]], (0.0, duration), [x - step, speed], rtol=1e-11, atol=1e-13
-    )
+    start, accuracy = [x - step, speed], {"rtol": 1e-11, "atol": 1e-13}
+    end = solve_ivp(lambda t, s: [s[1], w * w * s[0]], (0.0, duration), start, **accuracy)
     assert end.y[1, -1] == pytest.approx(0.0, abs=1e-9)
     assert step == pytest.approx(deadbeat(w, duration, 0.0) @ [x, speed])  # the same without double support
 

@@ -40,9 +40,8 @@ def test_the_dcm_obeys_its_dynamics_and_its_recursion():
     toe, heel = plan.sample(double.start).zmp[0], plan.sample(double.start + double.duration).zmp[0]
     fade = math.exp(-0.5 * w * double.duration)
     middle = heel + (plan.sample(double.start + double.duration).dcm[0] - heel) * fade
-    np.testing.assert_allclose(
-        plan.sample(double.start).dcm[0], toe + (middle - toe) * fade, rtol=0.0, atol=1e-12
-    )
+    first = toe + (middle - toe) * fade
+    np.testing.assert_allclose(plan.sample(double.start).dcm[0], first, rtol=0.0, atol=1e-12)
     roll = own.constants.l_s * own.constants.inverse_a_s
     np.testing.assert_allclose(plan.sample([0, single.duration]).zmp[:, 0], [-roll, roll], rtol=0, atol=1e-12)
 
@@ -70,9 +69,8 @@ def test_preview_control_is_what_the_papers_servo_comes_to():
     count = round(plan.constants.step_duration / SAMPLE_TIME)
     period = plan.constants.step_duration / count
     A, B, C, of_error, of_state, preview = preview_gains(plan.com_height, period)
-    for axis, law in zip(
-        axes_of(plans("normal", "ampm")[0]), (plan.phases[0].x, plan.phases[0].y), strict=True
-    ):
+    axes, laws = axes_of(plans("normal", "ampm")[0]), (plan.phases[0].x, plan.phases[0].y)
+    for axis, law in zip(axes, laws, strict=True):
         ahead, number = len(preview), 20 * count
         reference = reference_zmp(plan, axis, period * np.arange(number + ahead + 1))
         state, total, states = np.array([0.05, 0.1, 0.0]), 0.0, []

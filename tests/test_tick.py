@@ -43,9 +43,8 @@ def frame_jacobians(robot, q, numbers):
 def task_jacobian(robot, q):
     """Momentum over the mass, soles, toes: shape (R, nv)."""
     momentum = pin.computeCentroidalMap(robot.model, robot.model.createData(), q) / robot.mass
-    return np.vstack(
-        [momentum, *frame_jacobians(robot, q, robot.sole_frames), np.eye(robot.nv)[robot.toe_joints]]
-    )
+    soles, toes = frame_jacobians(robot, q, robot.sole_frames), np.eye(robot.nv)[robot.toe_joints]
+    return np.vstack([momentum, *soles, toes])
 
 
 def drift(robot, q, v, now):

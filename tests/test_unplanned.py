@@ -14,9 +14,9 @@ QUICK = ("--planner", "none", "--set", "simulation.time_step=2e-3", "--set", "co
 
 
 def test_with_the_projects_controller_a_body_stands(ampm, tmp_path):
-    more = ("--steps", 4, "--out", tmp_path / "run", "--json", "--set", "disturbance.slope_across=0.02")
-    more += ("--set", "sensors.stand=1")
-    answer = ampm("validate", "--body", "suite-humanoid", *QUICK, *more)
+    more = ("--steps", 4, "--out", tmp_path / "run", "--json", "--set", "sensors.stand=1")
+    slope = ("--body", "suite-humanoid", "--set", "disturbance.slope_across=0.02")
+    answer = ampm("validate", *slope, *QUICK, *more)
     assert answer.status == 0
     assert "planner none does not use: gait.steps" in answer.err
     assert "sensors.estimator = exact does not use: sensors.stand" in answer.err
@@ -48,9 +48,8 @@ class Limp:
 
 
 def test_a_controller_reads_its_command_and_a_fall_is_told_without_a_plan():
-    run = load_run(
-        simulation={"time_step": 0.002}, command={"vx": 0.4, "wz": -0.2, "settling": 0.1, "duration": 2}
-    )
+    command = {"vx": 0.4, "wz": -0.2, "settling": 0.1, "duration": 2}
+    run = load_run(simulation={"time_step": 0.002}, command=command)
     trial = val.walk(run, controller=Limp, planner="none")
     assert set(Limp.asked[:49]) == {(0.0, 0.0, 0.0)}
     assert set(Limp.asked[51:]) == {(0.4, 0.0, -0.2)}

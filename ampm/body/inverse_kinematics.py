@@ -32,13 +32,7 @@ from ampm.body.step_reference import StepReference
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 
-POSTURE_WEIGHTS = {
-    "root_linear": 1e-3,
-    "root_angular": 1.0,
-    "trunk": 1.0,
-    "arms": 0.3,
-    "legs": 1e-3,
-}
+POSTURE_WEIGHTS = {"root_linear": 1e-3, "root_angular": 1.0, "trunk": 1.0, "arms": 0.3, "legs": 1e-3}
 """Weights W of the posture form by group of coordinates [1]; the legs and the root's position follow from
 feet and COM; their small weights only make the minimiser unique."""
 

@@ -175,12 +175,7 @@ class Orbit:
 
 
 def newton(
-    step_map: StepMap,
-    z: Array,
-    tolerance: float,
-    inverse: BroydenInverse | None = None,
-    *,
-    rebuilds: int = 4,
+    step_map: StepMap, z: Array, tolerance: float, inverse: BroydenInverse | None = None, *, rebuilds: int = 4
 ) -> Orbit:
     """Fixed point of a map near ``z``.
 

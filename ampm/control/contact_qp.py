@@ -89,13 +89,7 @@ def eliminate_tasks(tasks: Tasks, posture: Array) -> bool:
 
 @compiled
 def fill_qp(
-    feet: int,
-    points: Any,
-    contact: Contact,
-    system: Array,
-    right_load: float,
-    gains: Any,
-    problem: QPProblem,
+    feet: int, points: Any, contact: Contact, system: Array, right_load: float, gains: Any, problem: QPProblem
 ) -> None:
     """Fill in what changes from tick to tick.
 

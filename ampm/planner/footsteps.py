@@ -175,11 +175,8 @@ def _largest_inverse_a(solved: Solution, sole: SoleGeometry) -> Array:
     from_foot = np.stack([solved.state[:, 0], solved.end[:, 0]], axis=1) - problem.place[:, None]
     along = (from_foot * problem.axes[:, None, :, 0]).sum(axis=2)
     with np.errstate(divide="ignore", over="ignore"):
-        return np.asarray(
-            np.minimum(
-                ahead / np.maximum(along.max(axis=1), 0.0), behind / np.maximum(-along.min(axis=1), 0.0)
-            )
-        )
+        at_tip, at_heel = np.maximum(along.max(axis=1), 0.0), np.maximum(-along.min(axis=1), 0.0)
+        return np.asarray(np.minimum(ahead / at_tip, behind / at_heel))
 
 
 def _gentler(solved: Solution) -> Array:
@@ -332,14 +329,12 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: in
         )
 
 
-def _least_margin(
-    footsteps: Sequence[Footstep], sole: SoleGeometry, plan: CentroidalPlan
-) -> tuple[int, float]:
+def _least_margin(steps: Sequence[Footstep], sole: SoleGeometry, plan: CentroidalPlan) -> tuple[int, float]:
     """Least distance of the ZMP from the edge of the flat soles, and the number of the footstep, from 1.
 
     Evaluated at the quarters of every phase: on a straight way the distance is least at an end.
     """
-    outlines, phases = np.stack([footprint(sole, step)[:-1] for step in footsteps]), plan.contacts.phases
+    outlines, phases = np.stack([footprint(sole, step)[:-1] for step in steps]), plan.contacts.phases
     standing = np.empty((len(phases), 2 * outlines.shape[1], 2))
     standing[0::2] = np.concatenate([outlines[:-1], outlines[1:]], axis=1)
     standing[1::2] = np.concatenate([outlines[1:-1], outlines[1:-1]], axis=1)

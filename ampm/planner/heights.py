@@ -140,9 +140,7 @@ class Ground:
                     _refuse_near(step, gap, height - at)
                     _cut(part, box, side, EDGE, 1.0)
         corners = np.array(wide).reshape(-1, 2, 2)
-        return cls(
-            heading, float(z.min()), corners[:, 0], corners[:, 1], np.array([part[1] for part in parts])
-        )
+        return cls(heading, float(z.min()), corners[:, 0], corners[:, 1], np.array([one[1] for one in parts]))
 
     def at(self, points: Array, around: float = 0.0) -> Array:
         """Height of the floor at points (..., 2) [m], of the highest part within a distance, shape (...)."""

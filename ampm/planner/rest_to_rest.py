@@ -119,20 +119,18 @@ def _quarters(frequency: float, point: Array, arm: Array) -> Array:
     return np.asarray(np.kron(state, np.eye(2)), dtype=np.float64)
 
 
-def stand_nodes(
-    r: Array, q: Array, middle: Array, one: Array, two: Array, rest: Array
-) -> tuple[Array, Array]:
+def stand_nodes(r: Array, q: Array, mid: Array, one: Array, two: Array, rest: Array) -> tuple[Array, Array]:
     """Values of r and q at the ends of the quarters of a double support, from rest on, shape (5, m) each.
 
     Args:
         r: at the single support.
         q: likewise.
-        middle: r at the middle.
+        mid: r at the middle.
         one: q at a quarter from the rest.
         two: q at the middle.
         rest: COM at rest, all of shape (m,).
     """
-    point = [rest, 0.5 * (rest + middle), middle, 0.5 * (middle + r), r]
+    point = [rest, 0.5 * (rest + mid), mid, 0.5 * (mid + r), r]
     return np.array(point), np.array([np.zeros_like(q), one, two, 0.5 * (two + q), q])
 
 

@@ -81,10 +81,7 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     if first and begin != 0.0:
         raise InputError(f"times begin at {begin:g} s; begin at 0 s, or give the plan in force as after.")
     if end - times[-1] > times[-1] - times[-2] + 1e-9:
-        raise InputError(
-            f"times end at {times[-1]:g} s and the contacts at {end:g} s; plan the COM to their end, or give "
-            "contacts that end sooner."
-        )
+        raise InputError(f"times end at {times[-1]:g} s and the contacts at {end:g} s; let both end at once.")
     given = {name: finite(name, values) for name, values in given.items() if values is not None}
     for name, values in given.items():
         shape = (2,) if name == "angular_momentum" else (len(times), 2)
@@ -165,8 +162,7 @@ def _height_law(given: dict[str, Array], times: Array, plan: CentroidalPlan) -> 
     _, velocity, acceleration = motion
     if not acceleration.min() > -GRAVITY:
         raise InputError(
-            f"com accelerates downwards by {-acceleration.min():.3g} m/s^2; keep it below {GRAVITY} m/s^2, "
-            "as the floor only pushes."
+            f"com accelerates downwards by {-acceleration.min():.3g} m/s^2; keep it below {GRAVITY} m/s^2."
         )
     still = np.zeros_like(times)
     floor = _support_height(given, times, height, acceleration, plan.contacts) if climbs else still

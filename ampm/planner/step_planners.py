@@ -208,13 +208,11 @@ def _preview_step(steps: StepPlan, axis: _Axis, times: Array) -> Array:
     for k in range(count):
         states[k + 1] = A @ states[k]
         states[k + 1, :, 3 + k] += B
-    returns = states[-1] - axis.sign * states[0]  # is the shift of the position
+    shift = states[-1] - axis.sign * states[0]  # is the shift of the position
     jerk = np.eye(count, 3 + count, 3)
     change = np.vstack([jerk[1:], axis.sign * jerk[:1]]) - jerk
     zmp = states[:-1, 0] - steps.com_height / steps.gravity * states[:-1, 2]
-    system = np.block(
-        [[zmp.T @ zmp + JERK_WEIGHT * change.T @ change, returns.T], [returns, np.zeros((3, 3))]]
-    )
+    system = np.block([[zmp.T @ zmp + JERK_WEIGHT * change.T @ change, shift.T], [shift, np.zeros((3, 3))]])
     right = np.concatenate([zmp.T @ reference_zmp(steps, axis, times), [axis.shift, 0.0, 0.0]])
     return np.asarray((states[:-1] @ np.linalg.solve(system, right)[:-3]).T)
 

@@ -36,22 +36,20 @@ _HIGHEST = 0.2  # most by which a swing may be higher than the gait's [m]
 _GRID = 65  # instants of a double support at which the ZMP is compared with the heel
 
 
-def plan_swings(
-    plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_length: float
-) -> FeetPlan:
+def plan_swings(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, length: float) -> FeetPlan:
     """Plan both feet of a walk from rest to rest.
 
     Args:
         plan: double and single supports in turn, double support first and last.
         foot: key-frames of the gait.
         sole: outline of a sole.
-        step_length: of the gait, for which its key-frames are meant [m].
+        length: of the gait's step, for which its key-frames are meant [m].
 
     Raises:
         InputError: the heel would rise too early or too late.
         BodilyRefusal: a foot cannot swing over an edge of the floor.
     """
-    roll = _rolls(plan, foot, sole, step_length)
+    roll = _rolls(plan, foot, sole, length)
     feet = rolling_feet(plan.contacts, foot, sole, roll)
     if uneven(plan.contacts.footsteps):
         missing = _missing_height(plan.contacts, feet, sole)

@@ -147,9 +147,7 @@ def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
     power = record.torque_at(used)
     for part in blocks(used.size):
         power[part] *= 0.5 * (rates[used[part] + 1] + rates[used[part]])
-    positive, negative = (
-        float(part(power, 0.0).sum() * record.time_step) for part in (np.maximum, np.minimum)
-    )
+    positive, negative = (float(of(power, 0.0).sum() * record.time_step) for of in (np.maximum, np.minimum))
     moves = np.diff(record.com[used[0] : used[-1] + 2, :2], axis=0)
     distance = float(np.sqrt((moves * moves).sum(axis=1)).sum())
     transport = positive / (record.mass * record.gravity * distance) if distance > 0.0 else math.nan

@@ -147,8 +147,7 @@ def _aligned(
     share = float(log.signals["force"][:, 2].mean()) / log.weight
     facts: dict[str, Any] = {"rows": log.time.size, "rate": 1.0 / log.time_step}
     notes = [
-        f"{log.name}: {log.time.size} rows at {facts['rate']:.4g} Hz; the mean vertical force is {share:.1%} "
-        "of the plan's weight."
+        f"{log.name}: {log.time.size} rows at {facts['rate']:.4g} Hz, {share:.1%} of the plan's mean force."
     ]
     if log.gaps:
         gaps = f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s"
@@ -169,8 +168,7 @@ def _aligned(
         if start is None:
             start, facts["correlation"] = find_start(log, plan)
             notes.append(
-                f"The plan begins at {start:.4f} s of the log, by cross-correlation of force and ZMP "
-                f"({facts['correlation']:.3f})."
+                f"The plan begins at {start:.4f} s of the log, by correlation ({facts['correlation']:.3f})."
             )
         facts["start"] = start
         time = log.time - start
@@ -191,7 +189,6 @@ def _aligned(
         )
     facts |= {"place": by.tolist(), "from": float(log.time[0]), "until": float(log.time[-1])}
     notes.append(
-        f"{log.time.size} instants are compared, from {log.time[0]:.4g} to {log.time[-1]:.4g} s of the "
-        f"plan's {plan.duration:.4g} s."
+        f"{log.time.size} instants of the plan are compared, {log.time[0]:.4g} to {log.time[-1]:.4g} s."
     )
     return log.moved(by), {**facts, "notes": notes}

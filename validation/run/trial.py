@@ -60,9 +60,7 @@ class Trial(Tabled):
 
     def __str__(self) -> str:
         """The sentence, and what is out of tolerance."""
-        return "\n".join(
-            [self.sentence, *(f"  {item.label}: {item.against}" for item in self.verdict.failed)]
-        )
+        return "\n".join([self.sentence, *(f"  {one.label}: {one.against}" for one in self.verdict.failed)])
 
     @property
     def sentence(self) -> str:

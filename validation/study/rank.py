@@ -209,9 +209,7 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
         raise InputError(f"{table.source} does not vary {key!r}; rank by one of {', '.join(varied)}.")
     if ahead not in LEADS or ahead_column(AHEAD[0], ahead) not in table:
         known = ", ".join(f"{lead:g}" for lead in LEADS)
-        raise InputError(
-            f"{table.source} has no error {ahead:g} s ahead; take one of {known} s.", value=ahead
-        )
+        raise InputError(f"{table.source} has no error {ahead:g} s ahead; known: {known} s.", value=ahead)
     others = [name for name in varied if name != key]
     replicas = list(zip(*(table.values(name).tolist() for name in others), strict=True)) or [()] * len(table)
     errors = np.hypot(*(table.numbers(ahead_column(name, ahead)) for name in AHEAD))

@@ -142,8 +142,7 @@ def check_contacts(
                 off = np.linalg.norm(foot.sole_points[row, :, :2] - corners, axis=1)[touching].max()
                 if off > _OFF:
                     raise ValueError(
-                        f"at {times[row]:.4g} s the path of its {side} foot is {off:.3g} m off the "
-                        "footstep of its contacts"
+                        f"at {times[row]:.4g} s the path of its {side} foot is {off:.3g} m off its footstep"
                     )
     margin = polygon_margin(*plan.points_in_contact(times), plan.sample(times).zmp)
     worst = int(margin.argmin())

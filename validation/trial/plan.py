@@ -286,10 +286,8 @@ def plan_walk(
     says = vars(type(planner))  # see ampm.walk.Planner
     tunes, checked = says.get("tunes", False), says.get("checked", False)
     name = str(getattr(planner, "name", type(planner).__name__))
-    commanded = run.command != CommandParameters() or any(
-        key.startswith("command.") for key in request.changed
-    )
-    if commanded and name != NO_PLAN and checked:
+    commanded = any(key.startswith("command.") for key in request.changed)
+    if (commanded or run.command != CommandParameters()) and name != NO_PLAN and checked:
         raise InputError(
             f"the planner {name or 'ampm'} follows no commanded velocity; leave out the keys command.*, or "
             "walk with --planner none.",

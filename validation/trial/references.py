@@ -108,15 +108,11 @@ class References(Course):
             if not isinstance(plan, WalkPlan):
                 raise TypeError(f"replan at {time:g} s made {planner_problem(plan)}; None keeps the plan")
             if not plan.duration >= time:
-                raise ValueError(
-                    f"the plan made at {time:g} s ends at {plan.duration:g} s, before now; "
-                    "plan on the walk's clock, beyond now"
-                )
+                raise ValueError(f"the plan made at {time:g} s ends at {plan.duration:g} s; plan beyond now")
             due = len(self.step_ends)
             if self.steps is not None and plan.contacts.steps < due:
                 raise ValueError(
-                    f"the plan made at {time:g} s has {plan.contacts.steps} steps in all, and the walk "
-                    f"goes on to step {due}; plan as many"
+                    f"the plan made at {time:g} s has {plan.contacts.steps} of the walk's {due} steps"
                 )
             check_contacts(plan, time, NEXT, PUSHED_OUTSIDE)
         self.follow(plan)

@@ -172,12 +172,10 @@ def _raise_floor(
         world.insert(k, _box(plane, f"floor_{k}", 0.5 * (high - low), centre, turn))
 
 
-def _box(
-    plane: ElementTree.Element, name: str, half: Array, centre: Array, rotation: Array
-) -> ElementTree.Element:
+def _box(plane: ElementTree.Element, name: str, half: Array, at: Array, turn: Array) -> ElementTree.Element:
     """A part of the floor with half its extent (2,) [m], centre (3,) [m] and rotation."""
-    own = {"name": name, "type": "box", "size": _text([*half, 0.5 * _THICK]), "pos": _text(centre)}
-    own["xyaxes"] = _text([*rotation[:, 0], *rotation[:, 1]])
+    own = {"name": name, "type": "box", "size": _text([*half, 0.5 * _THICK]), "pos": _text(at)}
+    own["xyaxes"] = _text([*turn[:, 0], *turn[:, 1]])
     return ElementTree.Element("geom", dict(plane.attrib) | own)
 
 

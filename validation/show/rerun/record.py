@@ -242,9 +242,8 @@ class _Log:
             ("measured", 1.0, 0.013, 0.002, 0.002),
         ):
             color, path = SERIES[kind], signals.vector(f"{kind}_com")
-            self.arrow(
-                f"world/force/{kind}", zmp[kind], scale * signals.vector(f"{kind}_force"), color, width
-            )
+            force = scale * signals.vector(f"{kind}_force")
+            self.arrow(f"world/force/{kind}", zmp[kind], force, color, width)
             # From above everything is drawn on the floor: nearer objects would hide the ZMP.
             shadow, rise = _on_floor(path[:, :2], floor), np.array([0.0, 0.0, lift])
             self.shapes(f"world/com/{kind}", rr.Points3D, color, 0.03, positions=path)

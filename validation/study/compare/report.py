@@ -57,9 +57,7 @@ def load_comparison(folder: Path) -> WalkComparison:
     """
     found = read_json(folder / NUMBERS, _Numbers, "run 'ampm compare' again; that of sweeps has no pictures")
     walks = _Numbers.model_validate(found).walks
-    sides = (
-        Side(item.label, load_saved_run(folder / item.run), item.study, item.robustness) for item in walks
-    )
+    sides = (Side(one.label, load_saved_run(folder / one.run), one.study, one.robustness) for one in walks)
     return comparison_of(list(sides))
 
 

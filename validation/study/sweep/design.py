@@ -127,9 +127,8 @@ class Block(Section):
 
 def _spaced(value: Range, is_whole: bool) -> list[Option]:
     """Values of a range of a grid."""
-    values = (np.geomspace if value.scale == "log" else np.linspace)(
-        value.start, value.stop, value.count or 0
-    )
+    space = np.geomspace if value.scale == "log" else np.linspace
+    values = space(value.start, value.stop, value.count or 0)
     if is_whole:
         return np.rint(values).astype(int).tolist()
     # 1.0 instead of 1.0000000000000002: some gaits are exact only there.

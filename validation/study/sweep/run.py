@@ -131,15 +131,13 @@ def _keep_worst(
     return [f"{RECORDINGS}/{names[row]}" if names.get(row) in kept else None for row in range(len(found))]
 
 
-def keep_runs(
-    definition: SweepDefinition, runs: Mapping[str, int], **execution: Unpack[Execution]
-) -> list[str]:
+def keep_runs(sweep: SweepDefinition, runs: Mapping[str, int], **execution: Unpack[Execution]) -> list[str]:
     """Walk runs of a sweep again, each into a folder of its name with report and recording; those written."""
     folder = study_folder(execution)
     if folder is None or not runs:
         return []
     tasks = [
-        Task(name, keep_run, {"folder": str(folder.resolve() / name), **_options(definition, run)})
+        Task(name, keep_run, {"folder": str(folder.resolve() / name), **_options(sweep, run)})
         for name, run in runs.items()
     ]
     for row in walk_many(tasks, label="recordings", **execution):
