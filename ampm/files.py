@@ -51,7 +51,7 @@ def read_text(path: Path, largest: int = LARGEST_TEXT) -> str:
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         raise InputError(
-            f"the file {str(path)!r} has byte {content[error.start]:#x} in line {line}; save it as UTF-8."
+            f"the file {str(path)!r} has the byte {content[error.start]:#x} in line {line}; save it as UTF-8."
         ) from None
 
 

@@ -105,7 +105,7 @@ def test_only_regular_files_are_read(tmp_path):
     with pytest.raises(InputError, match="is not a regular file"):
         read_text(Path("/dev/zero"))
     for read in (read_columns, read_footsteps):
-        with pytest.raises(InputError, match="byte 0xe9 in line 2 is"):
+        with pytest.raises(InputError, match="byte 0xe9 in line 2; save"):
             read(tmp_path / "latin.csv")
 
 

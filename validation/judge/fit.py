@@ -236,9 +236,8 @@ def _double_support(time: Array, com: Array, zmp: Array) -> tuple[float, float, 
 
 def _closed(values: Array, durations: Array) -> Array:
     """Values over strides, (N, 4, P, n), without drift and mean, as periodic ones have them."""
-    weights = np.repeat(durations / durations.sum(axis=1, keepdims=True) / _POINTS, _POINTS, axis=1)[
-        ..., None
-    ]
+    part = durations / durations.sum(axis=1, keepdims=True) / _POINTS
+    weights = np.repeat(part, _POINTS, axis=1)[..., None]
     flat = values.reshape(len(values), -1, values.shape[-1])
     flat = flat - (flat[:, -1:] - flat[:, :1]) * weights.cumsum(axis=1)
     return (flat - (flat * weights).sum(axis=1, keepdims=True)).reshape(values.shape)
