@@ -72,15 +72,15 @@ class Short(Naive):
 
 
 class Odd(Naive):
-    """Gives a touch that no controller can use."""
+    """Gives a touch or a state that no controller can use."""
 
-    def __init__(self, robot, run, start, **touch):
+    def __init__(self, robot, run, start, factor=1.0, **touch):
         super().__init__(robot, run, start)
-        self.touch = touch
+        self.factor, self.touch = factor, touch
 
     def update(self, readings, commanded):
         state, touch = super().update(readings, commanded)
-        return state, touch._replace(**self.touch)
+        return state._replace(q=self.factor * state.q), touch._replace(**self.touch)
 
 
 class Mine(Kalman):

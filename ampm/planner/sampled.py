@@ -81,9 +81,7 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     if first and begin != 0.0:
         raise InputError(f"times begin at {begin:g} s; begin at 0 s, or give the plan in force as after.")
     if end - times[-1] > times[-1] - times[-2] + 1e-9:
-        raise InputError(
-            f"times end at {times[-1]:g} s and the contacts at {end:g} s; plan the COM to its end."
-        )
+        raise InputError(f"times end at {times[-1]:g} s and contacts at {end:g} s; plan the COM to its end.")
     given = {name: finite(name, values) for name, values in given.items() if values is not None}
     for name, values in given.items():
         shape = (2,) if name == "angular_momentum" else (len(times), 2)

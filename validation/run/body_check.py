@@ -156,8 +156,8 @@ def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, st
     ends = list(zip(robot.joint_names, robot.lower, robot.upper, strict=True))
     endless = ", ".join(name for name, low, high in ends if not np.isfinite(high - low))
     wide = ", ".join(name for name, low, high in ends if _TWICE_AROUND < high - low < np.inf)
-    limits = dict(d.torque_limits)
-    friction = max((item.friction / limits[item.joint] for item in d.passive), default=0.0)
+    limits = {name: limit for name, limit in d.torque_limits if name in d.left_leg.joints}
+    friction = max((p.friction / limits[p.joint] for p in d.passive if p.joint in limits), default=0.0)
     known = {
         f"The feet end {abs(off):.3g} m {'over' if off > 0.0 else 'under'} their soles: correct sole in the "
         "description, with pitch where a sole is not level with all joints at 0, or the angles of the model "
@@ -170,7 +170,7 @@ def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, st
         ),
         "No joint between pelvis and trunk: legs and arms carry all angular momentum.": not d.trunk,
         f"{len(d.passive)} joints have dampers, springs or dry friction, known to the controller.": d.passive,
-        f"Dry friction takes {friction:.2g} of a torque limit: over {_RUBBING:g}, walks may fail by it.": (
+        f"Dry friction takes {friction:.2g} of a leg's torque: over {_RUBBING:g}, walks may fail by it.": (
             friction > _RUBBING
         ),
         "No joint has a speed limit: speeds are not judged.": not d.speed_limits,

@@ -23,6 +23,7 @@ from validation.trial.users import ESTIMATOR, UsersCode, real_numbers
 
 _HINGES = 6  # velocities of the free root come first
 _DRAWN = 64  # ticks whose noise is drawn at once
+_UNIT = 1e-3  # largest error of the norm of a quaternion [1]
 
 
 @compiled
@@ -216,6 +217,8 @@ def _check(state: State, touch: Touch, robot: Robot) -> None:
     for what, values in (("state", state._asdict()), ("touch", touches)):
         for name, value in values.items():
             real_numbers(f"'{name}' of its {what}", value, shapes.get(name, ()), finite=True)
+    if not abs(norm := float(np.linalg.norm(state.q[3:7])) - 1.0) < _UNIT:
+        raise ValueError(f"'q' of its state has a quaternion of norm {1.0 + norm:.3g} and not 1")
     if touch.threshold < 0.0:
         raise ValueError(f"'threshold' of its touch is {touch.threshold:g} N and must be at least 0 N")
 

@@ -173,9 +173,7 @@ class SweepDefinition(Section, section="sweep"):
     steps: int | None = Field(30, description="steps of every run, by default of its gait", ge=1, le=10_000)
     tune: bool = Field(False, description="find the values that every run leaves open; otherwise keep them")
     seed: int = Field(1, description="of the sampled blocks", ge=0, le=2**63 - 1)
-    profile: str = Field(
-        "", description="profile that judges the runs; by default their own, if it is the same"
-    )
+    profile: str = Field("", description="profile that judges the runs; by default their own if alike")
     recordings: Literal["none", "failures", "worst"] = Field("failures", description="runs that are recorded")
     worst: int = Field(10, description="how many runs keep one at most, the worst first", ge=1, le=10_000)
     wall_clock: Real = Field(600.0, description="seconds after which a run counts as hung", gt=0)
