@@ -27,8 +27,7 @@ class ControllerParameters(Section, section="controller"):
     )
     stabilizer: Literal["fixed", "stepping"] = parameter(
         "fixed",
-        "what keeps the body up: fixed follows the plan's footsteps and times, stepping changes them where "
-        "the standing sole is not enough",
+        "what keeps the body up: fixed keeps the plan's footsteps and times, stepping changes them if needed",
     )
     friction: Real = parameter(0.75, "friction that the controller allows itself", gt=0, le=10)
     com_stiffness: Real = _stiffness(60.0, "feedback from COM position to its acceleration")

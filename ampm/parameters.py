@@ -299,12 +299,10 @@ class RunParameters(Section):
         if not self.command.settling < self.command.duration:
             rule = f"must be longer than command.settling = {self.command.settling:g} s"
             raise self.refusal("command.duration", rule, "raise it")
+        tick = 1.0 / self.controller.frequency
         for key in ("command.duration", "sensors.stand"):
-            if 0.0 < self.value(key) < 1.0 / self.controller.frequency:
-                rule = (
-                    f"must be at least a tick of controller.frequency, {1.0 / self.controller.frequency:g} s"
-                )
-                raise self.refusal(key, rule, "raise it")
+            if 0.0 < self.value(key) < tick:
+                raise self.refusal(key, f"must be at least a controller's tick, {tick:g} s", "raise it")
         self.counts  # noqa: B018  refuses what is not a whole number
         return self
 

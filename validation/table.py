@@ -61,10 +61,7 @@ def tex(text: str) -> str:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of texts under a title.
-
-    A row of which only the first cell has a text is a heading.
-    """
+    """Rows of texts under a title. A row of which only the first cell has a text is a heading."""
 
     title: str  # line above; empty for none
     columns: Sequence[str]  # header of each column; a `>` before it aligns the column to the right

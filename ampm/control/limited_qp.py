@@ -60,14 +60,12 @@ class LimitedQP:
         A_mask[self._torques, self._accelerations] = A_mask[self._torques, self._forces] = True
         self._solver = QPSolver(self.problem, P_mask, A_mask, settings)
 
-    def solve(
-        self, work: Workspace, softness: Array, torque_map: Array, bias: Array, robot: Robot
-    ) -> QPSolution:
+    def solve(self, work: Workspace, soft: Array, torque_map: Array, bias: Array, robot: Robot) -> QPSolution:
         """Solve with the contact QP's forces, costs and wanted momentum of this tick.
 
         Args:
             work: of a tick whose contact QP is stated.
-            softness: of the task rows, shape (R,).
+            soft: of the task rows, shape (R,).
             torque_map: torques per unit of (acceleration / g, forces), shape (nu, nv + U) [N m].
             bias: torques at zero, shape (nu,) [N m].
             robot: its joint ranges.
@@ -84,7 +82,7 @@ class LimitedQP:
         A[self._momentum, self._forces] = -work.contact.wrench_map
         A[self._force_rows, self._force_unknowns] = forces.A
         A[self._tasks, self._accelerations] = rows[6:] * work.motion.root_weight
-        np.fill_diagonal(A[self._tasks, self._slacks], np.sqrt(softness[6:]))
+        np.fill_diagonal(A[self._tasks, self._slacks], np.sqrt(soft[6:]))
         A[self._torques, : self._forces.stop] = torque_map / limit[:, None]
         lower[self._momentum] = upper[self._momentum] = work.tasks.rhs[:6]
         lower[self._force_rows], upper[self._force_rows] = forces.lower, forces.upper

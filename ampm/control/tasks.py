@@ -35,13 +35,13 @@ def sole_task(work: Workspace, i: int) -> None:
     foot, rows = body.feet[i], slice(6 + 6 * i, 12 + 6 * i)
     rates, acceleration = work.tasks.rates[rows], work.tasks.wanted[rows]
     off = rotation_error(wanted.foot_rotation[i], foot.pose)
-    some = all_planned = lines[HEEL].planned or lines[HEEL].touched
+    some = all_lines = lines[HEEL].planned or lines[HEEL].touched
     for group in (BALL, TIP):
         planned = lines[group].planned or lines[group].touched
-        some, all_planned = some or planned, all_planned and (planned or (group == TIP and foot.toe < 0))
+        some, all_lines = some or planned, all_lines and (planned or (group == TIP and foot.toe < 0))
     if some:
         work.tasks.softness[rows] = STANCE
-        _stance(work, i, all_planned, off, rates, acceleration)
+        _stance(work, i, all_lines, off, rates, acceleration)
         return
     work.tasks.softness[rows] = HURRIED if work.stepping[0].off_plan else SWING
     foot.stood = False
@@ -57,9 +57,7 @@ def sole_task(work: Workspace, i: int) -> None:
 
 
 @compiled
-def _stance(
-    work: Workspace, i: int, all_planned: bool, off: Vector, rates: Array, acceleration: Array
-) -> None:
+def _stance(work: Workspace, i: int, all_lines: bool, off: Vector, rates: Array, acceleration: Array) -> None:
     """Wanted acceleration of a sole in contact; ``off`` is the rotation to the planned one [rad]."""
     gains, body, wanted, lines = work.gains, work.body, work.wanted, work.contact.lines[i]
     foot, heel, ball = body.feet[i], lines[HEEL], lines[BALL]
@@ -74,7 +72,7 @@ def _stance(
     turned = times(share * gains.frequency, minus(omega, vector(foot.turning)))
     foot.touches = touches
     put(foot.turning, omega)
-    if all_planned and heel.touched and ball.touched:  # flat
+    if all_lines and heel.touched and ball.touched:  # flat
         put(acceleration[0:3], times(-damping, velocity))
         acceleration[2] = _vertical(gains, foot, lines, press, damping, velocity[2], share)
         still = times(-gains.stance_damping, omega)
@@ -88,7 +86,7 @@ def _stance(
     roll = (1.0 - share) * roll + c * turned[0] + s * turned[1]
     pitch_rate = c * omega[1] - s * omega[0]
     holds = heel.touched or ball.touched or lines[TIP].touched
-    if all_planned:  # a line is late: turn it to the floor
+    if all_lines:  # a line is late: turn it to the floor
         rate = gains.touchdown_rate if heel.touched else -gains.touchdown_rate
         pitch = gains.roll_damping * ((rate if holds else 0.0) - pitch_rate)
     else:  # rolling on heel or toes

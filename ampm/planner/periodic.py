@@ -99,12 +99,10 @@ def _assemble(gait: GaitParameters, mass: float, first: StepLaws) -> CentroidalP
     for k in range(gait.steps):
         sign = 1.0 if k % 2 == 0 else -1.0
         single_y, double_y = laws[k % 2]
-        start, x, gained = k * step, k * length, 0.5 * sign * gained_x
+        start, x, gain = k * step, k * length, 0.5 * sign * gained_x
         phases += [
-            CentroidalPhase(start, t_ss, (x, sign * w), single_x, single_y, (-gained, start_y)),
-            CentroidalPhase(
-                start + t_ss, t_ds, (x + 0.5 * length, 0.0), double_x, double_y, (gained, start_y)
-            ),
+            CentroidalPhase(start, t_ss, (x, sign * w), single_x, single_y, (-gain, start_y)),
+            CentroidalPhase(start + t_ss, t_ds, (x + 0.5 * length, 0.0), double_x, double_y, (gain, start_y)),
         ]
     return CentroidalPlan(
         mass=mass,

@@ -1,5 +1,6 @@
 """Plans of samples: one axis of the COM, a whole motion, and the constants that no closed form gives."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +13,7 @@ from ampm.parameters import GRAVITY
 from ampm.planner.blend import HeightLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
 from ampm.planner.contacts import LEVEL, Contacts, ascending, finite
-from ampm.planner.newton import check_newton
+from ampm.planner.newton import ALLOWED, WINDOW, check_newton
 from ampm.planner.pendulum import LawState
 
 
@@ -134,7 +135,23 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
         plan = replace(plan, switching_velocity=constants.mean_velocity, constants=constants)
     rate = float(np.median(1.0 / np.diff(times)))
     check_newton(plan, "" if rate >= _ENOUGH else f", or give {_ENOUGH:g} rows a second, not {rate:.3g}")
+    if "com_velocity" in given:
+        _check_velocity(times, com, velocity, math.sqrt(plan.com_height / plan.gravity))
     return plan
+
+
+def _check_velocity(times: Array, com: Array, velocity: Array, fall: float) -> None:
+    """Refuse velocities that do not move the COM as it moves, in windows; ``fall`` is (h/g)^1/2 [s]."""
+    steps = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(times)[:, None] - np.diff(com, axis=0)
+    off = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    ends = np.searchsorted(times, times + WINDOW)
+    begins = np.flatnonzero(ends < len(times))
+    apart = fall / WINDOW * np.abs(off[ends[begins]] - off[begins]).max(axis=1, initial=0.0)
+    for row in begins[apart > ALLOWED][:1]:
+        raise InputError(
+            f"com_velocity differs from that of com at {times[row]:.4g} s by {1e3 * apart.max():.3g} mm of "
+            f"ZMP, more than {1e3 * ALLOWED:g} mm; correct it, or leave it out."
+        )
 
 
 def _height_law(given: dict[str, Array], times: Array, plan: CentroidalPlan) -> HeightLaw | None:

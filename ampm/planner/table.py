@@ -149,6 +149,8 @@ def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
 def _column(table: Mapping[str, Any], name: str) -> Any:
     if name not in table:
         raise InputError(f"the table has no column '{name}'; add it.")
+    if np.shape(table[name]) != (shape := np.shape(table.get("time", table[name])))[:1]:
+        raise InputError(f"the column '{name}' has the shape {np.shape(table[name])}, and time {shape}.")
     return table[name]
 
 

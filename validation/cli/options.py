@@ -77,8 +77,7 @@ UNCERTAINTY: Any = option(
 )
 COLUMNS: Any = option(
     "--columns",
-    "A column of the log that has another name, unit or sign: com_x=COMx[mm], force_z=-Fz; or a TOML "
-    "file of such lines. Repeatable.",
+    "Other name, unit or sign of a log's column: com_x=COMx[mm], force_z=-Fz; or a TOML file. Repeatable.",
     "NAME=COLUMN[UNIT]|FILE.toml",
 )
 METRICS: Any = option("--metric", "Your own metric, a val.Metric in a module. Repeatable.", "MODULE:NAME")

@@ -141,6 +141,8 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     mean = {name: values.mean(axis=0) for name, values in curves.items()}
     tiled = {name: np.tile(values, (3, 1)) for name, values in mean.items()}
     clock = stride * np.arange(3 * PHASES) / PHASES
+    for name in PLACES & tiled.keys():  # with the plan's forward motion, as it is compared with the plan
+        tiled[name][:, 0] += plan.constants.mean_velocity * clock
     start, correlation = find_start(replace(log, time=clock, signals=tiled), plan)
     signals = {}
     for name, values in mean.items():

@@ -30,10 +30,7 @@ _SOURCE = re.compile(r"(?P<sign>-?)(?P<column>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?
 
 
 def read_mapping(texts: Iterable[str]) -> dict[str, str]:
-    """Texts ``NAME=COLUMN[UNIT]``, or TOML files with such lines, as a mapping.
-
-    Other texts raise InputError.
-    """
+    """A mapping of texts ``NAME=COLUMN[UNIT]``, or TOML files of such lines; else InputError."""
     found: dict[str, str] = {}
     for text in texts:
         name, equals, column = (part.strip() for part in text.partition("="))

@@ -55,6 +55,8 @@ _OVER = 0.5  # this time [s]
 _RATIO = 2.0  # of mean vertical force and weight: more is another unit, or another body [1]
 _FARTHEST = 1000.0  # of a place: more is another unit [m]
 _LEAN = 1.0  # horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
+_FILLED = 0.5  # share of its rows that a signal has numbers in: with less it counts as missing [1]
+_BIASED = 0.05  # mean distance of COM and force line over the COM's height: more is another frame [1]
 _HEIGHTS = 0.05, 5.0  # of the COM above the floor [m]
 _APART = 0.05  # of two ways to one quantity: more is an error, as a share of the weight, and in metres [1, m]
 
@@ -138,6 +140,7 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
         known = known & (light | np.isfinite(signals["zmp"]).all(axis=1))
     if np.count_nonzero(known) < 3:
         raise InputError(f"{name} has {np.count_nonzero(known)} rows with force and ZMP; give three or more.")
+    signals = {key: v for key, v in signals.items() if np.isfinite(v[known]).mean() >= _FILLED}
     apart = np.diff(time[known])
     gaps = tuple((apart[apart > 1.5 * step] - step).tolist())
     return Log(name, time, signals, step, gaps, weight).rows(known)
@@ -262,6 +265,13 @@ def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) ->
         raise InputError(
             f"{name}: com and zmp are {lean:.3g} times the COM's height or more apart along the floor in "
             f"half of the rows, more than {_LEAN:g}; give both in metres from one origin."
+        )
+    force = signals["force"][stands]
+    off = com[stands, :2] - zmp[stands] - height[stands, None] * force[:, :2] / force[:, 2:]
+    if (aside := float(np.abs(np.nanmean(off, axis=0)).max()) / middle) > _BIASED:
+        raise InputError(
+            f"{name}: the COM is in the mean {aside:.2g} of its height aside of the force through the ZMP, "
+            f"more than {_BIASED:g}; give com, zmp and force in one frame, or leave out com."
         )
 
 

@@ -30,6 +30,7 @@ from validation.trial.plan import Request, load_request, plan_walk
 from validation.trial.record import FEET
 from validation.trial.users import SUFFIXES, read_columns
 
+_OF_WALKS = frozenset({"controller", "disturbance", "sensors", "simulation", "contact"})  # sections
 LEAST_JUDGED = 0.5
 """Duration that a log must share with the judged steps of a plan, about that of a step [s]."""
 
@@ -69,6 +70,8 @@ def judge_log(
     if not np.isfinite([start or 0.0, *(place or ())]).all():
         raise InputError(f"--start {start} and --place {place} must be finite; leave out what to find.")
     request = _request(plan, settings)
+    if idle := [key for key in request.changed if key.partition(".")[0] in _OF_WALKS]:
+        progress.say(f"a log is not walked, and does not use: {', '.join(idle)}")
     signals, name = log_columns(table, columns)
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress)
@@ -161,9 +164,10 @@ def _aligned(
         notes.append(
             f"Mean of {mean['count']} strides of {mean['duration']:.4g} s at {mean['speed']:.3g} m/s, over "
             f"the share of the stride; the plan's have {2.0 * plan.constants.step_duration:.4g} s and "
-            f"{plan.constants.mean_velocity:.3g} m/s. Standard deviation of the force between strides, "
-            f"x/y/z: {spread} % of body weight."
+            f"{plan.constants.mean_velocity:.3g} m/s. Deviation of the force by strides {spread} % of weight."
         )
+        if start is not None:
+            raise InputError(f"--start {start:g} has no effect with --strides; leave out one of them.")
     else:
         if start is None:
             start, facts["correlation"] = find_start(log, plan)
@@ -174,7 +178,7 @@ def _aligned(
         time = log.time - start
         log = replace(log, time=time).rows((time >= 0.0) & (time <= plan.duration + 1e-9))
     judged = log.rows(log.time >= plan.judged_from - 1e-9)
-    span = float(np.ptp(judged.time)) if judged.time.size else 0.0
+    span = judged.time.size * log.time_step  # without gaps
     if span < LEAST_JUDGED:
         raise InputError(
             f"{log.name} has {judged.time.size} rows over {span:.3g} s, and needs {LEAST_JUDGED:g} s, "

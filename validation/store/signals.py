@@ -86,10 +86,7 @@ class Signals(Brief):
         return int(starts[2]) if len(starts) > 2 else len(self)
 
     def vector(self, name: str, axes: str = "xyz") -> Array:
-        """Stack ``{name}_{axis}``, shape (N, len(axes)), in their unit.
-
-        Raises InputError if one is missing.
-        """
+        """Stack ``{name}_{axis}``, shape (N, len(axes)), in their unit; InputError if one is missing."""
         return np.column_stack([self[f"{name}_{axis}"] for axis in axes])
 
 

@@ -192,10 +192,7 @@ def load_request(
 
 
 def load_requests(gaits: Sequence[str | None], settings: Sequence[str] = (), **options: Any) -> list[Request]:
-    """Resolve gaits with the same settings, as :func:`load_request`.
-
-    Each has a name of its own and a plan.
-    """
+    """Resolve gaits with the same settings, as :func:`load_request`; each has its own name and a plan."""
     resolved = [load_request(gait, settings, **options) for gait in gaits]
     name, count = Counter(item.name for item in resolved).most_common(1)[0]
     if count > 1:
@@ -289,8 +286,7 @@ def plan_walk(
     commanded = any(key.startswith("command.") for key in request.changed)
     if (commanded or run.command != CommandParameters()) and name != NO_PLAN and checked:
         raise InputError(
-            f"the planner {name or 'ampm'} follows no commanded velocity; leave out the keys command.*, or "
-            "walk with --planner none.",
+            f"the planner {name or 'ampm'} follows no command; leave out command.*, or take --planner none.",
             way_out="walk with --planner none",
         )
     if run.footsteps and not says.get("plans_footsteps", True):

@@ -355,10 +355,7 @@ class ClosedLoop:
         return self.watch.check(k * self.physics.time_step, status, residual=residual, limit=limit)
 
     def _take(self, output: ControlOutput) -> None:
-        """Copy a controller's output, NaN for what it does not say.
-
-        Raises ValueError of another shape or type.
-        """
+        """Copy a controller's output, NaN for what it does not say; ValueError of another shape or type."""
         for name, target, shape in self._parts:
             value = getattr(output, name)
             if value is None:  # of a torque: refused by `act`

@@ -84,10 +84,7 @@ SENT: dict[str, Any] = {}
 
 
 def load_object(option: str, text: str) -> Any:
-    """Import the object ``module:name``, also of the working directory.
-
-    Raises InputError if there is none.
-    """
+    """Import ``module:name``, also of the working directory; raises InputError if there is none."""
     if text in SENT:
         return SENT[text]
     module, colon, name = text.partition(":")

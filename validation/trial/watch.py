@@ -112,15 +112,13 @@ class Watch:
 
     Args:
         stance: of the body, whose numbers change.
-        unsolved_limit: time for which the QP may stay unsolved while the body follows the plan [s].
+        unsolved: time for which the QP may stay unsolved while the body follows the plan [s].
         scale: size of the body, of which 1.70 m is one [1].
         planned: whether the body is to be where the plan has it.
     """
 
-    def __init__(
-        self, stance: Stance, unsolved_limit: float, scale: float = 1.0, planned: bool = True
-    ) -> None:
-        self.stance, self._unsolved_limit = stance, unsolved_limit
+    def __init__(self, stance: Stance, unsolved: float, scale: float = 1.0, planned: bool = True) -> None:
+        self.stance, self._unsolved_limit = stance, unsolved
         self._scale, self._off = scale, scale * FIRST_SIGN if planned else math.inf
         self._unsolved: tuple[float, float] | None = None  # since when, and how long it may last
         self._last_com, self._last_time = np.zeros(3), math.inf  # there is none yet

@@ -374,12 +374,10 @@ def _curves(saved: SavedRun) -> Curves:
         return np.zeros(0), {}
     # Rows evenly spread, before and at every switch, and the last.
     every = saved.signals
-    change = np.concatenate(
-        [every.switches()[1:], *(changes(every[f"{foot}_contact"])[1:] for foot in _FEET)]
-    )
+    new = np.concatenate([every.switches()[1:], *(changes(every[f"{foot}_contact"])[1:] for foot in _FEET)])
     least = max(CURVE_STEP, saved.record.outcome.time / MOST_SAMPLES)
     even = np.arange(0, len(every), _stride(float(every.time[1:2].sum()), least))
-    rows = np.unique(np.concatenate([even, change, change - 1, [len(every) - 1]]))
+    rows = np.unique(np.concatenate([even, new, new - 1, [len(every) - 1]]))
     signals, weight = every.take(rows), saved.record.mass * saved.record.gravity
 
     series = SERIES | ({"first_plan": FAINT} if "first_plan_zmp_x" in signals else {})

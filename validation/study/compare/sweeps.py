@@ -88,13 +88,11 @@ def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> Sw
     # A verdict may change by a difference below the noise, which is no result.
     is_noise = crossed.any(axis=0) & ~(crossed & counts).any(axis=0)
     failing = passed & ~passes & ~is_noise
-    kinds = np.select(
-        [failing, worse.any(axis=0) | (a.measured[rows_a] & ~b.measured[rows_b])], KINDS[:2], ""
-    )
+    what = np.select([failing, worse.any(axis=0) | (a.measured[rows_a] & ~b.measured[rows_b])], KINDS[:2], "")
     labels, shown = [b.label(name) for name in metrics], worse | crossed
     found = [
-        (str(kinds[k]), int(rows_a[k]), b.states[rows_b[k]].label, "; ".join(compress(labels, shown[:, k])))
-        for k in np.flatnonzero(kinds != "")
+        (str(what[k]), int(rows_a[k]), b.states[rows_b[k]].label, "; ".join(compress(labels, shown[:, k])))
+        for k in np.flatnonzero(what != "")
     ]
     found += [("missing", int(row), "", "") for row in np.setdiff1d(np.arange(len(a)), rows_a)]
     names, varied = a.words("name"), [key for key in dict.fromkeys((*a.varied, *b.varied)) if key in a]
