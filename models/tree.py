@@ -271,9 +271,8 @@ def motor_limits(model: mujoco.MjModel) -> dict[int, float]:
             if model.actuator_forcelimited[i]:
                 most = float(np.abs(model.actuator_forcerange[i]).min())
             if model.actuator_ctrllimited[i] and not model.actuator_biasprm[i].any():  # a motor
-                most = min(
-                    most, float(model.actuator_gainprm[i, 0] * np.abs(model.actuator_ctrlrange[i]).min())
-                )
+                largest = model.actuator_gainprm[i, 0] * np.abs(model.actuator_ctrlrange[i]).min()
+                most = min(most, float(largest))
             limits[int(model.actuator_trnid[i, 0])] = gear * most
     for j in np.flatnonzero(model.jnt_actfrclimited).tolist():
         limits[j] = min(limits.get(j, math.inf), float(np.abs(model.jnt_actfrcrange[j]).min()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import compress
 from pathlib import Path
 
 import typer
@@ -49,8 +50,8 @@ def sweep(
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
     found = walk_sweep(file, **execution.given())
     execution.answer(found)
-    ended = set(found.states)
-    if RunState.CRASHED in ended:
+    ended, crashed = set(found.states), found.is_state(RunState.CRASHED)
+    if {*compress(found.words("reason"), crashed)} - {"UsersError"}:  # errors of our own
         return Status.CRASH
     if ended - {RunState.PASS, RunState.OUT_OF_TOLERANCE, RunState.NOT_MEASURED, RunState.REFUSED}:
         return Status.NOT_COMPLETED

@@ -92,10 +92,8 @@ def record_tables(record: SimulationRecord) -> dict[str, dict[str, NDArray[Any]]
 def write_table(table: pa.Table, path: Path) -> None:
     """Write a table: floats with zstd over split bytes and without a dictionary, which suits them best."""
     floats = [item.name for item in table.schema if pa.types.is_floating(item.type)]
-    other = [name for name in table.column_names if name not in floats]
-    pq.write_table(
-        table, path, compression="zstd", use_byte_stream_split=floats, use_dictionary=other or False
-    )
+    other = [name for name in table.column_names if name not in floats] or False
+    pq.write_table(table, path, compression="zstd", use_byte_stream_split=floats, use_dictionary=other)
 
 
 def load_record(directory: str | Path) -> SimulationRecord:

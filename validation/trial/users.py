@@ -161,8 +161,9 @@ class Role:
             signature.bind(*[None] * before, **options)
         except TypeError as error:
             taken = ", ".join([*signature.parameters][before:]) or "none"
+            given = self.options if options else f"its {before} arguments"
             raise InputError(
-                f"{self.options} do not fit the {self.name} {text}: {error}; it takes {taken}; "
+                f"{given} do not fit the {self.name} {text}: {error}; it takes {taken}; "
                 f'an option of one {self.name} alone stands after its name: "mine:Class,gain=2".',
                 key=self.options,
                 value=dict(options),
