@@ -197,7 +197,7 @@ def judge(
     lacking = [name for name in missing if not (is_log and METRICS[name].kind == "instrument")]
     verdict, reason = _conclude(results, lacking, len(limits) - len(missing), is_log=is_log)
     if verdict is VerdictName.NOT_MEASURED and not is_log:
-        reason += f" Walk longer {'after the push' if 'recovery_time' in lacking else 'than a step'}."
+        reason += f" Walk longer {'after the push' if 'recovery_time' in lacking else 'than its first step'}."
     if checks := len(missing) - len(lacking):
         reason += f" {checks} checks of the measurement were not made."
     return Verdict(verdict, profile.name, reason, tuple(results))
