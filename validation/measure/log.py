@@ -155,7 +155,7 @@ def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
     if numbers.shape != np.shape(table["time"]) or numbers.ndim != 1:
         raise InputError(f"{name}: {key} and time must have equally many rows, and one column each.")
     if len(numbers) and np.isnan(numbers).all():
-        raise InputError(f"{name}: {key} holds no number; leave its column out.")
+        raise InputError(f"{name}: {key} holds no number; give numbers, or leave out all its axes.")
     bad = np.flatnonzero(np.isinf(numbers) | (np.isnan(numbers) & (key == "time")))
     if bad.size:
         raise InputError(f"row {bad[0] + 1} of {name}: {key} = {numbers[bad[0]]:g} must be a number.")
