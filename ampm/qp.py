@@ -72,7 +72,7 @@ class QPSettings:
     max_iterations: int = 400  # iterations after which a QP counts as unsolved
     rho: float = 1.0  # ADMM penalty at the start
     alpha: float = 1.1  # over-relaxation
-    adaption: int = 50  # iterations between two changes of the penalty
+    rho_interval: int = 50  # iterations between two changes of the penalty
     # sweeps of equilibration when the workspace is made; 0 for problems that come well scaled
     scaling: int = 0
 
@@ -197,7 +197,7 @@ class QPSolver:
                 max_iter=settings.max_iterations,
                 rho=settings.rho,
                 adaptive_rho=1,  # by iterations, as times would not repeat
-                adaptive_rho_interval=settings.adaption,
+                adaptive_rho_interval=settings.rho_interval,
                 alpha=settings.alpha,
                 sigma=1e-6,
                 scaling=settings.scaling,

@@ -197,7 +197,9 @@ class Writer:
         )
         longest, length = max(sole.length, 2.0 * sole.half_width, sole.ankle_height), float(hip[2] - ankle[2])
         if not outline.heel < outline.front:
-            wrong = f"sole.heel = {outline.heel:g} must be less than sole.front = {outline.front:g}, forward."
+            wrong = (
+                f"sole.heel = {outline.heel:g} must be behind sole.front = {outline.front:g}; x is forward."
+            )
         elif not sole.ankle_height > 0.0:
             wrong = (
                 f"sole.bottom = {outline.bottom:g} is {-sole.ankle_height:g} m over the ankle; measure it "

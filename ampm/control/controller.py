@@ -55,7 +55,7 @@ class TrackingController:
             max_iterations=4 * solver.max_iterations,
             rho=0.1,
             alpha=1.6,
-            adaption=1000,  # sooner, hard problems took 25,000 to 75,000 iterations instead of 8,000
+            rho_interval=1000,  # with 50, hard problems took 25,000 to 75,000 iterations instead of 8,000
             scaling=10,
         )
         self.limited = LimitedQP(limit_settings, weights, len(work.tasks.scale), self.contact_qp)

@@ -242,7 +242,8 @@ def times_within(times: ArrayLike, duration: float) -> NDArray[np.float64]:
     outside = ~((time >= -TIME_TOLERANCE) & (time <= duration + TIME_TOLERANCE))
     if outside.any():
         raise InputError(
-            f"time {time[outside][0]:g} s is outside the plan's 0 ... {duration:g} s; plan more steps."
+            f"time {time[outside][0]:g} s is outside the plan's 0 ... {duration:g} s; give times within it "
+            "or plan more steps."
         )
     return np.clip(time, 0.0, duration)
 

@@ -147,10 +147,10 @@ def _check_velocity(times: Array, com: Array, velocity: Array, fall: float) -> N
     ends = np.searchsorted(times, times + WINDOW)
     begins = np.flatnonzero(ends < len(times))
     apart = fall / WINDOW * np.abs(off[ends[begins]] - off[begins]).max(axis=1, initial=0.0)
-    for row in begins[apart > ALLOWED][:1]:
+    if apart.max(initial=0.0) > ALLOWED:
         raise InputError(
-            f"com_velocity differs from that of com at {times[row]:.4g} s by {1e3 * apart.max():.3g} mm of "
-            f"ZMP, more than {1e3 * ALLOWED:g} mm; correct it, or leave it out."
+            f"com_velocity differs from that of com at {times[begins[apart.argmax()]]:.4g} s by "
+            f"{1e3 * apart.max():.3g} mm of ZMP, more than {1e3 * ALLOWED:g} mm; correct it, or leave it out."
         )
 
 

@@ -64,10 +64,7 @@ class Uncertainty:
 
 
 def load_uncertainty(path: Path) -> Uncertainty:
-    """Read the ``convergence.json`` that ``ampm convergence`` wrote, or of a folder.
-
-    Raises InputError if it cannot.
-    """
+    """Read the ``convergence.json`` of ``ampm convergence``, or of a folder; InputError if it cannot."""
     file = path / FILE if path.is_dir() else path
     kind = create_model("File", uncertainty=Uncertainty)
     table = read_json(file, kind, f"give --uncertainty the {FILE} that 'ampm convergence --out' writes")

@@ -148,7 +148,8 @@ def fit_log(
     error = 1e3 * float(np.sqrt(np.mean(strides.com_error**2)))
     notes = [
         f"{name}: {len(strides)} strides alike, {others} others left out.",
-        f"The body has {weighs:.4g} kg; the mean vertical force of a stride {least} to {most} of it.",
+        f"The body has {weighs:.4g} kg; the mean vertical force of a stride is {least} to {most} of its "
+        "weight.",
         "The COM is the double integral of the force, in strides that are taken to be periodic."
         if com_height
         else f"The double integral of the force is {error:.2g} mm from the measured COM (RMS).",

@@ -150,7 +150,8 @@ def _aligned(
     share = float(log.signals["force"][:, 2].mean()) / log.weight
     facts: dict[str, Any] = {"rows": log.time.size, "rate": 1.0 / log.time_step}
     notes = [
-        f"{log.name}: {log.time.size} rows at {facts['rate']:.4g} Hz, {share:.1%} of the plan's mean force."
+        f"{log.name}: {log.time.size} rows at {facts['rate']:.4g} Hz; the mean vertical force is {share:.1%} "
+        "of the plan's weight."
     ]
     if log.gaps:
         gaps = f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s"
@@ -164,7 +165,8 @@ def _aligned(
         notes.append(
             f"Mean of {mean['count']} strides of {mean['duration']:.4g} s at {mean['speed']:.3g} m/s, over "
             f"the share of the stride; the plan's have {2.0 * plan.constants.step_duration:.4g} s and "
-            f"{plan.constants.mean_velocity:.3g} m/s. Deviation of the force by strides {spread} % of weight."
+            f"{plan.constants.mean_velocity:.3g} m/s. Standard deviation of the force between strides, "
+            f"x/y/z: {spread} % of body weight."
         )
         if start is not None:
             raise InputError(f"--start {start:g} has no effect with --strides; leave out one of them.")

@@ -29,7 +29,7 @@ def sample_times(duration: float, rate: float) -> NDArray[np.float64]:
     last = duration * rate * (1 + 1e-12)
     if last >= MOST_SAMPLES:
         raise InputError(
-            f"--rate {rate:g} Hz gives {last:.4g} samples, over {MOST_SAMPLES}; lower rate or steps."
+            f"--rate {rate:g} Hz gives {last:.4g} samples, over {MOST_SAMPLES}; lower the rate or the steps."
         )
     return np.minimum(np.arange(math.floor(last) + 1) / rate, duration)
 

@@ -28,10 +28,7 @@ def quiet_mujoco() -> Iterator[None]:
 
 
 class BodyState(NamedTuple):
-    """The body that is simulated, as views of MuJoCo's data.
-
-    Contacts have as many rows as MuJoCo's memory can hold.
-    """
+    """The body that is simulated, as views of MuJoCo's data, with all rows that contacts may take."""
 
     qpos: Array  # shape (nq,)
     qvel: Array  # shape (nv,)
