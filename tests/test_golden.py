@@ -48,6 +48,8 @@ def found(name, run_of):
     saved = val.load(run_of(**asked))
     summary = saved.summary
     cells = {"outcome": summary["outcome"], "verdict": summary["verdict"]}
+    if summary["outcome"] == "fell":  # its figures hang on the processor's rounding
+        return cells
     constants = asdict(ampm.plan(ampm.load_run(asked["gait"])).constants)
     numbers = {f"plan: {key}": value for key, value in constants.items()}
     numbers |= {key: metric["value"] for key, metric in summary["metrics"].items()}
