@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -60,25 +60,12 @@ class PeriodicPlanner:
 def periodic_walk(steps: StepPlan, motion: WholeBodyMotion, run: RunParameters, robot: Robot) -> WalkPlan:
     """A plan of equal steps and its periodic motion, that without a slope across, as one plan."""
     steps = steps.with_angular_momentum_offset(motion.report.angular_momentum_y_offset)
-    walk = WalkPlan.of(steps, posture=PeriodicPosture(motion, robot))
-    return _across(walk, steps, run, robot) if run.gait.cross_slope else walk
+    posture = PeriodicPosture(motion, robot)
+    if run.gait.cross_slope:
+        from ampm.body.orbit import start_across  # here, as the inverse kinematics is compiled
 
-
-def _across(walk: WalkPlan, steps: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:
-    """A walk across a slope: the posture is that of level ground, its start stands on the slope.
-
-    One leg is longer than the other there, so no step is the mirror image of the one before.
-
-    Raises:
-        BodilyRefusal: a leg is too short for the start.
-    """
-    from ampm.body.inverse_kinematics import InverseKinematics  # here, as it is compiled
-    from ampm.body.step_reference import step_reference
-
-    posture = walk.posture.sample(0.0)
-    reference = step_reference(steps, np.zeros(1))
-    start = InverseKinematics(robot, run).project(reference, 0, posture.q[0], posture.v[0])
-    return replace(walk, posture=replace(cast(PeriodicPosture, walk.posture), start=start))
+        posture = replace(posture, start=start_across(steps, posture, run))
+    return WalkPlan.of(steps, posture=posture)
 
 
 def periodic_motion(steps: StepPlan, run: RunParameters, robot: Robot) -> WholeBodyMotion:

@@ -39,7 +39,9 @@ class FootSample:
     toe_velocity: Array  # shape (N,) [rad/s]
     toe_acceleration: Array  # shape (N,) [rad/s^2]
     contact: NDArray[np.bool_]  # heel, ball and tip planned in contact, shape (N, 3), bool
-    roll: Array  # of the foot about +x, after heading and pitch; constant, shape (N,) [rad]
+    roll: Array  # of the foot about the world's +x, after heading and pitch, shape (N,) [rad]
+    roll_velocity: Array  # shape (N,) [rad/s]
+    roll_acceleration: Array  # shape (N,) [rad/s^2]
     sole_points: Array  # heel left/right, ball left/right, tip left/right, shape (N, 6, 3) [m]
 
     def __post_init__(self) -> None:
@@ -47,7 +49,7 @@ class FootSample:
             value.setflags(write=False)
 
 
-X, Y, Z, PITCH, TOE, HEADING = range(6)
+X, Y, Z, PITCH, TOE, HEADING, ROLL = range(ROWS := 7)
 """Rows of :attr:`FootPath.curve`."""
 
 
@@ -58,8 +60,8 @@ class FootPath:
     start: Array  # start of every segment, ascending, shape (K,) [s]
     pivot: NDArray[np.int8]  # which point the path is written for, heel or ball, shape (K,)
     contact: NDArray[np.bool_]  # heel, ball, tip in contact, shape (K, 3), bool
-    # coefficients of the pivot's x, y, z, of pitch, toe angle and heading, lowest order first,
-    # shape (K, 6, order) [m/s^k, rad/s^k]
+    # coefficients of the pivot's x, y, z, of pitch, toe angle, heading and roll, lowest order first,
+    # shape (K, 7, order) [m/s^k, rad/s^k]
     curve: Array
 
     def __post_init__(self) -> None:
@@ -70,7 +72,7 @@ class FootPath:
     def still(cls, sole: SoleGeometry, footstep: Footstep) -> Self:
         """A foot that stays flat on a footstep along x."""
         x, y, z = footstep.position
-        curve = np.array([x + sole.heel_x, y, z, 0.0, 0.0, 0.0]).reshape(1, 6, 1)
+        curve = np.array([x + sole.heel_x, y, z, *np.zeros(ROWS - 3)]).reshape(1, ROWS, 1)
         contact = np.array([[True, True, sole.has_toes]])
         return cls(np.zeros(1), np.array([PIVOT_HEEL]), contact, curve)
 
@@ -89,7 +91,7 @@ class FootPath:
 class FeetPlan(Brief):
     """Both feet's paths over a whole plan, on a floor with slopes along x and y, dz/dx and dz/dy [1].
 
-    The paths have axes that are turned about x by the slope across, :attr:`roll`.
+    The paths' points have axes that are turned about x by the slope across, :attr:`roll`.
     """
 
     sole: SoleGeometry
@@ -156,25 +158,25 @@ def foot_rotation(heading: Array, pitch: Array, roll: Array) -> Array:
     rotation[..., 1, 1] = 1.0
     if heading.any():
         rotation = _turned(heading, rotation.swapaxes(-1, -2)).swapaxes(-1, -2)
-    return turn_about_x(roll.flat[0]) @ rotation if roll.any() else rotation
+    return turn_about_x(roll) @ rotation if roll.any() else rotation
 
 
-def turn_about_x(angle: float) -> Array:
-    """Rotation about the x axis, shape (3, 3)."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+def turn_about_x(angle: ArrayLike) -> Array:
+    """Rotations about the x axis by angles (...), shape (..., 3, 3)."""
+    c, s, one, zero = np.broadcast_arrays(np.cos(angle), np.sin(angle), 1.0, 0.0)
+    return np.stack([one, zero, zero, zero, c, -s, zero, s, c], axis=-1).reshape(*c.shape, 3, 3)
 
 
 def _rolled(foot: FootSample, angle: float) -> FootSample:
-    """A foot's motion turned about the world's x axis [rad]."""
-    turn = turn_about_x(angle).T
+    """A foot whose path is turned about the world's x axis [rad], and the sole by its roll."""
+    turn, arms = turn_about_x(angle).T, foot.sole_points - foot.position[:, None]
+    position = foot.position @ turn
     return replace(
         foot,
-        position=foot.position @ turn,
+        position=position,
         velocity=foot.velocity @ turn,
         acceleration=foot.acceleration @ turn,
-        roll=np.full_like(foot.pitch, angle),
-        sole_points=foot.sole_points @ turn,
+        sole_points=position[:, None] + arms @ turn_about_x(foot.roll).swapaxes(1, 2),
     )
 
 
@@ -187,8 +189,12 @@ def foot_turning(foot: FootSample) -> tuple[Array, Array]:
         velocity, acceleration = _turned(foot.heading, velocity), _turned(foot.heading, acceleration)
         velocity[:, 2], acceleration[:, 2] = foot.heading_velocity, foot.heading_acceleration
     if foot.roll.any():
-        turn = turn_about_x(foot.roll[0]).T
-        return velocity @ turn, acceleration @ turn
+        velocity, acceleration = (
+            np.einsum("nij,nj->ni", turn_about_x(foot.roll), rates) for rates in (velocity, acceleration)
+        )
+        acceleration += foot.roll_velocity[:, None] * np.cross([1.0, 0.0, 0.0], velocity)
+        velocity[:, 0] += foot.roll_velocity
+        acceleration[:, 0] += foot.roll_acceleration
     return velocity, acceleration
 
 
@@ -250,7 +256,9 @@ def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
         toe_velocity=first[:, TOE],
         toe_acceleration=second[:, TOE],
         contact=path.contact[index],
-        roll=zero,
+        roll=value[:, ROLL],
+        roll_velocity=first[:, ROLL],
+        roll_acceleration=second[:, ROLL],
         sole_points=position[:, None] + points,
     )
 

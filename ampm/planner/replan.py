@@ -30,7 +30,7 @@ def _joined(old: FootPath, new: FootPath, begin: float, landed: float) -> FootPa
     gap = shift(old.curve[last], begin - old.start[last])[0] - curves[0]
     values = gap[:, :3].T * np.array([[1.0], [1.0], [2.0]])  # with rates and accelerations
     fade = np.zeros_like(gap)
-    fade[:, :6] = quintic(values, np.zeros((3, 6)), np.full(6, landed - begin))
+    fade[:, :6] = quintic(values, np.zeros_like(values), np.full(len(gap), landed - begin))
     swings = start < landed - 1e-9
     curves[swings] += shift(fade[None].repeat(swings.sum(), axis=0), start[swings] - begin)
     return FootPath(

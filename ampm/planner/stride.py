@@ -29,6 +29,8 @@ from ampm.planner.feet import (
     PITCH,
     PIVOT_BALL,
     PIVOT_HEEL,
+    ROLL,
+    ROWS,
     TOE,
     FeetPlan,
     FootPath,
@@ -42,6 +44,8 @@ _QUINTIC = 6  # coefficients of a quintic
 _ORDER = 9  # coefficients of a curve
 LIFT = np.array([0.0, 0.0, 0.0, 64.0, -192.0, 192.0, -64.0, 0.0, 0.0])
 """64 tau^3 (1 - tau)^3 over the share tau of a swing: one at mid swing."""
+_LEVEL = polynomial.polymul(LIFT[:7], [4.0, -12.0, 12.0])
+"""Share of a floor's slope across by which a swinging foot is level: one about mid swing, flat there."""
 _BUMP = polynomial.polymul([0.0, 0.0, 0.0, 1.0], polynomial.polypow([1.0, -1.0], 5)) / 0.005
 """Pitch of a swing after a flat toe off, about one at its largest, over the share of the swing."""
 _EARLY = polynomial.polyint(168.0 * polynomial.polymul([0.0, 0.0, 1.0], polynomial.polypow([1.0, -1.0], 5)))
@@ -75,7 +79,7 @@ class _Segment(NamedTuple):
     start: Array  # shape (n,) [s]
     pivot: np.int8  # the point that the curve is written for
     contact: tuple[bool, bool, bool]  # heel, ball, tip
-    curve: Array  # coefficients of the rows, shape (n, 6, 9)
+    curve: Array  # coefficients of the rows, shape (n, 7, 9)
     used: NDArray[np.bool_]  # where there is one, shape (n,), bool
 
 
@@ -174,12 +178,12 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
                 f"alone, or after it has left; take one between {earliest:.4g} s and {latest:.4g} s."
             )
     n, steps = len(single), np.arange(len(single))
-    swings = _swings(foot, sole, place, yaw, single, roll, tilt)
+    swings = _swings(foot, sole, place, yaw, single, roll, (tilt, roll_angle))
     none, flat = (False, False, False), (True, True, sole.has_toes)
     everywhere = np.ones(n, dtype=bool)
-    still = np.zeros((n + 2, 6, _ORDER))
+    still = np.zeros((n + 2, ROWS, _ORDER))
     still[:, :3, 0], still[:, HEADING, 0] = _on_sole(sole.ball_x, place, yaw, tilt), yaw
-    still[:, PITCH, 0] = -tilt
+    still[:, PITCH, 0], still[:, ROLL, 0] = -tilt, roll_angle
     segments = [
         _Segment(np.arange(2), np.zeros(2), PIVOT_BALL, flat, still[:2], np.array([first == 1, True])),
         *(
@@ -191,10 +195,11 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
     strikes = (roll.strike != 0.0) | (roll.strike_rate != 0.0)
     begin, end = np.zeros((2, 3, n))
     begin[0], begin[1] = -roll.strike, roll.strike_rate
-    on_heel = np.zeros((n, 6, _ORDER))
+    on_heel = np.zeros((n, ROWS, _ORDER))
     on_heel[:, : Z + 1, 0] = _on_sole(sole.heel_x, place[2:], yaw[2:], tilt)
     on_heel[:, PITCH, :_QUINTIC], on_heel[:, HEADING, 0] = quintic(begin, end, roll.down), yaw[2:]
     on_heel[:, PITCH, 0] -= tilt
+    on_heel[:, ROLL, 0] = roll_angle
     down = landed + np.where(strikes, roll.down, 0.0)
     segments += [
         _Segment(steps + 2, landed, PIVOT_HEEL, (True, False, False), on_heel, strikes),
@@ -226,21 +231,27 @@ def _headings(contacts: Contacts) -> Array:
 
 
 def _swings(
-    foot: FootParameters, sole: SoleGeometry, place: Array, yaw: Array, single: Array, roll: Roll, tilt: float
+    foot: FootParameters,
+    sole: SoleGeometry,
+    place: Array,
+    yaw: Array,
+    single: Array,
+    roll: Roll,
+    floor: tuple[float, float],
 ) -> list[tuple[float, Array]]:
-    """Pieces of n swings: share of the swing at which a piece begins, and its curves, shape (n, 6, 9).
+    """Pieces of n swings: share of the swing at which a piece begins, and its curves, shape (n, 7, 9).
 
     Of footsteps with places (n + 2, 3) [m] and headings (n + 2,) [rad], swings' durations (n,) [s], and the
-    angle of the floor, front up [rad].
+    angles of the floor, front up and left up [rad].
     """
-    n = len(single)
+    n, (tilt, roll_angle) = len(single), floor
     behind, ahead = place[:n], place[2:]
     along = np.stack([np.cos(yaw[2:]), np.sin(yaw[2:])], axis=1)
     # Value, rate and acceleration of the ball at both ends. It arrives turning about the heel that has just
     # landed.
     x, rate = sole.ball_x - sole.heel_x, roll.strike_rate
     c, s = np.cos(-roll.strike - tilt), np.sin(-roll.strike - tilt)
-    begin, end = np.zeros((2, 3, 6, n))
+    begin, end = np.zeros((2, 3, ROWS, n))
     begin[0, :3] = _on_sole(sole.ball_x, behind, yaw[:n], tilt).T
     begin[0, PITCH], begin[1, PITCH] = roll.lift[:n] - tilt, roll.lift_rate[:n]
     heel = _on_sole(sole.heel_x, ahead, yaw[2:], tilt)
@@ -248,11 +259,11 @@ def _swings(
     end[0, Z], end[0, PITCH], end[0, HEADING] = heel[:, 2] - x * s, -roll.strike - tilt, yaw[2:] - yaw[:n]
     end[1, :2], end[1, Z], end[1, PITCH] = -x * s * rate * along.T, -x * c * rate, rate
     end[2, :2], end[2, Z] = -x * c * rate**2 * along.T, x * s * rate**2
-    durations = np.tile(single, (6, 1))
+    durations = np.tile(single, (ROWS, 1))
     if sole.has_toes:
         begin[0, TOE], begin[1, TOE] = -roll.lift[:n], -roll.lift_rate[:n]
         durations[TOE] *= foot.toe_return
-    swing = np.zeros((n, 6, _ORDER))
+    swing = np.zeros((n, ROWS, _ORDER))
     swing[:, :, :_QUINTIC] = quintic(begin, end, durations).swapaxes(0, 1)
     swing[:, HEADING, 0] = yaw[:n]
     powers = np.vander(single, _ORDER, increasing=True)
@@ -263,6 +274,9 @@ def _swings(
         swing[:, Z] += travel[:, 2:] * climb / powers
     swing[:, PITCH] += roll.bump[:, None] * _BUMP / powers
     lift = LIFT / powers
+    # A foot that points down turns about the world's x axis by the whole leg, so it swings level.
+    swing[:, ROLL] -= roll_angle * _LEVEL / powers
+    swing[:, ROLL, 0] += roll_angle
     swing[:, X] -= (foot.swing_lag * travel[:, 0])[:, None] * lift
     swing[:, Y] -= (foot.swing_lag * travel[:, 1])[:, None] * lift
     swing[:, Z] += (roll.height - math.tan(tilt) * foot.swing_lag * travel[:, 0])[:, None] * lift
