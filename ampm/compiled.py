@@ -112,23 +112,13 @@ def _handle(parts: Any) -> Any:
 def _handle_of(parts: Any) -> Any:
     if not isinstance(parts, types.BaseNamedTuple):
         return None
-    space = {"Any": Any, "new": structref.new}
-    lines = ["def make(parts: Any) -> Any:", *_lines(parts, "parts", "handle", space), "    return handle"]
-    exec("\n".join(lines), space)
+    space = {"Any": Any, "kind": _handle_type(parts), "new": structref.new, "handle_of": _handle}
+    lines = ["def make(parts: Any) -> Any:", "    handle = new(kind)"]
+    for name, part in zip(parts.fields, parts, strict=True):
+        call = "handle_of" * isinstance(part, types.BaseNamedTuple)
+        lines.append(f"    handle.{name} = {call}(parts.{name})")
+    exec("\n".join([*lines, "    return handle"]), space)
     return space["make"]
-
-
-def _lines(kind: Any, source: str, target: str, space: dict[str, Any]) -> list[str]:
-    """Statements that make a reference of a named tuple of numba's type; ``space`` gets the types' names."""
-    space[f"{target}_type"] = _handle_type(kind)
-    lines = [f"    {target} = new({target}_type)"]
-    for name, part in zip(kind.fields, kind, strict=True):
-        value = f"{source}.{name}"
-        if isinstance(part, types.BaseNamedTuple):
-            lines += _lines(part, value, f"{target}_{name}", space)
-            value = f"{target}_{name}"
-        lines.append(f"    {target}.{name} = {value}")
-    return lines
 
 
 def _handle_type(kind: Any) -> Any:

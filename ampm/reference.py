@@ -166,11 +166,7 @@ class Reference:
 
     def replace(self, **fields: ArrayLike) -> Self:
         """A copy with other values of some fields."""
-        row = self.row.copy()  # np.array() would share the memory of one row
-        for name, value in fields.items():
-            row[name] = value
-        row.setflags(write=False)
-        return type(self)(row)
+        return self.of(**{name: self.row[name] for name in FIELDS} | fields)
 
 
 _TABLE = [field for field in vars(Reference).values() if isinstance(field, Field)]

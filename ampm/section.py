@@ -21,12 +21,6 @@ _LEAST = 1e-60  # of a number that is not 0
 _MOST_LISTED = 20  # known keys that are listed when none resembles the unknown one
 
 
-def _not_nan(value: float) -> float:
-    if math.isnan(value):
-        raise ValueError("it should be a number")
-    return _sizable(value)
-
-
 def _sizable(value: float) -> float:
     if 0.0 < abs(value) < _LEAST:
         raise ValueError(f"it should be 0, or at least {_LEAST:g} in magnitude")
@@ -45,8 +39,8 @@ def _option(value: Any) -> bool | int | float | str:
 
 Real = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_sizable)]
 """A finite float, 0 or of a size that can be squared."""
-RealOrInf = Annotated[float, AfterValidator(_not_nan)]
-"""A float that may be infinite, but not NaN."""
+RealOrInf = Annotated[float, AfterValidator(_sizable)]
+"""A float that may be infinite; its bound refuses NaN."""
 Whole = Annotated[int, BeforeValidator(_whole)]
 """An integer, also written as 4.0."""
 OPEN = "open"

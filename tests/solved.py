@@ -18,7 +18,6 @@ from validation.run.replay import step_again
 from validation.trial.physics import Physics
 from validation.trial.plan import Body, PlannedWalk, Request
 from validation.trial.record import SHAPES, SimulationRecord
-from validation.trial.shapes import make_robot
 from validation.trial.simulate import simulate
 
 WALK = (
@@ -56,7 +55,7 @@ def walk_of(*overrides: str) -> Walk:
     """The walk :data:`WALK` with some settings changed."""
     run = load_run(None, [*WALK, *overrides])
     model = build_body(run)
-    robot = make_robot(model.compile(), model.description)
+    robot = Body.of(model).robot
     plan = plan_steps(run.gait, run.body.mass, run.foot, model.description.sole)
     return Walk(run, plan, robot)
 

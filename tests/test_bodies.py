@@ -20,7 +20,7 @@ from tests.sweep_table import parse_sweep
 from tests.test_body_files import TOML, write
 from validation.run.body_check import check as check_body
 from validation.run.walk import walk
-from validation.store.saved import load_description
+from validation.store.saved import load_saved_run
 from validation.study.sweep.design import dump_sweep
 from validation.trial.plan import load_request, make_body, tune_walk
 
@@ -121,7 +121,7 @@ def test_a_body_of_ones_own_passes_and_its_folder_has_it(ampm, tmp_path: Path) -
     assert answer.status == 0, answer.err
     for axis in "xy":
         assert answer.json["metrics"][f"zmp_{axis}_rmse"]["value"] < ZMP_SHARE * 0.21
-    description = load_description(tmp_path / "run")
+    description = load_saved_run(tmp_path / "run").body
     assert description.left_leg.knee == "l_knee"
     assert description.sole.length == pytest.approx(0.21)
     assert "40.6 kg" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")

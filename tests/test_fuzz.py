@@ -165,7 +165,7 @@ def places(value, path=()):
 @SIZES
 def test_summaries(examples, run_of, tmp_path):
     path = tmp_path / "summary.json"
-    good = read_json(run_of() / "summary.json", SUMMARY, "")
+    good = read_json(run_of() / "summary.json", SUMMARY, "")[0]
 
     def check(place, value):
         changed = copy.deepcopy(good)
@@ -174,7 +174,7 @@ def test_summaries(examples, run_of, tmp_path):
             inner = inner[key]
         inner[place[-1]] = value
         write_json(path, changed)
-        found = read_json(path, SUMMARY, "walk the gait again")
+        found = read_json(path, SUMMARY, "walk the gait again")[0]
         for made in (metric_table(found), cost_table(found), reported_table(found)):
             assert str(made)
         assert judge_summary(found, DEFAULT)["reason"]

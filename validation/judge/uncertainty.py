@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import NonNegativeFloat, TypeAdapter, create_model
+from pydantic import NonNegativeFloat, create_model
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
@@ -67,8 +67,8 @@ def load_uncertainty(path: Path) -> Uncertainty:
     """Read the ``convergence.json`` of ``ampm convergence``, or of a folder; InputError if it cannot."""
     file = path / FILE if path.is_dir() else path
     kind = create_model("File", uncertainty=Uncertainty)
-    table = read_json(file, kind, f"give --uncertainty the {FILE} that 'ampm convergence --out' writes")
-    found = TypeAdapter(Uncertainty).validate_python(table["uncertainty"])
+    way_out = f"give --uncertainty the {FILE} that 'ampm convergence --out' writes"
+    found: Uncertainty = read_json(file, kind, way_out)[1].uncertainty
     if not found.values:
         raise InputError(f"--uncertainty {file} holds no metrics: its walk did not complete; study again.")
     return found

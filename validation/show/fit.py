@@ -23,7 +23,6 @@ def fit_page(name: str, sentence: str, strides: Strides, tables: Sequence[Table]
     return render_page(
         "curves.html.j2",
         f"AMPM fitted to {name}",
-        styles=["report.css"],
         sentence=sentence,
         keys=[("measured", MEASURED), *_MODELS.values()],
         key_note="means over the strides; each stride is explained by the constants of the others; shade: "

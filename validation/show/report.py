@@ -4,15 +4,13 @@ Agreement and cost are shown together, because either alone is misleading. All t
 inline SVG.
 """
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter
+import numpy as np
+from pydantic import create_model
 
-from ampm.exceptions import InputError
-from ampm.files import read_text
 from ampm.parameters import HUMAN
 from ampm.planner.support import StepPlan
 from ampm.run_file import dump_run
@@ -24,6 +22,7 @@ from validation.show.run_figures import RunFigures
 from validation.store.folders import output_file
 from validation.store.json import dump_json
 from validation.store.saved import SavedRun, load_saved_run, run_events
+from validation.store.summary import read_json
 from validation.table import Table, format_number, short_unit
 from validation.trial.files import RunFile
 from validation.trial.outcome import OutcomeName
@@ -66,9 +65,8 @@ def render(saved: SavedRun) -> str:
     return render_page(
         "report.html.j2",
         f"{saved.title}: {headline}",
-        styles=["report.css"],
         name=saved.title,
-        verdict_class="fail" if lost else verdict if verdict in ("pass", "fail") else "open",
+        verdict_class="fail" if lost else verdict if verdict in ("pass", "fail") else "",
         headline=headline,
         reason=short_unit(summary["reason"]),
         outcome_sentence="" if saved.is_log else outcome.name.sentence,
@@ -94,11 +92,9 @@ def _explanation(path: Path) -> tuple[str, Table] | None:
     """Sentence and table of ``explain.json``; None without the file, an InputError if it is damaged."""
     if not path.is_file():
         return None
-    try:
-        found = json.loads(read_text(path))
-        return str(found["said"]), TypeAdapter(Table).validate_python(found["table"])
-    except (ValueError, LookupError, TypeError, RecursionError):
-        raise InputError(f"{path} is damaged; remove it, or run ampm explain again.") from None
+    kind = create_model("File", said=str, table=Table)
+    found = read_json(path, kind, "remove it, or run ampm explain again")[1]
+    return found.said, found.table
 
 
 def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
@@ -136,16 +132,11 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     return facts
 
 
-def _scaled(value: float | str | None, scale: float, digits: int = 3) -> str:
-    return format_number(None if value is None else scale * float(value), digits)
-
-
 def split_table(split: Summary) -> Table:
     """Causes of the ZMP error; shares are of the squared error."""
     rows = []
     for part, label in PARTS.items():
-        rms, shares = split["rmse"][part], split["share"][part]
-        cells = [_scaled(value, 1e3) for value in rms] + [_scaled(value, 100.0, 2) for value in shares]
-        rows.append((label, *cells))
+        values = np.array([*split["rmse"][part], *split["share"][part]], dtype=float)  # None is NaN
+        rows.append((label, *map(format_number, values * (1e3, 1e3, 100.0, 100.0), (3, 3, 2, 2))))
     columns = ("cause", ">RMS x [mm]", ">RMS y [mm]", ">share x [%]", ">share y [%]")
     return Table("causes of the ZMP error", columns, rows)

@@ -62,7 +62,8 @@ def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> list[C
         floor = float(support_height(record.floor, points, forces)[0])
         row_signals, axes = signals.take(np.array([row])), rotations(heading)
         _draw_pose(chart, model, record.q[state], row_signals, axes, floor, at)
-        chart.xticks[f"{time:.2f} s\n{_phase(signals, int(row))}"] = at
+        stance = signals["stance"][row]
+        chart.xticks[f"{time:.2f} s\n{'double' if stance == 'both' else stance} support"] = at
     chart.xlim, chart.equal = (-_BESIDE, at + _BESIDE), True
     chart.name("", "height [m]", "")
     return charts
@@ -77,12 +78,6 @@ def rows_shown(signals: Signals, window: slice) -> NDArray[np.intp]:
     if len(found) != INSTANTS:  # no complete stride
         found = np.linspace(window.start, window.stop - 1, INSTANTS).tolist()
     return np.round(found).astype(np.intp)
-
-
-def _phase(signals: Signals, row: int) -> str:
-    """The planned support in words."""
-    stance = signals["stance"][row]
-    return f"{'double' if stance == 'both' else stance} support"
 
 
 def _draw_pose(

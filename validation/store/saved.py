@@ -134,7 +134,7 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
         directory=directory,
         parameters=load_run(directory / RunFile.RUN, ()),
         model_xml=(directory / RunFile.MODEL).read_text(encoding="utf-8"),
-        body=load_description(directory),
+        body=read_json(directory / RunFile.BODY, BodyDescription, "walk again")[1],
         record=load_record(directory),
         signals=load_signals(directory / RunFile.SIGNALS),
         summary=read_summary(directory),
@@ -143,18 +143,7 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
 
 def read_summary(directory: Path) -> dict[str, Any]:
     """Contents of ``summary.json`` in a run's folder; raises InputError if it is missing or damaged."""
-    return read_json(directory / RunFile.SUMMARY, SUMMARY, "walk the gait again")
-
-
-def load_description(directory: Path) -> BodyDescription:
-    """Description of the body of a run, from its folder; raises InputError if it is missing or damaged."""
-    try:
-        return DESCRIPTION.validate_json((directory / RunFile.BODY).read_bytes())
-    except (OSError, ValueError) as error:
-        why = " ".join(str(error).split())
-        raise InputError(
-            f"{directory / RunFile.BODY} is not a description of a body ({why}); walk again."
-        ) from None
+    return dict(read_json(directory / RunFile.SUMMARY, SUMMARY, "walk the gait again")[0])
 
 
 def check_files(directory: Path) -> None:

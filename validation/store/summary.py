@@ -6,7 +6,7 @@ from pathlib import Path
 from types import GenericAlias
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model
 
 from ampm.exceptions import InputError
 from ampm.files import read_text
@@ -92,14 +92,14 @@ SUMMARY = entries(
 """The whole file."""
 
 
-def read_json(path: Path, kind: type[BaseModel], way_out: str) -> dict[str, Any]:
-    """Contents of a file of JSON as they are, if all that is read of them has the right types.
+def read_json(path: Path, kind: Any, way_out: str) -> tuple[Any, Any]:
+    """Contents of a file of JSON as they are, and as a type, which has all that is read of them.
 
     An :class:`InputError` names the first entry of another type and the way out.
     """
     try:
         found = json.loads(read_text(path))
-        kind.model_validate(found)
+        return found, TypeAdapter(kind).validate_python(found)
     except ValidationError as error:
         first = error.errors()[0]
         named = (str(part) for part in first["loc"] if part not in ("float", "str"))  # not pydantic's types
@@ -110,4 +110,3 @@ def read_json(path: Path, kind: type[BaseModel], way_out: str) -> dict[str, Any]
         raise InputError(f"{path} is not JSON ({error}); {way_out}.") from None
     except OSError:
         raise InputError(f"{path} is missing; {way_out}.") from None
-    return dict(found)

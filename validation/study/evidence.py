@@ -60,7 +60,6 @@ def write_evidence(
     page = render_page(
         "evidence.html.j2",
         f"Evidence: {saved.title}",
-        styles=["report.css"],
         use=linked["hasContextOfUse"]["intendedUse"],
         envelope=linked["hasContextOfUse"]["hasOperatingEnvelope"],
         sentence=saved.sentence,

@@ -16,7 +16,7 @@ from typing import Any, Unpack
 from xml.etree import ElementTree
 
 from ampm.exceptions import InputError
-from ampm.parameters import NO_PLAN, OPEN_KEYS, OPTION_TABLES, RunParameters, keys
+from ampm.parameters import FIELDS, NO_PLAN, OPEN_KEYS, RunParameters, keys
 from validation.judge import profiles
 from validation.judge.margins import SATURATED
 from validation.run.walk import walk_planned
@@ -31,7 +31,6 @@ from validation.trial.disturbances import Disturbance, Recorded
 from validation.trial.files import RunFile
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Body, Request, load_request, plan_walk
-from validation.trial.shapes import make_robot
 
 TIGHTER, STRONGER = 2.0, 10.0
 """COM stiffness of a tighter controller, and torque limits of ideal motors, over those of the trial [1]."""
@@ -58,8 +57,7 @@ class Change:
     def values(self, run: RunParameters) -> Values:
         """New values by key, of a run."""
         wanted = self.keys.split()
-        every = (*keys(), *OPTION_TABLES)
-        changed = [key for key in every if key in wanted or key.partition(".")[0] in wanted]
+        changed = [key for key in FIELDS if key in wanted or key.partition(".")[0] in wanted]
         if self.value == "another":  # the project's controller with its settings for the body, else tighter
             usual = load_request(None, body=run.body.source).run
             values = {key: usual.value(key) for key in keys() if key.startswith("controller.")}
@@ -113,7 +111,7 @@ class Case:
     def text(self, change: Change) -> str:
         """What is changed, with the keys if they are few."""
         old, new = self.request.run, self.changed(change).request.run
-        values = {key: (old.value(key), new.value(key)) for key in (*keys(), *OPTION_TABLES)}
+        values = {key: (old.value(key), new.value(key)) for key in FIELDS}
         changed = {key: pair for key, pair in values.items() if pair[0] != pair[1]}
         if change.layer == "motors" and not changed:
             return f"without the limit of {self.strained}"
@@ -163,8 +161,7 @@ def _stronger(body: Body) -> Body:
     for motor in root.iterfind("actuator/motor"):
         for key in ("ctrlrange", "forcerange"):
             motor.set(key, " ".join(repr(STRONGER * float(text)) for text in motor.get(key, "").split()))
-    model = replace(body.model, xml=ElementTree.tostring(root, encoding="unicode"))
-    return Body(model, make_robot(model.compile(), model.description, body.shapes), body.shapes)
+    return Body.of(replace(body.model, xml=ElementTree.tostring(root, encoding="unicode")), body.shapes)
 
 
 @dataclass(frozen=True)

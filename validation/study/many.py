@@ -77,28 +77,20 @@ def _identity(value: Any) -> str:
 
 def _sources(module: str) -> str:
     """Hash of a user's module and of the user's modules that it imports; empty for other modules."""
-    files: dict[str, bytes] = {}
-    _add_sources(module, files)
-    return hashlib.sha256(b"".join(files.values())).hexdigest() if files else ""
-
-
-def _add_sources(name: str, files: dict[str, bytes]) -> None:
-    """Add the source of a user's module, and of those that it imports, to files by the modules' names."""
-    module: Any = sys.modules.get(name)
-    file = users_file(module)
-    if name in files or file is None:
-        return
-    files[name] = source = Path(file).read_bytes()
-    for node in ast.walk(ast.parse(source)) if file.endswith(".py") else ():
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            home = resolve_name("." * node.level + (node.module or ""), module.__package__)
-            names = [home, *(f"{home}.{alias.name}" for alias in node.names)]
-        else:
+    files, names = dict[str, bytes](), [module]
+    for name in names:  # which grow
+        found: Any = sys.modules.get(name)
+        file = users_file(found)
+        if name in files or file is None:
             continue
-        for imported in names:
-            _add_sources(imported, files)
+        files[name] = source = Path(file).read_bytes()
+        for node in ast.walk(ast.parse(source)) if file.endswith(".py") else ():
+            if isinstance(node, ast.Import):
+                names += [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                home = resolve_name("." * node.level + (node.module or ""), found.__package__)
+                names += [home, *(f"{home}.{alias.name}" for alias in node.names)]
+    return hashlib.sha256(b"".join(files.values())).hexdigest() if files else ""
 
 
 class Execution(TypedDict, total=False):

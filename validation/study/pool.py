@@ -136,18 +136,15 @@ def _printable(text: str) -> str:
 # ---------------------------------------------------------------------------------------- users' modules
 
 
-@cache
-def _known_folders() -> tuple[str, ...]:
-    """Folders of this project's packages, and of what is installed."""
-    root = Path(__file__).resolve().parents[2]
-    ours = [str(root / name) for name in ("ampm", "models", "validation", "benchmarks")]
-    installed = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
-    return tuple(os.path.realpath(path) + os.sep for path in (*ours, *installed))
+_OURS = [f"{Path(__file__).parents[2]}/{name}" for name in ("ampm", "models", "validation", "benchmarks")]
+_INSTALLED = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
+_KNOWN = tuple(os.path.realpath(path) + os.sep for path in (*_OURS, *_INSTALLED))
+"""Folders of this project's packages, and of what is installed."""
 
 
 @cache
 def _is_users_file(path: str) -> bool:
-    return not os.path.realpath(path).startswith(_known_folders())
+    return not os.path.realpath(path).startswith(_KNOWN)
 
 
 def users_file(module: Any) -> str | None:

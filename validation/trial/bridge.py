@@ -27,10 +27,6 @@ def _pose(position: ArrayLike, quaternion_wxyz: ArrayLike) -> pin.SE3:
     return pin.SE3(matrix.reshape(3, 3), np.asarray(position, dtype=float))
 
 
-def _shift(offset: Array) -> pin.SE3:
-    return pin.SE3(np.eye(3), np.asarray(offset, dtype=float))
-
-
 def _hinge(axis: Array) -> Any:
     for own, along in zip(_ALIGNED, np.eye(3), strict=True):
         if np.array_equal(axis, along):
@@ -81,10 +77,10 @@ def pinocchio_model(model: mujoco.MjModel) -> pin.Model:
             if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
                 kind, anchor, placement = pin.JointModelFreeFlyer(), np.zeros(3), pin.SE3.Identity()
             name = model.joint(joint).name
-            parent_joint = result.addJoint(parent_joint, kind, placement * _shift(anchor), name)
+            parent_joint = result.addJoint(parent_joint, kind, placement * pin.SE3(np.eye(3), anchor), name)
             parent_frame = result.addJointFrame(parent_joint, parent_frame)
             # The body frame (before the next joint moves it) lies at minus the anchor.
-            placement = _shift(-np.asarray(anchor))
+            placement = pin.SE3(np.eye(3), -anchor)
         joint_of[body], placement_of[body] = parent_joint, placement
         result.appendBodyToJoint(parent_joint, _inertia(model, body), placement)
         name = model.body(body).name

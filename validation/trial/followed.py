@@ -128,9 +128,15 @@ class Stepped:
         swing, begun = walker["swing"][:, 0].copy(), clock.copy()  # where the swing foot is, and when
         phases, spans = len(contacts.phases), np.diff(contacts.starts, append=contacts.duration)
         goes_on = np.abs(frozen.rows.com_velocity[-1]).max() > STILL
+        over = every[:0]  # those whose next phase has begun
         while True:
             again = np.maximum(index - phases, -1) // CYCLE + 1
             source = np.minimum(np.maximum(index - CYCLE * again, 0), phases - 1)
+            single[over] = contacts.kind_codes[source[over]] == 0
+            stance[over] = np.where(single[over], contacts.stance_codes[source[over]], stance[over])
+            rate[over], clock[over], begun[over], step[over] = 1.0, 0.0, 0.0, 0.0
+            duration[over] = spans[source[over]]
+            swing[over] = shift[over, 1 - stance[over]]
             rest = (duration - clock) / rate
             over = every[(left > rest) & ((index + 1 < phases) | goes_on)]
             if not over.size:
@@ -139,13 +145,6 @@ class Stepped:
             shift[landed, 1 - stance[landed]] = _target(shift, stance, step)[landed]
             left[over] -= rest[over]
             index[over] += 1
-            again = np.maximum(index - phases, -1) // CYCLE + 1
-            source = np.minimum(np.maximum(index - CYCLE * again, 0), phases - 1)
-            single[over] = contacts.kind_codes[source[over]] == 0
-            stance[over] = np.where(single[over], contacts.stance_codes[source[over]], stance[over])
-            rate[over], clock[over], begun[over], step[over] = 1.0, 0.0, 0.0, 0.0
-            duration[over] = spans[source[over]]
-            swing[over] = shift[over, 1 - stance[over]]
         clock = np.minimum(clock + rate * left, duration)
         columns = dict(vars(frozen.rows.at(contacts.starts[source] + np.minimum(clock, spans[source]))))
         repeated = np.zeros((len(times), 3))

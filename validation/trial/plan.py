@@ -92,11 +92,13 @@ class Body(Brief):
     def of(cls, model: BodyModel, shapes: Shapes | None = None) -> Body:
         """The body of a model, with shapes of its own."""
         # Imported here: simulator and Pinocchio take a second to load.
-        from validation.trial.shapes import Shapes, make_robot
+        from ampm.body.robot import Robot
+        from validation.trial.bridge import pinocchio_model
+        from validation.trial.shapes import Shapes
 
         compiled = model.compile()
         shapes = shapes or Shapes(compiled)
-        return cls(model, make_robot(compiled, model.description, shapes), shapes)
+        return cls(model, Robot(pinocchio_model(compiled), model.description, shapes), shapes)
 
     def again(self) -> Robot:
         """A robot of its own for a controller, whose changes reach no other part of the walk."""

@@ -29,8 +29,8 @@ _AROUND = 0.08  # by which a raised or lowered place is larger than the sole at 
 class _Tile(NamedTuple):
     """Rectangle of the floor in the walk's frame, moved along its normal."""
 
-    low: tuple[float, float]
-    high: tuple[float, float]
+    low: Array
+    high: Array
     tilted: bool = False
     height: float = 0.0
 
@@ -101,16 +101,12 @@ def _change_floor(
         raise InputError(
             "disturbance.slope_along, slope_across, step_height need footsteps of one height; leave out z."
         )
-    if contacts.slope != LEVEL and not (sloped or wanted.step_height):
-        plane.set("pos", f"0 0 {wanted.floor_height!r}")
-        plane.set("zaxis", _text([-contacts.slope[0], -contacts.slope[1], 1.0]))
-        return
-    if uneven(contacts.footsteps):
+    if uneven(contacts.footsteps) and contacts.slope == LEVEL:
         _raise_floor(world, plane, Ground.under(contacts.footsteps, body.description.sole), wanted)
         return
     if not (sloped or wanted.step_height):
-        if wanted.floor_height:
-            plane.set("pos", f"0 0 {wanted.floor_height!r}")
+        plane.set("pos", f"0 0 {wanted.floor_height!r}")
+        plane.set("zaxis", _text([-contacts.slope[0], -contacts.slope[1], 1.0]))
         return
     if wanted.step_height and len(contacts.footsteps) < 3:
         raise InputError("disturbance.step_height raises a footstep, and the plan has none; leave it out.")
@@ -124,17 +120,15 @@ def _change_floor(
     step = contacts.footsteps[wanted.step_number - 1 if wanted.step_height else 0]
     turn = _about_z(step.heading)
     feet = np.array([item.position for item in contacts.footsteps]) @ turn  # in the walk's frame
-    tiles = [_Tile((-_FAR, -_FAR), (_FAR, _FAR))]
-    hinge = np.zeros(3)
+    ends, hinge = np.full(2, _FAR), np.zeros(3)
+    tiles = [_Tile(-ends, ends)]
     if sloped:
         sole = body.description.sole
         front = feet[:2, 0].max() + sole.tip_x
-        behind = feet[2, 0] + sole.heel_x if len(feet) > 2 else front + sole.length
-        hinge[:2] = 0.5 * (front + behind), feet[:2, 1].mean()
-        tiles = [
-            _Tile((-_FAR, -_FAR), (float(hinge[0]), _FAR)),
-            _Tile((float(hinge[0]), -_FAR), (_FAR, _FAR), tilted=True),
-        ]
+        next_heel = feet[2, 0] + sole.heel_x if len(feet) > 2 else front + sole.length
+        hinge[:2] = 0.5 * (front + next_heel), feet[:2, 1].mean()
+        behind, ahead = np.array([hinge[0], _FAR]), np.array([hinge[0], -_FAR])
+        tiles = [_Tile(-ends, behind), _Tile(ahead, ends, tilted=True)]
     if wanted.step_height:
         low, high = _place(body, step, contacts, turn)
         tiles = [part for tile in tiles for part in _split(tile, low, high, wanted.step_height)]
@@ -142,15 +136,14 @@ def _change_floor(
     world.remove(plane)
     up, turn = np.array([0.0, 0.0, wanted.floor_height]), _plane(contacts.slope) @ turn
     for number, tile in enumerate(tiles):
-        low_, high_ = np.array(tile.low), np.array(tile.high)
-        centre = np.array([*(0.5 * (low_ + high_)), tile.height - 0.5 * _THICK])
+        centre = np.array([*(0.5 * (tile.low + tile.high)), tile.height - 0.5 * _THICK])
         rotation = np.eye(3)
         if tile.tilted:
             # Plan coordinates of the tile are along the slope; its hinge stays where it is.
             centre, rotation = hinge + tilt @ (centre - hinge), tilt
         rotation, centre = turn @ rotation, turn @ centre + up
         name = "floor" if number == 0 else f"floor_{number}"
-        world.insert(number, _box(plane, name, 0.5 * (high_ - low_), centre, rotation))
+        world.insert(number, _box(plane, name, 0.5 * (tile.high - tile.low), centre, rotation))
 
 
 def _plane(slope: tuple[float, float]) -> Array:
@@ -179,9 +172,7 @@ def _box(plane: ElementTree.Element, name: str, half: Array, at: Array, turn: Ar
     return ElementTree.Element("geom", dict(plane.attrib) | own)
 
 
-def _place(
-    body: BodyModel, step: Footstep, contacts: Contacts, turn: Array
-) -> tuple[tuple[float, float], tuple[float, float]]:
+def _place(body: BodyModel, step: Footstep, contacts: Contacts, turn: Array) -> tuple[Array, Array]:
     """Rectangle around a footprint in the walk's frame, as far as the middle between both feet."""
     outline = footprint(body.description.sole, step) @ turn[:2, :2]
     low, high = outline.min(axis=0) - _AROUND, outline.max(axis=0) + _AROUND
@@ -193,26 +184,25 @@ def _place(
         low[1] = max(low[1], middle)
     else:
         high[1] = min(high[1], middle)
-    return (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
+    return low, high
 
 
-def _split(tile: _Tile, low: tuple[float, float], high: tuple[float, float], height: float) -> list[_Tile]:
+def _split(tile: _Tile, low: Array, high: Array, height: float) -> list[_Tile]:
     """A tile and, cut out of it, a rectangle at another height.
 
     The seams lie along the walk's direction, so that no other foot treads on them.
     """
-    inner_low = max(low[0], tile.low[0]), max(low[1], tile.low[1])
-    inner_high = min(high[0], tile.high[0]), min(high[1], tile.high[1])
-    if inner_low[0] >= inner_high[0] or inner_low[1] >= inner_high[1]:
+    low, high = np.maximum(low, tile.low), np.minimum(high, tile.high)
+    if (low >= high).any():
         return [tile]
     parts = [
-        tile._replace(high=(tile.high[0], inner_low[1])),
-        tile._replace(low=(tile.low[0], inner_high[1])),
-        tile._replace(low=(tile.low[0], inner_low[1]), high=(inner_low[0], inner_high[1])),
-        tile._replace(low=(inner_high[0], inner_low[1]), high=(tile.high[0], inner_high[1])),
-        tile._replace(low=inner_low, high=inner_high, height=tile.height + height),
+        tile._replace(high=np.array([tile.high[0], low[1]])),
+        tile._replace(low=np.array([tile.low[0], high[1]])),
+        tile._replace(low=np.array([tile.low[0], low[1]]), high=np.array([low[0], high[1]])),
+        tile._replace(low=np.array([high[0], low[1]]), high=np.array([tile.high[0], high[1]])),
+        tile._replace(low=low, high=high, height=tile.height + height),
     ]
-    return [part for part in parts if part.high[0] > part.low[0] and part.high[1] > part.low[1]]
+    return [part for part in parts if (part.high > part.low).all()]
 
 
 def _text(numbers: Sequence[float] | Array) -> str:

@@ -11,12 +11,10 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ampm.body.robot import Gaps, Robot
+from ampm.body.robot import Gaps
 from ampm.compiled import compiled
-from ampm.description import BodyDescription
 from ampm.geometry import Array
 from ampm.vectors import Vector, column, dot, minus, plus, put, turned, vector
-from validation.trial.bridge import pinocchio_model
 from validation.trial.coordinates import to_mujoco
 
 REACH = 0.1
@@ -172,8 +170,3 @@ def _limbs(parents: NDArray[np.integer]) -> NDArray[np.intp]:
             limb[segment] = number
             segment = int(parents[segment])
     return limb
-
-
-def make_robot(model: mujoco.MjModel, description: BodyDescription, shapes: Shapes | None = None) -> Robot:
-    """The compiled body for planner and controller; ``shapes`` are the model's."""
-    return Robot(pinocchio_model(model), description, shapes or Shapes(model))

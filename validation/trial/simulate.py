@@ -275,9 +275,18 @@ class ClosedLoop:
         return self.log.close(self.done, replace(end, time=time, steps_completed=steps))
 
     def sense(self) -> tuple[State, Touch, Reference]:
-        """Begin a control tick; what the controller gets."""
+        """Begin a control tick; what the sensors read, and what the walk follows."""
         self._begin_step()
-        return self.read()
+        physics, k = self.physics, self.done
+        self._sense(physics.data.ncon)
+        self._reference = next(self.course.references)
+        if self.sensors is None:
+            body = physics.body
+            self._sensed = State(k * physics.time_step, body.q, body.v, 0.5 * body.time_step), self._touch
+        else:
+            commanded = getattr(self.controller, "acceleration", None)
+            self._sensed = self.sensors.update(k, commanded)
+        return *self._sensed, self._reference
 
     def act(self, output: ControlOutput) -> Outcome | None:
         """Let the output of a tick act until the next one is due; whether the walk is over."""
@@ -309,19 +318,6 @@ class ClosedLoop:
             return self.watch.blown_up(time)
         self.done += 1
         return end if goes_on else self.watch.check(time, SOLVED)
-
-    def read(self) -> tuple[State, Touch, Reference]:
-        """What the sensors of this tick read, and what the walk follows."""
-        physics, k = self.physics, self.done
-        self._sense(physics.data.ncon)
-        self._reference = next(self.course.references)
-        if self.sensors is None:
-            body = physics.body
-            self._sensed = State(k * physics.time_step, body.q, body.v, 0.5 * body.time_step), self._touch
-        else:
-            commanded = getattr(self.controller, "acceleration", None)
-            self._sensed = self.sensors.update(k, commanded)
-        return *self._sensed, self._reference
 
     def apply(self, output: ControlOutput) -> Outcome | None:
         """Set and keep the command of this tick, and plan again; whether the walk is over."""

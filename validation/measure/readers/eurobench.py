@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import pyarrow.csv
 from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
+from validation.trial.users import read_columns
 
 _FEET = {"left": "ftl", "right": "ftr"}
 
@@ -25,7 +25,7 @@ def read_eurobench(folder: str | Path, model: pin.Model, soles: Mapping[str, str
     Raises:
         InputError: a file, a column or a frame is missing.
     """
-    files = {name: _read(Path(folder) / f"{name}.csv") for name in ("pos", *_FEET.values())}
+    files = {name: read_columns(Path(folder) / f"{name}.csv") for name in ("pos", *_FEET.values())}
     if missing := [name for name in soles.values() if not model.existFrame(name)]:
         raise InputError(f"the model has no frame {missing[0]!r}; give the names of its soles.")
     table: dict[str, Any] = {"time": (time := files["pos"]["time"])}
@@ -51,12 +51,3 @@ def read_eurobench(folder: str | Path, model: pin.Model, soles: Mapping[str, str
         table |= {f"{name}_{axis}": column for axis, column in zip("xyz", place.T, strict=True)}
     on_left = table["left_sensor_force_z"] > table["right_sensor_force_z"]
     return {**table, "floor": np.where(on_left, table["left_sensor_z"], table["right_sensor_z"])}
-
-
-def _read(path: Path) -> dict[str, Any]:
-    """Columns of a table separated by semicolons."""
-    try:
-        table = pyarrow.csv.read_csv(path, parse_options=pyarrow.csv.ParseOptions(delimiter=";"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path} cannot be read ({error}); give a table separated by semicolons.") from error
-    return {name: table[name].to_numpy() for name in table.column_names}

@@ -29,7 +29,7 @@ def segment_poses(model: mujoco.MjModel, q: Array) -> tuple[Array, Array]:
     for row, qpos in enumerate(q):
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
-        position[row], quaternion[row] = data.xpos, data.xquat[:, _XYZW]
+        position[row], quaternion[row] = data.xpos, np.roll(data.xquat, -1, axis=1)
     return position, quaternion
 
 
@@ -41,15 +41,10 @@ def segment_shapes(model: mujoco.MjModel) -> dict[str, list[Any]]:
     found = {}
     for geom in drawn_geoms(model).tolist():
         entity = f"{segment_entity(model, model.geom_bodyid[geom])}/{geom}"
-        place = rr.Transform3D(
-            translation=model.geom_pos[geom], quaternion=rr.Quaternion(xyzw=model.geom_quat[geom][_XYZW])
-        )
+        turn = rr.Quaternion(xyzw=np.roll(model.geom_quat[geom], -1))
+        place = rr.Transform3D(translation=model.geom_pos[geom], quaternion=turn)
         found[entity] = [place, _shape(model, geom)]
     return found
-
-
-_XYZW = [1, 2, 3, 0]
-"""Order of the parts of MuJoCo's quaternions in Rerun's."""
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> Any:

@@ -6,7 +6,7 @@ from itertools import cycle
 from pathlib import Path
 
 import numpy as np
-from pydantic import BaseModel
+from pydantic import BaseModel, create_model
 
 from validation.judge.compare import SIGNALS
 from validation.judge.metrics import display_unit
@@ -38,12 +38,6 @@ class _Walk(BaseModel):
     robustness: Robustness | None
 
 
-class _Numbers(BaseModel):
-    """What is read of the numbers."""
-
-    walks: list[_Walk]
-
-
 def is_comparison(folder: Path) -> bool:
     """Whether a folder is one of a comparison."""
     return (folder / NUMBERS).is_file()
@@ -55,8 +49,9 @@ def load_comparison(folder: Path) -> WalkComparison:
     Raises:
         InputError: it is damaged, of sweeps, or one of its runs is gone.
     """
-    found = read_json(folder / NUMBERS, _Numbers, "run 'ampm compare' again; that of sweeps has no pictures")
-    walks = _Numbers.model_validate(found).walks
+    kind = create_model("Numbers", walks=list[_Walk])
+    way_out = "run 'ampm compare' again; that of sweeps has no pictures"
+    walks = read_json(folder / NUMBERS, kind, way_out)[1].walks
     sides = (Side(one.label, load_saved_run(folder / one.run), one.study, one.robustness) for one in walks)
     return comparison_of(list(sides))
 
@@ -65,7 +60,7 @@ def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> 
     """Write numbers and page into a folder, and report and recording of every walk that lacks them."""
     folder.mkdir(parents=True, exist_ok=True)
     numbers = result.as_dict()
-    for side, entry in zip(_sides(result), numbers.get("walks", ()), strict=True):
+    for side, entry in zip(result.sides, numbers.get("walks", ()), strict=True):
         entry["run"] = os.path.relpath(side.run.directory, folder)
         if not all((side.run.directory / name).is_file() for name in (RunFile.REPORT, RunFile.RECORDING)):
             draw_run(side.run.directory, side.label)
@@ -76,24 +71,18 @@ def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> 
 
 def render(result: WalkComparison | SweepComparison, folder: Path) -> str:
     """The page for a folder; of walks with their curves, and links to their reports and recordings."""
-    keys, pictures = draw_walks(_sides(result))
+    keys, pictures = draw_walks(result.sides)
     return render_page(
         "curves.html.j2",
         result.title,
-        styles=["report.css"],
         sentence=result.sentence,
         tables=result.tables(),
         keys=keys,
         key_note="dashed: the plan of each; grey: planned double support of the first",
-        runs=[(side.label, os.path.relpath(side.run.directory, folder)) for side in _sides(result)],
+        runs=[(side.label, os.path.relpath(side.run.directory, folder)) for side in result.sides],
         pictures=pictures,
-        citations=[cite_run(side.run) for side in _sides(result)],
+        citations=[cite_run(side.run) for side in result.sides],
     )
-
-
-def _sides(result: WalkComparison | SweepComparison) -> tuple[Side, ...]:
-    """The walks; none of two sweeps."""
-    return result.sides if isinstance(result, WalkComparison) else ()
 
 
 _COLORS = (*PARTS, INK)

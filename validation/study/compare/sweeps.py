@@ -36,6 +36,7 @@ class SweepComparison(Tabled):
     title: str  # both sweeps
     matched: int  # number of runs that both have
     changes: Table  # runs that got worse or are missing, in the order of `KINDS`; notes are its conditions
+    sides = ()  # there is no walk to draw
 
     @property
     def counts(self) -> dict[str, int]:

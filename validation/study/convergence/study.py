@@ -42,10 +42,9 @@ def studies(run: RunParameters) -> list[Study]:
         key, ratio, values = row["key"], float(row["ratio"] or 0.0), row["values"].split()
         if ratio:  # Rounded, so that a tenth of 5e-5 is written as 5e-6.
             levels = tuple(float(f"{own[key] / ratio**level:.15g}") for level in range(LEVELS))
-        elif key == ENGINE_KEY:
-            levels = _possible(run, key, values)
         else:
-            levels = _possible(run, key, [float(factor) * own[key] for factor in values])
+            is_factor = key != ENGINE_KEY
+            levels = _possible(run, key, [float(text) * own[key] if is_factor else text for text in values])
         found.append(Study(row["name"], key, levels, ratio))
     return [study for study in found if len(study.values) > 1]
 

@@ -5,11 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter
-
-from ampm.exceptions import InputError
-from ampm.files import read_file
 from validation.store.json import json_ready
+from validation.store.summary import read_json
 from validation.study.robustness.cells import DURATION, Cell, needed
 from validation.table import Table, Tabled
 
@@ -80,8 +77,5 @@ def load_robustness(path: Path) -> Robustness:
         InputError: there is no such file, or it is damaged.
     """
     file = path / RESULT if path.is_dir() else path
-    try:
-        return TypeAdapter(Robustness).validate_json(read_file(file))
-    except (OSError, ValueError) as error:
-        why = " ".join(str(error).split())[:100]
-        raise InputError(f"{file} is not a {RESULT} of 'ampm robustness --out' ({why}).") from None
+    found: Robustness = read_json(file, Robustness, f"give a {RESULT} of 'ampm robustness --out'")[1]
+    return found

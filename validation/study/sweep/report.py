@@ -42,7 +42,6 @@ def render(sweep: SweepTable) -> str:
     return render_page(
         "sweep.html.j2",
         f"{sweep.name}: {verdict[1]}",
-        styles=["report.css", "sweep.css"],
         sweep=sweep,
         verdict=verdict,
         pictures=draw_sweep(sweep),
