@@ -44,6 +44,7 @@ def test_a_joint_at_its_stop_shows(block):
     found = check(replace(swinging(), point_sites=record.point_sites), model)
     assert found.coordinate == "swing"
     assert found.largest > 0.1
+    assert found.median < 1e-9
 
 
 def test_a_spring_that_a_torque_balances_changes_nothing(block):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ampm
+import validation as val
 from ampm.body.constant_posture import ConstantPosture
 from ampm.planner import routes
 from ampm.planner.footstep_walk import plan_footstep_walk
@@ -124,6 +125,13 @@ def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
     zmp = walk.sample(saved.signals.time).zmp
     np.testing.assert_allclose(zmp[:, 0], saved.signals["plan_zmp_x"], rtol=0.0, atol=1e-12)
     assert ampm("replay", out).status == 0
+
+
+@pytest.mark.parametrize("heading", [3.0, 6.9])
+def test_a_walk_may_begin_in_any_heading(heading):
+    run = ampm.load_run("normal", simulation={"time_step": 2e-3})
+    trial = val.walk(run, footsteps=turned(routes.straight(4, 0.4, 0.2), heading))
+    assert trial.verdict.passed, trial
 
 
 def test_posture_follows_the_heading_of_the_feet():

@@ -120,7 +120,7 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
         time_step=dt,
         friction=0.8,
         torque_limit=np.array([50.0]),
-        joint_range=np.array([[-2.0, 2.0]]),
+        joint_range=model.jnt_range[1:].copy(),
         joint_names=("swing",),
     )
 

@@ -126,7 +126,8 @@ def posture(body: Kinematics, q: Array, v: Array, phase: float, rate: float) -> 
     wanted = np.zeros(len(v))
     vector_part = q[3:6]
     size = math.sqrt((vector_part**2).sum())
-    angle_over_size = 2.0 * math.atan2(size, q[6]) / size if size > 1e-12 else 2.0
+    twice = math.copysign(2.0, q[6])  # of two opposite quaternions that with the smaller angle
+    angle_over_size = twice * math.atan2(size, abs(q[6])) / size if size > 1e-12 else twice
     sine, cosine = body.pelvis[0] * math.sin(phase), body.pelvis[1] * math.cos(phase)
     rest = np.array([sine, 0.0, -cosine])
     turning = np.array([body.pelvis[0] * math.cos(phase), 0.0, body.pelvis[1] * math.sin(phase)])

@@ -11,7 +11,7 @@ from ampm.compiled import compiled
 from ampm.control.stabilizer import rotation_error
 from ampm.control.workspace import BALL, HEEL, TIP, Workspace
 from ampm.geometry import Array
-from ampm.vectors import ZERO, Vector, clip, cross, minus, plus, put, times, vector
+from ampm.vectors import ZERO, Vector, clip, cross, dot, minus, plus, put, times, vector
 
 STANCE, SWING = 1e-8, 1e-4
 """Softness of a foot's acceleration task when it stands and when it swings, in the metric of the posture."""
@@ -180,5 +180,6 @@ def posture_task(work: Workspace) -> None:
     # Root rotation: small-angle error in the root's axes, from the quaternions' product.
     here, planned = vector(q[3:6]), vector(planned_q[3:6])
     error = plus(minus(times(q[6], planned), times(planned_q[6], here)), cross(planned, here))
+    cosine = q[6] * planned_q[6] + dot(here, planned)  # of half the angle; opposite quaternions are equal
     for k in range(3):
-        acceleration[3 + k] += 2.0 * stiffness * error[k]
+        acceleration[3 + k] += math.copysign(2.0, cosine) * stiffness * error[k]

@@ -76,7 +76,7 @@ def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[i
         spare = landing - lifted - single
         if number == 2 and spare >= SETTLING:
             begin = spare
-        elif first + 4 <= number <= len(landings) - 2 and spare >= 2.0 * SETTLING - double:
+        elif number >= first + 3 and spare >= 2.0 * SETTLING - double:
             parts.append((first, number, begin))
             first, begin = number - 2, landing - SETTLING - single
         elif spare > LONGEST:

@@ -29,7 +29,7 @@ class Equations(Brief):
     """
 
     steps: int  # that were checked
-    median: float  # median defect
+    median: float  # median defect without a joint beyond its range, whose stop's torque is not recorded
     largest: float  # largest defect
     coordinate: str  # that has the largest one
     time: float  # of the step with the largest one [s]
@@ -48,10 +48,12 @@ def check_equations(record: SimulationRecord, model: pin.Model, passive: Passive
     dt, change = record.time_step, record.qd[rows + 1] - record.qd[rows]
     size = np.abs(_defects(record, model, passive, rows))
     row, column = divmod(int(np.argmax(size)), size.shape[1])
+    angles, (low, high) = record.q[rows, 7:], record.joint_range.T
+    free = size.max(axis=1)[((angles >= low) & (angles <= high)).all(axis=1)]
     root = [f"root {what} {axis}" for what in ("velocity", "rate") for axis in "xyz"]  # in its own axes
     return Equations(
         steps=len(rows),
-        median=float(np.median(size.max(axis=1))),
+        median=float(np.median(free)) if len(free) else math.nan,
         largest=float(size[row, column]),
         coordinate=[*root, *record.joint_names][column],
         time=float(rows[row] * dt),
