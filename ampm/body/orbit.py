@@ -93,7 +93,7 @@ def start_across(steps: StepPlan, posture: PeriodicPosture, run: RunParameters) 
             lost.append(error)
     across, less = f"gait.cross_slope = {run.gait.cross_slope:g}: ", "make gait.cross_slope smaller, or "
     if lost:
-        what = f"{across}at {lost[0].time:.3f} s {lost[0].what}; the time in which a leg does not reach"
+        what = f"{across}at {lost[0].time:.3f} s {lost[0].what}; the time without reach in two steps"
         longest, less_high = _LOST if lost[0].time else 0.0, f"{less}lower gait.com_height"
         reach = Limit(what, "s", longest, AT_MOST, "leg_too_short", less_high)
         check([(reach, COARSE_STEP * len(lost))])

@@ -38,6 +38,7 @@ _LONG, _ANKLE, _LACK = 0.15, 0.04, 0.022
 pelvis that tilts makes up for it. The largest integral over this time of the share beyond 1 of a torque of
 trunk or arms [s]. Shares of both limits add up. Chosen on random walks of the G1: most of those with more
 than 1 fell, or their arms came into their legs."""
+_SLOW = 1.2  # duration of a swing over the gait's from which a refusal asks for an earlier landing [1]
 _WAYS_OUT = {
     "hip": "shorten or narrow the steps about it, lower gait.c_y, or raise gait.switching_velocity",
     "ankle": "shorten the steps about it, or raise gait.a_s",
@@ -104,28 +105,30 @@ def _range_limit(
     where = f"footstep {row // _INSTANTS + 3}: at {times[row]:.3f} s {robot.joint_names[joint]}"
     what = f"{where} would pass its range: its angle beyond it"
     less = "shorten the steps about it, put the feet nearer to each other, or raise gait.com_height"
+    less = _sooner(plan, times[row]) + less
     return Limit(what, "rad", _BEYOND, AT_MOST, "joint_limits", less), float(beyond[row, joint])
 
 
 def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tuple[Limit, float]]:
     """Limits and values of a followed walk, those first that make others meaningless."""
     contacts, step = plan.contacts, plan.constants.step_duration
-    swings, shorten = contacts.starts[contacts.kind_codes == 0], "shorten the steps about it"
+    landings, shorten = contacts.starts[contacts.kind_codes == 1][1:], "shorten the steps about it"
 
     def at(time: float) -> str:
-        footstep = max(int(np.searchsorted(swings, time + 1e-6, side="right")), 1) + 2
+        footstep = min(int(np.searchsorted(landings, time + 1e-6, side="right")), len(landings) - 1) + 3
         return f"footstep {footstep}: at {time:.3f} s"
 
     for begin, _, cause in walk.lost:
         lost = sum(end - start for start, end, _ in walk.lost if begin <= start < begin + step)
-        what = f"{at(begin)} {cause.what}; the time of the step in which it does not"
+        what = f"{at(begin)} {cause.what}; the time without reach in this step"
         less = "shorten or narrow the steps about it, or lower gait.com_height"
         yield Limit(what, "s", _LOST, AT_MOST, "leg_too_short", less), lost
 
     k = int(walk.gap.argmin())
-    what = f"{at(float(walk.time[max(2 * k - 2, 0)]))} {walk.parts[k]} come too close: their distance"
-    reason = "self_collision"
-    less = "turn the toes out, by 0.1 rad for example, put the feet further apart, or turn less"
+    when, reason = float(walk.time[max(2 * k - 2, 0)]), "self_collision"
+    what = f"{at(when)} {walk.parts[k]} come too close: their distance"
+    turn = "turn the toes out, by 0.1 rad for example, put the feet further apart, or turn less"
+    less = _sooner(plan, when) + turn
     if any(part in walk.parts[k] for part in ("arm", "hand", "elbow", "wrist")):
         wider = "raise body.arm_abduction, or " if robot.description.spread else ""
         reason, less = "arm_collision", f"{wider}shorten or narrow the steps about it"
@@ -149,7 +152,7 @@ def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tupl
     less = _WAYS_OUT.get(group, f"{shorten}, or take lower ones")
     yield Limit(what, "1", _MOST, AT_MOST, "torque_limits", less), float(mean[k, joint])
 
-    first = np.searchsorted(walk.time, swings)
+    first = np.searchsorted(walk.time, contacts.starts[contacts.kind_codes == 0])
     mean = _means(walk.time, walk.beyond, _LONG)
     lacking = _LONG * _means(walk.time, np.maximum(np.minimum(walk.share, _SPIKE) - 1.0, 0.0), _LONG)
     lacking[:, np.concatenate(robot.leg_joints) - 6] = 0.0
@@ -167,6 +170,13 @@ def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tupl
     reason = "joint_limits" if ankles else "torque_limits"
     less = f"{shorten}, or " + ("put the feet nearer to each other" if ankles else "take lower ones")
     yield Limit(what, "1", 1.0, AT_MOST, reason, less), float(burden[k])
+
+
+def _sooner(plan: StepPlan, time: float) -> str:
+    """A way out for a swing that is slow at some time [s], because its landing was given a time."""
+    phase = next(part for part in plan.contacts.phases if time < part.start + part.duration)
+    slow = phase.kind == "single_support" and phase.duration > _SLOW * plan.constants.single_support_duration
+    return "let it land earlier, " if slow else ""
 
 
 def _largest(values: Array) -> tuple[int, int]:
