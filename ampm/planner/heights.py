@@ -169,9 +169,10 @@ def _cut(wide: Array, box: Array, side: tuple[int, int], gap: float, share: floa
 
 def _refuse_near(number: int, gap: float, rise: float) -> None:
     if not gap >= 2.0 * EDGE:
+        near = f"is {gap:.3g} m from" if gap >= 0.0 else f"reaches {-gap:.3g} m under"
         raise BodilyRefusal(
-            f"footstep {number} is {gap:.3g} m from one that is {rise:.3g} m higher, nearer than "
-            f"{2.0 * EDGE:g} m, so that no edge of the floor fits between them",
+            f"the sole of footstep {number} {near} one that is {rise:.3g} m higher, and an edge of the floor "
+            f"takes {2.0 * EDGE:g} m between them",
             reason="no_room_for_edge",
             value=gap,
             limit=2.0 * EDGE,

@@ -75,7 +75,7 @@ def _missing_height(contacts: Contacts, feet: FeetPlan, sole: SoleGeometry) -> A
                 value=float(missing[k]),
                 limit=_HIGHEST,
                 unit="m",
-                way_out="lengthen the steps about it, or take a lower one",
+                way_out="lengthen the steps about it, or give it less of a step up or down",
             )
     return missing
 

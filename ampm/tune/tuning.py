@@ -324,10 +324,16 @@ def _cause(name: str, plan: StepPlan, orbit: Orbit, robot: Robot) -> str:
         if alone[most] > _LOST and left.max() <= 1.0:
             return (
                 f"; dampers, springs and dry friction alone take {alone[most]:.2f} of the torque limit of "
-                f"{names[most]}: correct [body.damping], [body.stiffness], [body.friction] or [body.effort]"
+                f"{names[most]}: correct [body.damping], [body.stiffness], [body.friction] or [body.effort] if wrong"
             )
         over = [f"{names[j]} {share[j]:.2f}" for j in np.argsort(-share)[:3] if share[j] > 1.0]
         return f"; torque over its limit: {', '.join(over)}" if over else ""
+    if reason == "speed_limits":
+        limits = robot.description.speed_limits
+        rates = np.abs(step.v[:, robot.velocity_indices(tuple(dict(limits)))]).max(axis=0)
+        shares = {joint: rate / most for (joint, most), rate in zip(limits, rates, strict=True)}
+        joint = max(shares, key=lambda name: shares[name])
+        return f"; speed over its limit: {joint} {shares[joint]:.2f}"
     if reason == "self_collision":
         gaps = robot.shapes.gaps(step.q)
         return f"; they are {gaps.parts[int(gaps.distance.argmin())]}"

@@ -112,16 +112,14 @@ def _half(run: RunParameters, change: Change) -> Change:
 
 def _in_words(run: RunParameters, change: Change) -> str:
     """A change as advice."""
-    words = []
+    words, opened = [], " and ".join(key for key, value in change.items() if value is None)
     # Values that are only rounded are told where there is no other change.
     news = {key: value for key, value in change.items() if value is None or value != _rounded(run.value(key))}
     for key, value in (news or change).items():
-        if value is None:
-            words.append(f"leave {key} open")
-        elif value != run.value(key):
+        if value is not None and value != run.value(key):
             verb, unit = "raise" if value > run.value(key) else "lower", key_info(key).unit
             words.append(f"{verb} {key} to {value:g}" + ("" if unit == "1" else f" {unit}"))
-    return " and ".join(words)
+    return " and ".join([*words, f"leave {opened} open"] if opened else words)
 
 
 def _rounded(value: float) -> float:

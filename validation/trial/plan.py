@@ -264,7 +264,8 @@ def plan_walk(
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met, or a user's planner fails.
     """
-    run, progress = request.run, progress or Progress()
+    asked = run = request.run
+    progress = progress or Progress()
     # Imported here: Pinocchio is slow to load.
     from ampm.planners import FootstepPlanner
     from ampm.walk import WalkPlan
@@ -311,7 +312,7 @@ def plan_walk(
             body = make_body(run)
     with (
         progress.stage(f"{request.name}: whole-body motion"),
-        _way_out(run) if checked else UsersCode("planner", planner),
+        _way_out(asked) if checked else UsersCode("planner", planner),
     ):
         plan = planner.plan(run.undisturbed, body.robot)
         if not isinstance(plan, WalkPlan):
@@ -319,10 +320,10 @@ def plan_walk(
         if not checked:
             _check_plan(plan, run, body.robot)
             if "gait.steps" in says.get("gait_keys", ("gait.steps",)) and not run.footsteps:
-                planned, asked = plan.contacts.steps, run.gait.steps
-                if planned < asked:
+                planned, wanted = plan.contacts.steps, run.gait.steps
+                if planned < wanted:
                     raise ValueError(
-                        f"it plans {planned} steps, and gait.steps asks for {asked}; plan run.gait.steps"
+                        f"it plans {planned} steps, and gait.steps asks for {wanted}; plan run.gait.steps"
                     )
     if run.footsteps and not checked:
         _check_footsteps(plan, run, name)
