@@ -22,7 +22,6 @@ from tests.walk import perfect_walk
 from validation.judge.metrics import Metric, evaluate, unregister
 from validation.judge.profiles import DEFAULT
 from validation.measure.log import read_log
-from validation.trial import plan as planning
 from validation.trial.users import UsersCode, UsersError, read_columns
 
 QUICK = {"gait": {"steps": 3}, "simulation": {"time_step": 2e-3}, "solver": {"ik_time_step": 0.01}}
@@ -38,15 +37,6 @@ def test_a_metric_returns_a_number(request, value):
     request.addfinalizer(lambda: unregister("own"))
     with pytest.raises(InputError, match=r"metric 'own' cannot be computed .TypeError: it returned .* not a"):
         evaluate(compared(perfect_walk()))
-
-
-def test_a_planner_plans_as_many_steps_as_asked():
-    class Short:
-        def plan(self, run, robot):
-            return ampm.PeriodicPlanner().plan(run.replace({"gait.steps": 2}), robot)
-
-    with pytest.raises(InputError, match=r"it plans 2 steps, and gait.steps asks for 3"):
-        planning.plan_walk(planning.load_request(ampm.load_run("normal", **QUICK)), planner=Short())
 
 
 def test_an_error_without_words_is_told():

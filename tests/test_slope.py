@@ -8,9 +8,10 @@ import pytest
 import ampm
 import validation as val
 from ampm.planner import routes
-from ampm.planner.feet import foot_rotation, foot_turning
+from ampm.planner.feet import foot_turning
 from ampm.planner.newton import check_newton
 from ampm.planner.sampled import sampled_plan
+from tests import properties
 from validation.trial.plan import load_request, plan_walk
 
 STEEP = 0.0524
@@ -65,12 +66,7 @@ def test_soles_lie_on_the_slope_and_move_continuously(plans):
         moved = np.diff(foot.position, axis=0) / np.diff(times)[:, None]
         mean = 0.5 * (foot.velocity[1:] + foot.velocity[:-1])
         assert np.abs(moved - mean).max() < 2e-3
-        rotation, (rate, bend) = foot_rotation(foot.heading, foot.pitch, foot.roll), foot_turning(foot)
-        turned = rotation[1:] @ rotation[:-1].swapaxes(1, 2) / np.diff(times)[:, None, None]
-        spin = 0.5 * np.stack([turned[:, k - 1, k - 2] - turned[:, k - 2, k - 1] for k in range(3)], axis=1)
-        np.testing.assert_allclose(spin, 0.5 * (rate[1:] + rate[:-1]), atol=5e-3)
-        mean = 0.5 * (bend[1:] + bend[:-1])
-        np.testing.assert_allclose(np.diff(rate, axis=0) / np.diff(times)[:, None], mean, atol=1.0)
+    properties.assert_feet_turn(uphill, foot_turning)
 
 
 @pytest.mark.parametrize("left_out", ["zmp", "com_acceleration", "moment"])

@@ -324,8 +324,8 @@ def _cause(name: str, plan: StepPlan, orbit: Orbit, robot: Robot) -> str:
         if alone[most] > _LOST and left.max() <= 1.0:
             return (
                 f"; dampers, springs and dry friction alone take {alone[most]:.2f} of the torque limit of "
-                f"{names[most]}: if they are wrong, correct [body.damping], [body.stiffness], [body.friction] or "
-                "[body.effort]"
+                f"{names[most]}: if it is not so, correct [body.damping], [body.stiffness], [body.friction] "
+                "or [body.effort]"
             )
         over = [f"{names[j]} {share[j]:.2f}" for j in np.argsort(-share)[:3] if share[j] > 1.0]
         return f"; torque over its limit: {', '.join(over)}" if over else ""
