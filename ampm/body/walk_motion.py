@@ -38,7 +38,7 @@ _LONG, _ANKLE, _LACK = 0.15, 0.04, 0.022
 pelvis that tilts makes up for it. The largest integral over this time of the share beyond 1 of a torque of
 trunk or arms [s]. Shares of both limits add up. Chosen on random walks of the G1: most of those with more
 than 1 fell, or their arms came into their legs."""
-_SLOW = 1.2  # duration of a swing over the gait's from which a refusal asks for an earlier landing [1]
+_QUICK, _SLOW = 0.8, 1.2  # durations of a swing over the gait's beyond which a refusal blames them [1]
 _WAYS_OUT = {
     "hip": "shorten or narrow the steps about it, lower gait.c_y, or raise gait.switching_velocity",
     "ankle": "shorten the steps about it, or raise gait.a_s",
@@ -105,7 +105,7 @@ def _range_limit(
     where = f"footstep {row // _INSTANTS + 3}: at {times[row]:.3f} s {robot.joint_names[joint]}"
     what = f"{where} would pass its range: its angle beyond it"
     less = "shorten the steps about it, put the feet nearer to each other, or raise gait.com_height"
-    less = _sooner(plan, times[row]) + less
+    less = _retimed(plan, times[row]) + less
     return Limit(what, "rad", _BEYOND, AT_MOST, "joint_limits", less), float(beyond[row, joint])
 
 
@@ -121,14 +121,14 @@ def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tupl
     for begin, _, cause in walk.lost:
         lost = sum(end - start for start, end, _ in walk.lost if begin <= start < begin + step)
         what = f"{at(begin)} {cause.what}; the time without reach in this step"
-        less = "shorten or narrow the steps about it, or lower gait.com_height"
+        less = f"{_retimed(plan, begin)}shorten or narrow the steps about it, or lower gait.com_height"
         yield Limit(what, "s", _LOST, AT_MOST, "leg_too_short", less), lost
 
     k = int(walk.gap.argmin())
     when, reason = float(walk.time[max(2 * k - 2, 0)]), "self_collision"
     what = f"{at(when)} {walk.parts[k]} come too close: their distance"
     turn = "turn the toes out, by 0.1 rad for example, put the feet further apart, or turn less"
-    less = _sooner(plan, when) + turn
+    less = _retimed(plan, when) + turn
     if any(part in walk.parts[k] for part in ("arm", "hand", "elbow", "wrist")):
         wider = "raise body.arm_abduction, or " if robot.description.spread else ""
         reason, less = "arm_collision", f"{wider}shorten or narrow the steps about it"
@@ -149,7 +149,7 @@ def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tupl
     name = robot.joint_names[joint]
     group = next((g for g, names in joint_groups(robot.description).items() if name in names), "")
     what = f"{at(walk.time[k])} {name} is too weak: its torque over its limit, mean of {1e3 * _WINDOW:g} ms,"
-    less = _WAYS_OUT.get(group, f"{shorten}, or take lower ones")
+    less = _retimed(plan, walk.time[k]) + _WAYS_OUT.get(group, f"{shorten}, or take lower ones")
     yield Limit(what, "1", _MOST, AT_MOST, "torque_limits", less), float(mean[k, joint])
 
     first = np.searchsorted(walk.time, contacts.starts[contacts.kind_codes == 0])
@@ -172,11 +172,13 @@ def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tupl
     yield Limit(what, "1", 1.0, AT_MOST, reason, less), float(burden[k])
 
 
-def _sooner(plan: StepPlan, time: float) -> str:
-    """A way out for a swing that is slow at some time [s], because its landing was given a time."""
+def _retimed(plan: StepPlan, time: float) -> str:
+    """A way out for a swing at some time [s] that is quick or slow, as its landing was given a time."""
     phase = next(part for part in plan.contacts.phases if time < part.start + part.duration)
-    slow = phase.kind == "single_support" and phase.duration > _SLOW * plan.constants.single_support_duration
-    return "let it land earlier, " if slow else ""
+    if phase.kind != "single_support":
+        return ""
+    share = phase.duration / plan.constants.single_support_duration
+    return "let it land earlier, " if share > _SLOW else "let it land later, " if share < _QUICK else ""
 
 
 def _largest(values: Array) -> tuple[int, int]:
