@@ -144,6 +144,8 @@ def make_plan(
     """
     if not isinstance(contacts, Contacts):
         raise InputError(f"contacts are a {type(contacts).__name__}; give ampm.Contacts.in_turn(...).")
+    if not isinstance(after, WalkPlan | None):
+        raise InputError(f"after is a {type(after).__name__}; give the WalkPlan in force, or leave it out.")
     contacts = replace(contacts, slope=run.gait.slopes)
     bare = CentroidalPlan(run.body.mass, GRAVITY, run.gait.com_height, 1.0, contacts, (), PlanConstants())
     plan = sampled_plan(

@@ -211,6 +211,8 @@ def _read_only(values: object, dtype: type = np.float64) -> NDArray:
 def finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """A copy of a user's numbers; rejects what is not finite."""
     try:
+        if np.iscomplexobj(values):
+            raise TypeError
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{name} has entries that are no numbers; give an array of numbers.") from None

@@ -84,6 +84,8 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     if end - times[-1] > times[-1] - times[-2] + 1e-9:
         raise InputError(f"times end at {times[-1]:g} s and contacts at {end:g} s; plan the COM to its end.")
     given = {name: finite(name, values) for name, values in given.items() if values is not None}
+    if "com" not in given:
+        raise InputError("com is left out; give its place at each of the times.")
     for name, values in given.items():
         shape = (2,) if name == "angular_momentum" else (len(times), 2)
         if values.shape != shape and not (name.startswith("com") and values.shape == (len(times), 3)):
