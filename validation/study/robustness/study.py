@@ -8,6 +8,7 @@ from typing import Any, Unpack
 from ampm.exceptions import InputError
 from ampm.parameters import NO_PLAN, RunParameters
 from models.scene import BodyModel
+from validation.progress import Progress
 from validation.store.json import write_json
 from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.pool import attempt
@@ -142,6 +143,9 @@ def robustness(
             "gait.planner = none plans no steps, so that pushes have no phase and step_height no step; study "
             f"other disturbances with --only: {', '.join(sorted(other))}."
         )
+    if "gait.steps" in request.changed:
+        says = execution.get("progress") or Progress()
+        says.say(f"{request.name}: each disturbance takes its own number of steps, not gait.steps")
     short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
     run = plan_walk(short, execution.get("progress")).run.as_is()
     options = {"request": Request(request.name, run), "replicas": replicas}
