@@ -127,7 +127,7 @@ def _motion(
     robot, step, time = step_map.ik.robot, orbit.trajectory, step_map.reference.time
     angles = step.q[:, 7:]
     margins = np.minimum(angles - robot.lower, robot.upper - angles)
-    gaps = robot.shapes.gaps(step.q[::2])
+    gaps = robot.step_gaps(step.q[::2])
     closest = int(gaps.distance.argmin())
     report = MotionReport(
         angular_momentum_y_offset=orbit.offset,

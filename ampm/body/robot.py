@@ -180,6 +180,29 @@ class Robot:
         out[..., 7:] = self.mirror_joints(q[..., 7:])
         return out
 
+    def step_gaps(self, q: Array) -> Gaps:
+        """Parts that come closest in a step (T, nq), or in its mirror image if the sides' shapes differ."""
+        gaps = self.shapes.gaps(q)
+        if not self._one_sided:
+            return gaps
+        other = self.shapes.gaps(self.mirror_q(q))
+        nearer = other.distance < gaps.distance
+        parts = (
+            there if is_nearer else here
+            for here, there, is_nearer in zip(gaps.parts, other.parts, nearer, strict=True)
+        )
+        points = np.where(nearer[:, None, None], other.points, gaps.points)
+        return Gaps(np.minimum(gaps.distance, other.distance), tuple(parts), points)
+
+    @cached_property
+    def _one_sided(self) -> bool:
+        """Whether shapes of one side are not the mirror images of the other's, to a millimetre."""
+        low, high = np.clip((self.lower, self.upper), -1.0, 1.0)
+        q = np.tile(pin.neutral(self.model), (16, 1))
+        q[:, 7:] = low + (high - low) * np.random.default_rng(0).uniform(size=(len(q), self.nu))
+        distance = self.shapes.gaps(q).distance - self.shapes.gaps(self.mirror_q(q)).distance
+        return bool(np.abs(distance).max() > 1e-3)
+
     def mirror_v(self, v: Array) -> Array:
         """Reflect velocities or accelerations (..., nv), root part in the root's own axes."""
         out = v.copy()

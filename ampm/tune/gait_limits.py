@@ -127,13 +127,13 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, Array
 
 def _gaps(step: StepTrajectory, time: Array, robot: Robot) -> Array:
     """Least distance of an arm and of the legs from another part, also between two nodes [m]."""
-    at_nodes, between = robot.shapes.gaps(step.q), []
+    at_nodes, between = robot.step_gaps(step.q), []
     for k in np.argsort(at_nodes.distance, kind="stable")[:_NARROW]:
         ends = max(k - 1, 0), min(k + 1, len(time) - 1)
         for t in np.concatenate([(time[end] - time[k]) * _BETWEEN for end in ends]):
             change = t * step.v[k] + 0.5 * t**2 * step.acceleration[k]
             between.append(pin.integrate(robot.model, step.q[k], change))
-    more = robot.shapes.gaps(np.array(between))
+    more = robot.step_gaps(np.array(between))
     distance, parts = np.append(at_nodes.distance, more.distance), at_nodes.parts + more.parts
     arms = np.array([any(part in names for part in ("arm", "hand")) for names in parts])
     return np.array([distance[those].min(initial=LIMITS["gap"].target) for those in (arms, ~arms)])

@@ -336,7 +336,7 @@ def _cause(name: str, plan: StepPlan, orbit: Orbit, robot: Robot) -> str:
         joint = max(shares, key=lambda name: shares[name])
         return f"; speed over its limit: {joint} {shares[joint]:.2f}"
     if reason == "self_collision":
-        gaps = robot.shapes.gaps(step.q)
+        gaps = robot.step_gaps(step.q)
         return f"; they are {gaps.parts[int(gaps.distance.argmin())]}"
     if name == "ankle" and not robot.description.sole.has_toes:
         return "; a sole that ends nearer to the ankle bends it less: lower front in [body.sole]"
