@@ -6,9 +6,11 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from ampm.body.limits import CLEARANCE
+from ampm.body.robot import Gaps, Robot
 from ampm.run_file import load_run
 from models.build import build_body
 from tests.saved_run import make_run
+from tests.solved import COARSE, motion_of, walk_of
 from validation.show.report import render
 from validation.store.saved import load_saved_run
 from validation.trial.shapes import REACH, Shapes, least_distances
@@ -98,3 +100,18 @@ def test_a_walk_that_passes_through_itself_fails(tmp_path):
     assert judged["value"] == pytest.approx(CLEARANCE - clearance["value"])
     assert judged["pass"] is False
     assert clearance["where"] in render(saved)
+
+
+def test_a_part_of_one_side_counts_in_both_steps():
+    plain = walk_of().robot
+    right = plain.velocity_indices(("right_elbow_pitch",))[0] + 1
+
+    class Uneven:  # the right arm alone is near to something, where it is bent
+        def gaps(self, q):
+            return Gaps(0.5 - q[:, right], ("right",) * len(q), np.zeros((len(q), 2, 3)))
+
+    motion = motion_of(COARSE)
+    gaps = Robot(plain.model, plain.description, Uneven()).step_gaps(motion.q)
+    two_steps = np.maximum(motion.q[:, right], plain.mirror_q(motion.q)[:, right])
+    np.testing.assert_array_equal(gaps.distance, 0.5 - two_steps)
+    assert (motion.q[:, right] < two_steps).any()
