@@ -129,9 +129,8 @@ def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
 
 @pytest.mark.parametrize("heading", [3.0, 6.9])
 def test_a_walk_may_begin_in_any_heading(heading):
-    run = ampm.load_run("normal", simulation={"time_step": 2e-3})
-    trial = val.walk(run, footsteps=turned(routes.straight(4, 0.4, 0.2), heading))
-    assert trial.verdict.passed, trial
+    run = RUN.replace({"simulation.time_step": 2e-3})
+    assert val.walk(run, footsteps=turned(routes.straight(4, 0.4, 0.2), heading)).verdict.passed
 
 
 def test_posture_follows_the_heading_of_the_feet():

@@ -60,12 +60,6 @@ def test_a_body_of_ones_own_walks_footsteps() -> None:
     plan(str(BIPED), routes.straight(4, 0.15, 0.17))
 
 
-def test_arms_are_spread_further_where_hands_would_meet_thighs() -> None:
-    trial = val.walk(HUMAN, footsteps=routes.sidestep(4, 0.45, 0.2))
-    assert trial.record.outcome.completed, trial.record.outcome.cause
-    assert trial.comparison.costs["margins"]["clearance"].value > 0.01
-
-
 def test_steps_longer_than_the_gaits_are_walked() -> None:
     run = gait_of("talos")
     length = 1.2 * run.gait.step_length
