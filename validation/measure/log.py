@@ -57,6 +57,7 @@ _FARTHEST = 1000.0  # of a place: more is another unit [m]
 _LEAN = 1.0  # horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
 _FILLED = 0.5  # share of its rows that a signal has numbers in: with less it counts as missing [1]
 _BIASED = 0.05  # mean distance of COM and force line over the COM's height: more is another frame [1]
+_CROSSED = -0.5  # correlation of the left foot's load with the ZMP along y: below, the sides are changed [1]
 _HEIGHTS = 0.05, 5.0  # of the COM above the floor [m]
 _APART = 0.05  # of two ways to one quantity: more is an error, as a share of the weight, and in metres [1, m]
 
@@ -134,6 +135,7 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
         raise InputError(f"{name}: invalid sensor quaternion ({error}).") from None
     _check_units(signals, name, weight)
     _check_force_line(signals, name, weight)
+    _check_sides(signals, name, weight)
     known = np.asarray(np.isfinite(signals["force"]).all(axis=1))
     if "zmp" in signals:
         light = signals["force"][:, 2] < LEAST_SUPPORT * weight
@@ -272,6 +274,21 @@ def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) ->
         raise InputError(
             f"{name}: the COM is in the mean {aside:.2g} of its height aside of the force through the ZMP, "
             f"more than {_BIASED:g}; give com, zmp and force in one frame, or leave out com."
+        )
+
+
+def _check_sides(signals: Mapping[str, Array], name: str, weight: float) -> None:
+    """Refuse a left foot that carries the body while the ZMP is on the right."""
+    if not {"left_force", "zmp"} <= signals.keys():
+        return
+    vertical, y = signals["force"][:, 2], signals["zmp"][:, 1]
+    rows = np.isfinite(signals["left_force"][:, 2] + y) & (vertical >= LOADED * weight)
+    share, y = signals["left_force"][rows, 2] / vertical[rows], y[rows]
+    moves = rows.any() and np.ptp(share) > 0.0 and np.ptp(y) > 0.0
+    if moves and np.corrcoef(share, y)[0, 1] < _CROSSED:
+        raise InputError(
+            f"{name}: the left foot carries the body where the ZMP is on the right; exchange the columns of "
+            "the feet, or give y to the left."
         )
 
 
