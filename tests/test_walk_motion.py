@@ -12,7 +12,8 @@ from ampm.parameters import RunParameters
 from ampm.planner import routes
 from ampm.planner.contacts import Footstep
 from ampm.planners import FootstepPlanner
-from tests.test_bodies import BIPED, run_of
+from tests.test_bodies import run_of
+from tests.test_body_files import TOML, write
 from tests.walk import assert_follows
 from validation.trial.plan import complete, load_request, make_body
 
@@ -56,8 +57,9 @@ def test_a_quicker_gait_whose_heels_rise_late_is_walked() -> None:
     assert np.nanmax(np.abs(trial.measured.zmp - trial.comparison.sample.zmp)) < 0.02
 
 
-def test_a_body_of_ones_own_walks_footsteps() -> None:
-    plan(str(BIPED), routes.straight(4, 0.15, 0.17))
+def test_a_body_of_ones_own_with_dry_friction_walks_footsteps(tmp_path) -> None:
+    run = gait_of(str(write(tmp_path, toml=TOML + 'friction.".*" = 0.2\n')))
+    assert val.walk(run, footsteps=routes.straight(4, 0.15, 0.17)).verdict.passed
 
 
 def test_steps_longer_than_the_gaits_are_walked() -> None:

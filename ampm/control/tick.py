@@ -150,7 +150,9 @@ def tasks(work: Workspace) -> None:
         if row >= 0:
             tasks.wanted[row] = toe_task(work.gains, wanted.foot_toe[i], q[toe + 1], tasks.rates[row])
     posture_task(work)
-    passive_torques(body.passive, q, work.sensed.v, wanted.v, work.motion.passive_torque)
+    # A constant posture plans no rates of the hinges.
+    direction = wanted.v if wanted.v[6:].any() else work.motion.now
+    passive_torques(body.passive, q, work.sensed.v, direction, work.motion.passive_torque)
 
 
 @compiled
