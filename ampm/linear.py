@@ -1,4 +1,10 @@
-"""Small sums and systems of equations, compiled: symmetric ones with their right-hand sides beside them."""
+"""Small sums and systems of equations, compiled: symmetric ones with their right-hand sides beside them.
+
+Unlike BLAS they have the same bits on every processor; searches that end elsewhere after a difference in the
+last bit need that.
+"""
+
+import numpy as np
 
 from ampm.compiled import compiled
 from ampm.geometry import Array
@@ -37,6 +43,31 @@ def add_gram(factors: Array, system: Array) -> None:
             if s != 0.0:
                 for d in range(count):
                     system[e, d] += s * factors[j, d]
+
+
+@compiled
+def product(a: Array, b: Array) -> Array:
+    """``a b``, shapes (n, k) and (k, m)."""
+    out = np.zeros((a.shape[0], b.shape[1]))
+    for i in range(a.shape[0]):
+        add_combination(1.0, b, a[i], out[i])
+    return out
+
+
+@compiled
+def solved(matrix: Array, right: Array) -> Array:
+    """Solution of a symmetric positive definite system, shapes (n, n) and (n,).
+
+    Raises:
+        LinAlgError: it is not positive definite.
+    """
+    system = np.empty((len(matrix), len(matrix) + 1))
+    system[:, :-1] = matrix
+    system[:, -1] = right
+    if not triangular(system):
+        raise np.linalg.LinAlgError("the matrix is not positive definite")
+    substitute(system)
+    return system[:, -1].copy()
 
 
 @compiled

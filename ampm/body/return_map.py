@@ -152,13 +152,13 @@ class BroydenInverse:
         """The inverse times a residual, shape (n,)."""
         out = -value
         for left, right in self._updates:
-            out = out + left * (right @ out)
+            out = out + left * (right * out).sum()
         return out
 
     def update(self, step: Array, change: Array) -> None:
         """Make the inverse map ``change`` to ``step``."""
         image = self(change)
-        denominator = float(step @ image)
+        denominator = float((step * image).sum())
         if abs(denominator) > 1e-300:
             self._updates.append(((step - image) / denominator, step))
 
@@ -285,7 +285,7 @@ def _approximate_inverse(step_map: StepMap, z: Array, value: Array) -> BroydenIn
         known = basis[:used]
         direction = following
         for _ in range(2):  # orthogonalised twice because of rounding
-            direction = direction - known.T @ (known @ direction)
+            direction = direction - np.einsum("kn,k", known, np.einsum("kn,n", known, direction))
         norm = _length(direction)
         if norm < 1e-12:
             break
@@ -307,7 +307,7 @@ def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, f
         moved[:-1] += _DIFFERENCE * basis[k]
         image = (step_map.returned(step_map.step(moved), offset) - base)[:-1] / _DIFFERENCE
         for j in range(k + 1):
-            hessenberg[j, k] = basis[j] @ image
+            hessenberg[j, k] = (basis[j] * image).sum()
             image = image - hessenberg[j, k] * basis[j]
         rest = _length(image)
         hessenberg[k + 1, k] = rest
@@ -324,4 +324,4 @@ def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, f
 
 
 def _length(a: Array) -> float:
-    return math.sqrt(a @ a)
+    return math.sqrt((a * a).sum())

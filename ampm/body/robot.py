@@ -254,7 +254,8 @@ class Robot:
             passive_torques(self.passive, q[k], v[k], v[k], torque[k])
             torque[k] += total[6:]
             turn = rows[6:9, :3]  # of the root to world
-            jacobian[k], force[k], moment[k] = rows[:, 6:], turn @ total[:3], turn @ total[3:6]
+            jacobian[k] = rows[:, 6:]
+            force[k], moment[k] = np.einsum("ij,kj->ki", turn, total[:6].reshape(2, 3))
         return Unsupported(jacobian, torque, force, moment + np.cross(q[:, :3], force))
 
     def trunk_rotations(self, q: Array) -> Array:

@@ -13,6 +13,7 @@ from ampm.body.rigid_body import moved, place_body, place_of, task_drift
 from ampm.body.step_reference import StepReference
 from ampm.compiled import compiled
 from ampm.geometry import Array
+from ampm.linear import add_combination, product, solved
 from ampm.vectors import column, minus, multiply, plus, put, rotation_vector, times, turned, vector
 
 Rows = NDArray[np.intp]
@@ -84,7 +85,7 @@ def tasks_of(body: Kinematics, rows: Rows) -> tuple[Array, Array, Array]:
     """``J'``, ``W^-1 J'`` and ``J W^-1 J'`` of some rows of the tasks, where a body is placed."""
     jacobian = body.columns[:, rows]
     weighted = jacobian / body.weight.reshape(-1, 1)
-    return jacobian, weighted, jacobian.T @ weighted
+    return jacobian, weighted, product(jacobian.T, weighted)
 
 
 @compiled
@@ -100,7 +101,10 @@ def nearest(tasks: tuple[Array, Array, Array], x: Array, wanted: Array) -> Array
         wanted: shape (m,).
     """
     jacobian, weighted, gram = tasks
-    return x + weighted @ np.linalg.solve(gram, wanted - jacobian.T @ x)
+    out, missing = x.copy(), wanted.copy()
+    add_combination(-1.0, jacobian, x, missing)
+    add_combination(1.0, weighted.T, solved(gram, missing), out)
+    return out
 
 
 @compiled

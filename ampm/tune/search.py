@@ -17,6 +17,7 @@ from ampm.body.robot import Robot
 from ampm.body.step_reference import phase_grid, step_reference
 from ampm.exceptions import InputError, RefusedGait
 from ampm.geometry import Array
+from ampm.linear import product, solved
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.free_choices import FreeChoices
@@ -175,7 +176,7 @@ class ChoiceSearch:
                 orbit = orbits.solve(plan, run)
             else:
                 step = (x - near.x) / space.slack
-                shift = 0.0 if self._slopes is None else self._slopes[len(near.detail) :] @ step
+                shift = 0.0 if self._slopes is None else _times(self._slopes[len(near.detail) :], step)
                 orbit = orbits.solve(plan, run, near.orbit, shift)
         except Unreachable as error:
             return Candidate(x, run, plan, why=error)
@@ -234,8 +235,8 @@ class ChoiceSearch:
             self.report(f"worst margin {trial.worst():.2f} after {len(self.candidates)} choices")
             gain = (before - cost(trial)) / expected
             if gain > -1.0:
-                missed = trial.state() - here.state() - self._slopes @ step
-                self._slopes = self._slopes + np.outer(missed, step / (step @ step))  # Broyden
+                missed = trial.state() - here.state() - _times(self._slopes, step)
+                self._slopes = self._slopes + np.outer(missed, step / (step**2).sum())  # Broyden
             if gain > 0.75:
                 radius *= 2.0
             elif gain < 0.25:
@@ -268,24 +269,24 @@ def _linear_step(
     """Step within bounds with the least residuals where margins are linear, and how much less (Levenberg)."""
 
     def residuals(step: Array) -> Array:
-        return np.concatenate([_missing(margins + slopes @ step, wanted), away + pull * step])
+        return np.concatenate([_missing(margins + _times(slopes, step), wanted), away + pull * step])
 
     low, high = bounds
     step, damping = np.zeros(len(low)), 1e-3
     r = first = residuals(step)
     for _ in range(40):
-        slope = _slope(margins + slopes @ step, wanted)
+        slope = _slope(margins + _times(slopes, step), wanted)
         columns = np.vstack([slope[:, None] * slopes, pull * np.eye(len(low))]).T
-        down = -columns @ r
+        down = -_times(columns, r)
         free = ~((step <= low) & (down < 0.0) | (step >= high) & (down > 0.0))
         if not free.any():
             break
         part, moved = columns[free], step.copy()
-        damped = part @ part.T + damping * np.eye(len(part))
-        moved[free] += np.linalg.solve(damped, down[free])
+        damped = product(part, part.T) + damping * np.eye(len(part))
+        moved[free] += solved(damped, down[free])
         moved = np.clip(moved, low, high)
         new = residuals(moved)
-        before, after = r @ r, new @ new
+        before, after = (r**2).sum(), (new**2).sum()
         if after < before:
             step, r, damping = moved, new, 0.3 * damping
             if after > 0.999 * before:
@@ -294,7 +295,12 @@ def _linear_step(
             damping *= 5.0
             if damping > 1e3:
                 break
-    return step, float(first @ first - r @ r)
+    return step, float((first**2).sum() - (r**2).sum())
+
+
+def _times(matrix: Array, x: Array) -> Array:
+    """``matrix x``, with the same bits on every processor, unlike BLAS."""
+    return np.asarray(np.einsum("ij,j", matrix, x))
 
 
 def _missing(margins: Array, wanted: float) -> Array:
