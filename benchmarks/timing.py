@@ -1,15 +1,9 @@
 """Statistics of repeated work on a machine that does other things, too."""
 
-import timeit
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-
-def repeat(work: Callable[[], object], times: int) -> list[float]:
-    """Times of ``work``, repeated that often after one call that is not counted [s]."""
-    return timeit.repeat(work, setup=work, number=1, repeat=times)
 
 
 def least(rounds: Sequence[ArrayLike]) -> NDArray[np.float64]:
