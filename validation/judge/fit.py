@@ -22,7 +22,7 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import GRAVITY
-from validation.judge.log import left_share, take_overs, whole_strides
+from validation.judge.log import interp, left_share, take_overs, whole_strides
 from validation.measure.log import Log
 
 SUPPORTS: Mapping[str, list[int]] = {"single": [0, 2], "double": [1, 3]}
@@ -160,20 +160,15 @@ def _stride(log: Log, ends: tuple[float, float], right: Array, height: float | N
     instants = switches[:-1, None] + np.diff(switches)[:, None] * (np.arange(_POINTS) + 0.5) / _POINTS
     return {
         "switches": switches,
-        "com": _at(instants, time, com),
-        "signals": _at(instants, time, np.hstack([zmp, force, momentum])),
-        "ends": _at(switches, time, np.column_stack([com[:, 0], velocity[:, 0]])),
+        "com": interp(instants, time, com),
+        "signals": interp(instants, time, np.hstack([zmp, force, momentum])),
+        "ends": interp(switches, time, np.column_stack([com[:, 0], velocity[:, 0]])),
         "timing": math.hypot(math.sqrt(np.mean(errors**2)), log.time_step / math.sqrt(12.0)),
         "width": widths.mean(),
         "com_error": math.sqrt(np.mean(gap[:, :2] ** 2)),
         "agreement": agreement,
         "upward": log.signals["force"][inside, 2].mean(),
     }
-
-
-def _at(times: Array, time: Array, values: Array) -> Array:
-    """Values (K, n) at other times (...), shape (..., n)."""
-    return np.stack([np.interp(times, time, column) for column in values.T], axis=-1)
 
 
 def _integrated(
@@ -194,15 +189,15 @@ def _integrated(
         added: list[Any] = [Legendre.fit(time, values, _DEGREE, domain) for values in gap.T]
     else:
         around = duration * np.linspace(-_MARGIN, _MARGIN, _POINTS)
-        way = np.append((_at(around + duration, time, zmp) - _at(around, time, zmp)).mean(axis=0), 0.0)
-        faster, further = (np.diff(_at(both_ends, time, part), axis=0)[0] for part in (speed, place))
+        way = np.append((interp(around + duration, time, zmp) - interp(around, time, zmp)).mean(axis=0), 0.0)
+        faster, further = (np.diff(interp(both_ends, time, part), axis=0)[0] for part in (speed, place))
         rate = (way - further) / duration + 0.5 * faster
         added = [Polynomial([0.0, *both]) for both in zip(rate, -0.5 * faster / duration, strict=True)]
     com, velocity, change = (
         part + np.column_stack([one.deriv(n)(time) for one in added])
         for n, part in enumerate((place, speed, pushed))
     )
-    lacking = np.diff(_at(both_ends, time, velocity - speed), axis=0)[0] / duration
+    lacking = np.diff(interp(both_ends, time, velocity - speed), axis=0)[0] / duration
     if height is not None:
         com[:, 2] += height - (com[:, 2] - floor)[inside].mean()
         up, force = (com[:, 2] - floor)[inside, None], (pushed + lacking + [0.0, 0.0, GRAVITY])[inside]

@@ -57,8 +57,8 @@ def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
         return float(np.nanvar(log.signals[name][rows] - values, axis=0).sum())
 
     clock = np.arange(log.time[0], log.time[-1], _GRID)
-    even = np.stack([np.interp(clock, log.time, column) for column in _centred(measured).T])
-    pairs = zip(even / spread[:, None], (_centred(wanted) / spread).T, strict=True)
+    even = interp(clock, log.time, _centred(measured))
+    pairs = zip((even / spread).T, (_centred(wanted) / spread).T, strict=True)
     total = sum(correlate(one, other, method="fft") for one, other in pairs)
     peaks = find_peaks(np.concatenate([[-np.inf], total, [-np.inf]]))[0] - 1
     alike = peaks[total[peaks] >= _ALIKE * total[peaks].max()]
@@ -80,6 +80,11 @@ def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
             + f" {log.unsupported}".rstrip()
         )
     return start, correlation
+
+
+def interp(times: Array, time: Array, values: Array, period: float | None = None) -> Array:
+    """Values (K, n), maybe periodic [s], at other times (...), shape (..., n)."""
+    return np.stack([np.interp(times, time, column, period=period) for column in values.T], axis=-1)
 
 
 def _centred(values: Array) -> Array:
@@ -124,16 +129,12 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     begin, end = np.array(bounds).T
     duration = float(np.mean(end - begin))
     at = begin[:, None] + (end - begin)[:, None] * phases
-
-    def over_strides(values: Array, times: Array) -> Array:
-        columns = values.reshape(log.time.size, -1).T
-        return np.stack([np.interp(times, log.time, column) for column in columns], axis=-1)
-
-    curves = {name: over_strides(values, at) for name, values in log.signals.items()}
+    columns = {name: values.reshape(log.time.size, -1) for name, values in log.signals.items()}
+    curves = {name: interp(at, log.time, values) for name, values in columns.items()}
     speed = math.nan
     for name in ("belt_way", "zmp", "com"):
-        if name in log.signals:
-            way = over_strides(log.signals[name], end) - over_strides(log.signals[name], begin)
+        if name in columns:
+            way = np.diff(interp(np.stack([begin, end]), log.time, columns[name]), axis=0)[0]
             speed = float(np.mean(way[:, 0] / (end - begin)))
     for name in PLACES & curves.keys():
         curves[name][..., 0] -= speed * (at - begin[:, None])
@@ -146,8 +147,8 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     start, correlation = find_start(replace(log, time=clock, signals=tiled), plan)
     signals = {}
     for name, values in mean.items():
-        columns = [np.interp(times + start, stride * phases, x, period=stride) for x in values.T]
-        signals[name] = columns[0] if len(columns) == 1 else np.column_stack(columns)
+        found = interp(times + start, stride * phases, values, period=stride)
+        signals[name] = found[:, 0] if found.shape[1] == 1 else found
         if name in PLACES:
             signals[name][:, 0] += plan.constants.mean_velocity * times
     variance = curves["force"].var(axis=0, ddof=1 if len(bounds) > 1 else 0) / log.weight**2
