@@ -5,7 +5,6 @@ solver's warm start is not needed: a walk begins with that of new data, zero. St
 the functions of the walk itself, so that what was measured is compared as exactly as the states.
 """
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -82,7 +81,7 @@ def replay(directory: str | Path, *, progress: Progress | None = None) -> Replay
     with progress.stage("measurement"):
         measured = measure(again, physics.robot.model)
         found = _first_difference(saved, again, measured)
-    return found if found.identical else replace(found, note=_note(saved.directory / RunFile.ENVIRONMENT))
+    return found if found.identical else replace(found, note=_note(saved.summary["environment"]))
 
 
 def step_again(
@@ -177,14 +176,11 @@ def _zmp_error(stored: Signals) -> tuple[Array, Array]:
     return total, np.where(np.abs(total - error) <= _ROUNDING * size, total, error)
 
 
-def _note(path: Path) -> str:
+def _note(then: Mapping[str, Any]) -> str:
     """A sentence if the run was recorded with another engine's version or on another processor."""
-    try:
-        then, now = json.loads(path.read_text(encoding="utf-8")), describe_environment()
-        pairs = {"processor": (then["processor"], now["processor"])}
-        for name in ("MuJoCo", "Drake"):
-            pairs[name] = tuple(item["versions"].get(name.lower()) for item in (then, now))
-    except (OSError, ValueError, KeyError, TypeError):
-        return ""
+    now = describe_environment()
+    pairs = {"processor": (then["processor"], now["processor"])}
+    for name in ("MuJoCo", "Drake"):
+        pairs[name] = tuple(item["versions"].get(name.lower()) for item in (then, now))
     differences = [f"{what} {a} then, {b} now" for what, (a, b) in pairs.items() if a != b]
     return f"the environment has changed: {'; '.join(differences)}." if differences else ""
