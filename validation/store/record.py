@@ -14,7 +14,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -153,28 +152,6 @@ def _constants(header: Mapping[str, Any]) -> dict[str, Any]:
         else:
             found[name] = tuple(value) if isinstance(value, list) else value
     return found | {"outcome": Outcome(**header["outcome"])}
-
-
-def load_model(directory: Path, record: SimulationRecord) -> mujoco.MjModel:
-    """The model that was simulated for a record.
-
-    Raises :class:`InputError` if it is missing, damaged or of another body, or the record is of a log.
-    """
-    if not record.joint_names:
-        raise InputError(f"{directory} is of a log, which has no joints; give the folder of a walk.")
-    path = directory / RunFile.MODEL
-    try:
-        model = mujoco.MjModel.from_xml_string(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path} cannot be read ({error}); give the folder of a run.") from error
-    shape = model.nq, model.nv, model.nu
-    recorded = record.q.shape[1], record.qd.shape[1], len(record.joint_names)
-    if shape != recorded:
-        raise InputError(
-            f"{path} has (nq, nv, nu) = {shape}, the record {recorded}; "
-            "the files are of two runs, give the folder of one."
-        )
-    return model
 
 
 def read_table(path: Path) -> pa.Table:

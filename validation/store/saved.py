@@ -25,7 +25,7 @@ from ampm.planner.support import StepPlan
 from ampm.run_file import load_run
 from validation.store.json import dump_json, write_json
 from validation.store.metric_table import metric_table, summary_title
-from validation.store.record import RECORD_FILES, load_model, load_record, read_header
+from validation.store.record import RECORD_FILES, load_record, read_header
 from validation.store.signals import Signals, load_signals
 from validation.store.summary import SUMMARY, read_json
 from validation.table import Table, Tabled
@@ -55,8 +55,22 @@ class SavedRun(Tabled):
         return f"SavedRun({self.directory}: {said.get('gait')}, {outcome.summary}, {said.get('verdict')})"
 
     def model(self) -> mujoco.MjModel:
-        """The simulated model, see :func:`validation.store.record.load_model`."""
-        return load_model(self.directory, self.record)
+        """The simulated model; raises InputError if it is damaged or of another body, or the run is a log."""
+        record, path = self.record, self.directory / RunFile.MODEL
+        if not record.joint_names:
+            raise InputError(f"{self.directory} is of a log, which has no joints; give the folder of a walk.")
+        try:
+            model = mujoco.MjModel.from_xml_string(self.model_xml)
+        except ValueError as error:
+            raise InputError(f"{path} cannot be read ({error}); give the folder of a run.") from error
+        shape = model.nq, model.nv, model.nu
+        recorded = record.q.shape[1], record.qd.shape[1], len(record.joint_names)
+        if shape != recorded:
+            raise InputError(
+                f"{path} has (nq, nv, nu) = {shape}, the record {recorded}; "
+                "the files are of two runs, give the folder of one."
+            )
+        return model
 
     @property
     def signal_steps(self) -> NDArray[np.intp]:
