@@ -116,8 +116,3 @@ def limit_in_si(limit: float, unit: str, scales: Mapping[str, Any]) -> Any:
     if unit in (FOOT_LENGTH, FOOT_MOMENTUM):
         return np.round(limit * size_in_si(unit, scales), 12)  # undo the normalisation's rounding
     return limit * size_in_si(unit, scales)
-
-
-def share_of_default(limit: float, unit: str) -> float:
-    """A limit of the default body in SI units, as a share of its size in ``unit``; a weight's is a share."""
-    return limit if unit == BODY_WEIGHT else float(limit / size_in_si(unit, DEFAULT_BODY))

@@ -18,9 +18,9 @@ from ampm.exceptions import InputError, words_of
 from validation.judge.built_in import COMPUTED, recovery_time
 from validation.judge.built_in import rms as rms
 from validation.judge.compare import RUN, SIGNALS, Comparison
+from validation.judge.metric import BODY_WEIGHT, DEFAULT_BODY, limit_in_si, size_in_si, spaced
 from validation.judge.metric import Metric as Metric
 from validation.judge.metric import display_unit as display_unit
-from validation.judge.metric import limit_in_si, share_of_default, spaced
 from validation.table import own_rows
 from validation.trial.users import load_object
 
@@ -142,8 +142,9 @@ def _with_limits(metrics: Mapping[str, Metric]) -> Iterator[Metric]:
     for row in rows:
         metric = metrics[row["metric"]]
         unit = row["grows_with"] or metric.unit
+        size = 1.0 if unit == BODY_WEIGHT else float(size_in_si(unit, DEFAULT_BODY))  # weights are shares
         limits = {
-            name: share_of_default(float(text), unit)
+            name: float(text) / size
             for name, text in row.items()
             if text and name not in ("metric", "grows_with", "reason")
         }
