@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ampm.body.feasibility import check_body
 from ampm.body.limits import AT_MOST, Limit, check
-from ampm.body.motion import PeriodicPosture, WholeBodyMotion
+from ampm.body.motion import PeriodicPosture
 from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import GRAVITY, NO_PLAN, RunParameters
@@ -54,32 +54,25 @@ class PeriodicPlanner:
         steps, repeated = (
             self.steps(gait, run.body.mass, run.foot, robot.description.sole) for gait in (run.gait, level)
         )
-        return periodic_walk(steps, periodic_motion(repeated, run, robot), run, robot)
+        return periodic_walk(steps, repeated, run, robot)
 
 
-def periodic_walk(steps: StepPlan, motion: WholeBodyMotion, run: RunParameters, robot: Robot) -> WalkPlan:
-    """A plan of equal steps and its periodic motion, that without a slope across, as one plan."""
-    steps = steps.with_angular_momentum_offset(motion.report.angular_momentum_y_offset)
-    posture = PeriodicPosture(motion, robot)
-    if run.gait.cross_slope:
-        from ampm.body.orbit import start_across  # here, as the inverse kinematics is compiled
-
-        posture = replace(posture, start=start_across(steps, posture, run))
-    return WalkPlan.of(steps, posture=posture)
-
-
-def periodic_motion(steps: StepPlan, run: RunParameters, robot: Robot) -> WholeBodyMotion:
-    """Periodic whole-body motion of a plan's first step, checked.
+def periodic_walk(steps: StepPlan, repeated: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:
+    """A plan of equal steps, with the periodic motion of those that it repeats without a slope across.
 
     Raises:
         BodilyRefusal: the body cannot walk it.
         InputError: the grid is too coarse for the posture's gains.
     """
-    check_body(steps, robot.description)
+    check_body(repeated, robot.description)
     # Imported here, as the inverse kinematics is compiled.
-    from ampm.body.orbit import solve_motion
+    from ampm.body.orbit import solve_motion, start_across
 
-    return solve_motion(steps, run, robot)
+    posture = PeriodicPosture(solve_motion(repeated, run, robot), robot)
+    steps = steps.with_angular_momentum_offset(posture.motion.report.angular_momentum_y_offset)
+    if run.gait.cross_slope:
+        posture = replace(posture, start=start_across(steps, posture, run))
+    return WalkPlan.of(steps, posture=posture)
 
 
 _WAYS_OUT = {
@@ -175,7 +168,7 @@ def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkP
         closed = closed_step(_with_feet(along, run, robot))
         momentum = closed.phases[0].angular_momentum
         steps = replace(steps, phases=(steps.phases[0]._replace(angular_momentum=momentum),))
-        return periodic_walk(steps, periodic_motion(closed, run, robot), run, robot)
+        return periodic_walk(steps, closed, run, robot)
     # Imported here, as the inverse kinematics is compiled.
     from ampm.body.constant_posture import ConstantPosture
 

@@ -3,12 +3,11 @@
 from functools import cache
 from typing import Any, NamedTuple
 
-from ampm.body.motion import WholeBodyMotion
+from ampm.body.motion import PeriodicPosture, WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
-from ampm.planners import periodic_walk
 from ampm.run_file import load_run
 from ampm.walk import Replanner, WalkPlan
 from models.build import build_body
@@ -70,8 +69,9 @@ def motion_of(*overrides: str) -> WholeBodyMotion:
 @cache
 def planned_walk(*overrides: str) -> WalkPlan:
     """Its complete plan; the periodic step is that of :data:`COARSE`, whatever is changed."""
-    walk = walk_of(COARSE, *overrides)
-    return periodic_walk(walk.plan, motion_of(COARSE), walk.run, walk.robot)
+    walk, motion = walk_of(COARSE, *overrides), motion_of(COARSE)
+    steps = walk.plan.with_angular_momentum_offset(motion.report.angular_momentum_y_offset)
+    return WalkPlan.of(steps, posture=PeriodicPosture(motion, walk.robot))
 
 
 @cache
