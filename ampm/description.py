@@ -98,8 +98,7 @@ class BodyDescription:
     trunk_segment: str  # whose pitch is the trunk's lean (thorax)
     left_leg: LegDescription
     right_leg: LegDescription
-    waist: tuple[str, ...]  # joints between pelvis and abdomen, chain order
-    chest: tuple[str, ...]  # joints between abdomen and thorax, chain order
+    trunk: tuple[str, ...]  # joints between pelvis and thorax, chain order
     left_arm: tuple[str, ...]  # joints, chain order
     right_arm: tuple[str, ...]
     head: tuple[str, ...]  # joints that are of no other group
@@ -124,11 +123,6 @@ class BodyDescription:
     def scale(self) -> float:
         """Size of the body, of which a stature of 1.70 m is one [1]."""
         return self.height / _STATURE
-
-    @property
-    def trunk(self) -> tuple[str, ...]:
-        """Waist and chest joints."""
-        return (*self.waist, *self.chest)
 
     @property
     def arms(self) -> tuple[str, ...]:

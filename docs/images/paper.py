@@ -214,9 +214,10 @@ def chains(body, data):
 
     girdle = [joint(arm[0]) for arm in (body.left_arm, body.right_arm)]
     sockets = [joint(leg.hip[0]) for leg in body.legs]
-    shoulders, chest = np.mean(girdle, axis=0), joint(body.chest[0])
+    waist, chest = map(joint, body.trunk[::3])  # three hinges each
+    shoulders = np.mean(girdle, axis=0)
     head = shoulders + 0.8 * (shoulders - chest)
-    trunk = [np.mean(sockets, axis=0), joint(body.waist[0]), chest, shoulders]
+    trunk = [np.mean(sockets, axis=0), waist, chest, shoulders]
     yield from (("trunk", 4.0, sockets), ("trunk", 8.0, trunk), ("trunk", 4.0, girdle))
     yield "trunk", 11.0, [head, head]
     for side, leg, arm in (("right", body.right_leg, body.right_arm), ("left", body.left_leg, body.left_arm)):
