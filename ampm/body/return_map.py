@@ -55,8 +55,7 @@ class StepMap:
 
     def easier(self, drop: float, share: float) -> "StepMap":
         """The map of the same step with the COM lower by ``drop`` [m] and a share of the angular momentum."""
-        reference = self.reference.lowered(drop).with_momentum_share(share)
-        return StepMap(self.ik, reference, self.contacts, self.lean)
+        return StepMap(self.ik, self.reference.easier(drop, share), self.contacts, self.lean)
 
     def encode(self, q: Array, v: Array, offset: float) -> Array:
         """Unknowns of a start state and a constant of L_y [N m s]."""

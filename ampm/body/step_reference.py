@@ -24,18 +24,14 @@ class StepReference(NamedTuple):
     velocity: Array  # of the tasks in the order of their rows, shape (n+1, R)
     acceleration: Array  # of the same rows, shape (n+1, R)
 
-    def lowered(self, drop: float) -> "StepReference":
-        """The same step with the COM lower by ``drop`` [m], which is easier for the legs."""
-        position = self.position.copy()
+    def easier(self, drop: float, share: float) -> "StepReference":
+        """The step with the COM lower by ``drop`` [m], for the legs, and less L, for trunk and arms."""
+        position, velocity = self.position.copy(), self.velocity.copy()
+        acceleration = self.acceleration.copy()
         position[:, 0, 2] -= drop
-        return self._replace(position=position)
-
-    def with_momentum_share(self, share: float) -> "StepReference":
-        """The same step with a share of the angular momentum, which is easier for trunk and arms."""
-        velocity, acceleration = self.velocity.copy(), self.acceleration.copy()
         velocity[:, _MOMENTUM] *= share
         acceleration[:, _MOMENTUM] *= share
-        return self._replace(velocity=velocity, acceleration=acceleration)
+        return self._replace(position=position, velocity=velocity, acceleration=acceleration)
 
     def with_angular_momentum_y(self, constant: float) -> "StepReference":
         """The same step with a constant more of L_y over the mass [m^2/s]."""
