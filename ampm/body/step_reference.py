@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ampm.body.robot import TASK_ROWS
-from ampm.geometry import Array
+from ampm.geometry import Array, rotations
 from ampm.planner.feet import foot_rotation, foot_turning
 from ampm.planner.support import StepPlan
 
@@ -43,10 +43,7 @@ class StepReference(NamedTuple):
         """The same tasks in axes that are turned about the vertical by one or n + 1 angles [rad]."""
         angle = np.reshape(heading, -1)
         turn = np.zeros((len(angle), 3, 3))
-        turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
-        turn[:, 1, 0] = np.sin(angle)
-        turn[:, 0, 1] = -turn[:, 1, 0]
-        turn[:, 2, 2] = 1.0
+        turn[:, :2, :2], turn[:, 2, 2] = rotations(angle), 1.0
         velocity, acceleration = self.velocity.copy(), self.acceleration.copy()
         for rows in (velocity, acceleration):
             vectors = rows[:, :TASK_ROWS].reshape(len(rows), -1, 3)

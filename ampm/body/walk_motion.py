@@ -18,7 +18,7 @@ from ampm.body.limits import AT_LEAST, AT_MOST, CLEARANCE, Limit, check
 from ampm.body.robot import Robot
 from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import StepReference, step_reference
-from ampm.geometry import Array
+from ampm.geometry import Array, rotations
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
 
@@ -241,7 +241,7 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
         piece = reference.part(rows)
         velocity = piece.velocity.copy()
         momentum = momentum + (1.0 - math.exp(-gains.momentum_gain * part)) * (wanted - momentum)
-        velocity[:, 3:5] -= momentum @ _turn(lead[k])
+        velocity[:, 3:5] -= momentum @ rotations(lead[k])
         piece = piece._replace(velocity=velocity)
         try:
             step = ik.integrate(piece, q, v)
@@ -250,7 +250,7 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
             q, v = _upright(ik, piece, posture, robot)
         else:
             q, v = step.q[-1], step.v[-1]
-            tilt = pin.log3(robot.trunk_rotations(q[None])[0] @ posture.trunk.T)[:2] @ _turn(-lead[k])
+            tilt = pin.log3(robot.trunk_rotations(q[None])[0] @ posture.trunk.T)[:2] @ rotations(-lead[k])
             rate[rows], angle = step.v[:, 6:], step.q[:, 7:]
             out = np.maximum(robot.lower - angle, angle - robot.upper)
             beyond[rows] = np.where(ankles, np.maximum(out, 0.0), 0.0)
@@ -259,12 +259,6 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
         tilts[k] = tilt
     gaps = robot.shapes.gaps(np.concatenate(configurations))
     return _Followed(time, share, rate, beyond, gaps.distance, gaps.parts, lost)
-
-
-def _turn(angle: float) -> Array:
-    """Matrix by which a row of components is multiplied for axes turned by an angle [rad]."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s], [s, c]])
 
 
 def _upright(
