@@ -64,9 +64,7 @@ class ConstantPosture:
         self.q = q.copy()
         self.q[3:7] = 0.0, 0.0, 0.0, 1.0
         self.start = turned(q, heading) if heading else q, v
-        data = robot.model.createData()
-        pin.forwardKinematics(robot.model, data, self.q)
-        self.trunk = pin.updateFramePlacement(robot.model, data, robot.trunk_frame).rotation.copy()
+        self.trunk = robot.trunk_rotations(self.q[None])[0]
 
     def sample(self, times: ArrayLike) -> PostureState:
         """States at ``times``, shape (T,) [s]; at time 0 that in which the walk begins."""
@@ -78,10 +76,8 @@ class ConstantPosture:
             heading, v[:, 5], acceleration[:, 5] = self.heading(t)
             q[:, 5], q[:, 6] = np.sin(0.5 * heading), np.cos(0.5 * heading)
             c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
-            trunk[:, 0], trunk[:, 1] = (
-                c * self.trunk[0] - s * self.trunk[1],
-                s * self.trunk[0] + c * self.trunk[1],
-            )
+            trunk[:, 0] = c * self.trunk[0] - s * self.trunk[1]
+            trunk[:, 1] = s * self.trunk[0] + c * self.trunk[1]
         q[first], v[first] = self.start
         window = np.full(n, self.window)
         for stop, go in self.stops:
