@@ -63,10 +63,6 @@ class Tuned:
     margins: Mapping[str, float]  # limit to value on the search's grid, in the unit of `LIMITS`
     tried: int  # how many choices were tried
 
-    def margin(self, name: str) -> float:
-        """Normalised margin of one limit [1]."""
-        return LIMITS[name].margin(self.margins[name])
-
     def worst(self) -> float:
         """Least normalised margin [1]."""
         return least(self.margins)
