@@ -22,20 +22,15 @@ _FELT = {"stance_yield": 0.5, "force_smoothing": 0.0, "sink_compensation": 0.7}
 _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foot's feedback was chosen [m]
 
 
-def usual_steps(description: BodyDescription) -> tuple[float, float]:
-    """Step length [m] and speed at the switch [m/s] of an easy gait of a body."""
+def easy_gait(run: RunParameters, description: BodyDescription) -> dict[str, float]:
+    """Step [m], speed at the switch [m/s] and force line of an easy gait of a body, by key."""
     hips, limits = description.hip_height, dict(description.speed_limits)
     speed = _PACE * math.sqrt(GRAVITY * hips) * min(1.0, math.sqrt(hips / _SHORT))
     if speeds := [limits[joint] for joint in description.left_leg.joints if joint in limits]:
         speed = min(speed, _SWING * statistics.median_low(speeds) * hips)
-    return _STEP * hips, speed
-
-
-def easy_gait(run: RunParameters, description: BodyDescription) -> dict[str, float]:
-    """Step, speed at the switch and force line of an easy gait of a body, by key."""
     c_s = 1.0 if description.has_arms else _C_S_WITHOUT_ARMS
     c_y = 1.0 if run.body.source == HUMAN else _C_Y
-    return dict(zip(EASY_KEYS, (*usual_steps(description), c_s, c_y), strict=True))
+    return dict(zip(EASY_KEYS, (_STEP * hips, speed, c_s, c_y), strict=True))
 
 
 def first_gait(run: RunParameters, description: BodyDescription) -> RunParameters:
