@@ -305,9 +305,7 @@ def task_columns(tree: Records, link: Records, soles: Records, columns: Array) -
 
 
 @compiled
-def task_drift(
-    tree: Records, link: Records, soles: Records, v: Array, now: Array, still: Array, drift: Array
-) -> None:
+def task_drift(tree: Records, link: Records, soles: Records, v: Array, now: Array, drift: Array) -> None:
     """Accelerations of the tasks at zero accelerations of the coordinates.
 
     Args:
@@ -316,9 +314,9 @@ def task_drift(
         soles: frames of the feet.
         v: velocity for the momentum, shape (nv,).
         now: velocity for the soles, shape (nv,).
-        still: zeros, shape (nv,).
         drift: shape (6 + 6 F + ...).
     """
+    still = np.zeros(len(v))
     move_links(tree, now, still, 0.0, link)
     for i in range(len(soles)):
         here, first = link[soles[i].joint], 6 + 6 * i
@@ -449,7 +447,7 @@ class RigidBody:
         self.link = records(len(self.tree), LINK)
         self.soles, self.trunk = frames_of(model, soles), frames_of(model, [trunk])
         rows = 6 + 6 * len(soles) + len(toes)
-        self.columns, self._still = np.zeros((model.nv, rows)), np.zeros(model.nv)
+        self.columns = np.zeros((model.nv, rows))
         self.columns[toes, rows - len(toes) + np.arange(len(toes))] = 1.0
 
     @property
@@ -470,5 +468,5 @@ class RigidBody:
     def drift(self, v: Array, now: Array) -> Array:
         """See :func:`task_drift`; a new array."""
         drift = np.zeros(self.columns.shape[1])
-        task_drift(self.tree, self.link, self.soles, v, now, self._still, drift)
+        task_drift(self.tree, self.link, self.soles, v, now, drift)
         return drift

@@ -215,7 +215,7 @@ def follow(body: Kinematics, tasks: StepReference, step: StepTrajectory) -> int:
         met = tasks_of(body, body.rows)
         v[:] = nearest(met, v, tasks.velocity[k][body.rows])
         # Eqs. 8-12: minimise 1/2 || a - p ||^2_W subject to J a = wanted - dJ/dt v, p the posture's.
-        task_drift(body.tree, body.link, body.soles, v, v, np.zeros(len(v)), drift)
+        task_drift(body.tree, body.link, body.soles, v, v, drift)
         wanted = (tasks.acceleration[k] - drift)[body.rows]
         step.acceleration[k] = nearest(met, posture(body, q, v, rate * tasks.time[k], rate), wanted)
         step.angular_momentum_z[k] = body.link[0].mass * (body.columns[:, _L_Z] * v).sum()

@@ -96,7 +96,7 @@ def kinematics(body: PlacedBody, motion: Motion, tasks: Tasks, sensed: Sensed, v
     """
     add_scaled(sensed.v, velocity_lag, motion.last_acceleration, motion.now)
     place_body(body.tree, body.link, body.feet, sensed.q, tasks.jacobian)
-    task_drift(body.tree, body.link, body.feet, sensed.v, motion.now, motion.zero, tasks.drift)
+    task_drift(body.tree, body.link, body.feet, sensed.v, motion.now, tasks.drift)
     tasks.rates[:] = 0.0
     add_combination(1.0, tasks.jacobian, motion.now, tasks.rates)
     from_root = times(1.0 / body.mass, vector(body.link[0].first))

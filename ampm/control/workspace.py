@@ -161,7 +161,6 @@ class Motion(NamedTuple):
     now: Annotated[Array, ("nv",)]  # velocity at the instant of q
     acceleration: Annotated[Array, ("nv",)]  # of this tick [m/s^2, rad/s^2]
     last_acceleration: Annotated[Array, ("nv",)]  # of the last tick
-    zero: Annotated[Array, ("nv",)]  # zeros
     posture: Annotated[Array, ("nv",)]  # wanted acceleration, later in the metric of the posture [g]
     root_weight: Array  # square root of the posture weights, shape (nv,)
     passive_torque: Annotated[Array, ("nu",)]  # overcomes dampers, springs and friction [N m]
