@@ -86,23 +86,20 @@ def share_forces(feet: int, points: Any, phi: Array, by_load: bool) -> None:
 def wrench_map(feet: int, points: Any, wrench: Array) -> None:
     """W, net force and moment about the COM per unknown, shape (6, F (k + 3))."""
     per_foot = len(points) // feet
+    wrench[:] = 0.0
     for i in range(len(points)):
         point, foot = points[i], points[i].foot
         tangent = (per_foot + 3) * foot + per_foot
-        if i == per_foot * foot:
-            wrench[:, tangent : tangent + 3] = 0.0
         arm, share = vector(point.arm), point.share
-        _add(wrench[:, 3 * foot + i], (0.0, 0.0, 1.0), arm, True)
-        _add(wrench[:, tangent], (share, 0.0, 0.0), arm, False)
-        _add(wrench[:, tangent + 1], (0.0, share, 0.0), arm, False)
-        _add(wrench[:, tangent + 2], (point.twist[0], point.twist[1], 0.0), arm, False)
+        _add(wrench[:, 3 * foot + i], (0.0, 0.0, 1.0), arm)
+        _add(wrench[:, tangent], (share, 0.0, 0.0), arm)
+        _add(wrench[:, tangent + 1], (0.0, share, 0.0), arm)
+        _add(wrench[:, tangent + 2], (point.twist[0], point.twist[1], 0.0), arm)
 
 
 @compiled
-def _add(column: Array, force: Any, arm: Any, first: bool) -> None:
-    """Add the effect of a force at an arm, or begin with it."""
-    if first:
-        column[:] = 0.0
+def _add(column: Array, force: Any, arm: Any) -> None:
+    """Add the effect of a force at an arm."""
     moment = times(ANGULAR, cross(arm, force))
     for k in range(3):
         column[k] += force[k]
