@@ -50,10 +50,8 @@ def vertical_laws(
         Laws of four, 2 N - 1 and four phases.
     """
     w, n = math.sqrt(GRAVITY / height), 2 * len(problem.single) + 7
-    place, z = (
-        np.array([step.position[:2] for step in footsteps]),
-        np.array([s.position[2] for s in footsteps]),
-    )
+    place = np.array([step.position[:2] for step in footsteps])
+    z = np.array([step.position[2] for step in footsteps])
     duration, rate, h = np.full(n, 0.25 * SETTLING), np.zeros(n), np.empty((n, 2))
     duration[4:-4:2], duration[5:-4:2], rate[5:-4:2] = problem.single, problem.double, problem.blend[:, 1]
     h[4:-4:2], h[5:-4:2, 0], h[5:-4:2, 1] = z[1:-1, None], z[1:-2], z[2:-1]
@@ -70,11 +68,8 @@ def vertical_laws(
     points[1, [1, 2], [1, 0]] = points[2, [-3, -2], [1, 0]] = 1.0
     # The part z + z'/w grows, and is known at the end; z - z'/w fades, and is known at the begin.
     mean, way = points.mean(axis=2), w**2 / (w**2 + rate**2) * np.diff(points, axis=2)[..., 0]
-    begin, end, fade = (
-        shape(rate, duration, np.zeros(n)),
-        shape(rate, duration, duration),
-        np.exp(-w * duration),
-    )
+    begin, end = (shape(rate, duration, time) for time in (np.zeros(n), duration))
+    fade = np.exp(-w * duration)
     grows, fades = np.empty((2, 3, n + 1))
     grows[:, n], fades[:, 0] = points[:, -1, 1], points[:, 0, 0]
     for k in range(n):
@@ -122,10 +117,8 @@ class Ground:
             joined = _around(box)
             for one in [one for one in parts if one[1] == height]:
                 if _apart(joined, one[0])[1] <= 0.0:
-                    joined, parts = (
-                        _around(np.stack([joined, one[0]])),
-                        [two for two in parts if two is not one],
-                    )
+                    joined = _around(np.stack([joined, one[0]]))
+                    parts = [two for two in parts if two is not one]
             parts.append((joined, height))
         parts = [part for part in parts if part[1] > z.min()]
         wide = [box + _AROUND * np.array([[-1.0], [1.0]]) for box, _ in parts]

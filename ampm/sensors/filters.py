@@ -148,11 +148,8 @@ def predict_joints(f: Filter, commanded: Array, period: float) -> None:
     """
     shift = period * (0.5 * period + f.lag)  # of the angle by an acceleration
     for j in range(len(f.joint_rate)):
-        a, start, covariance = (
-            commanded[6 + j] + f.response[j] / period,
-            f.joint_rate[j],
-            f.joint_covariance[j],
-        )
+        start, covariance = f.joint_rate[j], f.joint_covariance[j]
+        a = commanded[6 + j] + f.response[j] / period
         angle, rate = f.q[7 + j] + period * start + shift * a, start + period * a
         error, predicted = max(f.joint_error[j] ** 2, f.angle_error[j]), rate
         aa = covariance[0] + period * (2.0 * covariance[1] + period * covariance[2]) + error * shift * shift

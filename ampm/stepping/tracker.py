@@ -176,15 +176,11 @@ class StepTracker:
 
     def _curves(self, com: Array, velocity: Array, acceleration: Array, moment: Array) -> Curves:
         """Horizontal curves of a plan's centroidal motion; heights count from the plan's floor."""
-        mass, gravity, slope = (
-            self._workspace.body.mass,
-            self._workspace.body.gravity,
-            self.plan.contacts.slope,
-        )
+        body, slope = self._workspace.body, self.plan.contacts.slope
         height, rate = (item[:, 2] - item[:, :2] @ slope for item in (com, acceleration))
-        down = gravity + rate[:, None]
+        down = body.gravity + rate[:, None]
         r = com[:, :2] - height[:, None] / down * acceleration[:, :2]
-        arm = np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (mass * down)
+        arm = np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (body.mass * down)
         curves = r, com[:, :2] + velocity[:, :2] / self._stepper.omega, r + arm
         return Curves(*(np.ascontiguousarray(curve) for curve in curves))
 
