@@ -176,15 +176,12 @@ class Writer:
         c, s = math.cos(self.file.sole.pitch), math.sin(self.file.sole.pitch)
         return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
-    def _foot(self) -> Array:
-        """Origin of the left foot, shape (3,) [m]."""
-        return self.tree.segments[self.legs[0].foot].place + self.tree.foot_offset
-
     def _sole(self) -> SoleGeometry:
         """Outline of the sole from its reference point."""
         outline, leg = self.file.sole, self.legs[0]
         hip, ankle = self._along(leg.hip, 1), self._along(leg.ankle, 1)
-        under = (ankle - self._foot()) @ self._sole_turn()  # of the ankle, in the sole's axes
+        foot = self.tree.segments[leg.foot].place + self.tree.foot_offset
+        under = (ankle - foot) @ self._sole_turn()  # of the ankle, in the sole's axes
         sole = SoleGeometry(
             heel_x=outline.heel - outline.reference,
             ball_x=outline.front - outline.reference,
