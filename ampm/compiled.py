@@ -7,10 +7,10 @@ compiled code is therefore kept in a folder named after all source files that it
 import hashlib
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 os.environ.setdefault("NUMBA_OPT", "1")  # as fast to run as at level 3, and sooner compiled
 
@@ -22,6 +22,7 @@ from numba.experimental import structref
 from platformdirs import user_cache_path
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Kind = TypeVar("Kind")
 
 _SOURCES = (
     "ampm/compiled.py",
@@ -139,13 +140,14 @@ def records(shape: int | tuple[int, ...], fields: Sequence[Any]) -> Any:
     return array.view(np.recarray) if config.DISABLE_JIT else array
 
 
-def fields_of(entry: type) -> list[Any]:
-    """Fields of :func:`records` from a class of annotations: numbers, or ``Annotated[Array, shape]``."""
-    fields: list[Any] = []
-    for name, kind in entry.__annotations__.items():
-        shape = getattr(kind, "__metadata__", ())
-        fields.append((name, float if shape else kind, *shape))
-    return fields
+def zeros_of(kind: type[Kind], sizes: Mapping[str, int], **given: Any) -> Kind:
+    """A named tuple with what is given, and else zeros in the shapes of ``Annotated[Array, shape]``."""
+    for name, annotation in kind.__annotations__.items():
+        if name not in given:
+            array, shape = get_args(annotation)
+            dtype = get_args(get_args(array)[1])[0]
+            given[name] = np.zeros([sizes.get(length, length) for length in shape], dtype)
+    return kind(**given)
 
 
 class _Compilation(event.TimingListener):

@@ -7,7 +7,6 @@ forces (:mod:`ampm.control.forces`), R the task rows: momentum (6), soles (6 eac
 
 import math
 from collections import namedtuple
-from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, get_args
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from ampm.body.rigid_body import frames_of
 from ampm.body.robot import Robot
-from ampm.compiled import fields_of, records
+from ampm.compiled import records, zeros_of
 from ampm.controller_parameters import ControllerParameters
 from ampm.geometry import Array
 from ampm.reference import FIELDS
@@ -121,6 +120,13 @@ class SteppingState:
     sag: float  # by which the COM goes down for a long step [m]
     away: float  # largest component of the COM's distance from the plan's [m]
     touches: Annotated[Array, (2,)]  # ticks since every foot touched, 0 without contact
+
+
+_STEPPING = [
+    (name, float, *get_args(kind)[1:]) if get_args(kind) else (name, kind)
+    for name, kind in SteppingState.__annotations__.items()
+]
+"""Fields of its table."""
 
 
 class Sensed(NamedTuple):
@@ -263,7 +269,7 @@ def make_workspace(
     return Workspace(
         gains=gains_of(gains),
         extrapolates=gains.hold == "first-order",
-        sensed=_zeros(Sensed, sizes),
+        sensed=zeros_of(Sensed, sizes),
         wanted=wanted_of(row),
         body=PlacedBody(
             tree=body.tree,
@@ -277,31 +283,21 @@ def make_workspace(
             mass=float(body.link["mass"][0]),
             gravity=robot.gravity,
         ),
-        motion=_zeros(Motion, sizes, root_weight=np.sqrt(weights)),
-        tasks=_zeros(Tasks, sizes, jacobian=body.columns, scale=scale),
-        command=_zeros(Wrench, sizes),
-        tilt=_zeros(Tilt, sizes),
-        contact=_zeros(Contact, sizes, lines=records((len(robot.sole_frames), 3), LINE)),
+        motion=zeros_of(Motion, sizes, root_weight=np.sqrt(weights)),
+        tasks=zeros_of(Tasks, sizes, jacobian=body.columns, scale=scale),
+        command=zeros_of(Wrench, sizes),
+        tilt=zeros_of(Tilt, sizes),
+        contact=zeros_of(Contact, sizes, lines=records((len(robot.sole_frames), 3), LINE)),
         problem=problem,
-        joints=_zeros(
+        joints=zeros_of(
             Joints,
             sizes,
             torque_limit=robot.torque_limit.copy(),
             lower=robot.lower.copy(),
             upper=robot.upper.copy(),
         ),
-        stepping=records(1, fields_of(SteppingState)),
+        stepping=records(1, _STEPPING),
     )
-
-
-def _zeros(kind: Any, sizes: Mapping[str, int], **given: Array) -> Any:
-    """A named tuple of zeros in the shapes of its annotations, but for what is given."""
-    for name, annotation in kind.__annotations__.items():
-        if name not in given:
-            array, shape = get_args(annotation)
-            dtype = get_args(get_args(array)[1])[0]
-            given[name] = np.zeros([sizes.get(length, length) for length in shape], dtype)
-    return kind(**given)
 
 
 def rows_of(rows: NDArray[Any]) -> Any:

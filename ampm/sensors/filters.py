@@ -8,7 +8,7 @@ The attitude is the quaternion of ``q``, whose hinges have the angles without of
 correction of a tick, and zero in between.
 """
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from ampm.compiled import compiled
 from ampm.geometry import Array
 from ampm.sensors.soles import spread_wrenches
 from ampm.vectors import ZERO, Vector, cross, dot, from_quaternion, minus, plus, put, times, turned, vector
+from ampm.walk import Flags
 
 VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
 LOAD = 0.06  # force from which a point rests, as share of the weight; half of it to go on resting
@@ -35,36 +36,39 @@ class Filter(NamedTuple):
     """What the filters estimate, read and know. World axes; the root's own for its rate and the IMU."""
 
     q: Array  # Pinocchio configuration, (nq,)
-    joint_rate: Array  # (nu,) [rad/s]
-    joint_covariance: Array  # of each hinge: var(angle), cov(angle, rate), var(rate), (nu, 3)
-    rate: Array  # of the root, (3,) [rad/s]
-    rate_variance: Array  # (1,) [(rad/s)^2]
-    rate_error: Array  # mean square of what its readings added to its acceleration lately, (1,) [(rad/s^2)^2]
-    angle_error: Array  # the same of the hinges, (nu,) [(rad/s^2)^2]
-    twist: Array  # change of motion of root and links that was not commanded, (1 + nu, 6) [m/s, rad/s]
-    response: Array  # what it changes the rates of the hinges by, (nu,) [rad/s]
-    inertia: Array  # of the links, see respond, (1 + nu, 6, 6)
+    joint_rate: Annotated[Array, ("nu",)]  # [rad/s]
+    joint_covariance: Annotated[Array, ("nu", 3)]  # of each hinge: var(angle), cov(angle, rate), var(rate)
+    rate: Annotated[Array, (3,)]  # of the root [rad/s]
+    rate_variance: Annotated[Array, (1,)]  # [(rad/s)^2]
+    # mean square of what its readings added to its acceleration lately [(rad/s^2)^2]
+    rate_error: Annotated[Array, (1,)]
+    angle_error: Annotated[Array, ("nu",)]  # the same of the hinges [(rad/s^2)^2]
+    # change of motion of root and links that was not commanded [m/s, rad/s]
+    twist: Annotated[Array, ("1 + nu", 6)]
+    response: Annotated[Array, ("nu",)]  # what it changes the rates of the hinges by [rad/s]
+    inertia: Annotated[Array, ("1 + nu", 6, 6)]  # of the links, see respond
     armature: Array  # of every coordinate, (nv,) [kg m^2]
-    x: Array  # place, velocity, attitude, biases, points, offsets, IMU, (X,) [m, m/s, rad, rad/s, m/s^2, m]
+    # place, velocity, attitude, biases, points, offsets, IMU [m, m/s, rad, rad/s, m/s^2, m]
+    x: Annotated[Array, ("X",)]
     covariance: Array  # of x, (X, X)
-    offset: Array  # of the encoders, (nu,) [rad]
+    offset: Annotated[Array, ("nu",)]  # of the encoders [rad]
     worn: Any  # hinges whose offsets are in x, (H,)
     moves: Any  # whether they move a sole point, (P, H)
     carries: Any  # whether they carry a foot, (2, H)
     imu: int  # where its angles begin in x; 0 if it is not turned
     spin: int  # where the angular momentum about the COM begins in x; 0 if it is not estimated
-    loaded: Any  # sole points that rest, (P,)
+    loaded: Annotated[Flags, ("P",)]  # sole points that rest
     touched: Any  # sole points that touched at the last tick, (P,)
-    turn: Array  # axes of the root to world, (3, 3)
+    turn: Annotated[Array, (3, 3)]  # axes of the root to world
     link: Any  # of the body, placed
-    angles: Array  # as read, (nu,) [rad]
-    rates: Array  # as read, (nu,) [rad/s]
-    gyro: Array  # as read, (3,) [rad/s]
-    gyro_before: Array  # the reading before, (3,) [rad/s]
-    accelerometer: Array  # as read, (3,) [m/s^2]
-    force: Array  # as read, or by the wrenches, (P,) [N]
-    contact: Any  # the same, (P,)
-    position: Array  # as read, (3,) [m]
+    angles: Annotated[Array, ("nu",)]  # as read [rad]
+    rates: Annotated[Array, ("nu",)]  # as read [rad/s]
+    gyro: Annotated[Array, (3,)]  # as read [rad/s]
+    gyro_before: Annotated[Array, (3,)]  # the reading before [rad/s]
+    accelerometer: Annotated[Array, (3,)]  # as read [m/s^2]
+    force: Annotated[Array, ("P",)]  # as read, or by the wrenches [N]
+    contact: Annotated[Flags, ("P",)]  # the same
+    position: Annotated[Array, (3,)]  # as read [m]
     soles: Any  # :class:`~ampm.sensors.soles.Soles`
     commanded: Array  # accelerations of the last N ticks, latest last, (N, nv) [m/s^2, rad/s^2]
     begin: Array  # when they began to act, and the time of this tick, (N + 1,) [s]

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from ampm.body.rigid_body import LINK, frames_of, tree_of
 from ampm.body.robot import Robot
-from ampm.compiled import bound, records, refer
+from ampm.compiled import bound, records, refer, zeros_of
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.sensor_parameters import WRENCH
@@ -70,38 +70,19 @@ class Kalman:
         growth[6:9] = variance[2] / run.controller.frequency**2
         commanded = robot.by_group(_ERRORS)
         commanded[robot.toe_joints] = _TOE_ERROR
-        self.filter = f = Filter(
+        self.filter = f = zeros_of(
+            Filter,
+            {"nu": nu, "1 + nu": 1 + nu, "P": points, "X": len(growth)},
             q=np.array(start.q),
-            joint_rate=np.zeros(nu),
-            joint_covariance=np.zeros((nu, 3)),
-            rate=np.zeros(3),
-            rate_variance=np.zeros(1),
-            rate_error=np.zeros(1),
-            angle_error=np.zeros(nu),
-            twist=np.zeros((1 + nu, 6)),
-            response=np.zeros(nu),
-            inertia=np.zeros((1 + nu, 6, 6)),
             armature=robot.rigid_body.armature,
-            x=np.zeros(len(growth)),
             covariance=np.diag(start_errors**2),
-            offset=np.zeros(nu),
             worn=worn,
             moves=moves,
             carries=carries,
             imu=len(growth) - len(spin) - 3 if len(imu) else 0,
             spin=len(growth) - 3 if len(spin) else 0,
-            loaded=np.zeros(points, dtype=bool),
             touched=np.ones(points, dtype=bool),
-            turn=np.zeros((3, 3)),
             link=records(robot.model.njoints - 1, LINK),
-            angles=np.zeros(nu),
-            rates=np.zeros(nu),
-            gyro=np.zeros(3),
-            gyro_before=np.zeros(3),
-            accelerometer=np.zeros(3),
-            force=np.zeros(points),
-            contact=np.zeros(points, dtype=bool),
-            position=np.zeros(3),
             soles=soles_of(robot, run),
             commanded=np.zeros((ticks, robot.nv)),
             begin=np.full(ticks + 1, start.time),

@@ -1,16 +1,17 @@
 """Forces and contacts of sole points from one wrench of every foot, and from where its points are."""
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ampm.body.rigid_body import frames_of, place_links, place_of
 from ampm.body.robot import Robot
-from ampm.compiled import bound, compiled, refer
+from ampm.compiled import bound, compiled, refer, zeros_of
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.vectors import ZERO, Vector, cross, dot, minus, multiply, plus, put, times, turned, vector
+from ampm.walk import Flags
 
 YIELD = 3e-3
 """Height over the lowest point of its foot at which a point takes half of what it would take there [m]."""
@@ -41,14 +42,15 @@ class Soles(NamedTuple):
     """What is read of the feet and known of them."""
 
     frame: Any  # of both soles
-    wrench: Array  # as read: forces and moments about the sole, in its axes, (2, 6) [N, N m]
-    offset: Array  # of the same, found in the air, (2, 6) [N, N m]
+    # as read: forces and moments about the sole, in its axes [N, N m]
+    wrench: Annotated[Array, (2, 6)]
+    offset: Annotated[Array, (2, 6)]  # of the same, found in the air [N, N m]
     scale: Array  # what of the wrenches is read, found by the weight on a foot that stands alone, (2,) [1]
-    felt: Array  # the wrenches without offset and scale, in world axes, (2, 6) [N, N m]
+    felt: Annotated[Array, (2, 6)]  # the wrenches without offset and scale, in world axes [N, N m]
     tared: Any  # whether the offsets were found, (2,)
-    unloaded: Array  # time since the foot was loaded, (2,) [s]
-    loaded: Any  # feet that carry load, (2,)
-    touching: Any  # their lines of points, (2, 3)
+    unloaded: Annotated[Array, (2,)]  # time since the foot was loaded [s]
+    loaded: Annotated[Flags, (2,)]  # feet that carry load
+    touching: Annotated[Flags, (2, 3)]  # their lines of points
     line: Any  # of every sole point, (P,)
     threshold: float  # load at which a foot or a line touches; half of it to go on touching [N]
     period: float  # of a control tick [s]
@@ -57,16 +59,12 @@ class Soles(NamedTuple):
 
 def soles_of(robot: Robot, run: RunParameters) -> Soles:
     """Soles of a body with the run's sensors, unloaded."""
-    return Soles(
+    return zeros_of(
+        Soles,
+        {},
         frame=frames_of(robot.model, robot.sole_frames),
-        wrench=np.zeros((2, 6)),
-        offset=np.zeros((2, 6)),
         scale=np.ones(2),
-        felt=np.zeros((2, 6)),
         tared=np.full(2, not (run.sensors.force_bias or run.sensors.moment_bias)),
-        unloaded=np.zeros(2),
-        loaded=np.zeros(2, dtype=bool),
-        touching=np.zeros((2, 3), dtype=bool),
         line=robot.point_group.copy(),
         threshold=max(run.sensors.contact_threshold, NO_LOAD * robot.mass * robot.gravity),
         period=1.0 / run.controller.frequency,
