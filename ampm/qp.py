@@ -127,12 +127,12 @@ class QPSolver:
         self, problem: QPProblem, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings
     ) -> None:
         self.problem = problem
-        self._patterns = sparse.csc_matrix(np.triu(P_mask)), sparse.csc_matrix(A_mask)
+        self._P, self._A = (sparse.csc_matrix(mask, dtype=np.float64) for mask in (np.triu(P_mask), A_mask))
         self._values = SparseValues(
             P_places=_places(np.triu(P_mask)),
             A_places=_places(A_mask),
-            P=np.empty(self._patterns[0].nnz),
-            A=np.empty(self._patterns[1].nnz),
+            P=self._P.data,
+            A=self._A.data,
             lower=np.empty(len(A_mask)),
             upper=np.empty(len(A_mask)),
         )
@@ -180,16 +180,12 @@ class QPSolver:
     def _setup(self) -> Any:
         """OSQP's compiled solver with the gathered values; its wrapper takes longer than a small solve."""
         settings, values = self._settings, self._values
-        P, A = (
-            sparse.csc_matrix((data, pattern.indices, pattern.indptr), shape=pattern.shape)
-            for data, pattern in zip((values.P, values.A), self._patterns, strict=True)
-        )
         solver = osqp.OSQP(algebra="builtin")
         try:
             solver.setup(
-                P,
+                self._P,
                 self.problem.q,
-                A,
+                self._A,
                 values.lower,
                 values.upper,
                 eps_abs=settings.tolerance,
