@@ -11,26 +11,11 @@ from ampm.geometry import Array
 
 
 @compiled
-def add_scaled(a: Array, factor: float, b: Array, out: Array) -> None:
-    """``out = a + factor b``, vectors."""
-    for j in range(len(a)):
-        out[j] = a[j] + factor * b[j]
-
-
-@compiled
 def add_combination(factor: float, rows: Array, x: Array, out: Array) -> None:
     """``out = out + factor rows' x``: x says how much of every row is added."""
     for j in range(len(x)):
         for e in range(len(out)):
             out[e] += factor * rows[j, e] * x[j]
-
-
-@compiled
-def scale_matrix(matrix: Array, by_row: Array, by_column: Array, out: Array) -> None:
-    """``out = diag(by_row) matrix diag(by_column)``."""
-    for j in range(len(by_row)):
-        for e in range(len(by_column)):
-            out[j, e] = matrix[j, e] * (by_column[e] * by_row[j])
 
 
 @compiled

@@ -27,7 +27,7 @@ from ampm.control.stabilizer import command_wrench, rotation_error
 from ampm.control.tasks import posture_task, sole_task, toe_task
 from ampm.control.trunk import fed_back_tilt
 from ampm.control.workspace import Motion, PlacedBody, Sensed, Tasks, Workspace
-from ampm.linear import add_combination, add_scaled, scale_matrix
+from ampm.linear import add_combination
 from ampm.stepping.stepper import Stepper
 from ampm.stepping.walker import follow
 from ampm.vectors import minus, multiply, plus, put, times, vector
@@ -94,7 +94,9 @@ def kinematics(body: PlacedBody, motion: Motion, tasks: Tasks, sensed: Sensed, v
     A velocity that is older than the configuration is brought to its instant: ``v + lag a``, with the
     acceleration commanded at the last tick.
     """
-    add_scaled(sensed.v, velocity_lag, motion.last_acceleration, motion.now)
+    now, v, acceleration = motion.now, sensed.v, motion.last_acceleration
+    for j in range(len(now)):
+        now[j] = v[j] + velocity_lag * acceleration[j]
     place_body(body.tree, body.link, body.feet, sensed.q, tasks.jacobian)
     task_drift(body.tree, body.link, body.feet, sensed.v, motion.now, tasks.drift)
     tasks.rates[:] = 0.0
@@ -159,7 +161,10 @@ def tasks(work: Workspace) -> None:
 def scale(body: PlacedBody, motion: Motion, tasks: Tasks) -> None:
     """Units of the QP: accelerations in g, in the metric ``x = W_p^1/2 a / g`` of the posture weights."""
     motion.posture[:] = motion.posture * (motion.root_weight / body.gravity)
-    scale_matrix(tasks.jacobian, 1.0 / motion.root_weight, tasks.scale, tasks.scaled)
+    scaled, jacobian, by_row, by_column = tasks.scaled, tasks.jacobian, 1.0 / motion.root_weight, tasks.scale
+    for j in range(len(by_row)):
+        for e in range(len(by_column)):
+            scaled[j, e] = jacobian[j, e] * (by_column[e] * by_row[j])
     tasks.rhs[:] = tasks.scale / body.gravity * (tasks.wanted - tasks.drift)
 
 
@@ -213,7 +218,7 @@ def torques(work: Workspace) -> None:
         contact.point_force,
         torque,
     )
-    add_scaled(torque, 1.0, motion.passive_torque, torque)
+    torque += motion.passive_torque
 
 
 @compiled
