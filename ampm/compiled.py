@@ -82,13 +82,7 @@ class HandleType(types.StructRef):
     """Fields of a named tuple, by reference."""
 
 
-class Handle(structref.StructRefProxy):
-    """The reference that :func:`refer` returns."""
-
-    __slots__ = ()
-
-
-structref.define_boxing(HandleType, Handle)
+structref.define_boxing(HandleType, structref.StructRefProxy)
 
 
 def refer(parts: Any) -> Any:
