@@ -1,15 +1,13 @@
 """What sensors read at a control tick, and the protocol of an estimator."""
 
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ampm.geometry import Array
 from ampm.walk import State, Touch
-
-if TYPE_CHECKING:
-    from ampm.parameters import RunParameters
 
 
 class Readings(NamedTuple):
@@ -61,16 +59,9 @@ class Estimator(Protocol):
         ...
 
 
-class EstimatorFactory(Protocol):
-    """Makes an estimator; an estimator's class is such a factory."""
+EstimatorFactory = Callable[..., Estimator]
+"""Makes an estimator; an estimator's class is such a factory.
 
-    def __call__(self, robot: Any, run: "RunParameters", start: State, /, **options: Any) -> Estimator:
-        """Make one.
-
-        Args:
-            robot: the body, :class:`ampm.body.robot.Robot`.
-            run: its section ``sensors`` without seed, so that signs of biases are unknown.
-            start: state in which the walk is planned to start.
-            options: the run's ``sensors.options``.
-        """
-        ...
+Arguments are the body, :class:`ampm.body.robot.Robot`; the run, its section ``sensors`` without seed, so that
+signs of biases are unknown; the state in which the walk is planned to start; and by name ``sensors.options``.
+"""
