@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
+from ampm.planner.contacts import read_only
 from ampm.walk import PostureState
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ class WholeBodyMotion(Brief):
     def __post_init__(self) -> None:
         for name, value in vars(self).copy().items():
             if isinstance(value, np.ndarray):
-                object.__setattr__(self, name, _immutable(value))
+                object.__setattr__(self, name, read_only(value))
 
     @property
     def step_duration(self) -> float:
@@ -74,7 +75,7 @@ class WholeBodyMotion(Brief):
     @cached_property
     def _rates(self) -> Array:
         """Time derivative of q at the grid's nodes, shape (n+1, nq)."""
-        return _immutable(_configuration_rate(self.q, self.v))
+        return read_only(_configuration_rate(self.q, self.v))
 
     def sample(self, times: ArrayLike, robot: Robot) -> PostureState:
         """Evaluate the tiled motion by cubic Hermite interpolation between grid nodes.
@@ -149,13 +150,6 @@ class PeriodicPosture(Brief):
         first = (np.atleast_1d(times) <= 0.0)[:, None]
         q, v = (np.where(first, *pair) for pair in zip(self.start, (state.q, state.v), strict=True))
         return state._replace(q=q, v=v)
-
-
-def _immutable(values: Array) -> Array:
-    """A read-only copy; the base array of a frozen view would stay writable."""
-    copy = values.copy()
-    copy.setflags(write=False)
-    return copy
 
 
 def _configuration_rate(q: Array, v: Array) -> Array:

@@ -25,7 +25,7 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array, rotations
 from ampm.planner.blend import HeightLaw
-from ampm.planner.contacts import LEVEL, PHASE_NAMES, STANCE_NAMES, Contacts, times_within
+from ampm.planner.contacts import LEVEL, PHASE_NAMES, STANCE_NAMES, Contacts, read_only, times_within
 from ampm.planner.pendulum import LawState
 
 _SWITCH_TOLERANCE = 1e-12  # times this close before a switch belong to the phase that begins [s]
@@ -284,9 +284,7 @@ class CentroidalPlan(Brief):
     def jump_times(self) -> Array:
         """Switches at which acceleration, ZMP or moment jump by more than :data:`JUMP`, shape (J,) [s]."""
         jumps = np.stack([self._switch_jumps[name] for name in MAY_JUMP])
-        times = self._starts[1:][(jumps > JUMP).any(axis=0)]
-        times.setflags(write=False)
-        return times
+        return read_only(self._starts[1:][(jumps > JUMP).any(axis=0)])
 
     @cached_property
     def _switch_jumps(self) -> dict[str, Array]:

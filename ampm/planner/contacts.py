@@ -91,7 +91,7 @@ class Contacts(Brief):
     slope: tuple[float, float] = LEVEL
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "switches", _read_only(self.switches))
+        object.__setattr__(self, "switches", read_only(self.switches))
 
     @classmethod
     def in_turn(cls, footsteps: Sequence[Footstep], switches: ArrayLike) -> "Contacts":
@@ -145,7 +145,7 @@ class Contacts(Brief):
     @cached_property
     def step_ends(self) -> NDArray[np.float64]:
         """End of every step: where the next single support begins, or the walk ends, shape (steps,) [s]."""
-        return _read_only([*self.starts[self.kind_codes == 0][1:], self.duration])
+        return read_only([*self.starts[self.kind_codes == 0][1:], self.duration])
 
     @property
     def step_length(self) -> float:
@@ -170,27 +170,27 @@ class Contacts(Brief):
     @cached_property
     def kind_codes(self) -> NDArray[np.int8]:
         """Place of every phase's kind in :data:`PHASE_NAMES`, shape (P,)."""
-        return _read_only(self.stance_codes == 2, np.int8)
+        return read_only(self.stance_codes == 2, np.int8)
 
     @cached_property
     def stance_codes(self) -> NDArray[np.int8]:
         """Place of every phase's stance in :data:`STANCE_NAMES`, shape (P,)."""
-        return _read_only([STANCE_NAMES.index(phase.stance) for phase in self.phases], np.int8)
+        return read_only([STANCE_NAMES.index(phase.stance) for phase in self.phases], np.int8)
 
     @cached_property
     def placements(self) -> NDArray[np.float64]:
         """Left and right foot's (x, y, z) in every phase, the next one while it swings, (P, 2, 3) [m]."""
-        return _read_only(self._ahead[:, :, :3])
+        return read_only(self._ahead[:, :, :3])
 
     @cached_property
     def headings(self) -> NDArray[np.float64]:
         """Mean heading of both feet in every phase, the next one of a foot while it swings, (P,) [rad]."""
-        return _read_only(mean_heading(*self.foot_headings.T))
+        return read_only(mean_heading(*self.foot_headings.T))
 
     @cached_property
     def foot_headings(self) -> NDArray[np.float64]:
         """Heading of left and right foot in every phase, the next one while it swings, (P, 2) [rad]."""
-        return _read_only(self._ahead[:, :, 3])
+        return read_only(self._ahead[:, :, 3])
 
     @cached_property
     def _ahead(self) -> NDArray[np.float64]:
@@ -202,7 +202,8 @@ class Contacts(Brief):
         return np.where(is_left, np.stack([here, next_one], axis=1), np.stack([next_one, here], axis=1))
 
 
-def _read_only(values: object, dtype: type = np.float64) -> NDArray:
+def read_only(values: object, dtype: type = np.float64) -> NDArray:
+    """A read-only copy; the base array of a frozen view would stay writable."""
     array: NDArray = np.array(values, dtype=dtype)
     array.setflags(write=False)
     return array

@@ -12,7 +12,7 @@ from ampm.geometry import Array
 from ampm.parameters import GRAVITY
 from ampm.planner.blend import HeightLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
-from ampm.planner.contacts import LEVEL, Contacts, ascending, finite
+from ampm.planner.contacts import LEVEL, Contacts, ascending, finite, read_only
 from ampm.planner.newton import ALLOWED, WINDOW, check_newton
 from ampm.planner.pendulum import LawState
 
@@ -33,8 +33,7 @@ class SampledLaw:
 
     def __post_init__(self) -> None:
         for name, values in vars(self).copy().items():
-            object.__setattr__(self, name, copied := np.array(values, dtype=np.float64))
-            copied.setflags(write=False)
+            object.__setattr__(self, name, read_only(values))
 
     def evaluate(self, time: Any) -> LawState:
         """State at times since the first sample [s]; every field has the shape of the times."""
