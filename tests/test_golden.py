@@ -64,9 +64,7 @@ def found(name, run_of):
     return cells | kept
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in OTHERS else []) for n in WALKS]
-)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in OTHERS)) for n in WALKS])
 def test_a_walk_is_as_recorded(name, run_of):
     recorded = {row: cells[name] for row, cells in TABLE.items() if cells[name] and row not in DEFINITION}
     now = found(name, run_of)
