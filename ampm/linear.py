@@ -32,10 +32,14 @@ def add_gram(factors: Array, system: Array) -> None:
 
 @compiled
 def product(a: Array, b: Array) -> Array:
-    """``a b``, shapes (n, k) and (k, m)."""
+    """``a b``, shapes (n, k) with many zeros and (k, m)."""
     out = np.zeros((a.shape[0], b.shape[1]))
     for i in range(a.shape[0]):
-        add_combination(1.0, b, a[i], out[i])
+        for j in range(a.shape[1]):
+            factor = a[i, j]
+            if factor != 0.0:
+                for e in range(b.shape[1]):
+                    out[i, e] += factor * b[j, e]
     return out
 
 
