@@ -118,8 +118,9 @@ if __name__ == "__main__":
     run = ampm.load_run("normal", gait={"steps": 10}, simulation={"time_step": 0.002})
     for name, planner in (("AMPM", "ampm"), ("capture steps", Capture())):
         for force in ((0.0, 0.0), (200.0, 0.0), (-200.0, 0.0), (0.0, 150.0), (0.0, -100.0)):
-            push = val.Push("chest", (*force, 0.0), at=2.3, duration=0.1)  # forward and to the left [N], [s]
-            trial = val.walk(run, planner=planner, disturbances=[push])
+            # Forward and to the left [N], [s].
+            pushes = [val.Push("chest", (*force, 0.0), at=2.3, duration=0.1)] if any(force) else []
+            trial = val.walk(run, planner=planner, disturbances=pushes)
             print(f"{name}, {force} N: {trial.record.outcome.name}")
         axes.plot(trial.measured.time, trial.measured.com[:, 1], label=f"{name}, 100 N to the right")
     axes.set(xlabel="time [s]", ylabel="COM, to the left [m]")
