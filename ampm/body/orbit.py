@@ -83,7 +83,7 @@ def start_across(steps: StepPlan, posture: PeriodicPosture, run: RunParameters) 
         BodilyRefusal: a leg does not reach the start, or others for too long, or parts come too close.
     """
     robot, ik = posture.robot, InverseKinematics(posture.robot, run)
-    times = np.arange(0.0, 2.0 * steps.constants.step_duration, COARSE_STEP)
+    times = np.arange(0.0, min(2.0 * steps.constants.step_duration, steps.duration), COARSE_STEP)
     reference, level = step_reference(steps, times), posture.sample(times)
     states, lost = [], []
     for k in range(len(times)):
