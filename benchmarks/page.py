@@ -1,8 +1,7 @@
-"""The measurements on the page of the documentation."""
+"""The measurements on the page of the documentation, and what stands between marks of a page."""
 
 from pathlib import Path
 
-from validation.show.text import replace_between
 from validation.store.environment import describe_environment
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
@@ -32,3 +31,16 @@ def write_page(mark: str, text: str) -> None:
     """
     changed = replace_between(PAGE.read_text(encoding="utf-8"), mark, f"\n{text}\n")
     PAGE.write_text(changed, encoding="utf-8")
+
+
+def replace_between(page: str, name: str, text: str) -> str:
+    """A page with new text between its marks ``<!-- name -->`` and ``<!-- end of name -->``.
+
+    Raises:
+        ValueError: the page lacks them.
+    """
+    head, first, rest = page.partition(f"<!-- {name} -->\n")
+    _, last, tail = rest.partition(f"\n<!-- end of {name} -->")
+    if not (first and last):
+        raise ValueError(f"the page lacks the marks of {name!r}")
+    return f"{head}{first}{text}{last}{tail}"

@@ -15,8 +15,8 @@ from trials import AGREEMENT, DATA, agreement, ending, write_rows
 
 import validation as val
 from ampm.presets import preset_names
+from benchmarks.page import replace_between
 from validation.judge.profiles import own_profile
-from validation.show.text import replace_between
 from validation.table import Table
 from validation.trial.plan import load_request
 

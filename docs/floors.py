@@ -15,7 +15,7 @@ from trials import DATA, agreement, ending, write_rows
 
 import ampm
 import validation as val
-from validation.show.text import replace_between
+from benchmarks.page import replace_between
 from validation.table import Table
 
 PAGE = Path(__file__).with_name("footsteps.md")

@@ -20,8 +20,8 @@ from matplotlib.figure import Figure
 from trials import DATA, write_rows
 
 import validation as val
+from benchmarks.page import replace_between
 from validation.cli.console import Narrator
-from validation.show.text import replace_between
 from validation.study.rank import Ranking
 from validation.study.sweep.design import ENGINE_KEY, Block, SweepDefinition, load_sweep
 from validation.table import ABSENT, Table, format_number

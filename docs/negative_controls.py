@@ -21,7 +21,7 @@ from ampm.body.robot import Robot
 from ampm.parameters import RunParameters
 from ampm.planner.pendulum import AffineLaw
 from ampm.walk import Planner, WalkPlan
-from validation.show.text import replace_between
+from benchmarks.page import replace_between
 from validation.store.tables import plan_table, sample_times
 from validation.table import Table
 

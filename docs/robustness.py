@@ -11,8 +11,8 @@ import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from benchmarks.page import replace_between
 from validation.cli.console import Narrator
-from validation.show.text import replace_between
 from validation.study.robustness.cells import DIRECTIONS, PUSH_PHASES, PUSHES, REPLICAS, other_cells
 from validation.study.robustness.result import Robustness
 from validation.study.robustness.study import robustness

@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from trials import write_rows
 
 from ampm.presets import PRESETS
+from benchmarks.page import replace_between
 from validation.judge.metrics import METRICS, metric_label
 from validation.judge.uncertainty import rounding
-from validation.show.text import replace_between
 from validation.study.convergence.result import Convergence
 from validation.study.convergence.study import convergence
 from validation.table import Table, format_number, short_unit

@@ -21,8 +21,8 @@ from matplotlib.ticker import MaxNLocator
 from trials import DATA, write_rows
 
 import validation as val
+from benchmarks.page import replace_between
 from validation.cli.console import Narrator
-from validation.show.text import replace_between
 from validation.study.sweep.design import Block, SweepDefinition, load_sweep
 from validation.study.sweep.table import RunState, SweepTable
 from validation.table import Table, format_number, short_unit

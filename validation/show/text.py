@@ -22,19 +22,6 @@ def format_value(value: Any) -> str:
     return format_number(value, 5) if value is None or isinstance(value, float) else str(value)
 
 
-def replace_between(page: str, name: str, text: str) -> str:
-    """A page with new text between its marks ``<!-- name -->`` and ``<!-- end of name -->``.
-
-    Raises:
-        ValueError: the page lacks them.
-    """
-    head, first, rest = page.partition(f"<!-- {name} -->\n")
-    _, last, tail = rest.partition(f"\n<!-- end of {name} -->")
-    if not (first and last):
-        raise ValueError(f"the page lacks the marks of {name!r}")
-    return f"{head}{first}{text}{last}{tail}"
-
-
 def format_duration(seconds: float) -> str:
     """A time as text: ``250 µs``, ``12 s``, ``45 min``, ``3 h 20 min``, ``11.6 days``; a dash for NaN."""
     if math.isnan(seconds):
