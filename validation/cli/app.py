@@ -15,12 +15,11 @@ import typer
 
 import ampm
 from validation.cli import body, compare, fit, gaits, judge, studies, validate, view
-from validation.cli.console import print_json
+from validation.cli.console import print_json, print_line
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import Status, option
 from validation.output import close_output, only_results
 from validation.progress import interruption
-from validation.show.text import print_line
 
 app = typer.Typer(
     name="ampm",

@@ -20,6 +20,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.progress import Progress as Bars
+from rich.text import Text
 
 from validation.output import results
 from validation.progress import Progress, Stage, interruption
@@ -103,3 +104,10 @@ class Narrator(Progress):
 def print_json(value: Any) -> None:
     """Print JSON on stdout; infinite numbers become ``"inf"``, undefined ones null."""
     print(dump_json(value), file=results())
+
+
+def print_line(text: str | Text = "", style: str = "") -> None:
+    """Print one line on stdout, unwrapped and unchanged."""
+    Console(file=results(), highlight=False, soft_wrap=True).print(
+        Text(text) if isinstance(text, str) else text, style=style
+    )

@@ -15,8 +15,7 @@ import typer
 from ampm.exceptions import InputError
 from ampm.files import absolute
 from ampm.presets import preset_names
-from validation.cli.console import Narrator, print_json
-from validation.show.text import print_line
+from validation.cli.console import Narrator, print_json, print_line
 from validation.table import print_tables
 
 if TYPE_CHECKING:

@@ -9,11 +9,10 @@ from rich.text import Text
 
 from ampm.exceptions import InputError, RefusedGait
 from validation.cli import options
-from validation.cli.console import Narrator, print_json
+from validation.cli.console import Narrator, print_json, print_line
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import Status, grouped, option
 from validation.progress import interruption
-from validation.show.text import print_line
 from validation.table import COLORS, print_tables
 
 app = typer.Typer()

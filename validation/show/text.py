@@ -1,20 +1,9 @@
-"""Text tables and numbers."""
+"""Numbers as text."""
 
 import math
 from typing import Any
 
-from rich.console import Console
-from rich.text import Text
-
-from validation.output import results
 from validation.table import ABSENT, format_number
-
-
-def print_line(text: str | Text = "", style: str = "") -> None:
-    """Print one line on stdout, unwrapped and unchanged."""
-    Console(file=results(), highlight=False, soft_wrap=True).print(
-        Text(text) if isinstance(text, str) else text, style=style
-    )
 
 
 def format_value(value: Any) -> str:
