@@ -27,8 +27,6 @@ from validation.table import Table, format_number, short_unit
 from validation.trial.files import RunFile
 from validation.trial.outcome import OutcomeName
 
-Summary = Mapping[str, Any]
-
 _OTHERS = ("solver", "motion", "timing", "environment")
 """Entries of the summary that are shown as they are."""
 
@@ -128,7 +126,7 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     return facts
 
 
-def split_table(split: Summary) -> Table:
+def split_table(split: Mapping[str, Any]) -> Table:
     """Causes of the ZMP error; shares are of the squared error."""
     rows = []
     for part, label in PARTS.items():

@@ -140,11 +140,11 @@ def _pgf_path(mark: Mark, height: float) -> Iterable[str]:
     if mark.window:
         x, y, w, h = mark.window
         yield rf"\pgfpathrectangle{{{point(x, height - y - h)}}}{{{point(w, h)}}}\pgfusepath{{clip}}"
-    for role, color in (("stroke", mark.stroke), ("fill", mark.fill)):
-        if color:
-            red, green, blue = (int(color[k : k + 2], 16) / 255 for k in (1, 3, 5))
-            yield rf"\definecolor{{ampm}}{{rgb}}{{{red:.3g},{green:.3g},{blue:.3g}}}"
-            yield rf"\pgfset{role}color{{ampm}}\pgfset{role}opacity{{{mark.opacity:g}}}"
+    roles = {role: color for role, color in (("stroke", mark.stroke), ("fill", mark.fill)) if color}
+    for role, color in roles.items():
+        red, green, blue = (int(color[k : k + 2], 16) / 255 for k in (1, 3, 5))
+        yield rf"\definecolor{{ampm}}{{rgb}}{{{red:.3g},{green:.3g},{blue:.3g}}}"
+        yield rf"\pgfset{role}color{{ampm}}\pgfset{role}opacity{{{mark.opacity:g}}}"
     dash = "".join(f"{{{part:.3g}bp}}" for part in mark.dash)
     yield rf"\pgfsetlinewidth{{{mark.width:g}bp}}\pgfsetdash{{{dash}}}{{0pt}}\pgfsetroundjoin"
     if mark.round:
@@ -159,5 +159,4 @@ def _pgf_path(mark: Mark, height: float) -> Iterable[str]:
             if mark.round:
                 yield rf"\pgfpathlineto{{{point(x, height - y)}}}"
                 pen = "moveto"
-    roles = [role for role, color in (("stroke", mark.stroke), ("fill", mark.fill)) if color]
     yield rf"\pgfusepath{{{','.join(roles)}}}"
