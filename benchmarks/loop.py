@@ -15,8 +15,7 @@ from ampm.walk import ControlOutput
 from benchmarks.timing import least
 from models.scene import BodyModel
 from validation.progress import Progress, interruption
-from validation.show.text import format_duration
-from validation.table import Table
+from validation.table import Table, format_duration
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.plan import PlannedWalk
 from validation.trial.record import SimulationRecord

@@ -8,8 +8,7 @@ from typing import Self
 import numpy as np
 
 from ampm.geometry import Array
-from validation.show.text import format_duration
-from validation.table import Table
+from validation.table import Table, format_duration
 
 
 @dataclass(frozen=True)

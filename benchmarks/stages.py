@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 from validation.progress import Progress, Stage
 from validation.run.validate import validate
-from validation.show.text import format_duration
 from validation.store.machine import memory_peak
-from validation.table import Table
+from validation.table import Table, format_duration
 from validation.trial.plan import Request
 
 

@@ -13,8 +13,7 @@ from ampm.files import absolute
 from validation.cli import options
 from validation.cli.console import Narrator, print_json, print_line
 from validation.cli.options import JSON, SETTINGS, Status
-from validation.show.text import format_value
-from validation.table import Table, format_number, print_tables
+from validation.table import Table, format_number, format_value, print_tables
 
 if TYPE_CHECKING:
     from validation.run.body_check import BodyCheck

@@ -24,8 +24,8 @@ from rich.text import Text
 
 from validation.output import results
 from validation.progress import Progress, Stage, interruption
-from validation.show.text import format_duration
 from validation.store.json import dump_json
+from validation.table import format_duration
 
 _LINE_EVERY = 30.0  # [s]
 _WHOLE_STAGE = 1e6  # time over which the bar averages the speed of a stage [s]

@@ -14,9 +14,8 @@ from ampm.presets import PRESETS
 from validation.cli import options
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import Status, grouped, option
-from validation.show.text import format_value
 from validation.store.folders import check_new_file, output_file
-from validation.table import Table, format_number, print_tables
+from validation.table import Table, format_number, format_value, print_tables
 
 if TYPE_CHECKING:
     from ampm.planner.centroidal import CentroidalPlan

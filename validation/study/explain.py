@@ -20,13 +20,12 @@ from ampm.parameters import FIELDS, NO_PLAN, OPEN_KEYS, RunParameters, keys
 from validation.judge import profiles
 from validation.judge.margins import SATURATED
 from validation.run.walk import walk_planned
-from validation.show.text import format_value
 from validation.store.folders import names_folder
 from validation.store.json import json_ready, write_json
 from validation.store.saved import load_saved_run
 from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.row_file import Row
-from validation.table import Table, Tabled, own_rows
+from validation.table import Table, Tabled, format_value, own_rows
 from validation.trial.disturbances import Disturbance, Recorded
 from validation.trial.files import RunFile
 from validation.trial.outcome import OutcomeName

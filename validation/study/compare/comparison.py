@@ -26,14 +26,13 @@ from validation.judge.metrics import METRICS, added_metrics, cost_entry, display
 from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching, rounding
 from validation.show.cost_table import COSTS, cost_limit, cost_unit
-from validation.show.text import format_value
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import SavedRun, load_saved_run
 from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.robustness.result import Robustness, load_robustness
 from validation.study.walk_options import keep_run
-from validation.table import USED, Table, Tabled, format_share, short_unit, with_uncertainty
+from validation.table import USED, Table, Tabled, format_share, format_value, short_unit, with_uncertainty
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, load_request, plan_walk
 from validation.trial.users import UsersError

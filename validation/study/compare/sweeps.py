@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from validation.judge.uncertainty import rounding
-from validation.show.text import format_value
 from validation.study.sweep.table import METRIC, RunState, SweepTable, read_sweep
-from validation.table import Table, Tabled
+from validation.table import Table, Tabled, format_value
 
 Rows = NDArray[np.intp]
 

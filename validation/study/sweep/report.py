@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from validation.show.page import render_page
 from validation.show.paper import Citation, cite
-from validation.show.text import format_value
 from validation.store.folders import output_file
 from validation.study.sweep.figures import MOST_POINTS, draw_sweep, links_of, texts
 from validation.study.sweep.table import BROKEN, REPORT, RESULTS, RunState, SweepTable, read_sweep
-from validation.table import Table, format_number, short_unit
+from validation.table import Table, format_number, format_value, short_unit
 
 WORST = 20
 """Runs in the table of the worst."""

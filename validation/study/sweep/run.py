@@ -16,7 +16,6 @@ from ampm.compiled import compilation
 from ampm.exceptions import InputError, RefusedGait
 from ampm.planner.step_planners import STEP_PLANNERS
 from validation.progress import Progress
-from validation.show.text import format_duration
 from validation.store.environment import parameter_values
 from validation.store.folders import output_file
 from validation.store.json import write_json
@@ -40,7 +39,7 @@ from validation.study.sweep.table import (
     wrap_table,
 )
 from validation.study.walk_options import keep_run, own_classes, walk_request
-from validation.table import Table, Tabled
+from validation.table import Table, Tabled, format_duration
 from validation.trial.plan import Request, check_formula
 from validation.trial.users import UsersError
 
