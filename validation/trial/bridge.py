@@ -20,11 +20,16 @@ _ALIGNED = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
 """Hinges about an axis of their frame."""
 
 
-def _pose(position: ArrayLike, quaternion_wxyz: ArrayLike) -> pin.SE3:
-    """Pose from a position (3,) [m] and a MuJoCo quaternion (4,)."""
+def rotation(quaternion_wxyz: ArrayLike) -> Array:
+    """Rotation matrix of a unit quaternion, w first."""
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, np.asarray(quaternion_wxyz, dtype=float))
-    return pin.SE3(matrix.reshape(3, 3), np.asarray(position, dtype=float))
+    return matrix.reshape(3, 3)
+
+
+def _pose(position: ArrayLike, quaternion_wxyz: ArrayLike) -> pin.SE3:
+    """Pose from a position (3,) [m] and a MuJoCo quaternion (4,)."""
+    return pin.SE3(rotation(quaternion_wxyz), np.asarray(position, dtype=float))
 
 
 def _hinge(axis: Array) -> Any:

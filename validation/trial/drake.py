@@ -35,7 +35,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from ampm.geometry import Array
 from ampm.physics_parameters import DrakeParameters
-from validation.trial.bridge import passive_joints
+from validation.trial.bridge import passive_joints, rotation
 
 # Of contact between rigid and soft bodies, of which there is none here.
 logging.getLogger("drake").addFilter(lambda record: "half spaces" not in record.getMessage())
@@ -186,14 +186,14 @@ class _Plant:
         """Set the state."""
         x = self._state
         x[self.quaternion], x[self.position] = data.qpos[3:7], data.qpos[:3]
-        x[self.spin], x[self.velocity] = _rotation(data.qpos[3:7]) @ data.qvel[3:6], data.qvel[:3]
+        x[self.spin], x[self.velocity] = rotation(data.qpos[3:7]) @ data.qvel[3:6], data.qvel[:3]
         x[self.angles], x[self.rates] = data.qpos[7:], data.qvel[6:]
         self.plant.SetPositionsAndVelocities(self.context, x)
 
     def act(self, data: mujoco.MjData, force: Array) -> None:
         """Set the motors' torques, and the generalised force of all else in MuJoCo's coordinates, (nv,)."""
         plant, forces = self.plant, self._forces
-        forces[self.spin], forces[self.velocity] = _rotation(data.qpos[3:7]) @ force[3:6], force[:3]
+        forces[self.spin], forces[self.velocity] = rotation(data.qpos[3:7]) @ force[3:6], force[:3]
         forces[self.rates] = force[6:]
         plant.get_actuation_input_port().FixValue(self.context, data.ctrl)
         generalized = forces[plant.num_positions() :]
@@ -264,7 +264,7 @@ class DrakeEngine:
         quaternion = x[plant.quaternion] / np.linalg.norm(x[plant.quaternion])
         data.qpos[:3], data.qpos[3:7], data.qpos[7:] = x[plant.position], quaternion, x[plant.angles]
         data.qvel[:3], data.qvel[6:] = x[plant.velocity], x[plant.rates]
-        data.qvel[3:6] = _rotation(quaternion).T @ x[plant.spin]
+        data.qvel[3:6] = rotation(quaternion).T @ x[plant.spin]
         data.time += self.model.opt.timestep
 
     def _keep(self, found: dict[frozenset[int], tuple[int, Array, Array, float]], force: Array) -> None:
@@ -285,10 +285,3 @@ class DrakeEngine:
         if found:
             names = ", ".join(sorted({self.model.geom(g).name for pair in found for g in pair}))
             raise ValueError(f"Drake has a contact that MuJoCo does not have, of {names}")
-
-
-def _rotation(quaternion: Array) -> Array:
-    """Rotation matrix of a unit quaternion, w first."""
-    result = np.zeros(9)
-    mujoco.mju_quat2Mat(result, quaternion)
-    return result.reshape(3, 3)
