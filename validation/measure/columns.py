@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,7 @@ UNITS: Mapping[str, float] = {
     "kgf": 9.80665,
 }
 """Factor to SI by unit."""
-NAMES = (
-    "time",
-    *(f"{key}_{axis}" if axis else key for key, axes in COLUMNS.items() for axis in axes or ("",)),
-)
+NAMES = ("time", *chain(*COLUMNS.values()))
 """All columns that a log may have."""
 _SOURCE = re.compile(r"(?P<sign>-?)(?P<column>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?")
 

@@ -33,13 +33,12 @@ _OF_FOOT = {
     "sensor_quaternion": "wxyz",
     "foot": "xyz",
 }
-COLUMNS: Mapping[str, str] = MappingProxyType(
-    _MEASURED
-    | _COMMANDED
-    | {"floor": "", "belt_speed": ""}
-    | {f"{foot}_{name}": axes for foot in FEET for name, axes in _OF_FOOT.items()}
+_OF_FEET = {f"{foot}_{name}": axes for foot in FEET for name, axes in _OF_FOOT.items()}
+_ENDINGS = {**_MEASURED, **_COMMANDED, "floor": "", "belt_speed": "", **_OF_FEET}
+COLUMNS: Mapping[str, list[str]] = MappingProxyType(
+    {key: [f"{key}_{axis}" for axis in axes] or [key] for key, axes in _ENDINGS.items()}
 )
-"""Quantities of a log, and the endings of their columns, such as ``force_x``; empty for a single one."""
+"""Quantities of a log, and their columns, such as ``force_x``."""
 PLACES = frozenset(name for name in COLUMNS if name.endswith(("zmp", "com", "cop", "sensor", "foot")))
 """Quantities that are places in the world [m]."""
 NEEDED = (
@@ -114,12 +113,11 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
         raise InputError(f"{name} has no column 'time'; it needs {NEEDED}; it has {have}.")
     time, signals = _numbers(table, "time", name), dict[str, Array]()
     step = _step(time, name)
-    for key, axes in COLUMNS.items():
-        parts = [f"{key}_{axis}" for axis in axes] or [key]
+    for key, parts in COLUMNS.items():
         missing = [part for part in parts if part not in table]
         if not missing:
             columns = [_numbers(table, part, name) for part in parts]
-            signals[key] = np.column_stack(columns) if axes else columns[0]
+            signals[key] = np.column_stack(columns) if len(parts) > 1 else columns[0]
         elif len(missing) < len(parts):
             raise InputError(f"{name} has no column {missing[0]!r}; give {', '.join(parts)}, or none.")
     if "belt_speed" in signals:
