@@ -124,13 +124,11 @@ def measure(record: SimulationRecord, model: pin.Model, passive: PassiveJoints |
     _, departing_velocity, departing_momentum = _centroidal(model, departed, record.qd)
     momentum_rate = np.diff(departing_momentum, axis=0) / dt
     momentum_force = mass * (np.diff(departing_velocity, axis=0) / dt + np.array([0.0, 0.0, gravity]))
-    lifted = 0.0
-    if record.external_segments:
-        pushes = record.external_force.sum(axis=1)
-        lever = record.external_position - com_pin[:-1, None]
-        moments = record.external_moment + np.cross(lever, record.external_force)
-        momentum_force, momentum_rate = momentum_force - pushes, momentum_rate - moments.sum(axis=1)
-        lifted = pushes[:, 2].sum() * dt
+    pushes = record.external_force.sum(axis=1)
+    lever = record.external_position - com_pin[:-1, None]
+    moments = record.external_moment + np.cross(lever, record.external_force)
+    momentum_force, momentum_rate = momentum_force - pushes, momentum_rate - moments.sum(axis=1)
+    lifted = pushes[:, 2].sum() * dt
     moment = momentum_rate + np.cross(com_pin[:-1], momentum_force)  # about the origin
     impulse = force[:, 2].sum() * dt
     gained = mass * (com_velocity[-1, 2] - com_velocity[0, 2])
