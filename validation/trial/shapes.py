@@ -81,13 +81,12 @@ class Shapes:
         """Parts that come closest at Pinocchio configurations (T, nq)."""
         return self.recorded_gaps(to_mujoco(q, np.zeros((len(q), self._model.nv)))[0])
 
-    def tilts(self, qpos: ArrayLike, segments: Sequence[str]) -> Array:
+    def tilts(self, qpos: Array, segments: Sequence[str]) -> Array:
         """Angles of M segments from upright at MuJoCo configurations (T, nq), shape (T, M) [rad]."""
         model, data = self._model, self._data
         numbers = [model.body(name).id for name in segments]
-        configurations = np.atleast_2d(np.asarray(qpos, dtype=np.float64))
-        upright = np.empty((len(configurations), len(numbers)))
-        for row, configuration in enumerate(configurations):
+        upright = np.empty((len(qpos), len(numbers)))
+        for row, configuration in enumerate(qpos):
             data.qpos[:] = configuration
             mujoco.mj_kinematics(model, data)
             upright[row] = data.xmat[numbers, 8]

@@ -2,7 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.ndimage import grey_closing, grey_opening
 
 from ampm.geometry import Array
 from validation.trial.record import SimulationRecord
@@ -18,9 +18,8 @@ def measured_supports(record: SimulationRecord) -> tuple[NDArray[np.int8], int]:
     """
     loaded = record.point_force[:, :, 2] > 0.0
     down = np.stack([loaded[:, record.point_foot == foot].any(axis=1) for foot in (0, 1)])
-    size = 2 * round(0.5 * SHORTEST / record.time_step) + 1
-    for first, second in ((maximum_filter1d, minimum_filter1d), (minimum_filter1d, maximum_filter1d)):
-        down = second(first(down, size, mode="nearest"), size, mode="nearest")
+    size = 1, 2 * round(0.5 * SHORTEST / record.time_step) + 1
+    down = grey_opening(grey_closing(down, size, mode="nearest"), size, mode="nearest")
     landings = int(np.count_nonzero(~down[:, :-1] & down[:, 1:]))
     last = np.maximum.accumulate(np.where(down.any(axis=0), np.arange(down.shape[1]), 0))
     left, right = down[:, last]
