@@ -49,21 +49,19 @@ def plan_table(plan: CentroidalPlan, times: NDArray[np.float64]) -> dict[str, ND
         "phase_start": plan.contacts.starts[phase],
     }
 
-    def add(name: str, values: NDArray[Any], endings: Sequence[str]) -> None:
-        columns.update((f"{name}_{ending}", values[:, index]) for index, ending in enumerate(endings))
+    def add(name: str, values: NDArray[Any], endings: Sequence[str] = "xyz") -> None:
+        columns.update((f"{name}_{ending}", part) for ending, part in zip(endings, values.T, strict=False))
 
-    for name in ("com", "com_velocity", "com_acceleration"):
-        add(name, getattr(sample, name), "xyz")
-    for name, axes in (("dcm", "xy"), ("zmp", "xy"), ("force", "xyz"), ("moment", "xy")):
-        add(name, getattr(sample, name), axes)
-    add("angular_momentum", sample.angular_momentum, "xy")
+    com = ("com", "com_velocity", "com_acceleration")
+    for name in (*com, "dcm", "zmp", "force", "moment", "angular_momentum"):
+        add(name, getattr(sample, name))
     for side, foot in enumerate(FEET):
-        add(f"{foot}_placement", plan.contacts.placements[phase, side], "xyz")
+        add(f"{foot}_placement", plan.contacts.placements[phase, side])
         columns[f"{foot}_placement_heading"] = plan.contacts.foot_headings[phase, side]
     if not isinstance(plan, StepPlan):
         return columns
     for foot, motion in zip(FEET, plan.feet.sample(times), strict=True):
-        add(f"{foot}_foot", motion.position, "xyz")
+        add(f"{foot}_foot", motion.position)
         columns |= {f"{foot}_foot_pitch": motion.pitch, f"{foot}_toe": motion.toe}
         add(foot, motion.contact, [f"{group}_contact" for group in SOLE_POINT_GROUPS])
     return columns

@@ -87,8 +87,8 @@ class Sensors:
         self._parts = [slice(start, end) for start, end in pairwise(ends)]
 
         def spread(kind: str) -> Array:
-            values = [np.full(size, getattr(sensors, f"{name}_{kind}", 0.0)) for name, size in sizes.items()]
-            return np.concatenate(values)
+            values = [getattr(sensors, f"{name}_{kind}", 0.0) for name in sizes]
+            return np.repeat(values, list(sizes.values()))
 
         noise, random = spread("noise"), np.random.default_rng([sensors.seed, 3])
         self._bias = spread("bias") * random.choice([-1.0, 1.0], noise.size)

@@ -85,9 +85,8 @@ def simulate(
     course = References(plan, run, physics, steps=steps, planner=replanner, controller=follower)
     end = math.inf if replanner else course.total * physics.time_step
     forces = forces_of(run, disturbances, end)
-    estimating = None
-    if run.sensors.stand and run.sensors.estimator != EXACT:
-        estimating = stand(planned, physics)
+    stands = run.sensors.stand and run.sensors.estimator != EXACT
+    estimating = stand(planned, physics) if stands else None
     start = place(physics, run, course.table[0])
     if estimating is None:
         estimating = make_estimator(run, known, start)
@@ -216,9 +215,8 @@ class ClosedLoop:
         self.done, self.stepped = 0, list[SteppedTick]()
         self._steps = controller if isinstance(controller, TrackingController) else None
         robot, fault = physics.robot, run.disturbance
-        self.faults = None
-        if fault.actuation_delay or fault.torque_bias:
-            self.faults = MotorFaults(run, robot.nu)
+        is_faulty = fault.actuation_delay or fault.torque_bias
+        self.faults = MotorFaults(run, robot.nu) if is_faulty else None
         self.log = RunLog(course.total, physics)
         self.command, self._row = self.log.command, self.log.row
         names = ("torque", "rate", "force", "zmp", "angular_momentum")
@@ -226,9 +224,7 @@ class ClosedLoop:
         planned = run.gait.planner != NO_PLAN
         self.watch = Watch(self.log.stance, run.controller.unsolved_limit, robot.description.scale, planned)
         self._touch = Touch(self.log.touching, self.log.normal_force, physics.time_step)
-        self.sensors = None
-        if not run.sensors.perfect:
-            self.sensors = Sensors(run, self.log, estimator)
+        self.sensors = None if run.sensors.perfect else Sensors(run, self.log, estimator)
         self._bind()
 
     def _bind(self) -> None:
