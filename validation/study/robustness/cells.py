@@ -3,12 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal, get_args
 
 import numpy as np
 
 from ampm.exceptions import InputError
-from ampm.geometry import Array
+from ampm.geometry import Array, rotations
 from ampm.planner.contacts import Contacts
 from ampm.run_file import key_info
 from ampm.section import unknown
@@ -75,14 +76,11 @@ class Cell:
 
 def push_cells(quick: bool = False) -> tuple[Cell, ...]:
     """All pushes; ``quick``: early and late, on a grid of twice the size."""
-    cells = []
-    for height in HEIGHTS:
-        for phase in PUSH_PHASES[::2] if quick else PUSH_PHASES:
-            for direction in DIRECTIONS:
-                step = _GRID[direction] * (2.0 if quick else 1.0)
-                values = tuple(round(step * n, 6) for n in range(1, round(_MOST / step) + 1))
-                name = f"{height} {phase} {direction}"
-                cells.append(Cell(name, PUSHES, values, direction, phase, height))
+    cells, phases = [], PUSH_PHASES[::2] if quick else PUSH_PHASES
+    for height, phase, direction in product(HEIGHTS, phases, DIRECTIONS):
+        step = _GRID[direction] * (2.0 if quick else 1.0)
+        values = tuple(round(step * n, 6) for n in range(1, round(_MOST / step) + 1))
+        cells.append(Cell(f"{height} {phase} {direction}", PUSHES, values, direction, phase, height))
     return tuple(cells)
 
 
@@ -139,8 +137,7 @@ def push_instant(
     time = float(during.start + (_SHARES[phase] + shift) * during.duration)
     ends = np.append(contacts.starts[1:], contacts.duration)
     after = singles[ends[singles] > time + DURATION][0]
-    along = np.array([np.cos(contacts.headings[index]), np.sin(contacts.headings[index])])
-    left = np.array([-along[1], along[0]])
+    along, left = rotations(contacts.headings[index]).T
     over_foot = left if contacts.phases[after].stance == "left" else -left
     vectors = {"forward": along, "backward": -along, "narrower": over_foot, "wider": -over_foot}
     return time, vectors[direction]
