@@ -266,12 +266,9 @@ def open_pool(workers: int | None, scheduler: str | None, limit: float | None) -
         if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
     with dask.config.set(_SETTINGS):
-        if scheduler is not None:
-            with _remote(scheduler) as client:
-                yield Workers(client, limit, math.inf)
-        else:
-            with _local(workers or cores()) as client:
-                yield Workers(client, limit, NO_WORKER)
+        patience = NO_WORKER if scheduler is None else math.inf
+        with _local(workers or cores()) if scheduler is None else _remote(scheduler) as client:
+            yield Workers(client, limit, patience)
 
 
 @contextmanager
@@ -311,8 +308,7 @@ def _local(workers: int) -> Iterator[Any]:
                     opened.close(timeout=10.0)
 
 
-@contextmanager
-def _remote(address: str) -> Iterator[Any]:
+def _remote(address: str) -> Any:
     """Client of a scheduler that is running already."""
     from distributed import Client  # slow to load
     from distributed.comm import resolve_address
@@ -320,11 +316,9 @@ def _remote(address: str) -> Iterator[Any]:
     try:
         at = json.loads(read_text(Path(address)))["address"] if address.endswith(".json") else address
         resolve_address(at)  # with an invalid address a client waits for a minute
-        client = Client(at, timeout=_CONNECT, set_as_default=False)
+        return Client(at, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError, TypeError, LookupError, AttributeError, TimeoutError, InputError) as error:
         raise InputError(
             f"no dask scheduler answers at --scheduler {address} ({error}); start one with 'dask scheduler', "
             "or leave the option out to run on this machine."
         ) from None
-    with client:
-        yield client
