@@ -358,7 +358,7 @@ def read_definition(table: Mapping[str, Any], name: str, folder: Path) -> SweepD
             blocks.append(_block(item))
     head = {"name": name, "steps": base[0].gait.steps, **head}
     definition = SweepDefinition(**head, set=fixed, vary=tuple(blocks), base=base)
-    if any(BODY_KEY in block.keys for block in blocks):
+    if BODY_KEY in definition.keys:
         raise InputError(
             f"{BODY_KEY} cannot be varied, as every body has a gait of its own; make a sweep of each body, "
             f"with {BODY_KEY} under [set], and compare them with 'ampm compare'.",

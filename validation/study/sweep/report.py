@@ -62,11 +62,9 @@ def cite_sweep(sweep: SweepTable) -> Citation:
 def worst_runs(sweep: SweepTable) -> Table:
     """The worst runs, with links to the reports of those that are kept."""
     links, names, gaits = links_of(sweep), sweep.words("name"), sweep.words("gait")
-    rows = []
+    rows, link = [], Markup('<a href="{}">{}</a>')
     for row in sweep.worst[:WORST]:
-        name: str = (
-            Markup('<a href="{}">{}</a>').format(links[row], names[row]) if row in links else names[row]
-        )
+        name = link.format(links[row], names[row]) if row in links else names[row]
         values = {"gait": gaits[row]} if len(set(gaits)) > 1 else {}
         values |= {key: sweep.table.column(key)[row].as_py() for key in sweep.metadata["varied"]}
         parameters = ", ".join(f"{key} {format_value(value)}" for key, value in values.items())

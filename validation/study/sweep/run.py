@@ -120,14 +120,13 @@ def _keep_worst(
     definition: SweepDefinition, found: SweepTable, folder: Path, execution: Execution
 ) -> list[str | None]:
     """Keep the folders of the worst runs, or of the worst failures; returns the column ``recording``."""
-    passed, numbers = found.is_state(RunState.PASS), found.table["run"].to_pylist()
+    passed, names = found.is_state(RunState.PASS), found.words("name")
     rows = [row for row in found.worst if definition.recordings == "worst" or not passed[row]]
     rows = [] if definition.recordings == "none" else rows[: definition.worst]
-    names = {row: definition.name_of(numbers[row]) for row in rows}
-    runs = {name: numbers[row] for row, name in names.items()}
+    runs = {names[row]: int(names[row]) for row in rows}
     there: Execution = {**execution, "out": folder / RECORDINGS, "resume": True}
     kept = keep_runs(definition, runs, **there)
-    return [f"{RECORDINGS}/{names[row]}" if names.get(row) in kept else None for row in range(len(found))]
+    return [f"{RECORDINGS}/{name}" if name in kept else None for name in names]
 
 
 def keep_runs(sweep: SweepDefinition, runs: Mapping[str, int], **execution: Unpack[Execution]) -> list[str]:
