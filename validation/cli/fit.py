@@ -6,7 +6,7 @@ import typer
 
 from validation.cli import options
 from validation.cli.console import Narrator, print_json
-from validation.cli.options import COLUMNS, Result, Status, grouped, option, print_result
+from validation.cli.options import COLUMNS, Result, Status, grouped, option, print_result, read_mapping
 
 app = typer.Typer()
 
@@ -37,7 +37,6 @@ def fit(
 
     ampm fit plates.csv --com-height 0.92 --mass 71
     """
-    from validation.measure.columns import read_mapping
     from validation.run.fit import fit_log
 
     target = result.folder(f"fit-{log.stem}")

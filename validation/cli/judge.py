@@ -76,7 +76,6 @@ def judge(
     ampm judge runs/walk --profile strict
     """
     from ampm.exceptions import InputError
-    from validation.measure.columns import read_mapping
     from validation.run.judge_log import judge_log, judge_run
     from validation.store.folders import check_run_folder
 
@@ -102,7 +101,7 @@ def judge(
     trial = judge_log(
         log,
         comparing.plan or "normal",
-        columns=read_mapping(comparing.columns or ()),
+        columns=options.read_mapping(comparing.columns or ()),
         settings=options.with_short(comparing.settings, steps=comparing.steps, body=comparing.body),
         start=comparing.start,
         place=comparing.place,

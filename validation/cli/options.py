@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from enum import IntEnum
 from functools import wraps
@@ -101,6 +101,22 @@ def with_short(settings: Sequence[str] | None, **options: str | int | None) -> l
         if value is not None:
             text = f"'{absolute(value)}'" if isinstance(value, str) else str(value)
             found.append(f"{SHORT[name]}={text}")
+    return found
+
+
+def read_mapping(texts: Iterable[str]) -> dict[str, str]:
+    """A mapping of texts ``NAME=COLUMN[UNIT]``, or TOML files of such lines; else InputError."""
+    from ampm.section import read_toml  # loads pydantic
+
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, column = (part.strip() for part in text.partition("="))
+        if text.endswith(".toml") and not equals:
+            found |= {key: str(value) for key, value in read_toml(Path(text)).items()}
+        elif name and column:
+            found[name] = column
+        else:
+            raise InputError(f"cannot read the column {text!r}; write as com_x=COMx[mm], or FILE.toml.")
     return found
 
 

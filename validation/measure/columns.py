@@ -1,15 +1,14 @@
 """Columns of a log under the names of :mod:`validation.measure.log`, in SI units."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from itertools import chain
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ampm.exceptions import InputError
-from ampm.section import read_toml, unknown
+from ampm.section import unknown
 from validation.measure.log import COLUMNS
 
 UNITS: Mapping[str, float] = {
@@ -25,20 +24,6 @@ UNITS: Mapping[str, float] = {
 NAMES = ("time", *chain(*COLUMNS.values()))
 """All columns that a log may have."""
 _SOURCE = re.compile(r"(?P<sign>-?)(?P<column>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?")
-
-
-def read_mapping(texts: Iterable[str]) -> dict[str, str]:
-    """A mapping of texts ``NAME=COLUMN[UNIT]``, or TOML files of such lines; else InputError."""
-    found: dict[str, str] = {}
-    for text in texts:
-        name, equals, column = (part.strip() for part in text.partition("="))
-        if text.endswith(".toml") and not equals:
-            found |= {key: str(value) for key, value in read_toml(Path(text)).items()}
-        elif name and column:
-            found[name] = column
-        else:
-            raise InputError(f"cannot read the column {text!r}; write as com_x=COMx[mm], or FILE.toml.")
-    return found
 
 
 def map_columns(table: Mapping[str, Any], mapping: Mapping[str, str]) -> dict[str, Any]:
