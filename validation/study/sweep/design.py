@@ -22,7 +22,7 @@ from ampm.exceptions import InputError
 from ampm.parameters import HUMAN, OPTION_TABLES, RunParameters, is_option, keys
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, load_run
-from ampm.section import Option, Real, Section, read_toml, unknown
+from ampm.section import Option, Real, Section, read_toml, toml_text, unknown
 from validation.judge.profiles import DEFAULT, Profile, own_profile
 from validation.judge.profiles import profile as find_profile
 from validation.store.environment import parameter_values
@@ -431,11 +431,6 @@ def _one_text(value: Any) -> Any:
         if isinstance(option, list | dict) or "," in str(option):
             raise InputError(f"{key} = {option!r} of {value['name']} must be one value without a comma.")
     return ",".join([value["name"], *(f"{key}={toml_text(option)}" for key, option in options.items())])
-
-
-def toml_text(value: Option) -> str:
-    """An option as text, as ``--set`` takes it."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _flat(table: Mapping[str, Any]) -> dict[str, Any]:

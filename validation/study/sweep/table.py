@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
+from ampm.section import toml_text
 from validation.judge.metrics import METRICS, display_unit, metric_label
 from validation.judge.profiles import Tolerance
 from validation.store.environment import code_hash, describe_environment, parameter_values, run_key
 from validation.study.row_file import ROWS, Row, read_rows
-from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep, toml_text
+from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
 from validation.study.sweep.schema import columns, schema
 from validation.table import Table, Tabled
 
