@@ -251,12 +251,11 @@ class WalkComparison(Tabled):
     def cells(self, row: MetricRow) -> tuple[str, ...]:
         """Label, all values, each with its share of a limit, unit, doubt and the better side, for tables."""
         better = "" if row.better is None else self.sides[row.better].label
-        pairs = zip(row.values, row.known, strict=True)
-        values: list[tuple[str, ...]] = [(_shown(value, known),) for value, known in pairs]
+        values = [_shown(value, known) for value, known in zip(row.values, row.known, strict=True)]
         if row.group != OWN:
             shares = [format_share(share, 1.0) if share < math.inf else "" for share in row.used]
-            values = [(*value, share) for value, share in zip(values, shares, strict=True)]
-        return row.label, *chain(*values), row.unit, _shown(row.doubt), better
+            values = list(chain(*zip(values, shares, strict=True)))
+        return row.label, *values, row.unit, _shown(row.doubt), better
 
     def tables(self) -> list[Table]:
         """What differs, the metrics group by group, the causes of the ZMP error, and robustness."""
