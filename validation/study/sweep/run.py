@@ -1,7 +1,6 @@
 """A sweep from its definition to a finished folder, in one or several calls."""
 
 import math
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,10 +11,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ampm.compiled import compilation
 from ampm.exceptions import InputError, RefusedGait
 from ampm.planner.step_planners import STEP_PLANNERS
 from validation.progress import Progress
+from validation.run.walk import timed
 from validation.store.environment import parameter_values
 from validation.store.folders import output_file
 from validation.store.json import write_json
@@ -184,17 +183,17 @@ def forecast(
             tasks.append(task_of(definition, run))
     rows = [{"key": task.key, **task.known} for task in tasks if task.known is not None]
     refused = wrap_table(build_table(definition, rows), None, definition.name)
-    seconds = None
+    taken: dict[str, float] = {}
     for task in [task for task in tasks if task.known is None][:_TRIED]:
-        with progress.stage("walk of one run, to time it"), suppress(InputError, RefusedGait):
-            start = time.perf_counter() - compilation.seconds  # which is not needed again
+        trying = progress.stage("walk of one run, to time it")
+        with trying, suppress(InputError, RefusedGait), timed(taken, "walk"):
             walk_request(**task.options)
-            seconds = time.perf_counter() - compilation.seconds - start
             break
     walking = round(planned * (1.0 - len(rows) / len(tasks)))
     kept = 0 if definition.recordings == "none" else min(definition.worst, walking)
     workers = min(workers or cores(), planned)
     rounds = math.ceil(walking / workers) + math.ceil(kept / workers)
     numbers = {"runs": planned, "checked": len(tasks), "walking": walking, "kept": kept, "workers": workers}
+    seconds = taken.get("walk")
     times = {"seconds": seconds, "wall_clock": seconds and seconds * rounds}
     return Forecast(refused, numbers | times)
