@@ -118,7 +118,7 @@ def test_a_folder_that_was_changed_is_neither_read_nor_replayed(folder, tmp_path
 @pytest.mark.parametrize(
     ("name", "change", "words"),
     [
-        ("joints", described(format=5), "format 5, this version reads 7; walk the gait again"),
+        ("joints", described(format=5), "format 5, this version reads 8; walk the gait again"),
         ("joints", described(torque_limit=[1.0]), "is damaged: record: torque_limit has shape"),
         ("joints", described(outcome="fell"), "the record in .* is damaged"),
         ("joints", lambda table: table.replace_schema_metadata(), "no description"),

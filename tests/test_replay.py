@@ -107,7 +107,7 @@ def test_the_header_and_missing_rows_are_noticed(pushed, tmp_path):
 
 def test_a_long_walk_keeps_fewer_signals(tmp_path):
     with patch.object(signals, "MOST_ROWS", 200):
-        folder = make_run(tmp_path / "run", steps=2)
+        folder = make_run(tmp_path / "run", steps=2, settings=(*COARSE, "gait.planner=dcm"))
         np.testing.assert_allclose(np.diff(load_signals(folder / "signals.parquet").time), 0.01)
         assert val.replay(folder).identical
         change = partial(with_column, name="left_force_y", change=last_bit)

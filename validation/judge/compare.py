@@ -32,7 +32,14 @@ from validation.trial.unplanned import heading_velocity, measured_supports
 RUN = "run"
 """The window that is judged: the run without its first step, or all of it if it begins at rest."""
 
-_CAUSES = "com_position", "com_acceleration", "momentum_rate", "vertical_force", "instrument"
+_CAUSES = (
+    "com_position",
+    "com_acceleration",
+    "momentum_rate",
+    "vertical_force",
+    "instrument",
+    "plan_residual",
+)
 PARTS: Mapping[str, str] = MappingProxyType(
     {name: name.replace("com_", "COM ").replace("_", " ") for name in _CAUSES}
 )
@@ -99,6 +106,7 @@ class ZmpErrorSplit:
     - ``momentum_rate``: ``-mean(u) dM_y``
     - ``vertical_force``: ``-mean(N) du``
     - ``instrument``: contact ZMP minus momentum ZMP, which belongs to the measurement and not to the walk
+    - ``plan_residual``: the ZMP ``x - N u`` of the plan's motion and force minus the ZMP that it states
 
     Lateral: F_y for F_x and -M_x for M_y. The split does not depend on an order of the causes.
     """
@@ -323,6 +331,7 @@ def _split_zmp_error(sample: PlanSample, measured: MeasuredGait, rows: Rows) -> 
         "momentum_rate": -mean_u * (moment - moment_plan),
         "vertical_force": -0.5 * total * (u - u_plan),
         "instrument": measured.zmp - measured.zmp_momentum,
+        "plan_residual": sample.com[:, :2] - (z_plan * force_plan + moment_plan) * u_plan - sample.zmp,
     }
     error = measured.zmp - sample.zmp
     for array in parts.values():

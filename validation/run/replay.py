@@ -157,17 +157,15 @@ def _tables(
         raise InputError(f"{RunFile.SIGNALS} is damaged: it should have {count} rows; walk the gait again.")
     held = columns_of({"measured": measured}, every)
     yield RunFile.SIGNALS, {name: stored[name] for name in held}, held
-    if not record.changes:
-        time, names = held["time"], ("sum of zmp_error_x", "sum of zmp_error_y")
-        total, error = (dict(zip(names, item[: len(time)].T, strict=True)) for item in _zmp_error(stored))
-        yield RunFile.SIGNALS, total, {"time": time, **error}
+    time, names = held["time"], ("sum of zmp_error_x", "sum of zmp_error_y")
+    total, error = (dict(zip(names, item[: len(time)].T, strict=True)) for item in _zmp_error(stored))
+    yield RunFile.SIGNALS, total, {"time": time, **error}
 
 
 def _zmp_error(stored: Signals) -> tuple[Array, Array]:
     """The recorded parts of the ZMP error in sum, and what they add up to, shape (N, 2) [m].
 
-    They are given as equal where they agree to rounding. They need not where the plan moved: between two
-    instants of a plan that was kept, ZMP and force go on along lines of their own.
+    They are given as equal where they agree to rounding.
     """
     parts = np.array([stored.vector(f"zmp_error_{part}", "xy") for part in PARTS])
     total, size = parts.sum(axis=0), np.maximum(np.abs(parts).sum(axis=0), 1.0)

@@ -196,7 +196,7 @@ class RunFigures:
         parts, time = np.nan_to_num(parts), self.signals.time[rows]
         for half, labels in ((np.maximum(parts, 0.0), [*CAUSES.values()]), (np.minimum(parts, 0.0), None)):
             tops = np.cumsum(half, axis=0)
-            for k, color in enumerate((*PARTS, FAINT)):  # unlike the grey columns
+            for k, color in enumerate((*PARTS, FAINT, BAD)):  # unlike the grey columns
                 label = labels[k] if labels else ""
                 chart.band(time, tops[k] - half[k], tops[k], color, opacity=1.0, label=label)
         chart.line(time, parts.sum(axis=0), INK, 1.1, label="error")

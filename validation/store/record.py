@@ -28,7 +28,7 @@ from validation.trial.record import CONSTANTS, INTEGERS, SHAPES, STORED, Simulat
 
 RECORD_FILES = (RunFile.JOINTS, RunFile.CONTACTS, RunFile.TICKS)
 
-_FORMAT = 7
+_FORMAT = 8
 _HEADER = b"ampm_record"
 _ROOT_Q = ("root_x", "root_y", "root_z", "root_qw", "root_qx", "root_qy", "root_qz")
 _ROOT_V = ("root_x", "root_y", "root_z", "root_wx", "root_wy", "root_wz")
