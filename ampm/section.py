@@ -9,6 +9,7 @@ import reprlib
 import tomllib
 from collections.abc import Iterable, Mapping
 from importlib.resources.abc import Traversable
+from numbers import Integral
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -28,7 +29,8 @@ def _sizable(value: float) -> float:
 
 
 def _whole(value: Any) -> Any:
-    return int(value) if isinstance(value, float) and value.is_integer() else value
+    whole = isinstance(value, Integral) and not isinstance(value, bool)  # NumPy's, too
+    return int(value) if whole or (isinstance(value, float) and value.is_integer()) else value
 
 
 def _option(value: Any) -> bool | int | float | str:
@@ -104,10 +106,10 @@ def unit_of(field: Any) -> str:
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
     """The known name that resembles a name most, those with the same last part first; None if none does."""
-    known, leaf = tuple(known), name.lower().rpartition(".")[2]
-    same = [other for other in known if other.rpartition(".")[2] == leaf]
-    close = difflib.get_close_matches(name.lower(), same or known, 1, 0.0 if same else 0.7)
-    return close[0] if close else None
+    lower, leaf = {other.lower(): other for other in known}, name.lower().rpartition(".")[2]
+    same = [other for other in lower if other.rpartition(".")[2] == leaf]
+    close = difflib.get_close_matches(name.lower(), same or lower, 1, 0.0 if same else 0.7)
+    return lower[close[0]] if close else None
 
 
 def unknown(name: str, known: Iterable[str], what: str = "key", **details: Any) -> InputError:

@@ -14,6 +14,7 @@ import re
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -133,6 +134,6 @@ def _saved(item: pytest.Item, trials: Sequence[Trial]) -> Iterator[str]:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of libraries that draw
                 trial.save(folder, force=True)
-            yield f"{_title(trial)}: {trial.record.outcome.summary}; ampm view {folder}"
+            yield f"{_title(trial)}: {trial.record.outcome.summary}; ampm view {quote(str(folder))}"
         except Exception as error:  # the test's own failure must be shown all the same
             yield f"{_title(trial)}: cannot be saved ({error})"

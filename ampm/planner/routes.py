@@ -145,7 +145,7 @@ def read_footsteps(path: Path) -> list[dict[str, Any]]:
             raise InputError(f"{path}, line {line}: {error}", **error.details) from None
         rows.append(row)
     if not rows:
-        raise InputError(f"{path} holds no footsteps; a walk takes at least 4.")
+        raise InputError(f"{path} holds no footsteps; a walk takes at least 3.")
     return rows
 
 

@@ -6,6 +6,7 @@ Nothing is shifted, fitted or masked; the first step, which includes the transie
 separately.
 """
 
+import copyreg
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -78,6 +79,15 @@ SIGNALS: Mapping[str, Signal] = MappingProxyType(
     }
 )
 """All components that are compared, by name."""
+
+
+def _read_only(items: Mapping[Any, Any]) -> Mapping[Any, Any]:
+    return MappingProxyType(items)
+
+
+copyreg.pickle(
+    MappingProxyType, lambda view: (_read_only, (dict(view),))
+)  # Python has none, and trials need it
 
 
 @dataclass(frozen=True)

@@ -11,16 +11,16 @@ from ampm.exceptions import InputError
 from ampm.section import unknown
 from validation.measure.log import COLUMNS
 
-UNITS: Mapping[str, float] = {
-    **dict.fromkeys(("s", "m", "m/s", "N", "N m"), 1.0),
-    **dict.fromkeys(("ms", "mm", "N mm"), 1e-3),
-    "us": 1e-6,
-    "ns": 1e-9,
-    "cm": 1e-2,
-    "kN": 1e3,
-    "kgf": 9.80665,
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "speed": {"m/s": 1.0},
+    "momentum": {"N m s": 1.0},
+    "torque": {"N m": 1.0, "N mm": 1e-3},
+    "force": {"N": 1.0, "kN": 1e3, "kgf": 9.80665},
+    "quaternion": {},
+    "": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
 }
-"""Factor to SI by unit."""
+"""Factor to SI by unit, of columns with a word in their name."""
 NAMES = ("time", *chain(*COLUMNS.values()))
 """All columns that a log may have."""
 _SOURCE = re.compile(r"(?P<sign>-?)(?P<column>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?")
@@ -45,11 +45,12 @@ def map_columns(table: Mapping[str, Any], mapping: Mapping[str, str]) -> dict[st
         column = next((key for key in (text, text.removeprefix("-"), column) if key in table), None)
         if column is None:
             raise InputError(f"no column {text!r} for {name}; there are {', '.join(map(str, table))}.")
-        if unit is not None and unit not in UNITS:
-            raise unknown(unit, UNITS, "unit", value=unit)
+        units = next(units for word, units in UNITS.items() if word in name)
+        if unit is not None and unit not in units:
+            raise unknown(unit, units, f"unit of {name}", value=unit)
         sign = -1.0 if parts.get("sign") and column != text else 1.0
         try:
-            found[name] = sign * UNITS[unit or "m"] * np.asarray(table[column], dtype=np.float64)
+            found[name] = sign * units.get(str(unit), 1.0) * np.asarray(table[column], dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise InputError(f"the column {column!r} must be numbers ({error}).") from None
     return found

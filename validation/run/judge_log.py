@@ -119,7 +119,8 @@ def _measured(folder: Path) -> dict[str, Any]:
     signals = load_saved_run(folder).signals.columns
     own = ("time", "command", *(f"{foot}_force" for foot in FEET))
     names = {name: name.removeprefix("measured_") for name in signals if name.startswith(("measured_", *own))}
-    return {new: signals[old] for old, new in names.items()}
+    found = {new: signals[old] for old, new in names.items()}
+    return {name: values for name, values in found.items() if not np.isnan(values).all()}  # of a judged log
 
 
 def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Request:

@@ -6,13 +6,14 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from ampm.body.orbit import solve_motion
 from ampm.compiled import compilation, folder
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import Footstep
-from ampm.planner.routes import as_rows
+from ampm.planner.routes import as_rows, read_footsteps
 from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
 from ampm.walk import ControllerFactory, Planner
@@ -36,7 +37,7 @@ def walk(
     controller: ControllerFactory | str | None = None,
     planner: Planner | str | None = None,
     disturbances: Sequence[Disturbance] = (),
-    footsteps: Sequence[Footstep] | None = None,
+    footsteps: Sequence[Footstep] | str | Path | None = None,
     name: str | None = None,
     progress: Progress | None = None,
 ) -> Trial:
@@ -52,7 +53,7 @@ def walk(
         planner: makes the plan, or a name, see :func:`validation.trial.users.load_planner`; that of the
             run by default.
         disturbances: external forces, such as :class:`validation.Push`, beside those of the run.
-        footsteps: places to walk over from rest to rest, see :func:`ampm.plan_footsteps`.
+        footsteps: places to walk over from rest to rest, see :func:`ampm.plan_footsteps`; or a CSV file.
         name: of the gait, for reports; that of preset or file by default.
         progress: where to report stages.
 
@@ -66,11 +67,15 @@ def walk(
         raise InputError(f"{planner!r} cannot be the planner; give an object of this class.")
     if not isinstance(disturbances, list | tuple):
         raise InputError(f"{disturbances!r} cannot be the disturbances; give a list of them.")
-    if footsteps is not None and not len(footsteps):
-        raise InputError("footsteps is empty; leave it out to walk the gait's own, or give at least 4.")
+    sections: dict[str, Any] = {}
+    if isinstance(footsteps, str | Path):
+        sections = {"footsteps": read_footsteps(Path(footsteps))}
+    elif footsteps is not None:
+        sections = {"footsteps": as_rows(footsteps)}
+        if not sections["footsteps"]:
+            raise InputError("footsteps is empty; leave it out to walk the gait's own, or give at least 3.")
     request = load_request(run if isinstance(run, RunParameters) else str(run))
     names = {"gait.planner": planner, "controller.name": controller}
-    sections = {} if footsteps is None else {"footsteps": as_rows(footsteps)}
     chosen = request.run.replace({k: text for k, text in names.items() if isinstance(text, str)}, **sections)
     factory = controller if callable(controller) else CONTROLLER.find(*CONTROLLER.named(chosen))
     planner = None if isinstance(planner, str) else planner

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
+from ampm.section import unknown
 from validation.store.record import read_table, write_table
 from validation.table import own_rows
 from validation.trial.files import RunFile
@@ -56,6 +57,8 @@ class Signals(Brief):
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in self.columns:
+            if name not in COLUMNS:
+                raise unknown(name, COLUMNS, f"column of {RunFile.SIGNALS}")
             raise InputError(
                 f"{RunFile.SIGNALS} has no column '{name}': the run is of another version; run it again."
             )

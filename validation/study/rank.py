@@ -204,7 +204,8 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
         InputError: there is no such sweep, it does not vary this key, or it has no such error.
     """
     table = sweep if isinstance(sweep, SweepTable) else read_sweep(sweep)
-    key, varied = SHORT.get(by, by), list(table.metadata["varied"])
+    varied = list(table.metadata["varied"])
+    key = SHORT.get(by) or next((key for key in varied if key.rpartition(".")[2] == by), by)
     if key not in varied:
         raise InputError(f"{table.source} does not vary {key!r}; rank by one of {', '.join(varied)}.")
     if ahead not in LEADS or ahead_column(AHEAD[0], ahead) not in table:

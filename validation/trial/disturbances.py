@@ -42,7 +42,7 @@ class Plant:
     def segment(self, segment: str) -> int:
         """Number of a segment in the model; raises InputError if there is no such segment."""
         if segment not in self._segments:
-            raise unknown(segment, self._segments, "segment to push")
+            raise unknown(segment, self._segments, "segment")
         return self._segments[segment]
 
     def position(self, segment: str) -> Array:

@@ -370,6 +370,7 @@ def read_definition(table: Mapping[str, Any], name: str, folder: Path) -> SweepD
 def check_classes(definition: SweepDefinition) -> None:
     """Refuse a controller, planner, estimator or engine that there is not, before anything is walked."""
     first = {key: values[0] for key, values in definition.options.items()}
+    first |= {key: values[0] for key in OPTION_TABLES.values() if (values := definition.values(key))}
     for key in OPTION_TABLES.values():
         for name in definition.values(key):
             users.check_classes(definition.shared[0].replace({**first, key: name}))
