@@ -81,13 +81,12 @@ SIGNALS: Mapping[str, Signal] = MappingProxyType(
 """All components that are compared, by name."""
 
 
-def _read_only(items: Mapping[Any, Any]) -> Mapping[Any, Any]:
+def _read_only(items: Mapping[Any, Any]) -> MappingProxyType[Any, Any]:
     return MappingProxyType(items)
 
 
-copyreg.pickle(
-    MappingProxyType, lambda view: (_read_only, (dict(view),))
-)  # Python has none, and trials need it
+# Python cannot pickle read-only views, and trials have them.
+copyreg.pickle(MappingProxyType, lambda view: (_read_only, (dict(view),)))
 
 
 @dataclass(frozen=True)
