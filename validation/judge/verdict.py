@@ -13,7 +13,7 @@ from ampm.exceptions import InputError
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.judge.built_in import has_qp
 from validation.judge.compare import SIGNALS, Comparison
-from validation.judge.metrics import METRICS, display_unit
+from validation.judge.metrics import METRICS, added_metrics, display_unit
 from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.store.json import json_ready
@@ -195,8 +195,9 @@ def judge(
         return Verdict(VerdictName.NOT_MEASURED, profile.name, ended, tuple(results))
     missing = [name for name in limits if math.isnan(metrics[name])]
     lacking = [name for name in missing if not (is_log and METRICS[name].kind == "instrument")]
+    own = {metric.name for metric in added_metrics()}
     verdict, reason = _conclude(results, lacking, len(limits) - len(missing), is_log=is_log)
-    if verdict is VerdictName.NOT_MEASURED and not is_log:
+    if verdict is VerdictName.NOT_MEASURED and not is_log and not own.issuperset(lacking):
         reason += f" Walk longer {'after the push' if 'recovery_time' in lacking else 'than its first step'}."
     if checks := len(missing) - len(lacking):
         reason += f" {checks} checks of the measurement were not made."
