@@ -9,22 +9,15 @@ from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError, Stu
 from validation.cli.options import Status
 from validation.store.folders import disk_is_full
 
-_STATUSES: tuple[tuple[type[BaseException], Status], ...] = (
-    (KeyboardInterrupt, Status.INTERRUPTED),
-    (typer.Abort, Status.INTERRUPTED),
-    (typer.TyperException, Status.REFUSED),
+_STATUSES: tuple[tuple[type | tuple[type, ...], Status], ...] = (
+    ((KeyboardInterrupt, typer.Abort), Status.INTERRUPTED),
     (StudyStopped, Status.STOPPED),
     (SolverError, Status.NOT_COMPLETED),
-    (AmpmError, Status.REFUSED),
+    ((AmpmError, typer.TyperException), Status.REFUSED),
 )
-"""Exit status by class of error; the first match counts."""
-_KINDS = {
-    Status.REFUSED: "input",
-    Status.NOT_COMPLETED: "solver",
-    Status.STOPPED: "stopped",
-    Status.INTERRUPTED: "interrupted",
-    Status.CRASH: "crash",
-}
+"""Exit status by classes of errors; the first match counts."""
+_KINDS = {Status.REFUSED: "input", Status.NOT_COMPLETED: "solver"}
+"""Kinds of errors that are not named as their exit status."""
 
 
 def describe_error(error: BaseException) -> dict[str, Any]:
@@ -35,13 +28,12 @@ def describe_error(error: BaseException) -> dict[str, Any]:
     and ``way_out``; bad input adds those known of ``key``, ``value``, ``limit``, ``way_out`` and ``nearest``.
     """
     status, message = explain(error)
-    answer: dict[str, Any] = {"kind": _KINDS[status], "message": message}
+    answer: dict[str, Any] = {"kind": _KINDS.get(status, status.name.lower()), "message": message}
     if isinstance(error, RefusedGait):
-        answer["kind"] = error.kind
-        for name in ("reason", "value", "limit", "unit", "way_out"):
-            answer[name] = getattr(error, name)
+        names = ("kind", "reason", "value", "limit", "unit", "way_out")
+        answer |= {name: getattr(error, name) for name in names}
     elif isinstance(error, InputError):
-        answer.update(error.details)
+        answer |= error.details
     return {"error": answer}
 
 
@@ -58,8 +50,7 @@ def explain(error: BaseException) -> tuple[Status, str]:
     elif disk_is_full(error):
         status, text = Status.STOPPED, f"the disk is full ({text}); free space, or give another disk"
     elif isinstance(error, OSError) and error.filename is not None:
-        status = Status.REFUSED
-        text = f"{error.filename}: {error.strerror}; give another file or folder"
+        status, text = Status.REFUSED, f"{error.filename}: {error.strerror}; give another file or folder"
     elif isinstance(error, FileNotFoundError):
         status, text = Status.REFUSED, "the working directory was removed; change to another one"
     elif "MUJOCO_GL" in text:  # MuJoCo's own refusal, when it is imported
