@@ -87,8 +87,12 @@ class Table:
         """Table and notes in Markdown, without the title and without a line break at the end."""
         marks = ["---:" if self.is_right(column) else "---" for column in range(len(self.columns))]
         body = [[f"**{row[0]}**", *row[1:]] if is_heading(row) else row for row in self.rows]
-        lines = [_markdown_row(cells) for cells in (self.headers, marks, *body)]
+        rows = (self.headers, marks, *body)
+        escaped = [[cell.replace("|", "\\|").replace("\n", " ") for cell in row] for row in rows]
+        lines = [f"| {' | '.join(row)} |" for row in escaped]
         return "\n".join(lines) + "".join(f"\n\n{note}" for note in self.notes)
+
+    __str__ = markdown
 
     def csv(self) -> str:
         """Table and notes as CSV."""
@@ -117,10 +121,6 @@ class Table:
             r"\end{table*}",
         ]
         return "\n".join([*lines, ""])
-
-    def __str__(self) -> str:
-        """As :meth:`markdown`."""
-        return self.markdown()
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Title, table and notes for a terminal; empty without rows and notes."""
@@ -281,8 +281,3 @@ def print_tables(tables: Iterable[Table]) -> None:
         console.width = max(console.width, _FILE_WIDTH)
     for table in tables:
         console.print(table)
-
-
-def _markdown_row(cells: Sequence[str]) -> str:
-    escaped = (cell.replace("|", "\\|").replace("\n", " ") for cell in cells)
-    return f"| {' | '.join(escaped)} |"
