@@ -18,19 +18,13 @@ class Interruption:
     """Flag that a signal sets.
 
     Attributes:
-        count: signals so far.
-        answered: number of handled signals.
+        pending: number of signals that are not handled.
         holding: whether the first signal is deferred until the present work is done; a second one interrupts.
     """
 
     def __init__(self) -> None:
-        self.count = self.answered = 0
+        self.pending = 0
         self.holding = False
-
-    @property
-    def pending(self) -> bool:
-        """Whether a signal came that is not handled."""
-        return self.count > self.answered
 
     def install(self) -> None:
         """Handle Ctrl-C and a termination signal from now on."""
@@ -38,8 +32,8 @@ class Interruption:
             signal.signal(number, self._receive)
 
     def _receive(self, number: int, frame: object) -> None:
-        self.count += 1
-        if self.holding and self.count - self.answered == 1:
+        self.pending += 1
+        if self.holding and self.pending == 1:
             return
         raise KeyboardInterrupt
 
@@ -50,7 +44,7 @@ class Interruption:
 
     def acknowledge(self) -> None:
         """Count all signals so far as handled: an interrupted walk records it itself."""
-        self.answered = self.count
+        self.pending = 0
 
 
 interruption = Interruption()
