@@ -120,16 +120,6 @@ def read_mapping(texts: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def _command(text: str | None) -> list[str]:
-    """Settings of a commanded velocity."""
-    if text is None:
-        return []
-    parts = text.split(",")
-    if len(parts) != 3:
-        raise InputError(f"--command {text} must be three numbers VX,VY,WZ, for example 0.5,0,0.")
-    return [f"command.{key}={part}" for key, part in zip(("vx", "vy", "wz"), parts, strict=True)]
-
-
 # ------------------------------------------------------------------------------------- groups of options
 
 
@@ -159,7 +149,15 @@ class WalkOptions:
     def changes(self, steps: int | None = None) -> list[str]:
         """All but ``as_is`` as ``key=value`` texts."""
         short = {name: getattr(self, name) for name in ("body", "planner", "controller", "engine")}
-        return [*with_short(self.settings, steps=steps, **short), *_command(self.command)]
+        found = with_short(self.settings, steps=steps, **short)
+        if self.command is not None:
+            parts = self.command.split(",")
+            if len(parts) != 3:
+                raise InputError(
+                    f"--command {self.command} must be three numbers VX,VY,WZ, for example 0.5,0,0."
+                )
+            found += [f"command.{key}={part}" for key, part in zip(("vx", "vy", "wz"), parts, strict=True)]
+        return found
 
     def request(self, gait: str | None, steps: int | None = None, **more: Any) -> Request:
         """A gait with these changes; further arguments as in :func:`validation.trial.plan.load_request`."""
