@@ -89,7 +89,6 @@ def _call(arguments: Sequence[str], commands: typer.Typer) -> int:
     except typer.Exit as end:
         return end.exit_code
     except BrokenPipeError:
-        close_output()
         return Status.BROKEN_PIPE
     except (Exception, KeyboardInterrupt) as caught:
         error: BaseException = caught
