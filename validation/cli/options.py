@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from enum import IntEnum
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -295,12 +295,9 @@ def grouped(command: Callable[..., int]) -> Callable[..., int]:
     taken: list[inspect.Parameter] = []
     for parameter in inspect.signature(command, eval_str=True).parameters.values():
         kind = parameter.annotation
-        if is_dataclass(kind):
-            groups[parameter.name], hints = kind, get_type_hints(kind, include_extras=True)
-            taken += [
-                parameter.replace(name=field.name, default=field.default, annotation=hints[field.name])
-                for field in fields(kind)
-            ]
+        if is_dataclass(parameter.annotation):
+            groups[parameter.name] = kind
+            taken += inspect.signature(kind, eval_str=True).parameters.values()
         else:
             taken.append(parameter)
 
