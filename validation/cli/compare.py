@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-_CHOICES = ("planner", "body", "controller", "engine")
 _ONCE = "Once for all walks, or once for each."
 
 
@@ -73,7 +72,7 @@ def compare(
     from validation.study.sweep.table import is_sweep
 
     folder = study_folder({"out": execution.out, "resume": execution.resume})
-    choices = {options.SHORT[name]: values for name in _CHOICES if (values := getattr(each, name))}
+    choices = {key: values for name, key in options.SHORT.items() if (values := vars(each).get(name))}
     walks, studies, survived = walks or [], each.uncertainty or (), each.robustness or ()
     done = [text for text in walks if names_folder(text)]
     sweeps = [text for text in done if is_sweep(Path(text))]

@@ -85,11 +85,11 @@ JSON: Any = option("--json", "Print JSON, and nothing else, on stdout.")
 
 
 SHORT = {
-    "body": "body.source",
-    "steps": "gait.steps",
     "planner": "gait.planner",
+    "body": "body.source",
     "controller": "controller.name",
     "engine": "simulation.engine",
+    "steps": "gait.steps",
 }
 """Options that are short for a key."""
 
@@ -148,7 +148,7 @@ class WalkOptions:
 
     def changes(self, steps: int | None = None) -> list[str]:
         """All but ``as_is`` as ``key=value`` texts."""
-        short = {name: getattr(self, name) for name in ("body", "planner", "controller", "engine")}
+        short = {name: value for name, value in vars(self).items() if name in SHORT}
         found = with_short(self.settings, steps=steps, **short)
         if self.command is not None:
             parts = self.command.split(",")
