@@ -108,6 +108,5 @@ def print_json(value: Any) -> None:
 
 def print_line(text: str | Text = "", style: str = "") -> None:
     """Print one line on stdout, unwrapped and unchanged."""
-    Console(file=results(), highlight=False, soft_wrap=True).print(
-        Text(text) if isinstance(text, str) else text, style=style
-    )
+    console = Console(file=results(), highlight=False, markup=False, emoji=False, soft_wrap=True)
+    console.print(text, style=style)
