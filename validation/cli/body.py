@@ -29,9 +29,8 @@ def list_bodies(as_json: bool = JSON) -> int:
     from ampm.parameters import HUMAN
     from models.source import body_path, known_bodies, read_body_file
 
-    robots = [name for name in known_bodies() if name != HUMAN]
     sources = {HUMAN: "models/human.xml, scaled"}
-    sources |= {name: read_body_file(body_path(name)).source for name in robots}
+    sources |= {name: read_body_file(body_path(name)).source for name in known_bodies() if name != HUMAN}
     if as_json:
         print_json(sources)
     else:

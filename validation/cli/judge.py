@@ -14,11 +14,6 @@ from validation.cli.validate import print_result, status_of
 
 app = typer.Typer()
 
-EPILOG = (
-    "Exit status: 0 pass, 1 out of tolerance, 2 bad input or refused, 4 crash of ampm itself, 6 pass on all "
-    "that was measured, but not on all limits, 130 interrupted."
-)
-
 
 @dataclass(frozen=True)
 class Comparing:
@@ -42,7 +37,11 @@ class Comparing:
     strides: bool = option("--strides", "Compare the mean stride with that of a periodic plan.")
 
 
-@app.command(rich_help_panel=options.CHECK, epilog=EPILOG)
+@app.command(
+    rich_help_panel=options.CHECK,
+    epilog="Exit status: 0 pass, 1 out of tolerance, 2 bad input or refused, 4 crash of ampm itself, 6 pass "
+    "on all that was measured, but not on all limits, 130 interrupted.",
+)
 @grouped
 def judge(
     log: Path = typer.Argument(..., help="Table of measured signals, or the folder of a run.", metavar="LOG"),

@@ -59,7 +59,6 @@ _PRESETS = ", ".join(preset_names())
 
 GAIT: Any = typer.Argument(None, help=f"Preset ({_PRESETS}) or TOML file; normal if none.", metavar="GAIT")
 GAITS: Any = typer.Argument(None, help=f"Presets ({_PRESETS}) or TOML files; normal if none.", metavar="GAIT")
-RUN_FOLDER: Any = typer.Argument(..., help="Folder of a run.", metavar="DIR")
 SETTINGS: Any = option("--set", "Change one parameter, e.g. gait.c_s=1.2; see 'ampm keys'.", "KEY=VALUE")
 AS_IS: Any = option("--as-is", "Take open values from the preset or the defaults; find none.")
 BODY: Any = option(

@@ -35,20 +35,19 @@ def sweep(
     this machine or a cluster; every finished one is on the disk at once. After a kill, a full disk or Ctrl-C,
     --resume walks only what is missing, and the table is the same to the bit.
     """
-    from validation.study.sweep.run import forecast  # loads simulator and measurement
-    from validation.study.sweep.run import sweep as walk_sweep
+    from validation.study.sweep import run  # loads simulator and measurement
     from validation.study.sweep.table import RunState
 
     options.load_metrics(metric)
     if dry_run:
         from validation.study.sweep.design import load_sweep
 
-        expected = forecast(load_sweep(file), execution.workers, progress=Narrator())
+        expected = run.forecast(load_sweep(file), execution.workers, progress=Narrator())
         execution.answer(expected)
         return Status.PASS if expected.found["walking"] else Status.REFUSED
     if execution.out is None:
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
-    found = walk_sweep(file, **execution.given())
+    found = run.sweep(file, **execution.given())
     execution.answer(found)
     ended, crashed = set(found.states), found.is_state(RunState.CRASHED)
     if {*compress(found.words("reason"), crashed)} - {"UsersError"}:  # errors of our own

@@ -104,16 +104,14 @@ def validate(
 
 def status_of(summary: Mapping[str, Any]) -> Status:
     """Exit status of one finished run."""
-    if summary["outcome"] == "interrupted":
-        return Status.INTERRUPTED
     if summary["outcome"] != "completed":
-        return Status.NOT_COMPLETED
+        return Status.INTERRUPTED if summary["outcome"] == "interrupted" else Status.NOT_COMPLETED
     statuses = {"pass": Status.PASS, "partial": Status.PARTIAL}
     return statuses.get(summary["verdict"], Status.OUT_OF_TOLERANCE)
 
 
 @app.command(rich_help_panel=options.CHECK)
-def replay(directory: Path = options.RUN_FOLDER) -> int:
+def replay(directory: Path = typer.Argument(..., help="Folder of a run.", metavar="DIR")) -> int:
     """Repeat a run from its recorded torques, to the bit.
 
     The engine steps again from the recorded start, without the controller. Every bit of states, contacts and
