@@ -5,7 +5,6 @@ Keys are namespaced (``gait.step_length``); :mod:`ampm.run_file` reads and write
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from functools import cache
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, model_validator
@@ -391,7 +390,7 @@ class RunParameters(Section):
 
     def as_is(self) -> "RunParameters":
         """The same values, all of which count as given: nothing is left to be found."""
-        return self.giving(keys())
+        return self.giving(KEYS)
 
     def giving(self, given: Iterable[str]) -> "RunParameters":
         """The same values, of which these keys count as given; options always do."""
@@ -407,7 +406,7 @@ class RunParameters(Section):
     @classmethod
     def known_keys(cls) -> list[str]:
         """Sections, and all namespaced keys."""
-        return [*cls.model_fields, *keys()]
+        return [*cls.model_fields, *KEYS]
 
 
 SECTIONS: Mapping[str, type[Section]] = {
@@ -426,12 +425,8 @@ FIELDS: Mapping[str, Any] = {
 """Fields by namespaced key in the order of the file: meaning, unit, default and bounds."""
 OPEN_KEYS = tuple(key for key, field in FIELDS.items() if OPEN in field.metadata)
 """Keys that a gait may leave open, to be found for the rest."""
-
-
-@cache
-def keys() -> tuple[str, ...]:
-    """All namespaced keys, in the order of the file, without the options of users' classes."""
-    return tuple(key for key in FIELDS if key not in OPTION_TABLES)
+KEYS = tuple(key for key in FIELDS if key not in OPTION_TABLES)
+"""All namespaced keys, in the order of the file, without the options of users' classes."""
 
 
 def drop_options(table: dict[str, Any], changes: Mapping[str, Any]) -> None:
@@ -462,7 +457,7 @@ def field_of(key: str) -> Any:
     """
     table = key.rpartition(".")[0] if is_option(key) else key
     if table not in FIELDS:
-        raise unknown(key, keys())
+        raise unknown(key, KEYS)
     return FIELDS[table]
 
 

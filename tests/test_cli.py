@@ -10,7 +10,7 @@ import pytest
 
 from ampm import __version__
 from ampm.exceptions import InputError, SolverError
-from ampm.parameters import OPTION_TABLES, keys
+from ampm.parameters import KEYS, OPTION_TABLES
 from validation.cli.app import Status
 from validation.show.viewer import viewer_command
 
@@ -33,7 +33,7 @@ def test_keys_by_section_by_word_and_by_both(ampm):
     facts = [height[name] for name in ("unit", "bounds", "default", "value")]
     assert facts == ["m", "> 0, <= 100", 0.865, 0.8]
 
-    every = list(keys())
+    every = list(KEYS)
     assert [key for key in found() if key not in OPTION_TABLES] == every
     assert set(OPTION_TABLES) < set(found())
     assert found("gait") == [key for key in every if key.startswith("gait.")]

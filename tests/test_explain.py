@@ -7,7 +7,7 @@ import pytest
 import ampm as planner
 import validation as val
 from ampm.exceptions import InputError
-from ampm.parameters import OPTION_TABLES, SECTIONS, keys
+from ampm.parameters import KEYS, OPTION_TABLES, SECTIONS
 from validation.study.explain import CHANGES, Case, answer, possible
 from validation.trial.files import RunFile
 from validation.trial.plan import load_request
@@ -33,7 +33,7 @@ FAILED, PASSED = row(excess=2.0, tightest=3.0), row(passed=True)
 
 
 def test_the_rows_of_the_file_are_keys_and_what_is_ideal_is_not_walked():
-    known = {*keys(), *SECTIONS, *OPTION_TABLES}
+    known = {*KEYS, *SECTIONS, *OPTION_TABLES}
     assert all(set(change.keys.split()) <= known for change in CHANGES)
     usual = tried(case())
     assert not usual & {"sensing", "motors", "body", "floor", "pushes", "planner"}

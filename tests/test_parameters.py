@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ampm.exceptions import InputError
-from ampm.parameters import GaitParameters, RunParameters, keys
+from ampm.parameters import KEYS, GaitParameters, RunParameters
 from ampm.physics_parameters import ContactParameters
 from ampm.run_file import dump_run, key_info, load_run
 
@@ -44,7 +44,7 @@ def test_files_that_a_file_names_are_beside_it(tmp_path):
 
 
 def test_every_key_is_described():
-    found = {key: key_info(key) for key in keys()}
+    found = {key: key_info(key) for key in KEYS}
     assert all(info.meaning and info.unit for info in found.values())
     step, schedule = found["gait.step_length"], found["foot.schedule"]
     assert (step.unit, step.default, step.kind, step.range) == ("m", 0.6, "float", "> 0, <= 100")

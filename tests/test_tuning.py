@@ -12,7 +12,7 @@ import pytest
 
 from ampm.body.limits import LIMITS
 from ampm.exceptions import RefusedGait
-from ampm.parameters import OPEN_KEYS, keys
+from ampm.parameters import KEYS, OPEN_KEYS
 from ampm.planner.support import plan_steps
 from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
@@ -175,7 +175,7 @@ def test_what_is_named_stays():
 
 def test_an_infeasible_gait_is_refused_with_the_limit_and_the_best_that_was_found():
     run, robot = body_of("gait.com_height=0.8", "gait.steps=2")  # the ankle bends too far
-    run = run.giving(set(keys()) - {"body.lean", "foot.swing_lag"})
+    run = run.giving(set(KEYS) - {"body.lean", "foot.swing_lag"})
     with pytest.raises(NoFeasibleChoice, match=r"none in \d+ choices .* ankle") as refusal:
         tune(run, robot)
     error = refusal.value

@@ -16,7 +16,7 @@ from typing import Any, Unpack
 from xml.etree import ElementTree
 
 from ampm.exceptions import InputError
-from ampm.parameters import FIELDS, NO_PLAN, OPEN_KEYS, RunParameters, keys
+from ampm.parameters import FIELDS, KEYS, NO_PLAN, OPEN_KEYS, RunParameters
 from validation.judge import profiles
 from validation.judge.margins import SATURATED
 from validation.run.walk import walk_planned
@@ -59,7 +59,7 @@ class Change:
         changed = [key for key in FIELDS if key in wanted or key.partition(".")[0] in wanted]
         if self.value == "another":  # the project's controller with its settings for the body, else tighter
             usual = load_request(None, body=run.body.source).run
-            values = {key: usual.value(key) for key in keys() if key.startswith("controller.")}
+            values = {key: usual.value(key) for key in KEYS if key.startswith("controller.")}
             values |= {"controller.frequency": run.controller.frequency, "controller.options": {}}
             if any(run.value(key) != value for key, value in values.items()):
                 return values

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ampm.exceptions import InputError
-from ampm.parameters import HUMAN, OPTION_TABLES, RunParameters, is_option, keys
+from ampm.parameters import HUMAN, KEYS, OPTION_TABLES, RunParameters, is_option
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, load_run
 from ampm.section import Option, Real, Section, read_toml, toml_text, unknown
@@ -403,8 +403,8 @@ def _block(table: Mapping[str, Any]) -> Block:
 
 def _values(key: str, value: Any) -> Range | tuple[Option, ...]:
     """Values of one key of a block."""
-    if key not in keys() and not is_option(key):
-        raise unknown(key, [*keys(), "method", "count"])
+    if key not in KEYS and not is_option(key):
+        raise unknown(key, [*KEYS, "method", "count"])
     info = key_info(key)
     if isinstance(value, dict):
         if info.kind == "text":
@@ -473,7 +473,7 @@ def dump_sweep(definition: SweepDefinition) -> str:
     if not set(gaits) <= set(PRESETS) or definition.base != tuple(map(load_run, gaits)):
         table["base"] = []
         for run in definition.base:  # what is given, and what differs from the defaults
-            kept = run.given | {key for key in keys() if run.value(key) != key_info(key).default}
+            kept = run.given | {key for key in KEYS if run.value(key) != key_info(key).default}
             sections = run.giving(kept).model_dump(exclude_unset=True)
             table["base"].append({name: section for name, section in sections.items() if section})
     return tomli_w.dumps(table)

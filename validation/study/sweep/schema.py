@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 import pyarrow as pa
 
-from ampm.parameters import keys
+from ampm.parameters import KEYS
 from ampm.planner.centroidal import PlanConstants
 from ampm.run_file import key_info
 from ampm.section import Option
@@ -50,7 +50,7 @@ def columns(options: Options = MappingProxyType({})) -> tuple[Column, ...]:
     own: dict[str, list[Column]] = {"run": [], "walk": [], "cost": []}
     for row in own_rows("study/sweep/columns.csv"):
         own[row.pop("place")].append(Column(**row))  # type: ignore[arg-type]
-    inputs = ((item, _KINDS[item.kind]) for item in map(key_info, keys()))
+    inputs = ((item, _KINDS[item.kind]) for item in map(key_info, KEYS))
     constants = ((f"plan_{item.name}", item.metadata) for item in fields(PlanConstants))
     ahead = ((name, lead, METRICS[f"{name}_rmse"].label) for lead in LEADS for name in AHEAD)
     return (
