@@ -236,7 +236,7 @@ class Workers:
         from distributed.scheduler import KilledWorker  # slow to load
 
         try:
-            row: Row = future.result()
+            return future.result()
         except KilledWorker:
             cause = "the worker's process died in every attempt"
             return {"outcome": "crashed", "reason": "worker_died", "cause": cause}
@@ -249,7 +249,6 @@ class Workers:
                 f"a worker could not take a run ({type(error).__name__}: {error})",
                 "install this version of ampm on every worker",
             ) from error
-        return row
 
 
 @contextmanager

@@ -42,7 +42,13 @@ class RowFile:
         self._file = (folder / ROWS).open("a+b", buffering=0)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self._read(folder / ROWS)
+            for start, length, row in _lines(folder / ROWS):
+                if row is None:
+                    self._file.truncate(start)
+                elif row.get("outcome") in UNFINISHED:
+                    self._lines.pop((row["key"], row["digest"]), None)
+                else:
+                    self._lines[row["key"], row["digest"]] = start, length
         except BlockingIOError:
             self._file.close()
             raise InputError(f"another program is writing {folder}; wait until it has ended.") from None
@@ -50,23 +56,13 @@ class RowFile:
             self._file.close()
             raise
 
-    def _read(self, path: Path) -> None:
-        for start, length, row in _lines(path):
-            if row is None:
-                self._file.truncate(start)
-            elif row.get("outcome") in UNFINISHED:
-                self._lines.pop((row["key"], row["digest"]), None)
-            else:
-                self._lines[row["key"], row["digest"]] = start, length
-
     def get(self, key: str, digest: str) -> Row | None:
         """The row of a task, None if it has not finished."""
         if (key, digest) not in self._lines:
             return None
         start, length = self._lines[key, digest]
         self._file.seek(start)
-        row: Row = json.loads(self._file.read(length))
-        return row
+        return json.loads(self._file.read(length))
 
     def append(self, row: Row) -> None:
         """Add a row. It survives a kill when this returns, and a power cut a second later.

@@ -77,5 +77,4 @@ def load_robustness(path: Path) -> Robustness:
         InputError: there is no such file, or it is damaged.
     """
     file = path / RESULT if path.is_dir() else path
-    found: Robustness = read_json(file, Robustness, f"give a {RESULT} of 'ampm robustness --out'")[1]
-    return found
+    return read_json(file, Robustness, f"give a {RESULT} of 'ampm robustness --out'")[1]
