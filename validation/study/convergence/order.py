@@ -82,10 +82,9 @@ def estimate(levels: Iterable[float], ratio: float, *, forbidden: bool = False) 
     """
     values = [float(value) for value in levels]
     orders = observed_orders(values, ratio)
-    if math.isnan(values[0]):
-        return Estimate(Kind.UNKNOWN, orders, math.nan, math.nan)
-    if not all(math.isfinite(value) for value in values):
-        return Estimate(Kind.UNKNOWN, orders, math.inf, math.inf)
+    if not all(map(math.isfinite, values)):
+        unknown = math.nan if math.isnan(values[0]) else math.inf
+        return Estimate(Kind.UNKNOWN, orders, unknown, unknown)
     spread = max(values) - min(values)
     if spread <= _ROUNDING * max(abs(value) for value in values):
         return Estimate(Kind.CONSTANT, orders, spread, spread)
