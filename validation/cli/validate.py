@@ -195,14 +195,12 @@ def print_result(summary: Mapping[str, Any], folder: Path) -> None:
 
     print_tables([metric_table(summary), cost_table(summary)])
     failed = status_of(summary) in (Status.OUT_OF_TOLERANCE, Status.NOT_COMPLETED) and "log" not in summary
-    why = f" ampm explain {quote(str(folder))} says why." if failed else ""
+    here = quote(str(folder))
+    why = f" ampm explain {here} says why." if failed else ""
     word = f"{summary_title(summary)}: {summary['verdict'].replace('_', ' ').upper()}"
     color = COLORS.get(summary["verdict"], "yellow")
     print_line(Text.assemble((word, f"bold {color}"), f"  {summary['reason']}{why}"))
-    for file, what in (
-        ("recording.rrd", f"ampm view {quote(str(folder))}"),
-        ("report.html", "open in a browser"),
-    ):
+    for file, what in (("recording.rrd", f"ampm view {here}"), ("report.html", "open in a browser")):
         if (folder / file).is_file():
             print_line(f"  {folder / file}  ({what})")
     print_line()

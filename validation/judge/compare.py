@@ -33,14 +33,7 @@ from validation.trial.unplanned import heading_velocity, measured_supports
 RUN = "run"
 """The window that is judged: the run without its first step, or all of it if it begins at rest."""
 
-_CAUSES = (
-    "com_position",
-    "com_acceleration",
-    "momentum_rate",
-    "vertical_force",
-    "instrument",
-    "plan_residual",
-)
+_CAUSES = "com_position com_acceleration momentum_rate vertical_force instrument plan_residual".split()
 PARTS: Mapping[str, str] = MappingProxyType(
     {name: name.replace("com_", "COM ").replace("_", " ") for name in _CAUSES}
 )
