@@ -33,9 +33,12 @@ from validation.trial.unplanned import heading_velocity, measured_supports
 RUN = "run"
 """The window that is judged: the run without its first step, or all of it if it begins at rest."""
 
-_CAUSES = "com_position com_acceleration momentum_rate vertical_force instrument plan_residual".split()
+_CAUSES = "com_position", "com_acceleration", "momentum_rate", "vertical_force"
 PARTS: Mapping[str, str] = MappingProxyType(
-    {name: name.replace("com_", "COM ").replace("_", " ") for name in _CAUSES}
+    {
+        name: name.replace("com_", "COM ").replace("_", " ")
+        for name in (*_CAUSES, "instrument", "plan_residual")
+    }
 )
 """Parts of the ZMP error, and their labels; see :class:`ZmpErrorSplit`."""
 
