@@ -12,7 +12,7 @@ from ampm.geometry import Array
 from validation.judge.metrics import METRICS
 from validation.show.chart import DASHED, Picture, new_charts, numbered
 from validation.show.style import BAD, INK, PARTS
-from validation.study.sweep.table import REPORT, RunState, SweepTable
+from validation.study.sweep.table import RunState, SweepTable
 from validation.table import short_unit
 
 Groups = Mapping[str, tuple[NDArray[np.bool_], str]]
@@ -46,14 +46,6 @@ def texts(sweep: SweepTable) -> dict[str, list[str]]:
     """Distinct values of the varied parameters with texts."""
     values = {key: sweep.values(key) for key in sweep.varied}
     return {key: np.unique(found).tolist() for key, found in values.items() if found.dtype.kind == "U"}
-
-
-def links_of(sweep: SweepTable) -> dict[int, str]:
-    """Row to the address of its report, relative to the page, of every kept run."""
-    if sweep.directory is None:
-        return {}
-    addresses = {row: f"{name}/{REPORT}" for row, name in enumerate(sweep.words("recording")) if name}
-    return {row: address for row, address in addresses.items() if (sweep.directory / address).is_file()}
 
 
 def draw_sweep(sweep: SweepTable) -> list[Picture]:

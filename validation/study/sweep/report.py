@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from validation.show.page import render_page
 from validation.show.paper import Citation, cite
 from validation.store.folders import output_file
-from validation.study.sweep.figures import MOST_POINTS, draw_sweep, links_of, texts
+from validation.study.sweep.figures import MOST_POINTS, draw_sweep, texts
 from validation.study.sweep.table import BROKEN, REPORT, RESULTS, RunState, SweepTable, read_sweep
 from validation.table import Table, format_number, format_value, short_unit
 
@@ -61,10 +61,12 @@ def cite_sweep(sweep: SweepTable) -> Citation:
 
 def worst_runs(sweep: SweepTable) -> Table:
     """The worst runs, with links to the reports of those that are kept."""
-    links, names, gaits = links_of(sweep), sweep.words("name"), sweep.words("gait")
+    names, gaits, kept = map(sweep.words, ("name", "gait", "recording"))
     rows, link = [], Markup('<a href="{}">{}</a>')
     for row in sweep.worst[:WORST]:
-        name = link.format(links[row], names[row]) if row in links else names[row]
+        name, address = names[row], f"{kept[row]}/{REPORT}"  # relative to the page
+        if sweep.directory is not None and kept[row] and (sweep.directory / address).is_file():
+            name = link.format(address, name)
         values = {"gait": gaits[row]} if len(set(gaits)) > 1 else {}
         values |= {key: sweep.table.column(key)[row].as_py() for key in sweep.metadata["varied"]}
         parameters = ", ".join(f"{key} {format_value(value)}" for key, value in values.items())
