@@ -123,11 +123,10 @@ class SweepTable(Tabled):
         """Rows in one of these states, shape (N,)."""
         return np.array([state in states for state in self.states], dtype=bool)
 
-    @property
-    def counts(self) -> Mapping[RunState, int]:
-        """Runs in every state, zeros included."""
-        counted = Counter(self.states)
-        return {state: counted[state] for state in RunState}
+    @cached_property
+    def counts(self) -> Counter[RunState]:
+        """Runs in every state."""
+        return Counter(self.states)
 
     @cached_property
     def measured(self) -> NDArray[np.bool_]:
@@ -263,7 +262,7 @@ class SweepTable(Tabled):
             "name": self.name,
             "profile": self.metadata["profile"],
             "runs": self.planned,
-            "states": {state.value: count for state, count in self.counts.items() if count},
+            "states": {state.value: self.counts[state] for state in RunState if state in self.counts},
             "refusals": refused,
             "failed": dict(failed.most_common()),
             "unfinished": broken + self.planned - len(self),
