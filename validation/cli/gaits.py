@@ -93,13 +93,13 @@ def plan(
     walked = None if no_body else plan_walk(request, narrator)
     planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walked is None else walked.plan
     times = None if files.samples is None else sample_times(planned.duration, files.rate)
-    margin = None
+    margin = tuned = posture = None
     if walked is not None:
+        request, tuned, posture = walked.request, walked.tuned, walked.plan.posture
         with narrator.stage(f"{request.name}: ZMP margin"):
             margin = walked.plan.least_zmp_margin()
-    request = request if walked is None else walked.request
     if files.save is not None:
-        notes = [request.title, *(() if walked is None or walked.tuned is None else _margins(walked.tuned))]
+        notes = [request.title, *(() if tuned is None else _margins(tuned))]
         with output_file(files.save, force=files.force) as work:
             lines = "".join(f"# {note}\n" for note in notes)
             work.write_text(lines + dump_run(request.run), encoding="utf-8")
@@ -115,7 +115,6 @@ def plan(
         title = f"plan of {request.title}" + (f" over {length.footsteps.name}" if length.footsteps else "")
         plot_plan(planned, files.plot, title=title)
     if as_json:
-        tuned, posture = (None, None) if walked is None else (walked.tuned, walked.plan.posture)
         described = {
             "gait": request.name,
             "parameters": request.run.model_dump(),
