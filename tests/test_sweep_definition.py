@@ -10,7 +10,7 @@ import tomli_w
 from ampm.parameters import RunParameters
 from ampm.run_file import leaves_open, load_run
 from tests.sweep_table import parse_sweep
-from validation.study.sweep.design import dump_sweep, load_sweep
+from validation.study.sweep.design import check_classes, dump_sweep, load_sweep
 
 DOCS = Path(__file__).parents[1] / "docs"
 EXAMPLES = [DOCS / "examples" / f"{name}.toml" for name in ("gate", "unseen")]
@@ -144,6 +144,8 @@ def test_options_behind_a_name_are_of_one_planner_alone(tmp_path, monkeypatch):
     own += "    def __init__(self, roll=1.0):\n        super().__init__()\n"
     (tmp_path / "rolling.py").write_text(own, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
+    soft = 'controller.name = ["tests.test_options:Soft"]\ncontroller.options.gain = [0.5, 2.0]'
+    check_classes(parse_sweep(GRID + soft))  # also while another role's classes are checked
     planners = '["ampm", { name = "rolling:Own", roll = 0.09 }, "rolling:Own,roll=2"]'
     sweep = parse_sweep(f"{GRID}gait.planner = {planners}")
     runs = [sweep.parameters(run) for run in range(3)]

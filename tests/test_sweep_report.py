@@ -127,9 +127,8 @@ def test_only_links_beside_the_page(name, tmp_path):
     table = replaced(make_table(5, failures=False), "recording", [name] + [None] * 4)
     (tmp_path / "sweep.toml").touch()
     pq.write_table(table, tmp_path / "results.parquet")
-    found = worst_runs(read_sweep(tmp_path))
-    assert len(found.rows) == 5
-    assert "href" not in str(found.rows)
+    assert len(rows := worst_runs(read_sweep(tmp_path)).rows) == 5
+    assert "href" not in str(rows)
 
 
 def test_text_is_escaped(html):
