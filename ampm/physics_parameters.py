@@ -15,6 +15,10 @@ class ContactParameters(Section, section="contact"):
     impedance_width: Real = parameter(0.001, "penetration over which the impedance rises", "m", gt=0, le=0.1)
     friction: Real = parameter(0.8, "sliding friction of soles and floor", gt=0, le=10)
     impratio: Real = parameter(10.0, "ratio of frictional to normal impedance", gt=0, le=1000)
+    acceleration: Literal["partial", "full"] = parameter(
+        "partial",
+        "acceleration of sole points that contacts count: partial as in MuJoCo, or full",
+    )
 
 
 class DrakeParameters(Section, section="drake"):

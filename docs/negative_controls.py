@@ -265,7 +265,8 @@ def summary(rows: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
         return name, passes, "", ""
     *_, outcome, steps, _, _, _, says = row = rows[failed]
     if outcome == "refused":
-        said = f"refused: {says.partition(':')[0]}"
+        said = says.removeprefix("the planner FalsePlanner failed (ValueError: ")
+        said = f"refused: {said.partition(':')[0].partition(', more')[0]}"
     elif outcome == "fell":
         said = f"fell after {steps} steps"
     else:

@@ -5,7 +5,7 @@
 Half a minute for a gait. Plan, feet and limits are those of the search; its inverse kinematics is not used.
 Free are all joints at the nodes of one step, whose end mirrors its start, and timing, heights and angles
 of the feet. Pinocchio gives inverse dynamics and derivatives; Gauss and Newton (Levenberg, Marquardt)
-minimise the squares of all violations over their tolerances. ``walks`` means that none is above its
+minimise the squares of all violations over their tolerances. ``motion found`` means that none is above its
 tolerance, at the nodes. ``none found`` proves nothing, as the problem is not convex.
 """
 
@@ -465,10 +465,17 @@ def main() -> None:
                 row = name, number, "proved", error.args[0], "", "", f"{time.process_time() - begun:.0f}", ""
             else:
                 what = max(violated, key=lambda item: violated[item])
-                seconds, walks = time.process_time() - begun, violated[what] <= 1.0
-                said = accepted(problem, motion, run) if walks else ""
+                seconds, keeps = time.process_time() - begun, violated[what] <= 1.0
+                said = accepted(problem, motion, run) if keeps else ""
                 value = f"{violated[what] * TOLERANCES[what]:.3g} {what}"
-                row = name, number, "walks" if walks else "none found", value, f"{violated[what]:.2f}", start
+                row = (
+                    name,
+                    number,
+                    "motion found" if keeps else "none found",
+                    value,
+                    f"{violated[what]:.2f}",
+                    start,
+                )
                 row = *row, f"{seconds:.0f}", said
             write(tuple(map(str, row)))
 

@@ -8,11 +8,14 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.physics_parameters import DrakeParameters
+from ampm.run_file import load_run
 from tests.solved import body_of, simulated
 from tests.test_bodies import run_of
+from validation.run.walk import walk
 from validation.store.saved import load_saved_run
 from validation.trial import engine as engines
 from validation.trial.engine import make_engine
+from validation.trial.physics import Physics
 from validation.trial.plan import make_body
 
 DRAKE = "simulation.engine=drake"
@@ -54,6 +57,36 @@ def test_a_random_step_is_the_same_in_both_engines(drake, name):
         change = np.abs(both[0].qvel - rates).max()
         np.testing.assert_allclose(both[1].qvel, both[0].qvel, rtol=0.0, atol=1e-9 * max(1.0, change))
         np.testing.assert_allclose(both[1].qpos, both[0].qpos, rtol=0.0, atol=1e-9 * max(1.0, change))
+
+
+@pytest.mark.parametrize("name", ["human", "g1"])
+def test_full_contacts_count_all_of_a_points_acceleration(name):
+    run = run_of(name).replace({"contact.acceleration": "full"})
+    physics = Physics(make_body(run), run)
+    model, data, rng = physics.model, physics.data, np.random.default_rng(0)
+    data.qpos[7:] += 0.02 * rng.normal(size=model.nu)
+    mujoco.mj_kinematics(model, data)
+    data.qpos[2] -= physics.soles[:, 2].mean() + 0.002
+    data.qvel[:] = rng.normal(size=model.nv)
+    physics.engine.step1()
+    full = data.efc_aref.copy()
+    mujoco.mj_step1(model, data)
+    rate, expected = np.zeros((3, model.nv)), data.efc_aref.copy()
+    for contact in data.contact:
+        segment, first = model.geom_bodyid[contact.geom[1]], contact.efc_address
+        mujoco.mj_jacDot(model, data, rate, None, contact.pos, segment)
+        expected[first : first + 3] -= contact.frame.reshape(3, 3) @ rate @ data.qvel
+    assert data.ncon >= 4
+    assert np.abs(full - data.efc_aref).max() > 1.0
+    np.testing.assert_allclose(full, expected, rtol=0.0, atol=1e-10)
+
+
+def test_full_contacts_hold_loaded_soles():
+    """What MuJoCo leaves out makes them creep."""
+    run = load_run("momentum", ["gait.steps=3"])
+    walks = [walk(run.replace({"contact.acceleration": kind})) for kind in ("partial", "full")]
+    slips = [trial.values["slip_maximum"] for trial in walks]
+    assert slips[1] < 0.4 * slips[0]
 
 
 @pytest.mark.parametrize("settings", [(), ("disturbance.joint_damping=0.2",)], ids=["human", "damped"])

@@ -17,8 +17,8 @@ _C_Y = 0.8  # of other bodies than the human: the trunk then rolls a little towa
 _C_S_WITHOUT_ARMS = 0.8  # the trunk alone balances the swing of the legs, and pitches less for a smaller c_s
 _SOFT = 0.4  # velocity and rate at which a foot closes in on the floor, over those of a human's [1]
 _SLOW = 0.25  # how fast it takes them up, over the same [1]
-_TAKEN = 0.3  # share of a landing foot's sensed force that the QP takes as given: rotors make it a bounce
-_FELT = {"stance_yield": 0.5, "force_smoothing": 0.0, "sink_compensation": 0.7}
+_TAKEN = 0.15  # share of a landing foot's sensed force that the QP takes as given: rotors make it a bounce
+_FELT = {"stance_yield": 0.6, "force_smoothing": 0.0, "sink_compensation": 0.7}
 """Of robots with exact sensors: their small soles turn as the floor yields, and load crosses in few ticks."""
 _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foot's feedback was chosen [m]
 
@@ -60,6 +60,8 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
         "controller.touchdown_velocity": _SOFT * usual.touchdown_velocity,
         "controller.touchdown_rate": _SOFT * usual.touchdown_rate,
         "controller.touchdown_damping": _SLOW * usual.touchdown_damping,
+        # Else a contact throws off the heel of a fast leg, with a force as large as its rotors.
+        "contact.acceleration": "full",
         "controller.landing_share": _TAKEN,
         # The swing of a short leg is quick.
         "controller.swing_stiffness": usual.swing_stiffness * _HIPS / hips,

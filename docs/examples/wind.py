@@ -3,7 +3,7 @@
 import ampm, validation as val
 from docs.examples.wind import Wind
 
-trial = val.walk(ampm.load_run("normal"), disturbances=[Wind((0.0, 8.0, 0.0), until=2.0)])
+trial = val.walk(ampm.load_run("normal"), disturbances=[Wind(until=2.0)])
 print(trial)
 """
 
@@ -26,7 +26,7 @@ class Wind:
         density: of the air [kg/m^3].
     """
 
-    velocity: tuple[float, float, float]
+    velocity: tuple[float, float, float] = (0.0, 8.0, 0.0)
     start: float = 0.0
     until: float = float("inf")
     drag_area: float = 0.4

@@ -30,8 +30,9 @@ class Engine(NamedTuple):
     step2: Callable[[], None]
 
 
+_SHARED = {"friction", "acceleration"}  # contact's keys that hold for Drake, which always counts all of it
 _ONLY_MUJOCO = (
-    *(f"contact.{name}" for name in ContactParameters.model_fields if name != "friction"),
+    *(f"contact.{name}" for name in ContactParameters.model_fields if name not in _SHARED),
     "simulation.integrator",
     "disturbance.softness_factor",
 )

@@ -395,7 +395,7 @@ def complete(request: Request, progress: Progress | None = None) -> Request:
 
 
 def _summary(run: RunParameters, tuned: Tuned) -> str:
-    """One line: the values found, with the values before in brackets."""
+    """One line: the values found, and in brackets those before, which for another body mean nothing."""
     from ampm.tune.first_gait import EASY_KEYS  # imported here: it loads more than a plan needs
 
     def text(value: float | str) -> str:
@@ -404,8 +404,9 @@ def _summary(run: RunParameters, tuned: Tuned) -> str:
     new = {key: value for key, value in tuned.values.items() if value != run.value(key)}
     if not new:
         return "the open values fit as they are"
-    items = ", ".join(f"{key} {text(value)} ({text(run.value(key))})" for key, value in new.items())
-    found = f"found {items}; --as-is keeps the values in brackets"
-    own = [] if run.body.source == HUMAN else [key for key in EASY_KEYS if key not in run.given]
-    sized = ", ".join(f"{key} {text(run.value(key))}" for key in own)
-    return f"of the body's size {sized}; {found}" if own else found
+    if run.body.source == HUMAN:
+        items = ", ".join(f"{key} {text(value)} ({text(run.value(key))})" for key, value in new.items())
+        return f"found {items}; --as-is keeps the values in brackets"
+    found = "found " + ", ".join(f"{key} {text(value)}" for key, value in new.items())
+    own = [f"{key} {text(run.value(key))}" for key in EASY_KEYS if key not in run.given]
+    return f"of the body's size {', '.join(own)}; {found}" if own else found

@@ -90,7 +90,8 @@ def load_object(option: str, text: str) -> Any:
     module, colon, name = text.partition(":")
     if not (module and colon and name):
         raise InputError(f"{option} {text!r} must be MODULE:CLASS, for example mine:Controller.")
-    sys.path.insert(0, str(Path.cwd()))
+    here = str(Path.cwd())
+    sys.path.insert(0, here)
     try:
         return getattr(import_module(module), name)
     except (Exception, SystemExit) as error:
@@ -99,6 +100,8 @@ def load_object(option: str, text: str) -> Any:
         ) from error
     finally:
         sys.path.pop(0)
+        if here not in sys.path:  # for what the class imports later; installed packages come first
+            sys.path.append(here)
 
 
 @dataclass(frozen=True)
