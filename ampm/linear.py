@@ -19,18 +19,6 @@ def add_combination(factor: float, rows: Array, x: Array, out: Array) -> None:
 
 
 @compiled
-def add_gram(factors: Array, system: Array) -> None:
-    """Add ``F' F`` to a system's matrix, F of shape (k, n) with many zeros."""
-    count = len(system)
-    for j in range(len(factors)):
-        for e in range(count):
-            s = factors[j, e]
-            if s != 0.0:
-                for d in range(count):
-                    system[e, d] += s * factors[j, d]
-
-
-@compiled
 def product(a: Array, b: Array) -> Array:
     """``a b``, shapes (n, k) with many zeros and (k, m)."""
     out = np.zeros((a.shape[0], b.shape[1]))

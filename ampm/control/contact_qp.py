@@ -25,7 +25,7 @@ from ampm.compiled import compiled
 from ampm.control.forces import NORMAL_COST, TWIST_ARM, change_cost
 from ampm.control.workspace import ANGULAR, TIP, Contact, Tasks
 from ampm.geometry import Array
-from ampm.linear import add_combination, add_gram, substitute, triangular
+from ampm.linear import add_combination, substitute, triangular
 from ampm.qp import QPProblem, QPSettings, QPSolution, QPSolver
 
 TANGENT_COST = 0.6
@@ -57,6 +57,18 @@ L_Z = 5
 """Row of the vertical angular momentum."""
 _CONE = np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float)
 """Bounds of a foot's tangential forces and twist: a pyramid with its edges on the cone, along x and y."""
+
+
+@compiled
+def add_gram(factors: Array, system: Array) -> None:
+    """Add ``F' F`` to a system's matrix, F of shape (k, n) with many zeros."""
+    count = len(system)
+    for j in range(len(factors)):
+        for e in range(count):
+            s = factors[j, e]
+            if s != 0.0:
+                for d in range(count):
+                    system[e, d] += s * factors[j, d]
 
 
 @compiled
