@@ -72,3 +72,25 @@ def make_engine(model: mujoco.MjModel, data: mujoco.MjData, drake: DrakeParamete
 
     stepped = DrakeEngine(model, data, drake)
     return Engine(stepped.step1, stepped.step2)
+
+
+def with_full_contacts(engine: Engine, model: mujoco.MjModel, data: mujoco.MjData) -> Engine:
+    """MuJoCo with contacts that count the part ``dJ/dt v`` of a point's acceleration ``J dv/dt + dJ/dt v``.
+
+    MuJoCo lets ``J dv/dt`` alone follow the reference acceleration of a contact, so the rest is taken off it.
+    """
+    rate = np.empty((3, model.nv))
+
+    def step1() -> None:
+        engine.step1()
+        contact, reference = data.contact, data.efc_aref
+        frames = contact.frame.reshape(-1, 3, 3)
+        for geoms, first, place, frame in zip(
+            contact.geom, contact.efc_address, contact.pos, frames, strict=True
+        ):
+            for side, segment in zip((-1.0, 1.0), model.geom_bodyid[geoms], strict=True):
+                if segment and first >= 0:
+                    mujoco.mj_jacDot(model, data, rate, None, place, segment)
+                    reference[first : first + 3] -= side * (frame @ (rate @ data.qvel))
+
+    return engine._replace(step1=step1)

@@ -1,20 +1,17 @@
 """The simulated body: the only module of a walk that owns ``MjData``."""
 
 import contextlib
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.compiled import bound, refer
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
-from validation.trial.contact import count_velocity_product
 from validation.trial.coordinates import to_mujoco
-from validation.trial.engine import make_engine
+from validation.trial.engine import make_engine, with_full_contacts
 from validation.trial.plan import Body
 
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
@@ -52,11 +49,6 @@ class BodyState(NamedTuple):
     contact_distance: Array  # negative where they overlap [m]
     # sole point of every geom, -1 for none: a sphere, with one contact at most
     point_of_geom: NDArray[np.intp]
-    segment_of_point: NDArray[np.intp]
-    moves_point: NDArray[np.bool]  # whether a degree of freedom moves a sole point, shape (points, nv)
-    tree_com: Array  # of MuJoCo's kinematics [m]
-    segment_velocity: Array  # rotational and linear, at tree_com, shape (segments, 6) [rad/s, m/s]
-    axis_rate: Array  # rate of the axes of the degrees of freedom, likewise, shape (nv, 6)
     warnings: NDArray[np.int32]  # counts of states that MuJoCo could not step
     q: Array  # Pinocchio configuration, written by `sense`, shape (nq,)
     v: Array  # its velocity, shape (nv,)
@@ -74,7 +66,10 @@ class Physics:
     def __init__(self, body: Body, run: RunParameters) -> None:
         self.model = model = body.model.compile()
         self.data = data = mujoco.MjData(model)
-        self.engine = make_engine(model, data, run.drake if run.simulation.engine == "drake" else None)
+        in_drake = run.simulation.engine == "drake"
+        self.engine = make_engine(model, data, run.drake if in_drake else None)
+        if run.contact.acceleration == "full" and not in_drake:
+            self.engine = with_full_contacts(self.engine, model, data)
         self.robot = robot = body.robot
         self.time_step = float(model.opt.timestep)
         self.substeps = run.counts.steps_per_tick
@@ -83,9 +78,7 @@ class Physics:
         soles = [leg.sole_frame for leg in description.legs]
         sites = np.array([model.site(name).id for name in (*names, *soles)], dtype=np.intp)
         point_of_geom = np.full(model.ngeom, -1, dtype=np.intp)
-        geoms = [model.geom(name).id for name in names]
-        point_of_geom[geoms] = np.arange(len(names))
-        segment_of_point = model.geom_bodyid[geoms].astype(np.intp)
+        point_of_geom[[model.geom(name).id for name in names]] = np.arange(len(names))
         contact, (left, right) = data.contact, sites[-2:]
         self.soles = data.site_xpos[left : right + 1 : right - left]
         self.body = BodyState(
@@ -105,11 +98,6 @@ class Physics:
             contact_place=self._all_rows(contact.pos),
             contact_distance=self._all_rows(contact.dist),
             point_of_geom=point_of_geom,
-            segment_of_point=segment_of_point,
-            moves_point=np.array([_movers(model, segment) for segment in segment_of_point]),
-            tree_com=data.subtree_com[model.body_rootid[segment_of_point[0]]],
-            segment_velocity=data.cvel,
-            axis_rate=data.cdof_dot,
             warnings=data.warning.number[_BAD_STATE],
             q=np.zeros(robot.nq),
             v=np.zeros(robot.nv),
@@ -117,13 +105,6 @@ class Physics:
             scale=description.scale,
             time_step=self.time_step,
         )
-        if run.contact.acceleration == "full" and run.simulation.engine == "mujoco":
-            count = bound(count_velocity_product, (refer(self.body),), 0, data.efc_aref)
-            self.engine = self.engine._replace(step1=partial(self._step1, self.engine.step1, count))
-
-    def _step1(self, step1: Callable[[], None], count: Callable[[int, Array], None]) -> None:
-        step1()
-        count(self.data.ncon, self.data.efc_aref)
 
     def _axes(self, segment: str) -> Array:
         """Axes of a segment to world; a view of shape (3, 3)."""
@@ -142,15 +123,6 @@ class Physics:
         """Set the state from Pinocchio's coordinates."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = to_mujoco(q, v)
-
-
-def _movers(model: mujoco.MjModel, segment: int) -> NDArray[np.bool]:
-    """Whether a degree of freedom moves a segment, shape (nv,)."""
-    above = set()
-    while segment:
-        above.add(segment)
-        segment = int(model.body_parentid[segment])
-    return np.isin(model.dof_bodyid, list(above))
 
 
 def firm_dampers(model: mujoco.MjModel) -> str:

@@ -3,13 +3,19 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.geometry import Array
 from ampm.vectors import put, turned, vector
-from validation.trial.contact import point_of, side_of
 from validation.trial.log import StepLog, keep_instant
 from validation.trial.watch import stands
+
+
+@compiled
+def point_of(geoms: NDArray[np.int32], of_geom: NDArray[np.intp]) -> int:
+    """Sole point of a contact by its two geoms, -1 for none."""
+    return max(of_geom[geoms[0]], of_geom[geoms[1]])
 
 
 @compiled
@@ -71,7 +77,7 @@ def keep_step(log: StepLog, k: int, contacts: int, efc_force: Array) -> None:
     for i in range(contacts):
         p, first = point_of(body.contact_geom[i], of_geom), body.contact_address[i]
         if p >= 0 and first >= 0:
-            side = side_of(body.contact_geom[i], of_geom)
+            side = 1.0 if of_geom[body.contact_geom[i, 1]] >= 0 else -1.0  # it acts on the second geom
             for axis in range(3):
                 force[p, axis] = side * (
                     efc_force[first] * frame[i, axis]
