@@ -116,11 +116,11 @@ def test_strides_that_a_gap_touches_are_left_out():
 
 
 def test_gaps_are_left_out_and_said(folder, summary, table):
-    table["zmp_x"][600:700] = np.nan
+    table["zmp_x"][600:700] = table["zmp_x"][-100:] = np.nan
     gone = np.r_[0:900, 1000 : len(table["time"])]
     table = {name: values[gone] for name, values in table.items()}
     trial = val.judge_log(table, folder, start=0.0, place=(0.0, 0.0))
-    assert any("2 gaps of 0.5 s in all, the longest 0.25 s" in note for note in trial.table().notes)
+    assert any("3 gaps of 0.75 s in all, the longest 0.25 s" in note for note in trial.table().notes)
     assert value(trial, "zmp_x_rmse") == pytest.approx(summary["metrics"]["zmp_x_rmse"]["value"], rel=0.3)
     assert trial.verdict.passed
 
@@ -158,6 +158,13 @@ def test_feet_and_sensors_give_the_same_zmp(folder, table):
             assert value(found, name) == pytest.approx(value(want, name), rel=most), name
         both = found.comparison.rows["measured_double_support"]
         assert 0 < np.count_nonzero(both) < np.count_nonzero(found.comparison.rows["run"])
+    sensor["left_sensor_quaternion_w"][100] = np.nan  # a gap
+    found = val.judge_log(sensor, folder, start=0.0, place=(0.0, 0.0))
+    assert value(found, "zmp_x_rmse") == pytest.approx(value(want, "zmp_x_rmse"), rel=0.01)
+    for side, other in zip(sides, reversed(sides), strict=True):  # of the other foot
+        cop[f"{side}_cop_x"] = np.where(vertical[other] > 1.0, zmp[:, 0], np.nan)
+    with pytest.raises(InputError, match=r"left_cop is empty in \d+% of the rows in which the foot carries"):
+        val.judge_log(cop, folder)
 
 
 def test_the_mean_stride_has_less_error_than_the_run(folder, summary, table):

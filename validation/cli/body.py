@@ -96,4 +96,4 @@ def _print(found: BodyCheck) -> None:
         gait = ", ".join(f"{key} {format_value(value)}" for key, value in found.gait.items())
         print_line(f"  It can walk: {gait}.")
         values = ", ".join(f"{key} {format_value(value)}" for key, value in found.found.items())
-        print_line(f"  Found for it: {values}. 'ampm validate --body {found.name}' walks it.")
+        print_line(f"  Found for it: {values}. 'ampm validate --body {quote(found.name)}' walks it.")

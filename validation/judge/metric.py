@@ -65,7 +65,7 @@ class Metric:
             if value not in known:
                 raise unknown(value, known, f"kind of the metric '{self.name}'")
         for limit in self.tolerances.values():
-            if not isinstance(limit, Real) or math.isnan(limit):
+            if not isinstance(limit, Real) or not math.isfinite(limit):
                 raise InputError(f"metric '{self.name}' has the tolerance {limit!r}; give a number.")
 
     @property

@@ -54,7 +54,8 @@ _OVER = 0.5  # this time [s]
 _RATIO = 2.0  # of mean vertical force and weight: more is another unit, or another body [1]
 _FARTHEST = 1000.0  # of a place: more is another unit [m]
 _LEAN = 1.0  # horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
-_FILLED = 0.5  # share of its rows that a signal has numbers in: with less it counts as missing [1]
+_FILLED = 0.9  # share of its rows that a signal has numbers in: with less it counts as missing [1]
+_LOST = 0.2  # share of a loaded foot's rows without a centre of pressure: more is the other foot's [1]
 _BIASED = 0.05  # mean distance of COM and force line over the COM's height: more is another frame [1]
 _CROSSED = -0.5  # correlation of the left foot's load with the ZMP along y: below, the sides are changed [1]
 _HEIGHTS = 0.05, 5.0  # of the COM above the floor [m]
@@ -121,6 +122,8 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
         elif len(missing) < len(parts):
             raise InputError(f"{name} has no column {missing[0]!r}; give {', '.join(parts)}, or none.")
     if "belt_speed" in signals:
+        if (empty := np.flatnonzero(np.isnan(signals["belt_speed"]))).size:
+            raise InputError(f"row {empty[0] + 1} of {name}: belt_speed is empty; fill its gaps.")
         signals["belt_way"] = cumulative_trapezoid(signals["belt_speed"], time, initial=0.0)
         for key in PLACES & signals.keys():
             signals[key][:, 0] += signals["belt_way"]
@@ -141,7 +144,7 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
     if np.count_nonzero(known) < 3:
         raise InputError(f"{name} has {np.count_nonzero(known)} rows with force and ZMP; give three or more.")
     signals = {key: v for key, v in signals.items() if np.isfinite(v[known]).mean() >= _FILLED}
-    apart = np.diff(time[known])
+    apart = np.diff(np.r_[time[0] - step, time[known], time[-1] + step])
     gaps = tuple((apart[apart > 1.5 * step] - step).tolist())
     return Log(name, time, signals, step, gaps, weight).rows(known)
 
@@ -203,7 +206,12 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
         if by_sensor:
             axes = Rotation.identity()
             if f"{foot}_sensor_quaternion" in signals:
-                axes = Rotation.from_quat(signals[f"{foot}_sensor_quaternion"], scalar_first=True)
+                turns = signals[f"{foot}_sensor_quaternion"]
+                gaps = np.asarray(np.isnan(turns).any(axis=1))
+                axes = Rotation.from_quat(
+                    np.where(gaps[:, None], [1.0, 0.0, 0.0, 0.0], turns), scalar_first=True
+                )
+                signals[f"{foot}_sensor_force"][gaps] = np.nan
             force = signals[f"{foot}_force"] = axes.apply(signals[f"{foot}_sensor_force"])
             torque = axes.apply(signals[f"{foot}_sensor_torque"])
             torques.append(np.cross(signals[f"{foot}_sensor"], force) + torque)
@@ -212,6 +220,13 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
             force = signals[f"{foot}_force"]
             at = np.column_stack([signals[f"{foot}_cop"], np.broadcast_to(floor, len(force))])
             light = force[:, 2:] < least  # the centre of pressure of a foot in the air is noise
+            stands = force[:, 2] >= LOADED * weight
+            lost = float(np.isnan(at[stands]).any(axis=1).mean()) if stands.any() else 0.0
+            if lost > _LOST:
+                raise InputError(
+                    f"{foot}_cop is empty in {lost:.0%} of the rows in which the foot carries the body; give "
+                    "it, or exchange the columns of the feet."
+                )
             forces.append(np.where(light, 0.0, force))
             torques.append(np.where(light, 0.0, np.cross(at, force)))
     found = {"force": signals["left_force"] + signals["right_force"]}

@@ -108,7 +108,11 @@ def _study(folder: Path, saved: SavedRun) -> tuple[str, str]:
     if (folder / RESULT).is_file():
         study = load_robustness(folder)
         name, found = "robustness", study.title
-        fits = study.title.startswith(f"{saved.summary['gait']}, ") and study.body == run.body.source
+        fits = (study.gait, study.body, study.controller) == (
+            saved.title,
+            run.body.source,
+            run.controller.name,
+        )
     elif (folder / NUMBERS).is_file():
         runs = [side.run for side in load_comparison(folder).sides]
         verdicts = {side.parameters.simulation.engine: side.summary["verdict"] for side in runs}

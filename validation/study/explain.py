@@ -236,6 +236,8 @@ def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
     layer, text = best["layer"], best["text"]
     if best["passed"]:
         return layer, f"The {layer}: {text} it passes."
+    if not trial["excess"]:
+        return "", "No limit is broken; too little was measured."
     left = best["excess"] / trial["excess"]
     if left > 1.0 - _LEAST_GAIN:
         return "", f"Nothing restores the pass, or takes {_LEAST_GAIN:.0%} of the excess."
