@@ -161,8 +161,8 @@ def test_feet_and_sensors_give_the_same_zmp(folder, table):
     sensor["left_sensor_quaternion_w"][100] = np.nan  # a gap
     found = val.judge_log(sensor, folder, start=0.0, place=(0.0, 0.0))
     assert value(found, "zmp_x_rmse") == pytest.approx(value(want, "zmp_x_rmse"), rel=0.01)
-    for side, other in zip(sides, reversed(sides), strict=True):  # of the other foot
-        cop[f"{side}_cop_x"] = np.where(vertical[other] > 1.0, zmp[:, 0], np.nan)
+    for side, opposite in zip(sides, reversed(sides), strict=True):
+        cop[f"{side}_cop_x"] = np.where(vertical[opposite] > 1.0, zmp[:, 0], np.nan)
     with pytest.raises(InputError, match=r"left_cop is empty in \d+% of the rows in which the foot carries"):
         val.judge_log(cop, folder)
 
