@@ -286,9 +286,8 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
             between = max(",;\t", key=text.partition("\n")[0].count)
             table = pyarrow.csv.read_csv(
                 io.BytesIO(text.encode()),
-                read_options=pyarrow.csv.ReadOptions(
-                    use_threads=False
-                ),  # one that runs on aborts an early exit
+                # A thread that still reads would abort a process that ends early.
+                read_options=pyarrow.csv.ReadOptions(use_threads=False),
                 parse_options=pyarrow.csv.ParseOptions(delimiter=between),
                 convert_options=pyarrow.csv.ConvertOptions(
                     decimal_point="," if between == ";" and "," in text else "."
