@@ -18,6 +18,7 @@ _C_S_WITHOUT_ARMS = 0.8  # the trunk alone balances the swing of the legs, and p
 _SOFT = 0.4  # velocity and rate at which a foot closes in on the floor, over those of a human's [1]
 _SLOW = 0.25  # how fast it takes them up, over the same [1]
 _TAKEN = 0.15  # share of a landing foot's sensed force that the QP takes as given: rotors make it a bounce
+_YIELD_IN_DRAKE = 0.5  # of stance_yield; the human's share of the landing force suits Drake's spring, too
 _FELT = {"stance_yield": 0.6, "force_smoothing": 0.0, "sink_compensation": 0.7}
 """Of robots with exact sensors: their small soles turn as the floor yields, and load crosses in few ticks."""
 _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foot's feedback was chosen [m]
@@ -62,12 +63,15 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
         "controller.touchdown_damping": _SLOW * usual.touchdown_damping,
         # Else a contact throws off the heel of a fast leg, with a force as large as its rotors.
         "contact.acceleration": "full",
-        "controller.landing_share": _TAKEN,
         # The swing of a short leg is quick.
         "controller.swing_stiffness": usual.swing_stiffness * _HIPS / hips,
         "controller.swing_damping": usual.swing_damping * math.sqrt(_HIPS / hips),
         **({f"controller.{key}": gain for key, gain in _FELT.items()} if run.sensors.perfect else {}),
     }
+    if run.simulation.engine == "mujoco":
+        sized["controller.landing_share"] = _TAKEN
+    elif run.sensors.perfect:
+        sized["controller.stance_yield"] = _YIELD_IN_DRAKE
     free = {key: value for key, value in sized.items() if key not in run.given}
     body = {"body.mass": description.mass, "body.height": description.height}
     return run.replace(free | body).giving(run.given)
