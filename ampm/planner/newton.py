@@ -49,7 +49,9 @@ def check_newton(plan: CentroidalPlan, or_else: str = "") -> float:
         found += [(what, np.add.reduceat(mean, first), middle) for what, mean in means.items()]
     sizes = [np.nan_to_num(np.abs(off).max(axis=1), nan=np.inf) for _, off, _ in found]
     size, (what, _, when) = max(zip(sizes, found, strict=True), key=lambda item: float(item[0].max()))
-    if not size.max() <= ALLOWED:
+    if not math.isfinite(size.max()):
+        raise InputError(f"the plan is not finite at {when[size.argmax()]:.4g} s; give finite com and zmp.")
+    if size.max() > ALLOWED:
         raise InputError(
             f"the plan contradicts itself at {when[size.argmax()]:.4g} s: its {what} differs from that of "
             f"its COM by {1e3 * size.max():.3g} mm of ZMP, more than {1e3 * ALLOWED:g} mm; correct com, zmp, "

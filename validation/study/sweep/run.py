@@ -21,7 +21,7 @@ from validation.store.json import write_json
 from validation.store.machine import cores
 from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.pool import error_columns
-from validation.study.row_file import Row
+from validation.study.row_file import ROWS, Row
 from validation.study.sweep.design import SweepDefinition, check_classes, dump_sweep, load_sweep
 from validation.study.sweep.report import write_sweep_report
 from validation.study.sweep.schema import walk_columns
@@ -83,6 +83,7 @@ def _tasks(definition: SweepDefinition, folder: Path | None) -> Iterator[Task]:
     if folder is not None:
         (folder / RESULTS).unlink(missing_ok=True)
         (folder / DEFINITION).write_text(dump_sweep(definition), encoding="utf-8")
+        (folder / ROWS).touch()  # a sweep that ends before its first row can be resumed
     for run in range(len(definition)):
         yield task_of(definition, run)
 
