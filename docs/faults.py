@@ -148,9 +148,12 @@ def faults() -> list[Fault]:
             ["planner.options.fault=late_feet", "planner.options.size=0.02"],
         ),
         Fault(
-            "time step of 5 ms", G1, "numerics", ["simulation.time_step=0.005", "controller.frequency=200"]
+            "time step of 7.5 ms",
+            G1,
+            "numerics",
+            ["simulation.time_step=0.0075", "controller.frequency=133.33333333333334"],
         ),
-        Fault("push", G1, "pushes", ["disturbance.push_y=60", "disturbance.push_at=1.5"]),
+        Fault("push", G1, "pushes", ["disturbance.push_y=80", "disturbance.push_at=1.5"]),
         Fault("short legs in the description", G1, "controller", short_legs(0.01)),
         Fault("torque bias", HUMAN, "motors", ["disturbance.torque_bias=0.5"]),
     ]

@@ -113,8 +113,8 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
     if len(chosen) < _LEAST_STRIDES:
         of = f", of {middles[0]:.3g} s and {middles[1]:.3g} m (medians)" if found else ""
         raise InputError(
-            f"{log.name} has {len(chosen)} strides of equal duration and length, and a fit needs "
-            f"{_LEAST_STRIDES}: in {np.ptp(log.time):.3g} s the left foot takes half of the weight "
+            f"{log.name} has too few strides of equal duration and length: {len(chosen)}, and a fit needs "
+            f"{_LEAST_STRIDES}; in {np.ptp(log.time):.3g} s the left foot takes half of the weight "
             f"{len(left)} times; whole strides between them: {len(found)}{of}; give a longer log of steady "
             "walking without gaps, x forward, and belt_speed of a treadmill." + f" {log.unsupported}".rstrip()
         )

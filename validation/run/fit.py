@@ -48,11 +48,15 @@ class Fit(Tabled):
             found = 100.0 * self.scores[signal][model]["stride"]["share"]
             return ABSENT if math.isnan(found) else f"{max(0.0, found):.0f} %"
 
+        def momentum(about: str) -> str:
+            found = share(f"angular_momentum_{about}", "ampm")
+            return f"L_{about} rests" if found == ABSENT else f"{found} of L_{about}"
+
         return " ".join(
             f"Along {axis} a rolling ZMP explains {share(f'zmp_{axis}', 'rolling')} of the ZMP and "
             f"{share(f'force_{axis}', 'rolling')} of the force; with angular momentum it is "
             f"{share(f'zmp_{axis}', 'ampm')} and {share(f'force_{axis}', 'ampm')}, and "
-            f"{share(f'angular_momentum_{about}', 'ampm')} of L_{about}."
+            f"{momentum(about)}."
             for axis, about in ("xy", "yx")
         )
 
@@ -73,7 +77,7 @@ class Fit(Tabled):
                     percent = format_number(round(100.0 * share, 1) + 0.0)
                     cells += ["< 0" if share < -0.0005 else percent, format_number(factor * rmse, 3)]
                 told.append([signal.label, support, *cells, short_unit(unit)])
-        heads = [head for name in ("pendulum", "rolling ZMP", "AMPM") for head in (f">{name}: %", ">RMSE")]
+        heads = [head for name in ("resting ZMP", "rolling ZMP", "AMPM") for head in (f">{name}: %", ">RMSE")]
         note = "%: share of the variance; a dash: the signal rests. The vertical force is the weight in all."
         columns = ["constant", f">value, {100.0 * CONFIDENCE:.0f} % interval", "unit", "meaning"]
         return [

@@ -13,7 +13,7 @@ from validation.show.page import render_page
 from validation.show.style import COMMAND, FAINT, MEASURED, PLAN, SHADE
 from validation.table import Table, short_unit
 
-_MODELS = {"pendulum": ("plain pendulum", FAINT), "rolling": ("rolling ZMP", COMMAND), "ampm": ("AMPM", PLAN)}
+_MODELS = {"pendulum": ("resting ZMP", FAINT), "rolling": ("rolling ZMP", COMMAND), "ampm": ("AMPM", PLAN)}
 _FROM = {"zmp": ", from the COM", "angular_momentum": ", less its mean"}
 
 

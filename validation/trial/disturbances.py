@@ -116,6 +116,11 @@ class Push:
                 f"invalid push at {self.at} s for {self.duration} s; begin at 0 or later, and last above 0."
             )
 
+    def __str__(self) -> str:
+        """In words."""
+        force = ", ".join(f"{value:g}" for value in self.force)
+        return f"push of ({force}) N on {self.segment} from {self.at:g} s for {self.duration:g} s"
+
     def apply(self, time: float, plant: Plant) -> None:
         """Push while it lasts."""
         if self.at - _CLOCK <= time < self.at + self.duration - _CLOCK:
@@ -160,10 +165,10 @@ def load_disturbance(text: str) -> Disturbance:
 
 
 def describe(disturbance: Disturbance) -> str:
-    """Its ``repr``; module and class where that would only be an address."""
+    """In words, or as Python writes it; module and class where that would only be an address."""
     kind = type(disturbance)
     is_plain = kind.__repr__ is object.__repr__
-    return f"{kind.__module__}:{kind.__qualname__}" if is_plain else repr(disturbance)
+    return f"{kind.__module__}:{kind.__qualname__}" if is_plain else str(disturbance)
 
 
 def pushes_of(disturbance: DisturbanceParameters) -> list[Push]:

@@ -55,6 +55,8 @@ _SIZES = {
 _ZMP_ERRORS = frozenset(f"zmp_{place}{axis}_rmse" for place in ("", "foot_") for axis in "xy")
 _FAR = 0.5
 """Share of every limit up to which walks stay far below [1]."""
+_ROUNDING = 1e-9
+"""Share beyond a limit that is rounding, as of a friction that is used up [1]."""
 
 
 @dataclass(frozen=True)
@@ -240,7 +242,7 @@ class WalkComparison(Tabled):
             used = [(row.used[k], row.label) for row in self.rows if not math.isnan(row.used[k])]
             share, label = max(used, default=(math.nan, "no limit is known"))
             kept = f"stayed {'far ' if share < _FAR else ''}below every limit"
-            if over := sum(item[0] > 1.0 for item in used):
+            if over := sum(item[0] > 1.0 + _ROUNDING for item in used):
                 kept = f"exceeded {over} of {len(used)} limits"
             said.setdefault((kept, label), []).append((side.label, format_share(share, 1.0)))
         return ", ".join(

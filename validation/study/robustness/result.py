@@ -18,7 +18,7 @@ class CellResult:
     """What a cell showed; values in its unit."""
 
     cell: Cell  # the disturbance
-    survived: float | None = None  # largest value survived with all smaller ones; None if there is none
+    survived: float | None = None  # worst value survived with all milder ones; None if there is none
     cause: str = ""  # how a walk of the first value that was not survived ended; empty if there is none
 
     def cells(self) -> tuple[str, ...]:
@@ -59,7 +59,7 @@ class Robustness(Tabled):
 
     def tables(self) -> list[Table]:
         """Largest value survived of every disturbance."""
-        note = f"Pushes of {DURATION:g} s: the velocity change. A value counts with all smaller ones."
+        note = f"Pushes of {DURATION:g} s: the velocity change. A value counts with all milder ones."
         return [
             Table(
                 self.title,
