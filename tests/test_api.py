@@ -36,7 +36,7 @@ def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path):
     with pytest.raises(InputError, match="--force"):
         trial.save(folder)
     saved = val.load(folder)
-    assert saved.summary["disturbances"] == [repr(PUSH)]
+    assert saved.summary["disturbances"] == ["push of (20, 0, 0) N on chest from 0.5 s for 0.1 s"]
     assert saved.summary["metrics"].keys() <= trial.metrics.keys()
     np.testing.assert_array_equal(saved.record.torque, trial.record.torque)
     assert val.replay(folder).identical
