@@ -178,3 +178,14 @@ def test_several_gaits_are_crossed_with_all_blocks_and_keep_their_own_values(tmp
         assert (first.gait.steps, last.gait.steps, last.sensors.delay, last.sensors.seed) == (30, 7, 0.002, 3)
         assert [found.gait_of(run) for run in range(12)] == 6 * [0] + 6 * [1]
         assert last.given == last.as_is().given
+
+
+@pytest.mark.parametrize("place", ["set", "vary"])
+def test_a_robot_has_the_values_that_suit_its_engine(place):
+    varied = '[[vary]]\nmethod = "list"\nsimulation.engine = ["drake", "mujoco"]\n'
+    fixed = 'simulation.engine = "drake"\n[[vary]]\nmethod = "list"\ngait.c_s = [1.1, 1.2]\n'
+    sweep = parse_sweep('[sweep]\n[set]\nbody.source = "g1"\n' + (fixed if place == "set" else varied))
+    runs = [sweep.parameters(run) for run in range(2)]
+    assert [parse_sweep(dump_sweep(sweep)).parameters(run) for run in range(2)] == runs
+    shares = [(run.controller.landing_share, run.controller.stance_yield) for run in runs]
+    assert shares == [(0.6, 0.5), (0.6, 0.5) if place == "set" else (0.15, 0.6)]

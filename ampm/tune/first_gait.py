@@ -68,9 +68,9 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
         "controller.swing_damping": usual.swing_damping * math.sqrt(_HIPS / hips),
         **({f"controller.{key}": gain for key, gain in _FELT.items()} if run.sensors.perfect else {}),
     }
-    if run.simulation.engine == "mujoco":
-        sized["controller.landing_share"] = _TAKEN
-    elif run.sensors.perfect:
+    in_drake = run.simulation.engine == "drake"
+    sized["controller.landing_share"] = usual.landing_share if in_drake else _TAKEN
+    if in_drake and run.sensors.perfect:
         sized["controller.stance_yield"] = _YIELD_IN_DRAKE
     free = {key: value for key, value in sized.items() if key not in run.given}
     body = {"body.mass": description.mass, "body.height": description.height}

@@ -222,8 +222,16 @@ class SweepDefinition(Section, section="sweep"):
     @cached_property
     def shared(self) -> tuple[RunParameters, ...]:
         """What the runs of each gait share: it with ``steps`` and ``set``, as given unless they tune."""
-        fixed = {**self.set, **({} if self.steps is None else {STEPS_KEY: self.steps})}
-        runs = [run.replace(fixed) for run in self.base]
+        return self._shared({})
+
+    @cached_property
+    def _of_engines(self) -> dict[Option, tuple[RunParameters, ...]]:
+        """What they share in every engine that is varied: some values of a robot suit its engine."""
+        return {engine: self._shared({ENGINE_KEY: engine}) for engine in self.values(ENGINE_KEY)}
+
+    def _shared(self, engine: Mapping[str, Option]) -> tuple[RunParameters, ...]:
+        fixed = {**self.set, **({} if self.steps is None else {STEPS_KEY: self.steps}), **engine}
+        runs = [own_gait(run.replace(fixed)) for run in self.base]
         return tuple(run if self.tune else run.as_is() for run in runs)
 
     def gait_of(self, run: int) -> int:
@@ -294,7 +302,9 @@ class SweepDefinition(Section, section="sweep"):
             InputError: a value is beyond the bounds of its key.
             IndexError: there is no such run.
         """
-        return self.shared[self.gait_of(run)].replace(self.varied(run))
+        varied = self.varied(run)
+        shared = self._of_engines[varied[ENGINE_KEY]] if ENGINE_KEY in varied else self.shared
+        return shared[self.gait_of(run)].replace(varied)
 
     def name_of(self, run: int) -> str:
         """Number of a run as text, with zeros in front so that names sort as numbers do."""
@@ -381,9 +391,9 @@ def check_classes(definition: SweepDefinition) -> None:
 
 
 def _base(folder: Path, gait: Any, body: Any) -> RunParameters:
-    """Parameters before those of the sweep: of a gait, or of the own gait of a body."""
+    """Parameters before those of the sweep: of a gait, and its body."""
     run = load_run(None if gait is None and body != HUMAN else _beside(folder, str(gait or "normal")))
-    return own_gait(run if body == HUMAN else run.replace({BODY_KEY: body}))
+    return run if body == HUMAN else run.replace({BODY_KEY: body})
 
 
 def _beside(folder: Path, name: str) -> str:
