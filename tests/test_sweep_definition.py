@@ -184,7 +184,8 @@ def test_several_gaits_are_crossed_with_all_blocks_and_keep_their_own_values(tmp
 def test_a_robot_has_the_values_that_suit_its_engine(place):
     varied = '[[vary]]\nmethod = "list"\nsimulation.engine = ["drake", "mujoco"]\n'
     fixed = 'simulation.engine = "drake"\n[[vary]]\nmethod = "list"\ngait.c_s = [1.1, 1.2]\n'
-    sweep = parse_sweep('[sweep]\n[set]\nbody.source = "g1"\n' + (fixed if place == "set" else varied))
+    head = '[sweep]\n[set]\nbody.source = "suite-humanoid"\n'
+    sweep = parse_sweep(head + (fixed if place == "set" else varied))
     runs = [sweep.parameters(run) for run in range(2)]
     assert [parse_sweep(dump_sweep(sweep)).parameters(run) for run in range(2)] == runs
     shares = [(run.controller.landing_share, run.controller.stance_yield) for run in runs]
