@@ -275,8 +275,8 @@ def test_a_dry_run_counts_refusals_and_times_one_walk(command, capsys, monkeypat
     monkeypatch.setattr(run, "walk_request", walk)
     assert command("--dry-run", "--json") == 0
     said = json.loads(capsys.readouterr().out)
-    assert said["refused"] == {"switching_velocity_too_low": 3, "bad_parameter": 3}
-    assert (said["runs"], said["walking"]) == (9, 3)
+    assert said["refused"] == {"switching_velocity_too_low": 3, "bad_parameter": 3, "leg_too_short": 1}
+    assert (said["runs"], said["walking"]) == (9, 2)
     assert said["wall_clock"] >= said["seconds"] >= 0.0
     assert len(tried) == 2
     monkeypatch.setattr(run, "_CHECKED", 3)

@@ -161,11 +161,12 @@ def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tupl
     burden = angle / _ANKLE + lack / _LACK
     k = int(burden.argmax())
     ankle, other = (robot.joint_names[int(values[k].argmax())] for values in worst)
-    what = (
-        f"footstep {k + 3}: for {1e3 * _LONG:g} ms {ankle} would be {angle[k]:.2g} rad beyond its range, and "
-        f"{other} would lack {lack[k]:.2g} s of its torque: the sum of their shares of {_ANKLE:g} rad and "
-        f"{_LACK:g} s"
-    )
+    parts = {
+        f"{ankle} would be {angle[k]:.2g} rad beyond its range ({_ANKLE:g} rad at most)": angle[k],
+        f"{other} would lack {lack[k]:.2g} s of its torque ({_LACK:g} s at most)": lack[k],
+    }
+    said = " and ".join(part for part, size in parts.items() if size > 0.0)
+    what = f"footstep {k + 3}: for {1e3 * _LONG:g} ms {said}: the sum of the shares"
     ankles = angle[k] / _ANKLE > lack[k] / _LACK
     reason = "joint_limits" if ankles else "torque_limits"
     less = f"{shorten}, or " + ("put the feet nearer to each other" if ankles else "take lower ones")

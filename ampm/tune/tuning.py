@@ -104,7 +104,7 @@ def tune(run: RunParameters, robot: Robot, *, progress: Report | None = None, ad
     except RefusedGait as error:
         with contextlib.suppress(RefusedGait, InputError):
             PeriodicPlanner().plan(run, robot)
-            error.add_note("as it is, the gait has a plan beyond these limits: --as-is walks it")
+            error.add_note("as it is, the gait has a plan beyond these limits: --as-is tries it; it may fall")
         if advise:
             error.way_out = ways_out(run, robot.description, accepts, _FOR_WAYS_OUT)
         raise

@@ -55,8 +55,7 @@ class Fit(Tabled):
         return " ".join(
             f"Along {axis} a rolling ZMP explains {share(f'zmp_{axis}', 'rolling')} of the ZMP and "
             f"{share(f'force_{axis}', 'rolling')} of the force; with angular momentum it is "
-            f"{share(f'zmp_{axis}', 'ampm')} and {share(f'force_{axis}', 'ampm')}, and "
-            f"{momentum(about)}."
+            f"{share(f'zmp_{axis}', 'ampm')} and {share(f'force_{axis}', 'ampm')}, and {momentum(about)}."
             for axis, about in ("xy", "yx")
         )
 

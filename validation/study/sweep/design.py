@@ -192,8 +192,10 @@ class SweepDefinition(Section, section="sweep"):
         places = [(key, "[set]") for key in self.set]
         for number, block in enumerate(self.vary, start=1):
             places += [(key, f"[[vary]] block {number}") for key in block.keys]
-        where: dict[str, str] = {STEPS_KEY: "[sweep] as steps, the same for all runs"}
+        where: dict[str, str] = {}
         for key, place in places:
+            if key == STEPS_KEY:
+                raise InputError(f"{key} stands in {place}; all runs have the steps of [sweep].", key=key)
             if key in where:
                 raise InputError(f"{key} stands in {place}, and in {where[key]}; keep one.", key=key)
             where[key] = place
@@ -230,6 +232,7 @@ class SweepDefinition(Section, section="sweep"):
         return {engine: self._shared({ENGINE_KEY: engine}) for engine in self.values(ENGINE_KEY)}
 
     def _shared(self, engine: Mapping[str, Option]) -> tuple[RunParameters, ...]:
+        """What the runs share, and an engine, if one is given."""
         fixed = {**self.set, **({} if self.steps is None else {STEPS_KEY: self.steps}), **engine}
         runs = [own_gait(run.replace(fixed)) for run in self.base]
         return tuple(run if self.tune else run.as_is() for run in runs)

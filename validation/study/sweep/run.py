@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
@@ -173,7 +172,7 @@ class Forecast(Tabled):
 def forecast(
     definition: SweepDefinition, workers: int | None = None, *, progress: Progress | None = None
 ) -> Forecast:
-    """Count refusals by formula, of a large sweep in a sample, and time one walk."""
+    """Count refusals by formula, of a large sweep in a sample, and of the runs tried to time one walk."""
     check_classes(definition)
     progress, planned = progress or Progress(), len(definition)
     runs = np.unique(np.linspace(0, planned - 1, min(planned, _CHECKED)).astype(int)).tolist()
@@ -183,13 +182,15 @@ def forecast(
             stage.advance(number, len(runs))
             tasks.append(task_of(definition, run))
     rows = [{"key": task.key, **task.known} for task in tasks if task.known is not None]
-    refused = wrap_table(build_table(definition, rows), None, definition.name)
     taken: dict[str, float] = {}
     for task in [task for task in tasks if task.known is None][:_TRIED]:
-        trying = progress.stage("walk of one run, to time it")
-        with trying, suppress(InputError, RefusedGait), timed(taken, "walk"):
-            walk_request(**task.options)
+        try:
+            with progress.stage("walk of one run, to time it"), timed(taken, "walk"):
+                walk_request(**task.options)
             break
+        except (InputError, RefusedGait) as error:
+            rows.append({"key": task.key, **error_columns(error)})
+    refused = wrap_table(build_table(definition, rows), None, definition.name)
     walking = round(planned * (1.0 - len(rows) / len(tasks)))
     kept = 0 if definition.recordings == "none" else min(definition.worst, walking)
     workers = min(workers or cores(), planned)
