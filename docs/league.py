@@ -145,6 +145,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         axes.set_axis_off()
     for axes in plots[len(tasks) - columns : len(tasks)]:
         axes.set_xlabel("cost of transport [1]")
+        axes.tick_params(labelbottom=True)
     for axes in plots[::columns]:
         axes.set_ylabel("ZMP error ahead [mm]")
     handles = [plots[0].scatter([], [], s=90.0, **look) for look in looks.values()]
