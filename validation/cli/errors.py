@@ -74,8 +74,7 @@ def _bad_value(error: Any) -> str:
     if not isinstance(error.__cause__, ValidationError):
         return ""
     detail, name = error.__cause__.errors()[0], error.param.opts[0]
-    example = 10 if error.param.default is None else error.param.default
-    example = " ".join([str(example)] * error.param.nargs)
+    example = " ".join([str(10 if error.param.default is None else error.param.default)] * error.param.nargs)
     given = reprlib.repr(detail["input"])
     return f"{name} {given} {limit_of(detail)}; write for example {name} {example}."
 
