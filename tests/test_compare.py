@@ -142,6 +142,8 @@ def test_effort_is_command_minus_plan_after_the_first_step(walk):
     force[~first] += [6.0, -3.0, 12.0]
     force[first] += 100.0
     momentum[:, 0] += 0.25
+    force[1::3] = force[0::3][: len(force[1::3])]  # held, while the plan goes on
+    momentum[1::3] = momentum[0::3][: len(momentum[1::3])]
     other = replace(record, command_force=force, command_angular_momentum=momentum)
     effort = compare(plan, other, measured).costs["effort"]
     np.testing.assert_allclose(effort["force"], [6.0, 3.0, 12.0])

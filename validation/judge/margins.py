@@ -51,15 +51,21 @@ def largest_tilt(q: Array, time: Array, description: BodyDescription, shapes: Sh
 def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Rows) -> dict[str, Any]:
     """RMS of command minus plan over ``rows``, shape (K,): the controller's correction of the formula.
 
-    It has ``force`` [N], ``angular_momentum`` [N m s] and ``zmp`` [m].
+    It has ``force`` [N], ``angular_momentum`` [N m s] and ``zmp`` [m]. Only instants with a new command
+    count: between them it is held, while the plan goes on.
     """
-    gaps = {
-        "force": record.command_force - sample.force,
-        "angular_momentum": record.command_angular_momentum[:, :2] - sample.angular_momentum,
-        "zmp": record.command_zmp - sample.zmp,
+    pairs = {
+        "force": (record.command_force, sample.force),
+        "angular_momentum": (record.command_angular_momentum[:, :2], sample.angular_momentum),
+        "zmp": (record.command_zmp, sample.zmp),
     }
-    many = np.count_nonzero(rows) or math.nan
-    return {name: tuple(np.sqrt((gap[rows] ** 2).sum(axis=0) / many).tolist()) for name, gap in gaps.items()}
+    effort = {}
+    for name, (command, planned) in pairs.items():
+        used = rows.copy()
+        used[1:] &= (command[1:] != command[:-1]).any(axis=1)
+        gap = (command - planned)[used]
+        effort[name] = tuple(np.sqrt((gap**2).sum(axis=0) / (len(gap) or math.nan)).tolist())
+    return effort
 
 
 def margins(

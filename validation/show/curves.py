@@ -6,7 +6,7 @@ import numpy as np
 
 from ampm.geometry import Array
 from validation.judge.compare import SIGNALS
-from validation.store.signals import Signals
+from validation.store.signals import Signals, changes
 from validation.table import own_rows
 
 
@@ -40,9 +40,17 @@ class Difference(NamedTuple):
     unit: str  # in which they are drawn
 
     def values(self, signals: Signals, weight: float) -> Array:
-        """Drawn values, shape (N, len(axes)), of a body with a weight [N]."""
+        """Drawn values, shape (N, len(axes)), of a body with a weight [N].
+
+        As a command is held until the next one, its difference is held, too.
+        """
         scale = {"mm": 1e3, "% of body weight": 100.0 / weight}.get(self.unit, 1.0)
-        return scale * (signals.vector(self.minuend, self.axes) - signals.vector(self.subtrahend, self.axes))
+        minuend = signals.vector(self.minuend, self.axes)
+        gap = scale * (minuend - signals.vector(self.subtrahend, self.axes))
+        if not self.minuend.startswith("command"):
+            return gap
+        new = changes(minuend)
+        return np.repeat(gap[new], np.diff(new, append=len(gap)), axis=0)
 
 
 CURVES = {

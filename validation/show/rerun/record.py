@@ -390,7 +390,7 @@ def _curves(saved: SavedRun) -> Curves:
         both = {kind: SERIES[kind] for kind in ("command", "measured")}
         found[f"signals/{column}"] = np.column_stack([signals[f"{kind}_{column}"] for kind in both]), both
     for entity, gap in DIFFERENCES.items():
-        found[entity] = gap.values(signals, weight), {axis: _AXES[axis] for axis in gap.axes}
+        found[entity] = gap.values(every, weight)[rows], {axis: _AXES[axis] for axis in gap.axes}
     feet = np.column_stack([signals["left_force_z"], signals["right_force_z"], signals["plan_force_z"]])
     found["signals/foot_force_z"] = feet, {**_FEET, "plan": PLAN}
     if not saved.is_log:
