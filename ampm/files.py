@@ -63,7 +63,9 @@ def check_columns(names: Iterable[str], path: Path) -> None:
     """
     names = list(names)
     if len(names) == 1 and ";" in names[0]:
-        raise InputError(f"{path} has semicolons between its columns; put commas there.")
+        raise InputError(
+            f"{path} has semicolons between its columns; put commas there, and points for decimal commas."
+        )
     if twice := [name for name, number in Counter(names).items() if number > 1]:
         raise InputError(f"{path} has the column {twice[0]!r} twice; remove one of them.")
 

@@ -64,6 +64,11 @@ class Metric:
         for value, known in ((self.kind, _KINDS), (self.nature, _NATURES)):
             if value not in known:
                 raise unknown(value, known, f"kind of the metric '{self.name}'")
+        if not isinstance(self.tolerances, Mapping):
+            raise InputError(
+                f"metric '{self.name}' has the tolerances {self.tolerances!r}; "
+                'give those of its profiles: {"default": 0.1}.'
+            )
         for limit in self.tolerances.values():
             if not isinstance(limit, Real) or not math.isfinite(limit):
                 raise InputError(f"metric '{self.name}' has the tolerance {limit!r}; give a number.")

@@ -88,8 +88,10 @@ def load_object(option: str, text: str) -> Any:
     if text in SENT:
         return SENT[text]
     module, colon, name = text.partition(":")
-    if not (module and colon and name):
-        raise InputError(f"{option} {text!r} must be MODULE:CLASS, for example mine:Controller.")
+    if not (module and colon and name) or module.endswith(".py"):
+        raise InputError(
+            f"{option} {text!r} must be MODULE:CLASS without .py, for example mine:Controller of mine.py."
+        )
     here = str(Path.cwd())
     sys.path.insert(0, here)
     try:
@@ -112,7 +114,7 @@ class Role:
     key: str  # of the run's parameters, that names the class
     options: str  # table of the parameters with the class's options
     known: Mapping[str, str]  # the project's names, and their `module:Class`; empty for what is not a class
-    arguments: int  # number of arguments that a class gets before its options
+    arguments: tuple[str, ...]  # what a class gets before its options
     otherwise: str = "MODULE:CLASS"  # what may stand in the place of a name, for messages
 
     def named(self, run: RunParameters) -> tuple[str, Mapping[str, Option]]:
@@ -149,7 +151,7 @@ class Role:
         return factory
 
     def check_options(
-        self, text: str, factory: Callable[..., Any] | None, options: Mapping[str, Option]
+        self, text: str, factory: Callable[..., Any] | None, given: Mapping[str, Option]
     ) -> None:
         """Refuse options that a class or function does not take, and the lack of one that it needs.
 
@@ -159,17 +161,20 @@ class Role:
             signature = inspect.signature(factory or (lambda: None))
         except (TypeError, ValueError):  # compiled code has no signature; its call will say what is wrong
             return
-        before = self.arguments if factory else 0
+        before = self.arguments if factory else ()
         try:
-            signature.bind(*[None] * before, **options)
+            signature.bind(*before, **given)
         except TypeError as error:
-            taken = ", ".join([*signature.parameters][before:]) or "none"
-            given = self.options if options else f"its {before} arguments"
+            names, first = [*signature.parameters], len(before)
+            problem = f"is not made with {self.options} {dict(given)}: {error}; it takes "
+            problem += f"{', '.join(names[first:]) or 'no options'}; an option of one {self.name} alone stands "
+            problem += f"after its name: {text},NAME=VALUE"
+            if len(names) < first:
+                problem = f"takes ({', '.join(names)}) and must take ({', '.join(before)})"
             raise InputError(
-                f"{given} do not fit the {self.name} {text}: {error}; it takes {taken}; "
-                f'an option of one {self.name} alone stands after its name: "mine:Class,gain=2".',
+                f"the {self.name} {text} {problem}.",
                 key=self.options,
-                value=dict(options),
+                value=dict(given),
             ) from error
 
     def name_of(self, factory: Any) -> str:
@@ -184,21 +189,21 @@ CONTROLLER = Role(
     key="controller.name",
     options="controller.options",
     known={"ampm": "ampm.control.controller:TrackingController"},
-    arguments=2,
+    arguments=("robot", "run"),
 )
 ESTIMATOR = Role(
     name="estimator",
     key="sensors.estimator",
     options="sensors.options",
     known={EXACT: "", "kalman": "ampm.sensors.kalman:Kalman"},
-    arguments=3,
+    arguments=("robot", "run", "start"),
 )
 PLANNER = Role(
     name="planner",
     key="gait.planner",
     options="planner.options",
     known=dict.fromkeys(STEP_PLANNERS, "") | {NO_PLAN: "ampm.planners:StandingPlanner"},
-    arguments=0,
+    arguments=(),
     otherwise="a table FILE.csv or FILE.parquet, or MODULE:CLASS",
 )
 
