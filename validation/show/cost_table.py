@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ampm.body.limits import ROLL_TOLERANCE
 from validation.judge.margins import tilt_warnings
 from validation.judge.metrics import METRICS, Metric, cost_entry, display_unit
 from validation.table import ABSENT, USED, Table, format_number, format_share, own_rows, short_unit
@@ -23,8 +24,8 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
     margin = summary["margins"]["plan_polygon"]["value"]
     if margin is not None and abs(margin) < _SMALL:
         notes.append(
-            "The planned ZMP margin is that of the worst instant: when a rolling foot lifts its heel, the "
-            "ZMP passes the ball, which is then the edge of the support."
+            "The planned ZMP margin is that of the worst instant: when a rolling foot lifts its heel, the ZMP "
+            f"passes the ball, then the edge of the support; a plan may pass it by {1e3 * ROLL_TOLERANCE:g} mm."
         )
     if summary["outcome"] == "completed" and (tilt := summary["margins"].get("tilt")):
         notes += tilt_warnings(tilt["value"], tilt["where"])

@@ -68,7 +68,7 @@ class Stance(NamedTuple):
             return f"the COM was {apart:.2f} m from both soles"
         lean = math.acos(min(max(upright, -1.0), 1.0))
         if lean > FALL_TILT:
-            return f"the trunk leaned over by {math.degrees(lean):.0f} degrees"
+            return f"the trunk leaned {math.degrees(lean):.0f} degrees off the planned one"
         return ""
 
 
