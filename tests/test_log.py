@@ -337,7 +337,7 @@ def test_what_a_log_lacks_is_named_and_has_a_status_of_its_own(folder, table, tm
     "text",
     [
         "time;force_z\n0,25;700\n0,5;-1,5e3\n",
-        "time;force_z\n0.25;700\n0.5;-1500\n",
+        "# walk 12\n# of a robot\ntime;force_z\n0.25;700\n0.5;-1500\n",
         "time\tforce_z\n0.25\t700\n0.5\t-1500\n",
         "time, force_z\r\n0.25, 700\r\n0.5, -1500\r\n",
     ],

@@ -148,7 +148,10 @@ def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
 
 def _column(table: Mapping[str, Any], name: str) -> Any:
     if name not in table:
-        raise InputError(f"the table has no column '{name}'; add it.")
+        only_feet = (
+            "; footsteps alone are walked by --footsteps" if name == "time" and "foot" in table else ""
+        )
+        raise InputError(f"the table has no column '{name}'; add it{only_feet}.")
     if np.shape(table[name]) != (shape := np.shape(table.get("time", table[name])))[:1]:
         raise InputError(f"the column '{name}' has the shape {np.shape(table[name])}, and time {shape}.")
     return table[name]

@@ -154,7 +154,9 @@ def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
     try:
         numbers = np.array(table[key], dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: {key} must be numbers ({error}).") from None
+        raise InputError(
+            f"{name}: {key} must be numbers ({error}); leave out other rows, such as one of units."
+        ) from None
     if numbers.shape != np.shape(table["time"]) or numbers.ndim != 1:
         raise InputError(f"{name}: {key} and time must have equally many rows, and one column each.")
     if len(numbers) and np.isnan(numbers).all():

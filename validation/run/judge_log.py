@@ -148,6 +148,8 @@ def _aligned(
     log: Log, plan: WalkPlan, start: float | None, place: tuple[float, float] | None, *, strides: bool
 ) -> tuple[Log, dict[str, Any]]:
     """A log on clock and floor of a plan, and what was done to it: numbers [SI], and sentences."""
+    if (lasts := log.time.size * log.time_step) < LEAST_JUDGED:
+        raise InputError(f"{log.name} lasts {lasts:.3g} s, and needs {LEAST_JUDGED:g} s; give a longer log.")
     share = float(log.signals["force"][:, 2].mean()) / log.weight
     facts: dict[str, Any] = {"rows": log.time.size, "rate": 1.0 / log.time_step}
     notes = [

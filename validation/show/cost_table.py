@@ -24,8 +24,9 @@ def cost_table(summary: Mapping[str, Any]) -> Table:
     margin = summary["margins"]["plan_polygon"]["value"]
     if margin is not None and abs(margin) < _SMALL:
         notes.append(
-            "The planned ZMP margin is that of the worst instant: when a rolling foot lifts its heel, the ZMP "
-            f"passes the ball, then the edge of the support; a plan may pass it by {1e3 * ROLL_TOLERANCE:g} mm."
+            "The planned ZMP margin is that of the worst instant: when a rolling foot lifts its heel, the "
+            "ZMP passes the ball, which is then the edge of the support; a plan may pass it by "
+            f"{1e3 * ROLL_TOLERANCE:g} mm."
         )
     if summary["outcome"] == "completed" and (tilt := summary["margins"].get("tilt")):
         notes += tilt_warnings(tilt["value"], tilt["where"])

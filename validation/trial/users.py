@@ -167,7 +167,9 @@ class Role:
         except TypeError as error:
             names, first = [*signature.parameters], len(before)
             problem = f"is not made with {self.options} {dict(given)}: {error}; it takes "
-            problem += f"{', '.join(names[first:]) or 'no options'}; an option of one {self.name} alone stands "
+            problem += (
+                f"{', '.join(names[first:]) or 'no options'}; an option of one {self.name} alone stands "
+            )
             problem += f"after its name: {text},NAME=VALUE"
             if len(names) < first:
                 problem = f"takes ({', '.join(names)}) and must take ({', '.join(before)})"
@@ -272,7 +274,8 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
     """Columns of a table by name, shape (N,) each; an empty cell is NaN, or None among texts.
 
     Columns of CSV are parted as in its first line, by commas, semicolons (then with decimal commas, too) or
-    tabs. Raises :class:`InputError` if it has another suffix, or is missing or no such table.
+    tabs; lines before it that begin with # are skipped. Raises :class:`InputError` if it has another suffix,
+    or is missing or no such table.
     """
     # Imported here: pyarrow is slow to load.
     import pyarrow.csv
@@ -288,6 +291,8 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
                 table = file.read()
         else:
             text = read_text(path, LARGEST_TABLE)
+            while text.startswith("#"):  # comments of a logger
+                text = text.partition("\n")[2]
             between = max(",;\t", key=text.partition("\n")[0].count)
             table = pyarrow.csv.read_csv(
                 io.BytesIO(text.encode()),
