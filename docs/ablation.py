@@ -54,8 +54,7 @@ VARIANTS: Mapping[str, Mapping[str, float | NDArray[np.float64]]] = {
         "stepping.step_choice.FORWARD": 0.0,
         "stepping.step_choice.BACKWARD": 0.0,
         "stepping.step_choice.WIDER": 0.0,
-        "stepping.step_choice.BESIDE": 10.0,
-        "stepping.step_choice.IN_LINE": 10.0,
+        "stepping.step_choice.NEAR": 10.0,
     },
     "times as planned": {
         "stepping.step_choice.TIMES": np.ones(1),
@@ -69,6 +68,7 @@ VARIANTS: Mapping[str, Mapping[str, float | NDArray[np.float64]]] = {
         "stepping.tracker.BACK": 0.0,
     },
     "COM not at the floor's height": {"stepping.walker.HEIGHT_RATE": 0.0},
+    "trunk righted as on the plan": {"control.trunk.RIGHTING": 1.0},
     "sole not shared": {"control.sole.OPEN": 10.0},
     "height not integrated": {"stepping.floor.LIFT": 0.0},
     "tilt of a sole taken for the floor's": {"stepping.floor.DEEP_IN": 10.0},

@@ -60,6 +60,19 @@ def test_a_push_that_is_too_much_for_planned_steps_is_survived_by_other_steps(di
     assert min(legs) > 0.0
 
 
+def test_feet_that_turn_do_not_meet():
+    """A push narrows a step of a turn in place: beside each other, turned feet take more than their widths."""
+    request = load_request("normal", ["simulation.time_step=0.002", "controller.stabilizer=stepping"])
+    rows = routes.as_rows(routes.turn(10, 2.2, 0.22))
+    walk = plan_walk(replace(request, run=request.run.replace({}, footsteps=rows)))
+    heading = walk.plan.contacts.headings[5]
+    force = (120.0 * np.sin(heading), -120.0 * np.cos(heading), 0.0)
+    record = simulate(walk, disturbances=[Push("chest", force, 2.36, 0.1)])
+    assert record.outcome.completed
+    assert record.changes == 1
+    assert walk.body.shapes.recorded_gaps(record.q[::4]).distance.min() > 0.01
+
+
 def test_steps_elsewhere_are_judged_by_what_was_planned_then():
     """Against the first plan a walk that steps 0.2 m elsewhere is wrong for good."""
     walk, record = planned("stepping"), walked("stepping", SHOVES["wider"])

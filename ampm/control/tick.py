@@ -25,7 +25,7 @@ from ampm.control.limited_qp import limit_broken
 from ampm.control.sole import share_sole
 from ampm.control.stabilizer import command_wrench, rotation_error
 from ampm.control.tasks import posture_task, sole_task, toe_task
-from ampm.control.trunk import fed_back_tilt
+from ampm.control.trunk import RIGHTING, fed_back_tilt
 from ampm.control.workspace import Motion, PlacedBody, Sensed, Tasks, Workspace
 from ampm.linear import add_combination
 from ampm.stepping.stepper import Stepper
@@ -131,6 +131,8 @@ def command(work: Workspace, stepper: Stepper | None) -> None:
     multiply(body.link[trunk.joint].turn, trunk.turn, pose)
     error = rotation_error(wanted.trunk, pose)
     tilt = fed_back_tilt(work.gains, error, wanted.trunk, wanted.tilt_window[0], work.tilt)
+    if work.stepping[0].off_plan:
+        tilt = times(RIGHTING, tilt)
     command_wrench(work.gains, body, wanted, tilt, work.tasks.rates, work.command)
     if stepper is not None:
         share_sole(body, work.stepping[0], wanted, work.command)

@@ -12,6 +12,9 @@ from ampm.control.workspace import Tilt
 from ampm.geometry import Array
 from ampm.vectors import Vector
 
+RIGHTING = 4.0
+"""Off the plan a tilt counts so much more: no orbit is kept there, and pushes tilt the trunk far [1]."""
+
 
 @compiled
 def fed_back_tilt(gains: Any, tilt: Vector, trunk: Array, window: float, memory: Tilt) -> Vector:

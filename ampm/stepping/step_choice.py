@@ -22,9 +22,10 @@ from ampm.vectors import clip
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
 """A step may be displaced this far [m]. All lengths and times here hold for a body of 1.70 m: lengths grow
 with its size, times with the square root of it."""
-BESIDE, IN_LINE, NEAR, GAP = 1.0, 0.5, 0.01, 0.05
-"""Least distance of two soles' middles across, in widths of a foot: beside each other, and with one ahead of
-the other [1]; what is added to it, and the gap between toe and heel from which one is ahead [m]."""
+IN_LINE, NEAR, GAP = 0.5, 0.02, 0.05
+"""Least distance of two soles' middles across with one ahead of the other, in widths of a foot [1]; what is
+added to it or, beside each other, to what both take, and the gap between toe and heel from which one is ahead
+[m]."""
 SHORTEST, LONGEST = 0.32, 1.8
 """Least duration of a single support [s], and longest over the planned one [1]."""
 TIMES = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 1.8])
@@ -192,6 +193,10 @@ def plan_step(stepper: Stepper, wanted: Any) -> bool:
     sole_of(state.stance, stepper.body.points, stepper.body.com, cos, sin, sole)
     dcm_x, dcm_y = expected_dcm(stepper, wanted)
     ahead_from, shortest = sole[1] - sole[0] + GAP * size, SHORTEST * math.sqrt(size)
+    beside = stepper.foot_width
+    if state.off_plan:  # a foot that is turned takes more
+        to_cos, to_sin = heading_of(stepper.table.foot_rotation[-1, 1 - state.stance])
+        beside += 0.5 * (sole[1] - sole[0]) * abs(cos * to_sin - sin * to_cos)
     ramp, cost, most = ramp_share(omega * state.double), math.inf, RETURN_MOST * size
     chosen = -1
     for k in range(-1, len(TIMES) if state.off_plan else 0):
@@ -222,7 +227,7 @@ def plan_step(stepper: Stepper, wanted: Any) -> bool:
         wider = side * (OVERSHOOT * left + back_y)
         longer = clip(forward, -size * BACKWARD, size * FORWARD)
         in_line = abs(state.length + longer) >= ahead_from
-        narrowest = (IN_LINE if in_line else BESIDE) * stepper.foot_width + NEAR * size
+        narrowest = (IN_LINE * stepper.foot_width if in_line else beside) + NEAR * size
         aside = clip(wider, min(narrowest - state.width, 0.0), size * WIDER)
         beyond = abs(forward - longer) + abs(wider - aside)
         price = max(abs(longer) - size * EASY_LENGTH, 0.0) + max(abs(aside) - size * EASY_WIDTH, 0.0)

@@ -135,6 +135,7 @@ def advance(stepper: Stepper, wanted: Any) -> None:
     """The reference of one tick of a walk that has left the plan; arguments as in :func:`follow`."""
     state: SteppingState = stepper.state[0]
     read_table(stepper, phase_position(stepper), wanted)
+    wanted.tilt_window[0] = 0.0
     if stands_flat(stepper):
         under, gain = floor_under(stepper, state.stance), min(stepper.tick / FEEL_TIME, 1.0)
         state.slope[0] += gain * (under[1] - state.slope[0])
