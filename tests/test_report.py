@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.browser import look
-from tests.saved_run import make_run
+from tests.saved_run import COARSE, make_run
+from tests.test_recordings import batches
 from validation.show.chart import decimate
 from validation.show.cost_table import cost_table, reported_table
 from validation.show.curves import CURVES
@@ -63,6 +64,21 @@ def run_dir(tmp_path_factory):
 def html(run_dir):
     assert write_report(run_dir) == run_dir / RunFile.REPORT
     return (run_dir / RunFile.REPORT).read_text(encoding="utf-8")
+
+
+def test_pushes_are_drawn_and_told(tmp_path):
+    """The figures show the stride that was pushed; the recording has an arrow while the push acts."""
+    push = (f"disturbance.push_{name}" for name in ("segment=chest", "y=30", "at=2.5", "duration=0.1"))
+    saved = load_saved_run(make_run(tmp_path / "run", steps=7, settings=(*COARSE, *push)))
+    assert saved.pushes == [("thorax", pytest.approx(2.5), pytest.approx(2.6), 30.0)]
+    stride = RunFigures(saved, saved.plan()).window
+    assert saved.signals.time[stride][0] < 2.5 < saved.signals.time[stride][-1]
+    assert stride != middle(saved.signals)
+    page, told = render(saved), "A push of up to 30 N on thorax for 0.1 s."
+    assert page.count("Red: a push.") > 5
+    assert (pytest.approx(2.5), "WARN", told) in run_events(saved)
+    (rows,) = batches(write_recording(saved), "/world/force/push/thorax")
+    assert sum(map(bool, rows.column("Arrows3D:vectors").to_pylist())) == pytest.approx(10, abs=1)
 
 
 def test_page_is_self_contained_small_and_well_formed(run_dir, html):

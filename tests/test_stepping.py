@@ -61,7 +61,7 @@ def test_a_push_that_is_too_much_for_planned_steps_is_survived_by_other_steps(di
 
 
 def test_feet_that_turn_do_not_meet():
-    """A push narrows a step of a turn in place: beside each other, turned feet take more than their widths."""
+    """A push narrows a step of a turn in place, where feet beside each other take more than their widths."""
     request = load_request("normal", ["simulation.time_step=0.002", "controller.stabilizer=stepping"])
     rows = routes.as_rows(routes.turn(10, 2.2, 0.22))
     walk = plan_walk(replace(request, run=request.run.replace({}, footsteps=rows)))

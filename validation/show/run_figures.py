@@ -34,9 +34,14 @@ def strides(signals: Signals) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in pairwise(left)]
 
 
-def middle(signals: Signals) -> slice:
-    """Rows of a stride from the middle of the run; the whole run if it has none."""
+def middle(signals: Signals, pushed: float | None = None) -> slice:
+    """Rows of a stride from the middle of the run, or of that which is pushed at a time [s].
+
+    The whole run if there is none.
+    """
     found = strides(signals)
+    if pushed is not None:
+        found = [rows for rows in found if signals.time[rows][0] <= pushed <= signals.time[rows][-1]]
     return found[len(found) // 2] if found else slice(0, len(signals))
 
 
@@ -61,7 +66,8 @@ class RunFigures:
 
     def __init__(self, saved: SavedRun, plan: StepPlan | None) -> None:
         self.saved, self.plan, self.signals = saved, plan, saved.signals
-        self.window = middle(self.signals)  # rows of the stride that is shown
+        first = min((begin for _, begin, *_ in saved.pushes), default=None)
+        self.window = middle(self.signals, first)  # rows of the stride that is shown
         self.weight = saved.record.mass * saved.record.gravity  # [N]
 
     def sections(self) -> dict[str, list[Picture]]:
@@ -132,10 +138,14 @@ class RunFigures:
             _draw_tolerances(chart, self._tolerance(f"{name}_rmse"), self._tolerance(f"{name}_maximum"))
         self._signal(lower, curve, curve.title)
         shade_double_support(large, signals, rows)
+        self._shade_pushes(large, time)
+        self._shade_pushes(whole, signals.time)
         title = f"Error of {SIGNALS[name].label}"
         large.name(f"{title}, {middle_name(signals)}", f"[{short_unit(unit)}]")
         self._finish_run(whole, f"{title}, whole run", f"[{short_unit(unit)}]")
         caption = "Grey: double support."
+        if self.saved.pushes:
+            caption += " Red: a push."
         if self._tolerance(f"{name}_rmse") is not None:
             caption += " Green: tolerance of the RMS error."
         if curve.reference == "motion":
@@ -157,6 +167,7 @@ class RunFigures:
                 values, label = curve.values(signals, kind)[rows], kind.replace("_", " ")
                 chart.line(*decimate(time, values), color, width, dash=dash, label=label)
         shade_double_support(chart, signals, rows)
+        self._shade_pushes(chart, time)
         chart.name(title, f"[{curve.unit}]")
         return chart
 
@@ -267,6 +278,12 @@ class RunFigures:
         # Instants without contact have no ZMP in any stride.
         stack = np.where(np.isnan(stack).all(axis=0), 0.0, stack)
         return np.nanmin(stack, axis=0), np.nanmax(stack, axis=0)
+
+    def _shade_pushes(self, chart: Chart, time: Array) -> None:
+        """Shade the pushes at some instants, shape (N,) [s]."""
+        for _, begin, end, _ in self.saved.pushes:
+            if begin < time[-1] and end > time[0]:
+                chart.shade(max(begin, time[0]), min(end, time[-1]), f"{BAD}33")
 
     def _finish_run(self, chart: Chart, title: str, ylabel: str) -> None:
         """Labels; a dotted line at the end of the first step, which is judged separately."""

@@ -93,6 +93,16 @@ class SavedRun(Tabled):
         return "double_support" in self.signals["phase"][:1]
 
     @property
+    def pushes(self) -> list[tuple[str, float, float, float]]:
+        """Segment, begin and end [s], and largest force [N] of every push."""
+        found, record = [], self.record
+        for k, segment in enumerate(record.external_segments):
+            size = np.linalg.norm(record.external_force[:, k], axis=1)
+            for a, b in np.flatnonzero(np.diff(size > 0.0, prepend=False, append=False)).reshape(-1, 2):
+                found.append((segment, float(record.time[a]), float(record.time[b]), float(size[a:b].max())))
+        return found
+
+    @property
     def title(self) -> str:
         """Name of the gait, what was changed in it, and its planner if it is not the default one."""
         return summary_title(self.summary)
@@ -232,6 +242,8 @@ def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:
                 events.append(
                     (float(time[worst]), "INFO", f"Largest ZMP error in {axis}: {1e3 * error[worst]:.1f} mm.")
                 )
+    for segment, begin, end, size in saved.pushes:
+        events.append((begin, "WARN", f"A push of up to {size:.4g} N on {segment} for {end - begin:.3g} s."))
     unsolved = record.tick_time[record.qp_status == 2]
     begins = unsolved[np.r_[True, np.diff(unsolved) > 0.05]] if len(unsolved) else unsolved
     events += [(float(t), "ERROR", "The QP was not solved; the fallback gave the torques.") for t in begins]

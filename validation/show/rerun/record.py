@@ -262,7 +262,7 @@ class _Log:
                 self.polygon(plan)
 
     def soles(self) -> Array:
-        """Soles, contact points and forces of both feet; height of the floor under them, shape (N,) [m]."""
+        """Soles, their points and forces, and pushes; height of the floor under the feet, shape (N,) [m]."""
         record, times = self.record, self.times
         force, point = record.point_force[self.states], record.point_position[self.states]
         floor = support_height(record.floor, point[:, :, 2], force[:, :, 2])
@@ -285,6 +285,12 @@ class _Log:
             centre[total < 1.0] = np.nan
             origin = _on_floor(centre[:, :2], floor)
             self.arrow(f"world/force/{name}", origin, force[:, mine].sum(axis=1), color, 0.005)
+        steps = record.state_rows[self.states]
+        for k, segment in enumerate(record.external_segments):
+            push, place = record.external_force[steps, k], record.external_position[steps, k]
+            push[~push.any(axis=1)] = np.nan
+            entity = f"world/force/push/{rr.escape_entity_path_part(segment)}"
+            self.arrow(entity, place, push, _AXES["x"], 0.01)
         return floor
 
     def polygon(self, plan: StepPlan) -> None:
