@@ -17,7 +17,7 @@ from validation.show.cost_table import cost_table, reported_table
 from validation.show.curves import CURVES
 from validation.show.report import render, write_report
 from validation.show.rerun.record import verdict_markdown, write_recording
-from validation.show.run_figures import RunFigures, middle
+from validation.show.run_figures import RunFigures, middle, strides
 from validation.show.style import MEASURED
 from validation.show.walker import INSTANTS, draw_walker
 from validation.store.saved import load_saved_run, run_events
@@ -74,6 +74,8 @@ def test_pushes_are_drawn_and_told(tmp_path):
     stride = RunFigures(saved, saved.plan()).window
     assert saved.signals.time[stride][0] < 2.5 < saved.signals.time[stride][-1]
     assert stride != middle(saved.signals)
+    early = strides(saved.signals)[0]
+    assert middle(saved.signals, 0.1) == early
     page, told = render(saved), "A push of up to 30 N on thorax for 0.1 s."
     assert page.count("Red: a push.") > 5
     assert (pytest.approx(2.5), "WARN", told) in run_events(saved)

@@ -35,13 +35,13 @@ def strides(signals: Signals) -> list[slice]:
 
 
 def middle(signals: Signals, pushed: float | None = None) -> slice:
-    """Rows of a stride from the middle of the run, or of that which is pushed at a time [s].
+    """Rows of a stride from the middle of the run, or of that nearest to a push at a time [s].
 
     The whole run if there is none.
     """
     found = strides(signals)
-    if pushed is not None:
-        found = [rows for rows in found if signals.time[rows][0] <= pushed <= signals.time[rows][-1]]
+    if pushed is not None and found:
+        return min(found, key=lambda rows: abs(signals.time[rows].mean() - pushed))
     return found[len(found) // 2] if found else slice(0, len(signals))
 
 
