@@ -5,17 +5,19 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from validation.study.sweep.schema import columns
+from validation.study.sweep.schema import schema
 
 FILE = Path(__file__).parent / "data" / "sweep-columns.csv"
+KINDS = {"double": "real", "int64": "whole", "string": "text"}
 
 
 def rows() -> list[tuple[str, str, str, str]]:
     """Header, then name, kind, unit and meaning of every column."""
-    return [
-        ("column", "kind", "unit", "meaning"),
-        *((item.name, item.kind, item.unit, item.words) for item in columns()),
-    ]
+    found = [("column", "kind", "unit", "meaning")]
+    for field in schema():
+        unit, meaning = (field.metadata[key].decode() for key in (b"unit", b"meaning"))
+        found.append((field.name, KINDS[str(field.type)], unit, meaning))
+    return found
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from ampm.section import parse_toml
 from models.human import sole_geometry
 from validation.judge.profiles import profile
 from validation.study.sweep.design import SweepDefinition, read_definition
-from validation.study.sweep.table import SweepTable, build_table, key_of, wrap_table
+from validation.study.sweep.table import TABLE_METADATA, SweepTable, build_table, key_of, wrap_table
 
 RANGES: Mapping[str, tuple[float, float]] = {
     "gait.step_length": (0.4, 0.75),
@@ -102,7 +102,7 @@ def write_sweep(folder: Path, table: pa.Table) -> Path:
     """Write a sweep folder that holds this table, and empty run folders where it names recordings."""
     folder.mkdir(parents=True, exist_ok=True)
     pq.write_table(table, folder / "results.parquet")
-    metadata = json.loads(table.schema.metadata[b"ampm_sweep"])
+    metadata = json.loads(table.schema.metadata[TABLE_METADATA])
     (folder / "sweep.toml").write_text(metadata["definition"], encoding="utf-8")
     for name in filter(None, table.column("recording").to_pylist()):
         (folder / name).mkdir(parents=True, exist_ok=True)
@@ -114,4 +114,6 @@ def write_sweep(folder: Path, table: pa.Table) -> Path:
 def replaced(table: pa.Table, name: str, values: Any) -> pa.Table:
     """Copy of a table with one column changed."""
     index = table.column_names.index(name)
-    return table.set_column(index, name, pa.array(values, from_pandas=True))
+    return table.set_column(
+        index, table.field(name), pa.array(values, table.field(name).type, from_pandas=True)
+    )

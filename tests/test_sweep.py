@@ -17,7 +17,7 @@ from validation.study import walk_options
 from validation.study.row_file import ROWS, RowFile
 from validation.study.sweep import report, run
 from validation.study.sweep.design import load_sweep
-from validation.study.sweep.schema import columns
+from validation.study.sweep.schema import schema
 from validation.study.sweep.table import read_sweep, wrap_table
 
 SWEEP = """
@@ -102,8 +102,7 @@ def test_rows_become_a_table_and_refusals_need_no_walk(command, out, capsys):
     assert said["refusals"] == {"switching_velocity_too_low": 3, "bad_parameter": 3}
     assert json.loads((out / "sweep.json").read_text())["runs"] == 9
     table = read_sweep(out).table
-    kind = {"real": pa.float64(), "whole": pa.int64(), "text": pa.string()}
-    assert [(field.name, field.type) for field in table.schema] == [(c.name, kind[c.kind]) for c in columns()]
+    assert table.schema.remove_metadata().equals(schema(), check_metadata=True)
     rows = table.to_pylist()
     assert [row["run"] for row in rows] == list(range(9))
     assert len({row["key"] for row in rows}) == 9
@@ -118,12 +117,12 @@ def test_rows_become_a_table_and_refusals_need_no_walk(command, out, capsys):
 
 
 def test_every_parameter_and_metric_has_its_column_with_unit_and_meaning():
-    units = {item.name: item.unit for item in columns()}
-    assert len(units) == len(columns())
-    assert parameter_values(RunParameters()).keys() <= units.keys()
-    for item in columns():
-        assert item.words, item.name
-        assert bool(item.unit) == (item.kind in ("real", "whole")), item.name
+    names = schema().names
+    assert len(names) == len(set(names))
+    assert parameter_values(RunParameters()).keys() <= set(names)
+    for item in schema():
+        assert item.metadata[b"meaning"], item.name
+        assert bool(item.metadata[b"unit"]) != pa.types.is_string(item.type), item.name
     sweep = wrap_table(make_table(2), None, "x")
     assert (sweep.unit("gait.step_length"), sweep.unit("outcome")) == ("m", "1")
     assert sweep.metadata["tolerances"]["zmp_x_rmse"]["unit"] == "foot length"

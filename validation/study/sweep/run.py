@@ -68,7 +68,7 @@ def sweep(definition: SweepDefinition | str | Path, **execution: Unpack[Executio
         return found
     kept = pa.array(_keep_worst(definition, found, folder, execution), pa.string())
     column = found.table.schema.get_field_index("recording")
-    found = replace(found, table=found.table.set_column(column, "recording", kept))
+    found = replace(found, table=found.table.set_column(column, found.table.field(column), kept))
     with output_file(folder / RESULTS) as file:
         pq.write_table(found.table, file, compression="zstd")
     write_json(folder / SUMMARY, found.as_dict())

@@ -7,10 +7,11 @@ interruptions. Metrics come from the registry (:mod:`validation.judge.metrics`),
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import pyarrow as pa
 
@@ -23,49 +24,46 @@ from validation.run.trial import Trial
 from validation.table import own_rows
 from validation.trial.followed import LEADS
 
-Kind = Literal["real", "whole", "text"]
 Options = Mapping[str, Sequence[Option]]
 """Options of users' classes, by their keys, with their values."""
 AHEAD = ("zmp_x", "zmp_y")
 """Signals with a column of their RMS error for each lead of the plan."""
-_TYPES = {"real": pa.float64(), "whole": pa.int64(), "text": pa.string()}
-_KINDS: Mapping[str, Kind] = {"float": "real", "int": "whole", "text": "text"}
+_TYPES = {"float": pa.float64(), "int": pa.int64(), "text": pa.string()}
 
 
-class Column(NamedTuple):
-    """One column of the table."""
-
-    name: str  # as in the file
-    kind: Kind  # real (float64), whole (int64), text (UTF-8)
-    unit: str  # SI unit, `1` for a plain number, empty for words
-    words: str  # meaning
-
-
-def columns(options: Options = MappingProxyType({})) -> tuple[Column, ...]:
+def schema(options: Options = MappingProxyType({})) -> pa.Schema:
     """All columns, in the order of the table; a metric that is registered later adds its own.
+
+    The metadata of a field has the ``unit`` of its column, SI, `1` for a plain number, empty for words; and
+    its ``meaning``.
 
     Args:
         options: of a sweep, each of which adds a column.
     """
-    own: dict[str, list[Column]] = {"run": [], "walk": [], "cost": []}
+    own: dict[str, list[pa.Field]] = defaultdict(list)
     for row in own_rows("study/sweep/columns.csv"):
-        own[row.pop("place")].append(Column(**row))  # type: ignore[arg-type]
-    inputs = ((item, _KINDS[item.kind]) for item in map(key_info, KEYS))
+        own[row.pop("place")].append(_column(**row))
     constants = ((f"plan_{item.name}", item.metadata) for item in fields(PlanConstants))
     ahead = ((name, lead, METRICS[f"{name}_rmse"].label) for lead in LEADS for name in AHEAD)
-    return (
-        *own["run"],
-        *(Column(item.key, kind, "" if kind == "text" else item.unit, item.meaning) for item, kind in inputs),
-        *(Column(key, _kind(values), "", key_info(key).meaning) for key, values in options.items()),
-        *(Column(name, "real", data["unit"], data["meaning"]) for name, data in constants),
-        *own["walk"],
-        *(
-            Column(ahead_column(name, at), "real", "m", f"{label}, {at:g} s ahead")
-            for name, at, label in ahead
-        ),
-        *(Column(item.column, "real", item.unit, item.meaning) for item in METRICS.values()),
-        *own["cost"],
+    return pa.schema(
+        [
+            *own["run"],
+            *(_column(item.key, item.kind, item.unit, item.meaning) for item in map(key_info, KEYS)),
+            *(_column(key, _kind(values), "", key_info(key).meaning) for key, values in options.items()),
+            *(_column(name, "float", data["unit"], data["meaning"]) for name, data in constants),
+            *own["walk"],
+            *(
+                _column(ahead_column(name, at), "float", "m", f"{label}, {at:g} s ahead")
+                for name, at, label in ahead
+            ),
+            *(_column(item.column, "float", item.unit, item.meaning) for item in METRICS.values()),
+            *own["cost"],
+        ]
     )
+
+
+def _column(name: str, kind: str, unit: str, meaning: str) -> pa.Field:
+    return pa.field(name, _TYPES[kind], metadata={"unit": "" if kind == "text" else unit, "meaning": meaning})
 
 
 def ahead_column(signal: str, lead: float) -> str:
@@ -73,16 +71,11 @@ def ahead_column(signal: str, lead: float) -> str:
     return f"ahead_{lead:g}_{signal}"
 
 
-def _kind(values: Sequence[Option]) -> Kind:
+def _kind(values: Sequence[Option]) -> str:
     """Kind of an option's column: numbers if all values are numbers."""
     if any(isinstance(value, bool | str) for value in values):
         return "text"
-    return "whole" if all(isinstance(value, int) for value in values) else "real"
-
-
-def schema(options: Options = MappingProxyType({})) -> pa.Schema:
-    """Arrow schema of the table; for ``options`` see :func:`columns`."""
-    return pa.schema([pa.field(item.name, _TYPES[item.kind]) for item in columns(options)])
+    return "int" if all(isinstance(value, int) for value in values) else "float"
 
 
 def walk_columns(trial: Trial) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from validation.judge.profiles import Tolerance
 from validation.store.environment import code_hash, describe_environment, parameter_values, run_key
 from validation.study.row_file import ROWS, Row, read_rows
 from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
-from validation.study.sweep.schema import columns, schema
+from validation.study.sweep.schema import schema
 from validation.table import Table, Tabled
 
 DEFINITION = "sweep.toml"
@@ -36,8 +36,8 @@ RESULTS = "results.parquet"
 SUMMARY = "sweep.json"
 REPORT = "report.html"
 RECORDINGS = "recordings"
-TABLE_METADATA = b"ampm_sweep"
-"""Schema metadata of a table: JSON, see :func:`table_metadata`."""
+TABLE_METADATA = b"ampm_sweep_2"
+"""Schema metadata of a table, with the number of its format: JSON, see :func:`table_metadata`."""
 METRIC = "metric_"
 _BATCH = 1000  # rows that are turned into columns at a time
 
@@ -168,7 +168,7 @@ class SweepTable(Tabled):
 
     def unit(self, name: str) -> str:
         """Unit of a column, ``1`` if it has none."""
-        return self.metadata["columns"].get(name, {}).get("unit") or "1"
+        return (self.table.field(name).metadata or {}).get(b"unit", b"").decode() or "1"
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -305,8 +305,8 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
     """Description of a table, JSON-ready.
 
     ``definition`` (TOML), ``name``, ``runs``, ``varied`` (keys), ``profile``, ``tolerances`` (metric to
-    ``limit``, ``unit`` and ``reason``; forces in body weights), ``labels`` (metric to readable name),
-    ``columns`` (name to ``unit`` and ``words``) and ``environment`` (versions, platform, hash of the code).
+    ``limit``, ``unit`` and ``reason``; forces in body weights), ``labels`` (metric to readable name) and
+    ``environment`` (versions, platform, hash of the code).
     """
     profile = definition.judge
     return {
@@ -320,9 +320,6 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
             for item in profile.tolerances
         },
         "labels": {item.name: item.label for item in METRICS.values()},
-        "columns": {
-            item.name: {"unit": item.unit, "words": item.words} for item in columns(definition.options)
-        },
         "environment": {**describe_environment(), "code": code_hash()},
     }
 
@@ -356,7 +353,10 @@ def read_sweep(folder: Path | str) -> SweepTable:
         line = str(error).partition("\n")[0]
         raise InputError(f"{file} cannot be read ({line}); remove it, rows.jsonl has its rows.") from error
     if TABLE_METADATA not in (table.schema.metadata or {}):
-        raise InputError(f"{file} is not a table of a sweep: it has no metadata {TABLE_METADATA.decode()!r}.")
+        raise InputError(
+            f"{file} is not a table of a sweep of this version: it has no metadata "
+            f"{TABLE_METADATA.decode()!r}; remove it, rows.jsonl has its rows."
+        )
     return wrap_table(table, folder)
 
 
