@@ -125,29 +125,6 @@ class KeyInfo:
     options: tuple[str, ...]  # values of a text; empty for numbers and for a text that is free
     range: str  # bounds or options, for people
 
-    def convert(self, value: Any) -> Option:
-        """A value of TOML as this key has it, within its bounds or not.
-
-        Raises:
-            InputError: another type, not a number, or none of the options.
-        """
-        is_number = isinstance(value, float) or (type(value) is int and abs(value) <= _LARGEST_INTEGER)
-        is_text = value in self.options if self.options else bool(value) and isinstance(value, str)
-        rules = {
-            "option": (isinstance(value, Option), "a number, a text, true or false"),
-            "text": (is_text, f"one of {', '.join(self.options)}" if self.options else "a text"),
-            "int": (is_number and value % 1 == 0, "a whole number"),
-            "float": (is_number and value == value, "a number"),
-        }
-        good, wanted = rules[self.kind]
-        if not good:
-            raise InputError(f"{self.key} = {value!r} must be {wanted}.", key=self.key, value=value)
-        kinds: Mapping[str, Any] = {"int": int, "float": float}
-        return kinds[self.kind](value) if self.kind in kinds else value
-
-
-_LARGEST_INTEGER = 2**53  # whole numbers beyond are not exact as floats
-
 
 @cache
 def key_info(key: str) -> KeyInfo:

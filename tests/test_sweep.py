@@ -29,9 +29,13 @@ recordings = "none"
 [[vary]]
 method = "grid"
 contact.friction = [0.6, 0.7, 0.8]
-gait.switching_velocity = [0.3, 0.7, -1.0]
+
+[[vary]]
+method = "list"
+gait.switching_velocity = [0.3, 0.7, 0.7]
+sensors.delay = [0.0, 0.0, 0.0003]
 """
-"""Nine runs, of which 1, 4, 7 can walk; the formula refuses a speed of 0.3, the bounds one of -1."""
+"""Nine runs, of which 1, 4, 7 can walk; the formula refuses a speed of 0.3, the time step a delay."""
 PASS = {"outcome": "completed", "verdict": "pass", "failed": "", "steps_completed": 3, "foot_length": 0.26}
 FELL = {"outcome": "fell", "verdict": "not_measured"}
 CRASH = {"outcome": "crashed", "reason": "ValueError", "cause": "a bug"}
@@ -106,8 +110,8 @@ def test_rows_become_a_table_and_refusals_need_no_walk(command, out, capsys):
     rows = table.to_pylist()
     assert [row["run"] for row in rows] == list(range(9))
     assert len({row["key"] for row in rows}) == 9
-    assert rows[2]["gait.switching_velocity"] == -1.0
-    assert "gait.switching_velocity = -1 m/s" in rows[2]["cause"]
+    assert rows[2]["sensors.delay"] == 0.0003
+    assert "sensors.delay = 0.0003 s gives 0.6 steps" in rows[2]["cause"]
     assert rows[0]["metric_zmp_x_rmse"] is None
     assert rows[4]["metric_zmp_x_rmse"] == 0.1 + 0.2
     assert [row["gait.a_s"] for row in rows[3:5]] == [2.63, 1.5]
@@ -177,7 +181,7 @@ def test_a_walk_that_ctrl_c_ends_in_this_process_is_no_row(monkeypatch):
 @pytest.mark.parametrize(
     ("old", "new", "walked"),
     [
-        ("[[vary]]", "[set]\nbody.mass = 66.0\n[[vary]]", [1, 4, 7]),
+        ('[[vary]]\nmethod = "grid"', '[set]\nbody.mass = 66.0\n[[vary]]\nmethod = "grid"', [1, 4, 7]),
         ("steps = 3", 'steps = 3\nprofile = "wide"', [1, 4, 7]),
         ("0.8]", "0.9]", [7]),
         ("steps = 3", "steps = 3\nwall_clock = 9.0", []),
@@ -282,5 +286,5 @@ def test_a_dry_run_counts_refusals_and_times_one_walk(command, capsys, monkeypat
     assert command("--dry-run", "--json") == 0
     said = json.loads(capsys.readouterr().out)
     assert (said["runs"], said["checked"], said["walking"]) == (9, 3, 3)
-    assert command("--dry-run", text=SWEEP.replace("0.7, -1.0", "0.2")) == 2
+    assert command("--dry-run", text=SWEEP.replace("0.7, 0.7", "0.2, 0.2")) == 2
     assert "no run that was tried can be walked" in capsys.readouterr().out

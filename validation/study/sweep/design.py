@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ampm.exceptions import InputError
-from ampm.parameters import HUMAN, KEYS, OPTION_TABLES, RunParameters, is_option
+from ampm.parameters import HUMAN, KEYS, OPTION_TABLES, SECTIONS, RunParameters, field_of, is_option
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, load_run
 from ampm.section import Option, Real, Section, read_toml, toml_text, unknown
@@ -249,7 +249,7 @@ class SweepDefinition(Section, section="sweep"):
             alike.setdefault((self.gait_of(run), *map(self.varied(run).get, _OF_PROFILES)), run)
         names = {self.profile} if self.profile else set[str]()
         for run in () if self.profile else alike.values():
-            with suppress(InputError):  # a run beyond the bounds of a key
+            with suppress(InputError):  # a run whose keys do not go together
                 names.add(own_profile(self.gaits[self.gait_of(run)], self.parameters(run)).name)
         return find_profile(*names) if len(names) == 1 else DEFAULT
 
@@ -302,7 +302,7 @@ class SweepDefinition(Section, section="sweep"):
         """Everything that describes one run.
 
         Raises:
-            InputError: a value is beyond the bounds of its key.
+            InputError: its keys do not go together.
             IndexError: there is no such run.
         """
         varied = self.varied(run)
@@ -350,7 +350,7 @@ def read_definition(table: Mapping[str, Any], name: str, folder: Path) -> SweepD
     for word in head.keys() & set(_TABLES):
         raise unknown(f"sweep.{word}", [f"sweep.{known}" for known in _HEAD])
     with _place("[set]"):
-        fixed = {key: key_info(key).convert(value) for key, value in _flat(table.get("set", {})).items()}
+        fixed = {key: _checked(key, value) for key, value in _flat(table.get("set", {})).items()}
     fixed |= {key: _beside(folder, str(fixed[key])) for key in (BODY_KEY, PLANNER_KEY) if key in fixed}
     gait = head.get("gait")
     gaits = tuple(gait) if isinstance(gait, list) else (gait,)
@@ -425,7 +425,7 @@ def _values(key: str, value: Any) -> Range | tuple[Option, ...]:
             raise InputError(f"{key} is a text and has no range; list {values}.", key=key)
         with _place(key):
             found = Range(**value)
-        info.convert(found.start), info.convert(found.stop)
+        _checked(key, found.start), _checked(key, found.stop)
         return found
     if not isinstance(value, list) or not value:
         raise InputError(
@@ -433,7 +433,15 @@ def _values(key: str, value: Any) -> Range | tuple[Option, ...]:
             key=key,
         )
     is_class = key in OPTION_TABLES.values()
-    return tuple(info.convert(_one_text(item) if is_class else item) for item in value)
+    return tuple(_checked(key, _one_text(item) if is_class else item) for item in value)
+
+
+def _checked(key: str, value: Any) -> Option:
+    """A value of TOML as its key has it, by the rules of run files."""
+    field_of(key)
+    section, name, *option = key.split(".")
+    found = getattr(SECTIONS[section](**{name: dict.fromkeys(option, value) if option else value}), name)
+    return found[option[0]] if option else found
 
 
 def _one_text(value: Any) -> Any:

@@ -88,7 +88,7 @@ def _tasks(definition: SweepDefinition, folder: Path | None) -> Iterator[Task]:
 
 
 def task_of(definition: SweepDefinition, run: int) -> Task:
-    """One run of a sweep; what bounds or formula refuse needs no walk."""
+    """One run of a sweep; one whose keys do not go together, or that the formula refuses, needs no walk."""
     key = key_of(definition, run)
     try:
         options = _options(definition, run)
@@ -148,7 +148,7 @@ def keep_runs(sweep: SweepDefinition, runs: Mapping[str, int], **execution: Unpa
 class Forecast(Tabled):
     """What a sweep would walk."""
 
-    refused: SweepTable  # runs that bounds or formula refuse, of those that were checked
+    refused: SweepTable  # refused runs, of those that were checked
     found: Mapping[str, Any]  # numbers of runs, and times [s]; None if no tried run can be walked
 
     def as_dict(self) -> dict[str, Any]:

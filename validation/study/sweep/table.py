@@ -278,7 +278,7 @@ def key_of(definition: SweepDefinition, run: int) -> str:
 
 
 def _values(definition: SweepDefinition, run: int) -> dict[str, Any]:
-    """Every parameter of a run, also of one with a value beyond its bounds."""
+    """Every parameter of a run, also of one whose keys do not go together."""
     return parameter_values(definition.shared[definition.gait_of(run)]) | definition.varied(run)
 
 
