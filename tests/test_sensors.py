@@ -119,6 +119,19 @@ def read(*settings):
         return simulated(*settings), readings
 
 
+def updates(monkeypatch, what):
+    """What a function of filter, readings and state gives after every update of a Kalman filter."""
+    found, plain = [], Kalman.update
+
+    def kept(self, readings, commanded):
+        state, touch = plain(self, readings, commanded)
+        found.append(what(self.filter, readings, state))
+        return state, touch
+
+    monkeypatch.setattr(Kalman, "update", kept)
+    return found
+
+
 @cache
 def walked(**sensors):
     """Trial of ten steps of `normal`."""
@@ -259,10 +272,8 @@ def test_a_walk_on_wrenches_of_the_feet_passes():
 def test_the_angles_of_the_imu_are_found_and_cost_nothing():
     sensors = {"imu_angle_bias": 0.01, "seed": 11, **NOISE}
     trial = walked(estimator="tests.test_sensors:Mine", **sensors)
-    from tests.test_sensors import Mine as Loaded
-
     assert trial.verdict.passed, trial.verdict.reason
-    f = Loaded.made[-1].filter
+    f = Mine.made[-1].filter
     np.testing.assert_allclose(np.abs(f.x[f.imu : f.imu + 2]), 0.01, atol=2e-3)
 
 
@@ -272,14 +283,8 @@ def test_offsets_of_encoders_are_borne():
 
 
 def test_wrenches_tell_where_the_com_is_over_the_foot(monkeypatch):
-    found, plain, robot = [], Kalman.update, walk_of().robot
-
-    def kept(self, readings, commanded):
-        result = plain(self, readings, commanded)
-        found.append((result[0].q.copy(), self.filter.soles.loaded.copy()))
-        return result
-
-    monkeypatch.setattr(Kalman, "update", kept)
+    robot = walk_of().robot
+    found = updates(monkeypatch, lambda f, _, state: (state.q.copy(), f.soles.loaded.copy()))
     walked.cache_clear()
     record = walked(estimator="kalman", angle_bias=1e-3, seed=11, **NOISE | FORCE_TORQUE).record
     off = []
@@ -295,9 +300,7 @@ def test_wrenches_tell_where_the_com_is_over_the_foot(monkeypatch):
 
 def test_a_stand_before_the_walk_finds_how_the_imu_is_turned():
     walked(estimator="tests.test_sensors:Mine", stand=1.0, imu_angle_bias=0.01, seed=11, **NOISE)
-    from tests.test_sensors import Mine as Loaded
-
-    np.testing.assert_allclose(np.abs(Loaded.made[-1].found[:2]), 0.01, atol=2e-3)
+    np.testing.assert_allclose(np.abs(Mine.made[-1].found[:2]), 0.01, atol=2e-3)
 
 
 def test_without_errors_of_sensors_a_walk_keeps_its_bits():
@@ -329,17 +332,12 @@ def test_a_late_controller_gets_the_true_state_of_before():
 
 def test_the_filter_is_consistent(monkeypatch):
     """Normalised squared errors of velocity and attitude, six numbers, by the filter's own covariance."""
-    found, plain = [], Kalman.update
 
-    def kept(self, readings, commanded):
-        result = plain(self, readings, commanded)
-        f, rows = self.filter, np.r_[VELOCITY:GYRO]
-        covariance = f.covariance[np.ix_(rows, rows)].copy()
-        found.append((readings, f.x[VELOCITY:TURN].copy(), f.turn.copy(), covariance))
-        return result
+    def kept(f, readings, _):
+        covariance = f.covariance[VELOCITY:GYRO, VELOCITY:GYRO].copy()
+        return readings, f.x[VELOCITY:TURN].copy(), f.turn.copy(), covariance
 
-    monkeypatch.setattr(Kalman, "update", kept)
-    nees = []
+    found, nees = updates(monkeypatch, kept), []
     for seed in range(2):
         found.clear()
         record = walked(estimator="kalman", seed=seed, **NOISE).record
@@ -355,14 +353,7 @@ def test_the_filter_is_consistent(monkeypatch):
 
 
 def test_rates_are_estimated_where_a_push_makes_accelerations_other_than_commanded(monkeypatch):
-    found, plain = [], Kalman.update
-
-    def kept(self, readings, commanded):
-        result = plain(self, readings, commanded)
-        found.append((readings.time, result[0].v[6:].copy()))
-        return result
-
-    monkeypatch.setattr(Kalman, "update", kept)
+    found = updates(monkeypatch, lambda _, readings, state: (readings.time, state.v[6:].copy()))
     noise = (f"sensors.{key}={value}" for key, value in NOISE.items())
     pushed = "disturbance.push_y=150", "disturbance.push_at=0.8"
     record = simulated("simulation.time_step=0.001", "sensors.estimator=kalman", *pushed, *noise)
@@ -395,9 +386,7 @@ def test_an_estimated_walk_keeps_its_place_relative_to_the_foot_and_with_fixes_i
 def test_biases_of_the_imu_are_found():
     sensors = {"estimator": "tests.test_sensors:Mine", "gyro_bias": 1e-3, "seed": 1, **NOISE}
     walked(**sensors)
-    from tests.test_sensors import Mine as Loaded
-
-    found = Loaded.made[-1].filter.x[GYRO:ACCELEROMETER]
+    found = Mine.made[-1].filter.x[GYRO:ACCELEROMETER]
     assert np.abs(np.abs(found[:2]) - 1e-3).max() < 0.7e-3
 
 
@@ -435,9 +424,7 @@ def test_ones_own_estimator_walks_and_does_not_know_the_seed():
     name = "sensors.estimator=tests.test_sensors:Mine"
     record = simulated(name, "sensors.gyro_bias=1e-4", "sensors.seed=5", "disturbance.push_y=1.0")
     assert record.outcome.completed
-    from tests.test_sensors import Mine as Loaded
-
-    known = Loaded.made[-1].run
+    known = Mine.made[-1].run
     assert (known.sensors.gyro_bias, known.sensors.seed, known.disturbance.push_y) == (1e-4, 0, 0.0)
     assert known.sensors.estimator == "tests.test_sensors:Mine"
     fell = simulated("sensors.estimator=tests.test_sensors:Naive")
