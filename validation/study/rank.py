@@ -39,26 +39,8 @@ FILES = (".toml", *SUFFIXES)
 """Endings of gaits and tables, which are named without them."""
 EFFORT = "energy_cost_of_transport"
 """Metric of the effort."""
-
-
-def wilson(successes: int, trials: int) -> tuple[float, float]:
-    """Interval of a share by Wilson's score, at 95 %; 0 to 1 without any trial."""
-    from scipy.stats import binomtest  # slow to load
-
-    if not trials:
-        return 0.0, 1.0
-    interval = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
-    return float(interval.low), float(interval.high)
-
-
-def median_interval(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Interval of a median by order statistics, at 95 % or more; infinite for less than six values."""
-    from scipy.stats import quantile_test  # slow to load
-
-    if len(values) < 6:
-        return -math.inf, math.inf
-    interval = quantile_test(values, p=0.5).confidence_interval(0.95)
-    return float(interval.low), float(interval.high)
+LEAST_PAIRS = 6
+"""Pairs from which order statistics bound a median at 95 %."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +59,13 @@ class TaskResult:
 
     @cached_property
     def interval(self) -> tuple[float, float]:
-        """Of the survival, at 95 % [1]."""
-        return wilson(self.survived, self.runs)
+        """Of the survival, by Wilson's score at 95 %; 0 to 1 without any walk [1]."""
+        from scipy.stats import binomtest  # slow to load
+
+        if not self.runs:
+            return 0.0, 1.0
+        low, high = binomtest(self.survived, self.runs).proportion_ci(0.95, method="wilson")
+        return float(low), float(high)
 
     def pairs(self, other: "TaskResult") -> dict[tuple[Any, ...], float]:
         """Error of the other one minus this one, in each replica that both completed [m]."""
@@ -103,14 +90,18 @@ class Ranking(Tabled):
             return True
         if other.interval[0] > one.interval[1]:
             return False
+        from scipy.stats import quantile_test  # slow to load
+
         pairs = one.pairs(other)
-        least = median_interval(np.array(list(pairs.values())))[0]
-        return least > self.doubt(one, other, pairs)
+        if len(pairs) < LEAST_PAIRS:
+            return False
+        found = quantile_test(list(pairs.values()), p=0.5).confidence_interval(0.95)
+        return bool(found.low > self.doubt(one, other, pairs))
 
     def doubt(self, one: TaskResult, other: TaskResult, pairs: Mapping[tuple[Any, ...], float]) -> float:
         """Numerical uncertainty of the smaller error, and spread of the difference between engines [m]."""
         numerical = SHARE * min(one.error, other.error)
-        if self.engines is None or not pairs:
+        if self.engines is None:
             return numerical
         place, whole = self.engines, np.median(list(pairs.values()))
         engines = {at[place] for at in pairs}
@@ -140,7 +131,9 @@ class Ranking(Tabled):
         walked = [cell.task for cell in self.cells if cell.runs]
         pairs = sum(math.comb(walked.count(task), 2) for task in set(walked))
         missing = f" {self.planned - self.found} runs have no result yet." * (self.found < self.planned)
-        few = " Errors decide from six replicas on." * all(len(cell.errors) < 6 for cell in self.cells)
+        few = " Errors decide from six replicas on." * all(
+            len(cell.errors) < LEAST_PAIRS for cell in self.cells
+        )
         return f"{len(self.wins)} of {pairs} differences between two in one task are decided.{missing}{few}"
 
     def tables(self) -> list[Table]:
