@@ -22,7 +22,7 @@ from ampm.exceptions import InputError
 from ampm.parameters import HUMAN, KEYS, OPTION_TABLES, SECTIONS, RunParameters, field_of, is_option
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, load_run
-from ampm.section import Option, Real, Section, read_toml, toml_text, unknown
+from ampm.section import Option, Real, Section, read_toml, unknown
 from validation.judge.profiles import DEFAULT, Profile, own_profile
 from validation.judge.profiles import profile as find_profile
 from validation.store.environment import parameter_values
@@ -432,8 +432,7 @@ def _values(key: str, value: Any) -> Range | tuple[Option, ...]:
             f"{key} = {value!r} must be a list with values, or a range; one value alone belongs under [set].",
             key=key,
         )
-    is_class = key in OPTION_TABLES.values()
-    return tuple(_checked(key, _one_text(item) if is_class else item) for item in value)
+    return tuple(_checked(key, item) for item in value)
 
 
 def _checked(key: str, value: Any) -> Option:
@@ -442,17 +441,6 @@ def _checked(key: str, value: Any) -> Option:
     section, name, *option = key.split(".")
     found = getattr(SECTIONS[section](**{name: dict.fromkeys(option, value) if option else value}), name)
     return found[option[0]] if option else found
-
-
-def _one_text(value: Any) -> Any:
-    """The name of a class with its options, if it is a table: ``{ name = "mine:Planner", gain = 2 }``."""
-    if not (isinstance(value, dict) and isinstance(value.get("name"), str)):
-        return value
-    options = {key: option for key, option in value.items() if key != "name"}
-    for key, option in options.items():
-        if isinstance(option, list | dict) or "," in str(option):
-            raise InputError(f"{key} = {option!r} of {value['name']} must be one value without a comma.")
-    return ",".join([value["name"], *(f"{key}={toml_text(option)}" for key, option in options.items())])
 
 
 def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
