@@ -55,7 +55,7 @@ def gait(walk: str) -> str:
     path = KEPT / "g1.toml"
     if not path.is_file():
         KEPT.mkdir(parents=True, exist_ok=True)
-        path.write_text(dump_run(complete(load_request(None, body="g1")).run), encoding="utf-8")
+        path.write_text(dump_run(complete(load_request(None, ["body.source=g1"])).run), encoding="utf-8")
     return str(path)
 
 

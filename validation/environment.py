@@ -53,7 +53,6 @@ _MARGIN = 10.0
 def load(
     source: RunParameters | str | None = None,
     /,
-    body: Mapping[str, Any] | str | None = None,
     *,
     seed: int | None = None,
     random_start: bool = True,
@@ -70,7 +69,6 @@ def load(
 
     Args:
         source: parameters, or a preset or TOML file; `normal` by default, or the own gait of another body.
-        body: its name (``body.source``), or values of the section ``body``.
         seed: of the instants at which episodes begin. Sensors and faults have seeds of their own in the run.
         random_start: begin at a random instant of the first stride, not always with the walk.
         disturbances: external forces, beside those of the run; their times count from the begin of an
@@ -80,7 +78,7 @@ def load(
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
     """
-    request = load_request(source, body=body, sections=sections)
+    request = load_request(source, sections=sections)
     if request.run.gait.planner == NO_PLAN:
         raise InputError("the reward of an environment is the agreement with a plan; leave out planner none.")
     if request.run.sensors.stand:

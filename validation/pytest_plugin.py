@@ -48,7 +48,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 
 @pytest.fixture
 def walked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Trial]:
-    """``walked(gait, body=..., controller=..., ...)``: a trial, see :func:`walk_once`."""
+    """``walked(gait, controller=..., ...)``: a trial, see :func:`walk_once`."""
     trials = request.node.stash.setdefault(_WALKED, [])
     request.node.stash[_PLACE] = tmp_path_factory.getbasetemp() / "ampm-runs"
 
@@ -93,7 +93,6 @@ def walk_once(
     source: RunParameters | str | None = None,
     /,
     *,
-    body: Mapping[str, Any] | str | None = None,
     controller: Any = None,
     planner: Any = None,
     disturbances: Sequence[Any] = (),
@@ -108,7 +107,7 @@ def walk_once(
     from validation.run.walk import walk
     from validation.trial.plan import load_request
 
-    request = load_request(source, body=body, sections=sections)
+    request = load_request(source, sections=sections)
     run, name = request.run, request.name
     options = {"controller": controller, "planner": planner, "disturbances": list(disturbances)}
     inputs = (name, run, run.given, options)

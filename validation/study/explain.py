@@ -58,7 +58,7 @@ class Change:
         wanted = self.keys.split()
         changed = [key for key in FIELDS if key in wanted or key.partition(".")[0] in wanted]
         if self.value == "another":  # the project's controller with its settings for the body, else tighter
-            usual = load_request(None, body=run.body.source).run
+            usual = load_request(None, sections={"body": {"source": run.body.source}}).run
             values = {key: usual.value(key) for key in KEYS if key.startswith("controller.")}
             values |= {"controller.frequency": run.controller.frequency, "controller.options": {}}
             if any(run.value(key) != value for key, value in values.items()):

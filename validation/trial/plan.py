@@ -153,7 +153,6 @@ def load_request(
     gait: Request | RunParameters | str | None,
     settings: Sequence[str] = (),
     *,
-    body: Mapping[str, Any] | str | None = None,
     as_is: bool = False,
     sections: Mapping[str, Any] = MappingProxyType({}),
 ) -> Request:
@@ -161,9 +160,8 @@ def load_request(
 
     Args:
         gait: preset or TOML file; None for `normal`, or the own gait of another body than the human. Or
-            parameters, which take only ``body`` and ``sections``. Or a request, which is returned.
+            parameters, which take only ``sections``. Or a request, which is returned.
         settings: ``key=value`` texts.
-        body: its name (``body.source``), or values of the section ``body``.
         as_is: every value counts as given, so that nothing is found.
         sections: values by section and key, after the settings.
 
@@ -172,8 +170,6 @@ def load_request(
     """
     if isinstance(gait, Request):
         return gait
-    if body is not None:
-        sections = {**sections, "body": {"source": body} if isinstance(body, str) else body}
     if isinstance(gait, RunParameters):
         values = {f"{name}.{key}": value for name, keys in sections.items() for key, value in keys.items()}
         return Request("walk", own_gait(gait.replace(values) if values else gait))
