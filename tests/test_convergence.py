@@ -152,17 +152,17 @@ def test_the_exit_status_follows_the_verdict(monkeypatch, capsys):
 def test_a_real_study_and_its_resumption(tmp_path, monkeypatch):
     """Two steps of the easy gait at three time steps."""
     monkeypatch.setattr(convergence, "STUDIES", convergence.STUDIES[:1])
-    settings = [*COARSE, "solver.ik_time_step=0.004"]
+    request = load_request("flat", [*COARSE, "solver.ik_time_step=0.004", "gait.steps=2"])
     monkeypatch.setattr(convergence, "LEVELS", 3)
     options = {"steps": 2, "workers": 0, "out": tmp_path}
-    found = convergence.convergence("flat", settings, **options)
+    found = convergence.convergence(request, **options)
     assert found.completed
     assert 0.0 < found.uncertainty.values["zmp_x_rmse"] < 2e-3
-    known = matching([load_uncertainty(tmp_path)], load_request("flat", [*settings, "gait.steps=2"]))
+    known = matching([load_uncertainty(tmp_path)], request)
     assert known.values["zmp_x_rmse"] == found.metrics["zmp_x_rmse"].uncertainty
     rows = (tmp_path / ROWS).read_text()
     monkeypatch.setattr("validation.study.pool.attempt", lambda work, options: pytest.fail("walked again"))
-    again = convergence.convergence("flat", settings, **options, resume=True)
+    again = convergence.convergence(request, **options, resume=True)
     assert again.as_dict()["metrics"] == found.as_dict()["metrics"]
     assert (tmp_path / ROWS).read_text() == rows
 

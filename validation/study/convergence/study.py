@@ -85,8 +85,7 @@ def walk_level(**options: Any) -> Row:
 
 
 def convergence(
-    gait: Request | RunParameters | str | None = None,
-    settings: Sequence[str] = (),
+    gait: Request | RunParameters | str,
     *,
     steps: int = STEPS,
     profile: str | None = None,
@@ -95,8 +94,7 @@ def convergence(
     """Study one gait.
 
     Args:
-        gait: parameters, preset or TOML file; normal by default.
-        settings: ``key=value`` texts, for a preset or file.
+        gait: parameters, preset or TOML file.
         steps: walked at every level.
         profile: name of the tolerance profile, by default the gait's own.
         execution: workers and folder, see :class:`validation.study.many.Execution`.
@@ -107,7 +105,7 @@ def convergence(
     """
     if steps < 2:
         raise InputError(f"--steps {steps}: the first step is not judged; walk 2 or more.", value=steps)
-    request, folder = load_request(gait, settings), study_folder(execution)
+    request, folder = load_request(gait), study_folder(execution)
     limits = profiles.profile(profile or profiles.own_profile(request.name, request.run))
     request = replace(request, run=request.run.replace({"gait.steps": steps}))
     request = plan_walk(request, execution.get("progress")).request  # with all values
