@@ -165,6 +165,9 @@ def test_feet_and_sensors_give_the_same_zmp(folder, table):
         cop[f"{side}_cop_x"] = np.where(vertical[opposite] > 1.0, zmp[:, 0], np.nan)
     with pytest.raises(InputError, match=r"left_cop is empty in \d+% of the rows in which the foot carries"):
         val.judge_log(cop, folder)
+    sensor["left_sensor_force_z"][vertical["left"] < 1.0] = np.nan
+    with pytest.raises(InputError, match=r"left_force is empty in \d+% of the rows, where right_force"):
+        val.judge_log(sensor, folder)
 
 
 def test_the_mean_stride_has_less_error_than_the_run(folder, summary, table):

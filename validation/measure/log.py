@@ -55,7 +55,7 @@ _RATIO = 2.0  # of mean vertical force and weight: more is another unit, or anot
 _FARTHEST = 1000.0  # of a place: more is another unit [m]
 _LEAN = 1.0  # horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
 _FILLED = 0.9  # share of its rows that a signal has numbers in: with less it counts as missing [1]
-_LOST = 0.2  # share of a loaded foot's rows without a centre of pressure: more is the other foot's [1]
+_LOST = 0.2  # share of rows without one foot's force, or without its place: more is a mistake [1]
 _BIASED = 0.05  # mean distance of COM and force line over the COM's height: more is another frame [1]
 _CROSSED = -0.5  # correlation of the left foot's load with the ZMP along y: below, the sides are changed [1]
 _HEIGHTS = 0.05, 5.0  # of the COM above the floor [m]
@@ -120,7 +120,7 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
             columns = [_numbers(table, part, name) for part in parts]
             signals[key] = np.column_stack(columns) if len(parts) > 1 else columns[0]
         elif len(missing) < len(parts):
-            raise InputError(f"{name} has no column {missing[0]!r}; give {', '.join(parts)}, or none.")
+            raise InputError(f"{name} has no column {missing[0]!r}; give all of {', '.join(parts)}.")
     if "belt_speed" in signals:
         if (empty := np.flatnonzero(np.isnan(signals["belt_speed"]))).size:
             raise InputError(f"row {empty[0] + 1} of {name}: belt_speed is empty; fill its gaps.")
@@ -231,6 +231,13 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
                 )
             forces.append(np.where(light, 0.0, force))
             torques.append(np.where(light, 0.0, np.cross(at, force)))
+    empty = {foot: np.isnan(signals[f"{foot}_force"][:, 2]) for foot in FEET}
+    for foot, other in zip(FEET, reversed(FEET), strict=True):
+        if (alone := float((empty[foot] & ~empty[other]).mean())) > _LOST:
+            raise InputError(
+                f"{foot}_force is empty in {alone:.0%} of the rows, where {other}_force is not; write 0 for "
+                "a foot in the air."
+            )
     found = {"force": signals["left_force"] + signals["right_force"]}
     if len(torques) == len(FEET):
         found["zmp"] = centre_of_pressure(sum(forces), sum(torques), least, floor)
