@@ -20,7 +20,7 @@ from validation.show.rerun.record import verdict_markdown, write_recording
 from validation.show.run_figures import RunFigures, middle, strides
 from validation.show.style import MEASURED
 from validation.show.walker import INSTANTS, draw_walker
-from validation.store.saved import load_saved_run, run_events
+from validation.store.saved import SavedRun, load_saved_run, run_events
 from validation.trial.files import RunFile
 from validation.trial.outcome import Outcome, OutcomeName
 
@@ -66,21 +66,22 @@ def html(run_dir):
     return (run_dir / RunFile.REPORT).read_text(encoding="utf-8")
 
 
-def test_pushes_are_drawn_and_told(tmp_path):
+def test_pushes_are_drawn_and_told(tmp_path, monkeypatch):
     """The figures show the stride that was pushed; the recording has an arrow while the push acts."""
     push = (f"disturbance.push_{name}" for name in ("segment=chest", "y=30", "at=2.5", "duration=0.1"))
     saved = load_saved_run(make_run(tmp_path / "run", steps=7, settings=(*COARSE, *push)))
     assert saved.pushes == [("thorax", pytest.approx(2.5), pytest.approx(2.6), 30.0)]
     stride = RunFigures(saved, saved.plan()).window
     assert saved.signals.time[stride][0] < 2.5 < saved.signals.time[stride][-1]
-    assert stride != middle(saved.signals)
-    early = strides(saved.signals)[0]
-    assert middle(saved.signals, 0.1) == early
+    found = strides(saved.signals)
+    assert stride == middle(saved) != found[len(found) // 2]
     page, told = render(saved), "A push of up to 30 N on thorax for 0.1 s."
     assert page.count("Red: a push.") > 5
     assert (pytest.approx(2.5), "WARN", told) in run_events(saved)
     (rows,) = batches(write_recording(saved), "/world/force/push/thorax")
     assert sum(map(bool, rows.column("Arrows3D:vectors").to_pylist())) == pytest.approx(10, abs=1)
+    monkeypatch.setattr(SavedRun, "pushes", [("thorax", 0.1, 0.2, 30.0)])
+    assert middle(saved) == found[0]
 
 
 def test_page_is_self_contained_small_and_well_formed(run_dir, html):
@@ -134,7 +135,7 @@ def test_a_fall_is_told_as_one(tmp_path, seconds):
     assert any(level == "CRITICAL" and "fell" in text for _, level, text in run_events(saved))
     assert "fell" in verdict_markdown(saved)
     if seconds:
-        (chart,) = draw_walker(saved, saved.plan(), middle(saved.signals))
+        (chart,) = draw_walker(saved, saved.plan(), middle(saved))
         *_, last = chart.xticks
         assert len(chart.xticks) == INSTANTS
         assert float(last.split()[0]) == pytest.approx(seconds, abs=0.02)
@@ -187,7 +188,7 @@ def test_the_first_screen_has_verdict_contents_walker_and_gait(html, tmp_path, s
 
 def test_the_walker_is_drawn_from_saved_joint_angles_forces_and_zmps(run_dir):
     saved = load_saved_run(run_dir)
-    signals, stride = saved.signals, middle(saved.signals)
+    signals, stride = saved.signals, middle(saved)
     (chart,) = draw_walker(saved, saved.plan(), stride)
     phases = [text.partition("\n")[2] for text in chart.xticks]
     single = ["left support"] * 2, ["right support"] * 2

@@ -34,13 +34,11 @@ def strides(signals: Signals) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in pairwise(left)]
 
 
-def middle(signals: Signals, pushed: float | None = None) -> slice:
-    """Rows of a stride from the middle of the run, or of that nearest to a push at a time [s].
-
-    The whole run if there is none.
-    """
-    found = strides(signals)
-    if pushed is not None and found:
+def middle(saved: SavedRun) -> slice:
+    """Rows of a stride from the middle of the run, or that nearest to the first push; else the whole run."""
+    found, signals = strides(saved.signals), saved.signals
+    if saved.pushes and found:
+        pushed = min(begin for _, begin, *_ in saved.pushes)
         return min(found, key=lambda rows: abs(signals.time[rows].mean() - pushed))
     return found[len(found) // 2] if found else slice(0, len(signals))
 
@@ -66,8 +64,7 @@ class RunFigures:
 
     def __init__(self, saved: SavedRun, plan: StepPlan | None) -> None:
         self.saved, self.plan, self.signals = saved, plan, saved.signals
-        first = min((begin for _, begin, *_ in saved.pushes), default=None)
-        self.window = middle(self.signals, first)  # rows of the stride that is shown
+        self.window = middle(saved)  # rows of the stride that is shown
         self.weight = saved.record.mass * saved.record.gravity  # [N]
 
     def sections(self) -> dict[str, list[Picture]]:
@@ -216,10 +213,11 @@ class RunFigures:
         return Picture(charts, f"Causes of the ZMP error along {axis}, stacked", "Grey: double support.")
 
     def top_view(self, steps: int = 4) -> Picture:
-        """ZMP and COM over the footprints, seen from above: some steps from the middle, or all from rest."""
+        """ZMP and COM over the footprints, seen from above: steps around the stride, or all from rest."""
         is_whole = self.saved.from_rest
         bounds = [*self.signals.switches()[::2].tolist(), len(self.signals)]
-        begin = max(0, min(len(bounds) // 2 - steps // 2, len(bounds) - 1 - steps))
+        centre = int(np.searchsorted(bounds, (self.window.start + self.window.stop) // 2))
+        begin = max(0, min(centre - steps // 2, len(bounds) - 1 - steps))
         end = min(begin + steps, len(bounds) - 1)
         rows = slice(None) if is_whole else slice(bounds[begin], bounds[end])
         kind = "measured" if self.saved.is_free else "plan"
@@ -242,7 +240,7 @@ class RunFigures:
                 chart.line(x, y, color, dash="1 2", label=f"COM, {kind}")
         chart.equal = True
         chart.name("", "y, left [m]", "x, forward [m]")
-        caption = "The whole walk." if is_whole else "Four steps from the middle of the run."
+        caption = "The whole walk." if is_whole else "The other figures' stride and a step on either side."
         return Picture(charts, "ZMP and COM over the footprints, seen from above", caption, wide=True)
 
     def torque_use(self, most: int = 16) -> Picture:

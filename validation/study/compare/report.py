@@ -104,23 +104,24 @@ def draw_walks(sides: Sequence[Side]) -> tuple[list[tuple[str, str]], list[Pictu
 
 
 def _draw(sides: Sequence[Side], name: str) -> Picture:
-    """One signal of all walks, over two steps from the middle of each."""
+    """One signal of all walks, over two steps of each."""
     (chart,) = charts = new_charts(2.6)
     is_error = name in _ERRORS
     scale, unit = display_unit(SIGNALS[name].unit, 1.0)
     first = sides[0].run.signals
     for side, color in zip(sides, cycle(_COLORS), strict=False):
         signals = side.run.signals
-        rows = middle(signals)
+        rows = middle(side.run)
         time = signals.time[rows] - signals.time[rows.start]
         measured, plan = scale * signals[f"measured_{name}"][rows], scale * signals[f"plan_{name}"][rows]
         chart.line(*decimate(time, measured - plan if is_error else measured), color, label=side.label)
         if not is_error:
             chart.line(*decimate(time, plan), color, dash=DASHED)
-    shade_double_support(chart, first, middle(first), from_zero=True)
+    shade_double_support(chart, first, middle(sides[0].run), from_zero=True)
     title = f"{'Error of ' if is_error else ''}{SIGNALS[name].label}"
     title = title[0].upper() + title[1:]
-    chart.title, chart.xlabel, chart.ylabel = f"{title}, {middle_name(first)}", "time [s]", f"[{unit}]"
+    chart.title, chart.xlabel = f"{title}, {middle_name(first)}", "time since they began [s]"
+    chart.ylabel = f"[{unit}]"
     chart.top = max(chart.top, chart.heading_height() + 4.0)
     caption = "Measured minus planned." if is_error else "Measured; dashed: the plan of each."
     return Picture(charts, f"{title} of all walks", f"{caption} Grey: double support of {sides[0].label}.")

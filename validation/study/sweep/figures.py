@@ -20,6 +20,7 @@ Groups = Mapping[str, tuple[NDArray[np.bool_], str]]
 MOST_POINTS = 2000
 """Runs in a picture at most: all, or a random sample."""
 _MOST_KEYS, _MOST_USED = 6, 1000.0  # parameters that are drawn; largest share of a tolerance [%]
+_SIZES = (5.5, 2.5)  # diameters of the dots of the first and last kind, so that none hides another [pt]
 _COLORS: Mapping[RunState, str] = {
     RunState.PASS: "#0072b2",
     RunState.OUT_OF_TOLERANCE: "#e69f00",
@@ -96,10 +97,11 @@ def _scatter(x: Axis, y: Axis, groups: Groups) -> Picture:
     known = np.isfinite(x.values + y.values)
     if math.isfinite(y.limit):
         chart.level(y.limit, BAD, dash=DASHED)
-    for name, (rows, color) in groups.items():
-        if (mine := rows & known).any():
-            chart.line([np.nan], [np.nan], color, 3.0, label=name)  # for the legend
-            chart.dots(x.values[mine], y.values[mine], color, 4.0)
+    shown = {name: (mine, color) for name, (rows, color) in groups.items() if (mine := rows & known).any()}
+    sizes = np.linspace(*_SIZES, len(shown))
+    for size, (name, (mine, color)) in zip(sizes, shown.items(), strict=True):
+        chart.line([np.nan], [np.nan], color, 3.0, label=name)  # for the legend
+        chart.dots(x.values[mine], y.values[mine], color, float(size))
     low, high = chart.limits()
     margin = 0.05 * (high - low)[0]
     chart.xlim = float(low[0] - margin), float(high[0] + margin)
