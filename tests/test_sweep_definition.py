@@ -11,6 +11,7 @@ from ampm.parameters import RunParameters
 from ampm.run_file import leaves_open, load_run
 from tests.sweep_table import parse_sweep
 from validation.study.sweep.design import check_classes, dump_sweep, load_sweep
+from validation.trial.plan import own_gait
 
 DOCS = Path(__file__).parents[1] / "docs"
 EXAMPLES = [DOCS / "examples" / f"{name}.toml" for name in ("gate", "unseen")]
@@ -189,3 +190,13 @@ def test_a_robot_has_the_values_that_suit_its_engine(place):
     assert [parse_sweep(dump_sweep(sweep)).parameters(run) for run in range(2)] == runs
     shares = [(run.controller.landing_share, run.controller.stance_yield) for run in runs]
     assert shares == [(0.6, 0.5), (0.6, 0.5) if place == "set" else (0.15, 0.6)]
+
+
+def test_a_robot_has_the_values_that_suit_its_sensors():
+    fixed = '[set]\nbody.source = "suite-humanoid"\n'
+    sweep = parse_sweep(f"{fixed}{LIST}sensors.delay = [0.0, 0.002, 0.00031]\n")
+    found = [sweep.parameters(run) for run in range(2)]
+    body = {"source": "suite-humanoid"}
+    assert found == [own_gait(load_run(None, body=body, sensors={"delay": late})) for late in (0.0, 0.002)]
+    assert found[0].controller.stance_yield != found[1].controller.stance_yield
+    assert sweep.suited(2) == sweep.shared[0]  # a part of a step of physics

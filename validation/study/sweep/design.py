@@ -226,14 +226,32 @@ class SweepDefinition(Section, section="sweep"):
         """What the runs of each gait share: it with ``steps`` and ``set``, as given unless they tune."""
         return self._shared({})
 
-    @cached_property
-    def _of_engines(self) -> dict[Option, tuple[RunParameters, ...]]:
-        """What they share in every engine that is varied: some values of a robot suit its engine."""
-        return {engine: self._shared({ENGINE_KEY: engine}) for engine in self.values(ENGINE_KEY)}
+    def suited(self, run: int) -> RunParameters:
+        """What a run shares with others: values of a robot suit its engine, and exact sensors or others.
 
-    def _shared(self, engine: Mapping[str, Option]) -> tuple[RunParameters, ...]:
-        """What the runs share, and an engine, if one is given."""
-        fixed = {**self.set, **({} if self.steps is None else {STEPS_KEY: self.steps}), **engine}
+        Those of :attr:`shared` where its keys do not go together.
+        """
+        gait, varied = self.gait_of(run), self.varied(run)
+        changed = {key: varied[key] for key in varied if key == ENGINE_KEY or key.startswith("sensors.")}
+        if not changed:
+            return self.shared[gait]
+        try:
+            found = self.shared[gait].replace(changed)
+        except InputError:
+            return self.shared[gait]
+        kind = found.simulation.engine, found.sensors.perfect
+        if kind not in self._suited:
+            self._suited[kind] = self._shared(changed)
+        return self._suited[kind][gait]
+
+    @cached_property
+    def _suited(self) -> dict[tuple[str, bool], tuple[RunParameters, ...]]:
+        """What runs share, by engine and whether sensors are perfect, as :meth:`suited` needs it."""
+        return {}
+
+    def _shared(self, changed: Mapping[str, Option]) -> tuple[RunParameters, ...]:
+        """What the runs share, with some of the varied keys."""
+        fixed = {**self.set, **({} if self.steps is None else {STEPS_KEY: self.steps}), **changed}
         runs = [own_gait(run.replace(fixed)) for run in self.base]
         return tuple(run if self.tune else run.as_is() for run in runs)
 
@@ -305,9 +323,7 @@ class SweepDefinition(Section, section="sweep"):
             InputError: its keys do not go together.
             IndexError: there is no such run.
         """
-        varied = self.varied(run)
-        shared = self._of_engines[varied[ENGINE_KEY]] if ENGINE_KEY in varied else self.shared
-        return shared[self.gait_of(run)].replace(varied)
+        return self.suited(run).replace(self.varied(run))
 
     def name_of(self, run: int) -> str:
         """Number of a run as text, with zeros in front so that names sort as numbers do."""

@@ -279,7 +279,7 @@ def key_of(definition: SweepDefinition, run: int) -> str:
 
 def _values(definition: SweepDefinition, run: int) -> dict[str, Any]:
     """Every parameter of a run, also of one whose keys do not go together."""
-    return parameter_values(definition.shared[definition.gait_of(run)]) | definition.varied(run)
+    return parameter_values(definition.suited(run)) | definition.varied(run)
 
 
 def build_table(definition: SweepDefinition, rows: Iterable[Row]) -> pa.Table:
