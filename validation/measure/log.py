@@ -158,7 +158,9 @@ def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
             f"{name}: {key} must be numbers ({error}); leave out other rows, such as one of units."
         ) from None
     if numbers.shape != np.shape(table["time"]) or numbers.ndim != 1:
-        raise InputError(f"{name}: {key} and time must have equally many rows, and one column each.")
+        raise InputError(
+            f"{name}: {key} has the shape {numbers.shape}; give one number a row, as many as for time."
+        )
     if len(numbers) and np.isnan(numbers).all():
         raise InputError(f"{name}: {key} holds no number; give numbers, or leave out all its axes.")
     bad = np.flatnonzero(np.isinf(numbers) | (np.isnan(numbers) & (key == "time")))
