@@ -227,22 +227,16 @@ class SweepDefinition(Section, section="sweep"):
         return self._shared({})
 
     def suited(self, run: int) -> RunParameters:
-        """What a run shares with others: values of a robot suit its engine, and exact sensors or others.
-
-        Those of :attr:`shared` where its keys do not go together.
-        """
+        """What a run shares with others: values of a robot suit its engine, and exact sensors or others."""
         gait, varied = self.gait_of(run), self.varied(run)
         changed = {key: varied[key] for key in varied if key == ENGINE_KEY or key.startswith("sensors.")}
-        if not changed:
-            return self.shared[gait]
-        try:
+        with suppress(InputError):  # keys that do not go together
             found = self.shared[gait].replace(changed)
-        except InputError:
-            return self.shared[gait]
-        kind = found.simulation.engine, found.sensors.perfect
-        if kind not in self._suited:
-            self._suited[kind] = self._shared(changed)
-        return self._suited[kind][gait]
+            kind = found.simulation.engine, found.sensors.perfect
+            if changed and kind not in self._suited:
+                self._suited[kind] = self._shared(changed)
+            return self._suited[kind][gait] if changed else self.shared[gait]
+        return self.shared[gait]
 
     @cached_property
     def _suited(self) -> dict[tuple[str, bool], tuple[RunParameters, ...]]:
