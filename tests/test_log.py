@@ -165,8 +165,12 @@ def test_feet_and_sensors_give_the_same_zmp(folder, table):
         cop[f"{side}_cop_x"] = np.where(vertical[opposite] > 1.0, zmp[:, 0], np.nan)
     with pytest.raises(InputError, match=r"left_cop is empty in \d+% of the rows in which the foot carries"):
         val.judge_log(cop, folder)
+    for side in sides:  # then only double support would be left
+        sensor[f"{side}_sensor_torque_x"][vertical[side] < 1.0] = np.nan
+    with pytest.raises(InputError, match=r"% of the double supports and .% of the single supports"):
+        val.judge_log(sensor, folder)
     sensor["left_sensor_force_z"][vertical["left"] < 1.0] = np.nan
-    with pytest.raises(InputError, match=r"left_force is empty in \d+% of the rows, where right_force"):
+    with pytest.raises(InputError, match=r"left_force is empty in \d+% of the rows, where right_force is"):
         val.judge_log(sensor, folder)
 
 
@@ -182,6 +186,9 @@ def test_the_mean_stride_has_less_error_than_the_run(folder, summary, table):
         assert 0.2 < value(trial, name) / summary["metrics"][name]["value"] < 1.05, name
     assert value(trial, "zmp_x_rmse") < 1e-3
     assert trial.verdict.passed, trial.verdict.reason
+    table["time"] *= 1.1
+    with pytest.raises(InputError, match=r"the mean stride of the log lasts 1.49. s, and the plan's 1.35. s"):
+        val.judge_log(table, folder, strides=True)
 
 
 def test_a_person_is_no_pendulum_of_constant_height(tmp_path, ampm):

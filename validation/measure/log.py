@@ -233,7 +233,7 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
                 )
             forces.append(np.where(light, 0.0, force))
             torques.append(np.where(light, 0.0, np.cross(at, force)))
-    empty = {foot: np.isnan(signals[f"{foot}_force"][:, 2]) for foot in FEET}
+    empty = {foot: np.isnan(signals[f"{foot}_force"]).any(axis=1) for foot in FEET}
     for foot, other in zip(FEET, reversed(FEET), strict=True):
         if (alone := float((empty[foot] & ~empty[other]).mean())) > _LOST:
             raise InputError(

@@ -31,6 +31,7 @@ from validation.trial.record import FEET
 from validation.trial.users import SUFFIXES, read_columns
 
 _OF_WALKS = frozenset({"controller", "disturbance", "sensors", "simulation", "contact"})  # sections
+_KNOWN = 0.5  # of the larger share: a log that has less of one kind of phase cannot be judged in it [1]
 LEAST_JUDGED = 0.5
 """Duration that a log must share with the judged steps of a plan, about that of a step [s]."""
 
@@ -144,6 +145,21 @@ def _steps(log: Log, plan: WalkPlan) -> int:
     return int(np.count_nonzero(begun & (ends[1:] <= log.time[-1] + 1.5 * log.time_step)))
 
 
+def _check_phases(log: Log, plan: WalkPlan) -> None:
+    """Refuse a log that lacks most of one kind of phase, between its first and last row."""
+    time = np.arange(log.time[0], log.time[-1] + 0.5 * log.time_step, log.time_step)
+    late = np.searchsorted(log.time, time).clip(1, log.time.size - 1)
+    apart = np.minimum(np.abs(time - log.time[late - 1]), np.abs(time - log.time[late]))
+    phases = plan.sample(np.minimum(time, plan.duration)).phase_name
+    known = {str(kind): float((apart < log.time_step)[phases == kind].mean()) for kind in np.unique(phases)}
+    if min(known.values()) < _KNOWN * max(known.values()):
+        kinds = " and ".join(f"{share:.0%} of the {kind.replace('_', ' ')}s" for kind, share in known.items())
+        raise InputError(
+            f"{log.name} has force and ZMP in {kinds} of the plan; fill its empty cells, with 0 for force "
+            "and torque of a foot in the air."
+        )
+
+
 def _aligned(
     log: Log, plan: WalkPlan, start: float | None, place: tuple[float, float] | None, *, strides: bool
 ) -> tuple[Log, dict[str, Any]]:
@@ -190,6 +206,7 @@ def _aligned(
             f"between {plan.judged_from:.4g} and {plan.duration:.4g} s of the plan, which begins at "
             f"{facts.get('start', 0.0):.6g} s; give a longer log, or another start (--start)."
         )
+    _check_phases(judged, plan)
     by, mean_of = (np.array(place), "") if place is not None else find_place(judged, plan)
     if mean_of:
         notes.append(
