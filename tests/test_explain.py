@@ -26,6 +26,7 @@ def tried(of: Case) -> set[str]:
 
 def row(layer="", *, passed=False, excess=0.0, tightest=0.5, outcome="completed"):
     found = {"passed": passed, "excess": excess, "tightest": tightest, "outcome": outcome, "metrics": {}}
+    found["verdict"] = "pass" if passed else "fail"
     return found | {"layer": layer, "text": f"with {layer}"}
 
 
@@ -93,6 +94,7 @@ def test_a_run_is_repeated_with_its_pushes_and_its_folder_gets_the_explanation(t
     folder = val.walk(run, disturbances=[push]).save(tmp_path / "pushed", recording=False)
     found = val.explain(folder, workers=0)
     assert (found.trial["outcome"], found.named) == ("fell", "pushes")
+    assert found.sentence == "The pushes: without pushes it passes."
     assert val.load(folder).sentence  # its digests still hold
     assert found.sentence in val.report(folder).read_text(encoding="utf-8")
     (folder / RunFile.EXPLANATION).write_text("{}", encoding="utf-8")

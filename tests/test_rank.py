@@ -1,5 +1,6 @@
 """Ranks of planners: intervals, what is decided, and planners that fail in a cell."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,7 @@ method = "list"
 disturbance.seed = [1, 2, 3, 4, 5, 6, 7, 8]
 simulation.engine = ["mujoco", "mujoco", "mujoco", "mujoco", "drake", "drake", "drake", "drake"]
 """
+SEEDS = '[[vary]]\nmethod = "grid"\nsensors.seed = [1, 2]\ndisturbance.seed = [1, 2]\n'
 ERRORS = {"ampm": 1.00e-3, "dcm": 1.04e-3, "ipm": 2.5e-3, "lipm": 1.5e-3}
 """Median error of the planners; `lipm` falls in every walk of the task `flat`."""
 RANKS = [("ampm", "1", "1"), ("dcm", "1", "1"), ("ipm", "4", "3"), ("lipm", "3", "4")]
@@ -83,6 +85,27 @@ def test_few_replicas_decide_nothing_and_refusals_leave_the_cell_empty():
         assert found.better(one, worse) is decided
     less = replace(one, survived=one.survived - 1)
     assert not found.better(one, less)
+
+
+def test_replicas_that_are_equal_count_once():
+    """Such as seeds of noise that no sensor has."""
+
+    def change(task, planner, row):
+        return row | {f"ahead_0.1_zmp_{axis}": ERRORS[planner] for axis in "xy"}
+
+    found = rank(league(0, change))
+    assert {cell.runs for cell in found.cells if cell.survived} == {1}
+    assert found.cells[0].notes == ("7 equal another one to the bit: they count once",)
+    assert not found.wins
+
+
+def test_a_walk_without_an_error_has_no_rank():
+    def change(task, planner, row):
+        return row | ({f"ahead_0.1_zmp_{axis}": math.nan for axis in "xy"} if planner == "dcm" else {})
+
+    found = rank(league(0, change))
+    assert ("normal", "dcm") not in found.ranks
+    assert ("normal", "ipm") in found.ranks
 
 
 def test_the_worst_run_is_the_one_that_ended_first():

@@ -19,6 +19,7 @@ from ampm.exceptions import InputError
 from ampm.parameters import FIELDS, KEYS, NO_PLAN, OPEN_KEYS, RunParameters
 from validation.judge import profiles
 from validation.judge.margins import SATURATED
+from validation.judge.verdict import VerdictName
 from validation.run.walk import walk_planned
 from validation.store.folders import names_folder
 from validation.store.json import json_ready, write_json
@@ -100,10 +101,13 @@ class Case:
         if change.layer == "planner" and values:  # feet and posture are found for it
             found = {key for key in OPEN_KEYS if not key.startswith("gait.")}
             run = run.giving(run.given - found)
+        unpushed = change.layer == "pushes"
+        own = unpushed and self.profile == profiles.PUSHED.name  # judges a recovery, of which there is none
         return replace(
             self,
             request=replace(self.request, run=run),
-            pushes=() if change.layer == "pushes" else self.pushes,
+            profile=profiles.own_profile(self.request.name, run).name if own else self.profile,
+            pushes=() if unpushed else self.pushes,
             lifted=self.lifted or (change.layer == "motors" and bool(self.strained)),
         )
 
@@ -122,9 +126,9 @@ def walk_case(case: Case) -> Row:
     """Walk a case, on a worker.
 
     Returns:
-        ``outcome``, ``cause``, ``passed``, ``excess``; ``motor``, the hardest used; ``strained``, if it was;
-        ``tightest``, the largest used share of a limit; ``metrics``: of every judged one the ``label``, the
-        ``text`` of its value, and ``used``, its share of the limit, 2 of an exceeded limit of zero.
+        ``outcome``, ``cause``, ``verdict``, ``passed``, ``excess``; ``motor``, the hardest used, and whether
+        it was ``strained``; ``tightest``, the largest used share of a limit; ``metrics``: of every judged one
+        ``label``, ``text`` of its value, and ``used``, its share of the limit, 2 of an exceeded limit of 0.
     """
     planned = plan_walk(case.request)
     if case.lifted:
@@ -145,6 +149,7 @@ def walk_case(case: Case) -> Row:
     return {
         "outcome": str(end.name),
         "cause": end.cause,
+        "verdict": str(trial.verdict.name),
         "passed": trial.verdict.passed,
         "excess": excess,
         "tightest": max(shares, default=0.0),
@@ -194,8 +199,8 @@ class Explanation(Tabled):
 
 
 def _verdict(row: Row) -> str:
-    completed = row["outcome"] == OutcomeName.COMPLETED
-    return "pass" if row.get("passed") else "FAIL" if completed else str(row["outcome"]).replace("_", " ")
+    name = row["verdict"] if row["outcome"] == OutcomeName.COMPLETED else row["outcome"]
+    return "FAIL" if name == VerdictName.FAIL else str(name).replace("_", " ")
 
 
 def _failed(before: Row, row: Row) -> str:

@@ -49,13 +49,18 @@ class TaskResult:
 
     task: str  # name of the gait
     name: str  # of the planner
-    runs: int  # that should have walked; those that were refused are not counted
+    runs: int  # that should have walked; refused ones do not count, and equal ones count once
     survived: int  # walks that completed
     error: float  # median of the ZMP's RMS error ahead over the completed walks, NaN without any [m]
     effort: float  # median of their mechanical cost of transport [1]
-    notes: tuple[str, ...]  # how runs ended otherwise, with the sentence of the first of each kind
+    notes: tuple[str, ...]  # how runs ended otherwise, with the sentence of the first; how many were equal
     # by the other varied values of each completed walk [m]
     errors: Mapping[tuple[Any, ...], float] = field(repr=False)
+
+    @property
+    def is_ranked(self) -> bool:
+        """Whether it walked, and its walks have an error, unless none completed."""
+        return self.runs > 0 and (not self.survived or math.isfinite(self.error))
 
     @cached_property
     def interval(self) -> tuple[float, float]:
@@ -111,7 +116,7 @@ class Ranking(Tabled):
     @cached_property
     def wins(self) -> list[tuple[TaskResult, TaskResult]]:
         """Pairs of cells of a task of which the first is better."""
-        walked = [cell for cell in self.cells if cell.runs]
+        walked = [cell for cell in self.cells if cell.is_ranked]
         pairs = [(one, other) for one in walked for other in walked if one.task == other.task]
         return [(one, other) for one, other in pairs if one is not other and self.better(one, other)]
 
@@ -122,13 +127,13 @@ class Ranking(Tabled):
         return {
             (cell.task, cell.name): 1 + sum(other is cell for other in lost)
             for cell in self.cells
-            if cell.runs
+            if cell.is_ranked
         }
 
     @property
     def sentence(self) -> str:
         """How many differences are decided."""
-        walked = [cell.task for cell in self.cells if cell.runs]
+        walked = [cell.task for cell in self.cells if cell.is_ranked]
         pairs = sum(math.comb(walked.count(task), 2) for task in set(walked))
         missing = f" {self.planned - self.found} runs have no result yet." * (self.found < self.planned)
         few = " Errors decide from six replicas on." * all(
@@ -147,11 +152,11 @@ class Ranking(Tabled):
         if self.engines is None:
             spread = " leave the difference open. One engine does not show the spread of the contact."
         note = (
-            f"Error: median of the ZMP's RMS distance from the plan as it stood {self.ahead:g} s before. "
-            f"Ranks are shared where replicas (95 % interval) or numerical uncertainty "
-            f"({100.0 * SHARE:g} %){spread}"
+            "The error is the median of the ZMP's RMS distance from the plan as it stood "
+            f"{self.ahead:g} s before. Ranks are shared where replicas (95 % interval) or numerical "
+            f"uncertainty ({100.0 * SHARE:g} %){spread}"
         )
-        columns = (">rank", head, ">error [mm]", ">survived", ">95 % [%]", ">cost of transport", "not walked")
+        columns = (">rank", head, ">error [mm]", ">survived", ">95 % [%]", ">cost of transport", "notes")
         overview = Table("ranks", (head, *(f">{task}" for task in tasks)), ranks, [note])
         return [overview, *(Table(task, columns, self._rows(task)) for task in tasks)]
 
@@ -198,7 +203,10 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     """
     table = sweep if isinstance(sweep, SweepTable) else read_sweep(sweep)
     varied = list(table.metadata["varied"])
-    key = SHORT.get(by) or next((key for key in varied if key.rpartition(".")[2] == by), by)
+    named = [SHORT[by]] if by in SHORT else [key for key in varied if key.endswith(f".{by}")] or [by]
+    if len(named) > 1:
+        raise InputError(f"--by {by} is {' or '.join(named)}; give one of them whole.", value=by)
+    (key,) = named
     if key not in varied:
         raise InputError(f"{table.source} does not vary {key!r}; rank by one of {', '.join(varied)}.")
     if ahead not in LEADS or ahead_column(AHEAD[0], ahead) not in table:
@@ -207,16 +215,21 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     others = [name for name in varied if name != key]
     replicas = list(zip(*(table.values(name).tolist() for name in others), strict=True)) or [()] * len(table)
     errors = np.hypot(*(table.numbers(ahead_column(name, ahead)) for name in AHEAD))
-    groups: dict[tuple[str, str], list[int]] = {}
+    ends_at, groups = table.numbers("outcome_time"), dict[tuple[str, str], list[int]]()
     names = _short(table.words(key))
     for row, place in enumerate(zip(_short(table.words("gait")), names, strict=True)):
         groups.setdefault(place, []).append(row)
     cells, causes, extremes = [], table.words("cause"), dict[str, int]()
     for place, found in groups.items():
         rows = np.array(found)
-        walked = rows[~table.is_state(RunState.REFUSED)[rows]]
+        tried = rows[~table.is_state(RunState.REFUSED)[rows]]
+        different = {(ends_at[row], np.nan_to_num(errors[row])): row for row in tried[::-1].tolist()}
+        walked = np.array(sorted(different.values()), dtype=int)
         done = walked[table.measured[walked]]
         ends = [(state, rows[table.is_state(state)[rows]]) for state in (RunState.REFUSED, *BROKEN)]
+        notes = [f"{len(at)} {end.label}: {causes[at[0]]}" for end, at in ends if at.size]
+        if equal := len(tried) - len(walked):
+            notes.append(f"{equal} equal another one to the bit: they count once")
         cells.append(
             TaskResult(
                 *place,
@@ -224,7 +237,7 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
                 survived=len(done),
                 error=_median(errors[done]),
                 effort=_median(table.numbers(EFFORT)[done]),
-                notes=tuple(f"{len(at)} {end.label}: {causes[at[0]]}" for end, at in ends if at.size),
+                notes=tuple(notes),
                 errors={replicas[row]: float(errors[row]) for row in done},
             )
         )
