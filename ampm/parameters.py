@@ -269,21 +269,8 @@ class RunParameters(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _split_names(cls, table: dict[str, Any]) -> dict[str, Any]:
-        """Take the options of a class from its name, as in ``quintic:Quintic,roll=0.09``."""
-        table = dict(table)
-        for options, names in OPTION_TABLES.items():
-            (section, key), where = names.split("."), options.partition(".")[0]
-            named: Any = table.get(section)
-            text = named.get(key) if isinstance(named, dict) else None
-            if isinstance(text, str) and "," in text and not os.path.isfile(text):
-                name, *given = text.split(",")
-                table[section] = {**named, key: name}
-                others: Any = table.get(where, {})
-                old = others.get(OPTIONS, {}) if isinstance(others, dict) else None
-                if isinstance(old, dict):  # else it is refused
-                    table[where] = {**others, OPTIONS: {**old, **dict(map(parse_setting, given))}}
-        return table
+    def _split(cls, table: dict[str, Any]) -> dict[str, Any]:
+        return _split_names(table)
 
     @model_validator(mode="after")
     def _check(self) -> "RunParameters":
@@ -369,10 +356,7 @@ class RunParameters(Section):
         table, changes = self.model_dump() | more, dict[str, Any]()
         for key, value in values.items():
             put(changes, key, value)
-        drop_options(table, changes)
-        for key, value in values.items():
-            put(table, key, value)
-        return RunParameters(**table).giving(self.given | values.keys())
+        return RunParameters(**merged(table, changes)).giving(self.given | values.keys())
 
     @property
     def undisturbed(self) -> "RunParameters":
@@ -429,18 +413,56 @@ KEYS = tuple(key for key in FIELDS if key not in OPTION_TABLES)
 """All namespaced keys, in the order of the file, without the options of users' classes."""
 
 
-def drop_options(table: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Leave out options in a table of sections whose class gives way to another one in changes.
+def _split_names(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A table of sections with the options behind names of classes, as in ``quintic:Quintic,roll=0.09``."""
+    table = dict(table)
+    for options, names in OPTION_TABLES.items():
+        (section, key), where = names.split("."), options.partition(".")[0]
+        named: Any = table.get(section)
+        text = named.get(key) if isinstance(named, dict) else None
+        if isinstance(text, str) and "," in text and not os.path.isfile(text):
+            name, *given = text.split(",")
+            table[section] = {**named, key: name}
+            others: Any = table.get(where, {})
+            old = others.get(OPTIONS, {}) if isinstance(others, dict) else None
+            if isinstance(old, dict):  # else it is refused
+                new = dict(map(parse_setting, given))
+                if twice := [item for item in new if item in old and old[item] != new[item]]:
+                    values = f"{old[twice[0]]!r}, and {new[twice[0]]!r} behind {name}"
+                    raise InputError(f"{options}.{twice[0]} is {values}; give it once.", key=options)
+                table[where] = {**others, OPTIONS: old | new}
+    return table
+
+
+def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """A table of sections with changes. Options of a class that gives way to another one are left out.
 
     Options beside a default name are meant for a class that is still to be named.
+
+    Raises:
+        InputError: an option has two values in one of both.
     """
+    table, changes = _split_names(table), _split_names(changes)
     for options, name in OPTION_TABLES.items():
         section, key = name.split(".")
         sides = [side.get(section) for side in (table, changes)]
         old, new = (side.get(key) if isinstance(side, Mapping) else None for side in sides)
-        names = {str(text).partition(",")[0] for text in (old, new)}
-        if None not in (old, new) and len(names) > 1 and old != FIELDS[name].default:
-            table.get(options.partition(".")[0], {}).pop(OPTIONS, None)
+        if None not in (old, new) and old not in (new, FIELDS[name].default):
+            where = options.partition(".")[0]
+            table[where] = {key: value for key, value in table.get(where, {}).items() if key != OPTIONS}
+    return _merged(table, changes)
+
+
+def _merged(table: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
+    """A table with the keys of another one, by section; what is not a section is left for the refusal."""
+    found = dict(table)
+    for name, value in more.items():
+        if isinstance(value, Mapping) and name in found:
+            old = found[name]
+            found[name] = _merged(old, value) if isinstance(old, Mapping) else old
+        else:
+            found[name] = value
+    return found
 
 
 def is_option(key: str) -> bool:

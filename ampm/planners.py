@@ -172,7 +172,7 @@ def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkP
     # Imported here, as the inverse kinematics is compiled.
     from ampm.body.constant_posture import ConstantPosture
 
-    check_body(steps, robot.description)
+    check_body(steps, robot.description, phases=None)
     return WalkPlan.of(steps, posture=ConstantPosture(steps, run, robot))
 
 

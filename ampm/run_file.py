@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args, get_origin
 import tomli_w
 
 from ampm.exceptions import InputError
-from ampm.parameters import FIELDS, OPEN_KEYS, SECTIONS, RunParameters, drop_options, field_of, put
+from ampm.parameters import FIELDS, OPEN_KEYS, SECTIONS, RunParameters, field_of, merged, put
 from ampm.presets import PRESETS
 from ampm.section import Option, Options, nearest, parse_setting, read_toml, unit_of, unknown
 
@@ -42,9 +42,8 @@ def load_run(
     asked: dict[str, Any] = {}
     for setting in [settings] if isinstance(settings, str) else settings:
         put(asked, *parse_setting(setting))
-    asked = _merged(asked, sections)
-    drop_options(table, asked)
-    run = RunParameters(**_merged(table, asked))
+    asked = merged(asked, sections)
+    run = RunParameters(**merged(table, asked))
     if source not in PRESETS:
         return run
     named = {f"{name}.{key}" for name in asked.keys() & SECTIONS.keys() for key in asked[name]}
@@ -72,18 +71,6 @@ def _read_source(source: str | Path) -> dict[str, Any]:
         if isinstance(name, str) and Path(name).suffix and (path := Path(source).parent / name).is_file():
             table[section][key] = str(path.resolve())
     return table
-
-
-def _merged(table: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    """A table with the keys of another one, by section; what is not a section is left for the refusal."""
-    merged = dict(table)
-    for name, value in more.items():
-        if isinstance(value, Mapping) and name in merged:
-            old = merged[name]
-            merged[name] = _merged(old, value) if isinstance(old, Mapping) else old
-        else:
-            merged[name] = value
-    return merged
 
 
 def leaves_open(run: RunParameters) -> bool:

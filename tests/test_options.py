@@ -1,8 +1,10 @@
 """Options of users' controllers and planners: in files, settings, Python, sweeps, and in what is saved."""
 
 import numpy as np
+import pytest
 
 import validation as val
+from ampm.exceptions import InputError
 from ampm.planners import PeriodicPlanner
 from ampm.run_file import dump_run, load_run
 from docs.examples.joint_pd import JointPD
@@ -61,6 +63,18 @@ def test_files_settings_and_python_give_the_same_options(tmp_path):
     assert parameter_values(run)["controller.options.gain"] == 2
     assert "options" not in dump_run(load_run("normal"))
     assert "[planner]" not in dump_run(load_run("normal"))
+
+
+def test_the_later_value_of_an_option_counts_wherever_it_stands(tmp_path):
+    file = tmp_path / "own.toml"
+    file.write_text(f'[controller]\nname = "{SOFT},gain=0.5"\n')
+    assert load_run(file).controller.options == {"gain": 0.5}
+    assert load_run(file, ["controller.options.gain=2"]).controller.options == {"gain": 2}
+    run = load_run(file, [f"controller.name={SOFT},gain=3"])
+    assert run.controller.options == {"gain": 3}
+    assert run.replace({"controller.name": f"{SOFT},gain=4"}).controller.options == {"gain": 4}
+    with pytest.raises(InputError, match=r"controller.options.gain is 2, and 3 behind .* give it once"):
+        load_run(None, [f"controller.name={SOFT},gain=3", "controller.options.gain=2"])
 
 
 def test_options_reach_a_class_given_in_python_and_the_saved_run_keeps_them(tmp_path):

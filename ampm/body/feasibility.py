@@ -41,21 +41,22 @@ _JOINT_WAYS_OUT = {
 _INSTANTS = 200  # samples per phase, for values without a closed-form extremum
 
 
-def check_body(plan: StepPlan, description: BodyDescription) -> None:
+def check_body(plan: StepPlan, description: BodyDescription, phases: int | None = 2) -> None:
     """Refuse a plan that this body cannot walk, by plan, soles and leg length alone.
 
-    The gait is periodic and symmetric, so checking its first step is enough.
+    Args:
+        plan: it.
+        description: of the body.
+        phases: how many are checked; the first step is enough of a periodic gait. None for all.
 
     Raises:
         BodilyRefusal: soles overlap, leg too short, planned sole points under the floor, ZMP off the sole, or
             heel rising before the ZMP has reached the ball. The way out names the changes for all failed
             checks.
     """
-    single, double = plan.contacts.phases[:2]
     # Without the last instant, at which the next phase begins or the plan ends.
-    first = single.start + np.linspace(0.0, single.duration, _INSTANTS, endpoint=False)
-    second = double.start + np.linspace(0.0, double.duration * (1.0 - 1e-9), _INSTANTS)
-    times = np.concatenate([first, second])
+    share = np.linspace(0.0, 1.0 - 1e-9, _INSTANTS)
+    times = np.concatenate([phase.start + share * phase.duration for phase in plan.contacts.phases[:phases]])
     *checks, margin = _plan_checks(plan, description, times)
     # The ZMP margin is checked last: a failure of the other checks also takes the ZMP out of the support.
     for some in (checks, [margin]):
@@ -160,11 +161,13 @@ def leg_extension(com: Array, feet: tuple[FootSample, FootSample], description: 
     COM, shape (N, 3) [m], and feet at the same times.
     """
     sole, longest = description.sole, 0.0
+    heading = 0.5 * (feet[0].heading + feet[1].heading)  # of the pelvis
     for foot, side in zip(feet, (1.0, -1.0), strict=True):
         c, s = np.cos(foot.pitch), np.sin(foot.pitch)
         forward, up = sole.ankle_x * c + sole.ankle_height * s, sole.ankle_height * c - sole.ankle_x * s
-        lever = np.stack([forward, np.zeros_like(c), up], axis=1)
-        hip = com + np.array([0.0, side * description.hip_half_width, -description.com_over_hip])
+        lever = np.stack([forward * np.cos(foot.heading), forward * np.sin(foot.heading), up], axis=1)
+        aside, below = side * description.hip_half_width, np.full_like(c, description.com_over_hip)
+        hip = com + np.stack([-aside * np.sin(heading), aside * np.cos(heading), -below], axis=1)
         longest = max(longest, float(np.linalg.norm(hip - foot.position - lever, axis=1).max()))
     return longest / description.leg_length
 

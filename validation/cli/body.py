@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from shlex import quote
@@ -75,11 +76,11 @@ def check(
     if as_json:
         print_json(asdict(found))
     else:
-        _print(found)
+        _print(found, settings or [])
     return Status.REFUSED if found.refusal else Status.PASS
 
 
-def _print(found: BodyCheck) -> None:
+def _print(found: BodyCheck, settings: Sequence[str]) -> None:
     facts = [
         (name, format_number(value), "" if unit == "1" else unit)
         for name, (value, unit) in found.facts.items()
@@ -91,9 +92,10 @@ def _print(found: BodyCheck) -> None:
         tables.append(Table(title, ("joints", ">share"), shares))
     print_tables(tables)
     if found.refusal:
-        print_line(f"  It cannot walk a gait of its size: {found.refusal}")
+        print_line(f"  It cannot walk the gait that was tried: {found.refusal}")
     else:
         gait = ", ".join(f"{key} {format_value(value)}" for key, value in found.gait.items())
         print_line(f"  It can walk: {gait}.")
         values = ", ".join(f"{key} {format_value(value)}" for key, value in found.found.items())
-        print_line(f"  Found for it: {values}. 'ampm validate --body {quote(found.name)}' walks it.")
+        words = " ".join(["--body", quote(found.name), *(f"--set {quote(text)}" for text in settings)])
+        print_line(f"  Found for it: {values}. 'ampm validate {words}' walks it.")
