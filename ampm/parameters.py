@@ -241,6 +241,37 @@ class Counts(NamedTuple):
     ticks_per_fix: int  # from one fix of the position to the next; 0 without fixes
 
 
+COUNTED: Mapping[str, str] = {
+    "controller.frequency": "simulation.time_step",
+    "disturbance.actuation_delay": "controller.frequency",
+    "sensors.delay": "simulation.time_step",
+    "sensors.rate": "simulation.time_step",
+    "sensors.fix_rate": "controller.frequency",
+}
+"""Times and rates that are whole steps or ticks, and the key of these, in the order of :class:`Counts`."""
+
+
+def counted(key: str, value: float, per: float) -> tuple[float, int, float]:
+    """Steps or ticks in a time [s] or between events of a rate [Hz]; the nearest whole number; its value.
+
+    ``per`` is the value of the key that :data:`COUNTED` names [s or Hz].
+    """
+    per_second = per if unit_of(field_of(COUNTED[key])) == "Hz" else 1.0 / per
+    is_rate = unit_of(field_of(key)) == "Hz"
+    number = per_second / value if is_rate else per_second * value
+    nearest = max(round(number), int(is_rate))
+    return number, nearest, per_second / nearest if is_rate else nearest / per_second
+
+
+def rounded(values: Mapping[str, Any], keys: Iterable[str], run: "RunParameters") -> dict[str, Any]:
+    """Values by key, of which times and rates among ``keys`` become whole steps or ticks of a run."""
+    found = dict(values)
+    for key, per in COUNTED.items():
+        if key in keys and found[key]:
+            found[key] = counted(key, float(found[key]), found.get(per, run.value(per)))[2]
+    return found
+
+
 class RunParameters(Section):
     """Everything that describes one run."""
 
@@ -299,26 +330,17 @@ class RunParameters(Section):
         Raises:
             InputError: one of them is not a whole number.
         """
-        step, frequency = self.simulation.time_step, self.controller.frequency
-        steps = 1.0 / step, f"steps of simulation.time_step = {step:g} s"
-        ticks = frequency, f"ticks of controller.frequency = {frequency:g} Hz"
-        return Counts(
-            steps_per_tick=self._count("controller.frequency", *steps),
-            ticks_late=self._count("disturbance.actuation_delay", *ticks),
-            steps_late=self._count("sensors.delay", *steps),
-            steps_per_reading=self._count("sensors.rate", *steps),
-            ticks_per_fix=self._count("sensors.fix_rate", *ticks),
-        )
+        return Counts(*map(self._count, COUNTED))
 
-    def _count(self, key: str, per_second: float, what: str) -> int:
+    def _count(self, key: str) -> int:
         """How many there are in a key's time [s], or between two events of its rate [Hz]; 0 if that is 0."""
-        value, is_rate = self.value(key), unit_of(field_of(key)) == "Hz"
+        per, value = COUNTED[key], self.value(key)
         if not value:
             return 0
-        number = per_second / value if is_rate else per_second * value
-        nearest = max(round(number), 1)
+        number, nearest, good = counted(key, value, self.value(per))
         if abs(number - nearest) > 1e-9 * max(1.0, number):
-            good = per_second / nearest if is_rate else nearest / per_second
+            unit, per_value = unit_of(field_of(per)), self.value(per)
+            what = f"{'ticks' if unit == 'Hz' else 'steps'} of {per} = {per_value:g} {unit}"
             rule = f"gives {number:.4g} {what}, not a whole number"
             raise self.refusal(key, rule, f"choose for example {good:.12g}")
         return nearest

@@ -192,6 +192,21 @@ def test_a_robot_has_the_values_that_suit_its_engine(place):
     assert shares == [(0.6, 0.5), (0.6, 0.5) if place == "set" else (0.15, 0.6)]
 
 
+def test_times_and_rates_of_a_range_are_whole_steps_and_ticks_of_their_run():
+    fixed = f"{GRID}simulation.time_step = [0.002, 0.001]\n"
+    ranges = {
+        "sensors.delay": (0, 0.008),
+        "disturbance.actuation_delay": (0, 0.009),
+        "sensors.rate": (100, 500),
+    }
+    lines = "".join(f"{key} = {{ from = {a}, to = {b} }}\n" for key, (a, b) in ranges.items())
+    sweep = parse_sweep(f'{fixed}[[vary]]\nmethod = "latin_hypercube"\ncount = 8\n{lines}')
+    runs = [sweep.parameters(run) for run in range(16)]  # none is refused
+    assert len({run.sensors.delay for run in runs}) > 6
+    assert {run.counts.steps_late for run in runs} >= {0, 1, 2, 3, 4, 7}
+    assert max(run.counts.ticks_late for run in runs) == 4
+
+
 def test_a_robot_has_the_values_that_suit_its_sensors():
     fixed = '[set]\nbody.source = "suite-humanoid"\n'
     sweep = parse_sweep(f"{fixed}{LIST}sensors.delay = [0.0, 0.002, 0.00031]\n")

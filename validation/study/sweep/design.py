@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ampm.exceptions import InputError
-from ampm.parameters import HUMAN, KEYS, OPTION_TABLES, SECTIONS, RunParameters, field_of, is_option
+from ampm.parameters import HUMAN, KEYS, OPTION_TABLES, SECTIONS, RunParameters, field_of, is_option, rounded
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, load_run
 from ampm.section import Option, Real, Section, read_toml, unknown
@@ -34,7 +34,6 @@ MOST_CASES = 100_000
 STEPS_KEY, PLANNER_KEY = "gait.steps", "gait.planner"
 ENGINE_KEY = "simulation.engine"
 BODY_KEY = "body.source"
-DELAY_KEY = "sensors.delay"
 
 _TABLES = ("sweep", "set", "vary", "base")
 _DIGITS = 12  # significant digits to which a grid's inner values are rounded
@@ -272,14 +271,14 @@ class SweepDefinition(Section, section="sweep"):
 
     @cached_property
     def _cases(self) -> list[list[dict[str, Option]]]:
-        """Cases of every block; delays of a range are whole steps of the physics."""
-        found, step = [], self.shared[0].simulation.time_step
-        for number, block in enumerate(self.vary):
-            cases = block.cases(np.random.default_rng([self.seed, number]))
-            for case in cases if isinstance(block.keys.get(DELAY_KEY), Range) else ():
-                case[DELAY_KEY] = float(np.round(np.rint(float(case[DELAY_KEY]) / step) * step, _DIGITS))
-            found.append(cases)
-        return found
+        """Cases of every block."""
+        rngs = (np.random.default_rng([self.seed, number]) for number in range(len(self.vary)))
+        return [block.cases(rng) for block, rng in zip(self.vary, rngs, strict=True)]
+
+    @cached_property
+    def _ranged(self) -> list[str]:
+        """Keys with a range."""
+        return [key for block in self.vary for key, value in block.keys.items() if isinstance(value, Range)]
 
     def values(self, key: str) -> tuple[Option, ...]:
         """Values of a key: those listed, both ends of a range, or those of the gaits."""
@@ -297,7 +296,7 @@ class SweepDefinition(Section, section="sweep"):
         return {key: self.values(key) for key in found if is_option(key)}
 
     def varied(self, run: int) -> dict[str, Option]:
-        """Varied keys of one run.
+        """Varied keys of one run; times and rates of a range are whole steps or ticks of it.
 
         Raises:
             IndexError: there is no such run.
@@ -308,7 +307,7 @@ class SweepDefinition(Section, section="sweep"):
         found: dict[str, Option] = {}
         for cases, place in zip(self._cases, places, strict=True):
             found |= cases[place]
-        return found
+        return rounded(found, self._ranged, self.shared[self.gait_of(run)])
 
     def parameters(self, run: int) -> RunParameters:
         """Everything that describes one run.
