@@ -2,6 +2,7 @@
 
 import json
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,6 +49,11 @@ def test_the_zmp_from_momentum_rates_takes_pushes_into_account():
     assert off < 2.0 * usual
     # Left out, the push would move the ZMP by its lever over the weight.
     assert 30.0 * 1.1 / measured.weight > 10.0 * np.nanmax(gap[pushed])
+
+
+def test_pushes_of_arrays_are_equal_to_those_of_tuples():
+    force: Any = np.array([0, 15, 0])
+    assert Push("chest", force, 0.5, 0.1) == Push("chest", (0.0, 15.0, 0.0), 0.5, 0.1)
 
 
 def test_pushes_add_up_and_a_force_lifts():

@@ -11,6 +11,7 @@ import pytest
 from markupsafe import Markup
 
 from ampm import plan as plan_of
+from ampm.exceptions import InputError
 from ampm.run_file import load_run
 from tests.saved_run import make_study
 from validation.judge.uncertainty import Uncertainty
@@ -186,6 +187,8 @@ def test_causes_and_robustness_stand_side_by_side(sides, folders, tmp_path, ampm
     (tmp_path / "robustness.json").write_text(json.dumps(study.as_dict()), encoding="utf-8")
     both = ["--robustness", tmp_path, "--robustness", tmp_path / "robustness.json"]
     assert "push forward" in ampm("compare", *folders, *both).out
+    with pytest.raises(InputError, match="of gait flat, and this walk of gait normal; give one of each walk"):
+        replace(sides[0], robustness=replace(study, gait="flat"))
 
 
 def test_a_study_must_be_of_both_gaits(folders, tmp_path, ampm):

@@ -16,6 +16,7 @@ import os
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from numbers import Integral
 from typing import Any, cast
 from unittest import mock
 
@@ -85,6 +86,8 @@ def load(
         raise InputError("sensors.stand: an episode begins in the walk; leave it out.")
     held = request.run.replace({"controller.hold": "zero-order"})
     walk = FollowedWalk(plan_walk(replace(request, run=held)), disturbances)
+    if not (seed is None or (isinstance(seed, Integral) and 0 <= seed < 2**32)):
+        raise InputError(f"seed = {seed!r} must be a whole number from 0 to 2^32 - 1, or None.", value=seed)
     if random_start:
         walk.random = np.random.RandomState(seed)
     return control.Environment(walk, walk, n_sub_steps=walk.substeps)
@@ -131,7 +134,10 @@ class FollowedWalk(control.Physics, control.Task):
         self.sensed = self.loop.sense()
 
     def set_control(self, control: Array) -> None:
-        """Torques of the next step, shape (nu,) [N m]."""
+        """Torques of the next step, shape (nu,) [N m]; raises InputError if they are no such numbers."""
+        if np.shape(control) != (self.planned.body.robot.nu,):
+            nu = self.planned.body.robot.nu
+            raise InputError(f"the action has the shape {np.shape(control)}; give {nu} torques [N m].")
         for joint in np.flatnonzero(~np.isfinite(control))[:1]:
             raise InputError(f"the action's torque {joint} is {control[joint]:g}; give finite torques [N m].")
         self._torque = control

@@ -115,6 +115,7 @@ class Push:
             raise InputError(
                 f"invalid push at {self.at} s for {self.duration} s; begin at 0 or later, and last above 0."
             )
+        object.__setattr__(self, "force", tuple(map(float, self.force)))  # of an array, too
 
     def __str__(self) -> str:
         """In words."""

@@ -23,7 +23,7 @@ from ampm.parameters import NO_PLAN, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.support import StepPlan
-from ampm.section import Option
+from ampm.section import Option, nearest
 from ampm.sensor_parameters import EXACT
 from ampm.walk import Planner
 
@@ -97,8 +97,10 @@ def load_object(option: str, text: str) -> Any:
     try:
         return getattr(import_module(module), name)
     except (Exception, SystemExit) as error:
+        similar = nearest(name, vars(sys.modules.get(module, object)))
+        way_out = f"did you mean {module}:{similar}?" if similar else "mend it."
         raise InputError(
-            f"{option} {text!r} cannot be imported ({type(error).__name__}: {words_of(error)}); mend it."
+            f"{option} {text!r} cannot be imported ({type(error).__name__}: {words_of(error)}); {way_out}"
         ) from error
     finally:
         sys.path.pop(0)

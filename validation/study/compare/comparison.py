@@ -68,6 +68,22 @@ class Side(Brief):
     study: Uncertainty | None = None  # convergence study of its gait; None if none is known
     robustness: Robustness | None = None  # of the same gait, body and controller; None if none is known
 
+    def __post_init__(self) -> None:
+        """Refuse a robustness study of another walk."""
+        if (study := self.robustness) is None:
+            return
+        run = self.run.parameters
+        for key, own, its in (
+            ("gait", self.run.summary["gait"], study.gait),
+            ("body", run.body.source, study.body),
+            ("controller", run.controller.name, study.controller),
+        ):
+            if own != its:
+                raise InputError(
+                    f"--robustness of {self.label} is of {key} {its}, and this walk of {key} {own}; give one "
+                    "of each walk, in their order, or none."
+                )
+
     @property
     def outcome(self) -> str:
         """Name of the outcome."""

@@ -377,7 +377,7 @@ def read_definition(table: Mapping[str, Any], name: str, folder: Path) -> SweepD
     blocks = []
     for number, item in enumerate(table.get("vary", []), start=1):
         with _place(f"[[vary]] block {number}"):
-            blocks.append(_block(item))
+            blocks.append(_block(item, folder))
     head = {"name": name, "steps": base[0].gait.steps, **head}
     definition = SweepDefinition(**head, set=fixed, vary=tuple(blocks), base=base)
     if BODY_KEY in definition.keys:
@@ -414,13 +414,16 @@ def _beside(folder: Path, name: str) -> str:
     return str(path.resolve()) if name not in PRESETS and path.is_file() else name
 
 
-def _block(table: Mapping[str, Any]) -> Block:
+def _block(table: Mapping[str, Any], folder: Path) -> Block:
     """A block of the file, with the varied keys beside the block's own keys."""
     own = {name: value for name, value in table.items() if name in ("method", "count")}
     found = _flat({name: value for name, value in table.items() if name not in own})
     if not found:
         raise InputError("no key is varied; add for example gait.c_y = [0.4, 0.7, 1.0].")
-    return Block(**own, keys={key: _values(key, value) for key, value in found.items()})
+    keys = {key: _values(key, value) for key, value in found.items()}
+    if isinstance(plans := keys.get(PLANNER_KEY), tuple):
+        keys[PLANNER_KEY] = tuple(_beside(folder, str(plan)) for plan in plans)
+    return Block(**own, keys=keys)
 
 
 def _values(key: str, value: Any) -> Range | tuple[Option, ...]:
