@@ -7,19 +7,21 @@ the numerical studies, data/contact-laws.csv the others.
 
 import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from figures import save_figure, style
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from trials import write_rows
 
 from ampm.presets import PRESETS
 from benchmarks.page import replace_between
 from validation.judge.metrics import METRICS, metric_label
 from validation.judge.uncertainty import rounding
+from validation.judge.verdict import MetricResult
 from validation.study.convergence.result import Convergence
 from validation.study.convergence.study import convergence
 from validation.table import Table, format_number, short_unit
@@ -121,6 +123,13 @@ def _levels(found: Convergence) -> Iterator[tuple[str, ...]]:
             )
 
 
+def shown_changes(item: MetricResult, levels: Sequence[float]) -> NDArray[np.float64]:
+    """Changes to the next finer level over the value; NaN where they are rounding."""
+    changes = np.abs(np.diff(levels))
+    changes[~(changes > rounding(item.value, METRICS[item.name].unit))] = np.nan
+    return changes / abs(item.value)
+
+
 @style()
 def draw(result: Convergence, path: Path) -> None:
     """Draw a plot for every numerical study, side by side, and the legend below.
@@ -128,7 +137,16 @@ def draw(result: Convergence, path: Path) -> None:
     Changes that are rounding are gaps, and dots are a change in proportion to the level.
     """
     found = [study for study in result.studies if study.numerical]
-    judged = [item for item in result.metrics.values() if item.tolerance is not None and item.value]
+    changes = {
+        study.name: {
+            item.label: shown_changes(item, result.studied[item.name].levels[study.name])
+            for item in result.metrics.values()
+            if item.tolerance is not None and item.value
+        }
+        for study in found
+    }
+    known = {label for curves in changes.values() for label, curve in curves.items() if (curve > 0.0).any()}
+    labels = [label for label in changes[found[0].name] if label in known]
     figure = Figure(figsize=(12.4, 6.0), dpi=110, layout="constrained")
     steps = result.request.run.gait.steps
     figure.suptitle(f"{result.request.title}: change to the next finer level, {steps} steps a level")
@@ -136,16 +154,12 @@ def draw(result: Convergence, path: Path) -> None:
     for axes, study in zip(plots, found, strict=True):
         at = np.array(study.values)
         axes.set_prop_cycle(color=mpl.colormaps["tab20"].colors)  # type: ignore[attr-defined]
-        largest = 0.0
-        for item in judged:
-            changes = np.abs(np.diff(result.studied[item.name].levels[study.name]))
-            changes[~(changes > rounding(item.value, METRICS[item.name].unit))] = np.nan
-            changes /= abs(item.value)
-            largest = float(np.nanmax(changes, initial=largest))
-            axes.loglog(at[:-1], changes, "o-", lw=1.2, ms=4.5, label=item.label)
+        for label in labels:
+            axes.loglog(at[:-1], changes[study.name][label], "o-", lw=1.2, ms=4.5, label=label)
+        largest = float(np.nanmax([changes[study.name][label] for label in labels], initial=0.0))
         axes.loglog(at, 2.5 * (largest or np.nan) * at / at[0], ":", color="0.6", label="order 1")
         axes.set_title("" if largest else "no change but rounding", fontsize=9)
-        axes.set_xlabel(study.key)
+        axes.set_xlabel(f"{study.key} [s]")
         axes.set_xticks(at, [f"{value:g}" for value in at])
         axes.minorticks_off()
     plots[0].set_ylabel("change, over the gait's own value [1]")

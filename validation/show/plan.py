@@ -30,6 +30,9 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
     is_whole = plan.contacts.phases[0].kind == "double_support"  # it begins at rest
     duration = min(plan.duration, math.inf if is_whole else _SHOWN_STEPS * plan.constants.step_duration)
     times = np.linspace(0.0, duration, _POINTS)
+    if isinstance(plan, StepPlan):  # the ZMP margin jumps where a contact changes
+        changes = np.r_[plan.contacts.starts, plan.feet.left.start, plan.feet.right.start]
+        times = np.unique(np.clip(np.r_[times, changes - 1e-9, changes + 1e-9], 0.0, duration))
     sample = plan.sample(times)
     paths = {"COM": sample.com, "DCM": sample.dcm, "ZMP": sample.zmp}
     force = 100 * sample.force / (plan.mass * plan.gravity)

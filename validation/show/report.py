@@ -18,7 +18,7 @@ from validation.judge.compare import PARTS
 from validation.show.cost_table import cost_table, reported_table
 from validation.show.page import render_page
 from validation.show.paper import cite_run
-from validation.show.run_figures import RunFigures
+from validation.show.run_figures import RunFigures, strides
 from validation.store.folders import output_file
 from validation.store.json import dump_json
 from validation.store.saved import SavedRun, load_saved_run, run_events
@@ -53,7 +53,7 @@ def write_report(run: str | Path | SavedRun) -> Path:
 def render(saved: SavedRun) -> str:
     """Render the report of a run: a complete HTML document without references to anything outside it."""
     summary, plan, outcome = saved.summary, saved.plan(), saved.record.outcome
-    verdict = summary["verdict"]
+    verdict, told = summary["verdict"], summary.get("disturbances", ())
     lost = outcome.name not in (OutcomeName.COMPLETED, OutcomeName.INTERRUPTED)
     headline = "out of tolerance" if verdict == "fail" else verdict.replace("_", " ")
     headline = headline if outcome.completed else f"{outcome.name}, {headline}"
@@ -68,7 +68,9 @@ def render(saved: SavedRun) -> str:
         headline=headline,
         reason=short_unit(summary["reason"]),
         outcome_sentence="" if saved.is_log else outcome.name.sentence,
-        disturbed="; ".join(summary.get("disturbances", ())),
+        disturbed="; ".join(text for text in told if not text.startswith("sensors.")),
+        sensed="; ".join(text for text in told if text.startswith("sensors.")),
+        has_strides=bool(strides(saved.signals)),
         facts=_facts(saved, plan),
         explanation=_explanation(saved.directory / RunFile.EXPLANATION),
         cost=cost_table(summary),

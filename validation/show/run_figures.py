@@ -240,8 +240,11 @@ class RunFigures:
                 chart.line(x, y, color, dash="1 2", label=f"COM, {kind}")
         chart.equal = True
         chart.name("", "y, left [m]", "x, forward [m]")
-        caption = "The whole walk." if is_whole else "The other figures' stride and a step on either side."
-        return Picture(charts, "ZMP and COM over the footprints, seen from above", caption, wide=True)
+        caption = "The other figures' stride and a step on either side."
+        if is_whole or len(bounds) - 1 <= steps:
+            caption = "The whole walk."
+        above = "ZMP and COM over the footprints" if self.plan is not None else "ZMP and COM"
+        return Picture(charts, f"{above}, seen from above", caption, wide=True)
 
     def torque_use(self, most: int = 16) -> Picture:
         """Largest and RMS torque of the busiest motors, as shares of their limits."""
