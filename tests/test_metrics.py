@@ -27,7 +27,7 @@ from validation.judge.metrics import (
 )
 from validation.judge.profiles import DEFAULT, STRICT, WIDE
 from validation.judge.verdict import build_summary
-from validation.study.sweep.report import metric_table
+from validation.study.sweep.report import sweep_metric_table
 
 DROP = Metric(
     name="com_drop",
@@ -81,7 +81,7 @@ def test_a_sweeps_table_keeps_the_readable_name_for_processes_without_the_metric
     table = sweep_of(make_table(20))
     unregister(drop.name)
     try:
-        assert [row[0] for row in metric_table(table).rows].count(drop.label) == 1
+        assert [row[0] for row in sweep_metric_table(table).rows].count(drop.label) == 1
     finally:
         register(drop)
 

@@ -13,7 +13,7 @@ from tests.sweep_table import make_table, replaced, sweep_of, write_sweep
 from tests.test_report import Page
 from validation.cli.app import call
 from validation.study.sweep.figures import draw_sweep
-from validation.study.sweep.report import judge_sweep, metric_table, render, worst_runs
+from validation.study.sweep.report import judge_sweep, render, sweep_metric_table, worst_runs
 from validation.study.sweep.table import read_sweep
 from validation.table import is_heading
 from validation.trial.files import RunFile
@@ -76,7 +76,7 @@ def test_every_run_is_drawn_in_the_colour_of_its_state(folder):
 
 def test_texts_and_infinities():
     sweep = sweep_of(make_table(failures=False, grid=GRID))
-    headings = [row[0] for row in metric_table(sweep).rows if is_heading(row)]
+    headings = [row[0] for row in sweep_metric_table(sweep).rows if is_heading(row)]
     assert headings == ["gait.planner ampm", "gait.planner dcm", "gait.planner lipm"]
     charts = [picture.charts[0] for picture in draw_sweep(sweep)]
     (planners,) = (chart for chart in charts if chart.xlabel == "gait.planner")

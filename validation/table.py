@@ -242,16 +242,16 @@ def format_duration(seconds: float) -> str:
     return f"{seconds / 86400:.1f} days"
 
 
-def with_uncertainty(value: float | str | None, uncertainty: float | str | None, digits: int = 3) -> str:
+def with_uncertainty(value: float | str | None, uncertainty: float | str | None) -> str:
     """A number with its uncertainty of two digits, cut at its last one; alone where none is known.
 
     A power of ten stands behind both if they are small.
     """
     number, doubt = (math.nan if item is None else float(item) for item in (value, uncertainty))
     if math.isnan(number) or math.isnan(doubt):
-        return format_number(value, digits)
+        return format_number(value, 3)
     if math.isinf(doubt) or doubt == 0.0:
-        return f"{format_number(value, digits)} ± {'∞' if doubt else '0'}"
+        return f"{format_number(value, 3)} ± {'∞' if doubt else '0'}"
     decimals = 1 - math.floor(math.log10(float(f"{doubt:.1e}")))
     power = math.floor(math.log10(max(abs(number), doubt)))
     if decimals > _DECIMALS and power < -2:

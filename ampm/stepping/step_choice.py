@@ -40,8 +40,6 @@ RETURN, RETURN_MOST, CATCH_UP = 0.5, 0.05, 0.05
 across [m], and how much longer or shorter a single support may be to return to its planned time [1]."""
 OVERSHOOT = 1.05
 """Factor on lateral displacements, because the step after a narrow one is the harder one [1]."""
-SURPLUS = 1.0
-"""Share of the surplus of angular momentum that the DCM is expected to pay for [1]."""
 SOLE_SHARE = 0.8
 """Share of the sole that counts for what the ankle can do until the next switch [1]."""
 
@@ -165,7 +163,7 @@ def phase_position(stepper: Stepper) -> float:
 def expected_dcm(stepper: Stepper, wanted: Any) -> tuple[float, float]:
     """Measured DCM, with what taking out the surplus of angular momentum will cost it [m]."""
     com, rates, mass, omega = stepper.body.com, stepper.rates, stepper.body.mass, stepper.omega
-    lever = SURPLUS * omega / (mass * stepper.body.gravity)
+    lever = omega / (mass * stepper.body.gravity)
     surplus_x = mass * rates[3] - wanted.angular_momentum[0]
     surplus_y = mass * rates[4] - wanted.angular_momentum[1]
     return com[0] + rates[0] / omega + lever * surplus_y, com[1] + rates[1] / omega - lever * surplus_x

@@ -79,9 +79,9 @@ class Chart:
         corners = [begin, begin, end, end], [-np.inf, np.inf, np.inf, -np.inf]
         self.area(*corners, color, below=True)
 
-    def level(self, y: float, color: str, width: float = 0.7, *, dash: str = "", label: str = "") -> None:
+    def level(self, y: float, color: str, width: float = 0.7, *, dash: str = "") -> None:
         """Draw a horizontal line from edge to edge."""
-        self.line([-np.inf, np.inf], [y, y], color, width, dash=dash, label=label)
+        self.line([-np.inf, np.inf], [y, y], color, width, dash=dash)
 
     def name(self, title: str, ylabel: str, xlabel: str = "time [s]") -> None:
         """Give the chart its title, and the axes their labels."""

@@ -19,7 +19,7 @@ from validation.study.compare.report import (
     write_comparison,
 )
 from validation.study.sweep.figures import draw_sweep
-from validation.study.sweep.report import cite_sweep, metric_table, write_sweep_report
+from validation.study.sweep.report import cite_sweep, sweep_metric_table, write_sweep_report
 from validation.study.sweep.table import is_sweep, read_sweep
 from validation.table import Table
 
@@ -40,7 +40,7 @@ def load_paper(folder: Path) -> Paper:
     """
     if is_sweep(folder):
         sweep = read_sweep(folder)
-        tables = [metric_table(sweep), *sweep.tables()]
+        tables = [sweep_metric_table(sweep), *sweep.tables()]
         return Paper(draw_sweep(sweep), _noted(tables, studied=False), [cite_sweep(sweep)])
     if is_comparison(folder):
         found = load_comparison(folder)

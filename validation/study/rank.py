@@ -39,8 +39,10 @@ FILES = (".toml", *SUFFIXES)
 EFFORT = "energy_cost_of_transport"
 """Metric of the effort."""
 SHARE = 0.1
-"""Numerical uncertainty of the smaller error: at half the time step the ZMP's RMS errors of the presets change
-by 7 % at most, those of ``pitch-low`` by 12 % [1]."""
+"""Numerical uncertainty, of the smaller error [1].
+
+At half the time step the ZMP's RMS errors of the presets change by 7 % at most, of ``pitch-low`` by 12 %.
+"""
 LEAST_PAIRS = 6
 """Pairs from which order statistics bound a median at 95 %."""
 

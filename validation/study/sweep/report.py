@@ -45,7 +45,7 @@ def render(sweep: SweepTable) -> str:
         verdict=verdict,
         pictures=draw_sweep(sweep),
         most_points=MOST_POINTS,
-        metrics=metric_table(sweep),
+        metrics=sweep_metric_table(sweep),
         worst=worst_runs(sweep),
         citation=cite_sweep(sweep),
     )
@@ -88,7 +88,7 @@ def _why(sweep: SweepTable, row: int) -> str:
     return f"{sweep.label(worst)}: {_amount(values[row], unit)}, limit {_amount(limits[row], unit)}{more}"
 
 
-def metric_table(sweep: SweepTable) -> Table:
+def sweep_metric_table(sweep: SweepTable) -> Table:
     """How many runs are over a metric's tolerance, and the distribution of its values.
 
     Runs that differ in a parameter with texts, such as the planner, are told apart under headings.
