@@ -104,13 +104,14 @@ def walk_once(
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk, or a user's class fails.
     """
     # Imported here: they load simulator, controller and NumPy.
+    from validation.judge.metrics import added_metrics
     from validation.run.walk import walk
     from validation.trial.plan import load_request
 
     request = load_request(source, sections=sections)
     run, name = request.run, request.name
     options = {"controller": controller, "planner": planner, "disturbances": list(disturbances)}
-    inputs = (name, run, run.given, options)
+    inputs = (name, run, run.given, options, added_metrics())
     for earlier, trial in _walks:
         if earlier == inputs:
             return trial

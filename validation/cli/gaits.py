@@ -85,8 +85,9 @@ def plan(
     files.check()
     request = walk.request(gait, length.steps, as_is=walk.as_is or no_body, sections=length.sections())
     run = request.run
-    if no_body and (run.gait.planner not in ("ampm", LIPM) or run.footsteps):
-        raise InputError("another planner, or footsteps, need a body; leave out --no-body.")
+    commanded = any(key.startswith("command.") for key in request.changed)
+    if no_body and (run.gait.planner not in ("ampm", LIPM) or run.footsteps or commanded):
+        raise InputError("another planner, footsteps or a command need a body; leave out --no-body.")
     if files.motion is not None and (no_body or run.footsteps):
         raise InputError("--motion is of a periodic gait of a body; leave out --no-body and footsteps.")
     narrator = Narrator()
@@ -96,8 +97,7 @@ def plan(
     margin = tuned = posture = None
     if walked is not None:
         request, tuned, posture = walked.request, walked.tuned, walked.plan.posture
-        with narrator.stage(f"{request.name}: ZMP margin"):
-            margin = walked.plan.least_zmp_margin()
+        margin = walked.plan.least_zmp_margin()
     if files.save is not None:
         notes = [request.title, *(() if tuned is None else _margins(tuned))]
         with output_file(files.save, force=files.force) as work:
