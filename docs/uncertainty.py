@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from trials import write_rows
 
 from ampm.presets import PRESETS
+from ampm.run_file import key_info
 from benchmarks.page import replace_between
 from validation.judge.metrics import METRICS, metric_label
 from validation.judge.uncertainty import rounding
@@ -159,7 +160,7 @@ def draw(result: Convergence, path: Path) -> None:
         largest = float(np.nanmax([changes[study.name][label] for label in labels], initial=0.0))
         axes.loglog(at, 2.5 * (largest or np.nan) * at / at[0], ":", color="0.6", label="order 1")
         axes.set_title("" if largest else "no change but rounding", fontsize=9)
-        axes.set_xlabel(f"{study.key} [s]")
+        axes.set_xlabel(f"{study.key} [{key_info(study.key).unit}]")
         axes.set_xticks(at, [f"{value:g}" for value in at])
         axes.minorticks_off()
     plots[0].set_ylabel("change, over the gait's own value [1]")
