@@ -108,6 +108,7 @@ def _unsupported(walk: Comparison) -> float:
 
 
 COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
+    "stride_duration_error": lambda walk: None,  # of logs alone, see `judge_log`
     "slip_maximum": _slip,
     "clearance_shortfall": _shortfall,
     "speed_excess": _excess,

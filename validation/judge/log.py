@@ -23,7 +23,6 @@ _LEAST = 0.5  # correlation up to which a start is a guess [1]
 _ALIKE = 0.995  # of correlations of strides that fit alike, over the largest [1]
 _WHOLE = 0.8  # share of the weight from which a foot counts as the one that stands [1]
 _HOLE = 0.03  # longest time without rows that is no gap, as all signals vary little in it [s]
-_PACE = 0.05  # of the plan's stride, by which a log's may be longer or shorter: people's vary by half [1]
 _REPEATED = 1e-6  # difference of the forces of equal strides, over the weight [1]
 
 
@@ -113,8 +112,7 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
         over the weight, x, y, z [1]; and the ``correlation`` with the plan [1].
 
     Raises:
-        InputError: the steps of the plan differ, the log has no whole stride without a gap, or they last
-            longer or shorter than the plan's.
+        InputError: the steps of the plan differ, or the log has no whole stride without a gap.
     """
     stride, phases = 2.0 * plan.constants.step_duration, np.arange(PHASES) / PHASES
     times = plan.judged_from + stride * phases
@@ -130,11 +128,6 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
         )
     begin, end = np.array(bounds).T
     duration = float(np.mean(end - begin))
-    if abs(duration / stride - 1.0) > _PACE:
-        raise InputError(
-            f"the mean stride of {log.name} lasts {duration:.4g} s, and the plan's {stride:.4g} s; they may "
-            f"differ by {_PACE:.0%}: give a plan of its duration, such as that of 'ampm fit'."
-        )
     at = begin[:, None] + (end - begin)[:, None] * phases
     columns = {name: values.reshape(log.time.size, -1) for name, values in log.signals.items()}
     curves = {name: interp(at, log.time, values) for name, values in columns.items()}

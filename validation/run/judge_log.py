@@ -82,10 +82,15 @@ def judge_log(
         measured = measure_log(log, walked.mass, walked.gravity)
         record = log_record(log, measured, _steps(log, walked))
         comparison = compare(walked, record, measured)
-        values = MappingProxyType(evaluate(comparison))
+        values = evaluate(comparison)
+        if strides:  # which are compared over their share
+            stride = 2.0 * walked.constants.step_duration
+            values["stride_duration_error"] = abs(facts["strides"]["duration"] / stride - 1.0)
     planned = replace(planned, request=replace(planned.request, name=f"{log.name} on {planned.name}"))
     extra = {"log": facts} | ({"planner": planned.planner} if planned.planner else {})
-    return Trial(planned, comparison, values, own_profile(request.name, request.run), seconds, extra)
+    return Trial(
+        planned, comparison, MappingProxyType(values), own_profile(request.name, request.run), seconds, extra
+    )
 
 
 def judge_run(directory: str | Path, profile: Profile | str | None = None) -> SavedRun:
