@@ -330,9 +330,15 @@ def test_columns_have_other_names_units_and_signs(folder, table, tmp_path, ampm)
 
 def test_what_a_log_lacks_is_named_and_has_a_status_of_its_own(folder, table, tmp_path, ampm):
     lean = {name: values for name, values in table.items() if not name.startswith(("angular", "com"))}
-    write_columns(lean, log := tmp_path / "log.csv")
+    meant = {
+        "angular_momentm_x": table["angular_momentum_x"],
+        "com_vx": lean["zmp_x"],
+    }  # the latter is another
+    write_columns(lean | meant, log := tmp_path / "log.csv")
     answer = ampm("judge", log, "--plan", folder, "--start", 0, "--out", tmp_path / "a")
     assert answer.status == 6
+    assert "column angular_momentm_x is not used; did you mean angular_momentum_x?" in answer.err
+    assert "com_vx" not in answer.err
     assert "PARTIAL  Pass on 9 of 11; angular momentum was not measured." in answer.out
     assert ampm("judge", tmp_path / "a").status == 6
     forces = {name: values for name, values in lean.items() if not name.startswith("zmp")}

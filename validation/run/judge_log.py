@@ -18,7 +18,7 @@ from validation.judge.profiles import Profile, own_profile
 from validation.judge.profiles import profile as find_profile
 from validation.judge.verdict import judge_summary
 from validation.measure.columns import map_columns
-from validation.measure.log import Log, log_record, measure_log, read_log
+from validation.measure.log import Log, log_record, measure_log, misspelt, read_log
 from validation.measure.readers import reader_of
 from validation.progress import Progress
 from validation.run.trial import Trial
@@ -74,6 +74,8 @@ def judge_log(
     if idle := [key for key in request.changed if key.partition(".")[0] in _OF_WALKS]:
         progress.say(f"a log is not walked, and does not use: {', '.join(idle)}")
     signals, name = log_columns(table, columns)
+    for column, meant in misspelt(signals):
+        progress.say(f"{name}: column {column} is not used; did you mean {meant}?")
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress)
     with timed(seconds, "measurement"), progress.stage(f"{planned.name}: log"):
