@@ -92,11 +92,11 @@ def rank(
     if recordings is not None:
         from validation.study.sweep.design import load_sweep
         from validation.study.sweep.run import keep_runs
-        from validation.study.sweep.table import DEFINITION
+        from validation.study.sweep.table import SweepFile
 
         if recordings.resolve() == folder.resolve():
             raise InputError(f"--recordings {recordings} is the folder of the sweep; give another one.")
-        definition = load_sweep(folder / DEFINITION)
+        definition = load_sweep(folder / SweepFile.DEFINITION)
         keep_runs(definition, found.extremes, out=recordings, resume=True, progress=Narrator())
     options.print_result(found, as_json=as_json)
     return Status.PASS

@@ -15,7 +15,7 @@ from validation.show.page import render_page
 from validation.show.paper import Citation, cite
 from validation.store.folders import output_file
 from validation.study.sweep.figures import MOST_POINTS, draw_sweep, texts
-from validation.study.sweep.table import BROKEN, REPORT, RESULTS, RunState, SweepTable, read_sweep
+from validation.study.sweep.table import BROKEN, RunState, SweepFile, SweepTable, read_sweep
 from validation.table import Table, format_number, format_value, short_unit
 
 WORST = 20
@@ -28,7 +28,7 @@ def write_sweep_report(directory: Path) -> Path:
     Raises:
         InputError: the folder holds no sweep, or no result yet.
     """
-    path = Path(directory) / REPORT
+    path = Path(directory) / SweepFile.REPORT
     text = render(read_sweep(directory))
     with output_file(path) as file:
         file.write_text(text, encoding="utf-8")
@@ -53,7 +53,7 @@ def render(sweep: SweepTable) -> str:
 
 def cite_sweep(sweep: SweepTable) -> Citation:
     """How to cite a sweep; the digest is of its table, of an unfinished one of its definition."""
-    file = None if sweep.directory is None else sweep.directory / RESULTS
+    file = None if sweep.directory is None else sweep.directory / SweepFile.RESULTS
     data = sweep.metadata["definition"].encode() if file is None or not file.is_file() else file.read_bytes()
     what = f"Sweep {sweep.name} of {sweep.planned} runs"
     return cite(what, sweep.metadata["environment"], hashlib.sha256(data).hexdigest())
@@ -64,7 +64,7 @@ def worst_runs(sweep: SweepTable) -> Table:
     names, gaits, kept = map(sweep.words, ("name", "gait", "recording"))
     rows, link = [], Markup('<a href="{}">{}</a>')
     for row in sweep.worst[:WORST]:
-        name, address = names[row], f"{kept[row]}/{REPORT}"  # relative to the page
+        name, address = names[row], f"{kept[row]}/{SweepFile.REPORT}"  # relative to the page
         if sweep.directory is not None and kept[row] and (sweep.directory / address).is_file():
             name = link.format(address, name)
         values = {"gait": gaits[row]} if len(set(gaits)) > 1 else {}

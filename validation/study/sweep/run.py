@@ -24,18 +24,7 @@ from validation.study.row_file import ROWS, Row
 from validation.study.sweep.design import SweepDefinition, check_classes, dump_sweep, load_sweep
 from validation.study.sweep.report import write_sweep_report
 from validation.study.sweep.schema import walk_columns
-from validation.study.sweep.table import (
-    DEFINITION,
-    RECORDINGS,
-    REPORT,
-    RESULTS,
-    SUMMARY,
-    RunState,
-    SweepTable,
-    build_table,
-    key_of,
-    wrap_table,
-)
+from validation.study.sweep.table import RunState, SweepFile, SweepTable, build_table, key_of, wrap_table
 from validation.study.walk_options import keep_run, own_classes, walk_request
 from validation.table import Table, Tabled, format_duration
 from validation.trial.plan import Request, check_formula
@@ -69,9 +58,9 @@ def sweep(definition: SweepDefinition | str | Path, **execution: Unpack[Executio
     kept = pa.array(_keep_worst(definition, found, folder, execution), pa.string())
     column = found.table.schema.get_field_index("recording")
     found = replace(found, table=found.table.set_column(column, found.table.field(column), kept))
-    with output_file(folder / RESULTS) as file:
+    with output_file(folder / SweepFile.RESULTS) as file:
         pq.write_table(found.table, file, compression="zstd")
-    write_json(folder / SUMMARY, found.as_dict())
+    write_json(folder / SweepFile.SUMMARY, found.as_dict())
     with progress.stage("report"):
         write_sweep_report(folder)
     return found
@@ -80,8 +69,8 @@ def sweep(definition: SweepDefinition | str | Path, **execution: Unpack[Executio
 def _tasks(definition: SweepDefinition, folder: Path | None) -> Iterator[Task]:
     """Every run; before the first, when the engine has locked the folder, the definition is written there."""
     if folder is not None:
-        (folder / RESULTS).unlink(missing_ok=True)
-        (folder / DEFINITION).write_text(dump_sweep(definition), encoding="utf-8")
+        (folder / SweepFile.RESULTS).unlink(missing_ok=True)
+        (folder / SweepFile.DEFINITION).write_text(dump_sweep(definition), encoding="utf-8")
         (folder / ROWS).touch()  # a sweep that ends before its first row can be resumed
     for run in range(len(definition)):
         yield task_of(definition, run)
@@ -123,9 +112,9 @@ def _keep_worst(
     rows = [row for row in found.worst if definition.recordings == "worst" or not passed[row]]
     rows = [] if definition.recordings == "none" else rows[: definition.worst]
     runs = {names[row]: int(names[row]) for row in rows}
-    there: Execution = {**execution, "out": folder / RECORDINGS, "resume": True}
+    there: Execution = {**execution, "out": folder / SweepFile.RECORDINGS, "resume": True}
     kept = keep_runs(definition, runs, **there)
-    return [f"{RECORDINGS}/{name}" if name in kept else None for name in names]
+    return [f"{SweepFile.RECORDINGS}/{name}" if name in kept else None for name in names]
 
 
 def keep_runs(sweep: SweepDefinition, runs: Mapping[str, int], **execution: Unpack[Execution]) -> list[str]:
@@ -141,7 +130,7 @@ def keep_runs(sweep: SweepDefinition, runs: Mapping[str, int], **execution: Unpa
         if "reason" in row:
             progress = execution.get("progress") or Progress()
             progress.say(f"ampm: {folder / row['key']} was not written ({row['cause']}).")
-    return [name for name in runs if (folder / name / REPORT).is_file()]
+    return [name for name in runs if (folder / name / SweepFile.REPORT).is_file()]
 
 
 @dataclass(frozen=True)

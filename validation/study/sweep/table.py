@@ -31,15 +31,20 @@ from validation.study.sweep.design import SweepDefinition, dump_sweep, load_swee
 from validation.study.sweep.schema import schema
 from validation.table import Table, Tabled
 
-DEFINITION = "sweep.toml"
-RESULTS = "results.parquet"
-SUMMARY = "sweep.json"
-REPORT = "report.html"
-RECORDINGS = "recordings"
 TABLE_METADATA = b"ampm_sweep_2"
 """Schema metadata of a table, with the number of its format: JSON, see :func:`table_metadata`."""
 METRIC = "metric_"
 _BATCH = 1000  # rows that are turned into columns at a time
+
+
+class SweepFile(StrEnum):
+    """Files in a sweep's folder, beside its rows."""
+
+    DEFINITION = "sweep.toml"
+    RESULTS = "results.parquet"
+    SUMMARY = "sweep.json"
+    REPORT = "report.html"
+    RECORDINGS = "recordings"  # folder of the runs that are kept
 
 
 class RunState(StrEnum):
@@ -326,7 +331,7 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
 
 def is_sweep(folder: Path) -> bool:
     """Whether a folder is one of a sweep."""
-    return (folder / DEFINITION).is_file()
+    return (folder / SweepFile.DEFINITION).is_file()
 
 
 def read_sweep(folder: Path | str) -> SweepTable:
@@ -336,11 +341,11 @@ def read_sweep(folder: Path | str) -> SweepTable:
         InputError: there is none, it has no row yet, or its table is damaged.
     """
     folder = Path(folder)
-    file = folder / RESULTS
+    file = folder / SweepFile.RESULTS
     if not is_sweep(folder):
         raise InputError(f"{folder} holds no sweep; give the --out folder of one.")
     if not file.is_file():
-        definition = load_sweep(folder / DEFINITION)
+        definition = load_sweep(folder / SweepFile.DEFINITION)
         rows = {row["key"]: row for row in (read_rows(folder) if (folder / ROWS).is_file() else ())}
         keys = (key_of(definition, run) for run in range(len(definition)))
         table = build_table(definition, (rows[key] for key in keys if key in rows))
