@@ -11,13 +11,7 @@ from validation.show.paper import STUDIED, UNSTUDIED, Citation, cite_run
 from validation.show.report import split_table, write_report
 from validation.show.run_figures import RunFigures
 from validation.store.saved import load_saved_run
-from validation.study.compare.report import (
-    REPORT,
-    draw_walks,
-    is_comparison,
-    load_comparison,
-    write_comparison,
-)
+from validation.study.compare.report import draw_walks, is_comparison, load_comparison, write_comparison
 from validation.study.sweep.figures import draw_sweep
 from validation.study.sweep.report import cite_sweep, sweep_metric_table, write_sweep_report
 from validation.study.sweep.table import is_sweep, read_sweep
@@ -71,6 +65,5 @@ def write_page(folder: Path) -> Path:
     if is_sweep(folder):
         return write_sweep_report(folder)
     if is_comparison(folder):
-        write_comparison(load_comparison(folder), folder)
-        return folder / REPORT
+        return write_comparison(load_comparison(folder), folder)
     return write_report(folder)

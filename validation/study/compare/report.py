@@ -56,8 +56,8 @@ def load_comparison(folder: Path) -> WalkComparison:
     return comparison_of(list(sides))
 
 
-def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> None:
-    """Write numbers and page into a folder, and report and recording of every walk that lacks them."""
+def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> Path:
+    """Write numbers and page, whose path is returned, and report and recording of walks that lack them."""
     folder.mkdir(parents=True, exist_ok=True)
     numbers = result.as_dict()
     for side, entry in zip(result.sides, numbers.get("walks", ()), strict=True):
@@ -67,6 +67,7 @@ def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> 
     write_json(folder / NUMBERS, numbers)
     with output_file(folder / REPORT) as work:
         work.write_text(render(result, folder), encoding="utf-8")
+    return folder / REPORT
 
 
 def render(result: WalkComparison | SweepComparison, folder: Path) -> str:
