@@ -22,16 +22,8 @@ from trials import write_rows
 from ampm.run_file import load_run
 from validation.run.trial import Trial
 from validation.run.walk import walk_planned
-from validation.study.robustness.cells import (
-    AFTER,
-    DIRECTIONS,
-    PUSH_STEP,
-    STEPS,
-    Cell,
-    other_cells,
-    push_cells,
-)
-from validation.study.robustness.study import cause_of, disturbance_of
+from validation.study.robustness.cells import DIRECTIONS, Cell, other_cells, push_cells
+from validation.study.robustness.study import AFTER, PUSH_STEP, STEPS, cause_of, disturbance_of
 from validation.trial.plan import Request, plan_walk
 
 PUSHES: Mapping[str, Sequence[float]] = {

@@ -18,12 +18,11 @@ from validation.study.robustness.cells import (
     Direction,
     PushPhase,
     chosen,
-    needed,
     other_cells,
     push_cells,
     push_instant,
 )
-from validation.study.robustness.result import CellResult, Robustness
+from validation.study.robustness.result import CellResult, Robustness, needed
 from validation.study.robustness.study import climb, disturbance_of
 from validation.study.row_file import read_rows
 from validation.trial.shapes import Shapes

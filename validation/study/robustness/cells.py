@@ -27,20 +27,6 @@ PUSH_PHASES: tuple[PushPhase, ...] = get_args(PushPhase)
 _SHARES = {"early": 0.12, "mid": 0.5, "late": 0.85, "double": 0.5}
 HEIGHTS = ("com", "chest")
 """Where pushes act."""
-STEPS = 14
-"""Walked with a disturbance other than a push."""
-PUSH_STEP = 4
-"""Single support in which, or after which, the body is pushed; one later in every other replica."""
-AFTER = 8
-"""Steps walked after that one."""
-REPLICAS = 5
-NEEDED = 0.8
-"""Share of the replicas that has to survive."""
-START = 0.01
-"""Error of the root's velocity at the start of all replicas but the first, see ``disturbance.start_velocity``
-[m/s]."""
-SHIFTS = (0.0, 0.03, -0.03, 0.06, -0.06)
-"""Shift of a push in the replicas, as share of its phase [1]."""
 PUSHES = "pushes"
 _MOST = 2.0  # velocity change of a push [m/s]
 _GRID = {"forward": 0.1, "backward": 0.1, "wider": 0.05, "narrower": 0.05}
@@ -109,13 +95,6 @@ def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:
         if name not in kinds:
             raise unknown(name, sorted(kinds), "kind of disturbance", value=name)
     return tuple(cell for cell in cells if not only or cell.kind in only)
-
-
-def needed(replicas: int) -> int:
-    """Replicas that have to survive; an InputError for less than one."""
-    if replicas < 1:
-        raise InputError(f"--replicas {replicas}: at least one walk is needed.", value=replicas)
-    return math.ceil(NEEDED * replicas - 1e-9)
 
 
 def push_instant(

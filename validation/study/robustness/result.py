@@ -5,12 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ampm.exceptions import InputError
 from validation.store.json import json_ready
 from validation.store.summary import read_json
-from validation.study.robustness.cells import DURATION, Cell, needed
+from validation.study.robustness.cells import DURATION, Cell
 from validation.table import Table, Tabled
 
 RESULT = "robustness.json"
+NEEDED = 0.8
+"""Share of the replicas that has to survive."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,13 @@ class Robustness(Tabled):
                 (note, *self.crashes),
             )
         ]
+
+
+def needed(replicas: int) -> int:
+    """Replicas that have to survive; an InputError for less than one."""
+    if replicas < 1:
+        raise InputError(f"--replicas {replicas}: at least one walk is needed.", value=replicas)
+    return math.ceil(NEEDED * replicas - 1e-9)
 
 
 def load_robustness(path: Path) -> Robustness:

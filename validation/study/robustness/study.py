@@ -12,22 +12,8 @@ from validation.progress import Progress
 from validation.store.json import write_json
 from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.pool import attempt
-from validation.study.robustness.cells import (
-    AFTER,
-    DURATION,
-    PUSH_STEP,
-    REPLICAS,
-    SHIFTS,
-    START,
-    STEPS,
-    Cell,
-    chosen,
-    needed,
-    other_cells,
-    push_cells,
-    push_instant,
-)
-from validation.study.robustness.result import RESULT, CellResult, Robustness
+from validation.study.robustness.cells import DURATION, Cell, chosen, other_cells, push_cells, push_instant
+from validation.study.robustness.result import RESULT, CellResult, Robustness, needed
 from validation.study.row_file import Row
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk
@@ -36,6 +22,18 @@ from validation.trial.shapes import Shapes
 from validation.trial.simulate import simulate
 from validation.trial.users import PLANNER
 
+STEPS = 14
+"""Walked with a disturbance other than a push."""
+PUSH_STEP = 4
+"""Single support in which, or after which, the body is pushed; one later in every other replica."""
+AFTER = 8
+"""Steps walked after that one."""
+REPLICAS = 5
+START = 0.01
+"""Error of the root's velocity at the start of all replicas but the first, see ``disturbance.start_velocity``
+[m/s]."""
+SHIFTS = (0.0, 0.03, -0.03, 0.06, -0.06)
+"""Shift of a push in the replicas, as share of its phase [1]."""
 CROSSED = "the legs met"
 _EVERY = 0.01  # time between two looks at the distance of the legs [s]
 
