@@ -10,16 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from rich import progress as bars
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-from rich.progress import Progress as Bars
 from rich.text import Text
 
 from validation.output import results
@@ -79,15 +71,17 @@ class Narrator(Progress):
 
     @contextmanager
     def _bar(self, label: str, unit: str) -> Iterator[Stage]:
-        words = TextColumn("{task.description}", markup=False)
-        count = (MofNCompleteColumn(), TextColumn(unit)) if unit else ()
-        left = (TimeRemainingColumn(), TextColumn("left")) if unit else ()
-        columns = (SpinnerColumn(), words, BarColumn(), *count, TimeElapsedColumn(), *left)
-        with Bars(*columns, console=self.console, transient=True, speed_estimate_period=_WHOLE_STAGE) as bars:
-            task = bars.add_task(label, total=None)
+        words = bars.TextColumn("{task.description}", markup=False)
+        count = (bars.MofNCompleteColumn(), bars.TextColumn(unit)) if unit else ()
+        left = (bars.TimeRemainingColumn(), bars.TextColumn("left")) if unit else ()
+        columns = (bars.SpinnerColumn(), words, bars.BarColumn(), *count, bars.TimeElapsedColumn(), *left)
+        with bars.Progress(
+            *columns, console=self.console, transient=True, speed_estimate_period=_WHOLE_STAGE
+        ) as shown:
+            task = shown.add_task(label, total=None)
             yield Stage(
-                lambda done, total: bars.update(task, completed=done, total=total),
-                lambda text: bars.update(task, description=f"{label} ({text})" if text else label),
+                lambda done, total: shown.update(task, completed=done, total=total),
+                lambda text: shown.update(task, description=f"{label} ({text})" if text else label),
             )
 
     def say(self, text: str) -> None:

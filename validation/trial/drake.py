@@ -12,25 +12,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from pydrake import geometry
 from pydrake.common.eigen_geometry import Quaternion
-from pydrake.geometry import (
-    AddContactMaterial,
-    Box,
-    CollisionFilterDeclaration,
-    GeometrySet,
-    HalfSpace,
-    ProximityProperties,
-    Sphere,
-)
 from pydrake.math import RigidTransform
+from pydrake.multibody import tree
 from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlantConfig
-from pydrake.multibody.tree import (
-    FixedOffsetFrame,
-    QuaternionFloatingJoint,
-    RevoluteJoint,
-    RotationalInertia,
-    SpatialInertia,
-)
 from pydrake.systems.framework import DiagramBuilder
 
 from ampm.geometry import Array
@@ -85,7 +71,7 @@ class _Plant:
         if contact:
             self._add_floor_and_points(contact)
             points = [added for added, g in self.geoms.items() if model.geom_bodyid[g]]
-            apart = CollisionFilterDeclaration().ExcludeWithin(GeometrySet(points))
+            apart = geometry.CollisionFilterDeclaration().ExcludeWithin(geometry.GeometrySet(points))
             scene.collision_filter_manager().Apply(apart)
         self.plant.Finalize()
         self._diagram = builder.Build()
@@ -104,36 +90,38 @@ class _Plant:
     def _add_segments(self) -> None:
         """One rigid body for each of MuJoCo's, with the joints that it hangs on."""
         model, plant = self.model, self.plant
-        instance = plant.AddModelInstance("body")
+        instance, massless = plant.AddModelInstance("body"), tree.SpatialInertia.Zero()
         for b in range(1, model.nbody):
             parent = self.segments[int(model.body_parentid[b])]
             segment = plant.AddRigidBody(f"segment {b}", instance, self._inertia(b))
             self.segments[b] = segment
-            place = _pose(model.body_pos[b], model.body_quat[b])
+            place, ends = (
+                _pose(model.body_pos[b], model.body_quat[b]),
+                (parent.body_frame(), segment.body_frame()),
+            )
             first, count = int(model.body_jntadr[b]), int(model.body_jntnum[b])
             for j in range(first, first + count):
                 if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
-                    root = QuaternionFloatingJoint(f"joint {j}", parent.body_frame(), segment.body_frame())
-                    self._joints.append(plant.AddJoint(root))
+                    self._joints.append(plant.AddJoint(tree.QuaternionFloatingJoint(f"joint {j}", *ends)))
                     continue
                 # Between the hinges of a stack are bodies without mass.
                 last = j == first + count - 1
-                child = segment if last else plant.AddRigidBody(f"stack {j}", instance, SpatialInertia.Zero())
+                child = segment if last else plant.AddRigidBody(f"stack {j}", instance, massless)
                 self._add_hinge(j, parent, child, place)
                 parent, place = child, RigidTransform()
             if not count:
-                plant.WeldFrames(parent.body_frame(), segment.body_frame(), place)
+                plant.WeldFrames(*ends, place)
 
-    def _inertia(self, b: int) -> SpatialInertia:
+    def _inertia(self, b: int) -> tree.SpatialInertia:
         """Mass and inertia of a segment."""
         model, mass = self.model, float(self.model.body_mass[b])
         if not mass:
-            return SpatialInertia.Zero()
+            return tree.SpatialInertia.Zero()
         turn = _pose(np.zeros(3), model.body_iquat[b]).rotation().matrix()
         about_com = turn @ np.diag(model.body_inertia[b]) @ turn.T
         moments, products = np.diag(about_com), about_com[[0, 0, 1], [1, 2, 2]]
-        inertia = RotationalInertia(*moments, *products)
-        return SpatialInertia.MakeFromCentralInertia(mass, model.body_ipos[b], inertia)
+        inertia = tree.RotationalInertia(*moments, *products)
+        return tree.SpatialInertia.MakeFromCentralInertia(mass, model.body_ipos[b], inertia)
 
     def _add_hinge(self, j: int, parent: Any, child: Any, place: RigidTransform) -> None:
         """A hinge between two bodies; ``place`` is the child's in the axes of the parent at angle zero.
@@ -142,12 +130,12 @@ class _Plant:
         springs, the passive forces of the state act.
         """
         model, plant, anchor = self.model, self.plant, RigidTransform(self.model.jnt_pos[j])
-        above = FixedOffsetFrame(f"above {j}", parent.body_frame(), place @ anchor)
-        below = FixedOffsetFrame(f"below {j}", child.body_frame(), anchor)
+        above = tree.FixedOffsetFrame(f"above {j}", parent.body_frame(), place @ anchor)
+        below = tree.FixedOffsetFrame(f"below {j}", child.body_frame(), anchor)
         frames = plant.AddFrame(above), plant.AddFrame(below)
         low, high = model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf)
         damping = float(model.dof_damping[model.jnt_dofadr[j]]) if passive_joints(model).implicit else 0.0
-        hinge = RevoluteJoint(f"joint {j}", *frames, model.jnt_axis[j], low, high, damping)
+        hinge = tree.RevoluteJoint(f"joint {j}", *frames, model.jnt_axis[j], low, high, damping)
         self._joints.append(plant.AddJoint(hinge))
 
     def _add_motors(self) -> None:
@@ -165,16 +153,16 @@ class _Plant:
         for g in range(model.ngeom):
             segment, size = int(model.geom_bodyid[g]), model.geom_size[g]
             if segment and model.geom_conaffinity[g] & 1:
-                self._add_shape(g, Sphere(size[0]), contact.stiffness, contact.dissipation)
+                self._add_shape(g, geometry.Sphere(size[0]), contact.stiffness, contact.dissipation)
             elif not segment and model.geom_contype[g] & 1:
                 plane = model.geom_type[g] == mujoco.mjtGeom.mjGEOM_PLANE
-                self._add_shape(g, HalfSpace() if plane else Box(*2.0 * size), _RIGID, 0.0)
+                self._add_shape(g, geometry.HalfSpace() if plane else geometry.Box(*2.0 * size), _RIGID, 0.0)
 
     def _add_shape(self, g: int, shape: Any, stiffness: float, dissipation: float) -> None:
         """A shape that touches others in the place of MuJoCo's."""
-        model, material = self.model, ProximityProperties()
+        model, material = self.model, geometry.ProximityProperties()
         friction = float(model.geom_friction[g, 0])
-        AddContactMaterial(dissipation, stiffness, CoulombFriction(friction, friction), material)
+        geometry.AddContactMaterial(dissipation, stiffness, CoulombFriction(friction, friction), material)
         segment = self.segments[int(model.geom_bodyid[g])]
         place = _pose(model.geom_pos[g], model.geom_quat[g])
         added = self.plant.RegisterCollisionGeometry(segment, place, shape, f"geom {g}", material)

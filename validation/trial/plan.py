@@ -25,14 +25,7 @@ from ampm.presets import PRESETS
 from ampm.run_file import key_info, leaves_open, load_run
 from ampm.sensor_parameters import EXACT
 from validation.progress import Progress
-from validation.trial.users import (
-    UsersCode,
-    check_classes,
-    load_planner,
-    planner_problem,
-    real_numbers,
-    replan_period,
-)
+from validation.trial import users
 
 if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
@@ -179,7 +172,7 @@ def load_request(
     run = own_gait(run)
     if as_is:
         run = run.as_is()
-    check_classes(run)
+    users.check_classes(run)
     path = Path(run.body.source if gait is None else gait)
     # A run folder's own run.toml is named after the folder.
     name = path.resolve().parent.name if path.name == "run.toml" else path.stem
@@ -267,7 +260,7 @@ def plan_walk(
     from ampm.walk import WalkPlan
 
     if planner is None:
-        planner = load_planner(run.gait.planner, run.planner.options)
+        planner = users.load_planner(run.gait.planner, run.planner.options)
         if run.footsteps and run.gait.planner == "ampm":
             planner = FootstepPlanner()
             human = run.body.source == HUMAN and run.body.height == BodyParameters().height
@@ -308,11 +301,11 @@ def plan_walk(
             body = make_body(run)
     with (
         progress.stage(f"{request.name}: whole-body motion"),
-        _way_out(asked) if checked else UsersCode("planner", planner),
+        _way_out(asked) if checked else users.UsersCode("planner", planner),
     ):
         plan = planner.plan(run.undisturbed, body.robot)
         if not isinstance(plan, WalkPlan):
-            raise TypeError(f"it made {planner_problem(plan)}")
+            raise TypeError(f"it made {users.planner_problem(plan)}")
         if not checked:
             _check_plan(plan, run, body.robot)
             if "gait.steps" in says.get("gait_keys", ("gait.steps",)) and not run.footsteps:
@@ -323,7 +316,7 @@ def plan_walk(
                     )
     if run.footsteps and not checked:
         _check_footsteps(plan, run, name)
-    goes_on: Any = planner if replan_period(planner) < math.inf else None
+    goes_on: Any = planner if users.replan_period(planner) < math.inf else None
     return PlannedWalk(request, plan, body, name, replanner=goes_on)
 
 
@@ -346,7 +339,7 @@ def _check_plan(plan: WalkPlan, run: RunParameters, robot: Robot) -> None:
     state = plan.table([0.0])[0]
     shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}
     for name, shape in shapes.items():
-        real_numbers(f"'{name}' of its posture at 0 s", getattr(state, name), shape, finite=True)
+        users.real_numbers(f"'{name}' of its posture at 0 s", getattr(state, name), shape, finite=True)
     check_contacts(plan)
     for key, slope, floor in zip(("slope", "cross_slope"), plan.contacts.slope, run.gait.slopes, strict=True):
         if slope != floor:

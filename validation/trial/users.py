@@ -168,18 +168,13 @@ class Role:
             signature.bind(*before, **given)
         except TypeError as error:
             names, first = [*signature.parameters], len(before)
-            problem = f"is not made with {self.options} {dict(given)}: {error}; it takes "
-            problem += (
-                f"{', '.join(names[first:]) or 'no options'}; an option of one {self.name} alone stands "
-            )
-            problem += f"after its name: {text},NAME=VALUE"
+            taken = ", ".join(names[first:]) or "no options"
+            problem = f"is not made with {self.options} {dict(given)}: {error}; it takes {taken}; an option "
+            problem += f"of one {self.name} alone stands after its name: {text},NAME=VALUE"
             if len(names) < first:
                 problem = f"takes ({', '.join(names)}) and must take ({', '.join(before)})"
-            raise InputError(
-                f"the {self.name} {text} {problem}.",
-                key=self.options,
-                value=dict(given),
-            ) from error
+            said = f"the {self.name} {text} {problem}."
+            raise InputError(said, key=self.options, value=dict(given)) from error
 
     def name_of(self, factory: Any) -> str:
         """Name of a class or function, as :meth:`find` takes it."""
