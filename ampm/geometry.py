@@ -12,6 +12,15 @@ _BLOCK = 500  # sets at a time: their (k, k, n) arrays stay in the processor's c
 _TINY = 1e-12  # points nearer than this are one, points farther right than this are right of a line [m]
 
 
+class ReadOnly:
+    """Base of dataclasses whose arrays cannot be written to."""
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+
+
 def blocks(rows: int, size: int = 4096) -> Iterator[slice]:
     """Slices of rows, a block after another, as intermediate results of all would need much memory."""
     return (slice(first, min(first + size, rows)) for first in range(0, max(rows, 1), size))
@@ -24,13 +33,9 @@ def rotations(heading: ArrayLike) -> Array:
 
 
 def convex_hull(points: Array) -> Array:
-    """Corners of the convex hull, anticlockwise.
+    """Corners of the convex hull of points (n, 2) [m], anticlockwise, shape (k, 2) [m].
 
-    Args:
-        points: shape (n, 2) [m].
-
-    Returns:
-        Shape (k, 2) [m], without points on the edges; of points on a line its ends.
+    It has no points on the edges; of points on a line it is the ends.
     """
     from scipy.spatial import ConvexHull, QhullError  # imported here: SciPy is slow to load
 

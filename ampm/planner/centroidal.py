@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
-from ampm.geometry import Array, rotations
+from ampm.geometry import Array, ReadOnly, rotations
 from ampm.planner.blend import HeightLaw
 from ampm.planner.contacts import LEVEL, PHASE_NAMES, STANCE_NAMES, Contacts, read_only, times_within
 from ampm.planner.pendulum import LawState
@@ -89,7 +89,7 @@ class PlanConstants:
 
 
 @dataclass(frozen=True)
-class PlanSample(Brief):
+class PlanSample(Brief, ReadOnly):
     """The plan at N times; all vectors in world, all arrays read-only."""
 
     time: Array  # shape (N,) [s]
@@ -109,10 +109,6 @@ class PlanSample(Brief):
     left_placement: Array  # left foot's placement in force, the next one while it swings, shape (N, 2) [m]
     right_placement: Array  # the same of the right foot, shape (N, 2) [m]
     heading: Array  # mean of these placements' headings, shape (N,) [rad]
-
-    def __post_init__(self) -> None:
-        for value in vars(self).values():
-            value.setflags(write=False)
 
     def __len__(self) -> int:
         return len(self.time)

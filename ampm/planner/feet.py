@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.brief import Brief
 from ampm.description import SoleGeometry
-from ampm.geometry import Array
+from ampm.geometry import Array, ReadOnly
 from ampm.planner.contacts import LEVEL, Footstep, times_within
 
 HEEL, BALL, TIP = 0, 1, 2
@@ -23,7 +23,7 @@ PIVOT_HEEL, PIVOT_BALL = np.int8(0), np.int8(1)
 
 
 @dataclass(frozen=True)
-class FootSample:
+class FootSample(ReadOnly):
     """One foot's planned motion at N times, in world."""
 
     position: Array  # sole reference point, shape (N, 3) [m]
@@ -44,17 +44,13 @@ class FootSample:
     roll_acceleration: Array  # shape (N,) [rad/s^2]
     sole_points: Array  # heel left/right, ball left/right, tip left/right, shape (N, 6, 3) [m]
 
-    def __post_init__(self) -> None:
-        for value in vars(self).values():
-            value.setflags(write=False)
-
 
 X, Y, Z, PITCH, TOE, HEADING, ROLL = range(ROWS := 7)
 """Rows of :attr:`FootPath.curve`."""
 
 
 @dataclass(frozen=True)
-class FootPath:
+class FootPath(ReadOnly):
     """One foot's path as a sequence of polynomial segments, each in the time since its own start."""
 
     start: Array  # start of every segment, ascending, shape (K,) [s]
@@ -63,10 +59,6 @@ class FootPath:
     # coefficients of the pivot's x, y, z, of pitch, toe angle, heading and roll, lowest order first,
     # shape (K, 7, order) [m/s^k, rad/s^k]
     curve: Array
-
-    def __post_init__(self) -> None:
-        for value in vars(self).values():
-            value.setflags(write=False)
 
     @classmethod
     def still(cls, sole: SoleGeometry, footstep: Footstep) -> Self:

@@ -7,7 +7,7 @@ log.
 """
 
 from collections import defaultdict
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
-from ampm.geometry import Array, blocks, polygon_margin
+from ampm.geometry import Array, ReadOnly, blocks, polygon_margin
 from validation.measure.equations import Equations, check_equations
 from validation.trial.coordinates import PassiveJoints, to_pinocchio
 from validation.trial.record import SimulationRecord, support_height
@@ -41,7 +41,7 @@ class SelfChecks:
 
 
 @dataclass(frozen=True)
-class MeasuredGait(Brief):
+class MeasuredGait(Brief, ReadOnly):
     """Measured signals of one run, row k for step k ([t_k, t_(k+1)]); world frame, floor at z = 0.
 
     Forces and torques act on the body. Where fewer than :data:`LEAST_SUPPORT` of the weight are carried, both
@@ -76,12 +76,6 @@ class MeasuredGait(Brief):
     gravity: float  # g [m/s^2]
     time_step: float  # dt [s]
     self_checks: SelfChecks  # agreement of the independent measurements
-
-    def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
 
     @property
     def weight(self) -> float:
