@@ -11,7 +11,13 @@ from pydantic import Field, model_validator
 
 from ampm.controller_parameters import ControllerParameters
 from ampm.exceptions import InputError
-from ampm.physics_parameters import ContactParameters, DrakeParameters, SimulationParameters, SolverParameters
+from ampm.physics_parameters import (
+    ContactParameters,
+    DisturbanceParameters,
+    DrakeParameters,
+    SimulationParameters,
+    SolverParameters,
+)
 from ampm.section import (
     OPEN,
     OPTIONS,
@@ -161,50 +167,6 @@ class FootParameters(Section, section="foot"):
     toe_return: Open = parameter(0.8, "share of the swing in which the toes straighten", gt=0, le=1)
 
 
-class DisturbanceParameters(Section, section="disturbance"):
-    """Differences of the simulated world and body from those that planner and controller know.
-
-    Plan and controller are made from ``RunParameters.undisturbed``, so they get no information on it. All
-    keys combine; with their defaults nothing is disturbed.
-    """
-
-    seed: Whole = parameter(0, "seed of all random numbers below", ge=0, le=2**31 - 1)
-    start_velocity: Real = parameter(
-        0.0, "standard deviation of the root's velocity at the start, each axis", "m/s", ge=0, le=1
-    )
-    push_segment: str = parameter(
-        "chest", "segment that is pushed at its centre of mass; com: that of the body", min_length=1
-    )
-    push_x: Real = parameter(0.0, "force of the push along x", "N", ge=-1e5, le=1e5)
-    push_y: Real = parameter(0.0, "force of the push along y", "N", ge=-1e5, le=1e5)
-    push_z: Real = parameter(0.0, "force of the push along z", "N", ge=-1e5, le=1e5)
-    push_at: Real = parameter(1.0, "time at which the push begins", "s", ge=0, le=1e5)
-    push_duration: Real = parameter(0.1, "duration of the push", "s", gt=0, le=1e5)
-    floor_height: Real = parameter(0.0, "height of the floor; the body starts on it", "m", ge=-0.5, le=0.5)
-    step_height: Real = parameter(0.0, "height of one footstep's floor over the rest", "m", ge=-0.5, le=0.5)
-    step_number: Whole = parameter(4, "number of that footstep; a walk starts from 1 and 2", ge=3, le=10_000)
-    slope_along: Real = parameter(
-        0.0, "slope of the floor along the walk after footstep 2; positive: front up", "rad", ge=-0.3, le=0.3
-    )
-    slope_across: Real = parameter(
-        0.0, "slope of the floor across the walk after footstep 2; positive: left up", "rad", ge=-0.3, le=0.3
-    )
-    friction_factor: Real = parameter(1.0, "friction of the floor over contact.friction", gt=0, le=100)
-    softness_factor: Real = parameter(1.0, "contacts' time constant over contact.time_constant", ge=1, le=100)
-    mass_segment: str = parameter(
-        "all", "segments of mass_change, separated by commas, or all; chest: the trunk", min_length=1
-    )
-    mass_change: Real = parameter(0.0, "relative change of their mass and inertia", ge=-0.9, le=10)
-    joint_damping: Real = parameter(0.0, "further damping of every joint", "N m s/rad", ge=0, le=1e3)
-    joint_friction: Real = parameter(0.0, "further dry friction of every joint", "N m", ge=0, le=1e3)
-    actuation_delay: Real = parameter(
-        0.0, "delay of the torques, in whole ticks of the controller", "s", ge=0, le=0.2
-    )
-    torque_bias: Real = parameter(
-        0.0, "constant error of every motor's torque; its signs are random", "N m", ge=0, le=1e3
-    )
-
-
 class FootstepParameters(Section, section="footsteps"):
     """One placement of a foot."""
 
@@ -298,10 +260,8 @@ class RunParameters(Section):
         exclude_if=lambda rows: not rows,
     )
 
-    @model_validator(mode="before")
-    @classmethod
-    def _split(cls, table: dict[str, Any]) -> dict[str, Any]:
-        return _split_names(table)
+    def __init__(self, **table: Any) -> None:
+        super().__init__(**_split_names(table))
 
     @model_validator(mode="after")
     def _check(self) -> "RunParameters":
@@ -421,12 +381,8 @@ SECTIONS: Mapping[str, type[Section]] = {
     if isinstance(field.annotation, type) and issubclass(field.annotation, Section)
 }
 """Classes of the sections, by name."""
-
-
 FIELDS: Mapping[str, Any] = {
-    f"{name}.{key}": field
-    for name, section in SECTIONS.items()
-    for key, field in section.model_fields.items()
+    f"{name}.{key}": field for name, kind in SECTIONS.items() for key, field in kind.model_fields.items()
 }
 """Fields by namespaced key in the order of the file: meaning, unit, default and bounds."""
 OPEN_KEYS = tuple(key for key, field in FIELDS.items() if OPEN in field.metadata)
@@ -477,13 +433,11 @@ def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
 def _merged(table: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
     """A table with the keys of another one, by section; what is not a section is left for the refusal."""
-    found = dict(table)
-    for name, value in more.items():
-        if isinstance(value, Mapping) and name in found:
-            old = found[name]
-            found[name] = _merged(old, value) if isinstance(old, Mapping) else old
-        else:
-            found[name] = value
+    found = {**table, **more}
+    for name in table.keys() & more.keys():
+        if isinstance(more[name], Mapping):
+            old = table[name]
+            found[name] = _merged(old, more[name]) if isinstance(old, Mapping) else old
     return found
 
 

@@ -1,4 +1,4 @@
-"""Parameters of the physics and of numerical solvers: contact, engine, time steps, tolerances."""
+"""Parameters of physics and numerical solvers: contact, engine, disturbances, time steps, tolerances."""
 
 from typing import Literal
 
@@ -52,3 +52,47 @@ class SolverParameters(Section, section="solver"):
     tolerance: Real = parameter(5e-5, "tolerance of the controller's QP, forces over weight", gt=0, le=1e-2)
     max_iterations: Whole = parameter(4000, "iterations after which a QP is unsolved", ge=10, le=100_000)
     ik_time_step: Real = parameter(0.002, "largest step of the inverse kinematics' grid", "s", gt=0, le=0.05)
+
+
+class DisturbanceParameters(Section, section="disturbance"):
+    """Differences of the simulated world and body from those that planner and controller know.
+
+    Plan and controller are made from ``RunParameters.undisturbed``, so they get no information on it. All
+    keys combine; with their defaults nothing is disturbed.
+    """
+
+    seed: Whole = parameter(0, "seed of all random numbers below", ge=0, le=2**31 - 1)
+    start_velocity: Real = parameter(
+        0.0, "standard deviation of the root's velocity at the start, each axis", "m/s", ge=0, le=1
+    )
+    push_segment: str = parameter(
+        "chest", "segment that is pushed at its centre of mass; com: that of the body", min_length=1
+    )
+    push_x: Real = parameter(0.0, "force of the push along x", "N", ge=-1e5, le=1e5)
+    push_y: Real = parameter(0.0, "force of the push along y", "N", ge=-1e5, le=1e5)
+    push_z: Real = parameter(0.0, "force of the push along z", "N", ge=-1e5, le=1e5)
+    push_at: Real = parameter(1.0, "time at which the push begins", "s", ge=0, le=1e5)
+    push_duration: Real = parameter(0.1, "duration of the push", "s", gt=0, le=1e5)
+    floor_height: Real = parameter(0.0, "height of the floor; the body starts on it", "m", ge=-0.5, le=0.5)
+    step_height: Real = parameter(0.0, "height of one footstep's floor over the rest", "m", ge=-0.5, le=0.5)
+    step_number: Whole = parameter(4, "number of that footstep; a walk starts from 1 and 2", ge=3, le=10_000)
+    slope_along: Real = parameter(
+        0.0, "slope of the floor along the walk after footstep 2; positive: front up", "rad", ge=-0.3, le=0.3
+    )
+    slope_across: Real = parameter(
+        0.0, "slope of the floor across the walk after footstep 2; positive: left up", "rad", ge=-0.3, le=0.3
+    )
+    friction_factor: Real = parameter(1.0, "friction of the floor over contact.friction", gt=0, le=100)
+    softness_factor: Real = parameter(1.0, "contacts' time constant over contact.time_constant", ge=1, le=100)
+    mass_segment: str = parameter(
+        "all", "segments of mass_change, separated by commas, or all; chest: the trunk", min_length=1
+    )
+    mass_change: Real = parameter(0.0, "relative change of their mass and inertia", ge=-0.9, le=10)
+    joint_damping: Real = parameter(0.0, "further damping of every joint", "N m s/rad", ge=0, le=1e3)
+    joint_friction: Real = parameter(0.0, "further dry friction of every joint", "N m", ge=0, le=1e3)
+    actuation_delay: Real = parameter(
+        0.0, "delay of the torques, in whole ticks of the controller", "s", ge=0, le=0.2
+    )
+    torque_bias: Real = parameter(
+        0.0, "constant error of every motor's torque; its signs are random", "N m", ge=0, le=1e3
+    )
