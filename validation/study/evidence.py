@@ -105,14 +105,10 @@ def _found(saved: SavedRun) -> dict[str, str]:
 def _study(folder: Path, saved: SavedRun) -> tuple[str, str]:
     """Name of a check, and what the folder of a study of a walk found."""
     run, runs = saved.parameters, list[SavedRun]()
+    walk = saved.title, run.body.source, run.controller.name
     if (folder / RESULT).is_file():
         study = load_robustness(folder)
-        name, found = "robustness", study.title
-        fits = (study.gait, study.body, study.controller) == (
-            saved.title,
-            run.body.source,
-            run.controller.name,
-        )
+        name, found, fits = "robustness", study.title, (study.gait, study.body, study.controller) == walk
     elif (folder / NUMBERS).is_file():
         runs = [side.run for side in load_comparison(folder).sides]
         verdicts = {side.parameters.simulation.engine: side.summary["verdict"] for side in runs}

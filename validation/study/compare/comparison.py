@@ -122,9 +122,8 @@ class Side(Brief):
         metric = METRICS.get(name)
         is_error = metric is not None and metric.nature == "extreme" and not metric.section
         share = float(COSTS[name]["change"]) if name in COSTS else SHARE_OF_ERRORS if is_error else SHARE
-        doubt = share * abs(value)
         known = self.studied(name)
-        return max(doubt if math.isnan(known) else known, float(rounding(value, unit)))
+        return max(share * abs(value) if math.isnan(known) else known, float(rounding(value, unit)))
 
     def studied(self, name: str) -> float:
         """Numerical uncertainty of a metric by the study, in SI units; NaN if it is not known."""
@@ -236,6 +235,8 @@ class WalkComparison(Tabled):
         """Who spends more, of the costs that differ."""
         spent: dict[str, list[str]] = {}
         rows = [row for row in self.rows if COSTS.get(row.name, {}).get("verb") and row.known_of_all]
+        if not rows:
+            return "No cost is known of all"
         for row in rows:
             cost = COSTS[row.name]
             if row.differs and min(row.values) > 0.0:
@@ -246,10 +247,7 @@ class WalkComparison(Tabled):
                     more, than = (f"{ratio:.1f} times the", "of")
                 spent.setdefault(most, []).append(f"{cost['verb']} {more} {cost['noun']} {than} {least}")
         if not spent:
-            nouns = [COSTS[row.name]["noun"] for row in rows]
-            return (
-                f"No difference in {listed(nouns)} exceeds the doubt" if nouns else "No cost is known of all"
-            )
+            return f"No difference in {listed([COSTS[row.name]['noun'] for row in rows])} exceeds the doubt"
         return ", ".join(f"{label} {listed(words)}" for label, words in spent.items())
 
     def _limits(self) -> str:
@@ -279,7 +277,6 @@ class WalkComparison(Tabled):
     def tables(self) -> list[Table]:
         """What differs, the metrics group by group, the causes of the ZMP error, and robustness."""
         labels = [side.label for side in self.sides]
-        heads = ["", *(f">{label}" for label in labels)]
         notes = [
             f"A difference counts if it is larger than the doubt: {self.basis}. Smaller is better, except "
             "for margins, distances and flexion.",
@@ -290,7 +287,7 @@ class WalkComparison(Tabled):
                 "The bodies differ in size: lengths are shares of the foot, forces of the weight, momenta of "
                 "m√(gL³) with the length L of the foot. A robot's gait of another shape still differs."
             )
-        tables = [Table("the walks", heads, list(self._facts()), notes)]
+        tables = [Table("the walks", ["", *(f">{label}" for label in labels)], list(self._facts()), notes)]
         for group in (JUDGED, COST, OWN):
             shown = [] if group == OWN else [USED]
             columns = ["", *(item for label in labels for item in (f">{label}", *shown))]
@@ -298,8 +295,7 @@ class WalkComparison(Tabled):
             if rows:
                 best = "better" if len(labels) == 2 else "best"
                 tables.append(Table(group, [*columns, "unit", ">doubt", best], rows))
-        tables.append(self._causes())
-        return [*tables, *self._robustness()]
+        return [*tables, self._causes(), *self._robustness()]
 
     def _causes(self) -> Table:
         """Causes of the ZMP error, RMS, of all walks."""
@@ -315,32 +311,27 @@ class WalkComparison(Tabled):
         """Largest disturbance that the gait of each walk survives, where it was studied."""
         studies = {side.label: side.robustness for side in self.sides if side.robustness}
         units = {item.cell.name: item.cells()[1] for study in studies.values() for item in study.cells}
-        rows = [
-            (name, unit, *(study.survived(name) for study in studies.values()))
-            for name, unit in units.items()
-        ]
+        rows = [(key, unit, *(one.survived(key) for one in studies.values())) for key, unit in units.items()]
         if rows:
             notes = [f"{label}: {study.title}." for label, study in studies.items()]
             yield Table("robustness", ("survived", "unit", *(f">{label}" for label in studies)), rows, notes)
 
     def shown(self, name: str, unit: str, side: Side) -> tuple[float, str]:
         """Factor from a metric's SI unit, and the unit in which tables show it: a share if bodies differ."""
+        scales = side.run.summary["scales"]
         if self.unlike and unit in _SIZES:
-            return 100.0 / float(size_in_si(_SIZES[unit][0], side.run.summary["scales"])), short_unit(
-                _SIZES[unit][1]
-            )
-        weight = side.run.summary["scales"]["body_weight"]
+            size, share = _SIZES[unit]
+            return 100.0 / float(size_in_si(size, scales)), short_unit(share)
+        weight = scales["body_weight"]
         scale, unit = cost_unit(METRICS[name], weight) if name in COSTS else display_unit(unit, weight)
         return scale, short_unit(unit)
 
     @property
     def unlike(self) -> bool:
         """Whether the bodies differ in size, so that values are compared as shares of it."""
-        return any(
-            max(sizes) > 1.01 * min(sizes)
-            for name in ("body_weight", "foot_length")
-            if (sizes := [side.run.summary["scales"][name] for side in self.sides])
-        )
+        scales = [side.run.summary["scales"] for side in self.sides]
+        sizes = np.array([(scale["body_weight"], scale["foot_length"]) for scale in scales])
+        return bool((sizes.max(axis=0) > 1.01 * sizes.min(axis=0)).any())
 
     def _facts(self) -> Iterator[tuple[str, ...]]:
         """How the walks ended, and in what they differ; a walk from Python may have more than its keys."""
@@ -404,14 +395,12 @@ def comparison_of(sides: Sequence[Side]) -> WalkComparison:
         pairs = [(side, scale) for side, (scale, _) in zip(sides, shown, strict=True)]
         values = tuple(scale * side.number(name) for side, scale in pairs)
         limits = tuple(scale * side.number(name, "tolerance") for side, scale in pairs)
-        judged = name not in COSTS and not all(map(math.isnan, limits))
-        group = JUDGED if judged else COST if name in COSTS else OWN
+        group = COST if name in COSTS else OWN if all(map(math.isnan, limits)) else JUDGED
         if entry["kind"] == "instrument" or (group == OWN and name in built_in):
             continue
         doubts = [scale * side.doubt(name, entry["unit"]) for side, scale in pairs]
         known = tuple(scale * side.studied(name) for side, scale in pairs)
-        studied = not any(map(math.isnan, known))
-        doubt = max(doubts) if studied else min(doubts)
+        doubt = min(doubts) if any(map(math.isnan, known)) else max(doubts)
         rows[group].append(MetricRow(group, name, entry["label"], shown[0][1], values, doubt, limits, known))
     return replace(result, rows=tuple(row for group in rows.values() for row in group))
 

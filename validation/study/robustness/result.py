@@ -63,14 +63,9 @@ class Robustness(Tabled):
     def tables(self) -> list[Table]:
         """Largest value survived of every disturbance."""
         note = f"Pushes of {DURATION:g} s: the velocity change. A value counts with all milder ones."
-        return [
-            Table(
-                self.title,
-                ("disturbance", "unit", "survived", "first failure"),
-                [item.cells() for item in self.cells],
-                (note, *self.crashes),
-            )
-        ]
+        columns = ("disturbance", "unit", "survived", "first failure")
+        rows = [item.cells() for item in self.cells]
+        return [Table(self.title, columns, rows, (note, *self.crashes))]
 
 
 def needed(replicas: int) -> int:

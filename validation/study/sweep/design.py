@@ -324,10 +324,9 @@ class SweepDefinition(Section, section="sweep"):
 
 
 def load_sweep(path: str | Path) -> SweepDefinition:
-    """Read a sweep's definition; nothing that it names is imported.
+    """Read a sweep's definition from a TOML file; nothing that it names is imported.
 
-    Args:
-        path: TOML file; files of a gait, body or plan are searched in the same folder.
+    Files of a gait, body or plan are searched in the same folder.
 
     Raises:
         InputError: no such file, no valid TOML, or no valid sweep.
@@ -483,11 +482,8 @@ _HEAD = tuple(name for name in SweepDefinition.model_fields if name not in _TABL
 def dump_sweep(definition: SweepDefinition) -> str:
     """TOML text that :func:`load_sweep` reads back as an equal definition, without any other file."""
     head = definition.model_dump(include=set(_HEAD), exclude_none=True)
-    vary = []
-    for block in definition.vary:
-        words = block.model_dump(by_alias=True, exclude_none=True)
-        values = words.pop("keys")
-        vary.append({**words, **values})
+    blocks = [block.model_dump(by_alias=True, exclude_none=True) for block in definition.vary]
+    vary = [{name: block[name] for name in block if name != "keys"} | block["keys"] for block in blocks]
     table: dict[str, Any] = {"sweep": head, "set": dict(definition.set), "vary": vary}
     # The file of a gait may change or be missing later, so its contents are included.
     gaits = definition.gaits
