@@ -260,8 +260,10 @@ class RunParameters(Section):
         exclude_if=lambda rows: not rows,
     )
 
-    def __init__(self, **table: Any) -> None:
-        super().__init__(**_split_names(table))
+    @model_validator(mode="before")
+    @classmethod
+    def _split(cls, table: dict[str, Any]) -> dict[str, Any]:
+        return _split_names(table)
 
     @model_validator(mode="after")
     def _check(self) -> "RunParameters":

@@ -187,8 +187,10 @@ def test_causes_and_robustness_stand_side_by_side(sides, folders, tmp_path, ampm
     (tmp_path / "robustness.json").write_text(json.dumps(study.as_dict()), encoding="utf-8")
     both = ["--robustness", tmp_path, "--robustness", tmp_path / "robustness.json"]
     assert "push forward" in ampm("compare", *folders, *both).out
-    with pytest.raises(InputError, match="of gait flat, and this walk of gait normal; give one of each walk"):
+    with pytest.raises(InputError, match="of flat, human, ampm, and the walk is of normal, human, ampm"):
         replace(sides[0], robustness=replace(study, gait="flat"))
+    with_settings = replace(study, gait="normal, controller.stabilizer stepping")
+    assert replace(sides[0], robustness=with_settings).robustness
 
 
 def test_a_study_must_be_of_both_gaits(folders, tmp_path, ampm):

@@ -45,7 +45,7 @@ def named(verdict, name="zmp_x_rmse"):
 def test_a_perfect_walk_passes_the_strict_profile(walk):
     verdict = verdict_of(compared(walk), STRICT)
     assert verdict.passed
-    assert len(verdict.judged) == len(STRICT.tolerances) - 5  # no speed limits, commanded velocity or mean stride
+    assert len(verdict.judged) == len(STRICT.tolerances) - 5  # speed limits, command, strides
     assert all(item.passed and (item.margin or 0.0) > 0.99 for item in verdict.judged)
     assert f"All {len(verdict.judged)} tolerances met" in verdict.reason
     assert verdict_of(compared(walk), STRICT, zmp_x_rmse=2.0e-3).passed  # the limit itself

@@ -95,10 +95,8 @@ class _Plant:
             parent = self.segments[int(model.body_parentid[b])]
             segment = plant.AddRigidBody(f"segment {b}", instance, self._inertia(b))
             self.segments[b] = segment
-            place, ends = (
-                _pose(model.body_pos[b], model.body_quat[b]),
-                (parent.body_frame(), segment.body_frame()),
-            )
+            place = _pose(model.body_pos[b], model.body_quat[b])
+            ends = parent.body_frame(), segment.body_frame()
             first, count = int(model.body_jntadr[b]), int(model.body_jntnum[b])
             for j in range(first, first + count):
                 if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:

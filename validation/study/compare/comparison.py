@@ -69,20 +69,17 @@ class Side(Brief):
     robustness: Robustness | None = None  # of the same gait, body and controller; None if none is known
 
     def __post_init__(self) -> None:
-        """Refuse a robustness study of another walk."""
+        """Refuse a robustness study of another gait, body or controller; settings may differ."""
         if (study := self.robustness) is None:
             return
         run = self.run.parameters
-        for key, own, its in (
-            ("gait", self.run.summary["gait"], study.gait),
-            ("body", run.body.source, study.body),
-            ("controller", run.controller.name, study.controller),
-        ):
-            if own != its:
-                raise InputError(
-                    f"--robustness of {self.label} is of {key} {its}, and this walk of {key} {own}; give one "
-                    "of each walk, in their order, or none."
-                )
+        own = self.run.summary["gait"], run.body.source, run.controller.name
+        its = study.gait.partition(", ")[0], study.body, study.controller
+        if own != its:
+            raise InputError(
+                f"--robustness of {self.label} is of {', '.join(its)}, and the walk is of {', '.join(own)} "
+                "(gait, body, controller); give the study of each walk, in their order, or none."
+            )
 
     @property
     def outcome(self) -> str:
