@@ -49,8 +49,8 @@ def test_long_walks_keep_within_their_profile(run_of, name, settings, steps):
     assert (summary["outcome"], summary["steps_completed"]) == ("completed", steps)
     assert summary["solver"]["unsolved"] == 0
     for tolerance in own_profile(name).tolerances:
-        # No joint has a limit of speed, and nothing is commanded.
-        if tolerance.metric.startswith(("speed_", "velocity_", "yaw_")):
+        # No joint has a limit of speed, nothing is commanded, and a log's strides alone have a mean.
+        if tolerance.metric.startswith(("speed_", "velocity_", "yaw_", "stride_")):
             continue
         limit = tolerance.limit_for(summary["scales"]) * (2.0 if settings else 1.0)
         assert summary["metrics"][tolerance.metric]["value"] <= limit, tolerance.metric
