@@ -56,12 +56,9 @@ def check_body(plan: StepPlan, description: BodyDescription, phases: int | None 
     """
     # Without the last instant, at which the next phase begins or the plan ends.
     ends = {"single_support": 1.0 - 1.0 / _INSTANTS, "double_support": 1.0 - 1e-9}
-    times = np.concatenate(
-        [
-            phase.start + phase.duration * np.linspace(0.0, ends[phase.kind], _INSTANTS)
-            for phase in plan.contacts.phases[:phases]
-        ]
-    )
+    checked = plan.contacts.phases[:phases]
+    shares = (np.linspace(0.0, ends[phase.kind], _INSTANTS) for phase in checked)
+    times = np.concatenate([p.start + share * p.duration for p, share in zip(checked, shares, strict=True)])
     *checks, margin = _plan_checks(plan, description, times)
     # The ZMP margin is checked last: a failure of the other checks also takes the ZMP out of the support.
     for some in (checks, [margin]):
