@@ -3,6 +3,7 @@
 Keys are namespaced (``gait.step_length``); :mod:`ampm.run_file` reads and writes them.
 """
 
+import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal, NamedTuple
@@ -213,24 +214,28 @@ COUNTED: Mapping[str, str] = {
 """Times and rates that are whole steps or ticks, and the key of these, in the order of :class:`Counts`."""
 
 
-def counted(key: str, value: float, per: float) -> tuple[float, int, float]:
+def counted(key: str, value: float, per: float, most: float = math.inf) -> tuple[float, int, float]:
     """Steps or ticks in a time [s] or between events of a rate [Hz]; the nearest whole number; its value.
 
-    ``per`` is the value of the key that :data:`COUNTED` names [s or Hz].
+    ``per`` is the value of the key that :data:`COUNTED` names [s or Hz]; the value found is ``most`` at most.
     """
     per_second = per if unit_of(field_of(COUNTED[key])) == "Hz" else 1.0 / per
     is_rate = unit_of(field_of(key)) == "Hz"
     number = per_second / value if is_rate else per_second * value
     nearest = max(round(number), int(is_rate))
-    return number, nearest, per_second / nearest if is_rate else nearest / per_second
+    good = per_second / nearest if is_rate else nearest / per_second
+    if good > most * (1.0 + 1e-9):
+        nearest += 1 if is_rate else -1
+        good = per_second / nearest if is_rate else nearest / per_second
+    return number, nearest, good
 
 
-def rounded(values: Mapping[str, Any], keys: Iterable[str], run: "RunParameters") -> dict[str, Any]:
-    """Values by key, of which times and rates among ``keys`` become whole steps or ticks of a run."""
+def rounded(values: Mapping[str, Any], most: Mapping[str, float], run: "RunParameters") -> dict[str, Any]:
+    """Values by key, of which times and rates with a largest value become whole steps or ticks of a run."""
     found = dict(values)
     for key, per in COUNTED.items():
-        if key in keys and found[key]:
-            found[key] = counted(key, float(found[key]), found.get(per, run.value(per)))[2]
+        if key in most and found[key]:
+            found[key] = counted(key, float(found[key]), found.get(per, run.value(per)), most[key])[2]
     return found
 
 
@@ -340,7 +345,10 @@ class RunParameters(Section):
         table, changes = self.model_dump() | more, dict[str, Any]()
         for key, value in values.items():
             put(changes, key, value)
-        return RunParameters(**merged(table, changes)).giving(self.given | values.keys())
+        table = merged(table, changes)
+        for key in OPTION_TABLES.keys() & values.keys():  # a whole table takes the place of the old one
+            put(table, key, values[key])
+        return RunParameters(**table).giving(self.given | values.keys())
 
     @property
     def undisturbed(self) -> "RunParameters":

@@ -73,6 +73,7 @@ def test_the_later_value_of_an_option_counts_wherever_it_stands(tmp_path):
     run = load_run(file, [f"controller.name={SOFT},gain=3"])
     assert run.controller.options == {"gain": 3}
     assert run.replace({"controller.name": f"{SOFT},gain=4"}).controller.options == {"gain": 4}
+    assert run.replace({"controller.options": {"mode": "x"}}).controller.options == {"mode": "x"}
     with pytest.raises(InputError, match=r"controller.options.gain is 2, and 3 behind .* give it once"):
         load_run(None, [f"controller.name={SOFT},gain=3", "controller.options.gain=2"])
 

@@ -99,6 +99,14 @@ def test_replicas_that_are_equal_count_once():
     assert not found.wins
 
 
+def test_falls_at_the_same_instant_are_not_equal():
+    def change(task, planner, row):
+        return row | ({"outcome_time": 1.5} if row["outcome"] == "fell" else {})
+
+    cell = next(cell for cell in rank(league(0, change)).cells if (cell.task, cell.name) == ("flat", "lipm"))
+    assert (cell.runs, cell.survived) == (8, 0)
+
+
 def test_a_walk_without_an_error_has_no_rank():
     def change(task, planner, row):
         return row | ({f"ahead_0.1_zmp_{axis}": math.nan for axis in "xy"} if planner == "dcm" else {})

@@ -205,6 +205,8 @@ def test_times_and_rates_of_a_range_are_whole_steps_and_ticks_of_their_run():
     assert len({run.sensors.delay for run in runs}) > 6
     assert {run.counts.steps_late for run in runs} >= {0, 1, 2, 3, 4, 7}
     assert max(run.counts.ticks_late for run in runs) == 4
+    ends = parse_sweep(f"{GRID}sensors.delay = {{ from = 0.0, to = 0.0032, count = 2 }}\n")
+    assert [ends.varied(run)["sensors.delay"] for run in (0, 1)] == [0.0, 0.003]  # not beyond the range
 
 
 def test_a_robot_has_the_values_that_suit_its_sensors():

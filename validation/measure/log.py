@@ -56,7 +56,7 @@ _RATIO = 2.0  # of mean vertical force and weight: more is another unit, or anot
 _FARTHEST = 1000.0  # of a place: more is another unit [m]
 _LEAN = 1.0  # horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
 _FILLED = 0.9  # share of its rows that a signal has numbers in: with less it counts as missing [1]
-_LOST = 0.2  # share of rows without one foot's force, or without its place: more is a mistake [1]
+_LOST = 0.2  # share of a loaded foot's rows without a centre of pressure: more is the other foot's [1]
 _ALIKE = 0.93  # of two names, by difflib: less are other quantities [1]
 _BIASED = 0.05  # mean distance of COM and force line over the COM's height: more is another frame [1]
 _CROSSED = -0.5  # correlation of the left foot's load with the ZMP along y: below, the sides are changed [1]
@@ -244,13 +244,6 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
                 )
             forces.append(np.where(light, 0.0, force))
             torques.append(np.where(light, 0.0, np.cross(at, force)))
-    empty = {foot: np.isnan(signals[f"{foot}_force"]).any(axis=1) for foot in FEET}
-    for foot, other in zip(FEET, reversed(FEET), strict=True):
-        if (alone := float((empty[foot] & ~empty[other]).mean())) > _LOST:
-            raise InputError(
-                f"{foot}_force is empty in {alone:.0%} of the rows, where {other}_force is not; write 0 for "
-                "a foot in the air."
-            )
     found = {"force": signals["left_force"] + signals["right_force"]}
     if len(torques) == len(FEET):
         found["zmp"] = centre_of_pressure(sum(forces), sum(torques), least, floor)

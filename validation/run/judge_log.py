@@ -161,10 +161,10 @@ def _check_phases(log: Log, plan: WalkPlan) -> None:
     known = {str(kind): float((apart < log.time_step)[phases == kind].mean()) for kind in np.unique(phases)}
     if min(known.values()) < _KNOWN * max(known.values()):
         kinds = " and ".join(f"{share:.0%} of the {kind.replace('_', ' ')}s" for kind, share in known.items())
-        raise InputError(
-            f"{log.name} has force and ZMP in {kinds} of the plan; fill its empty cells, with 0 for force "
-            "and torque of a foot in the air."
-        )
+        way_out = "give a log without such gaps"
+        if log.signals.keys() & {"left_force", "right_force"}:
+            way_out = "fill its empty cells, with 0 for force and torque of a foot in the air"
+        raise InputError(f"{log.name} has force and ZMP in {kinds} of the plan; {way_out}.")
 
 
 def _aligned(

@@ -227,7 +227,8 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     for place, found in groups.items():
         rows = np.array(found)
         tried = rows[~table.is_state(RunState.REFUSED)[rows]]
-        different = {(ends_at[row], np.nan_to_num(errors[row])): row for row in tried[::-1].tolist()}
+        keys = {row: (ends_at[row], errors[row]) if errors[row] >= 0.0 else row for row in tried.tolist()}
+        different = {keys[row]: row for row in reversed(keys)}  # of those that did not complete none is equal
         walked = np.array(sorted(different.values()), dtype=int)
         done = walked[table.measured[walked]]
         ends = [(state, rows[table.is_state(state)[rows]]) for state in (RunState.REFUSED, *BROKEN)]

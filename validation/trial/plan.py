@@ -164,8 +164,10 @@ def load_request(
     if isinstance(gait, Request):
         return gait
     if isinstance(gait, RunParameters):
-        values = {f"{name}.{key}": value for name, keys in sections.items() for key, value in keys.items()}
-        return Request("walk", own_gait(gait.replace(values) if values else gait))
+        tables = {name: keys for name, keys in sections.items() if isinstance(keys, Mapping)}
+        values = {f"{name}.{key}": value for name, keys in tables.items() for key, value in keys.items()}
+        others = {name: value for name, value in sections.items() if name not in tables}  # footsteps
+        return Request("walk", own_gait(gait.replace(values, **others) if sections else gait))
     run = load_run(gait, settings, **sections)
     if gait is None and run.body.source == HUMAN:
         return load_request("normal", settings, as_is=as_is, sections=sections)

@@ -276,9 +276,10 @@ class SweepDefinition(Section, section="sweep"):
         return [block.cases(rng) for block, rng in zip(self.vary, rngs, strict=True)]
 
     @cached_property
-    def _ranged(self) -> list[str]:
-        """Keys with a range."""
-        return [key for block in self.vary for key, value in block.keys.items() if isinstance(value, Range)]
+    def _ends(self) -> dict[str, float]:
+        """Upper ends of all ranges."""
+        pairs = [pair for block in self.vary for pair in block.keys.items()]
+        return {key: value.stop for key, value in pairs if isinstance(value, Range)}
 
     def values(self, key: str) -> tuple[Option, ...]:
         """Values of a key: those listed, both ends of a range, or those of the gaits."""
@@ -307,7 +308,7 @@ class SweepDefinition(Section, section="sweep"):
         found: dict[str, Option] = {}
         for cases, place in zip(self._cases, places, strict=True):
             found |= cases[place]
-        return rounded(found, self._ranged, self.shared[self.gait_of(run)])
+        return rounded(found, self._ends, self.shared[self.gait_of(run)])
 
     def parameters(self, run: int) -> RunParameters:
         """Everything that describes one run.
