@@ -37,6 +37,7 @@ from validation.trial.policy import observe
 from validation.trial.readings import make_estimator
 from validation.trial.references import Course, References
 from validation.trial.simulate import ClosedLoop, forces_of, place
+from validation.trial.users import real_numbers
 
 # dm_control looks for an OpenGL context when it is imported, and warns or fails where there is none. MuJoCo
 # has read the variable at its own import and keeps the caller's choice.
@@ -135,12 +136,11 @@ class FollowedWalk(control.Physics, control.Task):
 
     def set_control(self, control: Array) -> None:
         """Torques of the next step, shape (nu,) [N m]; raises InputError if they are no such numbers."""
-        if np.shape(control) != (self.planned.body.robot.nu,):
-            nu = self.planned.body.robot.nu
-            raise InputError(f"the action has the shape {np.shape(control)}; give {nu} torques [N m].")
-        for joint in np.flatnonzero(~np.isfinite(control))[:1]:
-            raise InputError(f"the action's torque {joint} is {control[joint]:g}; give finite torques [N m].")
-        self._torque = control
+        nu = self.planned.body.robot.nu
+        try:
+            self._torque = real_numbers("the action", control, (nu,), finite=True)
+        except ValueError as error:
+            raise InputError(f"{error}; give {nu} finite torques [N m].") from None
 
     def step(self, n_sub_steps: int = 1) -> None:
         """One control tick, and what is sensed at the next one if the body stands."""
