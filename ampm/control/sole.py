@@ -8,12 +8,12 @@ import numpy as np
 from ampm.compiled import compiled
 from ampm.control.workspace import PlacedBody, SteppingState, Wrench
 from ampm.geometry import Array
-from ampm.vectors import clip, put, times, vector
+from ampm.vectors import Vector, clip, put, times, vector
 
 OPEN = 0.2
 """Share of its force limit from which a point counts as support [1]."""
-TRUNK_SHARE, TRUNK_LEAST = 0.8, 0.08
-"""What the trunk may take of the sole first: a share of it [1], at least so much [m]."""
+TRUNK_SHARE, TRUNK_LEAST, TRUNK_LEAN = 0.8, 0.08, 1.0
+"""What the trunk may take of the sole first: a share of it [1], at least so much [m], or per its lean [m]."""
 
 ACROSS = 3.0
 """Distances across the foot count this much more than those along it, to bring the ZMP into the sole [1]."""
@@ -33,25 +33,22 @@ def sole_of(foot: int, points: Any, com: Array, cos: float, sin: float, out: Arr
 
 
 @compiled
-def share_axis(r: float, arm: float, low: float, high: float, com_first: bool) -> tuple[float, float]:
-    """Shifts of r and of the moment's arm that the sole allows along one axis.
+def share_axis(r: float, arm: float, low: float, high: float, least: float) -> tuple[float, float]:
+    """Shifts of r and of the moment's arm that the sole allows along one axis: the trunk comes first.
 
     Args:
         r: wanted shift of r: feedback of the COM [m].
         arm: wanted shift of ``ZMP - r``: feedback of the angular momentum [m].
         low: from the planned ZMP to the sole's edge [m].
         high: the same to the other edge [m].
-        com_first: whether the COM gets what it wants first; else the trunk, and the COM may even pay for it.
+        least: what the trunk may take of any sole, if the COM has to pay for it [m].
 
     Returns:
         Both shifts; those wanted where their sum is within the sole.
     """
     if low <= r + arm <= high and low <= r <= high:
         return r, arm
-    if com_first:
-        r = clip(r, low, high)
-        return r, clip(arm, min(low - r, 0.0), max(high - r, 0.0))
-    arm = clip(arm, min(TRUNK_SHARE * low, -TRUNK_LEAST), max(TRUNK_SHARE * high, TRUNK_LEAST))
+    arm = clip(arm, min(TRUNK_SHARE * low, -least), max(TRUNK_SHARE * high, least))
     return clip(r, low - arm, high - arm), arm
 
 
@@ -95,7 +92,7 @@ def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
 
 
 @compiled
-def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, command: Wrench) -> None:
+def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, tilt: Vector, command: Wrench) -> None:
     """Share what the soles can give between COM and trunk, off the plan or disturbed.
 
     The command is untouched where they give it all. First, the force is multiplied by the factor that holds
@@ -108,6 +105,7 @@ def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, command: Wre
         body: placed, its points with their limits of this tick.
         state: of the stabiliser that steps.
         wanted: COM and momentum of the plan followed.
+        tilt: rotation from the trunk to the planned one [rad].
         command: of :func:`~ampm.control.stabilizer.command_wrench`, which is changed.
     """
     com, force, moment = body.com, command.force, command.moment
@@ -129,8 +127,8 @@ def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, command: Wre
     arm_shift[0] = -moment[1] / force[2] - planned_arm[0]
     arm_shift[1] = moment[0] / force[2] - planned_arm[1]
     for axis in range(2):
-        lean = (over_plane(wanted.com, state.planned_slope) - state.floor) / down
-        planned_r[axis] = wanted.com[axis] - lean * wanted.com_acceleration[axis]
+        per_rate = (over_plane(wanted.com, state.planned_slope) - state.floor) / down
+        planned_r[axis] = wanted.com[axis] - per_rate * wanted.com_acceleration[axis]
         r_shift[axis] = com[axis] - height * force[axis] / force[2] - planned_r[axis]
     # In the axes of the foot.
     planned = turned_axes(planned_r + planned_arm, cos, sin)
@@ -138,6 +136,7 @@ def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, command: Wre
     zmp = planned + r_wanted + arm_wanted
     held = nearest(sole, zmp[0], zmp[1]) if state.off_plan else (math.nan, math.nan)
     r_change, arm_change = np.zeros(2), np.zeros(2)
+    least = max(TRUNK_LEAST, TRUNK_LEAN * math.hypot(tilt[0], tilt[1]))
     for axis in range(2):
         low, high = sole[:, axis].min() - planned[axis], sole[:, axis].max() - planned[axis]
         if not state.off_plan:
@@ -146,7 +145,7 @@ def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, command: Wre
             low = held[axis] - planned[axis]
         elif held[axis] < zmp[axis]:
             high = held[axis] - planned[axis]
-        r_given, arm_given = share_axis(r_wanted[axis], arm_wanted[axis], low, high, state.com_first)
+        r_given, arm_given = share_axis(r_wanted[axis], arm_wanted[axis], low, high, least)
         r_change[axis], arm_change[axis] = r_given - r_wanted[axis], arm_given - arm_wanted[axis]
     if not (r_change.any() or arm_change.any()):
         return

@@ -135,7 +135,7 @@ def command(work: Workspace, stepper: Stepper | None) -> None:
         tilt = times(RIGHTING, tilt)
     command_wrench(work.gains, body, wanted, tilt, work.tasks.rates, work.command)
     if stepper is not None:
-        share_sole(body, work.stepping[0], wanted, work.command)
+        share_sole(body, work.stepping[0], wanted, error, work.command)
 
 
 @compiled

@@ -93,7 +93,6 @@ class SteppingState:
     off_plan: bool  # whether the walk has left its plan
     leaves: bool  # whether it has to
     active: bool  # whether it has, or is disturbed: COM and trunk share what the sole can give
-    com_first: bool  # whether the COM comes before the trunk in what the sole can give
     heading: Annotated[Array, (2,)]  # cosine and sine of the standing foot's
     floor: float  # height under the body, over the plan's floor [m]
     planned_slope: Annotated[Array, (2,)]  # of the plan's floor: dz/dx, dz/dy [1]
@@ -112,7 +111,6 @@ class SteppingState:
     length: float  # planned distance of the next step from the standing foot, along [m]
     width: float  # the same across [m]
     step: Annotated[Array, (2,)]  # displacement of the next step from the standing foot's shift [m]
-    excess: float  # by which the wanted displacement is beyond its limits [m]
     shift: Annotated[Array, (2, 3)]  # of every foot from where it was planned [m]
     swing: Annotated[Array, (3, 3)]  # the same of the swing foot: value and two derivatives
     slope: Annotated[Array, (2,)]  # of the floor over the plan's: dz/dx, dz/dy [1]

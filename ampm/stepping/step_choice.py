@@ -178,8 +178,8 @@ def plan_step(stepper: Stepper, wanted: Any) -> bool:
     Only off the plan may the time be changed.
 
     Args:
-        stepper: ``length`` and ``width`` of its state are those of the planned step; ``step``, ``excess``,
-            ``factor`` and ``choice`` are replaced.
+        stepper: ``length`` and ``width`` of its state are those of the planned step; ``step``, ``factor``
+            and ``choice`` are replaced.
         wanted: the plan's reference of this tick.
     """
     state: SteppingState = stepper.state[0]
@@ -187,7 +187,7 @@ def plan_step(stepper: Stepper, wanted: Any) -> bool:
     shift, side = state.shift[state.stance], 1.0 if state.stance == 1 else -1.0
     rest, begin = state.duration - state.clock, phase_position(stepper)
     cos, sin = heading_of(wanted.foot_rotation[state.stance])
-    sole, ahead, best = np.empty(4), np.empty(2), np.zeros(4)
+    sole, ahead, best = np.empty(4), np.empty(2), np.zeros(3)
     sole_of(state.stance, stepper.body.points, stepper.body.com, cos, sin, sole)
     dcm_x, dcm_y = expected_dcm(stepper, wanted)
     ahead_from, shortest = sole[1] - sole[0] + GAP * size, SHORTEST * math.sqrt(size)
@@ -227,16 +227,15 @@ def plan_step(stepper: Stepper, wanted: Any) -> bool:
         in_line = abs(state.length + longer) >= ahead_from
         narrowest = (IN_LINE * stepper.foot_width if in_line else beside) + NEAR * size
         aside = clip(wider, min(narrowest - state.width, 0.0), size * WIDER)
-        beyond = abs(forward - longer) + abs(wider - aside)
         price = max(abs(longer) - size * EASY_LENGTH, 0.0) + max(abs(aside) - size * EASY_WIDTH, 0.0)
-        price += LIMIT_COST * beyond
+        price += LIMIT_COST * (abs(forward - longer) + abs(wider - aside))
         price += size * (TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == state.choice else 0.0))
         if price < cost:
             cost = price
             chosen = k
-            best[0], best[1], best[2], best[3] = longer, side * aside, factor, beyond
+            best[0], best[1], best[2] = longer, side * aside, factor
     if cost < math.inf:
         state.step[0] = cos * best[0] - sin * best[1]
         state.step[1] = sin * best[0] + cos * best[1]
-        state.factor, state.excess, state.choice = best[2], best[3], chosen
+        state.factor, state.choice = best[2], chosen
     return state.step[0] != 0.0 or state.step[1] != 0.0

@@ -240,7 +240,7 @@ class StepTracker:
         self._enter(self._index + 1)
         state.clock = min(max(over, 0.0), 0.25 * state.duration)
         state.late += over - state.clock
-        state.step[:], state.factor, state.excess, state.choice = 0.0, 1.0, 0.0, -1
+        state.step[:], state.factor, state.choice = 0.0, 1.0, -1
         if state.single:
             state.swing[:] = 0.0
             state.swing[0] = state.shift[1 - state.stance]

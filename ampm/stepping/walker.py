@@ -38,8 +38,6 @@ HASTE_FROM, HASTE = 0.1, 0.1
 """A double support is shortened where the DCM is ahead by the first, and halved by the second more [m]."""
 CLOSE = 0.005
 """The COM's position is fed back up to this error; beyond it, only the DCM is [m]."""
-COM_FIRST = 0.1
-"""The COM comes before the trunk where the next step is wanted this far beyond its limits [m]."""
 HEIGHT_RATE = 6.0
 """Rate of the double pole with which the COM follows the floor's height [1/s]."""
 SAG = 0.15
@@ -156,7 +154,6 @@ def advance(stepper: Stepper, wanted: Any) -> None:
     for j in range(len(wanted.v)):
         wanted.v[j] *= rate
         wanted.acceleration[j] *= rate * rate
-    state.com_first = state.single and state.excess > COM_FIRST * stepper.size
 
 
 @compiled
