@@ -71,9 +71,6 @@ def infeasible(solution):
     return QPSolution(1e9 * solution.x, QPStatus.INFEASIBLE, 1.0, 25, solution.seconds)
 
 
-# ------------------------------------------------------------------------------------------ what is recorded
-
-
 def test_a_slower_clock_holds_its_torques_and_replays():
     settings = "controller.frequency=250"
     record = plain(settings)
@@ -81,9 +78,6 @@ def test_a_slower_clock_holds_its_torques_and_replays():
     assert replays(record, settings)
     np.testing.assert_allclose(np.diff(record.tick_time), 0.004, rtol=1e-9)
     assert (np.diff(record.torque[:2], axis=0) == 0.0).all()
-
-
-# ----------------------------------------------------------------------------------------------- failing QPs
 
 
 @pytest.mark.parametrize("how", [last_iterate, not_a_number, infeasible])
@@ -134,9 +128,6 @@ def test_a_weaker_body_uses_the_form_with_limits(spoil):
     assert (np.abs(record.torque[limited]) > 0.999 * record.torque_limit).any(axis=1).mean() > 0.5
 
 
-# -------------------------------------------------------------------------------------------------- bad ends
-
-
 def test_a_body_on_ice_fell():
     record = walk("contact.friction=0.05", body=body_of("contact.friction=0.05"))
     assert record.outcome.name == OutcomeName.FELL
@@ -176,9 +167,6 @@ def test_numbers_that_blow_up_diverged_and_the_record_ends_before(physics, force
         assert record.outcome.time == pytest.approx(0.2)
         assert record.steps == 100
         assert replays(record)
-
-
-# ------------------------------------------------------------------------------------------------ interrupts
 
 
 def check_interrupted(record, steps, tmp_path):

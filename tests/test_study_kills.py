@@ -160,9 +160,6 @@ def test_kills_and_ctrl_c_lose_nothing_and_walk_nothing_twice(program):
     assert table["metric_zmp_x_rmse"].to_pylist() == [run / 7.0 for run in range(RUNS)]
 
 
-# ------------------------------------------------------------------------------------------- full disk
-
-
 def number(value: int) -> dict[str, object]:
     return {"outcome": "completed", "text": "x" * 200, "number": value}
 
@@ -188,9 +185,6 @@ def test_a_full_disk_keeps_every_whole_row(tmp_path):
     rows = walk_many(tasks, out=tmp_path, resume=True, workers=0)
     assert [row["number"] for row in rows] == list(range(40))
     assert len(list(read_rows(tmp_path))) == 40
-
-
-# ------------------------------------------------------------------------------------------ user's modules
 
 
 class OnlyHere:

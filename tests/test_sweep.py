@@ -94,9 +94,6 @@ def results(folder) -> pa.Table:
     return read_sweep(folder).table.drop_columns(COST)
 
 
-# ------------------------------------------------------------------------------------- rows and table
-
-
 def test_rows_become_a_table_and_refusals_need_no_walk(command, out, capsys):
     ENDS[4] = {"metric_zmp_x_rmse": 0.1 + 0.2, "gait.a_s": 1.5, "failed": ""}  # a value that was found
     assert command("--json") == 0
@@ -137,9 +134,6 @@ def test_the_key_of_a_run_is_of_what_is_not_at_its_default():
     keys = {run_key(parameter_values(item)) for item in (base, base.replace({"gait.c_s": 1.0 + 2.3e-16}))}
     assert len(keys) == 2
     assert run_key({}) in keys
-
-
-# -------------------------------------------------------------------------------------------- resume
 
 
 def test_resume_walks_what_is_missing_and_gives_the_same_table(command, out):
@@ -220,9 +214,6 @@ def test_a_folder_in_use_keeps_its_definition(command, out, capsys):
     assert len(read_sweep(out)) == 9
 
 
-# -------------------------------------------------------------------------------------- kept recordings
-
-
 @pytest.mark.parametrize(("recordings", "kept"), [('"failures"', [4]), ('"worst"\nworst = 2', [4, 7])])
 def test_the_worst_runs_are_kept(command, out, recordings, kept):
     ENDS.update({1: {"metric_zmp_x_rmse": 1e-3}, 4: FELL, 7: {"metric_zmp_x_rmse": 2e-3}})
@@ -243,9 +234,6 @@ def test_a_recording_that_cannot_be_written_does_not_cost_the_table(command, out
     assert read_sweep(out).words("recording") == [""] * 9
 
 
-# ------------------------------------------------------------------------------- statuses and bad input
-
-
 @pytest.mark.parametrize(
     ("ends", "status"),
     [
@@ -262,9 +250,6 @@ def test_the_status_is_that_of_the_worst_walk(command, capsys, ends, status):
     ENDS.update(zip((1, 4, 7), ends, strict=True))
     assert command() == status
     assert status != 5 or "--resume" in capsys.readouterr().err
-
-
-# ------------------------------------------------------------------------------------------- dry run
 
 
 def test_a_dry_run_counts_refusals_and_times_one_walk(command, capsys, monkeypatch):

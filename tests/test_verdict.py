@@ -97,9 +97,6 @@ def test_a_walk_of_one_step_has_nothing_to_judge():
     assert "first step" in verdict.reason
 
 
-# ------------------------------------------------------------------------------ numerical uncertainty
-
-
 @pytest.mark.parametrize(
     ("shift", "known", "name"),
     [
@@ -119,9 +116,6 @@ def test_a_value_closer_to_its_limit_than_its_uncertainty_is_undecided(walk, shi
         assert (item.uncertainty, item.displayed(item.uncertainty)) == (0.0003, pytest.approx(0.3))
         assert f"{1e3 * shift:.2f} ± 0.30 mm" in verdict.reason
         assert [one.name for one in verdict.undecided] == ["zmp_x_rmse"]
-
-
-# ---------------------------------------------------------------------------- metrics and profiles
 
 
 def test_the_longest_slip_after_the_first_step_is_judged(walk):
