@@ -16,15 +16,11 @@ ALL = np.ones((2, 3), dtype=bool)
 AIR = np.array([[False] * 3, [True] * 3])  # the left foot swings
 
 
-@pytest.fixture
-def robot():
-    return walk_of(COARSE).robot
-
-
 class Gate:
     """Lines and points of a body."""
 
-    def __init__(self, robot):
+    def __init__(self):
+        robot = walk_of(COARSE).robot
         self.lines, self.points, self.first = records((2, 3), LINE), points_of(robot), True
         self.wanted = wanted_of(np.zeros(1, reference_type(robot.nq, robot.nv)))
         self.wanted.until_lift[:] = np.inf
@@ -44,16 +40,16 @@ class Gate:
 
 
 @pytest.fixture
-def gate(robot):
+def gate():
     """A gate that has started with the right foot standing and the left one in the air."""
-    gate = Gate(robot)
-    gate.update(AIR, AIR, touch(robot, right=(0, 1, 2)))
+    gate = Gate()
+    gate.update(AIR, AIR, touch(right=(0, 1, 2)))
     return gate
 
 
-def touch(robot, left=(), right=(), one_point=False):
+def touch(left=(), right=(), one_point=False):
     """Sensed contact of whole groups, or of one point of each."""
-    sensed = np.zeros(12, dtype=bool)
+    robot, sensed = walk_of(COARSE).robot, np.zeros(12, dtype=bool)
     for foot, groups in enumerate((left, right)):
         for group in groups:
             points = np.flatnonzero((robot.point_foot == foot) & (robot.point_group == group))
@@ -71,25 +67,25 @@ def touch(robot, left=(), right=(), one_point=False):
         (ALL, ALL, (BALL, TIP), [0.0, RATE, RATE]),
     ],
 )
-def test_a_group_opens_where_it_is_due_and_has_touched(robot, gate, planned, due, left, expected):
-    gate.update(planned, due, touch(robot, left=left, right=(0, 1, 2)))
+def test_a_group_opens_where_it_is_due_and_has_touched(gate, planned, due, left, expected):
+    gate.update(planned, due, touch(left=left, right=(0, 1, 2)))
     assert gate.limits() == pytest.approx(expected)
     assert gate.landing == bool(left)
     assert gate.lines["touching"][0].tolist() == [group in left for group in range(3)]
 
 
-def test_a_planned_line_whose_touch_may_be_missed_opens_a_little(robot, gate):
+def test_a_planned_line_whose_touch_may_be_missed_opens_a_little(gate):
     for _ in range(3):
-        gate.update(ALL, ALL, touch(robot, right=(0, 1, 2)), missed=0.03)
+        gate.update(ALL, ALL, touch(right=(0, 1, 2)), missed=0.03)
     assert gate.limits() == [0.03, 0.03, 0.0]
     assert gate.landing
     assert not gate.lines["touched"][0].any()
-    gate.update(ALL, ALL, touch(robot, left=(HEEL,), right=(0, 1, 2)), missed=0.03)
+    gate.update(ALL, ALL, touch(left=(HEEL,), right=(0, 1, 2)), missed=0.03)
     assert gate.limits() == pytest.approx([0.03 + RATE, 0.03, 0.0])
 
 
-def test_a_group_opens_over_the_ramp_once_one_of_its_points_has_touched(robot, gate):
-    sensed = touch(robot, left=(HEEL,), one_point=True) | touch(robot, right=(0, 1, 2))
+def test_a_group_opens_over_the_ramp_once_one_of_its_points_has_touched(gate):
+    sensed = touch(left=(HEEL,), one_point=True) | touch(right=(0, 1, 2))
     opened = []
     for _ in range(25):
         gate.update(ALL, ALL, sensed)
@@ -97,7 +93,7 @@ def test_a_group_opens_over_the_ramp_once_one_of_its_points_has_touched(robot, g
     np.testing.assert_allclose(opened, np.minimum(RATE * np.arange(1, 26), 1.0))
     assert not gate.landing
     # It stays open when the point lifts for a moment: the force that it carries turns the foot back.
-    gate.update(ALL, ALL, touch(robot, right=(0, 1, 2)))
+    gate.update(ALL, ALL, touch(right=(0, 1, 2)))
     assert gate.limits() == [1.0, 0.0, 0.0]
     assert gate.lines["touched"][0].tolist() == [True, False, False]
     assert not gate.lines["touching"][0].any()

@@ -118,17 +118,8 @@ def test_out_of_reach_names_the_instant_and_a_height_that_works():
     assert lower.report.residual <= 1e-8
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return walk_of(COARSE).robot
-
-
-@pytest.fixture(scope="module")
-def motion():
-    return motion_of(COARSE)
-
-
-def test_velocity_is_the_rate_of_the_configuration(motion, robot):
+def test_velocity_is_the_rate_of_the_configuration():
+    motion, robot = motion_of(COARSE), walk_of(COARSE).robot
     times, h = np.linspace(0.01, 2.5, 300), 1e-6
     low, here, high = (motion.sample(times + s, robot) for s in (-h, 0.0, h))
     np.testing.assert_allclose(np.linalg.norm(here.q[:, 3:7], axis=1), 1.0, rtol=0.0, atol=1e-14)
@@ -137,9 +128,10 @@ def test_velocity_is_the_rate_of_the_configuration(motion, robot):
         np.testing.assert_allclose(rate, here.v[k], atol=2e-3 * np.abs(here.v[k]).max())
 
 
-def test_its_arrays_cannot_be_changed(motion, robot):
+def test_its_arrays_cannot_be_changed():
+    motion = motion_of(COARSE)
     held = [value for value in vars(motion).values() if isinstance(value, np.ndarray)]
-    assert not any(array.flags.writeable for array in (*held, *motion.sample([0.1], robot)))
+    assert not any(array.flags.writeable for array in (*held, *motion.sample([0.1], walk_of(COARSE).robot)))
 
 
 def test_plan_writes_one_step_of_every_joint(ampm, tmp_path):
