@@ -1,7 +1,6 @@
 """Bodies other than the human: read from MJCF and URDF, described by a few lines, planned for and walked."""
 
 import csv
-import runpy
 import tomllib
 from importlib import metadata
 from pathlib import Path
@@ -18,6 +17,7 @@ from ampm.parameters import BodyParameters, RunParameters
 from models.source import body_path
 from tests.sweep_table import parse_sweep
 from tests.test_body_files import TOML, write
+from tests.test_negative_controls import script
 from validation.run.body_check import check as check_body
 from validation.run.walk import walk
 from validation.store.saved import load_saved_run
@@ -95,11 +95,8 @@ def test_a_sweep_of_another_body_walks_its_gait() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("told", TABLE, ids=[told["body"] for told in TABLE])
-def test_every_body_walks_or_is_refused_as_the_table_says(
-    told: dict[str, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.syspath_prepend(ROOT / "docs")
-    row = runpy.run_path(str(ROOT / "docs" / "bodies.py"))["row"](told["body"])
+def test_every_body_walks_or_is_refused_as_the_table_says(told: dict[str, str]) -> None:
+    row = script("bodies").row(told["body"])
     if "is not installed" in row["refused because"]:
         pytest.skip(row["refused because"])
     same = ("result", "tolerances met", "refused because")

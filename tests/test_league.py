@@ -1,6 +1,5 @@
 """Planners and tasks of the league: planners held to the formulas of their sources, tasks complete."""
 
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from examples.planners.pendulum import GRAVITY
 from examples.planners.stiffness import Stiffness
 from examples.planners.vhip import HIGH, LOW, K, Vhip, feedback
 from tests.solved import COARSE, walk_of
+from tests.test_negative_controls import script
 from validation.study.sweep.design import load_sweep
 
 LEAGUE = Path(__file__).parents[1] / "examples/league"
@@ -168,9 +168,8 @@ def test_all_tasks_of_the_human_have_its_body_and_its_controller(name):
             assert (run.body.source, run.body.height, run.body.mass) == ("human", 1.7, 60.0)
 
 
-def test_the_page_shows_the_data(monkeypatch):
-    monkeypatch.syspath_prepend(LEAGUE.parents[1] / "docs")
-    league = import_module("league")
+def test_the_page_shows_the_data():
+    league = script("league")
     page, rows = league.PAGE.read_text(encoding="utf-8"), league.read()
     for pushed in league.TABLES.values():
         assert league.overview(rows, pushed=pushed).markdown() in page

@@ -1,23 +1,17 @@
 """The referee of refused gaits (docs/referee.py) finds an easy gait, with slopes as by differences."""
 
-import runpy
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from ampm.run_file import load_run
+from tests.test_negative_controls import script
 from validation.trial.plan import make_body
-
-DOCS = Path(__file__).parents[1] / "docs"
 
 
 @pytest.mark.slow
-def test_an_easy_gait_walks_and_slopes_are_those_of_differences(monkeypatch):
-    monkeypatch.syspath_prepend(str(DOCS))
-    referee = runpy.run_path(str(DOCS / "referee.py"))
+def test_an_easy_gait_walks_and_slopes_are_those_of_differences():
     run = load_run(None, ["gait.step_length=0.5", "gait.steps=2"])
-    problem, motion, violated, _ = referee["judged"](run, make_body(run).robot)
+    problem, motion, violated, _ = script("referee").judged(run, make_body(run).robot)
     assert max(violated.values()) <= 1.0
     tasks, nv, n = problem.tasks(motion.x), problem.robot.nv, len(motion.q)
     values, slopes = problem.linearised(motion, tasks)
