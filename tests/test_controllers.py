@@ -73,14 +73,6 @@ def test_the_template_walks(monkeypatch):
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
 
 
-def test_the_whole_body_qp_walks(monkeypatch):
-    monkeypatch.syspath_prepend(EXAMPLES)
-    run = ampm.load_run("normal", gait={"steps": 2})
-    trial = val.walk(run, controller="whole_body_qp:WholeBodyQP")
-    assert trial.verdict.passed, trial.verdict.reason
-    assert trial.metrics["failed_qp"].value == 0.0
-
-
 @pytest.mark.parametrize("row", rows_of("output"))
 def test_torques_that_cannot_be_applied_end_the_walk_and_keep_its_record(row):
     class Spoilt(JointPD):

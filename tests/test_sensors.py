@@ -1,4 +1,4 @@
-"""Sensors and estimator between the simulated body and its controller."""
+"""Sensors and estimator between the simulated body and its controller; walks.csv has more walks on them."""
 
 from dataclasses import replace
 from functools import cache
@@ -262,24 +262,12 @@ def test_sole_forces_give_the_wrench_again_and_push_only(toes):
     assert not SoleForces(robot, run).update(q, 0.1 * wrench / wrench[:, 2:3])[1].any()
 
 
-def test_a_walk_on_wrenches_of_the_feet_passes():
-    for threshold in (0.0, WRENCH["contact_threshold"]):
-        assert (relative(**WRENCH | {"contact_threshold": threshold}) < [1.2, 0.6]).all()  # the true root
-    trial = walked(estimator="kalman", seed=11, **NOISE | FORCE_TORQUE)
-    assert trial.verdict.passed, trial.verdict.reason
-
-
 def test_the_angles_of_the_imu_are_found_and_cost_nothing():
     sensors = {"imu_angle_bias": 0.01, "seed": 11, **NOISE}
     trial = walked(estimator="tests.test_sensors:Mine", **sensors)
     assert trial.verdict.passed, trial.verdict.reason
     f = Mine.made[-1].filter
     np.testing.assert_allclose(np.abs(f.x[f.imu : f.imu + 2]), 0.01, atol=2e-3)
-
-
-def test_offsets_of_encoders_are_borne():
-    """A body whose COM is a millimetre off turns otherwise than commanded; the gyro alone tells how."""
-    assert (relative(estimator="kalman", angle_bias=1e-3, **NOISE) < [2.6, 2.4]).all()
 
 
 def test_wrenches_tell_where_the_com_is_over_the_foot(monkeypatch):
@@ -366,8 +354,6 @@ def test_a_known_delay_costs_at_most_half_a_millimetre():
     now, late = relative(estimator="kalman"), relative(estimator="kalman", delay=0.002)
     assert np.abs(late - now).max() < 0.5
     assert (relative(delay=0.002) > late + np.array([1.0, 0.5])).all()  # the same delay, unknown
-    trial = walked(estimator="kalman", delay=0.012)  # six control periods
-    assert trial.verdict.passed, trial.verdict.reason
 
 
 def test_an_estimated_walk_keeps_its_place_relative_to_the_foot_and_with_fixes_in_the_world():
