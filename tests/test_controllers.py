@@ -1,9 +1,7 @@
 """Controllers by name, without a QP, in sweeps and side by side."""
 
 from functools import partial
-from importlib import import_module
 from importlib.metadata import EntryPoint
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +11,7 @@ import validation as val
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
 from ampm.walk import ControlOutput
+from docs.examples import tsid_controller
 from docs.examples.joint_pd import JointPD
 from tests.solved import QUICK
 from tests.test_bad_input import assert_said, rows_of
@@ -20,7 +19,6 @@ from validation.store.record import load_record
 from validation.trial import users
 from validation.trial.users import CONTROLLER
 
-EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 JOINT_PD = "docs.examples.joint_pd:JointPD"
 SETTINGS = ["--steps=2", "--set=solver.ik_time_step=0.01", "--set=simulation.time_step=0.002"]
 
@@ -48,13 +46,11 @@ def test_a_controller_has_one_name_wherever_it_comes_from(installed):
         CONTROLLER.find("broken")
 
 
-def test_tsid_walks_on_flat_feet(monkeypatch):
-    monkeypatch.syspath_prepend(EXAMPLES)
-    example = import_module("tsid_controller")
-    if example.tsid is None:
+def test_tsid_walks_on_flat_feet():
+    if tsid_controller.tsid is None:
         pytest.skip("needs the extra tsid, in an environment of its own: pip install -e '.[tsid]'")
     run = ampm.load_run("flat", gait={"steps": 3}, simulation={"time_step": 0.001})
-    trial = val.walk(run, controller=example.TsidController)
+    trial = val.walk(run, controller=tsid_controller.TsidController)
     assert trial.record.outcome.name == "completed"
     limits = {"failed_qp": 0, "zmp_x_rmse": 2e-3, "zmp_y_rmse": 1.5e-3, "angular_momentum_y_rmse": 0.05}
     for name, limit in limits.items():
@@ -63,11 +59,10 @@ def test_tsid_walks_on_flat_feet(monkeypatch):
     assert np.sqrt(np.mean((trial.record.command_zmp - planned) ** 2)) < 2e-3
 
 
-def test_the_template_walks(monkeypatch):
-    monkeypatch.syspath_prepend(EXAMPLES)
+def test_the_template_walks():
     changes = {"simulation.time_step": 0.002, "gait.steps": 4, "controller.options.resolution": 0.05}
     run = ampm.load_run("normal").replace(changes)
-    trial = val.walk(run, controller="controller_template:MyController")
+    trial = val.walk(run, controller="docs.examples.controller_template:MyController")
     assert trial.verdict.passed, trial.verdict.reason
     steps = trial.record.torque[0] / 0.05
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)

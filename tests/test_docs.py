@@ -5,7 +5,6 @@ of a page share one folder and one namespace, in their order.
 """
 
 import ast
-import importlib
 import math
 import os
 import re
@@ -25,6 +24,7 @@ import yaml
 import ampm
 import validation
 from ampm.planner.routes import TOE_OUT
+from examples import tour
 from validation.cli.app import app
 from validation.study.sweep.design import load_sweep
 from validation.study.sweep.run import task_of
@@ -168,13 +168,7 @@ def test_the_reference_has_every_name_that_the_pages_use():
     assert used & public <= listed
 
 
-@pytest.fixture
-def tour(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "examples")
-    return importlib.import_module("tour")
-
-
-def test_a_short_tour_is_walked_to_its_target_and_kept(tour, tmp_path, monkeypatch):
+def test_a_short_tour_is_walked_to_its_target_and_kept(tmp_path, monkeypatch):
     options = "normal", ["simulation.time_step=0.002"], 1, 1, 0.0, 0, tmp_path
     [found] = tour.walk_tours(*options)
     assert (found["outcome"], found["reached"], found["cause"]) == ("completed", 1, "")
@@ -185,7 +179,7 @@ def test_a_short_tour_is_walked_to_its_target_and_kept(tour, tmp_path, monkeypat
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_steps_to_targets_stand_at_them_and_go_no_farther_aside_or_turn_more_than_they_may(tour, seed):
+def test_steps_to_targets_stand_at_them_and_go_no_farther_aside_or_turn_more_than_they_may(seed):
     generator = np.random.default_rng(seed)
     targets = [tuple(generator.uniform(-1.5, 1.5, 3).tolist()) for _ in range(8)]
     length, width, aside, most = 0.16, 0.28, 0.06, 0.4

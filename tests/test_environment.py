@@ -1,7 +1,5 @@
 """The walk as a dm_control environment, and policies as controllers."""
 
-from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +12,12 @@ import validation as val
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
 from ampm.walk import ControlOutput
+from docs.examples import onnx_policy
 from tests.records import same_bits
 from tests.solved import QUICK
 from validation import environment
 from validation.trial.disturbances import Push
 
-EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 COARSE = QUICK | {"gait": {"steps": 3}}
 
 
@@ -129,16 +127,15 @@ class Springs:
         return ControlOutput(np.clip(self.limit * (5.0 * off[0] + 0.2 * off[1]), -self.limit, self.limit))
 
 
-def test_a_policy_in_an_onnx_file_walks_like_the_same_law_in_python(tmp_path, monkeypatch):
+def test_a_policy_in_an_onnx_file_walks_like_the_same_law_in_python(tmp_path):
     for package in ("onnx", "onnxruntime"):
         pytest.importorskip(package, reason=f"needs {package}: .venv/bin/pip install {package}")
-    monkeypatch.syspath_prepend(EXAMPLES)
     toy = str(tmp_path / "toy.onnx")
-    import_module("onnx_policy").main(toy)
-    changes = {"controller.name": "onnx_policy:OnnxPolicy", "controller.options.file": toy}
+    onnx_policy.main(toy)
+    changes = {"controller.name": "docs.examples.onnx_policy:OnnxPolicy", "controller.options.file": toy}
     run = ampm.load_run("normal", **COARSE)
     learned = val.walk(run.replace(changes))
     same = val.walk(run, controller=Springs)
-    assert learned.summary["controller"] == "onnx_policy:OnnxPolicy"
+    assert learned.summary["controller"] == "docs.examples.onnx_policy:OnnxPolicy"
     assert learned.record.outcome.name == same.record.outcome.name == "fell"
     np.testing.assert_allclose(learned.record.torque[:20], same.record.torque[:20], atol=1e-3)
