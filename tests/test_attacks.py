@@ -77,13 +77,6 @@ def limited(tolerances):
     return DEFAULT.tolerance(metric(tolerances=tolerances))
 
 
-def test_a_column_stands_once(tmp_path):
-    (tmp_path / "a.csv").write_text("time,x,x\n0,1,2\n")
-    for read in (read_columns, read_footsteps):
-        with pytest.raises(InputError, match="has the column 'x' twice"):
-            read(tmp_path / "a.csv")
-
-
 def test_only_regular_files_are_read(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     (tmp_path / "latin.csv").write_bytes(b"foot,x\n\xe9,1\n")

@@ -28,6 +28,7 @@ from validation.cli.app import Status
 from validation.store.summary import SUMMARY, read_json
 from validation.study.sweep.design import check_classes
 from validation.trial.disturbances import Push
+from validation.trial.users import read_columns
 
 ROOT = Path(__file__).parents[1]
 with (ROOT / "tests/bad_input.csv").open(encoding="utf-8", newline="") as file:
@@ -91,6 +92,7 @@ USES = {
     "run file": of_file(lambda path: load_run(path, ["gait.c_y=1"]), "bad.toml"),
     "source": lambda text, folder: load_run(ROOT / text if "/" in text else text),
     "sweep": lambda text, _: check_classes(parse_sweep(text)),
+    "table": of_file(read_columns, "table.csv"),
     "footsteps": of_file(routes.read_footsteps, "walk.csv"),
     "summary": of_file(lambda path: read_json(path, SUMMARY, "walk again"), "summary.json"),
     "study": of_file(val.load_uncertainty, "convergence.json"),

@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 import pytest
 
-from ampm.exceptions import InputError
 from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, mujoco_model, pinocchio_model, simulate, swinging
 from tests.walk import without_point
 from validation.judge.built_in import rms
@@ -120,13 +118,6 @@ def test_slip_is_the_way_slid_since_touch_down(swing):
     made = measured_of(record, point_place=place, point_force=force)
     np.testing.assert_allclose(made.slip[[9, 59, 60, 149], 0], [0.0, 0.005, 0.0, 0.005], rtol=0.0, atol=1e-12)
     assert made.slip[:, 1].max() == 0.0
-
-
-def test_another_body_is_refused(swing):
-    other = pinocchio_model()
-    other.appendBodyToJoint(2, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
-    with pytest.raises(InputError, match="model"):
-        measure(swing[0], other)
 
 
 def test_a_centre_of_pressure_is_where_a_force_meets_its_floor():

@@ -1,10 +1,8 @@
 """Options of users' controllers and planners: in files, settings, Python, sweeps, and in what is saved."""
 
 import numpy as np
-import pytest
 
 import validation as val
-from ampm.exceptions import InputError
 from ampm.planners import PeriodicPlanner
 from ampm.run_file import dump_run, load_run
 from docs.examples.joint_pd import JointPD
@@ -74,8 +72,6 @@ def test_the_later_value_of_an_option_counts_wherever_it_stands(tmp_path):
     assert run.controller.options == {"gain": 3}
     assert run.replace({"controller.name": f"{SOFT},gain=4"}).controller.options == {"gain": 4}
     assert run.replace({"controller.options": {"mode": "x"}}).controller.options == {"mode": "x"}
-    with pytest.raises(InputError, match=r"controller.options.gain is 2, and 3 behind .* give it once"):
-        load_run(None, [f"controller.name={SOFT},gain=3", "controller.options.gain=2"])
 
 
 def test_options_reach_a_class_given_in_python_and_the_saved_run_keeps_them(tmp_path):

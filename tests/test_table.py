@@ -94,15 +94,6 @@ def test_a_refusal_of_the_body_names_what_the_table_can_change():
     assert "a_s" not in str(refused.value)
 
 
-def test_all_steps_of_a_table_are_checked():
-    """The COM climbs 5 % over a level floor: the legs get too short in the second step."""
-    table = table_of(planned())
-    table["com_z"] = table["com_z"] + 0.05 * table["com_x"]
-    walk = walk_of()
-    with pytest.raises(BodilyRefusal, match=r"the leg is too short .* lower the COM"):
-        TablePlanner(table).plan(walk.run, walk.robot)
-
-
 def exchanged(table):
     """The same walk mirrored: the right foot stands first."""
     sides = {"left": "right", "right": "left"}
