@@ -33,6 +33,7 @@ from validation.trial.users import read_columns
 ROOT = Path(__file__).parents[1]
 with (ROOT / "tests/bad_input.csv").open(encoding="utf-8", newline="") as file:
     ROWS = list(csv.DictReader(file))
+assert all(None not in row for row in ROWS), "words with a comma need quotes"
 
 
 def rows_of(*uses):
