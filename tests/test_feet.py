@@ -36,11 +36,6 @@ def planned(foot, **values):
     return plan_steps(gait(**values), 60.0, foot, SOLE)
 
 
-@pytest.fixture(scope="module", params=SCHEDULES)
-def plan(request):
-    return planned(SCHEDULES[request.param])
-
-
 @pytest.mark.parametrize("name", preset_names())
 def test_soles_stay_over_the_floor(name):
     run = load_run(name, ["gait.steps=4"])
@@ -54,7 +49,9 @@ def feet_of(**change):
     return plan_feet(replace(planned(SCHEDULES["roll"]).contacts, **change), SCHEDULES["roll"], SOLE)
 
 
-def test_no_instant_undercuts_the_least_margin(plan):
+@pytest.mark.parametrize("foot", SCHEDULES.values(), ids=SCHEDULES)
+def test_no_instant_undercuts_the_least_margin(foot):
+    plan = planned(foot)
     least, time = plan.least_zmp_margin()
     assert plan.zmp_margin(time)[0] == least
     beside = np.concatenate([plan.contacts.starts[1:] + shift for shift in (-1e-9, 0.0, 1e-9)])

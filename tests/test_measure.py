@@ -24,11 +24,6 @@ def swing():
     return record, measured_of(record)
 
 
-@pytest.fixture(scope="module")
-def still():
-    return measured_of(simulate(steps=2000))
-
-
 def zmp_gap(measured):
     """RMS distance of the two measured ZMPs [m]."""
     return rms(np.linalg.norm(measured.zmp - measured.zmp_momentum, axis=1))
@@ -39,7 +34,8 @@ def force_gap(measured):
     return rms(np.linalg.norm(measured.force - measured.momentum_force, axis=1))
 
 
-def test_a_still_block_weighs_its_weight_under_its_com(still):
+def test_a_still_block_weighs_its_weight_under_its_com():
+    still = measured_of(simulate(steps=2000))
     rest = still.time >= 3.5
     force = still.force[rest].mean(axis=0)
     np.testing.assert_allclose(force, [0.0, 0.0, WEIGHT], rtol=0.0, atol=1e-6 * WEIGHT)

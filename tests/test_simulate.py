@@ -169,23 +169,6 @@ def test_numbers_that_blow_up_diverged_and_the_record_ends_before(physics, force
         assert replays(record)
 
 
-def check_interrupted(record, steps, tmp_path):
-    """A whole record of that many steps, the first of the plain walk, which can be kept and stepped again."""
-    whole = plain()
-    assert record.outcome.name == OutcomeName.INTERRUPTED
-    assert record.steps == steps
-    assert record.outcome.time == pytest.approx(0.002 * steps)
-    assert record.tick_time.size == steps
-    np.testing.assert_array_equal(record.q, whole.q[: steps + 1])
-    np.testing.assert_array_equal(record.qd, whole.qd[: steps + 1])
-    np.testing.assert_array_equal(record.torque, whole.torque[:steps])
-    np.testing.assert_array_equal(record.point_force, whole.point_force[:steps])
-    np.testing.assert_array_equal(record.foot_position, whole.foot_position[: steps + 1])
-    assert record.command_zmp.shape == (steps, 2)
-    assert replays(record)
-    assert first_difference(record, stored(record, body_of().xml, tmp_path)) is None
-
-
 @pytest.mark.parametrize(
     ("where", "at"),
     [
@@ -198,7 +181,8 @@ def check_interrupted(record, steps, tmp_path):
 def test_an_interrupt_keeps_whole_steps(monkeypatch, spoil, tmp_path, where, at):
     """OSQP catches the signal itself, and its backend raises ``KeyboardInterrupt`` afterwards."""
     step, progress, taken = mujoco.mj_step2, None, []
-    at = plain().steps if at is None else at  # the very end
+    whole = plain()
+    at = whole.steps if at is None else at  # the very end
 
     def stop_late(*state):
         step(*state)
@@ -212,7 +196,18 @@ def test_an_interrupt_keeps_whole_steps(monkeypatch, spoil, tmp_path, where, at)
         progress = lambda done, _: interrupt() if done == at else None  # noqa: E731
     else:
         monkeypatch.setattr(mujoco, "mj_step2", stop_late)
-    check_interrupted(walk(progress=progress), at, tmp_path)
+    record = walk(progress=progress)
+    assert record.outcome.name == OutcomeName.INTERRUPTED
+    assert record.steps == record.tick_time.size == at
+    assert record.outcome.time == pytest.approx(0.002 * at)
+    np.testing.assert_array_equal(record.q, whole.q[: at + 1])
+    np.testing.assert_array_equal(record.qd, whole.qd[: at + 1])
+    np.testing.assert_array_equal(record.torque, whole.torque[:at])
+    np.testing.assert_array_equal(record.point_force, whole.point_force[:at])
+    np.testing.assert_array_equal(record.foot_position, whole.foot_position[: at + 1])
+    assert record.command_zmp.shape == (at, 2)
+    assert replays(record)
+    assert first_difference(record, stored(record, body_of().xml, tmp_path)) is None
 
 
 def test_a_fall_between_control_ticks_is_noticed():

@@ -23,14 +23,9 @@ def leaning(degrees, axis=0):
     return (math.sin(angle), 0.0, math.cos(angle)) if axis == 0 else (0.0, math.sin(angle), math.cos(angle))
 
 
-def standing(soles=SOLES):
-    """A body that stands as planned, but for its soles."""
-    return Stance(np.array(PLANNED), np.array(UP), soles, np.array(PLANNED), np.array(UP), SOLES)
-
-
 def watched(ticks, limit=0.05, until=3000, soles=SOLES):
     """The end of a walk and its tick; ``ticks(k)`` gives (com error, trunk, status)."""
-    stance = standing(soles)
+    stance = Stance(np.array(PLANNED), np.array(UP), soles, np.array(PLANNED), np.array(UP), SOLES)
     watch = Watch(stance, limit)
     for k in range(until):
         error, stance.trunk[:], status = ticks(k)
