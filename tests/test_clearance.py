@@ -93,7 +93,6 @@ def test_arms_legs_and_trunk_are_watched(angles, parts):
 
 
 def test_a_walk_that_passes_through_itself_fails(tmp_path):
-    """Of a run whose left hand is in the thigh."""
     saved = load_saved_run(make_run(tmp_path / "run", steps=2, angles={"left_shoulder_roll": -0.15}))
     clearance, judged = saved.summary["margins"]["clearance"], saved.summary["metrics"]["clearance_shortfall"]
     assert clearance["where"] == "left hand and left thigh"

@@ -145,7 +145,6 @@ def test_the_exit_status_follows_the_verdict(monkeypatch, capsys):
 
 
 def test_a_real_study_and_its_resumption(tmp_path, monkeypatch):
-    """Two steps of the easy gait at three time steps."""
     monkeypatch.setattr(convergence, "STUDIES", convergence.STUDIES[:1])
     request = load_request("flat", [*COARSE, "solver.ik_time_step=0.004", "gait.steps=2"])
     monkeypatch.setattr(convergence, "LEVELS", 3)

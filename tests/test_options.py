@@ -21,8 +21,6 @@ SLOW = f"{__name__}:Slow"
 
 
 class Soft(JointPD):
-    """A controller with options."""
-
     def __init__(self, robot, run, gain=1.0, *, mode="plain"):
         super().__init__(robot, run)
         self.gain, self.mode = gain, mode
@@ -33,8 +31,6 @@ class Soft(JointPD):
 
 
 class Slow(PeriodicPlanner):
-    """A planner that needs an option."""
-
     def __init__(self, slope):
         super().__init__()
         self.slope = slope

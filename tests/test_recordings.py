@@ -57,7 +57,6 @@ def entities(path: Path) -> set[str]:
 
 
 def batches(path: Path, entity: str, *, static: bool = False) -> list[Any]:
-    """Record batches of an entity."""
     chunks = RrdReader(path).stream().filter(content=entity)
     return [chunk.to_record_batch() for chunk in chunks if chunk.is_static == static and chunk.num_rows]
 
