@@ -129,9 +129,8 @@ def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):
     pushed = replace(record, external_segments=("thorax",), external_force=force)
     recovery = evaluate(compare(plan, pushed, replace(measured, zmp=zmp)))["recovery_time"]
     assert recovery == pytest.approx(49 * record.time_step)
-    zmp = np.where(
-        np.arange(len(zmp))[:, None] > 210, 0.5, zmp
-    )  # to the end, which comes before the limit on the recovery
+    late = np.arange(len(zmp))[:, None] > 210  # to the end, which comes before the limit on the recovery
+    zmp = np.where(late, 0.5, zmp)
     assert np.isnan(evaluate(compare(plan, pushed, replace(measured, zmp=zmp)))["recovery_time"])
 
 

@@ -333,11 +333,9 @@ def test_columns_have_other_names_units_and_signs(folder, table, tmp_path, ampm)
 
 def test_what_a_log_lacks_is_named_and_has_a_status_of_its_own(folder, table, tmp_path, ampm):
     lean = {name: values for name, values in table.items() if not name.startswith(("angular", "com"))}
-    meant = {
-        "angular_momentm_x": table["angular_momentum_x"],
-        "com_vx": lean["zmp_x"],
-    }  # the latter is another
-    write_columns(lean | meant, log := tmp_path / "log.csv")
+    meant = {"angular_momentm_x": table["angular_momentum_x"]}
+    another = {"com_vx": lean["zmp_x"]}
+    write_columns(lean | meant | another, log := tmp_path / "log.csv")
     answer = ampm("judge", log, "--plan", folder, "--start", 0, "--out", tmp_path / "a")
     assert answer.status == 6
     assert "column angular_momentm_x is not used; did you mean angular_momentum_x?" in answer.err
@@ -364,11 +362,8 @@ def test_what_a_log_lacks_is_named_and_has_a_status_of_its_own(folder, table, tm
 )
 def test_csv_of_other_programs_is_read(text, tmp_path):
     (tmp_path / "log.csv").write_text(text, encoding="utf-8", newline="")
-    table = read_columns(tmp_path / "log.csv")
-    assert {name: values.tolist() for name, values in table.items()} == {
-        "time": [0.25, 0.5],
-        "force_z": [700.0, -1500.0],
-    }
+    found = {name: values.tolist() for name, values in read_columns(tmp_path / "log.csv").items()}
+    assert found == {"time": [0.25, 0.5], "force_z": [700.0, -1500.0]}
 
 
 def test_a_fall_is_flagged_in_the_notes(folder, table):

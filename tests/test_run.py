@@ -5,12 +5,12 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
 from ampm.run_file import dump_run, load_run
 from tests.saved_run import forge, with_column
+from tests.test_cli import PROGRAM
 from validation.cli.app import Status, call
 from validation.store.record import load_record
 from validation.trial.files import RunFile
@@ -23,8 +23,7 @@ SHORT = ("--steps", str(STEPS), "--set", "simulation.time_step=0.002")
 def walked(tmp_path_factory):
     """A short trial by the command line, with recording and report, and what it printed."""
     out = tmp_path_factory.mktemp("trial") / "run"
-    program = Path(sys.executable).with_name("ampm")
-    command = [program, "validate", "normal", *SHORT, "--out", out, "--json"]
+    command = [PROGRAM, "validate", "normal", *SHORT, "--out", out, "--json"]
     answer = subprocess.run([str(part) for part in command], capture_output=True, text=True)
     return out, answer
 
@@ -98,8 +97,7 @@ def test_ctrl_c_keeps_what_was_walked(tmp_path):
 def test_ctrl_c_before_the_walk_leaves_nothing(tmp_path):
     """A signal from outside, while the program still prepares."""
     out = tmp_path / "run"
-    program = Path(sys.executable).with_name("ampm")
-    command = [str(program), "validate", "normal", "--steps", "1000", "--out", str(out)]
+    command = [str(PROGRAM), "validate", "normal", "--steps", "1000", "--out", str(out)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         deadline = time.monotonic() + 60
