@@ -24,8 +24,6 @@ _TOP, _BOTTOM, _GAP = 30, 30, 58
 """Room for title and legend, for labels below, and for all these between two charts [pt]."""
 _RIGHT = 9  # [pt]
 _LETTERS = {"ijlftr.,:;' ": 3.0, "mwMW%": 7.5}  # widths of letters of 8 pt, others 5.2 [pt]
-_BUCKETS = 420
-"""Buckets over a curve: each keeps its smallest and largest sample, so that spikes remain."""
 
 
 @dataclass
@@ -56,19 +54,10 @@ class Chart:
         self.marks.append(Mark(_points(x, y), color, width, dash=lengths, label=label))
 
     def area(
-        self,
-        x: ArrayLike,
-        y: ArrayLike,
-        color: str,
-        *,
-        opacity: float = 1.0,
-        edge: str = "",
-        label: str = "",
-        below: bool = False,
+        self, x: ArrayLike, y: ArrayLike, color: str, *, opacity: float = 1.0, edge: str = "", label: str = ""
     ) -> None:
-        """Fill a polygon with corners, shape (N,), maybe with an edge, or below what is drawn so far."""
-        mark = Mark(_points(x, y), edge, fill=color, opacity=opacity, label=label)
-        self.marks.insert(0 if below else len(self.marks), mark)
+        """Fill a polygon with corners, shape (N,), maybe with an edge."""
+        self.marks.append(Mark(_points(x, y), edge, fill=color, opacity=opacity, label=label))
 
     def band(self, x: Array, low: Array, high: Array, color: str, *, opacity: float, label: str = "") -> None:
         """Fill what is between two curves without gaps."""
@@ -76,8 +65,8 @@ class Chart:
 
     def shade(self, begin: float, end: float, color: str) -> None:
         """Fill what is between two instants, from edge to edge, below what is drawn so far."""
-        corners = [begin, begin, end, end], [-np.inf, np.inf, np.inf, -np.inf]
-        self.area(*corners, color, below=True)
+        corners = _points([begin, begin, end, end], [-np.inf, np.inf, np.inf, -np.inf])
+        self.marks.insert(0, Mark(corners, "", fill=color))
 
     def level(self, y: float, color: str, width: float = 0.7, *, dash: str = "") -> None:
         """Draw a horizontal line from edge to edge."""
@@ -118,16 +107,14 @@ class Chart:
         low, high = self.limits()
         unit = np.array([self.width, -self.height]) / (high - low)
         x, y = self.left, self.top + self.height
-        named = [(at, text) for text, at in self.xticks.items()]
-        for at, text in named or _ticks(low[0], high[0], self.width / 55):
+        for text, at in (self.xticks or _ticks(low[0], high[0], self.width / 55)).items():
             place = x + (at - low[0]) * unit[0]
-            if not named:
+            if not self.xticks:
                 yield Mark(np.array([(place, y), (place, self.top)]), GRID)
             yield Word(place, y + 11, text, 8.0, "middle")
-        named = [(at, text) for text, at in self.yticks.items()]
-        for at, text in named or _ticks(low[1], high[1], self.height / 16):
+        for text, at in (self.yticks or _ticks(low[1], high[1], self.height / 16)).items():
             place = y + (at - low[1]) * unit[1]
-            if not named:
+            if not self.yticks:
                 yield Mark(np.array([(x, place), (x + self.width, place)]), GRID)
             yield Word(x - 4, place + 3, text, 8.0, "end")
         window = (x, self.top, self.width, self.height)
@@ -250,8 +237,8 @@ def _points(x: ArrayLike, y: ArrayLike) -> Array:
     return np.column_stack([x, y]).astype(float)
 
 
-def _ticks(low: float, high: float, most: float) -> list[tuple[float, str]]:
-    """Round numbers between two ends, about so many at most, with their texts."""
+def _ticks(low: float, high: float, most: float) -> dict[str, float]:
+    """Texts of round numbers between two ends, about so many at most, at these numbers."""
     least = (high - low) / max(most, 2.0)
     power = math.floor(math.log10(least))
     step = next(n * 10.0**power for n in (1, 2, 2.5, 5, 10) if n * 10.0**power >= least * (1 - 1e-9))
@@ -259,23 +246,18 @@ def _ticks(low: float, high: float, most: float) -> list[tuple[float, str]]:
     numbers = range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
     if len(numbers) < 2:  # one shows no scale
         return _ticks(low, high, 2.0 * max(most, 2.0))
-    return [(n * step, f"{n * step:.{decimals}f}".replace("-", "\u2212")) for n in numbers]
+    return {f"{n * step:.{decimals}f}".replace("-", "\u2212"): n * step for n in numbers}
 
 
 def new_charts(
-    height: float,
-    rows: int = 1,
-    *,
-    width: float = WIDTH,
-    left: float = 0.62,
-    ratios: Sequence[float] | None = None,
+    height: float, ratios: Sequence[float] = (1.0,), *, width: float = WIDTH, left: float = 0.62
 ) -> list[Chart]:
-    """Charts of a picture of this height and width [in], in rows of relative heights.
+    """Charts of a picture of this height and width [in], in rows whose heights have these ratios.
 
     ``left`` is the room for the labels of the vertical axis [in].
     """
-    shares = np.array(ratios or [1.0] * rows) / sum(ratios or [1.0] * rows)
-    heights = shares * (72 * height - _TOP - _BOTTOM - _GAP * (rows - 1))
+    shares = np.array(ratios) / sum(ratios)
+    heights = shares * (72 * height - _TOP - _BOTTOM - _GAP * (len(ratios) - 1))
     tops = _TOP + np.concatenate([[0.0], np.cumsum(heights + _GAP)[:-1]])
     return [
         Chart(72 * left, float(top), 72 * (width - left) - _RIGHT, float(tall))
@@ -283,8 +265,11 @@ def new_charts(
     ]
 
 
-def decimate(time: Array, value: Array, buckets: int = _BUCKETS) -> tuple[Array, Array]:
-    """Thin a curve, shape (N,), NaN where undefined: of each bucket stay the smallest and largest sample."""
+def decimate(time: Array, value: Array, buckets: int = 420) -> tuple[Array, Array]:
+    """Thin a curve, shape (N,), NaN where undefined.
+
+    Of each bucket over it stay the smallest and largest sample, so that spikes remain.
+    """
     count = len(time)
     if count <= 2 * buckets:
         return time, value

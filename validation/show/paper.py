@@ -131,9 +131,5 @@ def write_paper(
 
 def as_text(tables: Sequence[Table], form: str) -> str:
     """Tables in one of the formats :data:`TABLES`, one after another."""
-    write = {
-        "tex": Table.tex,
-        "csv": Table.csv,
-        "md": lambda table: f"**{table.title}**\n\n{table.markdown()}\n",
-    }
+    write = {"tex": Table.tex, "csv": Table.csv, "md": lambda table: f"**{table.title}**\n\n{table}\n"}
     return "\n".join(write[form](table) for table in tables if table.rows)

@@ -52,7 +52,7 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
     elif isinstance(plan, StepPlan):
         margin = 1000 * plan.zmp_margin(times)
         curves["planned ZMP margin to the planned support", "[mm]"] = {"ZMP": margin}
-    *rows, top = new_charts(12.0, 5, ratios=[1, 1, 1, 1, 1.7])
+    *rows, top = new_charts(12.0, (1.0, 1.0, 1.0, 1.0, 1.7))
     beside = 72.0 * WIDTH
     right = [replace(row, left=row.left + beside, label_at=row.label_at + beside, marks=[]) for row in rows]
     charts = [chart for pair in zip(rows, right, strict=True) for chart in pair][: len(curves)]

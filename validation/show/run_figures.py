@@ -100,7 +100,7 @@ class RunFigures:
 
     def velocity(self) -> Picture:
         """Commanded and measured velocity over the whole run."""
-        charts = new_charts(5.0, 3, width=2 * WIDTH)
+        charts = new_charts(5.0, (1.0, 1.0, 1.0), width=2 * WIDTH)
         for chart, (column, (title, unit)) in zip(charts, VELOCITIES.items(), strict=True):
             for kind, color in (("measured", MEASURED), ("command", COMMAND)):
                 values = self.signals[f"{kind}_{column}"]
@@ -123,7 +123,7 @@ class RunFigures:
         if self.saved.is_free:
             title = curve.title.partition(",")[0]
             return Picture([self._signal(chart, curve, title) for chart in new_charts(2.6)], title)
-        large, lower, whole = charts = new_charts(6.2, 3, ratios=[5, 2.5, 2])
+        large, lower, whole = charts = new_charts(6.2, (5.0, 2.5, 2.0))
         signals, rows, name = self.signals, self.window, curve.column
         time = signals.time[rows]
         scale, unit = display_unit(SIGNALS[name].unit, self.weight)
