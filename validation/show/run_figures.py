@@ -81,10 +81,9 @@ class RunFigures:
             "momentum": self.tracked("angular_momentum", "xyz"),
             "com": self.differing("residual/com"),
             "check": self.differing("selfcheck/zmp"),
-            "cost": [] if is_log else [self.torque_use()],
+            "cost": ([] if is_log else [self.torque_use()]) + self.differing("feedback/zmp"),
             "velocity": [self.velocity()] if is_free else [],
         }
-        found["cost"] += self.differing("feedback/zmp")
         every = iter(numbered(item for pictures in found.values() for item in pictures))
         return {section: [next(every) for _ in pictures] for section, pictures in found.items()}
 

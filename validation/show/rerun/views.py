@@ -39,17 +39,12 @@ _TITLES = {
 """Entities that are curves."""
 
 
-def _signals(name: str, axes: str) -> list[str]:
-    """Entities of a signal, one for each axis."""
-    return [f"signals/{name}_{axis}" for axis in axes]
-
-
 _TABS = {
     "Velocity": [[f"signals/{column}"] for column in VELOCITIES],
-    "ZMP": [_signals("zmp", "xy"), ["residual/zmp"]],
-    "Force": [_signals("force", "xyz"), ["signals/foot_force_z", "residual/force"]],
-    "Momentum": [_signals("angular_momentum", "xyz"), ["residual/angular_momentum"]],
-    "COM": [_signals("com", "xyz"), ["residual/com"]],
+    "ZMP": [[f"signals/zmp_{axis}" for axis in "xy"], ["residual/zmp"]],
+    "Force": [[f"signals/force_{axis}" for axis in "xyz"], ["signals/foot_force_z", "residual/force"]],
+    "Momentum": [[f"signals/angular_momentum_{axis}" for axis in "xyz"], ["residual/angular_momentum"]],
+    "COM": [[f"signals/com_{axis}" for axis in "xyz"], ["residual/com"]],
     "Cost": [["feedback/zmp", "selfcheck/zmp"], ["effort/torque"]],
 }
 """Tabs of curves: name to rows of entities."""
