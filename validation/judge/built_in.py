@@ -5,12 +5,11 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from ampm.body.limits import CLEARANCE
 from ampm.geometry import Array
 from ampm.walk import UNSOLVED
-from validation.judge.compare import Comparison, signal_pairs
+from validation.judge.compare import Comparison
 from validation.trial.record import SimulationRecord
 
 
@@ -138,29 +137,3 @@ COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
     "unsupported_instants": _unsupported,
 }
 """Metric to its value; None if the walk has no such metric."""
-
-
-def recovery_time(walk: Comparison, limits: Mapping[str, float], most: float) -> float | None:
-    """Time from the end of the last push until every error stays within its limits for one step [s].
-
-    Infinite if they do not within a time [s], NaN if the walk ends before it; None if nothing pushed the
-    body. Limits are of the RMS and largest error over a step, by the names of the metrics, in SI units.
-    """
-    record = walk.record
-    pushed = np.flatnonzero(record.external_force.any(axis=(1, 2)) | record.external_moment.any(axis=(1, 2)))
-    if not pushed.size:
-        return None
-    step = max(round(walk.plan.constants.step_duration / record.time_step), 1)
-    within = np.ones(max(record.steps - step + 1, 0), dtype=bool)  # of the steps that begin at each instant
-    for name, (value, reference) in signal_pairs(walk.sample, walk.measured, record).items():
-        error = np.nan_to_num(np.abs(value - reference), nan=np.inf)
-        squares = np.cumsum(np.append(0.0, np.minimum(error, 1e6) ** 2))
-        ahead = {  # over the step that begins at each instant
-            "rmse": np.sqrt(np.maximum(squares[step:] - squares[:-step], 0.0) / step),
-            "maximum": maximum_filter1d(error, step, origin=-(step // 2))[: within.size],
-        }
-        for statistic, values in ahead.items():
-            within &= values <= limits.get(f"{name}_{statistic}", math.inf)
-    begins = np.flatnonzero(within[pushed[-1] + 1 :])
-    ends = record.time_step * (len(within) - pushed[-1]) < most
-    return float(begins[0] * record.time_step) if begins.size else math.nan if ends else math.inf

@@ -20,8 +20,8 @@ from ampm.description import BodyDescription
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.planner.centroidal import PlanSample
-from ampm.walk import WalkPlan
-from validation.judge.margins import Rows, energy, feedback_effort, margins
+from ampm.walk import Flags, WalkPlan
+from validation.judge.margins import energy, feedback_effort, margins
 from validation.measure.measure import MeasuredGait
 from validation.table import own_rows
 from validation.trial.followed import LEADS, Followed
@@ -33,12 +33,9 @@ from validation.trial.unplanned import heading_velocity, measured_supports
 RUN = "run"
 """The window that is judged: the run without its first step, or all of it if it begins at rest."""
 
-_CAUSES = "com_position", "com_acceleration", "momentum_rate", "vertical_force"
+_PARTS = "com_position com_acceleration momentum_rate vertical_force instrument plan_residual"
 PARTS: Mapping[str, str] = MappingProxyType(
-    {
-        name: name.replace("com_", "COM ").replace("_", " ")
-        for name in (*_CAUSES, "instrument", "plan_residual")
-    }
+    {name: name.replace("com_", "COM ").replace("_", " ") for name in _PARTS.split()}
 )
 """Parts of the ZMP error, and their labels; see :class:`ZmpErrorSplit`."""
 
@@ -132,7 +129,7 @@ class Comparison(Brief):
     measured: MeasuredGait  # measurement of the record, independent of the plan
     # the plan that is judged, at the measured instants t_k, K of them, as it stood `followed.lead` before
     sample: PlanRows
-    rows: Mapping[str, Rows]  # window to rows, shape (K,); phases and contacts divide :data:`RUN`
+    rows: Mapping[str, Flags]  # window to rows, shape (K,); phases and contacts divide :data:`RUN`
     scales: Mapping[str, float]  # `body_weight` [N], `foot_length` [m], `mass_height_velocity` [N m s]
     signals: Mapping[str, Mapping[str, Statistics]]  # by signal and window
     zmp_split: ZmpErrorSplit  # causes of the ZMP error
@@ -150,7 +147,7 @@ class Comparison(Brief):
         return self.measured.time
 
     @property
-    def inside(self) -> Rows:
+    def inside(self) -> Flags:
         """Rows that are judged, shape (K,)."""
         return self.rows[RUN]
 
@@ -220,7 +217,7 @@ def compare(
         mean = heading_velocity(record)[late].mean(axis=0) if late.any() else np.full(3, np.nan)
         costs["velocity"] = {"commanded": command.at(math.inf), "measured": tuple(mean.tolist())}
 
-    def errors(planned: PlanRows, windows: Mapping[str, Rows]) -> dict[str, Mapping[str, Statistics]]:
+    def errors(planned: PlanRows, windows: Mapping[str, Flags]) -> dict[str, Mapping[str, Statistics]]:
         """Errors of all signals in some windows."""
         found: dict[str, Mapping[str, Statistics]] = {}
         for name, (value, reference) in signal_pairs(planned, measured, record).items():
@@ -319,7 +316,7 @@ def statistics(error: Array, reference: Array, scale: float) -> Statistics:
     )
 
 
-def _split_zmp_error(sample: PlanSample, measured: MeasuredGait, rows: Rows) -> ZmpErrorSplit:
+def _split_zmp_error(sample: PlanSample, measured: MeasuredGait, rows: Flags) -> ZmpErrorSplit:
     """Split the ZMP error into its causes; RMS and shares over ``rows``, shape (K,)."""
     com, z = measured.com_pin, (measured.com_pin[:, 2] - measured.floor)[:, None]  # as of zmp_momentum
     z_plan = (sample.com[:, 2] - sample.floor)[:, None]

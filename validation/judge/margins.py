@@ -8,18 +8,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.body.motion import Extreme
 from ampm.description import BodyDescription
 from ampm.geometry import Array, blocks
 from ampm.planner.centroidal import PlanSample
+from ampm.walk import Flags
 from validation.measure.measure import MeasuredGait
 from validation.trial.followed import Followed
 from validation.trial.record import SimulationRecord, state_steps
 from validation.trial.shapes import Shapes
-
-Rows = NDArray[np.bool_]
 
 LOADED = 0.05
 """Share of body weight from which a foot's friction counts [1]."""
@@ -48,7 +46,7 @@ def largest_tilt(q: Array, time: Array, description: BodyDescription, shapes: Sh
     return _extreme(shapes.tilts(q, names), time, names, largest=True)
 
 
-def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Rows) -> dict[str, Any]:
+def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Flags) -> dict[str, Any]:
     """RMS of command minus plan over ``rows``, shape (K,): the controller's correction of the formula.
 
     It has ``force`` [N], ``angular_momentum`` [N m s] and ``zmp`` [m]. Only instants with a new command
@@ -139,7 +137,7 @@ def _plan_polygon(followed: Followed, record: SimulationRecord, time: Array) -> 
     return _extreme(followed.at(time).zmp_margin, time)
 
 
-def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
+def energy(record: SimulationRecord, rows: Flags) -> dict[str, float]:
     """Work of the motors over ``rows``, shape (K,): torque of the step times the mean joint rate over it.
 
     The mechanical cost of transport is that of Collins, Ruina, Tedrake and Wisse, Science 307 (2005), over

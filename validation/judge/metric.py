@@ -60,7 +60,7 @@ class Metric:
         """Complete the label; refuse a bad name, an unknown kind or nature, a tolerance of no number."""
         if not (isinstance(self.name, str) and self.name.isidentifier()):
             raise InputError(f"metric name {self.name!r} is not an identifier; use letters, digits and '_'.")
-        object.__setattr__(self, "label", self.label or spaced(self.name))
+        object.__setattr__(self, "label", self.label or self.name.replace("_", " "))
         for value, known in ((self.kind, _KINDS), (self.nature, _NATURES)):
             if value not in known:
                 raise unknown(value, known, f"kind of the metric '{self.name}'")
@@ -82,11 +82,6 @@ class Metric:
     def is_self_check(self) -> bool:
         """Whether it measures the error of the instrument itself: its exact value is zero."""
         return self.kind == "instrument" and self.nature != "count"
-
-
-def spaced(name: str) -> str:
-    """Readable name made from an identifier."""
-    return name.replace("_", " ")
 
 
 def display_unit(unit: str, weight: Any) -> tuple[Any, str]:

@@ -14,11 +14,14 @@ from numbers import Real
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
 from ampm.exceptions import InputError, words_of
-from validation.judge.built_in import COMPUTED, recovery_time
+from validation.judge.built_in import COMPUTED
 from validation.judge.built_in import rms as rms
-from validation.judge.compare import RUN, SIGNALS, Comparison
-from validation.judge.metric import BODY_WEIGHT, DEFAULT_BODY, limit_in_si, size_in_si, spaced
+from validation.judge.compare import RUN, SIGNALS, Comparison, signal_pairs
+from validation.judge.metric import BODY_WEIGHT, DEFAULT_BODY, limit_in_si, size_in_si
 from validation.judge.metric import Metric as Metric
 from validation.judge.metric import display_unit as display_unit
 from validation.table import own_rows
@@ -101,12 +104,6 @@ def _compute(metric: Metric, walk: Comparison) -> float | None:
         ) from error
 
 
-def metric_label(name: str) -> str:
-    """Readable name of a metric, registered or not."""
-    metric = METRICS.get(name)
-    return metric.label if metric else spaced(name)
-
-
 # ------------------------------------------------------------------------------------------- built-in metrics
 
 
@@ -133,14 +130,13 @@ def _built_in() -> Iterator[Metric]:
         yield Metric(**entries, compute=partial(_cost, name=name) if row["section"] else computed[name])
 
 
-def _with_limits(metrics: Mapping[str, Metric]) -> Iterator[Metric]:
+def _with_limits(metrics: dict[str, Metric]) -> Iterator[Metric]:
     """The judged ones with their limits of ``limits.csv``, in its order, then the others.
 
     Limits are listed for the default body, in SI units and body weights.
     """
-    rows = own_rows("judge/limits.csv")
-    for row in rows:
-        metric = metrics[row["metric"]]
+    for row in own_rows("judge/limits.csv"):
+        metric = metrics.pop(row["metric"])
         unit = row["grows_with"] or metric.unit
         size = 1.0 if unit == BODY_WEIGHT else float(size_in_si(unit, DEFAULT_BODY))  # weights are shares
         limits = {
@@ -149,8 +145,7 @@ def _with_limits(metrics: Mapping[str, Metric]) -> Iterator[Metric]:
             if text and name not in ("metric", "grows_with", "reason")
         }
         yield replace(metric, tolerances=limits, tolerance_unit=unit, reason=row["reason"])
-    judged = {row["metric"] for row in rows}
-    yield from (metric for name, metric in metrics.items() if name not in judged)
+    yield from metrics.values()
 
 
 def _statistic(walk: Comparison, name: str, statistic: str) -> float | None:
@@ -160,8 +155,15 @@ def _statistic(walk: Comparison, name: str, statistic: str) -> float | None:
 
 
 def _recovery_time(walk: Comparison) -> float | None:
-    """See :func:`recovery_time`, with the limits that the walk has if nothing pushes it."""
-    if walk.plan.command is not None:
+    """Time from the end of the last push until every error stays within its limits for one step [s].
+
+    Infinite if they do not within its own limit, NaN if the walk ends before that; None if nothing pushed the
+    body, or without a plan. Limits of the RMS and largest error over a step are those that the walk has if
+    nothing pushes it.
+    """
+    record = walk.record
+    pushed = np.flatnonzero(record.external_force.any(axis=(1, 2)) | record.external_moment.any(axis=(1, 2)))
+    if walk.plan.command is not None or not pushed.size:
         return None
     profile = "footsteps" if walk.plan.judged_from == 0.0 else "default"
     profile = "jumps" if walk.plan.jump_times.size else profile
@@ -171,7 +173,20 @@ def _recovery_time(walk: Comparison) -> float | None:
         found = metric.tolerances.get(profile, metric.tolerances.get("default"))
         if found is not None and not (walk.relative and name.startswith(("zmp_x", "zmp_y"))):
             limits[name] = float(limit_in_si(found, metric.tolerance_unit, walk.scales))
-    return recovery_time(walk, limits, METRICS["recovery_time"].tolerances["pushed"])
+    step = max(round(walk.plan.constants.step_duration / record.time_step), 1)
+    within = np.ones(max(record.steps - step + 1, 0), dtype=bool)  # of the steps that begin at each instant
+    for name, (value, reference) in signal_pairs(walk.sample, walk.measured, record).items():
+        error = np.nan_to_num(np.abs(value - reference), nan=np.inf)
+        squares = np.cumsum(np.append(0.0, np.minimum(error, 1e6) ** 2))
+        ahead = {  # over the step that begins at each instant
+            "rmse": np.sqrt(np.maximum(squares[step:] - squares[:-step], 0.0) / step),
+            "maximum": maximum_filter1d(error, step, origin=-(step // 2))[: within.size],
+        }
+        for statistic, values in ahead.items():
+            within &= values <= limits.get(f"{name}_{statistic}", math.inf)
+    begins = np.flatnonzero(within[pushed[-1] + 1 :])
+    ends = record.time_step * (len(within) - pushed[-1]) < METRICS["recovery_time"].tolerances["pushed"]
+    return float(begins[0] * record.time_step) if begins.size else math.nan if ends else math.inf
 
 
 def _cost(walk: Comparison, name: str) -> float:

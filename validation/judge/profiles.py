@@ -102,17 +102,14 @@ PROFILES: Mapping[str, Profile] = MappingProxyType(
     {item.name: item for item in (DEFAULT, STRICT, WIDE, JUMPS, FOOTSTEPS, ODOMETRY, PUSHED, FREE)}
 )
 
-OWN: Mapping[str, str] = MappingProxyType({"pitch": "wide", "ipm": "jumps"})
-"""Presets that are judged by another profile than `default` unless one is given."""
-
 
 def own_profile(
     gait: str, run: RunParameters | None = None, disturbances: Sequence[Disturbance] = ()
 ) -> Profile:
     """Profile of a gait, of its run over footsteps, without a plan or with an estimator, if none is given.
 
-    The gait is the name of a preset, or any other; a :class:`Push` among the disturbances, which are beside
-    those of the run, asks for ``pushed``.
+    The gait is the name of a preset, of which ``pitch`` and ``ipm`` have one of their own, or any other; a
+    :class:`Push` among the disturbances, which are beside those of the run, asks for ``pushed``.
     """
     if run is not None and run.gait.planner == NO_PLAN:
         return FREE
@@ -121,7 +118,9 @@ def own_profile(
         return PUSHED
     if run is not None and run.sensors.relative:
         return ODOMETRY
-    return FOOTSTEPS if run is not None and run.footsteps else PROFILES[OWN.get(gait, DEFAULT.name)]
+    if run is not None and run.footsteps:
+        return FOOTSTEPS
+    return {"pitch": WIDE, "ipm": JUMPS}.get(gait, DEFAULT)
 
 
 def profile(name: Profile | str) -> Profile:

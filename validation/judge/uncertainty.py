@@ -16,8 +16,6 @@ from validation.store.summary import read_json
 from validation.trial.plan import Request
 
 FILE = "convergence.json"
-_FREE = "gait.steps"
-"""Key in which a study and a run may differ: the gait is periodic."""
 RELATIVE_FLOOR = 1e-6
 """Share of a metric's value below which a difference is rounding [1].
 
@@ -58,7 +56,7 @@ class Uncertainty:
         if "footsteps" in own:
             return "it walks over footsteps"
         for key in {**studied, **own}:
-            if key != _FREE and studied.get(key) != own.get(key):
+            if key != "gait.steps" and studied.get(key) != own.get(key):  # the gait is periodic
                 return f"{key} = {studied.get(key)}, and here {own.get(key)}"
         return ""
 

@@ -255,7 +255,7 @@ def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> d
 
     Further top-level entries are for example ``timing`` [s], ``environment`` or the gait's name.
     """
-    outcome, split = comparison.record.outcome, comparison.zmp_split
+    outcome, zmp = comparison.record.outcome, comparison.zmp_split
     planned = [name for name, signal in SIGNALS.items() if signal.reference == "plan"]
     ahead = {name: [found[name] for found in comparison.ahead.values()] for name in planned}
     summary = {
@@ -271,12 +271,7 @@ def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> d
             }
             for name, windows in comparison.signals.items()
         },
-        "zmp_error_split": {
-            "residual": split.residual,
-            "rmse": split.rmse,
-            "share": split.share,
-            "unit": "m",
-        },
+        "zmp_error_split": {"residual": zmp.residual, "rmse": zmp.rmse, "share": zmp.share, "unit": "m"},
         "ahead": {"judged": comparison.followed.lead, "lead": list(comparison.ahead), "rmse": ahead},
         **comparison.costs,
         "self_checks": comparison.measured.self_checks,

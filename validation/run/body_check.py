@@ -63,12 +63,15 @@ def check(source: str, settings: tuple[str, ...] = (), progress: Progress | None
     refusal = ""
     try:
         walk = tune_walk(load_request(None, [f"body.source='{source}'", *settings]), progress)
-        torque = _torque_shares(walk)
+        motion, nothing = walk.motion, np.zeros((len(walk.motion.q), robot.model.nv))
+        planned, _ = step_torques(motion, motion.time, walk.plan, robot)
+        most = (np.abs(planned) / robot.torque_limit).max(axis=0)
+        groups = joint_groups(robot.description).items()
+        torque = {name: float(most[robot.velocity_indices(names) - 6].max()) for name, names in groups}
         if over := [f"{name} {share:.2f}" for name, share in torque.items() if share > 1.0]:
             notes.append(f"The plan exceeds a torque limit, which the simulation keeps: {', '.join(over)}.")
         gait = {key: float(walk.run.value(f"gait.{key}")) for key in _GAIT}
         found = walk.tuned.values if walk.tuned is not None else {}
-        motion, nothing = walk.motion, np.zeros((len(walk.motion.q), robot.model.nv))
         tilt = largest_tilt(to_mujoco(motion.q, nothing)[0], motion.time, robot.description, body.shapes)
         facts["largest tilt of pelvis or trunk, as planned"] = (tilt.value, "rad")
         notes += tilt_warnings(tilt.value, tilt.where)
@@ -81,15 +84,6 @@ def check(source: str, settings: tuple[str, ...] = (), progress: Progress | None
     if refusal and notes and abs(facts[_FEET][0]) > _OFF * robot.description.sole.length:
         refusal = f"{notes[0]} As it is, {refusal}"  # the cause, then what follows from it
     return BodyCheck(source, facts, tuple(notes), torque, gait, found, refusal)
-
-
-def _torque_shares(walk: PlannedWalk) -> dict[str, float]:
-    """Largest share of a torque limit by group of joints, on the grid of the walk's motion."""
-    robot, motion = walk.body.robot, walk.motion
-    torque, _ = step_torques(motion, motion.time, walk.plan, robot)
-    most = (np.abs(torque) / robot.torque_limit).max(axis=0)
-    groups = joint_groups(robot.description).items()
-    return {name: float(most[robot.velocity_indices(names) - 6].max()) for name, names in groups}
 
 
 def _standing_refusal(walk: PlannedWalk) -> str:

@@ -125,9 +125,8 @@ def log_columns(
 def _measured(folder: Path) -> dict[str, Any]:
     """What was measured of a run, as a log."""
     signals = load_saved_run(folder).signals.columns
-    own = ("time", "command", *(f"{foot}_force" for foot in FEET))
-    names = {name: name.removeprefix("measured_") for name in signals if name.startswith(("measured_", *own))}
-    found = {new: signals[old] for old, new in names.items()}
+    own = ("time", "command", "measured_", *(f"{foot}_force" for foot in FEET))
+    found = {name.removeprefix("measured_"): signals[name] for name in signals if name.startswith(own)}
     return {name: values for name, values in found.items() if not np.isnan(values).all()}  # of a judged log
 
 

@@ -115,11 +115,10 @@ def step_again(
                 break
             if row % 50 == 0 and advance is not None:
                 advance(end, record.steps)
-    said = {name: getattr(record, name) for name in ("floor", "changes", "controller")}
     again = log.close(done, record.outcome)
     ticks = slice(len(again.tick_time))
-    said |= {name: getattr(record, name)[ticks] for name in ("tick_torque", "torque_rate")}
-    return replace(again, **said)
+    said = {name: getattr(record, name)[ticks] for name in ("tick_torque", "torque_rate")}
+    return replace(again, floor=record.floor, changes=record.changes, controller=record.controller, **said)
 
 
 def _first_difference(saved: SavedRun, again: SimulationRecord, measured: MeasuredGait) -> Replay:

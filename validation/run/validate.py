@@ -76,7 +76,6 @@ def validate(
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met; nothing is written.
         OSError: the disk is full.
     """
-    progress = progress or Progress()
     check_run_folder(target, force=force)
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):

@@ -23,7 +23,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
 from ampm.section import toml_text
-from validation.judge.metrics import METRICS, display_unit, metric_label
+from validation.judge.metrics import METRICS, display_unit
 from validation.judge.profiles import Tolerance
 from validation.store.environment import code_hash, describe_environment, parameter_values, run_key
 from validation.study.row_file import ROWS, Row, read_rows
@@ -200,7 +200,7 @@ class SweepTable(Tabled):
 
     def label(self, metric: str) -> str:
         """Readable name of a metric, as it was when the sweep walked."""
-        return str(self.metadata.get("labels", {}).get(metric) or metric_label(metric))
+        return str(self.metadata["labels"][metric])
 
     def limit_values(self, metric: str) -> Array:
         """A metric's limit in the unit of its column, shape (N,); NaN if it is not judged."""
