@@ -9,7 +9,7 @@ on beside the model, see :mod:`validation.run.replay`. Nothing is pickled or rou
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -125,7 +125,7 @@ def load_record(directory: str | Path) -> SimulationRecord:
 def read_header(directory: Path) -> dict[str, Any]:
     """Description of the recorded run; raises InputError if there is none, or of another format."""
     path = directory / RunFile.JOINTS
-    raw = (_readable(path, pq.read_schema).metadata or {}).get(_HEADER)
+    raw = (read_table(path, only_schema=True).metadata or {}).get(_HEADER)
     try:
         header: dict[str, Any] = json.loads(raw or "")
         written = header["format"]
@@ -154,16 +154,12 @@ def _constants(header: Mapping[str, Any]) -> dict[str, Any]:
     return found | {"outcome": Outcome(**header["outcome"])}
 
 
-def read_table(path: Path) -> pa.Table:
-    """Read a file of a run; raises InputError if it is missing or cannot be read."""
-    return _readable(path, lambda path: pq.read_table(path, partitioning=None))
-
-
-def _readable(path: Path, read: Callable[[Path], Any]) -> Any:
+def read_table(path: Path, *, only_schema: bool = False) -> Any:
+    """Read a file of a run, or its schema alone; raises InputError if it is missing or cannot be read."""
     check_regular(path)
     if not path.exists():
         raise InputError(f"{path} is missing; give the folder of a recorded run.")
     try:
-        return read(path)
+        return pq.read_schema(path) if only_schema else pq.read_table(path, partitioning=None)
     except (pa.ArrowException, OSError) as error:
         raise InputError(f"{path} cannot be read ({error}); walk the gait again.") from error

@@ -87,7 +87,10 @@ def pinocchio_model(model: mujoco.MjModel) -> pin.Model:
             # The body frame (before the next joint moves it) lies at minus the anchor.
             placement = pin.SE3(np.eye(3), -anchor)
         joint_of[body], placement_of[body] = parent_joint, placement
-        result.appendBodyToJoint(parent_joint, _inertia(model, body), placement)
+        principal = np.diag(model.body_inertia[body])
+        inertia = pin.Inertia(float(model.body_mass[body]), np.zeros(3), principal)
+        own = _pose(model.body_ipos[body], model.body_iquat[body])
+        result.appendBodyToJoint(parent_joint, own * inertia, placement)
         name = model.body(body).name
         frame_of[body] = result.addBodyFrame(name, parent_joint, placement, parent_frame)
     for site in range(model.nsite):
@@ -103,10 +106,3 @@ def pinocchio_model(model: mujoco.MjModel) -> pin.Model:
     result.lowerPositionLimit, result.upperPositionLimit, result.effortLimit = limits
     result.armature = np.array(model.dof_armature, dtype=float)
     return result
-
-
-def _inertia(model: mujoco.MjModel, body: int) -> pin.Inertia:
-    """Inertia of a body in its frame, from the compiled principal axes."""
-    pose = _pose(model.body_ipos[body], model.body_iquat[body])
-    principal = np.diag(model.body_inertia[body])
-    return pose * pin.Inertia(float(model.body_mass[body]), np.zeros(3), principal)

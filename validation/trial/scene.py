@@ -118,7 +118,7 @@ def _change_floor(
             value=wanted.step_number,
         )
     step = contacts.footsteps[wanted.step_number - 1 if wanted.step_height else 0]
-    turn = _about_z(step.heading)
+    turn = Rotation.from_euler("z", step.heading).as_matrix()
     feet = np.array([item.position for item in contacts.footsteps]) @ turn  # in the walk's frame
     ends, hinge = np.full(2, _FAR), np.zeros(3)
     tiles = [_Tile(-ends, ends)]
@@ -158,7 +158,7 @@ def _raise_floor(
     world: ElementTree.Element, plane: ElementTree.Element, ground: Ground, wanted: DisturbanceParameters
 ) -> None:
     """Put boxes on the plane, which is as high as the lowest footstep."""
-    up, turn = np.array([0.0, 0.0, wanted.floor_height]), _about_z(ground.heading)
+    up, turn = np.array([0.0, 0.0, wanted.floor_height]), Rotation.from_euler("z", ground.heading).as_matrix()
     plane.set("pos", _text([0.0, 0.0, ground.base + wanted.floor_height]))
     for k, (low, high, top) in enumerate(zip(ground.low, ground.high, ground.height, strict=True), start=1):
         centre = turn @ np.array([*(0.5 * (low + high)), float(top) - 0.5 * _THICK]) + up
@@ -207,7 +207,3 @@ def _split(tile: _Tile, low: Array, high: Array, height: float) -> list[_Tile]:
 
 def _text(numbers: Sequence[float] | Array) -> str:
     return " ".join(repr(float(number)) for number in numbers)
-
-
-def _about_z(angle: float) -> Array:
-    return np.asarray(Rotation.from_euler("z", angle).as_matrix())
