@@ -96,9 +96,7 @@ def parameter_values(run: RunParameters) -> dict[str, Any]:
     return values | rows
 
 
-@cache
-def _defaults() -> Mapping[str, Any]:
-    return parameter_values(RunParameters())
+_DEFAULTS = parameter_values(RunParameters())
 
 
 def run_key(values: Mapping[str, Any]) -> str:
@@ -107,7 +105,7 @@ def run_key(values: Mapping[str, Any]) -> str:
     A new parameter in the code changes no key, so runs of two revisions can be matched. The values are those
     of :func:`parameter_values`.
     """
-    changed = {key: value for key, value in sorted(values.items()) if value != _defaults().get(key)}
+    changed = {key: value for key, value in sorted(values.items()) if value != _DEFAULTS.get(key)}
     return hashlib.sha256(json.dumps(changed).encode()).hexdigest()[:_DIGITS]
 
 
