@@ -15,7 +15,7 @@ from ampm.section import parse_toml
 from models.human import sole_geometry
 from validation.judge.profiles import profile
 from validation.study.sweep.design import SweepDefinition, read_definition
-from validation.study.sweep.table import TABLE_METADATA, SweepTable, build_table, key_of, wrap_table
+from validation.study.sweep.table import TABLE_METADATA, SweepTable, build_table, key_of
 
 RANGES: Mapping[str, tuple[float, float]] = {
     "gait.step_length": (0.4, 0.75),
@@ -95,7 +95,7 @@ def _row(run: RunParameters, rng: np.random.Generator) -> dict[str, Any]:
 
 def sweep_of(table: pa.Table) -> SweepTable:
     """The sweep of a table that is in no folder."""
-    return wrap_table(table, None, "sweep")
+    return SweepTable(table, None, "sweep")
 
 
 def write_sweep(folder: Path, table: pa.Table) -> Path:

@@ -18,7 +18,7 @@ from validation.study.row_file import ROWS, RowFile
 from validation.study.sweep import report, run
 from validation.study.sweep.design import load_sweep
 from validation.study.sweep.schema import schema
-from validation.study.sweep.table import read_sweep, wrap_table
+from validation.study.sweep.table import SweepTable, read_sweep
 
 SWEEP = """
 [sweep]
@@ -124,7 +124,7 @@ def test_every_parameter_and_metric_has_its_column_with_unit_and_meaning():
     for item in schema():
         assert item.metadata[b"meaning"], item.name
         assert bool(item.metadata[b"unit"]) != pa.types.is_string(item.type), item.name
-    sweep = wrap_table(make_table(2), None, "x")
+    sweep = SweepTable(make_table(2), None, "x")
     assert (sweep.unit("gait.step_length"), sweep.unit("outcome")) == ("m", "1")
     assert sweep.metadata["tolerances"]["zmp_x_rmse"]["unit"] == "foot length"
 

@@ -10,7 +10,7 @@ from tests.sweep_table import make_table, replaced, write_sweep
 from validation.judge.uncertainty import ABSOLUTE_FLOOR
 from validation.study.compare.report import REPORT
 from validation.study.compare.sweeps import compare_sweeps
-from validation.study.sweep.table import METRIC, SweepTable, wrap_table
+from validation.study.sweep.table import METRIC, SweepTable
 
 LIMITS = {"zmp_x_rmse": 2.5e-3, "zmp_y_rmse": 1.5e-3, "failed_qp": 0.0}
 GRID = {"gait.c_y": [round(0.5 + 0.05 * run, 2) for run in range(10)]}
@@ -32,7 +32,7 @@ def table(**changes) -> pa.Table:
 
 
 def sweep(name: str = "A", rows: slice = slice(None), **changes) -> SweepTable:
-    return wrap_table(table(**changes).take(np.arange(10)[rows]), None, name)
+    return SweepTable(table(**changes).take(np.arange(10)[rows]), None, name)
 
 
 def kinds(*sides) -> list[str]:

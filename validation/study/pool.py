@@ -68,7 +68,9 @@ Options = Mapping[str, Any]
 
 
 def call(data: bytes, limit: float | None, client_code: str) -> Row:
-    """Walk one run on a worker: cloudpickle's bytes of work, options and metrics, and a limit of time [s].
+    """Walk one run on a worker: cloudpickle's bytes of work and options, and a limit of time [s].
+
+    With them come the user's metrics and classes, which are added to those of this process.
 
     Raises:
         StudyStopped: the run cannot be walked here: other code, missing modules, a full disk.
@@ -78,7 +80,15 @@ def call(data: bytes, limit: float | None, client_code: str) -> Row:
     from distributed import get_worker  # slow to load
 
     with _one_at_a_time, open(os.devnull, "w", encoding="utf-8") as nowhere:
-        work, options = _unpacked(data)  # imports do not count
+        try:  # imports do not count as time of the run
+            work, options, metrics, classes = cloudpickle.loads(data)
+            add_metrics(metrics)
+            SENT.update(classes)
+        except Exception as error:
+            raise StudyStopped(
+                f"a worker cannot load a class or module of yours ({type(error).__name__}: {error})",
+                "install what it needs on every worker",
+            ) from error
         worker = get_worker()
         worker.log_event(STARTED, (worker.get_current_task(), worker.address))
         if limit is not None:
@@ -87,20 +97,6 @@ def call(data: bytes, limit: float | None, client_code: str) -> Row:
             return {"worker": str(worker.name), **attempt(work, options)}
         finally:
             faulthandler.cancel_dump_traceback_later()
-
-
-def _unpacked(data: bytes) -> tuple[Work, Options]:
-    """Work and options of a run; the user's metrics and classes are added to those of this process."""
-    try:
-        work, options, metrics, classes = cloudpickle.loads(data)
-        add_metrics(metrics)
-        SENT.update(classes)
-    except Exception as error:
-        raise StudyStopped(
-            f"a worker cannot load a class or module of yours ({type(error).__name__}: {error})",
-            "install what it needs on every worker",
-        ) from error
-    return work, options
 
 
 def attempt(work: Work, options: Options) -> Row:
@@ -142,27 +138,13 @@ _KNOWN = tuple(os.path.realpath(path) + os.sep for path in (*_OURS, *_INSTALLED)
 """Folders of this project's packages, and of what is installed."""
 
 
-@cache
-def _is_users_file(path: str) -> bool:
-    return not os.path.realpath(path).startswith(_KNOWN)
+_real = cache(os.path.realpath)  # asked of every module before each run
 
 
 def users_file(module: Any) -> str | None:
     """File of a loaded module that is neither installed nor of this project; None of any other module."""
     file = getattr(module, "__file__", None) or getattr(module, HIDDEN_FILE, None)
-    return file if file is not None and _is_users_file(file) else None
-
-
-def _packed(work: Work, options: Options) -> bytes:
-    """Work, options, added metrics, and classes that the options name.
-
-    Users' modules are sent by value: workers started elsewhere cannot import them by name.
-    """
-    classes = own_classes(options)  # imports their modules
-    for name, module in list(sys.modules.items()):
-        if name != "__main__" and users_file(module):
-            cloudpickle.register_pickle_by_value(module)
-    return bytes(cloudpickle.dumps((work, dict(options), added_metrics(), classes)))
+    return file if file is not None and not _real(file).startswith(_KNOWN) else None
 
 
 # ------------------------------------------------------------------------------------------ in the client
@@ -205,9 +187,17 @@ class Workers:
         return self._workers
 
     def send(self, work: Work, options: Options) -> str:
-        """Submit a run; returns its name."""
+        """Submit a run, with added metrics and the classes that its options name; returns its name.
+
+        Users' modules are sent by value: workers started elsewhere cannot import them by name.
+        """
+        classes = own_classes(options)  # imports their modules
+        for name, module in list(sys.modules.items()):
+            if name != "__main__" and users_file(module):
+                cloudpickle.register_pickle_by_value(module)
+        data = cloudpickle.dumps((work, dict(options), added_metrics(), classes))
         name = f"ampm-{uuid4().hex}"
-        future = self._client.submit(call, _packed(work, options), self._limit, code_hash(), key=name)
+        future = self._client.submit(call, data, self._limit, code_hash(), key=name)
         self._flying[name] = future
         future.add_done_callback(self._done.put)
         return name

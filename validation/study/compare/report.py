@@ -121,8 +121,7 @@ def _draw(sides: Sequence[Side], name: str) -> Picture:
     shade_double_support(chart, first, middle(sides[0].run), from_zero=True)
     title = f"{'Error of ' if is_error else ''}{SIGNALS[name].label}"
     title = title[0].upper() + title[1:]
-    chart.title, chart.xlabel = f"{title}, {middle_name(first)}", "time since they began [s]"
-    chart.ylabel = f"[{unit}]"
+    chart.name(f"{title}, {middle_name(first)}", f"[{unit}]", "time since they began [s]")
     chart.top = max(chart.top, chart.heading_height() + 4.0)
     caption = "Measured minus planned." if is_error else "Measured; dashed: the plan of each."
     return Picture(charts, f"{title} of all walks", f"{caption} Grey: double support of {sides[0].label}.")

@@ -18,8 +18,6 @@ from validation.judge.uncertainty import rounding
 from validation.study.sweep.table import METRIC, RunState, SweepTable, read_sweep
 from validation.table import Table, Tabled, format_value
 
-Rows = NDArray[np.intp]
-
 TOLERANCE = 0.1
 """Share of its limit by which a metric may grow before that is a regression [1]."""
 KINDS = ("newly failing", "worse", "missing")
@@ -106,7 +104,7 @@ def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> Sw
     return SweepComparison(f"{b.source} against {a.source}", len(rows_a), changes)
 
 
-def join(a: SweepTable, b: SweepTable) -> tuple[Rows, Rows]:
+def join(a: SweepTable, b: SweepTable) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows of the runs that both sweeps have, in the order of the first: either varies nothing else.
 
     Raises:

@@ -74,14 +74,10 @@ def other_cells(quick: bool = False) -> tuple[Cell, ...]:
     """All other disturbances, and errors of sensors, of ``ladders.csv``; ``quick``: every other value."""
     cells = []
     for row in own_rows("study/robustness/ladders.csv"):
-        values = tuple(map(_value, row["values"].split()))
+        units = (text.partition("deg") for text in row["values"].split())  # that of the key, or degrees
+        values = tuple(math.radians(float(text)) if unit else float(text) for text, unit, _ in units)
         cells.append(Cell(row["name"], row["key"], values[1::2] if quick else values))
     return tuple(cells)
-
-
-def _value(text: str) -> float:
-    """A number, in the unit of its key or in degrees."""
-    return math.radians(float(text.removesuffix("deg"))) if text.endswith("deg") else float(text)
 
 
 def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:

@@ -24,7 +24,7 @@ from validation.study.row_file import ROWS, Row
 from validation.study.sweep.design import SweepDefinition, check_classes, dump_sweep, load_sweep
 from validation.study.sweep.report import write_sweep_report
 from validation.study.sweep.schema import walk_columns
-from validation.study.sweep.table import RunState, SweepFile, SweepTable, build_table, key_of, wrap_table
+from validation.study.sweep.table import RunState, SweepFile, SweepTable, build_table, key_of
 from validation.study.walk_options import keep_run, own_classes, walk_request
 from validation.table import Table, Tabled, format_duration
 from validation.trial.plan import Request, check_formula
@@ -52,7 +52,7 @@ def sweep(definition: SweepDefinition | str | Path, **execution: Unpack[Executio
     folder, progress = study_folder(execution), execution.get("progress") or Progress()
     tasks, count, limit = _tasks(definition, folder), len(definition), definition.wall_clock
     rows = walk_many(tasks, count=count, limit=limit, label="sweep", **execution)
-    found = wrap_table(build_table(definition, rows), folder, definition.name)
+    found = SweepTable(build_table(definition, rows), folder, definition.name)
     if folder is None:
         return found
     kept = pa.array(_keep_worst(definition, found, folder, execution), pa.string())
@@ -179,7 +179,7 @@ def forecast(
             break
         except (InputError, RefusedGait) as error:
             rows.append({"key": task.key, **error_columns(error)})
-    refused = wrap_table(build_table(definition, rows), None, definition.name)
+    refused = SweepTable(build_table(definition, rows), None, definition.name)
     walking = round(planned * (1.0 - len(rows) / len(tasks)))
     kept = 0 if definition.recordings == "none" else min(definition.worst, walking)
     workers = min(workers or cores(), planned)

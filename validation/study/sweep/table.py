@@ -93,7 +93,6 @@ class SweepTable(Tabled):
     """One sweep, finished or not."""
 
     table: pa.Table  # one row per run, sorted by `run`; `schema` has the columns
-    metadata: Mapping[str, Any]  # of the table, see `table_metadata`
     directory: Path | None  # the sweep's folder, None if only a file was given
     source: str  # the user's name for it, for messages
 
@@ -102,6 +101,11 @@ class SweepTable(Tabled):
 
     def __contains__(self, name: str) -> bool:
         return name in self.table.column_names
+
+    @cached_property
+    def metadata(self) -> dict[str, Any]:
+        """Of the table, see :func:`table_metadata`."""
+        return json.loads(self.table.schema.metadata[TABLE_METADATA])
 
     @property
     def name(self) -> str:
@@ -351,7 +355,7 @@ def read_sweep(folder: Path | str) -> SweepTable:
         table = build_table(definition, (rows[key] for key in keys if key in rows))
         if not table.num_rows:
             raise InputError(f"the sweep in {folder} has no result yet; wait for its first rows.")
-        return wrap_table(table, folder)
+        return SweepTable(table, folder, str(folder))
     try:
         table = pq.read_table(file, use_threads=False)
     except (pa.ArrowException, OSError) as error:
@@ -362,10 +366,4 @@ def read_sweep(folder: Path | str) -> SweepTable:
             f"{file} is not a table of a sweep of this version: it has no metadata "
             f"{TABLE_METADATA.decode()!r}; remove it, rows.jsonl has its rows."
         )
-    return wrap_table(table, folder)
-
-
-def wrap_table(table: pa.Table, directory: Path | None, source: str = "") -> SweepTable:
-    """A sweep from its table and the table's metadata."""
-    metadata = json.loads(table.schema.metadata[TABLE_METADATA])
-    return SweepTable(table, metadata, directory, source or str(directory))
+    return SweepTable(table, folder, str(folder))
