@@ -70,6 +70,33 @@ def test_another(walked):
     assert (pytester.path / "count").read_text(encoding="utf-8").count("walked") == 2
 
 
+@pytest.mark.slow
+def test_objects_that_were_changed_are_walked_again(run, pytester):
+    pytester.makepyfile(
+        FILE
+        + """
+from dataclasses import dataclass
+import numpy as np
+
+@dataclass
+class Kick:
+    force: np.ndarray
+
+    def apply(self, time, plant):
+        plant.push("chest", self.force)
+
+def test_changed(walked):
+    kick, controller = Kick(np.zeros(3)), {"stabilizer": "stepping"}
+    plain = walked("normal", disturbances=[kick], controller=controller, **COARSE)
+    assert walked("normal", disturbances=[Kick(np.zeros(3))], controller=controller, **COARSE) is plain
+    kick.force[0] = 5.0
+    pushed = walked("normal", disturbances=[kick], controller=controller, **COARSE)
+    assert (pushed.record.external_force[..., 0].max(), plain.record.external_force.max()) == (5.0, 0.0)
+"""
+    )
+    run().assert_outcomes(passed=1)
+
+
 def test_failures_say_what_is_wrong(run, pytester, tmp_path):
     pytester.makepyfile(
         FILE

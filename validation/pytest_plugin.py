@@ -4,8 +4,9 @@
         walked("momentum", controller=MyController, gait={"steps": 10})
         assert_within("default")
 
-A walk is made once in a process for equal inputs. The runs of a failed test are saved with their recordings
-in pytest's folder for temporary files (``--basetemp``). Importing this module loads nothing but pytest.
+A walk is made once in a process for inputs that pickle alike. The runs of a failed test are saved with their
+recordings in pytest's folder for temporary files (``--basetemp``). Importing this module loads nothing but
+pytest.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
     from validation.run.trial import Trial
 
 _WALKED, _PLACE = pytest.StashKey[list["Trial"]](), pytest.StashKey[Path]()
-_walks: list[tuple[tuple[Any, ...], Trial]] = []
-"""Inputs of every walk of this process, and the trial."""
+_walks: dict[bytes, Trial] = {}
+"""Trials of this process by their pickled inputs, as the objects among them may change."""
 
 
 # ------------------------------------------------------------------------------------------- hooks
@@ -98,26 +99,33 @@ def walk_once(
     disturbances: Sequence[Any] = (),
     **sections: Mapping[str, Any],
 ) -> Trial:
-    """Walk as :func:`validation.walk` does, unless equal inputs were walked in this process.
+    """Walk as :func:`validation.walk` does, unless inputs that pickle alike were walked in this process.
+
+    A mapping as the controller is its section. Inputs that cannot be pickled are walked every time.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk, or a user's class fails.
     """
     # Imported here: they load simulator, controller and NumPy.
+    import cloudpickle
+
     from validation.judge.metrics import added_metrics
     from validation.run.walk import walk
     from validation.trial.plan import load_request
 
+    if isinstance(controller, Mapping):
+        sections, controller = {**sections, "controller": controller}, None
     request = load_request(source, sections=sections)
     run, name = request.run, request.name
     options = {"controller": controller, "planner": planner, "disturbances": list(disturbances)}
     inputs = (name, run, run.given, options, added_metrics())
-    for earlier, trial in _walks:
-        if earlier == inputs:
-            return trial
-    trial = walk(run, name=name, **options)
-    _walks.append((inputs, trial))
-    return trial
+    try:
+        key = cloudpickle.dumps(inputs)
+    except Exception:  # of the user's objects
+        return walk(run, name=name, **options)
+    if key not in _walks:
+        _walks[key] = walk(run, name=name, **options)
+    return _walks[key]
 
 
 def _title(trial: Trial) -> str:
