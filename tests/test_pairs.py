@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from markupsafe import Markup
 
@@ -124,6 +125,11 @@ def test_which_side_is_better(values, doubt, better):
     assert room.better == better
 
 
+def test_a_limit_of_zero_is_kept_by_zero_alone():
+    row = MetricRow(JUDGED, "failed_qp", "unsolved QPs", "1", (0.0, 2.0, math.nan), 0.0, (0.0, 0.0, 0.0))
+    np.testing.assert_array_equal(row.used, [0.0, math.inf, math.nan])
+
+
 def changed(side: Side, metrics: dict[str, float] | None = None, **summary) -> Side:
     """A side with other metrics, in SI units, and other entries of its summary."""
     entries = dict(side.run.summary["metrics"])
@@ -146,7 +152,7 @@ def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limit
     said = comparison_of([a, spent]).sentence
     assert re.match(r"smooth tracks the ZMP best along x \(.*\), other tracks the ZMP best along y \(", said)
     assert "other takes 12 % more torque than smooth and uses 2.5 times the friction of smooth;" in said
-    assert "other exceeded 1 of 12 limits (ground force, RMS error along x, " in said
+    assert "other exceeded 1 of 13 limits (ground force, RMS error along x, " in said
     nan = dict.fromkeys(("zmp_x_rmse", "zmp_y_rmse"), math.nan)
     said = comparison_of([a, changed(b, nan, margins={**margins, "torque": None, "friction": None})]).sentence
     assert said.startswith("smooth and other have no errors of the ZMP to compare. No difference in mech")

@@ -74,6 +74,11 @@ def test_every_run_is_drawn_in_the_colour_of_its_state(folder):
     assert sorted(drawn.tolist()) == sorted(used[sweep.measured].tolist())
 
 
+def test_axes_have_the_units_of_their_keys():
+    table = make_table(9, failures=False, vary={"controller.com_stiffness": (20.0, 30.0)})
+    assert draw_sweep(sweep_of(table))[1].charts[0].xlabel == "controller.com_stiffness [1/s^2]"
+
+
 def test_texts_and_infinities():
     sweep = sweep_of(make_table(failures=False, grid=GRID))
     headings = [row[0] for row in sweep_metric_table(sweep).rows if is_heading(row)]

@@ -162,7 +162,7 @@ class MetricRow(NamedTuple):
     def used(self) -> list[float]:
         """Shares of the limits, NaN where there is none, infinite beyond a limit of zero."""
         pairs = zip(self.values, self.limits, strict=True)
-        return [value / limit if limit else math.inf * (value > 0.0) or 0.0 for value, limit in pairs]
+        return [value / limit if limit else value and value * math.inf for value, limit in pairs]
 
 
 @dataclass(frozen=True)
@@ -277,7 +277,8 @@ class WalkComparison(Tabled):
         notes = [
             f"A difference counts if it is larger than the doubt: {self.basis}. Smaller is better, except "
             "for margins, distances and flexion.",
-            "The first step is left out. Each walk is compared with its own plan.",
+            "The first step of a plan is left out, unless it begins at rest. Each walk is compared with its "
+            "own plan.",
         ]
         if self.unlike:
             notes.append(

@@ -74,11 +74,13 @@ def draw_sweep(sweep: SweepTable) -> list[Picture]:
 
 def _axis(sweep: SweepTable, key: str) -> Axis:
     """A varied parameter; texts are numbered."""
-    values, unit = sweep.values(key), sweep.unit(key).replace("1", "")
+    values, unit = sweep.values(key), sweep.unit(key)
     if values.dtype.kind != "U":
-        return Axis(f"{key} [{unit}]" if unit else key, values.astype(float))
-    names, places = np.unique(values, return_inverse=True)
-    return Axis(key, places.astype(float), {name: float(place) for place, name in enumerate(names.tolist())})
+        return Axis(key if unit == "1" else f"{key} [{unit}]", values.astype(float))
+    found, places = np.unique(values, return_inverse=True)
+    names = [name.rpartition(":")[2] for name in found.tolist()]  # of classes without their modules
+    names = names if len({*names}) == len(names) else found.tolist()
+    return Axis(key, places.astype(float), {name: float(place) for place, name in enumerate(names)})
 
 
 def _metrics(sweep: SweepTable) -> list[Axis]:
@@ -103,7 +105,7 @@ def _scatter(x: Axis, y: Axis, groups: Groups) -> Picture:
         chart.line([np.nan], [np.nan], color, 3.0, label=name)  # for the legend
         chart.dots(x.values[mine], y.values[mine], color, float(size))
     low, high = chart.limits()
-    margin = 0.05 * (high - low)[0]
+    margin = 0.5 if x.ticks else 0.05 * (high - low)[0]
     chart.xlim = float(low[0] - margin), float(high[0] + margin)
     chart.xticks, chart.yticks = dict(x.ticks), dict(y.ticks)
     (name, _, unit), (over, *_) = y.label.partition("["), x.label.partition(" [")
