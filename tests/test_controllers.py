@@ -44,6 +44,7 @@ def test_a_controller_has_one_name_wherever_it_comes_from(installed):
     assert [*map(CONTROLLER.name_of, (JointPD, Refined))] == [JOINT_PD, f"{__name__}:Refined"]
     with pytest.raises(InputError, match="no_such_module:Controller' cannot be imported"):
         CONTROLLER.find("broken")
+    assert users.load_object("--metric", "docs.examples.joint_pd:JointPD.update") is JointPD.update
 
 
 def test_tsid_walks_on_flat_feet():

@@ -123,6 +123,9 @@ def test_gaps_are_left_out_and_said(folder, summary, table):
     assert any("3 gaps of 0.75 s in all, the longest 0.25 s" in note for note in trial.table().notes)
     assert value(trial, "zmp_x_rmse") == pytest.approx(summary["metrics"]["zmp_x_rmse"]["value"], rel=0.3)
     assert trial.verdict.passed
+    few = np.r_[0:600, 600 : len(gone) : 4]
+    trial = val.judge_log({name: values[few] for name, values in table.items()}, folder, start=0.0)
+    assert "Every row counts alike: give a log of one rate if it has several." in trial.table().notes
 
 
 def test_feet_and_sensors_give_the_same_zmp(folder, table):
@@ -357,6 +360,7 @@ def test_what_a_log_lacks_is_named_and_has_a_status_of_its_own(folder, table, tm
         "time;force_z\n0,25;700\n0,5;-1,5e3\n",
         "# walk 12\n# of a robot\ntime;force_z\n0.25;700\n0.5;-1500\n",
         "time\tforce_z\n0.25\t700\n0.5\t-1500\n",
+        "time\tforce_z\n0,25\t700\n0,5\t-1500\n",
         "time, force_z\r\n0.25, 700\r\n0.5, -1500\r\n",
     ],
 )

@@ -89,9 +89,22 @@ def test_comparison(drop, tmp_path, ampm):
     assert ampm("compare", folder, folder, "--json").json["metrics"][drop.name]["label"] == drop.label
 
 
+def test_a_run_is_not_judged_by_a_metric_that_it_lacks(drop, tmp_path, ampm):
+    folder = make_run(tmp_path / "run")
+    register(replace(drop, name="later"))
+    try:
+        assert "has no values of later; walk it again with --metric." in ampm("judge", folder).err
+    finally:
+        unregister("later")
+
+
 def test_one_that_fails_names_itself_and_one_without_an_instant_is_not_measured(drop):
     assert math.isnan(named(verdict_of(compared(perfect_walk(count=40)), DEFAULT), drop.name).value)
-    for change in ({"compute": lambda walk: walk.nonsense}, {"compute": sys.exit}):
+    for change in (
+        {"compute": lambda walk: "1"},
+        {"compute": lambda walk: walk.nonsense},
+        {"compute": sys.exit},
+    ):
         register(replace(drop, name="broken", **change))
         try:
             with pytest.raises(InputError, match="broken"):

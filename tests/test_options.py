@@ -68,6 +68,8 @@ def test_the_later_value_of_an_option_counts_wherever_it_stands(tmp_path):
     assert run.controller.options == {"gain": 3}
     assert run.replace({"controller.name": f"{SOFT},gain=4"}).controller.options == {"gain": 4}
     assert run.replace({"controller.options": {"mode": "x"}}).controller.options == {"mode": "x"}
+    request = load_request("normal", [f"controller.name={SOFT},gain=3"])
+    assert request.title == f"normal, controller.name {SOFT}, controller.options.gain 3"
 
 
 def test_options_reach_a_class_given_in_python_and_the_saved_run_keeps_them(tmp_path):
@@ -93,7 +95,7 @@ def test_a_planner_is_made_once(monkeypatch):
     monkeypatch.setattr(Slow, "__init__", counted)
     request = load_request("normal", [f"gait.planner='{SLOW}'", "planner.options.slope=0.9"])
     assert made == []
-    plan_walk(request)
+    assert plan_walk(request).planner == "Slow"  # whose name is that of the planner that it extends
     assert made == [0.9]
 
 

@@ -263,7 +263,7 @@ def with_uncertainty(value: float | str | None, uncertainty: float | str | None)
 def format_share(value: float | str | None, limit: float | None) -> str:
     """How much of a limit a value uses, for a column :data:`USED`; empty where there is none."""
     number = math.nan if value is None else float(value)
-    if math.isnan(number) or not limit:
+    if math.isnan(number) or not limit or limit < 0.0:
         return ""
     share = number / limit
     return f"{100.0 * share:.0f} %" if share < 100.0 else "> 10000 %"

@@ -301,8 +301,8 @@ def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
         tried=tried,
         values=best.values,
         reason="no_periodic_motion",
-        value=0.0,
-        limit=0.0,
+        value=math.nan,
+        limit=math.nan,
         unit="1",
     )
 

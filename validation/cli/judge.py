@@ -75,6 +75,7 @@ def judge(
     ampm judge runs/walk --profile strict
     """
     from ampm.exceptions import InputError
+    from validation.judge.metrics import added_metrics
     from validation.run.judge_log import judge_log, judge_run
     from validation.store.folders import check_run_folder
 
@@ -93,7 +94,10 @@ def judge(
         if used:
             said = ", ".join(f"--{name}" for name in used).replace("settings", "set")
             raise InputError(f"{log} is the folder of a run; {said} is for a table of signals.")
-        return show(judge_run(log, profile).summary, log)
+        summary = judge_run(log, profile).summary
+        if lacking := ", ".join(sorted({item.name for item in added_metrics()} - summary["metrics"].keys())):
+            raise InputError(f"{log} has no values of {lacking}; walk it again with --metric.")
+        return show(summary, log)
     narrator = Narrator()
     target = result.folder(log.stem)
     check_run_folder(target, force=result.force)

@@ -195,6 +195,7 @@ def print_result(summary: Mapping[str, Any], folder: Path) -> None:
 
     print_tables([metric_table(summary), cost_table(summary)])
     failed = status_of(summary) in (Status.OUT_OF_TOLERANCE, Status.NOT_COMPLETED) and "log" not in summary
+    failed = failed and summary["outcome"] != "crashed"  # whose sentence says why
     here = quote(str(folder))
     why = f" ampm explain {here} says why." if failed else ""
     word = f"{summary_title(summary)}: {summary['verdict'].replace('_', ' ').upper()}"

@@ -32,6 +32,7 @@ from validation.trial.users import SUFFIXES, read_columns
 
 _OF_WALKS = frozenset({"controller", "disturbance", "sensors", "simulation", "contact"})  # sections
 _KNOWN = 0.5  # of the larger share: a log that has less of one kind of phase cannot be judged in it [1]
+_OFTEN = 0.05  # of the rows that precede a gap, from which the log may have several rates [1]
 LEAST_JUDGED = 0.5
 """Duration that a log must share with the judged steps of a plan, about that of a step [s]."""
 
@@ -68,6 +69,11 @@ def judge_log(
         MathematicalRefusal, BodilyRefusal: there is no such plan.
     """
     progress, seconds = progress or Progress(), dict[str, float]()
+    if strides and not start is place is None:
+        raise InputError(
+            f"--start {start} and --place {place} have no effect with --strides, which averages strides "
+            "from anywhere; leave them out."
+        )
     if not np.isfinite([start or 0.0, *(place or ())]).all():
         raise InputError(f"--start {start} and --place {place} must be finite; leave out what to find.")
     request = _request(plan, settings)
@@ -181,6 +187,8 @@ def _aligned(
     if log.gaps:
         gaps = f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s"
         notes.append(f"{gaps}, are left out.")
+        if len(log.gaps) > _OFTEN * log.time.size:
+            notes.append("Every row counts alike: give a log of one rate if it has several.")
     if log.unsupported:
         notes.append(log.unsupported)
     if strides:
@@ -193,8 +201,6 @@ def _aligned(
             f"{plan.constants.mean_velocity:.3g} m/s. Standard deviation of the force between strides, "
             f"x/y/z: {spread} % of body weight."
         )
-        if start is not None:
-            raise InputError(f"--start {start:g} has no effect with --strides; leave out one of them.")
     else:
         if start is None:
             start, facts["correlation"] = find_start(log, plan)

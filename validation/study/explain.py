@@ -310,6 +310,8 @@ def _saved_case(folder: Path) -> Case:
     made = saved.summary.get("planner")
     if saved.is_log:
         raise InputError(f"{folder} is a log, which cannot be walked again; give the folder of a run.")
+    if record.outcome.name is OutcomeName.CRASHED:
+        raise InputError(f"{folder} cannot be explained. {record.outcome.ending} Correct that class.")
     ours = (None, "footsteps" if request.run.footsteps else "")
     if request.run.gait.planner == "ampm" and made not in ours:
         raise InputError(f"{folder} lacks its planner {made}, an object; name its class by gait.planner.")

@@ -19,10 +19,19 @@ import numpy as np
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError, RefusedGait
-from ampm.parameters import HUMAN, NO_PLAN, OPEN_KEYS, BodyParameters, CommandParameters, RunParameters
+from ampm.parameters import (
+    HUMAN,
+    NO_PLAN,
+    OPEN_KEYS,
+    OPTION_TABLES,
+    BodyParameters,
+    CommandParameters,
+    RunParameters,
+)
 from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, leaves_open, load_run
+from ampm.section import parse_setting
 from ampm.sensor_parameters import EXACT
 from validation.progress import Progress
 from validation.trial import users
@@ -180,7 +189,10 @@ def load_request(
     name = path.resolve().parent.name if path.name == "run.toml" else path.stem
     if gait is not None and gait in PRESETS:  # a dot in a preset's name begins no suffix
         name = gait
-    keys = dict.fromkeys(setting.partition("=")[0].strip() for setting in settings)
+    keys = dict(map(parse_setting, settings))
+    for options, key in OPTION_TABLES.items():
+        if "," in str(keys.get(key)):
+            keys |= {f"{options}.{option}": value for option, value in run.value(options).items()}
     return Request(name, run, {key: run.value(key) for key in keys if key not in _SHOWN})
 
 
@@ -277,6 +289,8 @@ def plan_walk(
     says = vars(type(planner))  # see ampm.walk.Planner
     tunes, checked = says.get("tunes", False), says.get("checked", False)
     name = str(getattr(planner, "name", type(planner).__name__))
+    if not checked and name in users.PLANNER.known:  # of a user's class that has another use for it
+        name = type(planner).__name__
     commanded = any(key.startswith("command.") for key in request.changed)
     if (commanded or run.command != CommandParameters()) and name != NO_PLAN and checked:
         raise InputError(

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import entry_points
+from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any
@@ -95,7 +96,7 @@ def load_object(option: str, text: str) -> Any:
     here = str(Path.cwd())
     sys.path.insert(0, here)
     try:
-        return getattr(import_module(module), name)
+        return attrgetter(name)(import_module(module))
     except (Exception, SystemExit) as error:
         similar = nearest(name, vars(sys.modules.get(module, object)))
         way_out = f"did you mean {module}:{similar}?" if similar else "mend it."
@@ -270,8 +271,8 @@ def replan_period(planner: Any) -> float:
 def read_columns(path: Path) -> dict[str, NDArray[Any]]:
     """Columns of a table by name, shape (N,) each; an empty cell is NaN, or None among texts.
 
-    Columns of CSV are parted as in its first line, by commas, semicolons (then with decimal commas, too) or
-    tabs; lines before it that begin with # are skipped. Raises :class:`InputError` if it has another suffix,
+    Columns of CSV are parted as in its first line, by commas, semicolons or tabs (then with decimal commas,
+    too); lines before it that begin with # are skipped. Raises :class:`InputError` if it has another suffix,
     or is missing or no such table.
     """
     # Imported here: pyarrow is slow to load.
@@ -290,14 +291,15 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
             text = read_text(path, LARGEST_TABLE)
             while text.startswith("#"):  # comments of a logger
                 text = text.partition("\n")[2]
-            between = max(",;\t", key=text.partition("\n")[0].count)
+            head, _, rows = text.partition("\n")
+            between = max(",;\t", key=head.count)
             table = pyarrow.csv.read_csv(
                 io.BytesIO(text.encode()),
                 # A thread that still reads would abort a process that ends early.
                 read_options=pyarrow.csv.ReadOptions(use_threads=False),
                 parse_options=pyarrow.csv.ParseOptions(delimiter=between),
                 convert_options=pyarrow.csv.ConvertOptions(
-                    decimal_point="," if between == ";" and "," in text else "."
+                    decimal_point="," if between != "," in rows and "." not in rows else "."
                 ),
             )
         table = table.rename_columns([name.strip() for name in table.column_names])
