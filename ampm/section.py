@@ -206,7 +206,7 @@ def parse_setting(setting: str) -> tuple[str, Any]:
     """Key and value of a ``key=value`` text: TOML where it is TOML, else a number, else the text itself."""
     key, equals, text = (part.strip() for part in setting.partition("="))
     if not (key and equals):
-        way_out = f"write {key or 'gait.c_s'}={text or 'VALUE'}"
+        way_out = "write for example gait.c_s=1.2, or gain=2 of an option"
         why = "no key=value pair" if not equals else "without a key before ="
         raise InputError(f"the setting {setting!r} is {why}; {way_out}.", value=setting, way_out=way_out)
     try:
