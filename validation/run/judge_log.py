@@ -70,10 +70,7 @@ def judge_log(
     """
     progress, seconds = progress or Progress(), dict[str, float]()
     if strides and not start is place is None:
-        raise InputError(
-            f"--start {start} and --place {place} have no effect with --strides, which averages strides "
-            "from anywhere; leave them out."
-        )
+        raise InputError(f"--strides takes no --start ({start}) and no --place ({place}); leave them out.")
     if not np.isfinite([start or 0.0, *(place or ())]).all():
         raise InputError(f"--start {start} and --place {place} must be finite; leave out what to find.")
     request = _request(plan, settings)
