@@ -20,7 +20,7 @@ from trials import write_rows
 from ampm.presets import PRESETS
 from ampm.run_file import key_info
 from benchmarks.page import replace_between
-from validation.judge.metrics import METRICS, metric_label
+from validation.judge.metrics import METRICS
 from validation.judge.uncertainty import rounding
 from validation.judge.verdict import MetricResult
 from validation.study.convergence.result import Convergence
@@ -83,7 +83,7 @@ def _laws(gait: str, found: Convergence) -> tuple[str, ...]:
             "fell" if math.isnan(worst[0]) else format_number(worst[0], 2),
         ]
     undecided = [
-        metric_label(item.name)
+        METRICS[item.name].label
         for item in found.metrics.values()
         if item.tolerance is not None
         and item.spread is not None
@@ -99,7 +99,7 @@ def _table(studies: Mapping[str, Convergence]) -> Table:
         first, *others = (found.metrics[name] for found in studies.values())
         limit = "" if first.tolerance is None else f"{first.tolerance * first.factor:.3g}"
         values = (item.quoted for item in (first, *others))
-        rows.append((f"{metric_label(name)} [{short_unit(first.display_unit)}]", limit, *values))
+        rows.append((f"{METRICS[name].label} [{short_unit(first.display_unit)}]", limit, *values))
     return Table("", ("metric", ">limit", *(f">`{gait}`" for gait in studies)), rows)
 
 
