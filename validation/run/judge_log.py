@@ -69,7 +69,7 @@ def judge_log(
         MathematicalRefusal, BodilyRefusal: there is no such plan.
     """
     progress, seconds = progress or Progress(), dict[str, float]()
-    if strides and not start is place is None:
+    if strides and (start is not None or place is not None):
         raise InputError(f"--strides takes no --start ({start}) and no --place ({place}); leave them out.")
     if not np.isfinite([start or 0.0, *(place or ())]).all():
         raise InputError(f"--start {start} and --place {place} must be finite; leave out what to find.")

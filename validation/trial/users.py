@@ -3,6 +3,7 @@
 import inspect
 import io
 import math
+import re
 import sys
 import traceback
 from collections.abc import Callable, Mapping
@@ -299,7 +300,7 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
                 read_options=pyarrow.csv.ReadOptions(use_threads=False),
                 parse_options=pyarrow.csv.ParseOptions(delimiter=between),
                 convert_options=pyarrow.csv.ConvertOptions(
-                    decimal_point="," if between != "," in rows and "." not in rows else "."
+                    decimal_point="," if between != "," and re.search(r"\d,\d", rows) else "."
                 ),
             )
         table = table.rename_columns([name.strip() for name in table.column_names])
