@@ -307,14 +307,10 @@ def _saved_case(folder: Path) -> Case:
     if not os.access(folder, os.W_OK):
         raise InputError(f"{folder} gets the explanation and cannot be written; copy it to another place.")
     request, record = load_request(str(folder / RunFile.RUN)), saved.record
-    made = saved.summary.get("planner")
     if saved.is_log:
         raise InputError(f"{folder} is a log, which cannot be walked again; give the folder of a run.")
     if record.outcome.name is OutcomeName.CRASHED:
         raise InputError(f"{folder} cannot be explained. {record.outcome.ending} Correct that class.")
-    ours = (None, "footsteps" if request.run.footsteps else "")
-    if request.run.gait.planner == "ampm" and made not in ours:
-        raise InputError(f"{folder} lacks its planner {made}, an object; name its class by gait.planner.")
     if not record.external_segments:
         return Case(request, saved.summary["profile"])
     run = request.run.replace({f"disturbance.push_{axis}": 0.0 for axis in "xyz"})

@@ -273,6 +273,7 @@ def plan_walk(
     from ampm.planners import FootstepPlanner
     from ampm.walk import WalkPlan
 
+    is_object = planner is not None
     if planner is None:
         planner = users.load_planner(run.gait.planner, run.planner.options)
         if run.footsteps and run.gait.planner == "ampm":
@@ -291,6 +292,10 @@ def plan_walk(
     name = str(getattr(planner, "name", type(planner).__name__))
     if not checked and name in users.PLANNER.known:  # of a user's class that has another use for it
         name = type(planner).__name__
+    if is_object:
+        of_class = name if name in users.PLANNER.known else users.PLANNER.name_of(planner)
+        run = run.replace({"gait.planner": of_class})
+        request = replace(request, run=run)
     commanded = any(key.startswith("command.") for key in request.changed)
     if (commanded or run.command != CommandParameters()) and name != NO_PLAN and checked:
         raise InputError(
