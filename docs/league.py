@@ -140,16 +140,17 @@ def draw(rows: Sequence[Row], path: Path) -> None:
                     s=90.0 * share,
                     **looks[row["planner"]],
                 )
-        axes.set(title=task, yscale="log")
+        axes.set(title=task, yscale="log", xmargin=0.1)
     for axes in plots[len(tasks) :]:
         axes.set_axis_off()
     for axes in plots[len(tasks) - columns : len(tasks)]:
         axes.set_xlabel("cost of transport [1]")
         axes.tick_params(labelbottom=True)
     for axes in plots[::columns]:
-        axes.set_ylabel("ZMP error ahead [mm]")
+        axes.set_ylabel("ZMP error, 0.1 s ahead [mm]")
     handles = [plots[0].scatter([], [], s=90.0, **look) for look in looks.values()]
-    figure.legend(handles, list(looks), loc="outside lower center", ncols=len(looks))
+    said = "area of a mark: share of the walks that survived"
+    figure.legend(handles, list(looks), loc="outside lower center", ncols=-(-len(looks) // 2), title=said)
     save_figure(figure, path)
 
 

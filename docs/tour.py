@@ -99,12 +99,12 @@ def print_endings() -> None:
                 size = f"{100 * int(np.linalg.norm(push.force) // 100)} N or more"
                 for key in (kind, size):
                     hits[body, force, key] += 1
-                    falls[body, force, key] += walk["outcome"] in ("fell", "diverged") and push is before[-1]
+                    falls[body, force, key] += walk["outcome"] != "completed" and push is before[-1]
     rows = [
         (*key, str(hits[key]), str(falls[key]), f"{100.0 * (1.0 - falls[key] / hits[key]):.0f}")
         for key in sorted(hits)
     ]
-    print_tables([Table("punches", ("body", ">force", "punch", ">number", ">falls", ">survived [%]"), rows)])
+    print_tables([Table("punches", ("body", ">force", "punch", ">number", ">ends", ">survived [%]"), rows)])
 
 
 def _cell(value: object) -> str:
