@@ -29,7 +29,15 @@ _OP3 = {
     },
     "damping": {".*": 0.1},  # a tenth of the model's
 }
-_H1 = {"sole": dict(heel=-0.035, front=0.14, bottom=-0.07, heel_half_width=0.03, front_half_width=0.03)}
+_H1 = {
+    "sole": {
+        "heel": -0.035,
+        "front": 0.14,
+        "bottom": -0.07,
+        "heel_half_width": 0.03,
+        "front_half_width": 0.03,
+    }
+}
 _ICUB = {"gyration": {"._wrist_1": 0.05}, "armature": {"._wrist_prosup": 0.0005}}
 _ROMEO = {
     "sole": tomllib.loads(body_path("romeo").read_text(encoding="utf-8"))["body"]["sole"]

@@ -164,6 +164,8 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
     speeds: dict[str, float] = {}
     try:
         text = path.read_text(encoding="utf-8")
+        if "<sdf" in text:
+            raise ValueError("it is SDF, which is not read; give URDF or MJCF")
         if "<robot" in text:
             tree = ET.fromstring(text)
             speeds = _readable_urdf(tree)
@@ -214,14 +216,17 @@ def _check_numbers(model: mujoco.MjModel) -> None:
                 row = int(large.argmax())
                 thing = getattr(model, what)(int(model.dof_jntid[row]) if name.startswith("dof") else row)
                 quantity = name.partition("_")[2]
-                raise ValueError(f"{quantity} of the {what} {thing.name!r} is {getattr(thing, quantity)}")
+                value = ", ".join(f"{number:g}" for number in np.ravel(getattr(thing, quantity)))
+                told = f"{quantity} of the {what} {thing.name!r} is {value}"
+                raise ValueError(f"{told} and must be a number of at most {_LARGEST:g} in SI units")
 
 
 def _readable_urdf(tree: ET.Element) -> dict[str, float]:
     """Refuse what MuJoCo reads in another way, and say how it is to read the rest; speed limits.
 
     Raises:
-        ValueError: a name stands twice, not all links hang on one, or a limit is negative or out of order.
+        ValueError: a name stands twice, not all links hang on one, or a mass or limit is negative or out of
+            order.
     """
     for kind in ("link", "joint"):
         names = [element.get("name", "") for element in tree.findall(kind)]
@@ -231,6 +236,11 @@ def _readable_urdf(tree: ET.Element) -> dict[str, float]:
     roots = [link.get("name", "") for link in tree.findall("link") if link.get("name") not in children]
     if len(roots) > 1:
         raise ValueError(f"links that hang on no joint: {', '.join(roots)}; keep one")
+    for link in tree.findall("link"):
+        for mass in link.iterfind("inertial/mass"):
+            if not float(mass.get("value", 0.0)) >= 0.0:
+                told = f"mass of the link {link.get('name')!r} is {mass.get('value')} kg"
+                raise ValueError(f"{told} and must be 0 or more")
     speeds = {}
     for joint in tree.findall("joint"):
         for limit in joint.findall("limit"):

@@ -185,7 +185,10 @@ class Tree:
             if (kind == _FREE and not self.segments) or self._is_locked(name):
                 continue
             if kind != _HINGE:
-                raise InputError(f"the joint {name!r} is not a hinge; lock it, or take another model.")
+                raise InputError(
+                    f"the joint {name!r} is not a hinge; lock it if it is outside the legs, or take another "
+                    "model."
+                )
             limits = tuple(model.jnt_range[j]) if model.jnt_limited[j] else (-math.inf, math.inf)
             low, high = by_pattern(file.range, name, limits)
             hinges.append(

@@ -95,6 +95,12 @@ def test_a_plan_begins_on_the_way_with_a_com_that_jumped(walk):
     np.testing.assert_allclose(state, at, atol=1e-12)
 
 
+def test_a_plan_may_be_made_anew_at_its_first_instant(walk):
+    found, times = made(samples_of(walk, 0.0), contacts=walk.contacts, after=walk), [0.0, 0.3, NOW]
+    for now, before in zip(found.feet.sample(times), walk.feet.sample(times), strict=True):
+        np.testing.assert_allclose(now.position, before.position, atol=1e-12)
+
+
 def test_what_is_left_out_follows_from_the_rest(walk):
     samples = samples_of(walk, NOW)
     rate, moment = walk.gravity / walk.com_height, walk.sample(samples["times"]).moment

@@ -54,6 +54,7 @@ def test_every_figure_of_the_page_is_a_file_with_its_caption(run_dir, page, tmp_
     cited = (out / "cite.txt").read_text(encoding="utf-8").strip()
     assert str(Markup.escape(cited)) in page
     assert cited.startswith("Run of 4 steps, gait normal, ")
+    assert cited.count("planner") == 1
     assert re.search(r"sha256 = {[0-9a-f]{64}}", (out / "cite.bib").read_text(encoding="utf-8"))
 
 

@@ -14,7 +14,7 @@ def joined(old: FeetPlan, new: FeetPlan, begin: float, landed: float) -> FeetPla
     Args:
         old: motion until then.
         new: motion from then on, with the same feet on the floor at that instant.
-        begin: the instant, after the begin of both [s].
+        begin: the instant, not before the begin of both [s].
         landed: when the foot lands that swings, or the next one if none does [s].
     """
     left = _joined(old.left, new.left, begin, landed)
@@ -26,7 +26,7 @@ def _joined(old: FootPath, new: FootPath, begin: float, landed: float) -> FootPa
     kept, row = old.start < begin, int(new.segments(np.array([begin]))[0])
     start = np.maximum(new.start[row:], begin)
     curves = shift(new.curve[row:], start - new.start[row:])
-    last = slice(int(kept.sum()) - 1, int(kept.sum()))
+    last = slice(max(int(kept.sum()) - 1, 0), max(int(kept.sum()), 1))  # the segment in force
     gap = shift(old.curve[last], begin - old.start[last])[0] - curves[0]
     values = gap[:, :3].T * np.array([[1.0], [1.0], [2.0]])  # with rates and accelerations
     fade = np.zeros_like(gap)

@@ -61,7 +61,7 @@ def plan(
     gait: str | None = options.GAIT,
     *,
     walk: options.WalkOptions,
-    no_body: bool = option("--no-body", "Closed form alone, no soles or joints, mean L_y 0; implies --as-is."),
+    no_body: bool = option("--no-body", "Closed form alone: no soles, no joints, mean L_y 0; as --as-is."),
     length: options.Length,
     as_json: bool = options.JSON,
     files: Files,

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from ampm.body.feasibility import joint_groups
 from ampm.body.robot import Robot
-from ampm.exceptions import RefusedGait
+from ampm.exceptions import BodilyRefusal, RefusedGait
 from ampm.parameters import GRAVITY, NO_PLAN, BodyParameters, RunParameters
 from ampm.planners import StandingPlanner
 from ampm.tune.gait_limits import step_torques
@@ -76,7 +76,10 @@ def check(source: str, settings: tuple[str, ...] = (), progress: Progress | None
         facts["largest tilt of pelvis or trunk, as planned"] = (tilt.value, "rad")
         notes += tilt_warnings(tilt.value, tilt.where)
         with progress.stage("standing"):
-            refusal = _standing_refusal(walk)
+            try:
+                refusal = _standing_refusal(walk)
+            except BodilyRefusal as error:  # steps bend the joints otherwise, so that it may walk
+                notes.append(f"It does not stand with its COM as high as in the walk: {error.args[0]}.")
     except RefusedGait as error:
         refusal = str(error)
         values = error.values if isinstance(error, NoFeasibleChoice) else {}

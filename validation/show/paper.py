@@ -13,6 +13,7 @@ from validation.store.folders import check_target, output_file
 from validation.store.json import dump_json
 from validation.store.saved import SavedRun, digests
 from validation.table import Table, tex
+from validation.trial.plan import gait_title
 
 FORMATS, TABLES = ("pdf", "svg", "pgf"), ("tex", "md", "csv")
 """Formats of figures and of tables."""
@@ -81,7 +82,9 @@ def cite_run(saved: SavedRun) -> Citation:
     body = f"{Path(run.body.source).stem}, {run.body.height:.3g} m, {saved.record.mass:.3g} kg"
     names = f"planner {summary.get('planner') or 'ampm'}, controller {summary.get('controller') or 'ampm'}"
     what = "Log beside" if saved.is_log else f"Run of {saved.record.outcome.steps_completed} steps,"
-    text = f"{what} gait {saved.title}, body {body}, {names}, {run.simulation.engine}"
+    changed = {key: value for key, value in summary.get("changed", {}).items() if key != "body.source"}
+    gait = gait_title(summary["gait"], changed)
+    text = f"{what} gait {gait}, body {body}, {names}, {run.simulation.engine}"
     return cite(text, summary["environment"], digest_of(saved))
 
 

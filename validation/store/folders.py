@@ -46,11 +46,15 @@ def check_target(
             raise InputError(f"{target} is a file, not a folder; give another folder.")
         return
     entries = {entry.name for entry in target.iterdir()}
-    if entries and not force:
-        raise InputError(f"{target} exists and is not empty; give another folder, or {way_out}.")
-    foreign = [] if known is None else sorted(entries - set(known))
-    if foreign or (entries and marks and not entries & set(marks)):
+    if not entries:
+        return
+    foreign, holds = [] if known is None else sorted(entries - set(known)), ""
+    if foreign or (marks and not entries & set(marks)):
         holds = f"holds {foreign[0]!r}, which no {what} writes" if foreign else f"holds no {what}"
+    if not force:
+        other = "" if holds else f", or {way_out}"
+        raise InputError(f"{target} exists and is not empty; give another folder{other}.")
+    if holds:
         raise InputError(f"{target} {holds}, so it is never replaced; give another folder.")
 
 

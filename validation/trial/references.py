@@ -81,7 +81,7 @@ class References(Course):
         self.step_ends, self.total = step_ends, total
         if not ticks.size:  # the walk ends here
             return
-        with UsersCode("planner", self.planner or type(plan.posture)):
+        with UsersCode("planner", self.planner or type(plan.posture), walking=bool(self.plans)):
             self.table = self._sampled(plan, ticks)
             instants = ticks if self.plans else np.arange(total)
             frozen = FrozenPlan.of(plan, instants * self.time_step, exact=not self.plans)
@@ -91,7 +91,7 @@ class References(Course):
         self.plans.append(frozen)
         self.since.append(self._tick)
         if self.controller is not None and hasattr(self.controller, "follow"):
-            with UsersCode("controller", self.controller):
+            with UsersCode("controller", self.controller, walking=True):
                 self.controller.follow(plan, self.timing)
 
     def replan(self, time: float, state: State, touch: Touch) -> None:
@@ -101,7 +101,7 @@ class References(Course):
         if self.period:
             self._due = (math.floor(time / self.period + 1e-9) + 1) * self.period
         valid = self.plans[-1].plan
-        with UsersCode("planner", self.planner):
+        with UsersCode("planner", self.planner, walking=True):
             plan = self.planner.replan(time, state, touch, valid)
             if plan is None or plan is valid:
                 return

@@ -205,13 +205,13 @@ class ClosedLoop:
         estimator: Estimator | None = None,
         disturbances: Sequence[Disturbance] = (),
     ) -> None:
-        self.disturbances = [(item, UsersCode("disturbance", item)) for item in disturbances]
+        self.disturbances = [(item, UsersCode("disturbance", item, walking=True)) for item in disturbances]
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
         pushes = [item for item in disturbances if isinstance(item, Push)]
         for segment in (run.disturbance.push_segment, *(push.segment for push in pushes)):
             self.plant.segment(segment)  # refused before the walk, the run's also without a force
         self.physics, self.controller, self.course = physics, controller, course
-        self.users_code = UsersCode("controller", controller)
+        self.users_code = UsersCode("controller", controller, walking=True)
         self.done, self.stepped = 0, list[SteppedTick]()
         self._steps = controller if isinstance(controller, TrackingController) else None
         robot, fault = physics.robot, run.disturbance

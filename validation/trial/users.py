@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import ampm
-from ampm.exceptions import AmpmError, InputError, words_of
+from ampm.exceptions import AmpmError, InputError, SolverError, words_of
 from ampm.files import LARGEST_TABLE, check_columns, read_file, read_text
 from ampm.parameters import NO_PLAN, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
@@ -45,17 +45,21 @@ class UsersError(InputError):
 
 
 class UsersCode:
-    """Context that turns an error of a user's class into a :class:`UsersError`, but an :class:`AmpmError`."""
+    """Context that turns an error of a user's class into a :class:`UsersError`.
 
-    def __init__(self, what: str, thing: Any) -> None:
-        self.what, self.thing = what, thing
+    Before a walk an :class:`AmpmError` is left as it is, since a planner may refuse a gait.
+    """
+
+    def __init__(self, what: str, thing: Any, *, walking: bool = False) -> None:
+        self.what, self.thing, self.walking = what, thing, walking
 
     def __enter__(self) -> None:
         """No preparation is needed."""
 
     def __exit__(self, kind: object, error: BaseException | None, trace: TracebackType | None) -> None:
         """Raise an error that names the class."""
-        if isinstance(error, Exception | SystemExit) and not isinstance(error, AmpmError):
+        kept = (UsersError, SolverError) if self.walking else AmpmError
+        if isinstance(error, Exception | SystemExit) and not isinstance(error, kept):
             name = getattr(self.thing, "__qualname__", None) or type(self.thing).__name__
             frames = [(Path(frame.filename), frame.lineno) for frame in traceback.extract_tb(trace)]
             own = [(path.name, line) for path, line in frames if not any(map(path.is_relative_to, _OURS))]
@@ -170,9 +174,10 @@ class Role:
             signature.bind(*before, **given)
         except TypeError as error:
             names, first = [*signature.parameters], len(before)
-            taken = ", ".join(names[first:]) or "no options"
-            problem = f"is not made with {self.options} {dict(given)}: {error}; it takes {taken}; an option "
-            problem += f"of one {self.name} alone stands after its name: {text},NAME=VALUE"
+            problem = f"is not made with {self.options} {dict(given)}: {error}; it takes "
+            problem += ", ".join(names[first:]) or "no options; leave them out"
+            if len(names) > first:
+                problem += f"; an option of one {self.name} alone stands after its name: {text},NAME=VALUE"
             if len(names) < first:
                 problem = f"takes ({', '.join(names)}) and must take ({', '.join(before)})"
             said = f"the {self.name} {text} {problem}."
