@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ampm.exceptions import InputError
+from ampm.exceptions import BodilyRefusal, InputError
 from ampm.planners import PeriodicPlanner
 from tests.records import same_bits
 from tests.solved import COARSE, planned_walk, simulate_plan, simulated, walk_of
@@ -229,6 +229,16 @@ def test_a_plan_that_contradicts_itself_is_refused():
     off.by = 1e-4
     walk = compared(wrong, simulate_plan(wrong))
     assert evaluate(walk)["plan_newton_residual"] == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_a_refusal_in_mid_walk_is_a_failure_of_the_planner_and_keeps_the_record():
+    def refuse(time, plan):
+        if time > 0.1:
+            raise BodilyRefusal("the step is long", reason="", value=1.0, limit=0.5, unit="m")
+
+    outcome = simulated(planner=Replanning(refuse), steps=1).outcome
+    assert outcome.name is OutcomeName.CRASHED
+    assert "the planner Replanning failed (BodilyRefusal: the step is long.)" in outcome.cause
 
 
 def test_torque_is_held_where_a_plan_begins_with_another_acceleration(replanned):
