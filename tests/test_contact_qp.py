@@ -38,14 +38,14 @@ def soles(arm, opening):
     points = records(2 * POINTS, POINT)
     points["foot"], points["line"] = np.repeat([0, 1], POINTS), LINES.ravel()
     points["arm"], points["limit"] = arm.reshape(-1, 3), opening
-    share_forces(2, points, np.zeros(FORCES), False)
+    share_forces(points, np.zeros(FORCES), False)
     return points
 
 
 def wrench_of(points):
     """Net wrench per unknown, shape (6, U)."""
     wrench = np.empty((6, FORCES))
-    wrench_map(2, points, wrench)
+    wrench_map(points, wrench)
     return wrench
 
 
@@ -60,7 +60,7 @@ def fill(qp, points, momentum, forces=NONE):
     contact = Contact(lines, forces, none, none, wrench_of(points), np.array(momentum), by_point)
     system = np.zeros((20, 27))
     system[L_Z, 20 + L_Z], system[L_Z, 26] = 0.2, -0.03
-    fill_qp(2, points, contact, system, 0.4, GAINS, qp.problem)
+    fill_qp(points, contact, system, 0.4, GAINS, qp.problem)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

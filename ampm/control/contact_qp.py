@@ -101,12 +101,11 @@ def eliminate_tasks(tasks: Tasks, posture: Array) -> bool:
 
 @compiled
 def fill_qp(
-    feet: int, points: Any, contact: Contact, system: Array, right_load: float, gains: Any, problem: QPProblem
+    points: Any, contact: Contact, system: Array, right_load: float, gains: Any, problem: QPProblem
 ) -> None:
     """Fill in what changes from tick to tick.
 
     Args:
-        feet: number of feet.
         points: their limits and shares.
         contact: wrench map and wanted momentum rate plus weight, [m g] and ANGULAR [m g m].
         system: of :func:`eliminate_tasks`; it has the posture's cost over the vertical moment.
@@ -116,13 +115,13 @@ def fill_qp(
     """
     friction, keeping = gains.friction, change_cost(gains.force_smoothing, gains.frequency)
     P, q, A, lower, upper = problem.P, problem.q, problem.A, problem.lower, problem.upper
-    per_foot, rows = len(points) // feet, len(system)
-    unknowns, first = per_foot + 3, 6 + 6 * feet
+    per_foot, rows = len(points) // 2, len(system)
+    unknowns, first = per_foot + 3, len(lower) - len(points)
     yaw, yaw_curvature, yaw_gradient = contact.wrench_map[L_Z], system[L_Z, rows + L_Z], system[L_Z, rows + 6]
-    for foot in range(feet):
+    for foot in range(2):
         load = right_load if foot else 1.0 - right_load
         for i in range(unknowns * foot + per_foot, unknowns * (foot + 1)):
-            for other in range(feet):
+            for other in range(2):
                 for j in range(unknowns * other + per_foot, unknowns * (other + 1)):
                     P[i, j] = YAW_COST * yaw_curvature * yaw[i] * yaw[j]
             P[i, i] += TANGENT_COST / max(load, LEAST_LOAD)
@@ -136,7 +135,7 @@ def fill_qp(
                 A[row, unknown] = -TWIST_SHARE * friction / TWIST_ARM * point.lever
             lower[first + per_foot * foot + i] = point.least
             upper[first + per_foot * foot + i] = point.largest
-    A[:6, : unknowns * feet] = contact.wrench_map
+    A[:6, : 2 * unknowns] = contact.wrench_map
     lower[:6] = contact.momentum
     upper[:6] = contact.momentum
 

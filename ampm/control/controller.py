@@ -150,15 +150,14 @@ class TrackingController:
         if solution.status != QPStatus.INFEASIBLE and np.isfinite(solution.x).all():
             return solution.x[: self.contact_qp.forces]
         work = self.workspace
-        return without_closed(len(work.body.feet), work.body.points, work.contact.forces)
+        return without_closed(work.body.points, work.contact.forces)
 
     def _repeat_command(self) -> QPSolution:
         """Command of a tick without a QP: torques of the accelerations and forces of the last tick."""
         work = self.workspace
-        feet, points = len(work.body.feet), work.body.points
-        share_forces(feet, points, work.contact.forces, False)
+        share_forces(work.body.points, work.contact.forces, False)
         work.motion.acceleration[:] = work.motion.last_acceleration
-        work.contact.solution[:] = without_closed(feet, points, work.contact.forces)
+        work.contact.solution[:] = without_closed(work.body.points, work.contact.forces)
         self._torques()
         if not np.isfinite(work.joints.torque).all():
             work.joints.torque[:] = 0.0

@@ -35,18 +35,17 @@ def change_cost(smoothing: float, frequency: float) -> float:
 
 
 @compiled
-def share_forces(feet: int, points: Any, phi: Array, by_load: bool) -> None:
+def share_forces(points: Any, phi: Array, by_load: bool) -> None:
     """Limits and shares of the points, from their openings and arms.
 
     Args:
-        feet: number of feet.
         points: opened.
         phi: forces of the last tick [m g].
         by_load: whether tangential forces and twist are shared by the normal forces of the last tick. A foot
             loaded at its toes turns on the floor under a twist that its whole sole could bear.
     """
-    per_foot = len(points) // feet
-    for foot in range(feet):
+    per_foot = len(points) // 2
+    for foot in range(2):
         soles = points[per_foot * foot : per_foot * (foot + 1)]
         loads = total = 0.0
         for i in range(per_foot):
@@ -83,9 +82,9 @@ def share_forces(feet: int, points: Any, phi: Array, by_load: bool) -> None:
 
 
 @compiled
-def wrench_map(feet: int, points: Any, wrench: Array) -> None:
-    """W, net force and moment about the COM per unknown, shape (6, F (k + 3))."""
-    per_foot = len(points) // feet
+def wrench_map(points: Any, wrench: Array) -> None:
+    """W, net force and moment about the COM per unknown, shape (6, U)."""
+    per_foot = len(points) // 2
     wrench[:] = 0.0
     for i in range(len(points)):
         point, foot = points[i], points[i].foot
@@ -107,9 +106,9 @@ def _add(column: Array, force: Any, arm: Any) -> None:
 
 
 @compiled
-def point_forces(feet: int, points: Any, phi: Array, weight: float, forces: Array) -> None:
+def point_forces(points: Any, phi: Array, weight: float, forces: Array) -> None:
     """Forces at the points for the unknowns phi [m g], shape (P, 3) [N]."""
-    per_foot = len(points) // feet
+    per_foot = len(points) // 2
     for i in range(len(points)):
         point, foot = points[i], points[i].foot
         tangent = (per_foot + 3) * foot + per_foot
@@ -123,13 +122,13 @@ def point_forces(feet: int, points: Any, phi: Array, weight: float, forces: Arra
 
 
 @compiled
-def without_closed(feet: int, points: Any, phi: Array) -> Array:
+def without_closed(points: Any, phi: Array) -> Array:
     """Forces of an earlier tick, less those at points that have closed since; a new array.
 
     Tangential forces and twist of a foot shrink with its normal force, so that they stay within the friction.
     """
-    kept, per_foot = phi.copy(), len(points) // feet
-    for foot in range(feet):
+    kept, per_foot = phi.copy(), len(points) // 2
+    for foot in range(2):
         first = (per_foot + 3) * foot
         before = after = 0.0
         for i in range(per_foot):

@@ -174,9 +174,9 @@ def scale(body: PlacedBody, motion: Motion, tasks: Tasks) -> None:
 def contact_qp(work: Workspace, landing: bool, load_age: float) -> None:
     """The QP in the contact forces: the wanted momentum rate, friction, shares and limits of the points."""
     body, contact, tasks, wrench = work.body, work.contact, work.tasks, work.command
-    feet, weight = len(body.feet), body.mass * body.gravity
-    share_forces(feet, body.points, contact.forces, work.stepping[0].off_plan)
-    wrench_map(feet, body.points, contact.wrench_map)
+    weight = body.mass * body.gravity
+    share_forces(body.points, contact.forces, work.stepping[0].off_plan)
+    wrench_map(body.points, contact.wrench_map)
     contact.momentum[:3] = tasks.scale[:3] * wrench.force / weight
     contact.momentum[3:] = tasks.scale[3:6] * wrench.moment / weight
     if landing:
@@ -184,7 +184,7 @@ def contact_qp(work: Workspace, landing: bool, load_age: float) -> None:
         gain = work.gains.landing_compensation if load_age <= _OLDEST else 0.0
         land(work.gains, body.points, weight, contact, since, gain)
     right_load = work.wanted.right_load[0]
-    fill_qp(feet, body.points, contact, tasks.system, right_load, work.gains, work.problem)
+    fill_qp(body.points, contact, tasks.system, right_load, work.gains, work.problem)
 
 
 # ------------------------------------------------------------------------------ after the QP
@@ -208,7 +208,7 @@ def accelerations(work: Workspace) -> None:
 def torques(work: Workspace) -> None:
     """Inverse dynamics of the accelerations under the contact forces, and what passive joints take."""
     body, motion, contact, torque = work.body, work.motion, work.contact, work.joints.torque
-    point_forces(len(body.feet), body.points, contact.solution, body.mass * body.gravity, contact.point_force)
+    point_forces(body.points, contact.solution, body.mass * body.gravity, contact.point_force)
     joint_torques(
         body.tree,
         body.armature,
