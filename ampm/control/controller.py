@@ -182,7 +182,7 @@ class TrackingController:
             row, toe = foot["toe_row"], foot["toe"] - 6
             if row >= 0 and not low[toe] <= work.tasks.rhs[row] <= high[toe]:
                 softness[row] = _END_SOFTNESS  # an exact row would contradict the limit
-        limited = self.limited.solve(work, softness, torque_map, bias, robot)
+        limited = self.limited.solve(work, softness, torque_map, bias, (low, high))
         if limited.solved:
             work.motion.acceleration[:] = robot.gravity * limited.x[: robot.nv]
             work.contact.solution[:] = limited.x[robot.nv : robot.nv + forces]

@@ -60,7 +60,9 @@ class LimitedQP:
         A_mask[self._torques, self._accelerations] = A_mask[self._torques, self._forces] = True
         self._solver = QPSolver(self.problem, P_mask, A_mask, settings)
 
-    def solve(self, work: Workspace, soft: Array, torque_map: Array, bias: Array, robot: Robot) -> QPSolution:
+    def solve(
+        self, work: Workspace, soft: Array, torque_map: Array, bias: Array, bounds: tuple[Array, Array]
+    ) -> QPSolution:
         """Solve with the contact QP's forces, costs and wanted momentum of this tick.
 
         Args:
@@ -68,12 +70,12 @@ class LimitedQP:
             soft: of the task rows, shape (R,).
             torque_map: torques per unit of (acceleration / g, forces), shape (nu, nv + U) [N m].
             bias: torques at zero, shape (nu,) [N m].
-            robot: its joint ranges.
+            bounds: least and largest accelerations of the joints, see :func:`acceleration_bounds`.
 
         Returns:
             Unknowns: accelerations [g], forces and their slacks, slacks of the soft tasks.
         """
-        forces, limit, rows = (self._contact_qp.problem, work.joints.torque_limit, work.tasks.scaled.T)
+        forces, limit, rows = self._contact_qp.problem, work.joints.torque_limit, work.tasks.scaled.T
         P, q, A, lower, upper = self.problem
         P[self._force_unknowns, self._force_unknowns] = forces.P
         q[self._accelerations] = -self._weights * (work.motion.posture / work.motion.root_weight)
@@ -88,7 +90,7 @@ class LimitedQP:
         lower[self._force_rows], upper[self._force_rows] = forces.lower, forces.upper
         lower[self._tasks] = upper[self._tasks] = work.tasks.rhs[6:]
         lower[self._torques], upper[self._torques] = -1.0 - bias / limit, 1.0 - bias / limit
-        lower[self._joints], upper[self._joints] = acceleration_bounds(robot, work.sensed.q, work.sensed.v)
+        lower[self._joints], upper[self._joints] = bounds
         return self._solver.solve()
 
 
