@@ -61,7 +61,6 @@ class TrackingController:
         self.limited = LimitedQP(limit_settings, weights, len(work.tasks.scale), self.contact_qp)
         self._first, self._steps = True, gains.stabilizer == "stepping"
         self._tracker: StepTracker | None = None
-        self._stepper: Any = None  # reference to that of the present phase
         self._reference = refer(work)
         self._before: Any = None
         self._after = bound(after, (self._reference,), True, True)
@@ -87,7 +86,7 @@ class TrackingController:
         """
         if self._steps:
             self._tracker = StepTracker(plan, timing, self.robot, self.workspace)
-            self._stepper, self._before = self._tracker.handle, None
+            self._before = None  # is compiled with it
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One control tick.
@@ -104,8 +103,7 @@ class TrackingController:
             ValueError: an array has another shape.
         """
         work, first = self.workspace, self._first
-        if self._tracker is not None:
-            self._stepper = self._tracker.begin(state.time, reference)
+        stepper = None if self._tracker is None else self._tracker.begin(state.time)
         self._row[0] = reference.row
         sensed = work.sensed
         sensed.q[:], sensed.v[:] = state.q, state.v
@@ -113,9 +111,9 @@ class TrackingController:
         sensed.threshold[0] = touch.threshold
         if first:
             work.motion.last_acceleration[:] = work.wanted.acceleration
-        if self._before is None:  # with the stepping stabiliser if it is used
-            self._before = bound(before, (self._reference,), self._stepper, 0.0, 0.0, True)
-        if self._before(self._stepper, state.velocity_lag, touch.age, first):
+        if self._before is None:
+            self._before = bound(before, (self._reference,), stepper, 0.0, 0.0, True)
+        if self._before(stepper, state.velocity_lag, touch.age, first):
             solution, status = self.contact_qp.solve(), SOLVED
             if solution.solved:
                 work.contact.solution[:] = solution.x[: self.contact_qp.forces]

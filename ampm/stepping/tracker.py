@@ -16,7 +16,7 @@ from ampm.body.robot import Robot
 from ampm.compiled import bound, refer
 from ampm.control.workspace import Array, SteppingState, Workspace, rows_of
 from ampm.planner.contacts import Phase
-from ampm.reference import Reference, Timing, reference_type
+from ampm.reference import Timing, reference_type
 from ampm.stepping.floor import SINK
 from ampm.stepping.stepper import Curves, Stepper
 from ampm.stepping.walker import OFF_HEIGHT, pass_time
@@ -86,17 +86,12 @@ class StepTracker:
         self._goes_on = bool(np.abs(end).max() > STILL) and len(plan.contacts.phases) > CYCLE
         self._ahead = self._look_ahead()
         self._tables = [self._table(phase) for phase in plan.contacts.phases]
-        self.handle = refer(self._stepper)
 
-    def begin(self, time: float, reference: Reference) -> Any:
-        """Go to the phase of a tick, before it.
+    def begin(self, time: float) -> Any:
+        """Go to the phase of a tick, before it; reference to the :class:`Stepper` of this phase.
 
         Args:
-            time: [s].
-            reference: the plan's of this tick.
-
-        Returns:
-            Reference to the :class:`~ampm.stepping.stepper.Stepper` of this phase.
+            time: of the tick [s].
         """
         if self._leaves[0]:
             self._leave()
@@ -115,7 +110,7 @@ class StepTracker:
             if time + 1e-9 >= self._next:
                 self._enter(max(bisect.bisect_right(self._starts, time + 1e-9) - 1, 0))
             self._clock[0] = time - self._starts[self._index]
-        return self.handle
+        return self._handle
 
     # ------------------------------------------------------------------ parts
 
@@ -187,7 +182,7 @@ class StepTracker:
     def _take(self, curves: Curves, table: Any = None) -> None:
         """Give curves, and off the plan the table, to the compiled functions."""
         self._stepper = self._stepper._replace(curves=curves, table=table or self._stepper.table)
-        self.handle = refer(self._stepper)
+        self._handle = refer(self._stepper)
 
     def _table(self, phase: Phase) -> Any:
         """Rows of references at equal intervals of a phase."""
