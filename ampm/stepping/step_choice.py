@@ -57,22 +57,27 @@ def ramp_share(x: float) -> float:
 
 
 @compiled
-def dcm_ahead(r: Array, end: Array, begin: float, x: float, out: Array) -> None:
-    """DCM from which the rest of a phase leads to its planned end.
+def phase_position(stepper: Stepper) -> float:
+    """Where the clock is in the curves of its phase, in intervals."""
+    state: SteppingState = stepper.state[0]
+    return clip(state.clock / state.duration, 0.0, 1.0) * (len(stepper.curves.r) - 1)
+
+
+@compiled
+def dcm_ahead(stepper: Stepper, x: float, out: Array) -> None:
+    """DCM from which the rest of its phase leads to the planned end.
 
     The rest of r takes the time D, whatever it would take in the plan::
 
         xi = exp(-omega D) xi_end + omega int_0^D exp(-omega t) r(t) dt
 
     Args:
-        r: of the phase at equal intervals, shape (n, 2) [m].
-        end: DCM at the end of the phase, shape (2,) [m].
-        begin: where the rest begins, in intervals.
+        stepper: with the curves of the phase.
         x: omega D [1].
         out: shape (2,) [m].
     """
-    last = len(r) - 1
-    decay = math.exp(-x)
+    r, end, begin = stepper.curves.r, stepper.curves.xi[-1], phase_position(stepper)
+    last, decay = len(r) - 1, math.exp(-x)
     out[0], out[1] = decay * end[0], decay * end[1]
     for k in range(len(_NODES)):
         at = begin + _NODES[k] * (last - begin)
@@ -94,10 +99,10 @@ def step_change(error: float, decay: float, ramp: float, low: float, high: float
         error: of the DCM [m].
         decay: ``exp(-omega D)``, D until the switch.
         ramp: :func:`ramp_share` of the double support.
-        low: least shift [m].
-        high: largest shift [m].
+        low: least shift, if it is negative [m].
+        high: largest shift, if it is positive [m].
     """
-    d = clip(error / max(1.0 - decay, 1e-9), low, high)
+    d = clip(error / max(1.0 - decay, 1e-9), min(low, 0.0), max(high, 0.0))
     left = error - (1.0 - decay) * d
     return left / (decay * ramp) if abs(left) > 1e-12 else 0.0
 
@@ -129,14 +134,9 @@ def quintic_tick(motion: Array, target: Array, remaining: float, tick: float) ->
 
 
 @compiled
-def mean_zmp(zmp: Array, begin: float, x: float) -> tuple[float, float]:
-    """Mean ZMP of the rest of a phase by its weight ``exp(-omega t)`` in the DCM.
-
-    Args:
-        zmp: at equal intervals, shape (n, 2) [m].
-        begin: where the rest begins, in intervals.
-        x: omega times the duration of the rest [1].
-    """
+def mean_zmp(stepper: Stepper, x: float) -> tuple[float, float]:
+    """Mean ZMP of the rest of a phase by its weight ``exp(-omega t)`` in the DCM; ``x`` is omega D [m]."""
+    zmp, begin = stepper.curves.zmp, phase_position(stepper)
     mean_x = mean_y = total = 0.0
     for k in range(5):
         i = int(begin + 0.25 * k * (len(zmp) - 1 - begin))
@@ -150,13 +150,6 @@ def heading_of(rotation: Array) -> tuple[float, float]:
     """Cosine and sine of a foot's heading, from its rotation to world."""
     size = max(math.hypot(rotation[0, 0], rotation[1, 0]), 1e-9)
     return rotation[0, 0] / size, rotation[1, 0] / size
-
-
-@compiled
-def phase_position(stepper: Stepper) -> float:
-    """Where the clock is in the curves of its phase, in intervals."""
-    state: SteppingState = stepper.state[0]
-    return clip(state.clock / state.duration, 0.0, 1.0) * (len(stepper.curves.r) - 1)
 
 
 @compiled
@@ -183,9 +176,9 @@ def plan_step(stepper: Stepper, wanted: Any) -> bool:
         wanted: the plan's reference of this tick.
     """
     state: SteppingState = stepper.state[0]
-    curves, omega, size = stepper.curves, stepper.omega, stepper.size
+    omega, size = stepper.omega, stepper.size
     shift, side = state.shift[state.stance], 1.0 if state.stance == 1 else -1.0
-    rest, begin = state.duration - state.clock, phase_position(stepper)
+    rest = state.duration - state.clock
     cos, sin = heading_of(wanted.foot_rotation[state.stance])
     sole, ahead, best = np.empty(4), np.empty(2), np.zeros(3)
     sole_of(state.stance, stepper.body.points, stepper.body.com, cos, sin, sole)
@@ -203,12 +196,12 @@ def plan_step(stepper: Stepper, wanted: Any) -> bool:
             continue
         x = omega * max(rest * factor, 1e-4)
         if state.off_plan:
-            dcm_ahead(curves.r, curves.xi[-1], begin, x, ahead)
+            dcm_ahead(stepper, x, ahead)
         else:
             ahead[0] = wanted.com[0] + wanted.com_velocity[0] / omega
             ahead[1] = wanted.com[1] + wanted.com_velocity[1] / omega
         decay = math.exp(-x)
-        zmp_x, zmp_y = mean_zmp(curves.zmp, begin, x)
+        zmp_x, zmp_y = mean_zmp(stepper, x)
         zmp_x, zmp_y = zmp_x + shift[0], zmp_y + shift[1]
         back_x = back_y = 0.0
         if k < 0:
@@ -219,9 +212,9 @@ def plan_step(stepper: Stepper, wanted: Any) -> bool:
         error_x, error_y = error_x - ramp * decay * back_x, error_y - ramp * decay * back_y
         along, across = cos * zmp_x + sin * zmp_y, -sin * zmp_x + cos * zmp_y
         low, high = SOLE_SHARE * (sole[0] - along), SOLE_SHARE * (sole[1] - along)
-        forward = back_x + step_change(error_x, decay, ramp, min(low, 0.0), max(high, 0.0))
+        forward = back_x + step_change(error_x, decay, ramp, low, high)
         low, high = SOLE_SHARE * (sole[2] - across), SOLE_SHARE * (sole[3] - across)
-        left = step_change(error_y, decay, ramp, min(low, 0.0), max(high, 0.0))
+        left = step_change(error_y, decay, ramp, low, high)
         wider = side * (OVERSHOOT * left + back_y)
         longer = clip(forward, -size * BACKWARD, size * FORWARD)
         in_line = abs(state.length + longer) >= ahead_from

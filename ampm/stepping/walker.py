@@ -160,7 +160,7 @@ def advance(stepper: Stepper, wanted: Any) -> None:
 def _swing(stepper: Stepper, slope: tuple[float, float], wanted: Any, dcm: Array) -> None:
     """Single support: the next step, the swing foot on its way to it, and the DCM's reference."""
     state: SteppingState = stepper.state[0]
-    curves, cos, sin = stepper.curves, state.heading[0], state.heading[1]
+    cos, sin = state.heading[0], state.heading[1]
     shift, rest = state.shift[state.stance], state.duration - state.clock
     landing = stepper.table.foot_position[-1]
     reach_x = landing[1 - state.stance, 0] - landing[state.stance, 0]
@@ -170,7 +170,7 @@ def _swing(stepper: Stepper, slope: tuple[float, float], wanted: Any, dcm: Array
         plan_step(stepper, wanted)
     duration = max(rest * state.factor, 1e-4)
     x = stepper.omega * duration
-    dcm_ahead(curves.r, curves.xi[-1], phase_position(stepper), x, dcm)
+    dcm_ahead(stepper, x, dcm)
     share = ramp_share(stepper.omega * state.double)
     for axis in range(2):
         dcm[axis] += shift[axis] + state.step[axis] * share * math.exp(-x)
@@ -187,7 +187,7 @@ def _swing(stepper: Stepper, slope: tuple[float, float], wanted: Any, dcm: Array
 def _transfer(stepper: Stepper, moved: float, wanted: Any, dcm: Array) -> None:
     """Double support: the shift of the foot that has landed, the DCM's reference, and the clock's rate."""
     state: SteppingState = stepper.state[0]
-    curves, body, landed = stepper.curves, stepper.body, 1 - state.stance
+    body, landed = stepper.body, 1 - state.stance
     old, new = state.shift[state.stance], state.shift[landed]
     if state.touches[landed] > 0 and state.waited == 0.0:
         planned = wanted.foot_position[landed]
@@ -196,7 +196,7 @@ def _transfer(stepper: Stepper, moved: float, wanted: Any, dcm: Array) -> None:
         floor = stepper.table.foot_position[-1, landed, 2]
         new[2] = step_up(stepper, landed, planned, wanted.foot_rotation[landed], floor)
     x = stepper.omega * max((state.duration - state.clock) * state.factor, 1e-4)
-    dcm_ahead(curves.r, curves.xi[-1], phase_position(stepper), x, dcm)
+    dcm_ahead(stepper, x, dcm)
     for axis in range(2):
         here = old[axis] + moved * (new[axis] - old[axis])
         dcm[axis] += here + (new[axis] - here) * (1.0 - ramp_share(x))
