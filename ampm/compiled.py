@@ -128,9 +128,15 @@ def _refer_to(parts: Any) -> Any:
     return _handle(parts)
 
 
-def records(shape: int | tuple[int, ...], fields: Sequence[Any]) -> Any:
-    """Zeroed entries with fields (name, type, shape), which compiled functions read as attributes."""
-    array = np.zeros(shape, np.dtype(list(fields), align=True))
+def records(shape: int | tuple[int, ...], kind: type) -> Any:
+    """Zeroed entries with the fields of a class, which compiled functions read as attributes.
+
+    A field is a number, or floats as ``Annotated[Array, shape]``. Those of base classes come last: numba
+    takes an entry with more fields at its end for one with fewer.
+    """
+    annotated = [item for part in kind.__mro__ for item in vars(part).get("__annotations__", {}).items()]
+    fields = [(name, float, *get_args(of)[1:]) if get_args(of) else (name, of) for name, of in annotated]
+    array = np.zeros(shape, np.dtype(fields, align=True))
     return array.view(np.recarray) if config.DISABLE_JIT else array
 
 

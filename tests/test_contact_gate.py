@@ -5,7 +5,7 @@ import pytest
 
 from ampm.compiled import records
 from ampm.control.contact_gate import update_gate
-from ampm.control.workspace import BALL, HEEL, LINE, TIP, gains_of, points_of, wanted_of
+from ampm.control.workspace import BALL, HEEL, TIP, Line, gains_of, points_of, wanted_of
 from ampm.controller_parameters import ControllerParameters
 from ampm.reference import reference_type
 from tests.solved import COARSE, walk_of
@@ -21,7 +21,7 @@ class Gate:
 
     def __init__(self):
         robot = walk_of(COARSE).robot
-        self.lines, self.points, self.first = records((2, 3), LINE), points_of(robot), True
+        self.lines, self.points, self.first = records((2, 3), Line), points_of(robot), True
         self.wanted = wanted_of(np.zeros(1, reference_type(robot.nq, robot.nv)))
         self.wanted.until_lift[:] = np.inf
 

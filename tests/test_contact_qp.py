@@ -6,7 +6,7 @@ import pytest
 from ampm.compiled import records
 from ampm.control.contact_qp import L_Z, MOMENTUM_SLACK, TWIST_SHARE, ContactQP, fill_qp
 from ampm.control.forces import LARGEST_NORMAL, LEAST_NORMAL, TWIST_ARM, share_forces, wrench_map
-from ampm.control.workspace import LINE, POINT, Contact, gains_of
+from ampm.control.workspace import Contact, Line, Point, gains_of
 from ampm.controller_parameters import ControllerParameters
 from ampm.qp import QPSettings
 
@@ -35,7 +35,7 @@ def stance(seed):
 
 def soles(arm, opening):
     """Points with their shares."""
-    points = records(2 * POINTS, POINT)
+    points = records(2 * POINTS, Point)
     points["foot"], points["line"] = np.repeat([0, 1], POINTS), LINES.ravel()
     points["arm"], points["limit"] = arm.reshape(-1, 3), opening
     share_forces(points, np.zeros(FORCES), False)
@@ -56,7 +56,7 @@ def contact_qp(tolerance=1e-10):
 def fill(qp, points, momentum, forces=NONE):
     """Fill in a QP, with curvature and gradient of the posture's cost over the vertical moment."""
     none = np.empty(0)
-    lines, by_point = records((2, 3), LINE), np.zeros((2 * POINTS, 3))
+    lines, by_point = records((2, 3), Line), np.zeros((2 * POINTS, 3))
     contact = Contact(lines, forces, none, none, wrench_of(points), np.array(momentum), by_point)
     system = np.zeros((20, 27))
     system[L_Z, 20 + L_Z], system[L_Z, 26] = 0.2, -0.03

@@ -1,10 +1,8 @@
 """How a body moves where its root does not move as commanded."""
 
-from typing import Any
-
 import numpy as np
 
-from ampm.body.rigid_body import Records
+from ampm.body.rigid_body import Link, Records
 from ampm.compiled import compiled
 from ampm.geometry import Array
 from ampm.vectors import cross, dot, put, vector
@@ -46,7 +44,7 @@ def respond(tree: Records, armature: Array, link: Records, inertia: Array, twist
 
 
 @compiled
-def spatial_inertia(mass: float, here: Any, inertia: Array) -> None:
+def spatial_inertia(mass: float, here: Link, inertia: Array) -> None:
     """Write the inertia of a link about O, shape (6, 6): ``(m u + w x h, I w + h x u)`` of a twist (u, w)."""
     c = vector(here.com)
     inertia[:] = 0.0

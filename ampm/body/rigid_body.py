@@ -17,7 +17,7 @@ quaternion (x, y, z, w) and hinges; v the root's velocity and rate in its own ax
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
@@ -43,47 +43,51 @@ from ampm.vectors import (
     vector,
 )
 
+Array3 = Annotated[Array, (3,)]
+Array33 = Annotated[Array, (3, 3)]
 Records = Any
 """Structured array, whose entries numba and a record array give as attributes."""
 
 _STILL = 0.01  # rate at which dry friction begins to have a direction [rad/s]
-_VECTOR, _MATRIX = (np.float64, (3,)), (np.float64, (3, 3))
 
-TREE = [
-    ("parent", np.int64),  # -1 of the root
-    ("offset", *_VECTOR),  # place of the joint in its parent's axes [m]
-    ("turn", *_MATRIX),  # axes of the joint at angle 0 to its parent's
-    ("axis", *_VECTOR),  # of the hinge, unit vector in its own axes
-    ("mass", np.float64),  # of the link that the joint moves [kg]
-    ("com", *_VECTOR),  # its COM in its own axes [m]
-    ("inertia", *_MATRIX),  # about its COM, in its own axes [kg m^2]
-]
-"""Joint by joint, parents first; what a body keeps."""
 
-LINK = [
-    ("place", *_VECTOR),  # of the joint, from O [m]
-    ("turn", *_MATRIX),  # its axes to world
-    ("axis", *_VECTOR),  # of the hinge
-    ("com", *_VECTOR),  # of the link, from O [m]
-    ("own", *_MATRIX),  # inertia of the link about its COM [kg m^2]
-    ("mass", np.float64),  # of all that hangs on the joint [kg]
-    ("first", *_VECTOR),  # its first moment h [kg m]
-    ("inertia", *_MATRIX),  # its inertia I about O [kg m^2]
-    ("velocity", *_VECTOR),  # of the joint's place [m/s]
-    ("omega", *_VECTOR),  # rate of the link [rad/s]
-    ("acceleration", *_VECTOR),  # of the joint's place [m/s^2]
-    ("turning", *_VECTOR),  # rate of omega [rad/s^2]
-    ("force", *_VECTOR),  # on all that hangs on the joint [N]
-    ("moment", *_VECTOR),  # the same about O [N m]
-]
-"""Joint by joint; what one state gives."""
+class Joint:
+    """A joint of the tree, parents first; what a body keeps."""
 
-FRAME = [
-    ("joint", np.int64),  # whose link it is fixed to
-    ("offset", *_VECTOR),  # its origin in the link's axes [m]
-    ("turn", *_MATRIX),  # its axes to the link's
-]
-"""Fields of a frame that is fixed to a link."""
+    parent: int  # -1 of the root
+    offset: Array3  # place of the joint in its parent's axes [m]
+    turn: Array33  # axes of the joint at angle 0 to its parent's
+    axis: Array3  # of the hinge, unit vector in its own axes
+    mass: float  # of the link that the joint moves [kg]
+    com: Array3  # its COM in its own axes [m]
+    inertia: Array33  # about its COM, in its own axes [kg m^2]
+
+
+class Link:
+    """A joint's link in one state."""
+
+    place: Array3  # of the joint, from O [m]
+    turn: Array33  # its axes to world
+    axis: Array3  # of the hinge
+    com: Array3  # of the link, from O [m]
+    own: Array33  # inertia of the link about its COM [kg m^2]
+    mass: float  # of all that hangs on the joint [kg]
+    first: Array3  # its first moment h [kg m]
+    inertia: Array33  # its inertia I about O [kg m^2]
+    velocity: Array3  # of the joint's place [m/s]
+    omega: Array3  # rate of the link [rad/s]
+    acceleration: Array3  # of the joint's place [m/s^2]
+    turning: Array3  # rate of omega [rad/s^2]
+    force: Array3  # on all that hangs on the joint [N]
+    moment: Array3  # the same about O [N m]
+
+
+class Frame:
+    """A frame that is fixed to a link."""
+
+    joint: int  # whose link it is fixed to
+    offset: Array3  # its origin in the link's axes [m]
+    turn: Array33  # its axes to the link's
 
 
 def tree_of(model: pin.Model) -> Records:
@@ -92,7 +96,7 @@ def tree_of(model: pin.Model) -> Records:
     Raises:
         InputError: the first joint is not free, or another one is not a hinge.
     """
-    tree = records(model.njoints - 1, TREE)
+    tree = records(model.njoints - 1, Joint)
     for i in range(len(tree)):
         source, inertia = model.joints[i + 1], model.inertias[i + 1]
         axis = _hinge_axis(source) if i else np.zeros(3)
@@ -117,10 +121,9 @@ def _hinge_axis(joint: Any) -> Array | None:
     return None if motion[:3].any() else motion[3:]
 
 
-def frames_of(model: pin.Model, frames: Sequence[int], more: Sequence[Any] = ()) -> Records:
-    """Frames of a Pinocchio model by their numbers, one entry each, which may have more fields."""
-    # The further fields come first: numba takes an entry with more fields at its end for one with fewer.
-    entries = records(len(frames), [*more, *FRAME])
+def frames_of(model: pin.Model, frames: Sequence[int], kind: type[Frame] = Frame) -> Records:
+    """Frames of a Pinocchio model by their numbers, one entry each."""
+    entries = records(len(frames), kind)
     for i, frame in enumerate(frames):
         source = model.frames[frame]
         entries["joint"][i] = source.parentJoint - 1
@@ -232,7 +235,7 @@ def sum_forces(tree: Records, link: Records) -> None:
 
 
 @compiled
-def place_of(link: Records, frame: Any) -> Vector:
+def place_of(link: Records, frame: Frame) -> Vector:
     """Place of a frame from O [m]."""
     here = link[frame.joint]
     return plus(vector(here.place), turned(here.turn, vector(frame.offset)))
@@ -444,7 +447,7 @@ class RigidBody:
 
     def __init__(self, model: pin.Model, soles: Sequence[int], trunk: int, toes: NDArray[np.intp]) -> None:
         self.tree, self.armature = tree_of(model), np.array(model.armature)
-        self.link = records(len(self.tree), LINK)
+        self.link = records(len(self.tree), Link)
         self.soles, self.trunk = frames_of(model, soles), frames_of(model, [trunk])
         rows = 6 + 6 * len(soles) + len(toes)
         self.columns = np.zeros((model.nv, rows))

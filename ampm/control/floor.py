@@ -8,7 +8,7 @@ down faster and faster.
 from typing import Any
 
 from ampm.compiled import compiled
-from ampm.control.workspace import BALL, HEEL, TIP, Workspace
+from ampm.control.workspace import BALL, HEEL, TIP, Foot, Workspace
 from ampm.geometry import Array
 
 LEVEL = 0.008
@@ -60,7 +60,7 @@ def _stands(lines: Any) -> bool:
 
 
 @compiled
-def _feel(foot: Any, lines: Any, planned: Array, height: float, tick: float) -> None:
+def _feel(foot: Foot, lines: Any, planned: Array, height: float, tick: float) -> None:
     """Height and slope of the floor over the plan's, under a foot that stands flat; the foot keeps both."""
     heel, ball = lines[HEEL], lines[BALL]
     loaded = heel.opening == 1.0 and heel.limit == 1.0 and ball.opening == 1.0

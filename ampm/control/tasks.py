@@ -9,7 +9,7 @@ from typing import Any
 
 from ampm.compiled import compiled
 from ampm.control.stabilizer import rotation_error
-from ampm.control.workspace import BALL, HEEL, TIP, Workspace
+from ampm.control.workspace import BALL, HEEL, TIP, Foot, Workspace
 from ampm.geometry import Array
 from ampm.vectors import ZERO, Vector, clip, cross, dot, minus, plus, put, times, vector
 
@@ -109,7 +109,7 @@ def _stance(work: Workspace, i: int, all_lines: bool, off: Vector, rates: Array,
 
 @compiled
 def _vertical(
-    gains: Any, foot: Any, lines: Any, press: float, damping: float, speed: float, share: float
+    gains: Any, foot: Foot, lines: Any, press: float, damping: float, speed: float, share: float
 ) -> float:
     """Wanted vertical acceleration of the line that holds the foot [m/s^2].
 

@@ -7,12 +7,12 @@ forces (:mod:`ampm.control.forces`), R the task rows: momentum (6), soles (6 eac
 
 import math
 from collections import namedtuple
-from typing import Annotated, Any, NamedTuple, get_args
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.body.rigid_body import frames_of
+from ampm.body.rigid_body import Array3, Array33, Frame, frames_of
 from ampm.body.robot import Robot
 from ampm.compiled import records, zeros_of
 from ampm.controller_parameters import ControllerParameters
@@ -30,58 +30,59 @@ LONGEST = 4.0
 ANGULAR = 3.0
 """Scale of the rows of angular momentum in the QP [1/m]: a metre of lever is a third of a weight."""
 
-_VECTOR, _MATRIX = (np.float64, (3,)), (np.float64, (3, 3))
 
-FOOT = [
-    ("toe", np.int64),  # velocity index of the toe joint, -1 if there is none
-    ("toe_row", np.int64),  # its row among the tasks
-    ("place", *_VECTOR),  # of the sole's reference point about the COM [m]
-    ("pose", *_MATRIX),  # axes of the sole to world
-    ("stood", np.bool_),  # whether it was in contact at the last tick
-    ("on_heel", np.bool_),  # whether its heel held it then
-    ("on_ball", np.bool_),
-    ("speed", np.float64),  # upward speed of the line that held it [m/s]
-    ("turning", *_VECTOR),  # its angular velocity then [rad/s]
-    ("touches", np.int64),  # which of its lines touched then: 1 heel, 2 ball, 4 tip, added
-    ("late", np.float64),  # time for which its planned contact has been missing [s]
-    ("hurry", np.float64),  # its speed downwards beyond the touch-down velocity [m/s]
-    ("floor", np.float64),  # height of the floor under it over the plan's [m]
-    ("slope", np.float64, (2,)),  # of the floor over the plan's: dz/dx, dz/dy [1]
-    ("raised", np.float64),  # height by which its reference is raised [m]
-    ("raised_rate", np.float64),  # [m/s]
-]
-"""Fields of a foot besides those of its sole's frame."""
+class Foot(Frame):
+    """A foot: its sole's frame, and what a tick keeps of it."""
 
-LINE = [
-    ("planned", np.bool_),  # planned in contact
-    ("due", np.bool_),  # planned in contact now or shortly
-    ("touching", np.bool_),  # touches at this tick
-    ("off", np.int64),  # ticks since it touched
-    ("touched", np.bool_),  # has touched down since its contact was due
-    ("opening", np.float64),  # share opened since its touch-down, 0 ... 1
-    ("limit", np.float64),  # share of the force limit: the same, but closing before lift-off, 0 ... 1
-    ("was_planned", np.bool_),  # at the last tick
-    ("was_opening", np.bool_),  # whether it touched then, and was opening
-]
-"""By foot and line, shape (F, 3)."""
+    toe: int  # velocity index of the toe joint, -1 if there is none
+    toe_row: int  # its row among the tasks
+    place: Array3  # of the sole's reference point about the COM [m]
+    pose: Array33  # axes of the sole to world
+    stood: bool  # whether it was in contact at the last tick
+    on_heel: bool  # whether its heel held it then
+    on_ball: bool
+    speed: float  # upward speed of the line that held it [m/s]
+    turning: Array3  # its angular velocity then [rad/s]
+    touches: int  # which of its lines touched then: 1 heel, 2 ball, 4 tip, added
+    late: float  # time for which its planned contact has been missing [s]
+    hurry: float  # its speed downwards beyond the touch-down velocity [m/s]
+    floor: float  # height of the floor under it over the plan's [m]
+    slope: Annotated[Array, (2,)]  # of the floor over the plan's: dz/dx, dz/dy [1]
+    raised: float  # height by which its reference is raised [m]
+    raised_rate: float  # [m/s]
 
-POINT = [
-    ("foot", np.int64),
-    ("line", np.int64),
-    ("sensed", np.float64),  # latest normal force [N]
-    ("touching", np.bool_),
-    ("floor", np.float64),  # height at which it touched [m]
-    ("arm", *_VECTOR),  # place about the COM [m]
-    ("opening", np.float64),  # of its line
-    ("limit", np.float64),  # of its line
-    ("share", np.float64),  # in its foot's tangential forces [1]
-    ("twist", np.float64, (2,)),  # its horizontal force per unit twist of the foot [m g]
-    ("lever", np.float64),  # distance from the centre of its foot's tangential forces [m]
-    ("load_gradient", np.float64),  # of the cost, per planned load of the foot
-    ("least", np.float64),  # normal force [m g]
-    ("largest", np.float64),  # normal force [m g]
-]
-"""Fields of a sole point besides those of its frame; the left foot's points come first, as many per foot."""
+
+class Line:
+    """A line of a foot's points, by foot and line, shape (F, 3)."""
+
+    planned: bool  # planned in contact
+    due: bool  # planned in contact now or shortly
+    touching: bool  # touches at this tick
+    off: int  # ticks since it touched
+    touched: bool  # has touched down since its contact was due
+    opening: float  # share opened since its touch-down, 0 ... 1
+    limit: float  # share of the force limit: the same, but closing before lift-off, 0 ... 1
+    was_planned: bool  # at the last tick
+    was_opening: bool  # whether it touched then, and was opening
+
+
+class Point(Frame):
+    """A sole point. The left foot's come first, as many per foot."""
+
+    foot: int
+    line: int
+    sensed: float  # latest normal force [N]
+    touching: bool
+    floor: float  # height at which it touched [m]
+    arm: Array3  # place about the COM [m]
+    opening: float  # of its line
+    limit: float  # of its line
+    share: float  # in its foot's tangential forces [1]
+    twist: Annotated[Array, (2,)]  # its horizontal force per unit twist of the foot [m g]
+    lever: float  # distance from the centre of its foot's tangential forces [m]
+    load_gradient: float  # of the cost, per planned load of the foot
+    least: float  # normal force [m g]
+    largest: float  # normal force [m g]
 
 
 class SteppingState:
@@ -120,13 +121,6 @@ class SteppingState:
     touches: Annotated[Array, (2,)]  # ticks since every foot touched, 0 without contact
 
 
-_STEPPING = [
-    (name, float, *get_args(kind)[1:]) if get_args(kind) else (name, kind)
-    for name, kind in SteppingState.__annotations__.items()
-]
-"""Fields of its table."""
-
-
 class Sensed(NamedTuple):
     """What is measured at this tick."""
 
@@ -149,9 +143,9 @@ class PlacedBody(NamedTuple):
 
     tree: Any
     link: Any
-    feet: Any  # see FOOT
+    feet: Any  # table of Foot
     trunk: Any
-    points: Any  # see POINT
+    points: Any  # table of Point
     armature: Array  # shape (nv,) [kg m^2]
     passive: Array  # of the hinges, see ampm.body.rigid_body.passive_torques, shape (nu, 4)
     com: Array  # shape (3,) [m]
@@ -205,7 +199,7 @@ class Tilt(NamedTuple):
 class Contact(NamedTuple):
     """Contact forces in the unknowns of :mod:`ampm.control.forces`, [m g]."""
 
-    lines: Any  # table, see LINE, shape (F, 3)
+    lines: Any  # table of Line, shape (F, 3)
     forces: Annotated[Array, ("U",)]  # of the last tick
     change: Annotated[Array, ("U",)]  # their change from the tick before
     solution: Annotated[Array, ("U",)]  # of this tick
@@ -285,7 +279,7 @@ def make_workspace(
         tasks=zeros_of(Tasks, sizes, jacobian=body.columns, scale=scale),
         command=zeros_of(Wrench, sizes),
         tilt=zeros_of(Tilt, sizes),
-        contact=zeros_of(Contact, sizes, lines=records((len(robot.sole_frames), 3), LINE)),
+        contact=zeros_of(Contact, sizes, lines=records((len(robot.sole_frames), 3), Line)),
         problem=problem,
         joints=zeros_of(
             Joints,
@@ -294,7 +288,7 @@ def make_workspace(
             lower=robot.lower.copy(),
             upper=robot.upper.copy(),
         ),
-        stepping=records(1, _STEPPING),
+        stepping=records(1, SteppingState),
     )
 
 
@@ -312,7 +306,7 @@ def wanted_of(row: NDArray[Any]) -> Any:
 
 def feet_of(robot: Robot) -> Any:
     """The feet of a body."""
-    feet, count = frames_of(robot.model, robot.sole_frames, FOOT), len(robot.toe_joints)
+    feet, count = frames_of(robot.model, robot.sole_frames, Foot), len(robot.toe_joints)
     feet["toe"], feet["toe_row"] = -1, -1
     feet["toe"][:count] = robot.toe_joints
     feet["toe_row"][:count] = 6 + 6 * len(feet) + np.arange(count)
@@ -321,7 +315,7 @@ def feet_of(robot: Robot) -> Any:
 
 def points_of(robot: Robot) -> Any:
     """The sole points of a body."""
-    points = frames_of(robot.model, robot.point_frames, POINT)
+    points = frames_of(robot.model, robot.point_frames, Point)
     points["foot"], points["line"] = robot.point_foot, robot.point_group
     return points
 

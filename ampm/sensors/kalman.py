@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.body.rigid_body import LINK, frames_of, tree_of
+from ampm.body.rigid_body import Link, frames_of, tree_of
 from ampm.body.robot import Robot
 from ampm.compiled import bound, records, refer, zeros_of
 from ampm.geometry import Array
@@ -82,7 +82,7 @@ class Kalman:
             imu=len(growth) - len(spin) - 3 if len(imu) else 0,
             spin=len(growth) - 3 if len(spin) else 0,
             touched=np.ones(points, dtype=bool),
-            link=records(robot.model.njoints - 1, LINK),
+            link=records(robot.model.njoints - 1, Link),
             soles=soles_of(robot, run),
             commanded=np.zeros((ticks, robot.nv)),
             begin=np.full(ticks + 1, start.time),
