@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
-from ampm.geometry import Array
+from ampm.geometry import Array, ReadOnly
 from ampm.planner.contacts import read_only
 from ampm.walk import PostureState
 
@@ -48,7 +48,7 @@ class MotionReport:
 
 
 @dataclass(frozen=True)
-class WholeBodyMotion(Brief):
+class WholeBodyMotion(Brief, ReadOnly):
     """One periodic step of a body: left stance, from the start of single support to the next one."""
 
     joint_names: tuple[str, ...]  # hinges in the order of `v[6:]`
@@ -61,11 +61,6 @@ class WholeBodyMotion(Brief):
     step_length: float  # way of a step along x [m]
     step_rise: float  # the same along z [m]
     report: MotionReport  # constant of L_y, residuals, multipliers, margins
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).copy().items():
-            if isinstance(value, np.ndarray):
-                object.__setattr__(self, name, read_only(value))
 
     @property
     def step_duration(self) -> float:
