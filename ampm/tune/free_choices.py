@@ -196,7 +196,7 @@ class FreeChoices:
         rolling = self._rolling(run, choice, double, lead)
         if "foot.heel_rise_lead" in self.fixed:
             return rolling
-        late = _later_rise(plan_steps(_begin(rolling.gait), rolling.body.mass, rolling.foot, self.sole))
+        late = _later_rise(self.first_steps(rolling))
         rest = double + lead
         late = min(late, 0.7 * rest)
         if self.rises_later:
@@ -204,6 +204,10 @@ class FreeChoices:
             self.deferred |= later > late
             late = max(late, later)
         return self._rolling(rolling, choice, double, lead - late) if late > 0.0 else rolling
+
+    def first_steps(self, run: RunParameters) -> StepPlan:
+        """Plan of the first two steps of a run."""
+        return plan_steps(_begin(run.gait), run.body.mass, run.foot, self.sole)
 
     def _rolling(
         self, run: RunParameters, choice: Mapping[str, float], double: float, lead: float
@@ -285,7 +289,7 @@ class FreeChoices:
         for down in (choice["down"], 0.7, 0.5, 0.35, 0.2) if "down" in self.names else (choice["down"],):
             trial = {**choice, "down": down}
             try:
-                plan = self._steps(trial)
+                plan = self.first_steps(self.parameters(trial))
             except RefusedGait:
                 return choice
             if "strike" in self.names:
@@ -298,10 +302,6 @@ class FreeChoices:
             if margin >= LIMITS["zmp_double"].target:
                 break
         return best_choice
-
-    def _steps(self, choice: Mapping[str, float]) -> StepPlan:
-        run = self.parameters(choice)
-        return plan_steps(_begin(run.gait), run.body.mass, run.foot, self.sole)
 
     def _timing(self, choice: Mapping[str, float]) -> dict[str, float]:
         """Keys that decide whether the COM passes over the foot."""
@@ -319,8 +319,7 @@ class FreeChoices:
         return self._gait({"ratio": ratio, "roll": 0.0, "height": height})
 
     def _gait(self, choice: Mapping[str, float]) -> GaitParameters:
-        free = {key[5:]: value for key, value in self._timing(choice).items() if key not in self.fixed}
-        return self.run.gait.model_copy(update=free)
+        return self._replaced(self.run, self._timing(choice)).gait
 
     def _passing_choice(self, choice: Mapping[str, float]) -> dict[str, float]:
         """Roll the ZMP farther, then shorten the single support, until the COM passes over the foot."""
@@ -363,7 +362,7 @@ class FreeChoices:
         lowest, top = _RANGE["height"].lower, 0.51
 
         def spare(height: float) -> float:
-            plan = self._steps({**choice, "height": height})
+            plan = self.first_steps(self.parameters({**choice, "height": height}))
             times = step_instants(plan)[0]
             com, feet = plan.sample(times).com, plan.feet.sample(times)
             return wanted - leg_extension(com, feet, self.description)

@@ -19,7 +19,7 @@ from ampm.exceptions import InputError, RefusedGait
 from ampm.geometry import Array
 from ampm.linear import product, solved
 from ampm.parameters import RunParameters
-from ampm.planner.support import StepPlan, plan_steps
+from ampm.planner.support import StepPlan
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import least, orbit_margins, plan_margins, tightest
 
@@ -167,8 +167,7 @@ class ChoiceSearch:
         space, orbits = self.space, self.orbits
         try:
             run = space.parameters({**self.base, **dict(zip(space.names, x.tolist(), strict=True))})
-            gait = run.gait.model_copy(update={"steps": 2})
-            plan = plan_steps(gait, run.body.mass, run.foot, space.sole)
+            plan = space.first_steps(run)
         except (RefusedGait, InputError):  # values that were set may not fit those tried
             return Candidate(x, space.run)
         try:
