@@ -1,6 +1,5 @@
 """What sensors read at a control tick, and the protocol of an estimator."""
 
-from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -43,6 +42,10 @@ class Readings(NamedTuple):
 class Estimator(Protocol):
     """Makes the state of the body from readings, once before every control tick.
 
+    An estimator's class takes the body, :class:`ampm.body.robot.Robot`; the run, its section ``sensors``
+    without seed, so that signs of biases are unknown; the state in which the walk is planned to start; and by
+    name ``sensors.options``.
+
     One with a method ``begin(start)`` may watch the body stand (``sensors.stand``). At the walk's start
     it goes on from that state with what it found of the sensors.
     """
@@ -57,11 +60,3 @@ class Estimator(Protocol):
                 without it.
         """
         ...
-
-
-EstimatorFactory = Callable[..., Estimator]
-"""Makes an estimator; an estimator's class is such a factory.
-
-Arguments are the body, :class:`ampm.body.robot.Robot`; the run, its section ``sensors`` without seed, so that
-signs of biases are unknown; the state in which the walk is planned to start; and by name ``sensors.options``.
-"""
