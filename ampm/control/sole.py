@@ -121,15 +121,11 @@ def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, tilt: Vector
         return
     height = over_plane(com, state.planned_slope) - state.floor
     down = body.gravity + over_plane(wanted.com_acceleration, state.planned_slope)
-    planned_r, planned_arm, r_shift, arm_shift = np.empty(2), np.empty(2), np.empty(2), np.empty(2)
-    planned_arm[0] = -wanted.moment[1] / (body.mass * down)
-    planned_arm[1] = wanted.moment[0] / (body.mass * down)
-    arm_shift[0] = -moment[1] / force[2] - planned_arm[0]
-    arm_shift[1] = moment[0] / force[2] - planned_arm[1]
-    for axis in range(2):
-        per_rate = (over_plane(wanted.com, state.planned_slope) - state.floor) / down
-        planned_r[axis] = wanted.com[axis] - per_rate * wanted.com_acceleration[axis]
-        r_shift[axis] = com[axis] - height * force[axis] / force[2] - planned_r[axis]
+    per_rate = (over_plane(wanted.com, state.planned_slope) - state.floor) / down
+    planned_r = wanted.com[:2] - per_rate * wanted.com_acceleration[:2]
+    planned_arm = np.array([-wanted.moment[1], wanted.moment[0]]) / (body.mass * down)
+    r_shift = com[:2] - height * force[:2] / force[2] - planned_r
+    arm_shift = np.array([-moment[1], moment[0]]) / force[2] - planned_arm
     # In the axes of the foot.
     planned = turned_axes(planned_r + planned_arm, cos, sin)
     r_wanted, arm_wanted = turned_axes(r_shift, cos, sin), turned_axes(arm_shift, cos, sin)
