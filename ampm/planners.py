@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from ampm.body.constant_posture import ConstantPosture
 from ampm.body.feasibility import check_body
 from ampm.body.limits import AT_MOST, Limit, check
 from ampm.body.motion import PeriodicPosture
@@ -169,9 +170,6 @@ def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkP
         momentum = closed.phases[0].angular_momentum
         steps = replace(steps, phases=(steps.phases[0]._replace(angular_momentum=momentum),))
         return periodic_walk(steps, closed, run, robot)
-    # Imported here, as the inverse kinematics is compiled.
-    from ampm.body.constant_posture import ConstantPosture
-
     check_body(steps, robot.description, phases=None)
     return WalkPlan.of(steps, posture=ConstantPosture(steps, run, robot))
 
@@ -256,7 +254,6 @@ class StandingPlanner:
         if not self.com_height >= 0.0:
             raise InputError(f"planner.options.com_height = {self.com_height} must be 0 m or more; raise it.")
         # Imported here, as the inverse kinematics is compiled.
-        from ampm.body.constant_posture import ConstantPosture
         from ampm.body.inverse_kinematics import InverseKinematics
 
         q, duration, sole = pin.neutral(robot.model), run.command.duration, robot.description.sole
@@ -317,7 +314,6 @@ def _walk_over(steps: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:
         BodilyRefusal: the body cannot walk it.
     """
     # Imported here, as the inverse kinematics is compiled.
-    from ampm.body.constant_posture import ConstantPosture
     from ampm.body.walk_motion import check_walk
 
     for angle in (SPREAD_ARMS, 2.0 * SPREAD_ARMS):

@@ -9,8 +9,6 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
-from ampm.body.return_map import standing
 from ampm.body.robot import Robot
 from ampm.body.step_reference import step_reference
 from ampm.exceptions import BodilyRefusal
@@ -43,6 +41,10 @@ class ConstantPosture:
     def __init__(
         self, plan: StepPlan, run: RunParameters, robot: Robot, stops: Sequence[tuple[float, float]] = ()
     ) -> None:
+        # Imported here, as the inverse kinematics is compiled, which a plan with a known motion does without.
+        from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
+        from ampm.body.return_map import standing
+
         self.window, self.stops = 2.0 * plan.constants.step_duration, tuple(stops)
         self.turns = _turns(plan.contacts)
         heading = float(self.turns[0, 2])
