@@ -219,8 +219,3 @@ def parse_setting(setting: str) -> tuple[str, Any]:
         return key, float(text)
     except ValueError:
         return key, text
-
-
-def toml_text(value: Option) -> str:
-    """An option as text, as ``--set`` takes it."""
-    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
-from ampm.section import toml_text
 from validation.judge.metrics import METRICS, display_unit
 from validation.judge.profiles import Tolerance
 from validation.store.environment import code_hash, describe_environment, parameter_values, run_key
@@ -307,7 +306,10 @@ def _table_row(definition: SweepDefinition, row: Row, texts: Sequence[str]) -> d
     run = int(name)
     values, gait = _values(definition, run), definition.gaits[definition.gait_of(run)]
     found = {**values, **row, "run": run, "name": name, "gait": gait, "key": run_key(values)}
-    return {**found, **{key: toml_text(found[key]) for key in texts}}
+    for key in texts:
+        value = found[key]
+        found[key] = str(value).lower() if isinstance(value, bool) else str(value)  # as `--set` takes it
+    return found
 
 
 def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
