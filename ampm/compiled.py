@@ -5,6 +5,7 @@ compiled code is therefore kept in a folder named after all source files that it
 """
 
 import hashlib
+import inspect
 import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -134,7 +135,7 @@ def records(shape: int | tuple[int, ...], kind: type) -> Any:
     A field is a number, or floats as ``Annotated[Array, shape]``. Those of base classes come last: numba
     takes an entry with more fields at its end for one with fewer.
     """
-    annotated = [item for part in kind.__mro__ for item in vars(part).get("__annotations__", {}).items()]
+    annotated = [item for part in kind.__mro__ for item in inspect.get_annotations(part).items()]
     fields = [(name, float, *get_args(of)[1:]) if get_args(of) else (name, of) for name, of in annotated]
     array = np.zeros(shape, np.dtype(fields, align=True))
     return array.view(np.recarray) if config.DISABLE_JIT else array
