@@ -18,7 +18,6 @@ from ampm.sensors.soles import SoleForces
 from ampm.walk import State, Touch
 from tests.records import first_difference
 from tests.solved import simulated, walk_of
-from tests.sweep_table import parse_sweep
 from validation.judge.compare import _from_standing_foot
 from validation.judge.profiles import own_profile
 from validation.study.walk_options import own_classes
@@ -425,10 +424,3 @@ def sent(**options):
 def test_an_estimator_travels_with_a_study():
     (found,) = sent(gain=1.0).values()
     assert found.__name__ == "Tuned"
-
-
-def test_delays_of_a_range_are_whole_steps_of_the_physics():
-    sweep = parse_sweep('[[vary]]\nmethod = "sobol"\ncount = 8\nsensors.delay = {from = 0.0, to = 0.004}')
-    steps = np.array([sweep.parameters(run).sensors.delay for run in range(8)]) / 0.0005  # none is refused
-    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
-    assert len(set(steps)) > 4
