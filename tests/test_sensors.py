@@ -19,7 +19,6 @@ from ampm.walk import State, Touch
 from tests.records import first_difference
 from tests.solved import simulated, walk_of
 from validation.judge.compare import _from_standing_foot
-from validation.judge.profiles import own_profile
 from validation.study.walk_options import own_classes
 from validation.trial.coordinates import to_pinocchio
 from validation.trial.readings import Sensors
@@ -397,12 +396,6 @@ def test_the_zmp_from_the_standing_foot_does_not_depend_on_where_the_walk_is():
     row = np.flatnonzero(measured.foot_force[:, 1, 2] <= 0.0)[100]
     foot = measured.foot_position[row, 0, :2] - feet[row, :2]
     np.testing.assert_allclose((here - wanted)[row], (measured.zmp - sample.zmp)[row] - foot, atol=2e-3)
-
-
-def test_the_profile_of_an_estimated_walk_is_odometry():
-    fixed = {"estimator": "kalman", "fix_rate": 100}
-    runs = [load_run("pitch", sensors=keys) for keys in ({}, {"estimator": "kalman"}, fixed, NOISE)]
-    assert [own_profile("pitch", run).name for run in runs] == ["wide", "odometry", "wide", "wide"]
 
 
 def test_ones_own_estimator_walks_and_does_not_know_the_seed():

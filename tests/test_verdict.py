@@ -150,3 +150,6 @@ def test_profiles_are_found_by_name_and_by_preset():
     steps = [{"foot": foot, "x": 0.0, "y": 0.0} for foot in ("left", "right") * 2]
     assert own_profile("pitch", load_run("pitch").replace({}, footsteps=steps)).name == "footsteps"
     assert own_profile("pitch", disturbances=[Push("chest", (1.0, 0.0, 0.0), 1.0, 0.1)]).name == "pushed"
+    estimated, fixed = {"estimator": "kalman"}, {"estimator": "kalman", "fix_rate": 100}
+    runs = [load_run("pitch", sensors=keys) for keys in ({}, estimated, fixed, {"rate_noise": 0.01})]
+    assert [own_profile("pitch", run).name for run in runs] == ["wide", "odometry", "wide", "wide"]
