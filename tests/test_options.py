@@ -1,5 +1,7 @@
 """Options of users' controllers and planners: in files, settings, Python, sweeps, and in what is saved."""
 
+import importlib
+
 import numpy as np
 
 import validation as val
@@ -8,6 +10,7 @@ from ampm.run_file import dump_run, load_run
 from docs.examples.joint_pd import JointPD
 from tests.solved import QUICK
 from tests.sweep_table import parse_sweep
+from tests.test_study_kills import forget
 from validation.store.environment import parameter_values
 from validation.study.many import Task
 from validation.study.sweep.design import dump_sweep
@@ -137,12 +140,7 @@ def test_sources_that_a_class_imports_decide_on_the_digest(tmp_path, monkeypatch
     (tmp_path / "own_class.py").write_text("from own_gains import GAIN\n\nclass Own:\n    gain = GAIN\n")
 
     def digest() -> str:
-        import importlib
-        import sys
-
-        for name in ("own_class", "own_gains"):
-            sys.modules.pop(name, None)
-        importlib.invalidate_caches()
+        forget(tmp_path)
         return Task("a", own_classes, {"controller": importlib.import_module("own_class").Own}).digest
 
     before = digest()
