@@ -81,6 +81,16 @@ def with_column(table: pa.Table, name: str, change: Callable[[np.ndarray], Any])
     return table.set_column(place, table.schema.field(place), changed)
 
 
+def described(**changes: Any) -> Callable[[pa.Table], pa.Table]:
+    """Change constants in a table's description of the run."""
+
+    def change(table: pa.Table) -> pa.Table:
+        header = json.loads(table.schema.metadata[b"ampm_record"]) | changes
+        return table.replace_schema_metadata({"ampm_record": json.dumps(header)})
+
+    return change
+
+
 def make_study(folder: Path, metrics: Mapping[str, Any], **more: Any) -> Path:
     """Write a ``convergence.json`` of the numerical uncertainties that it is given."""
     known = {"gait": "normal", "steps": 6, "values": metrics, **more}

@@ -11,7 +11,7 @@ import pytest
 
 from ampm.exceptions import InputError
 from tests.records import first_difference, same_bits, stored
-from tests.saved_run import make_run
+from tests.saved_run import described, make_run
 from tests.solved import body_of, simulated
 from validation.run.replay import replay
 from validation.store.record import CONSTANTS, RECORD_FILES, load_record, save_record
@@ -81,16 +81,6 @@ def undigested(path):
 def rewritten(path, change):
     table = pq.read_table(path)
     pq.write_table(change(table), path)
-
-
-def described(**changes):
-    """Change constants in a table's description of the run."""
-
-    def change(table):
-        header = json.loads(table.schema.metadata[b"ampm_record"]) | changes
-        return table.replace_schema_metadata({"ampm_record": json.dumps(header)})
-
-    return change
 
 
 CHANGES = {

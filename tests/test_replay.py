@@ -1,6 +1,5 @@
 """A replay notices every recorded number that the repeated steps do not have, however small the change."""
 
-import json
 from functools import partial
 from unittest.mock import patch
 
@@ -9,7 +8,7 @@ import pytest
 
 import validation as val
 from ampm.exceptions import InputError
-from tests.saved_run import COARSE, forge, make_run, with_column
+from tests.saved_run import COARSE, described, forge, make_run, with_column
 from tests.walk import perfect_walk
 from validation.judge import signals
 from validation.store.signals import load_signals
@@ -93,11 +92,7 @@ def test_all_columns_but_labels_plan_and_command_are_held(pushed):
 
 
 def test_the_header_and_missing_rows_are_noticed(pushed, tmp_path):
-    def heavier(table):
-        header = json.loads(table.schema.metadata[b"ampm_record"])
-        header["mass"] += 1e-9
-        return table.replace_schema_metadata({"ampm_record": json.dumps(header)})
-
+    heavier = described(mass=val.load(pushed).record.mass + 1e-9)
     found = val.replay(forge(pushed, tmp_path / "heavier", "joints.parquet", heavier))
     assert (found.file, found.signal) == ("joints.parquet", "mass")
     short = forge(pushed, tmp_path / "short", "signals.parquet", lambda table: table.slice(1))
