@@ -144,12 +144,14 @@ def test_limits_grow_with_foot_and_weight():
 
 def test_profiles_are_found_by_name_and_by_preset():
     assert profile("wide") is WIDE
-    own = {name: own_profile(name).name for name in (*preset_names(), "my-gait")}
+    gait = load_run("pitch")
+    own = {name: own_profile(name, load_run(name)).name for name in preset_names()}
+    own["my-gait"] = own_profile("my-gait", gait).name
     special = {name: found for name, found in own.items() if found != DEFAULT.name}
     assert special == {"pitch": "wide", "ipm": "jumps"}  # no other demo may take wider limits
     steps = [{"foot": foot, "x": 0.0, "y": 0.0} for foot in ("left", "right") * 2]
-    assert own_profile("pitch", load_run("pitch").replace({}, footsteps=steps)).name == "footsteps"
-    assert own_profile("pitch", disturbances=[Push("chest", (1.0, 0.0, 0.0), 1.0, 0.1)]).name == "pushed"
+    assert own_profile("pitch", gait.replace({}, footsteps=steps)).name == "footsteps"
+    assert own_profile("pitch", gait, [Push("chest", (1.0, 0.0, 0.0), 1.0, 0.1)]).name == "pushed"
     estimated, fixed = {"estimator": "kalman"}, {"estimator": "kalman", "fix_rate": 100}
     runs = [load_run("pitch", sensors=keys) for keys in ({}, estimated, fixed, {"rate_noise": 0.01})]
     assert [own_profile("pitch", run).name for run in runs] == ["wide", "odometry", "wide", "wide"]

@@ -103,22 +103,19 @@ PROFILES: Mapping[str, Profile] = MappingProxyType(
 )
 
 
-def own_profile(
-    gait: str, run: RunParameters | None = None, disturbances: Sequence[Disturbance] = ()
-) -> Profile:
+def own_profile(gait: str, run: RunParameters, disturbances: Sequence[Disturbance] = ()) -> Profile:
     """Profile of a gait, of its run over footsteps, without a plan or with an estimator, if none is given.
 
     The gait is the name of a preset, of which ``pitch`` and ``ipm`` have one of their own, or any other; a
     :class:`Push` among the disturbances, which are beside those of the run, asks for ``pushed``.
     """
-    if run is not None and run.gait.planner == NO_PLAN:
+    if run.gait.planner == NO_PLAN:
         return FREE
-    own = () if run is None else pushes_of(run.disturbance)
-    if any(isinstance(item, Push) for item in (*own, *disturbances)):
+    if any(isinstance(item, Push) for item in (*pushes_of(run.disturbance), *disturbances)):
         return PUSHED
-    if run is not None and run.sensors.relative:
+    if run.sensors.relative:
         return ODOMETRY
-    if run is not None and run.footsteps:
+    if run.footsteps:
         return FOOTSTEPS
     return {"pitch": WIDE, "ipm": JUMPS}.get(gait, DEFAULT)
 
