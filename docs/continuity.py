@@ -18,7 +18,7 @@ import validation as val
 from ampm.geometry import Array
 from ampm.run_file import dump_run, load_run
 from validation.cli.console import Narrator
-from validation.judge.metrics import rms
+from validation.judge.built_in import rms
 from validation.store.saved import SavedRun, load_saved_run
 
 PICTURE = Path(__file__).parent / "images" / "continuity.png"

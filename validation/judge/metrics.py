@@ -19,11 +19,8 @@ from scipy.ndimage import maximum_filter1d
 
 from ampm.exceptions import InputError, words_of
 from validation.judge.built_in import COMPUTED
-from validation.judge.built_in import rms as rms
 from validation.judge.compare import RUN, SIGNALS, Comparison, signal_pairs
-from validation.judge.metric import BODY_WEIGHT, DEFAULT_BODY, limit_in_si, size_in_si
-from validation.judge.metric import Metric as Metric
-from validation.judge.metric import display_unit as display_unit
+from validation.judge.metric import BODY_WEIGHT, DEFAULT_BODY, Metric, limit_in_si, size_in_si
 from validation.table import own_rows
 from validation.trial.users import load_object
 

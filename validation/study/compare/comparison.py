@@ -21,8 +21,8 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.files import absolute
 from validation.judge.compare import PARTS
-from validation.judge.metric import BODY_WEIGHT, FOOT_LENGTH, FOOT_MOMENTUM, size_in_si
-from validation.judge.metrics import METRICS, added_metrics, cost_entry, display_unit
+from validation.judge.metric import BODY_WEIGHT, FOOT_LENGTH, FOOT_MOMENTUM, display_unit, size_in_si
+from validation.judge.metrics import METRICS, added_metrics, cost_entry
 from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching, rounding
 from validation.show.cost_table import COSTS, cost_limit, cost_unit

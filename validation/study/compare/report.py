@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel, create_model
 
 from validation.judge.compare import SIGNALS
-from validation.judge.metrics import display_unit
+from validation.judge.metric import display_unit
 from validation.judge.uncertainty import Uncertainty
 from validation.run.trial import draw_run
 from validation.show.chart import DASHED, Picture, decimate, new_charts, numbered
