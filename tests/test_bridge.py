@@ -7,11 +7,9 @@ import pytest
 
 from ampm.parameters import BodyParameters, RunParameters
 from models.build import build_body
+from tests.test_tick import close
 from validation.trial.bridge import pinocchio_model
 from validation.trial.coordinates import to_pinocchio
-
-TOLERANCE = 1e-9
-SIZES = [(1.55, 95.0)]
 
 # What the human does not exercise: rotated and offset bodies, anchors off the origin, oblique axes, a welded
 # segment, armature, turned inertia.
@@ -43,14 +41,11 @@ ODD_XML = """
 """
 
 
-def human_model(height: float, mass: float) -> mujoco.MjModel:
-    return build_body(RunParameters(body=BodyParameters(height=height, mass=mass))).compile()
-
-
-@pytest.fixture(scope="module", params=["odd", *SIZES], ids=str)
+@pytest.fixture(scope="module", params=["odd", "human"])
 def model(request: pytest.FixtureRequest) -> mujoco.MjModel:
+    human = RunParameters(body=BodyParameters(height=1.55, mass=95.0))
     odd = request.param == "odd"
-    result = mujoco.MjModel.from_xml_string(ODD_XML) if odd else human_model(*request.param)
+    result = mujoco.MjModel.from_xml_string(ODD_XML) if odd else build_body(human).compile()
     result.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     return result
 
@@ -87,10 +82,6 @@ class Both:
 @pytest.fixture(params=range(2))
 def both(model: mujoco.MjModel, request: pytest.FixtureRequest) -> Both:
     return Both(model, request.param)
-
-
-def close(actual: np.ndarray, expected: np.ndarray) -> None:
-    np.testing.assert_allclose(actual, expected, rtol=0.0, atol=TOLERANCE * max(1.0, np.abs(expected).max()))
 
 
 def test_joint_order_names_and_limits(model: mujoco.MjModel) -> None:
