@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 import validation as val
 from ampm.exceptions import InputError
-from ampm.planners import PeriodicPlanner
 from tests.saved_run import make_run
 from tests.test_bad_input import assert_said, rows_of
+from tests.test_replan import Replanning
 from validation.judge.log import whole_strides
 from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty
@@ -242,16 +242,11 @@ def test_a_table_of_a_plan_judges_too(folder, tmp_path, table, ampm):
     assert trial.verdict.passed, trial.verdict.reason
 
 
-class Online:
+class Online(Replanning):
     """Plans again every 50 ms, the same plan."""
 
-    replan_period = 0.05
-
-    def plan(self, run, robot):
-        return PeriodicPlanner().plan(run, robot)
-
-    def replan(self, time, state, touch, plan):
-        return replace(plan)
+    def __init__(self):
+        super().__init__(lambda time, plan: replace(plan), 0.05)
 
 
 def kept(folder, **changed):
