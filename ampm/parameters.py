@@ -275,7 +275,7 @@ class RunParameters(Section):
         """Refuse keys that do not go together."""
         contact, least = self.contact, 2.0 * self.simulation.time_step
         if contact.time_constant < least:  # MuJoCo would raise it silently
-            rule = f"must be at least 2 times simulation.time_step = {least:g} s"
+            rule = f"must be at least {least:g} s, 2 times simulation.time_step"
             raise self.refusal("contact.time_constant", rule, "raise it or lower simulation.time_step")
         if contact.impedance_min > contact.impedance_max:
             rule = f"must be at most contact.impedance_max = {contact.impedance_max:g}"

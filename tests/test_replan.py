@@ -114,6 +114,7 @@ def test_the_plan_then_valid_says_when_a_walk_ends(fixed, first, then, ask, walk
     [
         (lambda plan: plan_of(1), 0.9, "plan beyond now"),
         (lambda plan: plan_of(1), 0.3, "1 of the walk's 2 steps"),
+        (lambda plan: replace(plan, phases=later(plan, 0.4)), 0.3, "begins at 0.4 s; plan from now on"),
         (lambda plan: replace(plan, com_height=np.nan), 0.1, "'com' of its plan"),
     ],
 )
@@ -122,6 +123,11 @@ def test_errors_on_the_way_end_the_walk(change, at, words):
     assert record.outcome.name is OutcomeName.CRASHED
     assert re.search(words, record.outcome.cause), record.outcome.cause
     assert words != "plan beyond now" or record.time[-1] == pytest.approx(at, abs=0.01)
+
+
+def later(plan, begin):
+    """The plan's phases, of which the first begins later [s]."""
+    return (plan.phases[0]._replace(start=begin), *plan.phases[1:])
 
 
 def swapped(plan):

@@ -19,6 +19,7 @@ from ampm.body.limits import (
 )
 from ampm.description import BodyDescription
 from ampm.geometry import Array
+from ampm.planner.closed_form import rounded_up
 from ampm.planner.feet import HEEL, FootSample
 from ampm.planner.support import StepPlan, margin_on
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 FLOOR_TOLERANCE = 1e-6
 """Depth under the floor that rounding may give a planned sole point [m]."""
+_ROUNDING = 1e-9  # of lengths [m]
 RETURN_TOLERANCE = 1e-8
 """Largest difference of a motion's mirrored end from its start [rad, m, rad/s, m/s]."""
 
@@ -112,8 +114,8 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     end, side = min((-sole.heel_x, "heel"), (sole.tip_x, "toes"))
     when = f"the ZMP leaves the sole at the {side} at {times[most]:.3f} s"
     what = f"{when}: its travel either way of the reference point"
-    less = f"raise gait.a_s to {l_s / end:.4g} or more, or shorten gait.step_length"
-    yield Limit(what, "m", end, AT_MOST, "zmp_leaves_sole", less), float(travel[most])
+    less = f"raise gait.a_s to {rounded_up(l_s / end)} or more, or shorten gait.step_length"
+    yield Limit(what, "m", end, AT_MOST, "zmp_leaves_sole", less, _ROUNDING), float(travel[most])
 
     left = plan.feet.left  # the left foot stands first
     risen = left.contact.any(axis=1) & ~left.contact[:, HEEL]

@@ -137,7 +137,7 @@ def _refuse_undriven(bracket: float, c_s: float, inverse_a_s: float, c_y: float)
 
 def _refuse_slow(v0: float, least: float) -> None:
     """Refuse a COM that passes over the foot too slowly, or only above the least switching velocity [m/s]."""
-    enough = _rounded_up(float(least) / math.sqrt(1.0 - LEAST_MID_STANCE_SHARE**2))
+    enough = rounded_up(float(least) / math.sqrt(1.0 - LEAST_MID_STANCE_SHARE**2))
     faster = f"raise gait.switching_velocity to {enough} m/s or shorten gait.step_length"
     if not v0 > least:
         raise MathematicalRefusal(
@@ -163,7 +163,7 @@ def _refuse_slow(v0: float, least: float) -> None:
         )
 
 
-def _rounded_up(value: float) -> str:
+def rounded_up(value: float) -> str:
     """``value`` with four digits, rounded up."""
     if value < 1e-300 or not math.isfinite(value):
         return f"{value:g}"

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
+from scipy.signal import detrend
 from scipy.spatial.transform import Rotation
 
 from ampm.brief import Brief
@@ -57,6 +58,8 @@ _FARTHEST = 1000.0  # of a place: more is another unit [m]
 _LEAN = 1.0  # horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
 _FILLED = 0.9  # share of its rows that a signal has numbers in: with less it counts as missing [1]
 _LOST = 0.2  # share of a loaded foot's rows without a centre of pressure: more is the other foot's [1]
+_CONTRARY = 0.9  # correlation of the angular momentum with the integrated moment that tells sign and unit [1]
+_OTHER_UNIT = 10.0  # ratio of both from which the unit is another [1]
 _ALIKE = 0.93  # of two names, by difflib: less are other quantities [1]
 _BIASED = 0.05  # mean distance of COM and force line over the COM's height: more is another frame [1]
 _CROSSED = -0.5  # correlation of the left foot's load with the ZMP along y: below, the sides are changed [1]
@@ -139,6 +142,7 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
     _check_units(signals, name, weight)
     _check_force_line(signals, name, weight)
     _check_sides(signals, name, weight)
+    _check_momentum(signals, time, name)
     known = np.asarray(np.isfinite(signals["force"]).all(axis=1))
     if "zmp" in signals:
         light = signals["force"][:, 2] < LEAST_SUPPORT * weight
@@ -303,6 +307,35 @@ def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) ->
             f"{name}: the COM is in the mean {aside:.2g} of its height aside of the force through the ZMP, "
             f"more than {_BIASED:g}; give com, zmp and force in one frame, or leave out com."
         )
+
+
+def _check_momentum(signals: Mapping[str, Array], time: Array, name: str) -> None:
+    """Refuse an angular momentum that does not change as the moment of the force about the COM says."""
+    if not {"com", "zmp", "angular_momentum"} <= signals.keys():
+        return
+    height = signals["com"][:, 2] - signals.get("floor", 0.0)
+    arm = np.column_stack([signals["zmp"] - signals["com"][:, :2], -height])
+    moment, momentum = np.cross(arm, signals["force"]), signals["angular_momentum"]
+    known = np.isfinite(moment).all(axis=1) & np.isfinite(momentum).all(axis=1)
+    if np.count_nonzero(known) < 3:
+        return
+    change = cumulative_trapezoid(moment[known], time[known], axis=0, initial=0.0)
+    for axis in range(2):  # about the vertical, the force may twist
+        expected, given = detrend(change[:, axis]), detrend(momentum[known, axis])
+        if not (expected.any() and given.any()):
+            continue
+        alike = float(np.corrcoef(expected, given)[0, 1])
+        ratio = float(np.linalg.norm(given) / np.linalg.norm(expected))
+        way_out = ""
+        if alike < -_CONTRARY:
+            way_out = "give it about the COM in the axes of the forces, x forward, y left, z up"
+        elif alike > _CONTRARY and not 1.0 / _OTHER_UNIT < ratio < _OTHER_UNIT:
+            way_out = "give it in N m s"
+        if way_out:
+            change_of = f"changes by {np.copysign(ratio, alike):.4g} times what the moment of the force"
+            raise InputError(
+                f"{name}: angular_momentum_{'xy'[axis]} {change_of} about the COM gives; {way_out}."
+            )
 
 
 def _check_sides(signals: Mapping[str, Array], name: str, weight: float) -> None:

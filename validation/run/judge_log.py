@@ -85,13 +85,16 @@ def judge_log(
         walked = planned.plan
         log, facts = _aligned(read_log(signals, walked.weight, name), walked, start, place, strides=strides)
         measured = measure_log(log, walked.mass, walked.gravity)
-        record = log_record(log, measured, _steps(log, walked))
+        steps, planned_steps = _steps(log, walked), walked.contacts.steps
+        record = log_record(log, measured, steps)
         comparison = compare(walked, record, measured)
         values = evaluate(comparison)
         if strides:  # which are compared over their share
             stride = 2.0 * walked.constants.step_duration
             values["stride_duration_error"] = abs(facts["strides"]["duration"] / stride - 1.0)
-    planned = replace(planned, request=replace(planned.request, name=f"{log.name} on {planned.name}"))
+    part = f"{steps} of {planned_steps} steps of " if steps < planned_steps and not strides else ""
+    title = f"{log.name} on {part}{planned.name}"
+    planned = replace(planned, request=replace(planned.request, name=title))
     extra = {"log": facts} | ({"planner": planned.planner} if planned.planner else {})
     return Trial(
         planned, comparison, MappingProxyType(values), own_profile(request.name, request.run), seconds, extra

@@ -230,7 +230,7 @@ def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
         if not best["passed"] or after > before - _LEAST_GAIN:
             return "", "It passes, and no layer costs margin."
         shares = f"{after:.0%} of the tightest limit is used instead of {before:.0%}"
-        return "", f"It passes. The {best['layer']} costs most of the margin: {best['text']} {shares}."
+        return "", f"It passes. Most of the margin is lost to the {best['layer']}: {best['text']} {shares}."
 
     def rank(row: Row) -> tuple[Any, ...]:
         """Walks that pass come first, and of them layers that are made ideal."""

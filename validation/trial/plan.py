@@ -103,7 +103,7 @@ class Body(Brief):
         return cls(model, Robot(pinocchio_model(compiled), model.description, shapes), shapes)
 
     def again(self) -> Robot:
-        """A robot of its own for a controller, whose changes reach no other part of the walk."""
+        """A robot of its own for a user's class, whose changes reach no other part of the walk."""
         return Body.of(self.model, self.shapes).robot
 
 
@@ -324,7 +324,7 @@ def plan_walk(
         progress.stage(f"{request.name}: whole-body motion"),
         _way_out(asked) if checked else users.UsersCode("planner", planner),
     ):
-        plan = planner.plan(run.undisturbed, body.robot)
+        plan = planner.plan(run.undisturbed, body.robot if checked else body.again())
         if not isinstance(plan, WalkPlan):
             raise TypeError(f"it made {users.planner_problem(plan)}")
         if not checked:

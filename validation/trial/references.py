@@ -109,6 +109,8 @@ class References(Course):
                 raise TypeError(f"replan at {time:g} s made {planner_problem(plan)}; None keeps the plan")
             if not plan.duration >= time:
                 raise ValueError(f"the plan made at {time:g} s ends at {plan.duration:g} s; plan beyond now")
+            if not (begin := plan.phases[0].start) <= time + self.substeps * self.time_step + 1e-9:
+                raise ValueError(f"the plan made at {time:g} s begins at {begin:g} s; plan from now on")
             due = len(self.step_ends)
             if self.steps is not None and plan.contacts.steps < due:
                 raise ValueError(
