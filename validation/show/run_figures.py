@@ -115,27 +115,31 @@ class RunFigures:
         return [self.tracking(CURVES[column]) for column in columns if self._has(f"measured_{column}")]
 
     def tracking(self, curve: Curve) -> Picture:
-        """Error over one stride, large; below it plan and measurement, and the error over the whole run.
+        """Error over one stride, large; below it plan and measurement, and the error over a longer run.
 
         Without a plan the measurement alone.
         """
         if self.saved.is_free:
             title = curve.title.partition(",")[0]
             return Picture([self._signal(chart, curve, title) for chart in new_charts(2.6)], title)
-        large, lower, whole = charts = new_charts(6.2, (5.0, 2.5, 2.0))
         signals, rows, name = self.signals, self.window, curve.column
+        is_all = rows == slice(0, len(signals))
+        height, ratios = (5.0, (5.0, 2.5)) if is_all else (6.2, (5.0, 2.5, 2.0))
+        large, lower, *more = charts = new_charts(height, ratios)
+        whole = large if is_all else more[0]
         time = signals.time[rows]
         scale, unit = display_unit(SIGNALS[name].unit, self.weight)
         gap = scale * (signals[f"measured_{name}"] - signals[f"{curve.reference}_{name}"])
         large.band(time, *self._spread(gap), MEASURED, opacity=0.25)
         large.line(*decimate(time, gap[rows]), MEASURED, 1.3)
-        whole.line(*decimate(signals.time, gap), MEASURED, 0.8)
-        for chart in (large, whole):
+        if not is_all:
+            whole.line(*decimate(signals.time, gap), MEASURED, 0.8)
+        for chart in (large, *more):
             _draw_tolerances(chart, self._tolerance(f"{name}_rmse"), self._tolerance(f"{name}_maximum"))
         self._signal(lower, curve, curve.title)
         shade_double_support(large, signals, rows)
-        self._shade_pushes(large, time)
-        self._shade_pushes(whole, signals.time)
+        for chart in (large, *more):
+            self._shade_pushes(chart, signals.time[[0, -1]] if chart is whole else time)
         title = f"Error of {SIGNALS[name].label}"
         large.name(f"{title}, {middle_name(signals)}", f"[{short_unit(unit)}]")
         self._finish_run(whole, f"{title}, whole run", f"[{short_unit(unit)}]")
