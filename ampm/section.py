@@ -7,7 +7,7 @@ import difflib
 import math
 import reprlib
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from importlib.resources.abc import Traversable
 from numbers import Integral
 from pathlib import Path
@@ -20,6 +20,7 @@ from ampm.files import read_text
 
 _LEAST = 1e-60  # of a number that is not 0
 _MOST_LISTED = 20  # known keys that are listed when none resembles the unknown one
+_ALIKE = 0.93  # of two names, by difflib: less are other names [1]
 
 
 def _sizable(value: float) -> float:
@@ -110,6 +111,15 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     same = [other for other in lower if other.rpartition(".")[2] == leaf]
     close = difflib.get_close_matches(name.lower(), same or lower, 1, 0.0 if same else 0.7)
     return lower[close[0]] if close else None
+
+
+def misspelt(names: Iterable[object], known: Collection[str]) -> Iterator[tuple[str, str]]:
+    """Names that are not known, each with the known one that is missing and has nearly its letters."""
+    given = [str(name) for name in names]
+    missing = [name for name in known if name not in given]
+    for name in given:
+        for meant in difflib.get_close_matches(name, missing, 1, _ALIKE) if name not in known else ():
+            yield name, meant
 
 
 def unknown(name: str, known: Iterable[str], what: str = "key", **details: Any) -> InputError:

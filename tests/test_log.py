@@ -120,6 +120,7 @@ def test_gaps_are_left_out_and_said(folder, summary, table):
     gone = np.r_[0:900, 1000 : len(table["time"])]
     table = {name: values[gone] for name, values in table.items()}
     trial = val.judge_log(table, folder, start=0.0, place=(0.0, 0.0))
+    assert " steps of " in trial.planned.name  # the log ends before the plan
     assert any("3 gaps of 0.75 s in all, the longest 0.25 s" in note for note in trial.table().notes)
     assert value(trial, "zmp_x_rmse") == pytest.approx(summary["metrics"]["zmp_x_rmse"]["value"], rel=0.3)
     assert trial.verdict.passed

@@ -25,7 +25,6 @@ Only a table that begins with a double support, a walk from standing to standing
 
 from collections.abc import Mapping
 from dataclasses import replace
-from difflib import get_close_matches
 from typing import Any, cast
 
 import numpy as np
@@ -40,6 +39,7 @@ from ampm.planner.contacts import STANCE_NAMES, Contacts, Footstep, Side
 from ampm.planner.sampled import SampledLaw
 from ampm.planner.stride import quintic
 from ampm.planner.support import StepPlan
+from ampm.section import misspelt
 
 REPEATED = 1e-3
 """Largest distance of the COM from that of the first step, mirrored, for steps that repeat [m]."""
@@ -48,7 +48,11 @@ _SAME = 1e-6  # of footsteps and durations that repeat [m, s]
 _LARGEST = {"angular_momentum": 1e3, "com_acceleration": 1e3, "": 1e4}  # by the begin of a name [SI]
 _NOISE, _NOISY = 1e-3, 0.25  # of the ZMP between rows [m], and in which share of them
 _PLACE = ("x", "y", "z", "heading")
-_ALIKE = 0.93  # of two names, by difflib: less are other quantities [1]
+_NAMES = (
+    *(f"{name}_{axis}" for name in ("com", "com_acceleration", "zmp", "angular_momentum") for axis in "xyz"),
+    *(f"{foot}_placement_{axis}" for foot in ("left", "right") for axis in _PLACE),
+    "phase_start",
+)
 _GRID = 64  # instants of a step that are compared with the first one's
 
 
@@ -61,7 +65,10 @@ def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         InputError: a column is missing, or a row has a value that makes no plan.
     """
-    _check_names(table)
+    for column, meant in misspelt(table, _NAMES):
+        raise InputError(
+            f"the table's column {column!r} is not read; did you mean {meant!r}? Rename one of them."
+        )
     time = _numbers(table, "time")
     later = np.diff(time, prepend=-np.inf) > 0.0
     _check(time, "time", later, "ascend from row to row; remove repeated rows")
@@ -106,19 +113,6 @@ def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
     if "angular_momentum_x" in table:
         motion["angular_momentum"] = _vectors(table, "angular_momentum")[0]
     return motion
-
-
-def _check_names(table: Mapping[str, Any]) -> None:
-    """Refuse a column that has nearly the name of one that is missing."""
-    known = {
-        f"{name}_{axis}" for name in ("com", "zmp", "com_acceleration", "angular_momentum") for axis in "xyz"
-    }
-    known |= {f"{foot}_placement_{axis}" for foot in ("left", "right") for axis in _PLACE}
-    for column in {str(column) for column in table} - known:
-        if meant := get_close_matches(column, known - table.keys(), 1, _ALIKE):
-            raise InputError(
-                f"the table's column {column!r} is not read; did you mean {meant[0]!r}? Rename one of them."
-            )
 
 
 def _contacts(times: Array, stance: NDArray[np.str_], left: Array, right: Array) -> Contacts:

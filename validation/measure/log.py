@@ -5,9 +5,8 @@ A table has one row per instant, in SI units: x in the walking direction, y to t
 :data:`COLUMNS`. An empty cell was not measured.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Any
 
@@ -60,7 +59,6 @@ _FILLED = 0.9  # share of its rows that a signal has numbers in: with less it co
 _LOST = 0.2  # share of a loaded foot's rows without a centre of pressure: more is the other foot's [1]
 _CONTRARY = 0.9  # correlation of the angular momentum with the integrated moment that tells sign and unit [1]
 _OTHER_UNIT = 10.0  # ratio of both from which the unit is another [1]
-_ALIKE = 0.93  # of two names, by difflib: less are other quantities [1]
 _BIASED = 0.05  # mean distance of COM and force line over the COM's height: more is another frame [1]
 _CROSSED = -0.5  # correlation of the left foot's load with the ZMP along y: below, the sides are changed [1]
 _HEIGHTS = 0.05, 5.0  # of the COM above the floor [m]
@@ -153,15 +151,6 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
     apart = np.diff(np.r_[time[0] - step, time[known], time[-1] + step])
     gaps = tuple((apart[apart > 1.5 * step] - step).tolist())
     return Log(name, time, signals, step, gaps, weight).rows(known)
-
-
-def misspelt(table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Columns that are not read, and those that are missing and have nearly their name."""
-    known = [part for parts in COLUMNS.values() for part in parts]
-    missing = [part for part in known if part not in table]
-    for column in map(str, table):
-        for meant in get_close_matches(column, missing, 1, _ALIKE) if column not in known else ():
-            yield column, meant
 
 
 def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from ampm.section import misspelt
 from ampm.walk import WalkPlan
 from validation.judge.compare import compare
 from validation.judge.log import find_place, find_start, mean_stride
@@ -18,7 +19,7 @@ from validation.judge.profiles import Profile, own_profile
 from validation.judge.profiles import profile as find_profile
 from validation.judge.verdict import judge_summary
 from validation.measure.columns import map_columns
-from validation.measure.log import Log, log_record, measure_log, misspelt, read_log
+from validation.measure.log import COLUMNS, Log, log_record, measure_log, read_log
 from validation.measure.readers import reader_of
 from validation.progress import Progress
 from validation.run.trial import Trial
@@ -77,7 +78,7 @@ def judge_log(
     if idle := [key for key in request.changed if key.partition(".")[0] in _OF_WALKS]:
         progress.say(f"a log is not walked, and does not use: {', '.join(idle)}")
     signals, name = log_columns(table, columns)
-    for column, meant in misspelt(signals):
+    for column, meant in misspelt(signals, [part for parts in COLUMNS.values() for part in parts]):
         progress.say(f"{name}: column {column} is not used; did you mean {meant}?")
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress)
