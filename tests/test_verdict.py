@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ampm.presets import preset_names
-from ampm.run_file import load_run
+from ampm.run_file import dump_run, load_run
 from models.human import sole_geometry
 from tests.walk import APART, perfect_walk, with_state
 from validation.judge.compare import compare
@@ -18,6 +18,7 @@ from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, judge
 from validation.trial.disturbances import Push
 from validation.trial.outcome import Outcome, OutcomeName
+from validation.trial.plan import load_request
 
 
 @pytest.fixture(scope="module")
@@ -142,11 +143,12 @@ def test_limits_grow_with_foot_and_weight():
     np.testing.assert_allclose(limits["zmp_x_rmse"].limit_for(many), [2.5e-3, 1.25e-3])
 
 
-def test_profiles_are_found_by_name_and_by_preset():
+def test_profiles_are_found_by_name_and_by_preset(tmp_path):
     assert profile("wide") is WIDE
-    gait = load_run("pitch")
+    gait, file = load_run("pitch"), tmp_path / "pitch.toml"
+    file.write_text(dump_run(gait))
     own = {name: own_profile(name, load_run(name)).name for name in preset_names()}
-    own["my-gait"] = own_profile("my-gait", gait).name
+    own["file"] = own_profile(load_request(str(file)).name, gait).name
     special = {name: found for name, found in own.items() if found != DEFAULT.name}
     assert special == {"pitch": "wide", "ipm": "jumps"}  # no other demo may take wider limits
     steps = [{"foot": foot, "x": 0.0, "y": 0.0} for foot in ("left", "right") * 2]

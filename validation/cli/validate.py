@@ -48,7 +48,7 @@ def validate(
     printed; given values stay.
     """
     from ampm.run_file import leaves_open
-    from validation.judge import profiles
+    from validation.judge.profiles import own_profile
     from validation.judge.uncertainty import load_uncertainty, matching
     from validation.run import validate as run
     from validation.trial.plan import complete, load_requests
@@ -58,10 +58,7 @@ def validate(
         gaits or [None], walk.changes(length.steps), as_is=walk.as_is, sections=length.sections()
     )
     disturbances = disturbing.load()
-    judges = [
-        profile or profiles.own_profile(gait, request.run, disturbances)
-        for gait, request in zip(gaits or ["normal"], requests, strict=True)
-    ]
+    judges = [profile or own_profile(request.name, request.run, disturbances) for request in requests]
     known = [load_uncertainty(path) for path in uncertainty or ()]
     for request in requests if known else ():  # before any walks
         if not leaves_open(request.run):

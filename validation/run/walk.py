@@ -83,8 +83,8 @@ def walk(
     CONTROLLER.check_options(name_of_class, factory, chosen.controller.options)
     if controller is not None:
         chosen = chosen.replace({"controller.name": name_of_class})
-    request = replace(request, name=name or request.name, run=chosen)
     profile = own_profile(request.name, chosen, disturbances)
+    request = replace(request, name=name or request.name, run=chosen)
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress, planner=planner)

@@ -187,8 +187,10 @@ def load_request(
     path = Path(run.body.source if gait is None else gait)
     # A run folder's own run.toml is named after the folder.
     name = path.resolve().parent.name if path.name == "run.toml" else path.stem
-    if gait is not None and gait in PRESETS:  # a dot in a preset's name begins no suffix
+    if gait is not None and gait in PRESETS:  # a dot in its name begins no suffix
         name = gait
+    elif name in PRESETS:  # whose profile it must not get
+        name += ".toml"
     keys = dict(map(parse_setting, settings))
     for options, key in OPTION_TABLES.items():
         if "," in str(keys.get(key)):
