@@ -151,13 +151,14 @@ def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limit
     spent = changed(b, {"zmp_x_rmse": 2e-3, "zmp_y_rmse": 1e-5, "force_x_rmse": 50.0}, margins=margins)
     said = comparison_of([a, spent]).sentence
     assert re.match(r"smooth tracks the ZMP best along x \(.*\), other tracks the ZMP best along y \(", said)
-    assert "other takes 12 % more torque than smooth and uses 2.5 times the friction of smooth;" in said
+    assert "other takes 12 % more torque relative to limits than smooth and uses 2.5 times as much fr" in said
     assert "other exceeded 1 of 13 limits (ground force, RMS error along x, " in said
     nan = dict.fromkeys(("zmp_x_rmse", "zmp_y_rmse"), math.nan)
     said = comparison_of([a, changed(b, nan, margins={**margins, "torque": None, "friction": None})]).sentence
     assert said.startswith("smooth and other have no errors of the ZMP to compare. No difference in mech")
-    fell = changed(b, outcome="fell", end={"time": 2.3, "cause": ""})
-    assert comparison_of([a, fell]).sentence.endswith("other did not walk to the end (fell after 2.30 s).")
+    fell = comparison_of([a, changed(b, outcome="fell", end={"time": 2.3, "cause": ""}, steps_completed=2)])
+    assert fell.sentence.endswith("other did not walk to the end (fell after 2.30 s).")
+    assert ("steps completed", "8", "2") in fell.tables()[0].rows
 
 
 def test_a_study_takes_the_place_of_the_share_and_rounding_never_counts(sides):
@@ -165,6 +166,8 @@ def test_a_study_takes_the_place_of_the_share_and_rounding_never_counts(sides):
     assert side.doubt("zmp_x_rmse", "m") == pytest.approx(SHARE * side.number("zmp_x_rmse"))
     largest = side.number("zmp_x_maximum")
     assert side.doubt("zmp_x_maximum", "m") == pytest.approx(SHARE_OF_ERRORS * largest)
+    small = changed(side, margins={"measured_polygon": {"value": 1e-5}})
+    assert small.doubt("margin_measured_polygon", "m") == 1e-3  # and not 30 % of the value
     studied = replace(side, study=Uncertainty("a", 6, {"zmp_x_rmse": 1e-3, "zmp_y_rmse": 0.0}))
     assert studied.doubt("zmp_x_rmse", "m") == 1e-3
     assert studied.doubt("zmp_y_rmse", "m") == pytest.approx(1e-6 * side.number("zmp_y_rmse"))

@@ -12,8 +12,9 @@ from validation.table import ABSENT, USED, Table, format_number, format_share, o
 COSTS = {row["metric"]: row for row in own_rows("show/costs.csv")}
 """Costs beside the agreement, by metric; the others are in :func:`reported_table`.
 
-Each says whether it is shown in percent, whether the larger value is better, its numerical change (the share
-by which values of the presets change at half the time step, rounded up), and verb and noun of a conclusion.
+Each says whether it is shown in percent, whether the larger value is better, its numerical change at half the
+time step on the presets, rounded up (``change``, a share of the value, and ``least`` [SI] of one near zero),
+and verb and noun of a conclusion.
 """
 _SMALL = 0.01
 """Planned ZMP margin that is explained [m]."""

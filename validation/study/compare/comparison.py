@@ -115,12 +115,13 @@ class Side(Brief):
 
     def doubt(self, name: str, unit: str) -> float:
         """Change of a metric for numerical reasons, in SI units; infinite without a bound."""
-        value = self.number(name)
-        metric = METRICS.get(name)
-        is_error = metric is not None and metric.nature == "extreme" and not metric.section
-        share = float(COSTS[name]["change"]) if name in COSTS else SHARE_OF_ERRORS if is_error else SHARE
-        known = self.studied(name)
-        return max(share * abs(value) if math.isnan(known) else known, float(rounding(value, unit)))
+        value, known = self.number(name), self.studied(name)
+        if math.isnan(known):
+            metric, cost = METRICS.get(name), COSTS.get(name)
+            is_error = metric is not None and metric.nature == "extreme"
+            share = float(cost["change"]) if cost else SHARE_OF_ERRORS if is_error else SHARE
+            known = max(share * abs(value), float(cost["least"]) if cost else 0.0)
+        return max(known, float(rounding(value, unit)))
 
     def studied(self, name: str) -> float:
         """Numerical uncertainty of a metric by the study, in SI units; NaN if it is not known."""
@@ -185,11 +186,12 @@ class WalkComparison(Tabled):
         shares = {
             "the smaller value": SHARE,
             "torque, work and other margins": float(COSTS["margin_torque"]["change"]),
-            "feedback and friction": float(COSTS["margin_friction"]["change"]),
-            "the measured ZMP margin": float(COSTS["margin_measured_polygon"]["change"]),
+            "friction": float(COSTS["margin_friction"]["change"]),
+            "feedback and the measured ZMP margin": float(COSTS["margin_measured_polygon"]["change"]),
             "largest errors": SHARE_OF_ERRORS,
         }
-        return ", ".join(f"{100.0 * share:g} % of {what}" for what, share in shares.items())
+        texts = [f"{100.0 * share:g} % of {what}" for what, share in shares.items()]
+        return f"{', '.join(texts)}; near zero what half the time step changes"
 
     @property
     def parameters(self) -> dict[str, tuple[Any, ...]]:
@@ -241,7 +243,7 @@ class WalkComparison(Tabled):
                 least, most = (self.sides[row.values.index(end(row.values))].label for end in (min, max))
                 more, than = (f"{100 * ratio - 100:.0f} % more", "than")
                 if ratio >= 2.0:
-                    more, than = (f"{ratio:.1f} times the", "of")
+                    more, than = (f"{ratio:.1f} times as much", "as")
                 spent.setdefault(most, []).append(f"{cost['verb']} {more} {cost['noun']} {than} {least}")
         if not spent:
             return f"No difference in {listed([COSTS[row.name]['noun'] for row in rows])} exceeds the doubt"
@@ -340,6 +342,7 @@ class WalkComparison(Tabled):
             "planner": [summary.get("planner") or "ampm" for summary in summaries],
             "controller": [summary.get("controller", "ampm") for summary in summaries],
             "disturbances": ["; ".join(summary.get("disturbances", ["none"])) for summary in summaries],
+            "steps completed": [str(summary["steps_completed"]) for summary in summaries],
         }
         for name, values in more.items():
             if len(set(values)) > 1:
@@ -348,7 +351,8 @@ class WalkComparison(Tabled):
         for name in dict.fromkeys(name for found in timing for name in found):
             yield name, *(_shown(found.get(name, math.nan)) for found in timing)
         for key, row in self.parameters.items():
-            if key not in ("gait.planner", "controller.name") and not key.startswith("disturbance."):
+            # The steps stand above: a planner may use no gait.steps.
+            if not key.startswith(("gait.planner", "gait.steps", "controller.name", "disturbance.")):
                 shown = [f"{len(value or ())} footsteps" if key == "footsteps" else value for value in row]
                 yield key, *map(format_value, shown)
 
