@@ -94,12 +94,17 @@ SHORT = {
 
 
 def with_short(settings: Sequence[str] | None, **options: str | int | None) -> list[str]:
-    """Settings of ``--set``, and those of options that are short for a key; a file's path is absolute."""
+    """Settings of ``--set`` and of options that are short for a key, each once; a file's path is absolute."""
     found = list(settings or ())
     for name, value in options.items():
         if value is not None:
             text = f"'{absolute(value)}'" if isinstance(value, str) else str(value)
             found.append(f"{SHORT[name]}={text}")
+    texts: dict[str, str] = {}
+    for setting in found:
+        key, _, text = setting.partition("=")
+        if (old := texts.setdefault(key.strip(), text)) != text:
+            raise InputError(f"{key} is given twice, as {old} and as {text}; give it once.", key=key)
     return found
 
 
