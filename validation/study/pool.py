@@ -115,7 +115,8 @@ def attempt(work: Work, options: Options) -> Row:
 
 def error_columns(error: BaseException) -> Row:
     """Columns of a run that an error ended: refused by a refusal, crashed by anything else."""
-    cause = _printable(" ".join(str(error).split()))[:400] or type(error).__name__
+    text = error.fault if isinstance(error, UsersError) else str(error)  # the row has the traceback
+    cause = _printable(" ".join(text.split()))[:400] or type(error).__name__
     behind = error.__cause__ or error.__context__
     refused = isinstance(error, RefusedGait | InputError) and not isinstance(error, UsersError)
     if refused and not isinstance(behind, OSError | MemoryError):
