@@ -136,7 +136,7 @@ def test_the_key_of_a_run_is_of_what_is_not_at_its_default():
     assert run_key({}) in keys
 
 
-def test_resume_walks_what_is_missing_and_gives_the_same_table(command, out):
+def test_resume_walks_what_is_missing_and_gives_the_same_table(command, out, capsys):
     ENDS[4] = FELL | {"metric_zmp_x_rmse": 0.1}
     assert command() == 3
     whole = results(out)
@@ -147,6 +147,8 @@ def test_resume_walks_what_is_missing_and_gives_the_same_table(command, out):
     assert results(out).equals(whole)
     assert command("--resume") == 3
     assert WALKED == []
+    assert command("--resume", "--dry-run") == 0
+    assert "nothing is left to walk" in capsys.readouterr().out
 
 
 def test_an_interrupted_sweep_can_be_read_and_goes_on(command, out, capsys, monkeypatch):

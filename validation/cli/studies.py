@@ -42,9 +42,9 @@ def sweep(
     if dry_run:
         from validation.study.sweep.design import load_sweep
 
-        expected = run.forecast(load_sweep(file), execution.workers, progress=Narrator())
-        execution.answer(expected)
-        return Status.PASS if expected.found["walking"] else Status.REFUSED
+        expected = run.forecast(load_sweep(file), **execution.given())
+        options.print_result(expected, as_json=execution.as_json)
+        return Status.PASS if expected.found["walking"] or expected.found["finished"] else Status.REFUSED
     if execution.out is None:
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
     found = run.sweep(file, **execution.given())

@@ -20,7 +20,7 @@ from validation.store.json import write_json
 from validation.store.machine import cores
 from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.pool import error_columns
-from validation.study.row_file import ROWS, Row
+from validation.study.row_file import ROWS, UNFINISHED, Row, read_rows
 from validation.study.sweep.design import SweepDefinition, check_classes, dump_sweep, load_sweep
 from validation.study.sweep.report import write_sweep_report
 from validation.study.sweep.schema import walk_columns
@@ -147,9 +147,10 @@ class Forecast(Tabled):
     def tables(self) -> list[Table]:
         """Numbers of runs, with examples of the refusals."""
         found = self.found
-        rows: list[Sequence[str]] = [(name, f"{found[name]:,}", "") for name in ("runs", "checked")]
+        names = ("runs", "checked", "finished")
+        rows: list[Sequence[str]] = [(name, f"{found[name]:,}", "") for name in names]
         rows += [*self.refused.tables()[0].rows, ("can walk, at most", f"{found['walking']:,}", "")]
-        note = "no run that was tried can be walked"
+        note = "nothing is left to walk" if found["finished"] else "no run that was tried can be walked"
         if found["seconds"] is not None:
             one, every = (format_duration(found[name]) for name in ("seconds", "wall_clock"))
             note = f"one run takes about {one}, the sweep about {every} with {found['workers']} workers"
@@ -158,18 +159,23 @@ class Forecast(Tabled):
         return [Table(f"dry run of {self.refused.name}", ("", ">runs", "for example"), rows, [note])]
 
 
-def forecast(
-    definition: SweepDefinition, workers: int | None = None, *, progress: Progress | None = None
-) -> Forecast:
-    """Count refusals by formula, of a large sweep in a sample, and of the runs tried to time one walk."""
+def forecast(definition: SweepDefinition, **execution: Unpack[Execution]) -> Forecast:
+    """Count refusals by formula, of a large sweep in a sample, and of the runs tried to time one walk.
+
+    With ``resume``, runs that the folder has are finished.
+    """
     check_classes(definition)
-    progress, planned = progress or Progress(), len(definition)
+    progress, planned = execution.get("progress") or Progress(), len(definition)
+    folder = study_folder(execution) if execution.get("resume") else None
+    kept_rows = read_rows(folder) if folder is not None and (folder / ROWS).is_file() else ()
+    known = {(row["key"], row["digest"]) for row in kept_rows if row.get("outcome") not in UNFINISHED}
     runs = np.unique(np.linspace(0, planned - 1, min(planned, _CHECKED)).astype(int)).tolist()
     with progress.stage("refusals by formula", "runs") as stage:
         tasks = []
         for number, run in enumerate(runs):
             stage.advance(number, len(runs))
             tasks.append(task_of(definition, run))
+    tasks = [task for task in tasks if (task.key, task.digest) not in known]
     rows = [{"key": task.key, **task.known} for task in tasks if task.known is not None]
     taken: dict[str, float] = {}
     for task in [task for task in tasks if task.known is None][:_TRIED]:
@@ -180,11 +186,12 @@ def forecast(
         except (InputError, RefusedGait) as error:
             rows.append({"key": task.key, **error_columns(error)})
     refused = SweepTable(build_table(definition, rows), None, definition.name)
-    walking = round(planned * (1.0 - len(rows) / len(tasks)))
+    walking = round(planned * (len(tasks) - len(rows)) / len(runs))
     kept = 0 if definition.recordings == "none" else min(definition.worst, walking)
-    workers = min(workers or cores(), planned)
+    workers = min(execution.get("workers") or cores(), planned)
     rounds = math.ceil(walking / workers) + math.ceil(kept / workers)
-    numbers = {"runs": planned, "checked": len(tasks), "walking": walking, "kept": kept, "workers": workers}
+    numbers = {"runs": planned, "checked": len(runs), "finished": len(runs) - len(tasks)}
+    numbers |= {"walking": walking, "kept": kept, "workers": workers}
     seconds = taken.get("walk")
     times = {"seconds": seconds, "wall_clock": seconds and seconds * rounds}
     return Forecast(refused, numbers | times)
