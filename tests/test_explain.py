@@ -104,7 +104,7 @@ def test_a_run_is_repeated_with_its_pushes_and_its_folder_gets_the_explanation(t
     found = val.explain(folder, workers=0)
     assert (found.trial["outcome"], found.named) == ("fell", "pushes")
     assert found.sentence == "The pushes: without pushes it passes."
-    assert val.load(folder).sentence  # its digests still hold
+    assert str(push) in val.load(folder).sentence  # its digests still hold
     assert found.sentence in val.report(folder).read_text(encoding="utf-8")
     (folder / RunFile.EXPLANATION).write_text("{}", encoding="utf-8")
     with pytest.raises(InputError, match="is damaged"):

@@ -28,7 +28,7 @@ def walked(tmp_path_factory):
     return out, answer
 
 
-def test_a_trial_fills_its_folder_and_prints_its_summary_alone(walked):
+def test_a_trial_fills_its_folder_and_prints_its_summary_alone(walked, ampm):
     out, answer = walked
     assert answer.returncode == Status.PASS, answer.stderr
     assert {path.name for path in out.iterdir()} == set(RunFile) - {"explain.json", "external.parquet"}
@@ -43,6 +43,7 @@ def test_a_trial_fills_its_folder_and_prints_its_summary_alone(walked):
     assert json.loads((out / "environment.json").read_text())["versions"]["mujoco"] == "3.17.0"
     assert dump_run(load_run(out / "run.toml")) == (out / "run.toml").read_text()
     assert load_run(out / "run.toml").gait.steps == STEPS
+    assert "report.html" not in ampm("judge", out).out  # which it does not write
 
 
 def test_replay_stops_at_the_first_difference_and_is_quiet(walked, tmp_path, capfd, monkeypatch):

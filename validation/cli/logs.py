@@ -83,7 +83,7 @@ def judge(
         if result.as_json:
             print_json({**summary, "directory": str(folder)})
         else:
-            print_result(summary, folder)
+            print_result(summary, folder, wrote=folder != log)
         return status_of(summary)
 
     profile, given = judging.load(), {**vars(comparing), "out": result.out}

@@ -185,20 +185,20 @@ def report(
 # ------------------------------------------------------------------------------------- a trial for a reader
 
 
-def print_result(summary: Mapping[str, Any], folder: Path) -> None:
-    """Print a trial's ``summary.json`` for a reader."""
+def print_result(summary: Mapping[str, Any], folder: Path, *, wrote: bool = True) -> None:
+    """Print a trial's ``summary.json`` for a reader, and which files were written."""
     from validation.show.cost_table import cost_table
-    from validation.store.metric_table import metric_table, summary_title
+    from validation.store.metric_table import metric_table, walk_title
 
     print_tables([metric_table(summary), cost_table(summary)])
     failed = status_of(summary) in (Status.OUT_OF_TOLERANCE, Status.NOT_COMPLETED) and "log" not in summary
     failed = failed and summary["outcome"] != "crashed"  # whose sentence says why
     here = quote(str(folder))
     why = f" ampm explain {here} says why." if failed else ""
-    word = f"{summary_title(summary)}: {summary['verdict'].replace('_', ' ').upper()}"
+    word = f"{walk_title(summary)}: {summary['verdict'].replace('_', ' ').upper()}"
     color = COLORS.get(summary["verdict"], "yellow")
     print_line(Text.assemble((word, f"bold {color}"), f"  {summary['reason']}{why}"))
     for file, what in (("recording.rrd", f"ampm view {here}"), ("report.html", "open in a browser")):
-        if (folder / file).is_file():
+        if wrote and (folder / file).is_file():
             print_line(f"  {folder / file}  ({what})")
     print_line()

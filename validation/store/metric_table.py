@@ -20,6 +20,13 @@ def summary_title(summary: Mapping[str, Any]) -> str:
     return gait_title(summary["gait"], summary.get("changed", {}), summary.get("planner", ""))
 
 
+def walk_title(summary: Mapping[str, Any]) -> str:
+    """The same, and what disturbed the walk besides."""
+    named = ("sensors.", *summary.get("changed", {}))
+    told = [text for text in summary.get("disturbances", ()) if not text.startswith(named)]
+    return ", ".join([summary_title(summary), *told])
+
+
 def metric_table(summary: Mapping[str, Any]) -> Table:
     """Every judged metric of a ``summary.json`` with its limit; those that check the measurement come last.
 

@@ -24,7 +24,7 @@ from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.support import StepPlan
 from ampm.run_file import load_run
 from validation.store.json import dump_json, write_json
-from validation.store.metric_table import metric_table, summary_title
+from validation.store.metric_table import metric_table, summary_title, walk_title
 from validation.store.record import RECORD_FILES, load_record, read_header
 from validation.store.signals import Signals, load_signals
 from validation.store.summary import SUMMARY, read_json
@@ -110,8 +110,8 @@ class SavedRun(Tabled):
     @property
     def sentence(self) -> str:
         """Gait, steps, outcome, and verdict with its reason."""
-        verdict = str(self.summary["verdict"]).replace("_", " ").upper()
-        return f"{self.title}, {self.record.outcome.summary}: {verdict}. {self.summary['reason']}"
+        title, verdict = walk_title(self.summary), str(self.summary["verdict"]).replace("_", " ").upper()
+        return f"{title}, {self.record.outcome.summary}: {verdict}. {self.summary['reason']}"
 
     def table(self) -> Table:
         """Every judged metric with its limit."""
