@@ -144,14 +144,14 @@ def _input_error(error: ValidationError, model: type[Section]) -> InputError:
     if kind == "extra_forbidden":
         return unknown(key, model.known_keys(), "section" if isinstance(value, Mapping) else "key")
     field = {field.alias or name: field for name, field in model.model_fields.items()}[location[0]]
-    meaning = f" Meaning: {field.description}." if field.description else ""
+    unit = "" if unit_of(field) == "1" else f" {unit_of(field)}"
+    meaning = f" Meaning: {field.description}{unit and f' [{unit.strip()}]'}." if field.description else ""
     if kind == "missing" and len(location) > 1:
         key = key.rpartition(".")[0]
         return InputError(f"{key} lacks a value; give all of them.{meaning}", key=key)
     if kind == "missing":
         line = f"[{key}] and its keys." if hasattr(field.annotation, "model_fields") else f"{key} = ..."
         return InputError(f"{key} is missing; write {line}{meaning}", key=key, way_out=f"write {line}")
-    unit = "" if unit_of(field) == "1" else f" {unit_of(field)}"
     limit = limit_of(detail) + (unit if kind.startswith(("greater_than", "less_than")) else "")
     way_out = None
     if kind in ("model_type", "dict_type"):

@@ -45,7 +45,7 @@ REPEATED = 1e-3
 """Largest distance of the COM from that of the first step, mirrored, for steps that repeat [m]."""
 _ORDER = np.array(["left", "both", "right", "both"])
 _SAME = 1e-6  # of footsteps and durations that repeat [m, s]
-_LARGEST = {"angular_momentum": 1e3, "com_acceleration": 1e3, "": 1e4}  # by the begin of a name [SI]
+_LARGEST = {"angular_momentum": 1e3, "com_acceleration": 1e3, "com_z": 1e2, "": 1e4}  # by a name's begin
 _NOISE, _NOISY = 1e-3, 0.25  # of the ZMP between rows [m], and in which share of them
 _PLACE = ("x", "y", "z", "heading")
 _NAMES = (
@@ -71,7 +71,7 @@ def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
         )
     time = _numbers(table, "time")
     later = np.diff(time, prepend=-np.inf) > 0.0
-    _check(time, "time", later, "ascend from row to row; remove repeated rows")
+    _check(time, "time", later, "ascend from row to row; give more digits, or remove repeated rows")
     _check(time[:1], "time", time[:1] == 0.0, "begin at 0; subtract the first time")
     com = _vectors(table, "com", "xyz" if "com_z" in table else "xy")
     left, right = (_placements(table, name) for name in ("left_placement", "right_placement"))
@@ -173,7 +173,7 @@ def _numbers(table: Mapping[str, Any], name: str) -> Array:
     values = np.array([_number(cell) for cell in column.tolist()])  # texts become NaN, and are refused
     if len(values) < 3:
         raise InputError(f"the table has {len(values)} rows; give three or more.")
-    _check(column, name, np.isfinite(values), "be a finite number")
+    _check(column, name, np.isfinite(values), "be a finite number; fill empty cells")
     largest = next(most for end, most in _LARGEST.items() if name.startswith(end))
     _check(values, name, np.abs(values) <= largest, f"be at most {largest:g} in magnitude; give SI units")
     return values
@@ -195,7 +195,7 @@ def _vectors(table: Mapping[str, Any], name: str, axes: str = "xy") -> Array:
             if turns.mean() > _NOISY:
                 raise InputError(
                     f"{name}_{axis} of the table goes to and fro by more than {1e3 * _NOISE:g} mm between "
-                    f"rows, in {turns.mean():.0%} of them; give a smooth plan."
+                    f"rows, in {turns.mean():.0%} of them; give a smooth plan, of six digits."
                 )
     return np.column_stack(columns)
 
