@@ -123,6 +123,7 @@ class Ramp:
 def above_limits(rate):
     """Torques of the first milliseconds over 98 % of the motors' limits, four steps a tick; the other 2 %."""
     record = val.walk(ampm.load_run("normal", gait={"steps": 1}), controller=partial(Ramp, rate=rate)).record
+    assert record.controller == f"{__name__}:<partial Ramp>"
     return record.torque[:8] - 0.98 * record.torque_limit, 0.02 * record.torque_limit
 
 

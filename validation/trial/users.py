@@ -8,6 +8,7 @@ import sys
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from importlib.metadata import entry_points
 from operator import attrgetter
@@ -98,6 +99,11 @@ def load_object(option: str, text: str) -> Any:
         raise InputError(
             f"{option} {text!r} must be MODULE:CLASS without .py, for example mine:Controller of mine.py."
         )
+    if "<" in name:
+        raise InputError(
+            f"{option} {text!r} was given in Python and cannot be imported again; walk it there, or make it "
+            "a class of a module."
+        )
     here = str(Path.cwd())
     sys.path.insert(0, here)
     try:
@@ -184,9 +190,11 @@ class Role:
             raise InputError(said, key=self.options, value=dict(given)) from error
 
     def name_of(self, factory: Any) -> str:
-        """Name of a class or function, as :meth:`find` takes it."""
-        kind = factory if hasattr(factory, "__qualname__") else type(factory)
-        text = f"{kind.__module__}:{kind.__qualname__}"
+        """Name of a class or function, as :meth:`find` takes it; with < if it cannot be imported again."""
+        kind = factory.func if isinstance(factory, partial) else factory
+        kind = kind if hasattr(kind, "__qualname__") else type(kind)
+        name = f"<partial {kind.__qualname__}>" if isinstance(factory, partial) else kind.__qualname__
+        text = f"{kind.__module__}:{name}"
         return next((name for name, place in self.known.items() if place == text), text)
 
 
