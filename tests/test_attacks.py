@@ -20,7 +20,6 @@ from tests.test_fuzz import LOG, PLAN
 from tests.test_verdict import compared
 from tests.walk import perfect_walk
 from validation.judge.metrics import Metric, evaluate, unregister
-from validation.judge.profiles import DEFAULT
 from validation.measure.log import read_log
 from validation.trial.users import UsersCode, UsersError, read_columns
 
@@ -46,24 +45,21 @@ def test_an_error_without_words_is_told():
         raise Silent
 
 
-def columns_of(text):
+def columns_of(text, statement):
+    """Columns of a table, changed by a statement on them."""
     names, *rows = [line.split(",") for line in text.splitlines()]
     cells = dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
-    return {name: column if name == "stance" else column.astype(float) for name, column in cells.items()}
+    columns = {name: cell if name == "stance" else cell.astype(float) for name, cell in cells.items()}
+    exec(statement, {"np": np}, columns)
+    return columns
 
 
 def log(statement):
-    """A log changed by a statement on its columns."""
-    columns = columns_of(LOG)
-    exec(statement, {"np": np}, columns)
-    return read_log(columns, 588.6)
+    return read_log(columns_of(LOG, statement), 588.6)
 
 
 def plan(statement):
-    """The plan of a table changed by a statement on its columns."""
-    columns = columns_of(PLAN)
-    exec(statement, {"np": np}, columns)
-    return table_motion(columns)
+    return table_motion(columns_of(PLAN, statement))
 
 
 def test_the_tables_that_are_changed_are_read():
@@ -71,10 +67,6 @@ def test_the_tables_that_are_changed_are_read():
     flight = log("force_z[5:8] = 0.0; zmp_x[5:8] = np.nan")
     assert (flight.time.size, flight.gaps) == (40, ())  # where nothing carries there is no ZMP
     plan("")
-
-
-def limited(tolerances):
-    return DEFAULT.tolerance(metric(tolerances=tolerances))
 
 
 def test_only_regular_files_are_read(tmp_path):

@@ -89,11 +89,14 @@ def test_comparison(drop, tmp_path, ampm):
     assert ampm("compare", folder, folder, "--json").json["metrics"][drop.name]["label"] == drop.label
 
 
-def test_a_run_is_not_judged_by_a_metric_that_it_lacks(drop, tmp_path, ampm):
+def test_a_metric_that_a_run_lacks_or_no_profile_judges_is_refused(drop, tmp_path, ampm):
     folder = make_run(tmp_path / "run")
-    register(replace(drop, name="later"))
+    limits = dict(drop.tolerances)
+    register(replace(drop, name="later", tolerances=limits))
     try:
         assert "has no values of later; walk it again with --metric." in ampm("judge", folder).err
+        limits["defualt"] = 1.0
+        assert ampm("validate").err.startswith("ampm: unknown profile for a limit of 'later': 'defualt'; did")
     finally:
         unregister("later")
 

@@ -285,12 +285,13 @@ class Judging:
         return profile(self.profile) if self.profile else None
 
 
-def load_metrics(metrics: Sequence[str] | None) -> None:
+def load_metrics(texts: Sequence[str] | None) -> None:
     """Register metrics of a user's own."""
-    from validation.judge.metrics import load_metric  # loads NumPy
+    from validation.judge import metrics, profiles  # load NumPy
 
-    for text in metrics or ():
-        load_metric(text)
+    for text in texts or ():
+        metrics.load_metric(text)
+    profiles.profile("default")  # refuses a limit in an unknown profile
 
 
 def grouped(command: Callable[..., int]) -> Callable[..., int]:

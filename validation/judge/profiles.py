@@ -121,9 +121,10 @@ def own_profile(gait: str, run: RunParameters, disturbances: Sequence[Disturbanc
 
 
 def profile(name: Profile | str) -> Profile:
-    """Look up a profile, unless it is one; raises InputError if there is none of this name."""
-    if isinstance(name, Profile):
-        return name
-    if name not in PROFILES:
+    """Look up a profile, unless it is one; raises InputError if it, or that of a limit, is unknown."""
+    if not isinstance(name, Profile) and name not in PROFILES:
         raise unknown(name, PROFILES, "profile")
-    return PROFILES[name]
+    found = name if isinstance(name, Profile) else PROFILES[name]
+    for metric in METRICS.values():
+        found.tolerance(metric)
+    return found

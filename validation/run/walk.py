@@ -20,6 +20,7 @@ from ampm.walk import ControllerFactory, Planner
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
 from validation.judge.profiles import DEFAULT, Profile, own_profile
+from validation.judge.profiles import profile as find_profile
 from validation.measure.measure import measure
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
@@ -107,6 +108,7 @@ def walk_planned(
     measured.
     """
     run, body, progress = planned.run, planned.body, progress or Progress()
+    profile = find_profile(profile)
     taken = dict[str, float]()
     with timed(taken, "simulation"), progress.stage(f"{planned.name}: simulation", "steps") as stage:
 
