@@ -62,11 +62,7 @@ class RunState(StrEnum):
 
     @classmethod
     def of(cls, outcome: str, verdict: str | None) -> Self:
-        """The state of a row.
-
-        Raises:
-            ValueError: there is no such outcome.
-        """
+        """The state of a row; raises ValueError if there is no such outcome."""
         if outcome == "completed":
             return {"pass": cls.PASS, "fail": cls.OUT_OF_TOLERANCE}.get(verdict or "", cls.NOT_MEASURED)
         return cls(outcome)
