@@ -8,8 +8,6 @@ from ampm.planner.contacts import footprint
 from ampm.planner.feet import foot_rotation
 from ampm.planner.footsteps import MARGIN
 
-SIDES = ("left", "right")
-
 
 def inside(plan, count=40):
     """Times within every phase, none on a switch."""
@@ -110,7 +108,7 @@ def assert_feet_turn(plan, turning, h=1e-5):
 def assert_feet_stand(plan, ground=None, *, over=True):
     """Lines in contact rest where they are on the floor, and nothing is under it where ``over`` says so."""
     feet, times = plan.feet, np.linspace(0.0, plan.duration, 1501)
-    for side, path, foot in zip(SIDES, (feet.left, feet.right), feet.sample(times), strict=True):
+    for side, path, foot in zip(("left", "right"), (feet.left, feet.right), feet.sample(times), strict=True):
         floor = 0.0 if ground is None else ground.at(foot.sole_points[..., :2])
         above, contact = foot.sole_points[..., 2] - floor, foot.contact.repeat(2, axis=1)
         assert not over or above.min() > -5e-5

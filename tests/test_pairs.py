@@ -166,8 +166,8 @@ def test_a_study_takes_the_place_of_the_share_and_rounding_never_counts(sides):
     assert side.doubt("zmp_x_rmse", "m") == pytest.approx(SHARE * side.number("zmp_x_rmse"))
     largest = side.number("zmp_x_maximum")
     assert side.doubt("zmp_x_maximum", "m") == pytest.approx(SHARE_OF_ERRORS * largest)
-    small = changed(side, margins={"measured_polygon": {"value": 1e-5}})
-    assert small.doubt("margin_measured_polygon", "m") == 1e-3  # and not 30 % of the value
+    small = changed(side, margins={"measured_polygon": {"value": 1e-5}})  # whose share would be nothing
+    assert small.doubt("margin_measured_polygon", "m") == 1e-3
     studied = replace(side, study=Uncertainty("a", 6, {"zmp_x_rmse": 1e-3, "zmp_y_rmse": 0.0}))
     assert studied.doubt("zmp_x_rmse", "m") == 1e-3
     assert studied.doubt("zmp_y_rmse", "m") == pytest.approx(1e-6 * side.number("zmp_y_rmse"))

@@ -20,7 +20,6 @@ from ampm.control.workspace import ANGULAR, Workspace, gains_of
 from ampm.parameters import BodyParameters, RunParameters
 from validation.trial.plan import make_body
 
-BODIES = ("human", "suite-humanoid")
 TICKS = 12 if config.DISABLE_JIT else 120
 ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 SCALE = np.array([1.0, 1.0, 1.0, ANGULAR, ANGULAR, ANGULAR])
@@ -141,7 +140,7 @@ def ticks(source, count=TICKS):
     return done
 
 
-@pytest.fixture(params=BODIES)
+@pytest.fixture(params=["human", "suite-humanoid"])
 def walked(request):
     return ticks(request.param)
 
