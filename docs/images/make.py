@@ -81,7 +81,7 @@ def picture_of_plan(gait: str, target: Path) -> None:
         drawn = Path(folder) / "plan.png"
         plot_plan(plan_walk(load_request(gait)).plan, drawn, title=f"plan of {gait}")
         image = Image.open(drawn).convert("RGB")
-        image.quantize(64, dither=Image.Dither.NONE).save(target, optimize=True)
+        image.quantize(192, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
 if __name__ == "__main__":

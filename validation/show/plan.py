@@ -1,6 +1,5 @@
 """Pictures of a plan."""
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,20 +27,23 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
     the path chooses the format.
     """
     is_whole = plan.contacts.phases[0].kind == "double_support"  # it begins at rest
-    duration = min(plan.duration, math.inf if is_whole else _SHOWN_STEPS * plan.constants.step_duration)
+    steps = len(plan.contacts.footsteps) - 2
+    shown = steps if is_whole else min(steps, _SHOWN_STEPS)
+    duration = plan.duration if shown == steps else shown * plan.constants.step_duration
     times = np.linspace(0.0, duration, _POINTS)
     if isinstance(plan, StepPlan):  # the ZMP margin jumps where a contact changes
         changes = np.r_[plan.contacts.starts, plan.feet.left.start, plan.feet.right.start]
         times = np.unique(np.clip(np.r_[times, changes - 1e-9, changes + 1e-9], 0.0, duration))
     sample = plan.sample(times)
     paths = {"COM": sample.com, "DCM": sample.dcm, "ZMP": sample.zmp}
-    force = 100 * sample.force / (plan.mass * plan.gravity)
+    force = 100 * sample.force.T / plan.weight
+    along_y = f"along y (steps 1 to {shown} of {steps}; grey: double support)"
     curves = {
-        ("along x", "[m]"): {name: values[:, 0] for name, values in paths.items()},
-        ("along y", "[m]"): {name: values[:, 1] for name, values in paths.items()},
+        (f"{title}: along x", "[m]"): {name: values[:, 0] for name, values in paths.items()},
+        (along_y, "[m]"): {name: values[:, 1] for name, values in paths.items()},
         ("COM velocity", "[m/s]"): dict(zip("xy", sample.com_velocity.T, strict=False)),
         ("COM acceleration", "[m/s²]"): dict(zip("xy", sample.com_acceleration.T, strict=False)),
-        ("ground force", "[% of body weight]"): dict(zip("xyz", force.T, strict=True)),
+        ("ground force", "[% of body weight]"): dict(zip("xyz", force, strict=True)),
         ("moment about the COM", "[N m]"): dict(zip("xyz", sample.moment.T, strict=False)),
         ("angular momentum about the COM", "[N m s]"): dict(
             zip("xyz", sample.angular_momentum.T, strict=False)
@@ -65,7 +67,6 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
             if phase.kind == "double_support" and phase.start < duration:
                 chart.shade(phase.start, min(phase.start + phase.duration, duration), SHADE)
         chart.name(what, unit)
-    charts[0].title = f"{title}: {charts[0].title}"
     top.width += beside
     _draw_top(top, plan, sample)
     with output_file(path) as work:
@@ -78,7 +79,7 @@ def _draw_top(chart: Chart, plan: CentroidalPlan, sample: PlanSample) -> None:
         for points, contact in zip(*plan.points_in_contact(sample.time[:: _POINTS // 150]), strict=True):
             corners = convex_hull(points[contact])
             if len(corners) >= 3:
-                chart.area(corners[:, 0], corners[:, 1], RIGHT, opacity=0.02)
+                chart.area(corners[:, 0], corners[:, 1], FAINT, opacity=0.02)
         low, high = sample.com[:, :2].min(axis=0) - _BEYOND, sample.com[:, :2].max(axis=0) + _BEYOND
         for step in plan.contacts.footsteps:
             if (step.position[:2] >= low).all() and (step.position[:2] <= high).all():
@@ -87,5 +88,4 @@ def _draw_top(chart: Chart, plan: CentroidalPlan, sample: PlanSample) -> None:
     for name, values in (("COM", sample.com), ("ZMP", sample.zmp)):
         chart.line(values[:, 0], values[:, 1], _COLORS[name], 1.3, label=name)
     chart.equal = True
-    title = "from above: footprints (left purple, right yellow), support polygons (shaded)"
-    chart.name(title, "y, left [m]", "x, forward [m]")
+    chart.name("footprints (left purple, right yellow), support (shaded)", "y, left [m]", "x, forward [m]")
