@@ -299,11 +299,11 @@ class RunFigures:
 
 def _draw_tolerances(chart: Chart, rmse: float | None, maximum: float | None) -> None:
     """Tolerances about zero; a wide one does not scale the axis."""
-    low, high = chart.limits()
-    reach = 1.1 * max(abs(low[1]), abs(high[1]))
+    reach = 1.1 * max(abs(ends[1]) for ends in chart.limits())
     chart.level(0.0, FAINT)
     if rmse is not None:
         chart.area((-np.inf, np.inf, np.inf, -np.inf), (-rmse, -rmse, rmse, rmse), GOOD, opacity=0.22)
+        chart.marks.insert(0, chart.marks.pop())  # below the error
         reach = max(reach, 1.6 * rmse)
     if maximum is not None:
         if 0.4 * maximum < reach:
