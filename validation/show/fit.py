@@ -13,7 +13,7 @@ from validation.show.page import render_page
 from validation.show.style import COMMAND, FAINT, MEASURED, PLAN, SHADE
 from validation.table import Table, short_unit
 
-_MODELS = {"pendulum": ("resting ZMP", FAINT), "rolling": ("rolling ZMP", COMMAND), "ampm": ("AMPM", PLAN)}
+LOOKS = {"pendulum": ("resting ZMP", FAINT), "rolling": ("rolling ZMP", COMMAND), "ampm": ("AMPM", PLAN)}
 _FROM = {"zmp": ", from the COM", "angular_momentum": ", less its mean"}
 
 
@@ -24,17 +24,17 @@ def fit_page(name: str, sentence: str, strides: Strides, tables: Sequence[Table]
         "curves.html.j2",
         f"AMPM fitted to {name}",
         sentence=sentence,
-        keys=[("measured", MEASURED), *_MODELS.values()],
+        keys=[("measured", MEASURED), *LOOKS.values()],
         key_note="means over the strides; each stride is explained by the constants of the others; shade: "
         "95 % of the strides; grey: double support",
         runs=[],
         citations=[],
-        pictures=numbered(_picture(strides, told, column) for column in range(len(EXPLAINED))),
+        pictures=numbered(draw_fit(strides, told, column) for column in range(len(EXPLAINED))),
         tables=tables,
     )
 
 
-def _picture(strides: Strides, told: dict[str, Array], column: int) -> Picture:
+def draw_fit(strides: Strides, told: dict[str, Array], column: int) -> Picture:
     """One signal over the mean stride, measured and by all models."""
     signal = SIGNALS[EXPLAINED[column]]
     scale, unit = display_unit(signal.unit, strides.weight)
@@ -53,7 +53,7 @@ def _picture(strides: Strides, told: dict[str, Array], column: int) -> Picture:
     low, high = np.quantile(measured, (0.025, 0.975), axis=0)
     chart.band(time, low, high, MEASURED, opacity=0.25)
     chart.line(time, measured.mean(axis=0), MEASURED, 2.2)
-    for model, (_, color) in _MODELS.items():
+    for model, (_, color) in LOOKS.items():
         chart.line(time, drawn(told[model]).mean(axis=0), color, 1.2, dash="" if model == "ampm" else DASHED)
     for begin in (1, 3):  # of the double supports
         chart.shade(ends[begin], ends[begin + 1], SHADE)
