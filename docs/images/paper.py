@@ -29,6 +29,7 @@ STYLE = {
     "axes.titlesize": 9,
     "axes.titlelocation": "left",
     "axes.grid": True,
+    "axes.axisbelow": True,
     "grid.color": "#e4e7eb",
     "figure.constrained_layout.use": True,
 }
@@ -109,16 +110,21 @@ def planned(*settings):
     return ampm.PeriodicPlanner().plan(run, walk("normal").robot)
 
 
-def shade(axis, walk):
-    """Axis of a stride; its double supports are shaded."""
+def shade(axis, walk, line="-", label=""):
+    """Axis of a stride; its double supports are shaded, or between dashes for a walk with dashed curves."""
     for start in (walk.single, 0.5 * walk.stride + walk.single):
-        axis.axvspan(start, start + walk.double, color=SHADE, linewidth=0, zorder=0)
+        name = label if start == walk.single else ""
+        if line == "-":
+            axis.axvspan(start, start + walk.double, color=SHADE, linewidth=0, zorder=0, label=name)
+        else:
+            axis.axvline(start, color=FAINT, linewidth=0.8, linestyle=line, label=name)
+            axis.axvline(start + walk.double, color=FAINT, linewidth=0.8, linestyle=line)
     axis.set(xlim=(0.0, walk.stride), xlabel="time in the stride [s]")
 
 
 def curves(axis, walk, reference, simulated, color=PLAN, label="", line="-"):
     """Plan (light) or motion (dark), and simulation: mean and spread of the strides."""
-    shade(axis, walk)
+    shade(axis, walk, line, f"double support{label}")
     axis.fill_between(walk.phase, simulated.min(axis=0), simulated.max(axis=0), color=BAND, linewidth=0)
     name = "plan" if color == PLAN else "IK"
     axis.plot(walk.phase, reference, line, color=color, linewidth=3, label=f"{name}{label}")
@@ -167,6 +173,7 @@ def plane(component):
         f"l_s = {k.l_s:.3f}, l_d = {k.l_d:.3f} m" if component == 0 else f"s = {k.s:.3f}, β = {k.beta:.3f} m"
     )
     axes["s"].set(title=f"single support; {lengths}", xlabel=f"{letter} from the stance foot [m]")
+    axes["s"].set_ylabel("z [m]")
     axes["d"].set(title="double support", xlabel=f"{letter} from the middle of the feet [m]")
     for row, name in (("C", "com"), ("Z", "zmp")):
         errors(axes[row], its, *its.against(name, component), f"{name.upper()} {letter} less plan", 1e3, "mm")
@@ -247,7 +254,7 @@ def strip(axis, its, view, title):
                 centre = (-turn[1], turn[0])[view] / force[2] + shift
                 arrow(axis, centre, force[[view, 2]] / measured.weight)
         axis.text(0.95 * frame, -0.05, f"{100 * (time - start) / its.stride:.0f} %", ha="center", va="top")
-    axis.set(aspect="equal", title=title, xticks=[], yticks=[0.0], ylim=(-0.2, 1.85), ylabel="z [m]")
+    axis.set(aspect="equal", title=title, xticks=[], yticks=[0.0, 1.0], ylim=(-0.2, 1.85), ylabel="z [m]")
 
 
 def figure_8():
@@ -301,7 +308,7 @@ def turned(names, component, height):
         curves(axes["R"], its, *its.against("angular_momentum", component), PLAN, label, line)
     axes["L"].set_title(f"{('roll', 'pitch')[component]} of the trunk [°]")
     axes["R"].set(title=f"$L_{'xy'[component]}$ about the COM [N m s]")
-    axes["R"].legend(fontsize=6.5, ncols=2)
+    figure.legend(*axes["R"].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
@@ -315,7 +322,7 @@ def figure_11():
         momentum = np.abs(plan.sample(times).angular_momentum[:, 0]).max()
         rows.append((f"{value:g}", f"{momentum:.2f}", f"{roll:.1f}"))
     header = ("`gait.c_y`", "planned peak of L_x [N m s]", "roll of the trunk, peak to peak [°]")
-    return turned(("roll-0.1", "roll-0.7"), 0, 7.4), {"figure-11-swing": table(header, rows)}
+    return turned(("roll-0.1", "roll-0.7"), 0, 7.9), {"figure-11-swing": table(header, rows)}
 
 
 BOUNDS = {"x": 0.03, "y": 0.05, "z": 0.01}
@@ -350,8 +357,8 @@ def human():
     axes = figure.subplot_mosaic("xxyyzz;cccsss;vvffmm", height_ratios=(1.2, 1, 1.2))
     found = {name: peaks(walk(name.split(",")[0], *more)) for name, more in DEMOS.items()}
     for k, letter in enumerate("xyz"):
-        axes[letter].barh(list(found), [peak[k] for peak in found.values()], color=PLAN)
-        axes[letter].axvspan(0.0, BOUNDS[letter], color=BAND, alpha=0.6)
+        axes[letter].barh(list(found), [peak[k] for peak in found.values()], color=MEASURED)
+        axes[letter].axvspan(0.0, BOUNDS[letter], color=BAND, zorder=0)
         axes[letter].set_title(f"largest |L_{letter}| / (m V H)")
         axes[letter].tick_params(labelleft=k == 0)
     ranges = [human_range(axes["c"], "c_y", 0), human_range(axes["s"], "c_s", 1)]
@@ -392,7 +399,7 @@ FIGURES = {
     "figure-09": figure_9,
     "figure-10": figure_10,
     "figure-11": figure_11,
-    "figure-12": lambda: (turned(("pitch", "normal"), 1, 4.9), {}),
+    "figure-12": lambda: (turned(("pitch", "normal"), 1, 5.3), {}),
     "human": human,
 }
 
