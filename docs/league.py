@@ -140,7 +140,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
                     s=90.0 * share,
                     **looks[row["planner"]],
                 )
-        axes.set(title=task, yscale="log", xmargin=0.1)
+        axes.set(title=task, yscale="log", xmargin=0.1, ymargin=0.1)
     for axes in plots[len(tasks) :]:
         axes.set_axis_off()
     for axes in plots[len(tasks) - columns : len(tasks)]:
