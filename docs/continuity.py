@@ -41,7 +41,7 @@ CURVES = {
     "ZMP error y, to\nthe stance foot [mm]": (-30, 25),
     "torque rate\n[N m/ms]": (0, 25),
 }
-"""Label and range of each curve; single switches go beyond."""
+"""Label and range of each curve; single switches go beyond, and the picture says how far."""
 
 
 def main() -> None:
@@ -130,9 +130,14 @@ def draw(sides: Sequence[Side]) -> Figure:
     for first, last, title in zip(axes[0], axes[-1], SWITCHES, strict=True):
         first.set_title(title)
         last.set_xlabel("time from the switch [ms]")
-    for axis, (label, shown) in zip(axes[:, 0], CURVES.items(), strict=True):
-        axis.set_ylabel(label)
-        axis.set_ylim(*shown)
+    for row, (label, shown) in zip(axes, CURVES.items(), strict=True):
+        row[0].set_ylabel(label)
+        row[0].set_ylim(*shown)
+        for axis in row:
+            low, high = axis.dataLim.intervaly
+            if low < shown[0] or high > shown[1]:
+                said = f"all switches: {low:.3g} to {high:.3g}"
+                axis.text(0.88, 0.9, said, transform=axis.transAxes, ha="right", fontsize=8)
     figure.align_ylabels(axes[:, 0])
     handles += axes[0, 0].plot([], [], color=ink, linestyle=(0, (4, 2)), label="plan")
     figure.legend(handles=handles, loc="upper right", ncols=3, bbox_to_anchor=(0.985, 0.995))
