@@ -29,6 +29,6 @@ for axes, axis in zip(below, (0, 1), strict=True):
     axes.axvline(trial.plan.judged_from, color="0.5", linestyle=":", label="judged from here")
     axes.set(xlabel="time [s]", ylabel=f"ZMP error\nalong {'xy'[axis]} [mm]")
     axes.grid(alpha=0.3)
-    axes.legend(loc="upper right", ncols=2)
+    axes.legend(loc="lower right", ncols=2)
 figure.savefig("walk_and_judge.png", dpi=100)
 print("wrote walk_and_judge.png")

@@ -44,6 +44,6 @@ if __name__ == "__main__":  # the processes of a sweep import this file
     axes.axhline(2.5, color="tab:red", linestyle="--", label="tolerance")  # of the profile "default"
     axes.set(xlabel="speed at a switch of support [m/s]", ylabel="ZMP, RMS error along x [mm]", yscale="log")
     axes.grid(alpha=0.3, which="both")
-    axes.legend(loc="center right")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     figure.savefig("sweep.png", dpi=100)
     print("wrote sweep.png; the sweep's own report is sweeps/speeds/report.html")

@@ -23,7 +23,7 @@ def main() -> None:
             os.chdir(HERE)
             for picture in Path(folder).glob("*.png"):
                 image = Image.open(picture).convert("RGB")
-                image.quantize(64, dither=Image.Dither.NONE).save(HERE / picture.name, optimize=True)
+                image.quantize(128, dither=Image.Dither.NONE).save(HERE / picture.name, optimize=True)
 
 
 if __name__ == "__main__":
