@@ -20,7 +20,7 @@ Groups = Mapping[str, tuple[NDArray[np.bool_], str]]
 MOST_POINTS = 2000
 """Runs in a picture at most: all, or a random sample."""
 _MOST_KEYS, _MOST_USED = 6, 1000.0  # parameters that are drawn; largest share of a tolerance [%]
-_SIZES = (5.5, 2.5)  # diameters of the dots of the first and last kind, so that none hides another [pt]
+_SIZES = (6.5, 3.5)  # diameters of the dots of the first and last kind, so that none hides another [pt]
 _COLORS: Mapping[RunState, str] = {
     RunState.PASS: "#0072b2",
     RunState.OUT_OF_TOLERANCE: "#e69f00",
