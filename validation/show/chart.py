@@ -97,7 +97,7 @@ class Chart:
             ends.append([fit[k] if given[k] is None else given[k] for k in (0, 1)])
         low, high = np.array(ends, dtype=float).T
         if self.equal:
-            unit = ((high - low) / (self.width, self.height)).max()
+            unit = max(*(high - low) / (self.width, self.height), 5e-4)  # [m/pt]: who stands does not move
             middle, half = (low + high) / 2, unit * np.array([self.width, self.height]) / 2
             low, high = middle - half, middle + half
         return low, high

@@ -15,7 +15,6 @@ from validation.store.folders import output_file
 
 _SHOWN_STEPS = 4  # a periodic gait repeats itself every two
 _POINTS = 1200
-_ROUNDING = 1e-9
 _BEYOND = 0.7  # of the path of the COM, in which footsteps are drawn [m]
 _COLORS = {"COM": PLAN, "DCM": FAINT, "ZMP": COMMAND, "x": PLAN, "y": MEASURED, "z": INK}
 
@@ -61,7 +60,7 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
     for chart, ((what, unit), lines) in zip(charts, curves.items(), strict=True):
         for name, values in lines.items():
             chart.line(times, values, _COLORS[name], 1.3, label=name)
-        if max(np.abs(values).max() for values in lines.values()) < _ROUNDING:
+        if max(np.abs(values).max() for values in lines.values()) < 1e-9:  # rounding
             chart.ylim = (-1.0, 1.0)
         for phase in plan.contacts.phases:
             if phase.kind == "double_support" and phase.start < duration:

@@ -180,7 +180,7 @@ class RunFigures:
             chart.line(ahead["lead"], values, color, 1.3, label=SIGNALS[name].direction)
             chart.dots(ahead["lead"], values, color, 5.0)
         chart.instant(ahead["judged"], FAINT, dash=DASHED)
-        chart.ylim = (0.0, None)
+        chart.xlim, chart.ylim = (-0.01, ahead["lead"][-1] + 0.01), (0.0, None)
         chart.name("ZMP, RMS error from the plan as it stood before", "[mm]", "age of the plan [s]")
         caption = "Dashed: the age by which this walk is judged."
         return Picture(charts, "RMS error of the ZMP by the age of the plan", caption)
@@ -294,6 +294,7 @@ class RunFigures:
         end = 0 if self.saved.from_rest else self.signals.first_step()
         if 0 < end < len(self.signals):
             chart.instant(float(self.signals.time[end]), FAINT, 0.8, dash="1 2")
+        chart.xlim = float(self.signals.time[0]), float(self.signals.time[-1])  # also of thinned curves
         chart.name(title, ylabel)
 
 
