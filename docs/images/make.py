@@ -21,8 +21,8 @@ from validation.show.rerun.views import PHASE
 from validation.trial.plan import load_request, plan_walk
 
 HERE = Path(__file__).resolve().parent
-MENU_BAR = 36
-"""Height of the viewer's menu bar [px], which is cut off."""
+MENU_BAR, TIME_PANEL = 36, 29
+"""Heights of the viewer's menu bar and time panel [px], which are cut off."""
 
 
 def picture_of_recording(
@@ -63,7 +63,7 @@ def picture_of_recording(
                 viewer.save_screenshot(str(shot))
                 break
         image = Image.open(shot).convert("RGB")
-        image = image.crop((0, MENU_BAR, image.width, image.height - MENU_BAR)).crop(box)
+        image = image.crop((0, MENU_BAR, image.width, image.height - TIME_PANEL)).crop(box)
         if width:
             image = image.resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)
         image.quantize(192, dither=Image.Dither.NONE).save(target, optimize=True)

@@ -79,7 +79,7 @@ def run_blueprint(ranges: Ranges) -> rrb.Blueprint:
         rrb.Horizontal(_verdict_view("Verdict", ""), _events_view("Events", ""), column_shares=[3, 2]),
         _tabs([""], ranges),
         rrb.StateTimelineView(name="Phase and contact", origin="/phase", time_view=_near()),
-        row_shares=[6, 17, 4],
+        row_shares=[6, 16, 5],
     )
     return _laid_out(rrb.Horizontal(left, right), TIMELINE)
 
