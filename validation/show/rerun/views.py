@@ -115,7 +115,7 @@ def _near() -> rrb.TimeAxis:
 
 def _plot(entity: str, runs: Sequence[str], ranges: Ranges) -> rrb.TimeSeriesView:
     """Curves of one entity of some runs: signals about the cursor, others over the whole run."""
-    is_signal, title = entity.startswith("signals/"), _TITLES[entity]
+    is_signal, title = entity.startswith("signals/"), _TITLES[entity].replace(" about", "")  # leaves the unit
     if _is_free(ranges):
         title = title.replace(", from the planned COM", "").replace(", from the plan", "")
     return rrb.TimeSeriesView(
