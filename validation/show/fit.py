@@ -26,7 +26,7 @@ def fit_page(name: str, sentence: str, strides: Strides, tables: Sequence[Table]
         sentence=sentence,
         keys=[("measured", MEASURED), *LOOKS.values()],
         key_note="means over the strides; each stride is explained by the constants of the others; shade: "
-        "95 % of the strides; grey: double support",
+        "95 % of the strides; grey: double support; dashed: no angular momentum",
         runs=[],
         citations=[],
         pictures=numbered(draw_fit(strides, told, column) for column in range(len(EXPLAINED))),
