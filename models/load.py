@@ -27,6 +27,7 @@ _COLOUR = (0.45, 0.52, 0.60, 1.0)
 _LEAST_JOINTS = 6  # of a leg
 _SIDEWAYS = 0.7  # least part along y of a knee's axis [1]
 _LEAST_PART = 0.2  # of thigh or shank, of both together [1]
+_LEAST_BEND = 0.1  # range of a knee [rad]
 _TALLEST = 3.0  # stature, as of body.height [m]
 _DRY = (0.001, 1.0)  # of dry friction, which MuJoCo's default makes viscous at slow rates [s, 1]
 _THIN = 0.005  # least half axis of a segment's shape [m]
@@ -110,11 +111,13 @@ class Writer:
         """Refuse a knee that does not bend its leg."""
         joint, centre = self.tree.hinges[leg.knee], self.anchors[leg.knee]
         to_hip, to_ankle = (np.linalg.norm(self._along(k, 1) - centre) for k in (leg.hip, leg.ankle))
-        if abs(joint.axis[1]) < _SIDEWAYS or min(to_hip, to_ankle) < _LEAST_PART * (to_hip + to_ankle):
+        beside = abs(joint.axis[1]) < _SIDEWAYS or min(to_hip, to_ankle) < _LEAST_PART * (to_hip + to_ankle)
+        if beside or 0.0 < joint.high - joint.low < _LEAST_BEND:
             axis = ", ".join(f"{part:.2g}" for part in joint.axis)
             raise InputError(
                 f"the knee {joint.name!r} does not bend the leg: its axis is ({axis}), {to_hip:.3g} m from "
-                f"the hip and {to_ankle:.3g} m from the ankle; correct knee in the body's description.",
+                f"the hip and {to_ankle:.3g} m from the ankle, its range {joint.low:.3g} to {joint.high:.3g} "
+                "rad; correct knee or [body.range] in the body's description.",
                 key="body.knee",
             )
 
@@ -207,7 +210,7 @@ class Writer:
         ):
             wrong = (
                 f"the ankle, at x = {under[0]:.4g} m, and sole.reference = {outline.reference:g} must be "
-                f"between sole.heel = {outline.heel:g} and sole.front = {outline.front:g}; correct them."
+                f"between sole.heel = {outline.heel:g} and sole.front = {outline.front:g}; mend sole or foot."
             )
         elif longest > length:
             wrong = (
@@ -308,7 +311,7 @@ class Writer:
             for hinge in hinges
             if hinge.name in angles and not hinge.low <= angles[hinge.name] <= hinge.high
         ]
-        light = [segment.name for segment in self.tree.segments if not segment.inertial.mass > 0.0]
+        bare = [segment.name for segment in self.tree.segments if not segment.inertial.mass > 0.0]
         wrong = []
         for segment in self.tree.segments:
             moments = np.linalg.eigvalsh(segment.inertial.inertia)
@@ -322,11 +325,7 @@ class Writer:
             (below, "joints below a foot", "weld them with lock"),
             (resting, "joints of a leg in rest", "leave them out, as legs follow the gait"),
             (outside, "angles at rest outside of their range", "correct them"),
-            (
-                light,
-                "moving segments without positive mass",
-                "give it in the model, or lock joints of no leg",
-            ),
+            (bare, "moving segments without positive mass", "give it in the model, or lock joints of no leg"),
             (wrong, "segments with moments of inertia of 0 or too large", "give radii with [body.gyration]"),
             (weak, "joints without a torque limit", "give it with [body.effort]"),
             (still, "joints with a speed limit of 0", "give it with [body.speed]"),
