@@ -18,8 +18,8 @@ from models.tree import at_zero, coupled_joints, motor_limits, upright_axes
 _LATERAL = 0.8  # least share of a hinge's axis along left and right, to bend hip, knee or ankle [1]
 _LEVEL = 0.05  # largest angle between parts of one sole, or from the level [rad]
 _NO_SOLE = """
-# The model has no shape of a sole. Fill in [body.sole]: heel, front, bottom, heel_half_width,
-# front_half_width [m].
+# The model has no shape of a sole, or its meshes are not found from its folder.
+# Fill in [body.sole]: heel, front, bottom, heel_half_width, front_half_width [m].
 """
 _STEEP = 0.7  # largest angle of a sole from the level with all joints at 0 [rad]
 _BESIDE, _SPREAD = 0.05, 0.4  # from the middle to a shoulder [m], and of an arm at rest [rad]
@@ -104,7 +104,7 @@ class _Proposal:
             "trunk": body(self._trunk()).name,
             "foot": [body(foot).name for foot in self.feet],
             "knee": [joint(knee).name for knee in self.knees],
-            **self._rest(),
+            **self._rest(self.legs.union(locked)),
             **({"lock": [joint(number).name for number in locked]} if locked else {}),
             **({"sole": sole} if sole else {}),
         }
@@ -137,16 +137,14 @@ class _Proposal:
             )
         ]
 
-    def _rest(self) -> dict[str, Any]:
-        """The key ``rest``: the left arm spread by its first hinge that turns it sideways."""
+    def _rest(self, others: set[int]) -> dict[str, Any]:
+        """The key ``rest``: the left arm spread by its first hinge, not of others, that turns sideways."""
         model, side = self.model, (self.data.xanchor - self.data.xpos[self.root]) @ self.axes[1]
         for joint, forward in enumerate(self.data.xaxis @ self.axes[0]):
-            if joint not in self.legs and side[joint] > _BESIDE and abs(forward) > _LATERAL:
+            if joint not in others and side[joint] > _BESIDE and abs(forward) > _LATERAL:
                 angle = math.copysign(_SPREAD, forward)
-                if (
-                    not model.jnt_limited[joint]
-                    or model.jnt_range[joint, 0] < angle < model.jnt_range[joint, 1]
-                ):
+                low, high = model.jnt_range[joint]
+                if not model.jnt_limited[joint] or low < angle < high:
                     return {"rest": {model.joint(joint).name: angle}}
         return {}
 
