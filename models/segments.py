@@ -110,7 +110,7 @@ def _images(segments: Sequence[Segment], near: float) -> tuple[list[int], float]
         names = [hinges[k].name for k in np.flatnonzero(lonely)]
         raise InputError(
             f"no mirror image within {near:.3g} m of the joints {', '.join(names)}; a periodic walk needs a "
-            f"symmetric body: correct it, or add lock = {names} to the body's description, if of no leg."
+            f"symmetric body: correct it, or add lock = {names} to [body] of its description, if of no leg."
         )
     return images.tolist(), float(least.max())
 

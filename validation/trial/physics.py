@@ -142,5 +142,5 @@ def firm_dampers(model: mujoco.MjModel) -> str:
     return (
         f"the dampers of {', '.join(names)} are too strong for their inertia of "
         f"{1.0 / inverse[firm, firm].max():.2g} kg m^2 and the time step: add armature.'{'|'.join(names)}' = "
-        f"{damping[firm].max():.1g} to the body's description, or lower damping or simulation.time_step"
+        f"{damping[firm].max():.1g} to [body] of its description, or lower damping or simulation.time_step"
     )
