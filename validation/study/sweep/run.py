@@ -146,17 +146,18 @@ class Forecast(Tabled):
 
     def tables(self) -> list[Table]:
         """Numbers of runs, with examples of the refusals."""
-        found = self.found
+        found, refused = self.found, self.refused.tables()[0]
         names = ("runs", "checked", "finished")
         rows: list[Sequence[str]] = [(name, f"{found[name]:,}", "") for name in names]
-        rows += [*self.refused.tables()[0].rows, ("can walk, at most", f"{found['walking']:,}", "")]
+        rows += [*refused.rows, ("can walk, at most", f"{found['walking']:,}", "")]
         note = "nothing is left to walk" if found["finished"] else "no run that was tried can be walked"
         if found["seconds"] is not None:
             one, every = (format_duration(found[name]) for name in ("seconds", "wall_clock"))
             note = f"one run takes about {one}, the sweep about {every} with {found['workers']} workers"
             if found["kept"]:
                 note += f"; up to {found['kept']} of them are walked again, with report and recording"
-        return [Table(f"dry run of {self.refused.name}", ("", ">runs", "for example"), rows, [note])]
+        notes = [*refused.notes, note]
+        return [Table(f"dry run of {self.refused.name}", ("", ">runs", "for example"), rows, notes)]
 
 
 def forecast(definition: SweepDefinition, **execution: Unpack[Execution]) -> Forecast:

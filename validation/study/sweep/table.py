@@ -5,6 +5,7 @@ sweep is not finished, its table is made from the rows that are there.
 """
 
 import json
+import tomllib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -242,8 +243,8 @@ class SweepTable(Tabled):
             example = "" if state.walked else f"run {names[found[0]]}: {causes[found[0]]}"
             rows.append((label, f"{len(found):,}", example))
         notes, summary = [], self.as_dict()
-        if summary["refusals"] and "tune = false" in self.metadata["definition"]:
-            rows.append(("open values", "", "are kept; tune = true under [sweep] finds others"))
+        if summary["refusals"] and not tomllib.loads(self.metadata["definition"])["sweep"]["tune"]:
+            notes.append("open values of a gait are kept; tune = true under [sweep] finds others")
         if summary["failed"]:
             words = "; ".join(f"{self.label(name)} ({n:,})" for name, n in summary["failed"].items())
             notes.append(f"out of tolerance: {words}")
