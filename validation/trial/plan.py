@@ -49,6 +49,7 @@ _OF_ESTIMATORS = ("stand", "fix_rate", "accelerometer_noise", "accelerometer_bia
 _IDLE: Mapping[str, tuple[Any, Sequence[str]]] = {
     "sensors.estimator": (EXACT, [f"sensors.{name}" for name in _OF_ESTIMATORS]),
     "sensors.force_sensor": ("points", ["sensors.moment_noise", "sensors.moment_bias"]),
+    "sensors.fix_rate": (0.0, ["sensors.fix_noise"]),
     "disturbance.step_height": (0.0, ["disturbance.step_number"]),
     "disturbance.mass_change": (0.0, ["disturbance.mass_segment"]),
 }

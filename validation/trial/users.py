@@ -184,6 +184,8 @@ class Role:
             problem += ", ".join(names[first:]) or "no options; leave them out"
             if len(names) > first:
                 problem += f"; an option of one {self.name} alone stands after its name: {text},NAME=VALUE"
+            if self.key == "gait.planner" and "run" in names:
+                problem = "takes the run, but must be a class, or make an object, with plan(run, robot)"
             if len(names) < first:
                 problem = f"takes ({', '.join(names)}) and must take ({', '.join(before)})"
             said = f"the {self.name} {text} {problem}."

@@ -175,7 +175,7 @@ class SweepDefinition(Section, section="sweep"):
     profile: str = Field("", description="profile that judges the runs; by default their own if alike")
     recordings: Literal["none", "failures", "worst"] = Field("failures", description="runs that are recorded")
     worst: int = Field(10, description="how many runs keep one at most, the worst first", ge=1, le=10_000)
-    wall_clock: Real = Field(600.0, description="seconds after which a run counts as hung", gt=0)
+    wall_clock: Real = Field(600.0, description="seconds after which a run on a worker counts as hung", gt=0)
     set: Mapping[str, Option] = Field(default_factory=dict)
     vary: tuple[Block, ...] = ()
     base: tuple[RunParameters, ...] = (RunParameters(),)
