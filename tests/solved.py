@@ -88,10 +88,10 @@ def replays(record: SimulationRecord, *overrides: str) -> bool:
     return all(same_bits(getattr(record, name), getattr(again, name)) for name in names)
 
 
-def simulated(*overrides: str, body: BodyModel | None = None, **options: Any) -> SimulationRecord:
+def simulated(*overrides: str, steps: int = 2, **options: Any) -> SimulationRecord:
     """A short walk under some settings; the motion does not depend on controller and contact."""
-    plan = planned_walk(*overrides)
-    return simulate_plan(plan, *overrides, body=body or body_of(*overrides), **{"steps": 2, **options})
+    overrides = (*overrides, f"gait.steps={steps}")
+    return simulate_plan(planned_walk(*overrides), *overrides, **options)
 
 
 def simulate_plan(
@@ -102,5 +102,5 @@ def simulate_plan(
     **options: Any,
 ) -> SimulationRecord:
     """A plan walked under some settings."""
-    run, model = walk_of(COARSE, *overrides).run, Body.of(body or body_of())
+    run, model = walk_of(COARSE, *overrides).run, Body.of(body or body_of(*overrides))
     return simulate(PlannedWalk(Request("walk", run), plan, model, replanner=planner), **options)

@@ -97,7 +97,7 @@ def test_recorded_pushes_act_again_to_the_bit():
 
 
 def test_a_moved_floor_has_its_contacts_at_the_new_height():
-    record = disturbed(steps=1, floor_height=0.01, step_height=-0.004)
+    record = disturbed(floor_height=0.01, step_height=-0.004)
     np.testing.assert_allclose(record.floor, [0.006, 0.01])
     loaded = record.point_force[..., 2] > 5.0
     assert np.median(record.point_position[..., 2][loaded]) == pytest.approx(0.01, abs=1e-3)

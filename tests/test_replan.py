@@ -94,11 +94,11 @@ def plan_of(steps):
     return planned_walk(f"gait.steps={steps}")
 
 
-@pytest.mark.parametrize(("first", "then", "ask", "walked"), [(1, 3, None, 3), (1, 3, 1, 1), (2, 6, None, 4)])
+@pytest.mark.parametrize(("first", "then", "ask", "walked"), [(1, 3, 4, 3), (1, 3, 1, 1), (2, 6, 4, 4)])
 def test_the_plan_then_valid_says_when_a_walk_ends(fixed, first, then, ask, walked):
-    """The run asks for 4 steps; a record of a walk that became longer than planned has no gap."""
+    """A record of a walk that became longer than planned has no gap."""
     planner = Replanning(lambda time, plan: plan_of(then) if time > 0.3 else None, 0.05)
-    record = simulate_plan(plan_of(first), planner=planner, steps=ask)
+    record = simulate_plan(plan_of(first), f"gait.steps={ask}", planner=planner)
     assert record.outcome.completed
     assert record.outcome.steps_completed == walked
     rows = min(record.steps, fixed.steps) - 1
@@ -154,7 +154,7 @@ def replanned():
     """A walk whose plan moves by 1 mm along y at 0.3 s: first plan, record."""
     planner = Replanning(lambda time, plan: moved_plan(plan, 1e-3) if abs(time - 0.3) < 1e-9 else None)
     plan = plan_of(4)
-    return plan, simulate_plan(plan, planner=planner, steps=2)
+    return plan, simulate_plan(plan, "gait.steps=2", planner=planner)
 
 
 def test_the_record_says_which_plan_was_followed(replanned, fixed, tmp_path):
@@ -216,7 +216,7 @@ def test_what_a_plan_answers_after_it_was_handed_over_has_no_effect(fixed):
         return plan
 
     plan = replace(plan, phases=phases)
-    record = simulate_plan(plan, planner=Replanning(change), steps=2)
+    record = simulate_plan(plan, "gait.steps=2", planner=Replanning(change))
     assert_same(fixed, record)
     walk = compared(plan, record)
     assert laws[0].by == 0.1

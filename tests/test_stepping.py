@@ -31,7 +31,7 @@ def planned(stabilizer, gait="normal"):
 
 
 @cache
-def walked(stabilizer, force=None, floor=0.0, steps=9):
+def walked(stabilizer, force=None, floor=0.0):
     walk = planned(stabilizer)
     if floor:
         body = walk.body.model
@@ -39,7 +39,7 @@ def walked(stabilizer, force=None, floor=0.0, steps=9):
         assert xml != body.xml
         walk = replace(walk, body=TrialBody.of(replace(body, xml=xml)))
     pushes = [Push("chest", force, AT, 0.1)] if force else []
-    return simulate(walk, disturbances=pushes, steps=steps)
+    return simulate(walk, disturbances=pushes)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_steps_elsewhere_are_judged_by_what_was_planned_then():
 
 @pytest.mark.parametrize("floor", [-0.01, 0.006])
 def test_a_floor_at_another_height_is_found_by_the_feet(floor):
-    record = walked("stepping", floor=floor, steps=6)
+    record = walked("stepping", floor=floor)
     assert record.outcome.completed, record.outcome.cause
     height = record.com[record.time > 2.0, 2].mean()
     assert height - planned("stepping").run.gait.com_height == pytest.approx(floor, abs=0.003)

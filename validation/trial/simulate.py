@@ -48,35 +48,27 @@ def simulate(
     *,
     controller: ControllerFactory | None = None,
     disturbances: Sequence[Disturbance] = (),
-    steps: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SimulationRecord:
     """Walk a plan and record everything.
+
+    All steps of the plan are walked; with a planner that goes on ``gait.steps``, or over footsteps all.
 
     Args:
         planned: it starts on the plan's own posture; the disturbances of its run are unknown to the
             controller.
         controller: makes the controller from robot and run; the one that the run names by default.
         disturbances: further forces, likewise unknown.
-        steps: walking steps; by default those of the plan, and of a planner that goes on ``gait.steps``, or
-            over footsteps all.
         progress: called with (simulation steps done, all) now and then.
 
     Returns:
         The record up to the end of the run, whatever the outcome; an interrupt ends the run, not the record.
 
     Raises:
-        InputError: control period and time step do not fit, more steps than planned, or a user's class fails
-            at once.
+        InputError: control period and time step do not fit, or a user's class fails at once.
     """
     plan, run, replanner = planned.plan, planned.run, planned.replanner
-    if steps is None and replanner is not None and not run.footsteps:
-        steps = run.gait.steps
-    elif steps is not None and not 1 <= steps <= plan.contacts.steps:
-        raise InputError(
-            f"{steps} steps were requested, but the plan has {plan.contacts.steps}; "
-            f"take 1 ... {plan.contacts.steps} or raise gait.steps."
-        )
+    steps = None if replanner is None or run.footsteps else run.gait.steps
     physics = Physics(planned.scene, run)
     factory = controller or CONTROLLER.find(*CONTROLLER.named(run))
     known = planned.body.again()
