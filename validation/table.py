@@ -270,8 +270,8 @@ def format_share(value: float | str | None, limit: float | None) -> str:
 
 
 def short_unit(unit: str) -> str:
-    """A unit of a run's summary, short for tables."""
-    return unit.replace("% of body weight", BODY_WEIGHT)
+    """A unit, short for tables; empty for that of a plain number, ``1``."""
+    return "" if unit == "1" else unit.replace("% of body weight", BODY_WEIGHT)
 
 
 def print_tables(tables: Iterable[Table]) -> None:

@@ -14,7 +14,7 @@ from ampm.files import absolute
 from validation.cli import options
 from validation.cli.console import Narrator, print_json, print_line
 from validation.cli.options import JSON, SETTINGS, Status
-from validation.table import Table, format_number, format_value, print_tables
+from validation.table import Table, format_number, format_value, print_tables, short_unit
 
 if TYPE_CHECKING:
     from validation.run.body_check import BodyCheck
@@ -81,10 +81,7 @@ def check(
 
 
 def _print(found: BodyCheck, settings: Sequence[str]) -> None:
-    facts = [
-        (name, format_number(value), "" if unit == "1" else unit)
-        for name, (value, unit) in found.facts.items()
-    ]
+    facts = [(name, format_number(n), short_unit(unit)) for name, (n, unit) in found.facts.items()]
     tables = [Table(f"body {found.name}", ("quantity", ">value", "unit"), facts, found.notes)]
     if found.torque:
         title = "largest torque over its limit, in the best periodic step found"

@@ -15,7 +15,7 @@ from validation.cli import options
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import Status, grouped, option
 from validation.store.folders import check_new_file, output_file
-from validation.table import Table, format_number, format_value, print_tables
+from validation.table import Table, format_number, format_value, print_tables, short_unit
 
 if TYPE_CHECKING:
     from ampm.planner.centroidal import CentroidalPlan
@@ -144,7 +144,7 @@ def plan_tables(
     for field in fields(plan.constants):
         unit, meaning = field.metadata["unit"], field.metadata["meaning"]
         value = format_number(getattr(plan.constants, field.name), 6)
-        rows.append((field.name, value, "" if unit == "1" else str(unit), str(meaning)))
+        rows.append((field.name, value, short_unit(unit), meaning))
     notes = [
         f"{plan.contacts.steps} steps in {plan.duration:.2f} s",
         f"largest jump at a switch, relative: {format_number(max(plan.residuals().values()), 2)}",
@@ -166,11 +166,8 @@ def plan_tables(
     if walk is not None and walk.tuned is not None:
         from ampm.run_file import key_info
 
-        units = {key: key_info(key).unit for key in walk.tuned.values}
-        found = [
-            (key, format_value(value), "" if units[key] == "1" else units[key])
-            for key, value in walk.tuned.values.items()
-        ]
+        values = walk.tuned.values.items()
+        found = [(key, format_value(value), short_unit(key_info(key).unit)) for key, value in values]
         notes = ["tightest margins:", *(f"  {text}" for text in _margins(walk.tuned)[:4])]
         tables.append(Table(f"found for {request.name}", ("key", ">value", "unit"), found, notes))
     return tables
@@ -213,7 +210,7 @@ def keys(
             "key": info.key,
             "value": request.run.value(info.key),
             "default": info.default,
-            "unit": "" if info.unit == "1" else info.unit,
+            "unit": short_unit(info.unit),
             "bounds": info.range,
             "meaning": info.meaning,
         }
