@@ -156,15 +156,11 @@ class SweepTable(Tabled):
         ]
 
     def numbers(self, name: str) -> Array:
-        """A column of numbers, shape (N,); NaN where there is none, or no such column."""
-        if name not in self:
-            return np.full(len(self), np.nan)
+        """A column of numbers, shape (N,); NaN where there is none."""
         return self.table.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False)
 
     def words(self, name: str) -> list[str]:
         """A column as text; empty where there is none."""
-        if name not in self:
-            return [""] * len(self)
         return ["" if value is None else str(value) for value in self.table.column(name).to_pylist()]
 
     def values(self, name: str) -> NDArray[Any]:
