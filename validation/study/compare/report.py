@@ -4,9 +4,10 @@ import os
 from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, create_model
+from pydantic import create_model
 
 from validation.judge.compare import SIGNALS
 from validation.judge.metric import display_unit
@@ -29,15 +30,6 @@ from validation.trial.files import RunFile
 REPORT, NUMBERS = RunFile.REPORT, "comparison.json"
 
 
-class _Walk(BaseModel):
-    """What is read of a walk."""
-
-    label: str
-    run: str
-    study: Uncertainty | None
-    robustness: Robustness | None
-
-
 def is_comparison(folder: Path) -> bool:
     """Whether a folder is one of a comparison."""
     return (folder / NUMBERS).is_file()
@@ -49,7 +41,9 @@ def load_comparison(folder: Path) -> WalkComparison:
     Raises:
         InputError: it is damaged, of sweeps, or one of its runs is gone.
     """
-    kind = create_model("Numbers", walks=list[_Walk])
+    studies: Any = {"study": Uncertainty | None, "robustness": Robustness | None}
+    walk: Any = create_model("Walk", label=str, run=str, **studies)
+    kind = create_model("Numbers", walks=list[walk])
     way_out = "run 'ampm compare' again; that of sweeps has no pictures"
     walks = read_json(folder / NUMBERS, kind, way_out)[1].walks
     sides = (Side(one.label, load_saved_run(folder / one.run), one.study, one.robustness) for one in walks)
