@@ -33,9 +33,7 @@ def write_evidence(
     """Write page, JSON-LD and small files of a walk into a zip file; the walk is replayed for it.
 
     ``studies`` are folders of a robustness study, of a comparison of engines, of judged logs, for its gait.
-
-    Raises:
-        InputError: no walk, another suffix, a folder that is no such study, or the file cannot be written.
+    Raises :class:`InputError` for no walk, another suffix, no such study, or a file that cannot be written.
     """
     if target.suffix != ".zip":
         raise InputError(f"--evidence {target} must end in .zip.")

@@ -90,11 +90,7 @@ class Case:
     lifted: bool = False  # whether there are no limits
 
     def changed(self, change: Change) -> "Case":
-        """With a change; equal if the layer is ideal already.
-
-        Raises:
-            InputError: the change does not fit the rest of the run.
-        """
+        """With a change; equal if the layer is ideal already, InputError if it does not fit the run."""
         old = self.request.run
         values = {key: value for key, value in change.values(old).items() if old.value(key) != value}
         run = old.replace(values) if values else old

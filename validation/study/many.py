@@ -114,8 +114,7 @@ class Execution(TypedDict, total=False):
 def study_folder(execution: Execution) -> Path | None:
     """Folder of a study, checked before anything is walked; None if nothing is to be written.
 
-    Raises:
-        InputError: there is no study to resume, or the folder is used otherwise.
+    Raises :class:`InputError` if there is no study to resume, or the folder is used otherwise.
     """
     out, resume = execution.get("out"), execution.get("resume", False)
     if out is None:

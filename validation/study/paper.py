@@ -27,11 +27,7 @@ class Paper(NamedTuple):
 
 
 def load_paper(folder: Path) -> Paper:
-    """Read a folder.
-
-    Raises:
-        InputError: it holds no run, comparison of walks, or sweep; or it is damaged.
-    """
+    """Read a folder; raises InputError if it holds no run, comparison of walks, or sweep, or is damaged."""
     if is_sweep(folder):
         sweep = read_sweep(folder)
         tables = [sweep_metric_table(sweep), *sweep.tables()]
@@ -57,11 +53,7 @@ def _noted(tables: Sequence[Table], *, studied: bool) -> list[Table]:
 
 
 def write_page(folder: Path) -> Path:
-    """Write the page of a folder again from its files; returns its path.
-
-    Raises:
-        InputError: as :func:`load_paper`.
-    """
+    """Write the page of a folder again from its files; returns its path. Raises as :func:`load_paper`."""
     if is_sweep(folder):
         return write_sweep_report(folder)
     if is_comparison(folder):

@@ -70,10 +70,8 @@ Options = Mapping[str, Any]
 def call(data: bytes, limit: float | None, client_code: str) -> Row:
     """Walk one run on a worker: cloudpickle's bytes of work and options, and a limit of time [s].
 
-    With them come the user's metrics and classes, which are added to those of this process.
-
-    Raises:
-        StudyStopped: the run cannot be walked here: other code, missing modules, a full disk.
+    With them come the user's metrics and classes, which are added to those of this process. Raises
+    :class:`StudyStopped` if the run cannot be walked here: other code, missing modules, a full disk.
     """
     if client_code != code_hash():
         raise StudyStopped("a worker has other code or versions of ampm", "install the same on both")
@@ -171,11 +169,7 @@ class Workers:
         self._started[name] = address, time.monotonic()
 
     def size(self) -> int:
-        """Workers at present.
-
-        Raises:
-            StudyStopped: the scheduler is gone, or no worker came up for a long time.
-        """
+        """Workers at present; StudyStopped if the scheduler is gone, or no worker came up for a long time."""
         if self._client.status in ("closed", "closing", "failed"):
             raise StudyStopped("the dask scheduler is gone", "start it again")
         with suppress(OSError, TimeoutError):
@@ -246,8 +240,7 @@ class Workers:
 def open_pool(workers: int | None, scheduler: str | None, limit: float | None) -> Iterator[Workers]:
     """Processes of this machine, None for one a core, or workers of a dask scheduler.
 
-    Raises:
-        InputError: nothing answers at that address.
+    Raises :class:`InputError` if nothing answers at that address.
     """
     import dask  # slow to load
     import distributed  # noqa: F401  # sets its defaults once: within `config.set` they would be lost at the end

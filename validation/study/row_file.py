@@ -25,10 +25,8 @@ class RowFile:
     """Rows of a folder, or of a temporary file. One process at a time may have a folder open.
 
     A row is found by its key and its digest, so rows of other parameters or other code do not count. Only
-    the places of the lines are kept in memory.
-
-    Raises:
-        InputError: another program has the folder open, or its file is damaged.
+    the places of the lines are kept in memory. Raises :class:`InputError` if another program has the folder
+    open, or its file is damaged.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -67,8 +65,7 @@ class RowFile:
     def append(self, row: Row) -> None:
         """Add a row. It survives a kill when this returns, and a power cut a second later.
 
-        Raises:
-            OSError: the disk is full; no part of the row stays.
+        Raises :class:`OSError` if the disk is full; no part of the row stays.
         """
         start = self._file.seek(0, os.SEEK_END)
         line = json.dumps(row).encode() + b"\n"
@@ -93,8 +90,7 @@ class RowFile:
 def read_rows(folder: Path) -> Iterator[Row]:
     """Whole rows of a folder, as they were written; a later row of a key replaces an earlier one.
 
-    Raises:
-        InputError: the file is not a regular one, or damaged.
+    Raises :class:`InputError` if the file is not a regular one, or damaged.
     """
     check_regular(folder / ROWS)
     return (row for _, _, row in _lines(folder / ROWS) if row is not None)

@@ -21,8 +21,7 @@ from validation.trial.users import ROLES
 def own_classes(value: Any) -> dict[str, Any]:
     """Classes and tables of a user's own that the runs in a value name, by these names.
 
-    Raises:
-        InputError: there is no such controller, planner or estimator.
+    Raises :class:`InputError` if there is no such controller, planner or estimator.
     """
     if isinstance(value, RunParameters):
         named = ((role, *role.named(value)) for role in ROLES)
@@ -47,11 +46,7 @@ def users_files(run: RunParameters) -> list[Path]:
 
 
 def walk_request(request: Request, profile: str = "default") -> Trial:
-    """Plan, walk and judge one run of a study.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C in this very process: no result.
-    """
+    """Plan, walk and judge one run of a study; KeyboardInterrupt after Ctrl-C, which leaves no result."""
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
         planned = plan_walk(request)

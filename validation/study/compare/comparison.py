@@ -416,10 +416,7 @@ def compare_runs(
     """Compare two or more finished runs; their labels are the names of their folders by default.
 
     ``uncertainty`` has ``convergence.json`` of all gaits, ``robustness`` one ``robustness.json`` for each
-    walk, or none.
-
-    Raises:
-        InputError: a folder cannot be used, or no study is of one of the gaits.
+    walk, or none. Raises :class:`InputError` if a folder cannot be used, or no study is of one of the gaits.
     """
     known = [load_uncertainty(file) for file in uncertainty]
     labels = labels or [Path(folder).resolve().name for folder in folders]

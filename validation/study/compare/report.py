@@ -38,8 +38,7 @@ def is_comparison(folder: Path) -> bool:
 def load_comparison(folder: Path) -> WalkComparison:
     """Read a comparison of walks from its folder, and the runs that it names.
 
-    Raises:
-        InputError: it is damaged, of sweeps, or one of its runs is gone.
+    Raises :class:`InputError` if it is damaged, of sweeps, or one of its runs is gone.
     """
     studies: Any = {"study": Uncertainty | None, "robustness": Robustness | None}
     walk: Any = create_model("Walk", label=str, run=str, **studies)

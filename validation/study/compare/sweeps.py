@@ -61,11 +61,7 @@ class SweepComparison(Tabled):
 
 
 def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> SweepComparison:
-    """Compare a sweep, by its folder or table, with a reference, the first.
-
-    Raises:
-        InputError: no two sweeps, or no common run.
-    """
+    """Compare a sweep, by folder or table, with a reference, the first; InputError without a common run."""
     a, b = (side if isinstance(side, SweepTable) else read_sweep(side) for side in (a, b))
     rows_a, rows_b = join(a, b)
     judged = dict.fromkeys((*a.judged, *b.judged))
@@ -107,8 +103,7 @@ def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> Sw
 def join(a: SweepTable, b: SweepTable) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows of the runs that both sweeps have, in the order of the first: either varies nothing else.
 
-    Raises:
-        InputError: no run is in both.
+    Raises :class:`InputError` if no run is in both.
     """
     varied = list(dict.fromkeys(key for side in (a, b) for key in side.metadata["varied"]))
     if any(len(side.table.column("gait").unique()) > 1 for side in (a, b)):

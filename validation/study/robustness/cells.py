@@ -81,11 +81,7 @@ def other_cells(quick: bool = False) -> tuple[Cell, ...]:
 
 
 def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:
-    """The cells of some kinds; all if none is named.
-
-    Raises:
-        InputError: there is no such kind.
-    """
+    """The cells of some kinds, all if none is named; raises InputError if there is no such kind."""
     kinds = {cell.kind for cell in cells}
     for name in only:
         if name not in kinds:
@@ -99,10 +95,7 @@ def push_instant(
     """Time at which a push begins [s], and its unit vector in world, shape (2,).
 
     The step is the number of the single support, from 1. The shift is the share of the phase by which it
-    begins later [1].
-
-    Raises:
-        InputError: no single support follows this one.
+    begins later [1]. Raises :class:`InputError` if no single support follows this one.
     """
     singles = np.flatnonzero(contacts.kind_codes == 0)
     if step >= len(singles):

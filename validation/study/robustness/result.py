@@ -76,10 +76,6 @@ def needed(replicas: int) -> int:
 
 
 def load_robustness(path: Path) -> Robustness:
-    """Read ``robustness.json``, or that of the folder that holds it.
-
-    Raises:
-        InputError: there is no such file, or it is damaged.
-    """
+    """Read ``robustness.json``, or that of a folder; InputError if there is none, or it is damaged."""
     file = path / RESULT if path.is_dir() else path
     return read_json(file, Robustness, f"give a {RESULT} of 'ampm robustness --out'")[1]

@@ -299,8 +299,7 @@ class SweepDefinition(Section, section="sweep"):
     def varied(self, run: int) -> dict[str, Option]:
         """Varied keys of one run; times and rates of a range are whole steps or ticks of it.
 
-        Raises:
-            IndexError: there is no such run.
+        Raises :class:`IndexError` if there is no such run.
         """
         if not 0 <= run < len(self):
             raise IndexError(f"there is no run {run}: the sweep has {len(self)}")

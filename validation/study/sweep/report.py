@@ -25,8 +25,7 @@ WORST = 20
 def write_sweep_report(directory: Path) -> Path:
     """Write ``report.html`` into the folder of a sweep, finished or not, from its table; returns its path.
 
-    Raises:
-        InputError: the folder holds no sweep, or no result yet.
+    Raises :class:`InputError` if the folder holds no sweep, or no result yet.
     """
     path = Path(directory) / SweepFile.REPORT
     text = render(read_sweep(directory))

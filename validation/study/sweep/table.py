@@ -339,8 +339,7 @@ def is_sweep(folder: Path) -> bool:
 def read_sweep(folder: Path | str) -> SweepTable:
     """Read a sweep, finished or not, from its folder.
 
-    Raises:
-        InputError: there is none, it has no row yet, or its table is damaged.
+    Raises :class:`InputError` if there is none, it has no row yet, or its table is damaged.
     """
     folder = Path(folder)
     file = folder / SweepFile.RESULTS
