@@ -182,11 +182,7 @@ class Length:
     )
 
     def sections(self) -> dict[str, Any]:
-        """Sections of a run with the footsteps of the file, or none.
-
-        Raises:
-            InputError: the file is not usable, or a number of steps is given, too.
-        """
+        """Sections of a run with the footsteps of the file, or none; InputError if steps are given, too."""
         if self.footsteps is None:
             return {}
         if self.steps is not None:

@@ -55,8 +55,7 @@ def view(
 def recording_of(targets: Sequence[Path], folder: Path) -> Path:
     """The recording of one run, or a file in a folder with those of several.
 
-    Raises:
-        InputError: a file of a run has changed, or a run is given twice.
+    Raises :class:`InputError` if a file of a run has changed, or a run is given twice.
     """
     # Imported here because rerun is slow to load.
     from validation.show.rerun.record import write_recording, write_several

@@ -30,10 +30,8 @@ def map_columns(table: Mapping[str, Any], mapping: Mapping[str, str]) -> dict[st
     """Add columns to a table under other names, in SI units.
 
     The mapping has ``COLUMN``, ``COLUMN[UNIT]`` or ``-COLUMN[UNIT]``, with a unit of :data:`UNITS`, by the
-    name in the log. The table may hold the column with its unit in brackets, too.
-
-    Raises:
-        InputError: an unknown name or unit, or a column that the table lacks.
+    name in the log. The table may hold the column with its unit in brackets, too. Raises :class:`InputError`
+    for an unknown name or unit, or a column that the table lacks.
     """
     found = dict(table)
     for name, text in mapping.items():

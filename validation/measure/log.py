@@ -107,10 +107,7 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
     """Read a log of columns (K,) by name, and find force and ZMP.
 
     The weight is that of the body that it is to be compared with [N]; None takes the mean size of the forces,
-    which is somewhat more.
-
-    Raises:
-        InputError: a column is missing, or has values that cannot be.
+    which is somewhat more. Raises :class:`InputError` if a column is missing, or has values that cannot be.
     """
     have = ", ".join(map(str, table)) or "none"
     if "time" not in table:

@@ -107,9 +107,7 @@ def judge_run(directory: str | Path, profile: Profile | str | None = None) -> Sa
 
     They were measured from the plans that were followed, with the states that were recorded at every step, of
     which the folder keeps some. The profile, or its name, is by default the one by which it was judged.
-
-    Raises:
-        InputError: not a run folder, or the profile or one of the metrics is not known.
+    Raises :class:`InputError` if it is not a run folder, or the profile or one of the metrics is not known.
     """
     saved = load_saved_run(directory)
     limits = find_profile(profile or saved.summary["profile"])

@@ -68,8 +68,7 @@ class Replay:
 def replay(directory: str | Path, *, progress: Progress | None = None) -> Replay:
     """Replay the folder of a finished run, and report stages to ``progress``.
 
-    Raises:
-        InputError: a file is missing, damaged, or not what the run wrote.
+    Raises :class:`InputError` if a file is missing, damaged, or not what the run wrote.
     """
     saved, progress = load_saved_run(directory), progress or Progress()
     saved.model()  # refuses a model of another body

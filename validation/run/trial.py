@@ -138,10 +138,7 @@ class Trial(Tabled):
         """Keep the trial in a folder, as ``ampm validate`` does, and return the folder.
 
         ``force`` replaces an earlier run there; ``recording`` writes ``recording.rrd`` and ``report.html``,
-        too.
-
-        Raises:
-            InputError: the folder must not or cannot be written.
+        too. Raises :class:`InputError` if the folder must not or cannot be written.
         """
         target = Path(folder)
         with run_folder(target, force=force) as work:

@@ -36,10 +36,8 @@ def check_target(
 
     A result of a kind (``what``) holds no files but the ``known`` ones, None if others may stay beside it,
     and at least one of the ``marks``. With ``force``, an option that ``way_out`` names, an earlier one may be
-    replaced, or gone on with.
-
-    Raises:
-        InputError: it is a file, or it is not empty and ``force`` is off or it holds something else.
+    replaced, or gone on with. Raises :class:`InputError` if it is a file, or it is not empty and ``force`` is
+    off or it holds something else.
     """
     if not target.is_dir():
         if target.exists() or target.is_symlink():
@@ -79,9 +77,7 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
     """Write a run folder atomically: the body of the ``with`` fills a partial folder, renamed at the end.
 
     An earlier run is replaced only with ``force``. On an exception the folder is kept if it holds a record.
-
-    Raises:
-        InputError: see :func:`check_run_folder`, or the folder cannot be created.
+    Raises as :func:`check_run_folder` does, and :class:`InputError` if the folder cannot be created.
     """
     target = target.resolve()
     check_run_folder(target, force=force)

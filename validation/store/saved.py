@@ -141,8 +141,7 @@ class SavedRun(Tabled):
 def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
     """Read a run folder; ``check`` compares all files with the digests in the summary.
 
-    Raises:
-        InputError: the folder or one of its files is missing, damaged, or not what the run wrote.
+    Raises :class:`InputError` if folder or file is missing, damaged, or not what the run wrote.
     """
     if not isinstance(directory, str | Path):
         raise InputError(f"{directory!r} names no folder; give that of a finished run.")

@@ -113,8 +113,7 @@ def simulate(
 def stand(planned: PlannedWalk, physics: Physics) -> Any:
     """The run's estimator with what it found, standing on two soles side by side before the walk.
 
-    Raises:
-        InputError: the floor is not level, the estimator has no ``begin``, or the body does not stand.
+    Raises :class:`InputError` if the floor is not level, the estimator has no ``begin``, or the body falls.
     """
     robot, way_out = planned.body.again(), "or sensors.stand = 0"
     if not np.array_equal(surfaces(planned.run.disturbance, planned.plan.contacts), [0.0]):

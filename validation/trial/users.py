@@ -138,11 +138,9 @@ class Role:
     def find(self, text: str, options: Mapping[str, Option] = MappingProxyType({})) -> Any:
         """Import the class or function of a name: ours, an installed package's, or ``module:Class``.
 
-        None is that of a name of ours that stands for no class. A table of a plan makes a planner.
-
-        Raises:
-            InputError: nothing has this name, it cannot be imported or read, or an option is unknown or
-                missing.
+        None is that of a name of ours that stands for no class. A table of a plan makes a planner. Raises
+        :class:`InputError` if nothing has this name, it cannot be imported or read, or an option is unknown
+        or missing.
         """
         if self is PLANNER and (path := Path(text)).suffix in SUFFIXES:
             from ampm.planners import TablePlanner  # imported here: Pinocchio is slow to load
@@ -244,9 +242,7 @@ def load_planner(text: str, options: Mapping[str, Option] = MappingProxyType({})
 
     It is a name of :data:`ampm.planner.step_planners.STEP_PLANNERS`, a table (``.csv`` or ``.parquet``, see
     :mod:`ampm.planner.table`), a name of an installed package, or ``module:Class``, made with ``options``.
-
-    Raises:
-        InputError: there is no such planner, the table cannot be read, or an option is unknown or missing.
+    Raises as :meth:`Role.find` does.
     """
     from ampm.planners import PeriodicPlanner, TablePlanner  # imported here: Pinocchio is slow to load
 

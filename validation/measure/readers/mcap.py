@@ -18,10 +18,7 @@ def read(path: Path) -> dict[str, Any]:
 
     They are named as ``/left_ft.wrench.force.z``. ``time`` is of the headers of the topic that has most
     wrenches [s]; all others are interpolated there, NaN before the first and after the last message of a
-    topic. ROS has SI units.
-
-    Raises:
-        InputError: no MCAP file of ROS 2, or one without a wrench.
+    topic. ROS has SI units. Raises :class:`InputError` for no MCAP file of ROS 2, or one without a wrench.
     """
     times: dict[str, list[float]] = defaultdict(list)
     rows: dict[str, list[dict[str, float]]] = defaultdict(list)
