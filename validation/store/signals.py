@@ -57,11 +57,7 @@ class Signals(Brief):
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in self.columns:
-            if name not in COLUMNS:
-                raise unknown(name, COLUMNS, f"column of {RunFile.SIGNALS}")
-            raise InputError(
-                f"{RunFile.SIGNALS} has no column '{name}': the run is of another version; run it again."
-            )
+            raise unknown(name, self.columns, f"column of {RunFile.SIGNALS}")
         return self.columns[name]
 
     def __contains__(self, name: str) -> bool:
