@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -102,8 +101,6 @@ class FrozenPlan:
 
         ``exact`` asks for its least margin, which lies between the instants.
         """
-        if not times.size:
-            return cls(plan, PlanRows.of(plan, times), math.nan)
         until = min(float(times[-1]), plan.duration)
         margin = plan.least_zmp_margin(until) if exact else None
         return cls(plan, PlanRows.of(plan, times), check_newton(plan), margin)
