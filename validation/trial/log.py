@@ -19,7 +19,7 @@ from validation.trial.record import INTEGERS, LOGGED, SHAPES, SimulationRecord, 
 from validation.trial.watch import Stance
 
 # Code for a class of a function would be compiled by every process.
-Recorded: Any = namedtuple("Recorded", LOGGED)  # type: ignore[misc]
+LoggedArrays: Any = namedtuple("LoggedArrays", LOGGED)  # type: ignore[misc]
 
 
 class Command(NamedTuple):
@@ -104,7 +104,7 @@ class RunLog:
         model, self.steps = self.physics.model, steps
         sizes = {"P": len(self.touching), "F": 2, "nq": model.nq, "nv": model.nv, "nu": model.nu}
         sizes |= self._rows(steps)
-        self.record: Any = Recorded(
+        self.record: Any = LoggedArrays(
             *(np.zeros(shape_of(name, sizes), INTEGERS.get(name, np.float64)) for name in LOGGED)
         )
         self.parts = StepLog(

@@ -73,11 +73,8 @@ class Sensors:
     """
 
     def __init__(self, run: RunParameters, log: RunLog, estimator: Estimator | None) -> None:
-        self._log, self._estimator, self._users_code = (
-            log,
-            estimator,
-            UsersCode("estimator", estimator, walking=True),
-        )
+        self._log, self._estimator = log, estimator
+        self._users_code = UsersCode("estimator", estimator, walking=True)
         self.parameters = sensors = run.sensors
         self._time_step = dt = run.simulation.time_step
         self._late, self._apart = run.counts.steps_late, run.counts.steps_per_reading
