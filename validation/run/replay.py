@@ -95,7 +95,7 @@ def step_again(
     data.qpos[:], data.qvel[:] = record.q[0], record.qd[0]
     log, pushes = RunLog(record.steps, physics), Recorded(record)
     keep = bound(keep_step, (log.handle,), 0, 0, data.efc_force)
-    plant = Plant(physics.model, data, physics.robot.description)
+    plant = Plant(physics)
     log.external = {name: np.zeros((record.steps, 9)) for name in record.external_segments}
     with quiet_mujoco():
         for row, (start, end) in enumerate(pairwise(record.state_rows.tolist()), 1):

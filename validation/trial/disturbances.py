@@ -14,11 +14,11 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ampm.description import BodyDescription
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import DisturbanceParameters, RunParameters
 from ampm.section import unknown
+from validation.trial.physics import Physics
 from validation.trial.record import SimulationRecord
 from validation.trial.users import UsersCode, load_object, real_numbers
 
@@ -31,9 +31,9 @@ class Plant:
     Segments have their names in the model; ``chest`` is the trunk, ``com`` the body at its centre of mass.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, description: BodyDescription) -> None:
-        self._model, self._data = model, data
-        names = {model.body(i).name: i for i in range(1, model.nbody)}
+    def __init__(self, physics: Physics) -> None:
+        self._model, self._data, description = physics.model, physics.data, physics.robot.description
+        names = {self._model.body(i).name: i for i in range(1, self._model.nbody)}
         self._root = names[description.root_segment]
         self._segments = {**names, "chest": names[description.trunk_segment], "com": self._root}
         self.pushes: dict[str, Array] = {}

@@ -197,7 +197,7 @@ class ClosedLoop:
         disturbances: Sequence[Disturbance] = (),
     ) -> None:
         self.disturbances = [(item, UsersCode("disturbance", item, walking=True)) for item in disturbances]
-        self.plant = Plant(physics.model, physics.data, physics.robot.description)
+        self.plant = Plant(physics)
         pushes = [item for item in disturbances if isinstance(item, Push)]
         for segment in (run.disturbance.push_segment, *(push.segment for push in pushes)):
             self.plant.segment(segment)  # refused before the walk, the run's also without a force
