@@ -319,8 +319,6 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
         return {name: table[name].to_numpy() for name in table.column_names}
     except FileNotFoundError:
         raise InputError(f"there is no file {str(path)!r}; correct the name.") from None
-    except InputError:
-        raise
     except (OSError, ValueError) as error:  # pyarrow's errors are ValueErrors
         raise InputError(f"{path} cannot be read as a table ({error}); give a whole file.") from error
 
