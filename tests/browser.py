@@ -18,7 +18,7 @@ import pytest
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 TIMEOUT = 90
-"""Of one page [s]; a guard against a hang, not a measure."""
+"""Time for one page [s]; a guard against a hang, not a measure."""
 
 
 class Seen(NamedTuple):

@@ -184,7 +184,7 @@ def test_toes_can_be_welded_names_of_ours_are_no_trouble_and_the_rest_is_the_hea
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 FACES = np.array([int(corner) for corner in "013032467475045051237276026064157173"]).reshape(12, 3)
-"""Of a box: its corners, and the corners of its triangles."""
+"""A box: its corners, and the corners of its triangles."""
 
 
 def write_mesh(path: Path, size: tuple[float, float, float]) -> None:
@@ -194,7 +194,7 @@ def write_mesh(path: Path, size: tuple[float, float, float]) -> None:
 
 
 def test_meshes_become_hulls_in_the_model(tmp_path: Path) -> None:
-    """Of a ROS package's folder above the URDF; what MuJoCo cannot read is dropped."""
+    """The meshes are in a ROS package's folder above the URDF; what MuJoCo cannot read is dropped."""
     folder = tmp_path / "my_robot" / "urdf"
     (tmp_path / "my_robot" / "meshes").mkdir(parents=True)
     folder.mkdir()

@@ -76,5 +76,5 @@ def test_a_walk_with_a_varying_height_is_met():
 
 
 def plan(slope=0.0, **changed):
-    """Of the walk that all tests share."""
+    """Plan of the walk that all tests share."""
     return Bounce(**changed).plan(walk_of(COARSE).run.replace({"gait.slope": slope}), walk_of(COARSE).robot)

@@ -128,7 +128,7 @@ def test_the_controller_gets_no_information_on_disturbances():
 
 
 def test_all_disturbances_together_replay_to_the_bit_from_their_folder(run_of):
-    """Of the walk in golden.csv with nearly every key of the section."""
+    """The walk in golden.csv has nearly every key of the section."""
     folder = run_of(**definition("disturbed"))
     assert replay(folder).identical
     known = json.loads((folder / "summary.json").read_text())["disturbances"]

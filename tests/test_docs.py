@@ -100,7 +100,7 @@ def test_python_runs(page, tmp_path):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_links_lead_to_files_of_the_repository(page):
-    """As they are read on its web page; `make docs` checks those of the site."""
+    """Links are read as on its web page; `make docs` checks those of the site."""
     text = BLOCK.sub("", page.read_text(encoding="utf-8"))
     paths = [link.partition("#")[0] for link in re.findall(r"\]\((?!\w+:)([^)\s]+)\)", text)]
     assert not [path for path in paths if not (page.parent / path).exists()]

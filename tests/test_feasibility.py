@@ -28,7 +28,7 @@ def check(gait, foot):
 
 EASY = Extreme(0.4, 0.1, "right")
 GOOD = MotionReport(0.4, 1e-10, 0.0, (), EASY, EASY, EASY)
-"""Of a motion that passes, as :func:`test_an_easy_motion_passes` shows."""
+"""Report of a motion that passes, as :func:`test_an_easy_motion_passes` shows."""
 
 
 def test_an_easy_motion_passes():

@@ -23,7 +23,7 @@ RELATIVE, DISTURBED = 1e-4, 1e-2
 NOISE = 1e-8
 """Difference that counts nowhere: what is zero but for rounding is smaller."""
 LEFT_OUT = ("maximum", "agreement", "defect", "residual")
-"""Of single instants, or of rounding."""
+"""Values of single instants, or of rounding, which are not compared."""
 DEFINITION = ("gait", "settings", "footsteps")
 
 with FILE.open(encoding="utf-8", newline="") as file:

@@ -314,7 +314,7 @@ def test_units_have_the_factors_of_their_prefixes():
 
 
 def test_columns_have_other_names_units_and_signs(folder, table, tmp_path, ampm):
-    """As a robot's table may have them: milliseconds, millimetres, force on the floor, x to the left."""
+    """A robot's table may have milliseconds, millimetres, force on the floor, x to the left."""
     want = val.judge_log(table, folder, start=0.0)
     other = {"t": 1e3 * table["time"], "Fz": -table["force_z"], "COMx[mm]": 1e3 * table["com_x"]}
     names = {"time": "t[ms]", "force_z": "-Fz", "com_x": "COMx[mm]"}

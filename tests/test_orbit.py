@@ -1,4 +1,4 @@
-"""The periodic step: does it return, its constant of L_y, how unstable it is, what when there is none."""
+"""The periodic step: does it return, its constant of L_y, how unstable it is, what is said without one."""
 
 import numpy as np
 import pinocchio as pin

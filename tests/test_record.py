@@ -84,7 +84,7 @@ def rewritten(path, change):
 
 
 CHANGES = {
-    "a digest for none of the files": ("summary.json", undigested, "has no digest"),
+    "files without digests": ("summary.json", undigested, "has no digest"),
     "no summary": ("summary.json", lambda path: path.unlink(), "missing|has no"),
     "a changed number": ("ticks.parquet", lambda path: rewritten(path, lambda t: t.slice(1)), "has changed"),
     "a file that was none of the run's": ("external.parquet", lambda path: path.touch(), "has no digest"),

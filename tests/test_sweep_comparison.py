@@ -1,4 +1,4 @@
-"""Two canned sweeps compared: regressions are found, noise is none, and runs find their partners."""
+"""Two canned sweeps compared: regressions are found, noise does not count, and runs find their partners."""
 
 from typing import Any
 

@@ -34,7 +34,7 @@ def test_a_walk_ends_as_it_should(row):
 
 
 SLOPES = {"c_y": (0.2, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.1, 1.2), "c_s": (0.8, 0.9, 1.1, 1.3, 1.4)}
-"""Of the force line: other ones of ``normal``, which take twice the limits."""
+"""Parameters of the force line: walks of ``normal`` with one of them changed take twice the limits."""
 LONG = [
     *((name, {}, 30) for name in preset_names()),
     *(("normal", {f"gait.{key}": value}, 30) for key, values in SLOPES.items() for value in values),

@@ -49,7 +49,7 @@ with mock.patch.dict(os.environ, MUJOCO_GL="disable"):
 REWARDED = ("zmp_x", "zmp_y", "angular_momentum_x", "angular_momentum_y")
 """Signals whose errors make the reward."""
 _MARGIN = 10.0
-"""Of signals without a limit on single instants: their largest error, in limits of the RMSE [1]."""
+"""Largest error of a signal without a limit on single instants, in limits of the RMSE [1]."""
 
 
 def load(
@@ -152,11 +152,11 @@ class FollowedWalk(control.Physics, control.Task):
                     self.end = self.loop.watch.blown_up(self.time())
 
     def time(self) -> float:
-        """Since the begin of the episode [s]."""
+        """Time since the begin of the episode [s]."""
         return self.loop.done * self.timestep()
 
     def timestep(self) -> float:
-        """Of the engine [s]."""
+        """Time step of the engine [s]."""
         return self.physics.time_step
 
     def reset(self) -> None:

@@ -74,7 +74,7 @@ def call(arguments: Sequence[str], commands: typer.Typer = app) -> int:
 
 
 def _call(arguments: Sequence[str], commands: typer.Typer) -> int:
-    """As :func:`call`, of which output is not yet written to its end."""
+    """Run a command as :func:`call` does; its output may not be written to its end yet."""
     debug = "--debug" in arguments
     arguments = [argument for argument in arguments if argument != "--debug"]
     command = typer.main.get_command(commands)

@@ -25,7 +25,7 @@ from validation.table import ABSENT, Table, Tabled, format_number, short_unit, w
 
 _FILES = ("fit.json", "gait.toml", "report.html")
 _STATURE = 1.70 / 0.865
-"""Of the human body, over the height of its COM [1]."""
+"""Stature of the human body over the height of its COM [1]."""
 _LIGHTEST = 15.0  # mass over the cube of H [kg/m^3]: people have 90, robots 60 to 300
 
 

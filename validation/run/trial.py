@@ -80,7 +80,7 @@ class Trial(Tabled):
 
     @property
     def record(self) -> SimulationRecord:
-        """Of the simulation."""
+        """Record of the simulation."""
         return self.comparison.record
 
     @property

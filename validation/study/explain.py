@@ -172,7 +172,7 @@ class Explanation(Tabled):
     named: str  # the layer that is to blame; empty if the trial passes, or if no layer helps
     said: str  # the sentence
     trial: Row  # the trial itself, see `walk_case`
-    changes: tuple[Row, ...]  # the same of every change, with its `layer` and its `text`
+    changes: tuple[Row, ...]  # walk of every change likewise, with its `layer` and its `text`
 
     @property
     def sentence(self) -> str:

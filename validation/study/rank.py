@@ -68,7 +68,7 @@ class TaskResult:
 
     @cached_property
     def interval(self) -> tuple[float, float]:
-        """Of the survival, by Wilson's score at 95 %; 0 to 1 without any walk [1]."""
+        """Interval of the survival by Wilson's score at 95 %; 0 to 1 without any walk [1]."""
         from scipy.stats import binomtest  # slow to load
 
         if not self.runs:

@@ -156,7 +156,7 @@ def parse_push(text: str) -> Push:
 
 
 def load_disturbance(text: str) -> Disturbance:
-    """A disturbance of a user's own, from ``MODULE:CLASS``; raises InputError if it is none."""
+    """A disturbance of a user's own, from ``MODULE:CLASS``; raises InputError without a method apply."""
     factory = load_object("--disturbance", text)
     with UsersCode("disturbance", factory):
         made: Disturbance = factory()

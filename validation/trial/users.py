@@ -32,7 +32,7 @@ from ampm.walk import Planner
 
 _OURS = Path(ampm.__file__).parent, Path(__file__).parents[1], Path(traceback.__file__).parent
 SUFFIXES = (".csv", ".parquet")
-"""Of tables."""
+"""Suffixes of tables."""
 _WAY_OUT = "; correct it, --debug shows the traceback."
 
 

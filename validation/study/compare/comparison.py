@@ -140,7 +140,7 @@ class MetricRow(NamedTuple):
     # the smallest value
     doubt: float
     limits: tuple[float, ...] = ()  # of the sides, NaN where there is none
-    known: tuple[float, ...] = ()  # their uncertainties by studies, likewise
+    known: tuple[float, ...] = ()  # uncertainties of the values by studies, NaN without one
 
     @property
     def differs(self) -> bool:

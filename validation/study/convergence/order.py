@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 FORMAL_ORDER = 1.0
-"""Of the semi-implicit Euler step, and of a grid across a switch of contact."""
+"""Order of the semi-implicit Euler step, and of a grid across a switch of contact."""
 CONFIRMED, UNCONFIRMED = 1.25, 3.0
 """Roache's factors of safety: with the order observed twice, and without."""
 ORDERS = (0.5, 2.5)
@@ -56,7 +56,7 @@ class Estimate:
     # expanded numerical uncertainty of the first level's value, about 95 %: the limit of vanishing steps is
     # taken to be within value ± uncertainty; infinite if a level has no value, NaN if the first one has none
     uncertainty: float
-    finest: float  # the same of the last level's value
+    finest: float  # uncertainty of the last level's value
     order: float | None = None  # that of the finest triplet, None outside the asymptotic range
     extrapolated: float | None = None  # value at step zero, None outside the asymptotic range
 

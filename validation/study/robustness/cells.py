@@ -46,7 +46,7 @@ class Cell:
 
     @property
     def unit(self) -> str:
-        """Of its values."""
+        """Unit of its values."""
         return "m/s" if self.is_push else key_info(self.key).unit
 
     @property

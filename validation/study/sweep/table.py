@@ -101,7 +101,7 @@ class SweepTable(Tabled):
 
     @cached_property
     def metadata(self) -> dict[str, Any]:
-        """Of the table, see :func:`table_metadata`."""
+        """Metadata of the table, see :func:`table_metadata`."""
         return json.loads(self.table.schema.metadata[TABLE_METADATA])
 
     @property
