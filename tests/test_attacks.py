@@ -17,23 +17,8 @@ from ampm.files import read_text
 from ampm.planner.routes import read_footsteps
 from ampm.planner.table import table_motion
 from tests.test_fuzz import LOG, PLAN
-from tests.test_verdict import compared
-from tests.walk import perfect_walk
-from validation.judge.metrics import Metric, evaluate, unregister
 from validation.measure.log import read_log
 from validation.trial.users import UsersCode, UsersError, read_columns
-
-
-def metric(name="own", compute=lambda walk: 0.0, tolerances=None):
-    return Metric(name, unit="m", meaning="own", kind="walk", compute=compute, tolerances=tolerances or {})
-
-
-@pytest.mark.parametrize("value", [None, "1", 1j, [1.0], np.zeros(3)])
-def test_a_metric_returns_a_number(request, value):
-    val.register(metric(compute=lambda walk: value))
-    request.addfinalizer(lambda: unregister("own"))
-    with pytest.raises(InputError, match=r"metric 'own' cannot be computed .TypeError: it returned .* not a"):
-        evaluate(compared(perfect_walk()))
 
 
 def test_an_error_without_words_is_told():

@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 
 import cloudpickle
+import numpy as np
 import pytest
 
 from ampm.exceptions import InputError
@@ -42,8 +43,10 @@ DROP = Metric(
 
 @pytest.fixture
 def drop():
+    """A metric, which is gone after the test with all others that it registers."""
     yield register(DROP)
-    unregister(DROP.name)
+    for metric in added_metrics():
+        unregister(metric.name)
 
 
 def test_profiles_verdict_summary_and_worker_processes(drop):
@@ -78,10 +81,7 @@ def test_every_metric_has_a_readable_name_of_its_own_and_its_facts(drop):
 def test_a_sweeps_table_keeps_the_readable_name_for_processes_without_the_metric(drop):
     table = sweep_of(make_table(20))
     unregister(drop.name)
-    try:
-        assert [row[0] for row in sweep_metric_table(table).rows].count(drop.label) == 1
-    finally:
-        register(drop)
+    assert [row[0] for row in sweep_metric_table(table).rows].count(drop.label) == 1
 
 
 def test_comparison(drop, tmp_path, ampm):
@@ -93,20 +93,27 @@ def test_a_metric_that_a_run_lacks_or_no_profile_judges_is_refused(drop, tmp_pat
     folder = make_run(tmp_path / "run")
     limits = dict(drop.tolerances)
     register(replace(drop, name="later", tolerances=limits))
-    try:
-        assert "has no values of later; walk it again with --metric." in ampm("judge", folder).err
-        limits["defualt"] = 1.0
-        assert ampm("validate").err.startswith("ampm: unknown profile for a limit of 'later': 'defualt'; did")
-    finally:
-        unregister("later")
+    assert "has no values of later; walk it again with --metric." in ampm("judge", folder).err
+    limits["defualt"] = 1.0
+    assert ampm("validate").err.startswith("ampm: unknown profile for a limit of 'later': 'defualt'; did")
 
 
-def test_one_that_fails_names_itself_and_one_without_an_instant_is_not_measured(drop):
+def test_one_without_an_instant_is_not_measured(drop):
     assert math.isnan(named(verdict_of(compared(perfect_walk(count=40)), DEFAULT), drop.name).value)
-    for compute in (lambda walk: walk.nonsense, sys.exit):  # and what is no number, see test_attacks
-        register(replace(drop, name="broken", compute=compute))
-        try:
-            with pytest.raises(InputError, match="broken"):
-                evaluate(compared(perfect_walk()))
-        finally:
-            unregister("broken")
+
+
+NO_NUMBERS = (None, "1", 1j, [1.0], np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("compute", "why"),
+    [
+        (lambda walk: walk.nonsense, "AttributeError"),
+        (sys.exit, "SystemExit"),
+        *((lambda walk, value=value: value, "TypeError: it returned .* not a") for value in NO_NUMBERS),
+    ],
+)
+def test_one_that_fails_or_returns_no_number_names_itself(drop, compute, why):
+    register(replace(drop, name="own", compute=compute))
+    with pytest.raises(InputError, match=f"metric 'own' cannot be computed .{why}"):
+        evaluate(compared(perfect_walk()))
