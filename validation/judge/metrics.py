@@ -197,7 +197,7 @@ def cost_entry(costs: Mapping[str, Any], metric: Metric) -> Any:
     if metric.section == "effort":  # components of a vector
         vector, _, axis = name.rpartition("_")
         return section[vector]["xyz".index(axis)]
-    return section.get(name)  # a summary of an older version may lack it
+    return section.get(name)  # few bodies have limits of speed
 
 
 _BUILT_IN.update((item.name, item) for item in _with_limits({item.name: item for item in _built_in()}))

@@ -6,14 +6,13 @@ from pathlib import Path
 from types import GenericAlias
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model
 
 from ampm.exceptions import InputError
 from ampm.files import read_text
 
 Number = float | Literal["inf", "-inf"] | None
 """A number of a summary: null is NaN, and infinity a word."""
-_Numbers = Mapping[str, Number]
 _List = list[Number]
 _Pair = Annotated[_List, Field(min_length=2, max_length=2)]
 _Triple = Annotated[_List, Field(min_length=3, max_length=3)]
@@ -23,17 +22,6 @@ _Positive = Annotated[float, Field(gt=0)]
 def entries(**kinds: Any) -> type[BaseModel]:
     """A table with some entries at least: by name their types, and maybe a default behind them."""
     return create_model("Entries", __config__=ConfigDict(strict=True, allow_inf_nan=False), **kinds)
-
-
-def _has(*names: str) -> AfterValidator:
-    """Refuse a table that lacks an entry."""
-
-    def check(table: Mapping[str, Any]) -> Mapping[str, Any]:
-        if missing := [name for name in names if name not in table]:
-            raise ValueError(f"should have {missing[0]!r}")
-        return table
-
-    return AfterValidator(check)
 
 
 _DISPLAYED = entries(value=Number, unit=str, tolerance=Number, uncertainty=(Number, None))
@@ -51,11 +39,11 @@ _METRIC = entries(  # see `validation.judge.verdict.MetricResult.as_dict`
     spread=(Number, None),
 )
 _EXTREME = entries(value=Number, time=Number, where=str)
-_EXTREMES = ("torque", "friction", "joint", "knee", "clearance", "penetration")
+_EXTREMES = ("torque", "friction", "joint", "knee", "tilt", "clearance", "penetration")
 _MARGINS = entries(
     **dict.fromkeys((*_EXTREMES, "plan_polygon", "measured_polygon"), _EXTREME),
-    torque_by_joint=_Numbers,
-    tilt=(_EXTREME, None),
+    torque_by_joint=Mapping[str, Number],
+    speed=(_EXTREME, None),  # of a body with limits of speed
     saturated=Number,
     friction_available=Number,
 )
@@ -74,16 +62,16 @@ SUMMARY = entries(
     controller=(str, ""),
     disturbances=(list[str], []),
     metrics=(GenericAlias(dict, (str, _METRIC)), Field(min_length=1)),
-    timing=Annotated[_Numbers, _has("simulated", "real_time_factor")],
+    timing=entries(simulated=Number, real_time_factor=Number),
     statistics=Mapping[str, Mapping[str, Mapping[str, Number | str]]],
     zmp_error_split=_SPLIT,
     ahead=(_AHEAD, None),
     velocity=(Mapping[str, _Triple], {}),
     effort=entries(force=_Triple, angular_momentum=_Pair, zmp=_Pair),
     margins=_MARGINS,
-    energy=Annotated[_Numbers, _has("positive_work", "negative_work", "distance", "cost_of_transport")],
-    solver=Annotated[_Numbers, _has("ticks", "unsolved", "time_median", "time_p99")],
-    scales=Annotated[Mapping[str, _Positive], _has("body_weight", "foot_length", "mass_height_velocity")],
+    energy=entries(positive_work=Number, negative_work=Number, distance=Number, cost_of_transport=Number),
+    solver=entries(ticks=Number, unsolved=Number, time_median=Number, time_p99=Number),
+    scales=entries(body_weight=_Positive, foot_length=_Positive, mass_height_velocity=_Positive),
     environment=Mapping[str, Any],
     uncertainty=(entries(gait=str, steps=int) | None, None),
     log=(Mapping[str, Any], {}),
