@@ -82,8 +82,7 @@ def walk_replica(planned: PlannedWalk, run: RunParameters) -> Row:
     record = simulate(replace(planned, request=Request(planned.name, run)))
     if record.outcome.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
-    cause = cause_of(record, planned.body.model)
-    return {"outcome": CROSSED if cause == CROSSED else str(record.outcome.name), "cause": cause}
+    return {"outcome": str(record.outcome.name), "cause": cause_of(record, planned.body.model)}
 
 
 def cause_of(record: SimulationRecord, body: BodyModel) -> str:
