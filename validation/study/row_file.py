@@ -74,16 +74,12 @@ class RowFile:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._file.name))
         self._lines[row["key"], row["digest"]] = start, len(line)
         if time.monotonic() - self._synced > _SYNC_EVERY:
-            self.sync()
-
-    def sync(self) -> None:
-        """Wait until the disk has all rows."""
-        os.fsync(self._file)
-        self._synced = time.monotonic()
+            os.fsync(self._file)
+            self._synced = time.monotonic()
 
     def close(self) -> None:
-        """Close the file, which other programs may then open."""
-        self.sync()
+        """Wait until the disk has all rows, and close the file, which other programs may then open."""
+        os.fsync(self._file)
         self._file.close()
 
 
