@@ -23,9 +23,9 @@ DRAKE = "simulation.engine=drake"
 
 @pytest.fixture
 def drake():
-    """Drake's default contact; skips the test where Drake is not installed."""
+    """A run in Drake with its default contact; skips the test where Drake is not installed."""
     pytest.importorskip("pydrake")
-    return DrakeParameters()
+    return load_run("normal", [DRAKE])
 
 
 def in_the_air(model):
@@ -40,7 +40,7 @@ def test_a_random_step_is_the_same_in_both_engines(drake, name):
     model = in_the_air(make_body(run_of(name)).model.compile())
     both = [mujoco.MjData(model), mujoco.MjData(model)]
     rng = np.random.default_rng(0)
-    pair = make_engine(model, both[0]), make_engine(model, both[1], drake)
+    pair = make_engine(model, both[0], load_run("normal")), make_engine(model, both[1], drake)
     low, high = np.where(model.jnt_limited[1:, None], model.jnt_range[1:], [-1.0, 1.0]).T
     for _ in range(5):
         root = rng.normal(size=7)

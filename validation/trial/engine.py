@@ -14,7 +14,7 @@ import numpy as np
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters, field_of
-from ampm.physics_parameters import ContactParameters, DrakeParameters
+from ampm.physics_parameters import ContactParameters
 
 
 class Engine(NamedTuple):
@@ -63,18 +63,19 @@ def check_drake(run: RunParameters | None = None, model: mujoco.MjModel | None =
         raise InputError(refused, key="simulation.engine", value="drake")
 
 
-def make_engine(model: mujoco.MjModel, data: mujoco.MjData, drake: DrakeParameters | None = None) -> Engine:
-    """The engine that steps these data: Drake with this contact, or MuJoCo."""
-    if drake is None:
-        return Engine(partial(mujoco.mj_step1, model, data), partial(mujoco.mj_step2, model, data))
-    check_drake(model=model)
-    from validation.trial.drake import DrakeEngine  # imported here: an extra, and slow to load
+def make_engine(model: mujoco.MjModel, data: mujoco.MjData, run: RunParameters) -> Engine:
+    """The engine that steps these data as a run says: Drake, which counts all of a contact, or MuJoCo."""
+    if run.simulation.engine == "drake":
+        check_drake(model=model)
+        from validation.trial.drake import DrakeEngine  # imported here: an extra, and slow to load
 
-    stepped = DrakeEngine(model, data, drake)
-    return Engine(stepped.step1, stepped.step2)
+        stepped = DrakeEngine(model, data, run.drake)
+        return Engine(stepped.step1, stepped.step2)
+    engine = Engine(partial(mujoco.mj_step1, model, data), partial(mujoco.mj_step2, model, data))
+    return _with_full_contacts(engine, model, data) if run.contact.acceleration == "full" else engine
 
 
-def with_full_contacts(engine: Engine, model: mujoco.MjModel, data: mujoco.MjData) -> Engine:
+def _with_full_contacts(engine: Engine, model: mujoco.MjModel, data: mujoco.MjData) -> Engine:
     """MuJoCo with contacts that count the part ``dJ/dt v`` of a point's acceleration ``J dv/dt + dJ/dt v``.
 
     MuJoCo lets ``J dv/dt`` alone follow the reference acceleration of a contact, so the rest is taken off it.

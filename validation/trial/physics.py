@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from validation.trial.coordinates import to_mujoco
-from validation.trial.engine import make_engine, with_full_contacts
+from validation.trial.engine import make_engine
 from validation.trial.plan import Body
 
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
@@ -66,10 +66,7 @@ class Physics:
     def __init__(self, body: Body, run: RunParameters) -> None:
         self.model = model = body.model.compile()
         self.data = data = mujoco.MjData(model)
-        in_drake = run.simulation.engine == "drake"
-        self.engine = make_engine(model, data, run.drake if in_drake else None)
-        if run.contact.acceleration == "full" and not in_drake:
-            self.engine = with_full_contacts(self.engine, model, data)
+        self.engine = make_engine(model, data, run)
         self.robot = robot = body.robot
         self.time_step = float(model.opt.timestep)
         self.substeps = run.counts.steps_per_tick
