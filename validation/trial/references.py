@@ -137,14 +137,9 @@ class References(Course):
                 raise ValueError(
                     f"'{name}' of its plan from {table[0].time:g} s on has an entry that is not a number"
                 )
-        if self._last is not None and _jumps(table[0], self._last):
+        if (old := self._last) is not None and any(  # in acceleration, where the plan takes over
+            np.abs(table[0].row[name] - old.row[name]).max() > _SAME_ACCELERATION
+            for name in ("com_acceleration", "foot_acceleration", "acceleration")
+        ):
             table = table.replace(jumps=np.r_[False, True, table.jumps[2:]])
         return table[len(steps) - len(ticks) :]
-
-
-def _jumps(new: Reference, old: Reference) -> bool:
-    """Whether accelerations at one tick differ between the plan that begins and the one that ends."""
-    return any(
-        np.abs(new.row[name] - old.row[name]).max() > _SAME_ACCELERATION
-        for name in ("com_acceleration", "foot_acceleration", "acceleration")
-    )
