@@ -4,17 +4,16 @@ from dataclasses import fields
 
 import numpy as np
 
-from validation.store.record import load_record, save_record
+from validation.store.record import load_record, record_tables, save_record
 from validation.trial.files import RunFile
-from validation.trial.record import SHAPES, STORED, stored_rows
 
 
 def first_difference(first, second) -> str | None:
     """Name of the first array in which two records differ, but for times; on disk, if one is there."""
-    of = stored_arrays if first.com is None or second.com is None else arrays
+    of = columns_on_disk if first.com is None or second.com is None else arrays
     one, two = of(first), of(second)
     for name in dict.fromkeys([*one, *two]):
-        if name != "qp_time" and (name not in one or name not in two or not same_bits(one[name], two[name])):
+        if not name.endswith("qp_time") and not same_bits(one.get(name), two.get(name)):
             return name
     return None if first.outcome == second.outcome else "outcome"
 
@@ -33,11 +32,10 @@ def arrays(record):
     return {name: value for name, value in found.items() if isinstance(value, np.ndarray)}
 
 
-def stored_arrays(record):
-    """All arrays of a record that are on disk, with the rows that they have there."""
-    kept = np.searchsorted(record.state_rows, stored_rows(record.steps, record.time_step))
-    rows = {"R": kept, "R-1": kept[:-1]}
-    return {name: getattr(record, name)[rows.get(SHAPES[name].split()[0], slice(None))] for name in STORED}
+def columns_on_disk(record):
+    """All columns of a record that are on disk, by the names of file and column."""
+    tables = record_tables(record).items()
+    return {f"{file} {name}": column for file, table in tables for name, column in table.items()}
 
 
 def same_bits(one, two) -> bool:
